@@ -54,10 +54,10 @@ def _reader(data: bytes) -> asyncio.StreamReader:
 def seeds() -> Iterable[bytes]:
     """A process that lives, orders and fails."""
     order = {"number": 1, "what": "shelve", "alarm": "a1", "name": "Ada", "note": "", "until": SESSION}
-    yield wire.said(Kind.ALIVE, {"counts": {"browsers refused": 1}}) + wire.said(Kind.ORDER, order)
-    yield wire.said(Kind.FAILED, {"error": "no"})
-    yield wire.said(Kind.ALIVE, {"counts": ["a"]})
-    yield wire.said(Kind.ORDER, [])
+    yield wire.from_process(Kind.ALIVE, {"counts": {"browsers refused": 1}}) + wire.from_process(Kind.ORDER, order)
+    yield wire.from_process(Kind.FAILED, {"error": "no"})
+    yield wire.from_process(Kind.ALIVE, {"counts": ["a"]})
+    yield wire.from_process(Kind.ORDER, [])
 
 
 TARGET = Target(run, seeds, 2048)

@@ -41,4 +41,4 @@ async def test_exit_codes_from_start_to_end(tmp_path: Path) -> None:
         assert await daemon.stop() == 0
         code, out, err = await health(daemon)
         assert (code, out) == (3, "")
-        assert err.startswith(f"cellwatt: {daemon.endpoint}: nobody answers")
+        assert err.startswith(f"cellwatt: {daemon.endpoint}: no answer")

@@ -94,5 +94,5 @@ class HttpDoor:
                 except (ConnectionError, ClientPayloadError) as error:
                     raise web.HTTPBadRequest(text="the body of the request broke off") from error
                 except TimeoutError:
-                    raise web.HTTPRequestTimeout(text="the body of the request did not come in time") from None
+                    raise web.HTTPRequestTimeout(text="the body of the request did not arrive in time") from None
             return await handler(request)

@@ -80,7 +80,7 @@ class Listening(OutletSettings):
         lacks = [*([self.secured] if self.certificate is None else []), *([] if self.asks else [self.login])]
         if self.local or not lacks:
             return ""
-        harm = "passwords and data pass in the clear" if self.asks else "whoever reaches it sees the cell"
+        harm = "passwords and data are sent unencrypted" if self.asks else "anyone who reaches it sees the cell"
         return f"open to the network without {' and '.join(lacks)}: {harm}"
 
     def warnings(self) -> tuple[str, ...]:

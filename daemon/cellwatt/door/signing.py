@@ -87,9 +87,9 @@ def _private(path: Path) -> Ed25519PrivateKey:
     try:
         key = load_pem_private_key(data, None)
     except (ValueError, TypeError):
-        raise ConfigError(f"{path} holds no private key that can be read without a password") from None
+        raise ConfigError(f"{path} has no private key that is readable without a password") from None
     if not isinstance(key, Ed25519PrivateKey):
-        raise ConfigError(f"{path} holds a key of another kind; expected Ed25519, as cellwatt secure makes it")
+        raise ConfigError(f"{path} has a key of another kind; expected Ed25519, as cellwatt secure makes it")
     return key
 
 
@@ -111,7 +111,7 @@ def _public(path: Path) -> list[Ed25519PublicKey]:
             continue
         keys += [key] if isinstance(key, Ed25519PublicKey) else []
     if not keys:
-        raise ConfigError(f"{path} holds no public key or certificate of Ed25519, as cellwatt secure makes it")
+        raise ConfigError(f"{path} has no Ed25519 public key or certificate, as cellwatt secure makes them")
     return keys
 
 

@@ -17,7 +17,7 @@ def warnings(certificate: Path | None, key: Path | None, authority: Path | None 
     try:
         from cellwatt.door import certificates
     except ImportError:
-        return ("nobody looks when the certificates end: that needs pip install 'cellwatt[secure]'",)
+        return ("the expiry of certificates is not checked: pip install 'cellwatt[secure]'",)
     found: list[str] = []
     now = datetime.now(UTC)
     # One valid authority is enough: during a change the file has two.
@@ -27,7 +27,7 @@ def warnings(certificate: Path | None, key: Path | None, authority: Path | None 
         try:
             last = max(certificates.read(data)[:most], key=lambda c: c.not_valid_after_utc)
         except ValueError:
-            found.append(f"{what}: {file} is no certificate")
+            found.append(f"{what}: {file} is not a certificate")
             continue
         found += _time(f"{what}: {file}", last.not_valid_before_utc, last.not_valid_after_utc, now)
         if what == "certificate" and key is not None and (secret := _bytes(key)) is not None:
@@ -35,19 +35,19 @@ def warnings(certificate: Path | None, key: Path | None, authority: Path | None 
                 if not certificates.belongs(last, secret):
                     found.append(f"key: {key} is not the key of {file}")
             except (ValueError, TypeError):
-                found.append(f"key: {key} is no private key that can be read without a password")
+                found.append(f"key: {key} is not a private key that is readable without a password")
             if key.stat().st_mode & 0o007:
-                found.append(f"key: {key} may be read by everybody on this PC: chmod 600")
+                found.append(f"key: {key} is readable by every user of this PC: chmod 600")
     return tuple(found)
 
 
 def _time(what: str, begin: datetime, end: datetime, now: datetime) -> list[str]:
     if end < now:
-        return [f"{what} ended on {end:%Y-%m-%d}: nobody accepts it; cellwatt secure renew"]
+        return [f"{what} ended on {end:%Y-%m-%d}: no peer accepts it; run cellwatt secure renew"]
     if begin > now:
         return [f"{what} begins only on {begin:%Y-%m-%d}: is this PC's clock right?"]
     if end < now + SOON:
-        return [f"{what} ends on {end:%Y-%m-%d}, in {(end - now).days} days: cellwatt secure renew"]
+        return [f"{what} ends on {end:%Y-%m-%d}, in {(end - now).days} days: run cellwatt secure renew"]
     return []
 
 

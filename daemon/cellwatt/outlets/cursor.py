@@ -191,18 +191,18 @@ class Cursor:
         if self._path is None or not self._opened or not self._changed.is_set():
             return
         self._changed.clear()
-        told = Position(
+        position = Position(
             place=self._place, reached=self.reached, gaps=self._owed, births=self.births, lost=self.lost, ended=ended
         )
         # A cancelled write continues in its thread; the next one waits for it.
-        await asyncio.shield(asyncio.ensure_future(self._write(self._path, told.model_dump_json().encode())))
+        await asyncio.shield(asyncio.ensure_future(self._write(self._path, position.model_dump_json().encode())))
 
     async def _write(self, path: Path, content: bytes) -> None:
         async with self._writing:
             try:
                 await asyncio.to_thread(replace_bytes, path, content)
             except OSError as error:
-                problem = f"{path} cannot be written, so a restart may send some twice: {why(error)}"
+                problem = f"{path} cannot be written, so rows may be sent twice after a restart: {why(error)}"
                 if problem != self.problem:
                     log.warning("%s", problem)
                 self._account.count("positions unwritten")
@@ -222,6 +222,6 @@ def load(path: Path | None, place: str = "") -> Position:
         return Position(place=place)
     except (OSError, ValidationError) as error:
         reason = why(error) if isinstance(error, OSError) else "it is damaged"
-        log.warning("%s cannot be read (%s): nothing from before this start is sent later", path, reason)
+        log.warning("%s cannot be read (%s): rows from before this start are not sent", path, reason)
         return Position(place=place)
     return found if found.place == place else Position(place=place)

@@ -167,7 +167,7 @@ class Forwarder(Generic[M]):
             self.unmatched = picker.unmatched
             if picker.unmatched:
                 self._account.count(f"{self._name}: patterns that fit no channel", len(picker.unmatched))
-                log.warning("%s: no channel fits %s", self._name, ", ".join(picker.unmatched))
+                log.warning("%s: no channel matches %s", self._name, ", ".join(picker.unmatched))
         for row in picker.rows(frames):
             self._take_row(row)
 
@@ -247,7 +247,7 @@ class Forwarder(Generic[M]):
             self._account.count(f"{self._name}: readings of the record that failed")
             self._fill_from = time.monotonic() + LONGEST_PAUSE
             reason = " ".join(str(error).split())
-            self.unread = f"{self._name}: what was missed cannot be read from the record: {reason}"
+            self.unread = f"{self._name}: the record cannot be read for back-fill: {reason}"
             return
         self.unread = None
         found = [*((row.time, self._peer.row(row, part.units)) for row in part.rows)]

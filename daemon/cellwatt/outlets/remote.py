@@ -29,7 +29,7 @@ def trust(ca: Path | None) -> ssl.SSLContext:
     try:
         context = ssl.create_default_context(cafile=ca)
     except ssl.SSLError as error:
-        raise NotNowError(f"ca: {ca} is no certificate authority: {error.reason}") from None
+        raise NotNowError(f"ca: {ca} is not a certificate authority: {error.reason}") from None
     except OSError as error:
         raise NotNowError(f"ca: {ca} cannot be read: {why(error)}") from None
     context.minimum_version = ssl.TLSVersion.TLSv1_2
@@ -45,7 +45,7 @@ def unreached(error: Exception) -> str:
         return f"its certificate is not trusted: {inner.verify_message}"
     if isinstance(inner, ssl.SSLError):
         return f"TLS failed: {inner.reason or inner.strerror}"
-    return (why(inner) if isinstance(inner, OSError) else "") or f"the connection broke: {type(inner).__name__}"
+    return (why(inner) if isinstance(inner, OSError) else "") or f"the connection failed: {type(inner).__name__}"
 
 
 def wait_of(header: str | None, now: datetime) -> float | None:

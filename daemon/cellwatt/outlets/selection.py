@@ -77,7 +77,7 @@ class Picker:
         self._band = np.array([_band(name, selection.dead_band) for name in self._names])
         self._banded = bool(self._band.any())
         self._all = np.ones(len(chosen), bool)
-        self._told = np.full(len(chosen), np.nan)
+        self._sent = np.full(len(chosen), np.nan)
         self._known = np.zeros(len(chosen), bool)
         """Channels that were sent at least once."""
         self._begun: _Span | None = None
@@ -125,20 +125,20 @@ class Picker:
         return found
 
     def _row(self, sequence: int, number: int, values: Floats, quality: NDArray[np.uint8]) -> Iterator[Row]:
-        told = self._news(values) if self._banded else self._all
-        if not told.any():
+        sent = self._news(values) if self._banded else self._all
+        if not sent.any():
             return
         if self._banded:
-            self._told[told], self._known[told] = values[told], True
-        numbers: Mapping[str, float] = self._named(values, told & np.isfinite(values))
-        qualities: Mapping[str, int] = self._named(quality, told)
+            self._sent[sent], self._known[sent] = values[sent], True
+        numbers: Mapping[str, float] = self._named(values, sent & np.isfinite(values))
+        qualities: Mapping[str, int] = self._named(quality, sent)
         yield Row(sequence, number * self.span, numbers, qualities)
 
     def _news(self, values: Floats) -> Flags:
         """Channels to send: without a dead band, new, changed by at least the band, or newly missing or present."""
-        turned = np.isfinite(values) != np.isfinite(self._told)
+        turned = np.isfinite(values) != np.isfinite(self._sent)
         with np.errstate(invalid="ignore"):
-            moved = np.abs(values - self._told) >= self._band
+            moved = np.abs(values - self._sent) >= self._band
         found: Flags = (self._band == 0.0) | ~self._known | turned | moved
         return found
 

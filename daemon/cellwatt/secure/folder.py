@@ -61,7 +61,7 @@ class Folder:
         """Make the folder and its authority. Raises ``ConfigError`` if it exists or the site's name is invalid."""
         _check_name(site, "site")
         if os.access(path / _REGISTER, os.F_OK) or os.access(path / "private", os.F_OK):
-            raise ConfigError(f"{path} holds an authority already; it is left as it is")
+            raise ConfigError(f"{path} already has an authority, which is not changed")
         folder = cls(path, site)
         pair = new_authority(site, _now())
         _write(path / "private" / "ca.key", pair.key, 0o600)
@@ -82,7 +82,7 @@ class Folder:
         except OSError as error:
             raise ConfigError(
                 f"{path / _REGISTER}: {why(error)}; begin with: cellwatt secure init DIR --site NAME, "
-                "or say with --in where the folder is"
+                "or name the folder with --in"
             ) from None
         except (yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
             raise ConfigError(f"{path / _REGISTER} is not what cellwatt secure wrote: {error}") from None
@@ -97,7 +97,7 @@ class Folder:
         if member.role == "router" and self.router is not None:
             raise ConfigError(f"{self.router.name} is the router of this site already; one is written for")
         if member.role == "cell" and self.router is None and not member.hosts:
-            raise ConfigError("no router here: say with --host where viewers reach the cell, or add the router first")
+            raise ConfigError("no router yet: name the cell's address with --host, or add the router first")
         self._issue(member)
         if member.role == "cell":
             key, public = new_key()
@@ -113,7 +113,7 @@ class Folder:
         del self.members[name]
         for viewer in [m for m in self.members.values() if name in m.cells]:
             if viewer.cells == (name,):
-                raise ConfigError(f"{viewer.name} may see {name} alone: remove it first")
+                raise ConfigError(f"{viewer.name} may see only {name}: remove it first")
             self.members[viewer.name] = replace(viewer, cells=tuple(c for c in viewer.cells if c != name))
         return self.write()
 

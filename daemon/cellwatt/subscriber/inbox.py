@@ -119,7 +119,7 @@ class Mailbox:
             try:
                 found.result(None if timeout is None else max(end - time.monotonic(), 0.0))
             except TimeoutError:
-                raise TimeoutError(f"nothing came within {timeout} s") from None
+                raise TimeoutError(f"no message within {timeout} s") from None
             finally:
                 found.cancel()
         return found
@@ -233,18 +233,18 @@ class Inbox:
     def on_status(self, replies: list[zenoh.Reply]) -> None:
         """Process the answers to ``@/status``."""
         now, refused = time.monotonic(), self.following.counts["refused"]
-        told: Health | None = None
+        status: Health | None = None
         for reply in replies:
-            if reply.ok is not None and told is None:
+            if reply.ok is not None and status is None:
                 with self._counted():
-                    told = read_health(reply.ok)[1]
-        if told is None:
+                    status = read_health(reply.ok)[1]
+        if status is None:
             self.following.untold(now)
             return
-        for topic, part in self.following.told(told.session, told.positions, now):
+        for topic, part in self.following.told(status.session, status.positions, now):
             self._deliver(topic, [part])
         if (lies := self.following.counts["refused"] - refused) > 0:
-            self._warn(f"refused {lies} claims that the cell does not know of: who else publishes under its name?")
+            self._warn(f"refused {lies} claims that the cell does not confirm: who else publishes under its name?")
 
     def on_standing(self, replies: list[zenoh.Reply]) -> None:
         """Process the active alarms."""

@@ -33,7 +33,7 @@ def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_dead_address_is_one_line_and_an_error(call: Call, hurried: None) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     ended = call("watch", "--connect", endpoint, "--site", SITE, "--cell", CELL, *QUICKLY, "--json")
-    assert ended == (3, "", f"cellwatt: {endpoint}: nobody answers (connection refused)\n")
+    assert ended == (3, "", f"cellwatt: {endpoint}: no answer (connection refused)\n")
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +45,7 @@ def live() -> Iterator[tuple[Child, str]]:
 
 def test_another_name_is_told_the_cells_that_are_there(call: Call, live: tuple[Child, str]) -> None:
     ended = call("watch", "--connect", live[1], "--site", SITE, "--cell", "weld-9", "--patience", "3")
-    assert ended == (3, "", f"cellwatt: {live[1]}: no cell is heard as {SITE}/weld-9; there is {SITE}/{CELL}\n")
+    assert ended == (3, "", f"cellwatt: {live[1]}: no cell {SITE}/weld-9 is on the bus; it has {SITE}/{CELL}\n")
 
 
 def test_without_a_cell_all_of_the_site_are_listed(call: Call, live: tuple[Child, str]) -> None:
@@ -65,7 +65,7 @@ def test_where_no_zenoh_answers_it_says_what_to_check(call: Call, hurried: None)
         endpoint = f"tcp/127.0.0.1:{mute.getsockname()[1]}"
         ended = call("watch", "--connect", endpoint, "--site", SITE, "--cell", CELL, *QUICKLY)
     assert (ended.code, ended.out, ended.err.count("\n")) == (3, "", 1)
-    assert ended.err.startswith(f"cellwatt: {endpoint}: somebody answers but refuses the session: check user and")
+    assert ended.err.startswith(f"cellwatt: {endpoint}: the port answers but refuses the session: check user and")
 
 
 def test_it_prints_lines(call: Call, live: tuple[Child, str]) -> None:
@@ -90,7 +90,7 @@ def test_it_waits_for_a_cell_as_long_as_it_takes(live: tuple[Child, str]) -> Non
     assert watching.stdout is not None
     assert watching.stderr is not None
     try:
-        assert watching.stderr.readline() == f"waiting: {endpoint}: nobody answers (connection refused)\n"
+        assert watching.stderr.readline() == f"waiting: {endpoint}: no answer (connection refused)\n"
         with Child("cell_process", listen=[endpoint]) as cell:
             cell.ready()
             assert json.loads(watching.stdout.readline())["kind"] == "health"

@@ -31,9 +31,9 @@ def warnings(settings: LinkSettings) -> tuple[str, ...]:
     [
         (timedelta(), None),
         (timedelta(days=360), None),
-        (timedelta(days=398 - 29, hours=-1), r"ends on \d{4}-\d\d-\d\d, in 29 days: cellwatt secure renew"),
+        (timedelta(days=398 - 29, hours=-1), r"ends on \d{4}-\d\d-\d\d, in 29 days: run cellwatt secure renew"),
         (timedelta(days=398, hours=-1), "in 0 days"),
-        (timedelta(days=399), "ended on .*: nobody accepts it; cellwatt secure renew"),
+        (timedelta(days=399), "ended on .*: no peer accepts it; run cellwatt secure renew"),
         (-timedelta(days=3), "begins only on .*: is this PC's clock right"),
     ],
 )
@@ -71,7 +71,7 @@ def test_what_is_no_certificate_and_no_key(tmp_path: Path) -> None:
     found = warnings(write(tmp_path, Pair(b"none", b""), Pair(issue(authority, "a", (), NOW).certificate, b"none")))
     assert [text.split(":")[0] for text in found] == ["key", "root_ca"]
     (only, _) = warnings(write(tmp_path, Pair(b"none", b""), Pair(b"none", b"none")))
-    assert only == f"certificate: {tmp_path}/cert.pem is no certificate"
+    assert only == f"certificate: {tmp_path}/cert.pem is not a certificate"
 
 
 def test_a_renewed_certificate_is_a_change_of_the_settings(tmp_path: Path) -> None:

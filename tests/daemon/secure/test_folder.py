@@ -95,7 +95,7 @@ def test_mistakes_are_named(folder: Folder, member: Member, text: str) -> None:
 
 def test_a_cell_without_router_needs_a_host(tmp_path: Path) -> None:
     folder = Folder.create(tmp_path, "plant-1")
-    with pytest.raises(ConfigError, match="say with --host where viewers reach the cell"):
+    with pytest.raises(ConfigError, match="name the cell's address with --host"):
         folder.add(Member("weld-3", "cell"))
     with pytest.raises(ConfigError, match="'wéld' is neither a host name nor an address"):
         folder.add(Member("weld-3", "cell", ("wéld",)))
@@ -103,7 +103,7 @@ def test_a_cell_without_router_needs_a_host(tmp_path: Path) -> None:
 
 def test_an_authority_is_never_overwritten(folder: Folder) -> None:
     key = (folder.path / "private" / "ca.key").read_bytes()
-    with pytest.raises(ConfigError, match="holds an authority already; it is left as it is"):
+    with pytest.raises(ConfigError, match="already has an authority, which is not changed"):
         Folder.create(folder.path, "plant-1")
     assert (folder.path / "private" / "ca.key").read_bytes() == key
 
@@ -138,6 +138,6 @@ def test_no_certificate_outlives_its_authority(folder: Folder) -> None:
 def test_who_must_get_a_new_folder_is_told(folder: Folder) -> None:
     assert folder.add(Member("andon", "viewer")) == ["plant-router", "andon"]
     assert folder.add(Member("weld-4", "cell")) == ["plant-router", "andon", "weld-4"]  # andon sees all: its key too
-    with pytest.raises(ConfigError, match="anna may see weld-3 alone: remove it first"):
+    with pytest.raises(ConfigError, match="anna may see only weld-3: remove it first"):
         folder.remove("weld-3")
     assert folder.remove("anna") == ["plant-router"]

@@ -49,7 +49,7 @@ class Daemon:
     def say(self, kind: Kind, body: Any) -> None:
         """Send a message, unless the daemon has disconnected."""
         if not self._writer.is_closing():
-            self._writer.write(wire.said(kind, body))
+            self._writer.write(wire.from_process(kind, body))
 
     async def serve(self, url: str, counts: Callable[[], Mapping[str, int]], shown: Shown) -> None:
         """Report ready at ``url``, send a heartbeat each second, and pass the daemon's messages to ``shown``."""
@@ -84,13 +84,13 @@ class Daemon:
             case Kind.HEALTH if shown.health is not None:
                 return shown.health(body)
             case _:
-                raise ProtocolError(f"the daemon does not say {kind.name}")
+                raise ProtocolError(f"the daemon sends no {kind.name} messages")
         return None
 
-    def _answered(self, told: Mapping[str, Any]) -> None:
-        waiting = self._asked.get(told["number"])
+    def _answered(self, answer: Mapping[str, Any]) -> None:
+        waiting = self._asked.get(answer["number"])
         if waiting is not None and not waiting.done():
-            waiting.set_result(told)
+            waiting.set_result(answer)
 
     async def order(self, order: Mapping[str, Any]) -> Any:
         """Send the daemon an order and return its answer. Raises ``CellwattError`` with the daemon's reason."""
@@ -99,14 +99,14 @@ class Daemon:
         try:
             self.say(Kind.ORDER, {"number": number, **order})
             async with asyncio.timeout(ANSWER):
-                told = await answered
+                answer = await answered
         except TimeoutError:
             raise OutletError("the cell's daemon does not answer: try again") from None
         finally:
             del self._asked[number]
-        if told["error"] is not None:
-            raise CellwattError(told["error"])
-        return told["answer"]
+        if answer["error"] is not None:
+            raise CellwattError(answer["error"])
+        return answer["answer"]
 
     async def _beat(self, counts: Callable[[], Mapping[str, int]]) -> None:
         """Send a heartbeat with the current ``counts`` each second."""
@@ -135,7 +135,7 @@ async def serve(connection: socket.socket, work: Work) -> int:
     except asyncio.CancelledError:
         pass  # asked to stop by a signal
     except CellwattError as error:
-        writer.write(wire.said(Kind.FAILED, {"error": str(error)}))
+        writer.write(wire.from_process(Kind.FAILED, {"error": str(error)}))
         return 1
     finally:
         writer.close()

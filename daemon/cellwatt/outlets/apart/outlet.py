@@ -76,7 +76,7 @@ class Apart(Outlet[S]):
         silent = 0.0 if self._heard is None else time.monotonic() - self._heard
         if silent <= SILENT or starved(self._process, self._spent, silent):
             return None
-        return f"{self.what} says nothing for {silent:.0f} s"
+        return f"{self.what} has not responded for {silent:.0f} s"
 
     async def run(self) -> None:
         """Serve until cancelled. Raises ``OutletError`` with the reason if the serving process ends."""
@@ -91,7 +91,7 @@ class Apart(Outlet[S]):
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Send data to the process and execute its orders, until it ends."""
-        writer.write(wire.told(Kind.HELLO, self.hello()))
+        writer.write(wire.from_daemon(Kind.HELLO, self.hello()))
         await self._until_ready(reader)
         self._counted = {}
         await until_one_ends(self.tell(writer), self._listen(reader, writer))
@@ -103,12 +103,12 @@ class Apart(Outlet[S]):
         except TimeoutError:
             raise OutletError(f"{self.what} is not ready after {START:.0f} s") from None
         if got is None:
-            raise OutletError(f"{self.what} ended while it began; its log says why")
+            raise OutletError(f"{self.what} ended during its start; see its log for the reason")
         kind, body = got
-        told = parse_json(body)
+        reply = parse_json(body)
         if kind is Kind.FAILED:
-            raise OutletError(told["error"])
-        self.url, self._heard = told["url"], time.monotonic()
+            raise OutletError(reply["error"])
+        self.url, self._heard = reply["url"], time.monotonic()
         log.info("%s is at %s", self.name, self.url)
 
     async def _listen(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -116,26 +116,26 @@ class Apart(Outlet[S]):
         try:
             while (got := await wire.receive(reader)) is not None:
                 kind, body = got
-                told = parse_json(body)
+                reply = parse_json(body)
                 if kind is Kind.ORDER:
-                    writer.write(wire.told(Kind.ANSWER, {"number": told["number"], **self._answered(told)}))
+                    writer.write(wire.from_daemon(Kind.ANSWER, {"number": reply["number"], **self._answered(reply)}))
                     await writer.drain()
                 elif kind is Kind.ALIVE:
                     self._heard, self._spent = time.monotonic(), spent(self._process)
-                    self._count(told["counts"])
+                    self._count(reply["counts"])
                 elif kind is Kind.FAILED:
-                    raise OutletError(told["error"])
+                    raise OutletError(reply["error"])
         except (ProtocolError, KeyError, ValueError, TypeError, AttributeError) as error:
-            raise OutletError(f"{self.what} speaks nonsense: {error}") from error
+            raise OutletError(f"{self.what} sent an invalid message: {error}") from error
 
-    def _answered(self, told: Mapping[str, Any]) -> dict[str, Any]:
+    def _answered(self, reply: Mapping[str, Any]) -> dict[str, Any]:
         try:
-            return {"error": None, "answer": self.answer(told)}
+            return {"error": None, "answer": self.answer(reply)}
         except CellwattError as error:
             return {"error": str(error)}
         except Exception:  # must not end the outlet
-            log.exception("%s: a question of its process", self.name)
-            return {"error": "the daemon broke at it; its log says how"}
+            log.exception("%s: an order of its process failed", self.name)
+            return {"error": "the daemon failed to execute it; see its log"}
 
     def _count(self, counts: Mapping[str, int]) -> None:
         for what, number in counts.items():
@@ -155,7 +155,7 @@ class ApartOutlet(Apart[S]):
         self._results: deque[Result | Event] = deque()
         self._status: Mapping[str, Any] | None = None
         self._fresh = asyncio.Event()
-        self._told_once = False
+        self._logged = False
         """True once the log has a message that could not be encoded."""
 
     def takes(self, item: Result | Event) -> bool:
@@ -226,11 +226,11 @@ class ApartOutlet(Apart[S]):
     def _pass(self, writer: asyncio.StreamWriter, count: int, *parts: tuple[Kind, Any]) -> bool:
         """Send messages that count as ``count`` items; false, and counted as dropped, if they cannot be encoded."""
         try:
-            data = b"".join(wire.told(kind, body) for kind, body in parts)
+            data = b"".join(wire.from_daemon(kind, body) for kind, body in parts)
         except Exception:
-            if not self._told_once:
-                log.exception("%s: something cannot be encoded for its process, and is left out", self.name)
-            self._told_once = True
+            if not self._logged:
+                log.exception("%s: an item cannot be encoded for its process, and is dropped", self.name)
+            self._logged = True
             self._drop(count, "not encodable")
             if not count:  # health, or items that an earlier process received
                 self.account.count("not encodable")

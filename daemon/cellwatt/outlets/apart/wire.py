@@ -47,12 +47,12 @@ def _message(kind: Kind, body: bytes) -> bytes:
     return HEAD.pack(kind, len(body)) + body
 
 
-def said(kind: Kind, body: Any) -> bytes:
+def from_process(kind: Kind, body: Any) -> bytes:
     """Bytes of a message of the serving process."""
     return _message(kind, encode_json(body))
 
 
-def told(kind: Kind, body: Any) -> bytes:
+def from_daemon(kind: Kind, body: Any) -> bytes:
     """Bytes of a message of the daemon."""
     return _message(kind, pickle.dumps(body))
 
@@ -67,7 +67,7 @@ async def receive(reader: asyncio.StreamReader) -> tuple[Kind, bytes] | None:
     except (asyncio.IncompleteReadError, ConnectionError):
         return None
     except ValueError as error:
-        raise ProtocolError(f"a message of no known kind: {error}") from error
+        raise ProtocolError(f"a message of an unknown kind: {error}") from error
 
 
 END: Final = 3.0

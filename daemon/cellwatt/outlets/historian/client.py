@@ -140,7 +140,7 @@ class Influx(Peer[str]):
 
 def _refused(folder: Path | None, lines: Sequence[str], reason: str) -> None:
     """Store refused lines below the reason; without a folder, only log them. Blocks."""
-    log.warning("influx: %d lines are refused for good: %s", len(lines), reason)
+    log.warning("influx: %d lines are refused permanently: %s", len(lines), reason)
     if folder is not None:
         content = "\n".join((f"# {' '.join(reason.split())}", *lines, "")).encode()
         try:
@@ -162,7 +162,7 @@ def outcome_of(status: int, text: str, headers: Mapping[str, str]) -> Outcome:
     """Outcome of a request, from the server's answer."""
     if status in _WRITTEN:
         return Outcome("written")
-    reason = f"{status}: {reason_of(text) or http.client.responses.get(status, 'no reason told')}"
+    reason = f"{status}: {reason_of(text) or http.client.responses.get(status, 'no reason given')}"
     if status in _REFUSED:
         return Outcome("refused", reason)
     if status == _TOO_LARGE:
@@ -223,8 +223,8 @@ def result_line(measurement: str, tags: Mapping[str, str], result: Archived) -> 
         case Task():
             more = {"source": result.source, "task": result.name, "variant": result.variant}
             seconds = (result.end - result.start) * 1e-9
-            told = {"speed": result.speed, "seconds": seconds, "repetition": result.repetition}
-            return line(f"{measurement}_task", {**tags, **more}, {**told, "signature": result.signature}, result.end)
+            values = {"speed": result.speed, "seconds": seconds, "repetition": result.repetition}
+            return line(f"{measurement}_task", {**tags, **more}, {**values, "signature": result.signature}, result.end)
         case Energy():
             return _energy(f"{measurement}_energy", tags, result)
 

@@ -140,12 +140,12 @@ def store_of(settings: LakeSettings, folder: Path) -> Store:
     return Store(settings.folder, s3_options(settings.endpoint, settings.region, keys, ca))
 
 
-def work(told: dict[str, Any]) -> None:
+def work(order: dict[str, Any]) -> None:
     """Export once, as the outlet orders. Raises ``OutletError``, also if another process is exporting."""
-    settings, record = LakeSettings.model_validate(told["settings"]), Path(told["record"])
-    store = store_of(settings, Path(told["folder"]))
+    settings, record = LakeSettings.model_validate(order["settings"]), Path(order["record"])
+    store = store_of(settings, Path(order["folder"]))
     with _alone(record / LOCK):
-        for done in Export(record, told["site"], told["cell"], settings, store).run():
+        for done in Export(record, order["site"], order["cell"], settings, store).run():
             print(json.dumps(asdict(done)), file=sys.stderr, flush=True)
 
 

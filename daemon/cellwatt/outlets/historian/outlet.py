@@ -29,9 +29,9 @@ PAUSE: Final = 30.0
 class Lake:
     """Runs the process periodically; counts the rows and files that it reports in ``account``."""
 
-    def __init__(self, settings: LakeSettings, told: dict[str, Any], account: Account) -> None:
+    def __init__(self, settings: LakeSettings, order: dict[str, Any], account: Account) -> None:
         self._settings, self._account = settings, account
-        self._told = {**told, "settings": revealed(settings)}
+        self._order = {**order, "settings": revealed(settings)}
         self.problem: str | None = None
         """Reason why the last run failed, or ``None``."""
 
@@ -48,7 +48,7 @@ class Lake:
     async def once(self) -> str | None:
         """Export new rows and results; return the reason of a failure, or ``None``."""
         try:
-            await output([MODULE], LONGEST, NICENESS, given=json.dumps(self._told).encode(), heard=self._heard)
+            await output([MODULE], LONGEST, NICENESS, given=json.dumps(self._order).encode(), heard=self._heard)
         except CellwattError as error:
             return f"lake: {str(error).removeprefix('lake: ')}"
         return None
@@ -87,8 +87,8 @@ class HistorianOutlet(Outlet[HistorianSettings]):
             self._influx = Forwarder("influx", self._peer, influx, view.cell, self._record, cursor, self.account)
         self._lake: Lake | None = None
         if settings.lake is not None and self._record is not None:
-            told = {"record": str(self._record), "folder": str(view.folder), "site": view.site, "cell": view.cell}
-            self._lake = Lake(settings.lake, told, self.account)
+            order = {"record": str(self._record), "folder": str(view.folder), "site": view.site, "cell": view.cell}
+            self._lake = Lake(settings.lake, order, self.account)
 
     def offer(self, item: Item) -> None:
         """Queue an item for InfluxDB; the lake reads from the record."""
@@ -112,6 +112,6 @@ class HistorianOutlet(Outlet[HistorianSettings]):
     async def run(self) -> None:
         """Write until cancelled. Raises ``OutletError`` if the lake has no record to read from."""
         if self.settings.lake is not None and self._record is None:
-            raise OutletError("lake: it is filled from the record: set record, with frames (record: {frames: true})")
+            raise OutletError("lake: it is read from the record: set record, with frames (record: {frames: true})")
         async with self._peer if self._influx is not None else contextlib.nullcontext():
             await until_one_ends(*(part.run() for part in (self._influx, self._lake) if part is not None))

@@ -200,9 +200,9 @@ def result_table(name: str, results: Sequence[Archived], session: int) -> pa.Tab
 
 def parquet(table: pa.Table, about: Mapping[str, Any]) -> bytes:
     """A table as a Parquet file, with ``about`` in its metadata under ``cellwatt``."""
-    told = json.dumps({**about, "version": __version__})
+    metadata = json.dumps({**about, "version": __version__})
     out = pa.BufferOutputStream()
-    pq.write_table(table.replace_schema_metadata({"cellwatt": told}), out, compression="zstd")
+    pq.write_table(table.replace_schema_metadata({"cellwatt": metadata}), out, compression="zstd")
     content: bytes = out.getvalue().to_pybytes()
     return content
 

@@ -73,7 +73,7 @@ class InfluxSettings(Flow):
             raise ValueError("policy and user go with database")
         both_or_neither(user=self.user, password=self.password)
         if self.user is not None and ":" in self.user:
-            raise ValueError("user: a name has no ':'")
+            raise ValueError("user: a name cannot contain ':'")
         check_clear(self.url, allowed=self.open)
         return self
 
@@ -113,7 +113,7 @@ class LakeSettings(Selection):
         if not self.remote and (self.endpoint is not None or self.access_key is not None or self.region is not None):
             raise ValueError("endpoint, region and keys go with a folder s3://…")
         if self.remote and not re.fullmatch(r"s3://[a-z0-9][a-z0-9.-]{1,62}(/[^\s]*)?", self.folder):
-            raise ValueError(f"{self.folder!r:.120} is not a place in S3; expected s3://BUCKET/PATH")
+            raise ValueError(f"{self.folder!r:.120} is not an S3 path; expected s3://BUCKET/PATH")
         check_clear(self.endpoint or "", allowed=self.open)
         return self
 
@@ -143,8 +143,8 @@ class HistorianSettings(OutletSettings):
 
     def _doubts(self) -> Iterator[str]:
         if self.influx is not None and in_the_clear(self.influx.url):
-            yield f"influx.url: {self.influx.url}: data and token pass in the clear (open: true)"
+            yield f"influx.url: {self.influx.url}: data and token are sent unencrypted (open: true)"
         if self.lake is not None and in_the_clear(self.lake.endpoint or ""):
-            yield f"lake.endpoint: {self.lake.endpoint}: data pass in the clear (open: true)"
+            yield f"lake.endpoint: {self.lake.endpoint}: data are sent unencrypted (open: true)"
         sections = {"influx": self.influx, "lake": self.lake}
         yield from unreadable({f"{name}.ca": section.ca for name, section in sections.items() if section is not None})

@@ -32,7 +32,7 @@ class Store:
     def put(self, path: str, content: bytes) -> None:
         """Write a file, replacing an existing one; paths are relative to the lake."""
         target = f"{self._place}/{path}"
-        with _told(target):
+        with _as_outlet_error(target):
             if not self._remote:
                 Path(target).parent.mkdir(parents=True, exist_ok=True)
                 replace_bytes(Path(target), content)
@@ -43,7 +43,7 @@ class Store:
     def names(self, folder: str) -> list[str]:
         """Paths of the Parquet files below a folder, relative to it, sorted; none if the folder does not exist."""
         root = f"{self._place}/{folder}"
-        with _told(root):
+        with _as_outlet_error(root):
             found = self._fs.get_file_info(self._all_below(root))
         kept = (info.path for info in found if info.is_file and info.path.endswith(".parquet"))
         return sorted(path.removeprefix(f"{root}/") for path in kept)
@@ -65,7 +65,7 @@ def s3_options(
 
 
 @contextlib.contextmanager
-def _told(path: object) -> Any:
+def _as_outlet_error(path: object) -> Any:
     try:
         yield
     except OSError as error:

@@ -88,7 +88,7 @@ class Meter(Collector):
         self._energies: dict[tuple[str, tuple[str, ...]], float] = {}
         self._alarms: dict[tuple[str, ...], None] = {}
         self._ratchet = Ratchet()
-        self._told: dict[str, set[tuple[str, ...]]] = {}
+        self._shown: dict[str, set[tuple[str, ...]]] = {}
         self.scrapes = 0
         self.status: Mapping[str, Any] = {}
 
@@ -173,13 +173,13 @@ class Meter(Collector):
 
     def _bounded(self, name: str, series: Mapping[tuple[str, ...], float]) -> list[Sample]:
         """The series to publish: those published before, then others up to the limit."""
-        told = self._told.get(name, set()) & series.keys()
+        shown = self._shown.get(name, set()) & series.keys()
         for labels in series:
-            if len(told) >= self._most:
+            if len(shown) >= self._most:
                 break
-            told.add(labels)
-        self._told[name] = told
-        return [(labels, value) for labels, value in series.items() if labels in told]
+            shown.add(labels)
+        self._shown[name] = shown
+        return [(labels, value) for labels, value in series.items() if labels in shown]
 
 
 if find_spec("aiohttp") is None:  # only the serving process imports it; a missing one is reported at once

@@ -78,8 +78,8 @@ class Endpoint:
     async def _metrics(self, request: web.Request) -> web.Response:
         if (refused := self._refused(request)) is not None:
             return refused
-        told = await self._texts[_OPEN in request.headers.get(hdrs.ACCEPT, "")].get()
-        answer = web.Response(body=told["text"].encode(), headers={hdrs.CONTENT_TYPE: told["type"]})
+        reply = await self._texts[_OPEN in request.headers.get(hdrs.ACCEPT, "")].get()
+        answer = web.Response(body=reply["text"].encode(), headers={hdrs.CONTENT_TYPE: reply["type"]})
         answer.enable_compression()
         return answer
 
@@ -88,10 +88,10 @@ class Endpoint:
         return _line("alive", HTTPStatus.OK)
 
     async def _ready(self, request: web.Request) -> web.Response:
-        told = await self._state.get()
-        problem = _unready(told)
+        reply = await self._state.get()
+        problem = _unready(reply)
         if problem is None:
-            return _line(str(told["state"]), HTTPStatus.OK)
+            return _line(str(reply["state"]), HTTPStatus.OK)
         asked = self._settings.asks and hdrs.AUTHORIZATION not in request.headers
         hidden = asked or self._refused(request) is not None
         return _line("not ready" if hidden else problem, HTTPStatus.SERVICE_UNAVAILABLE)
@@ -115,21 +115,21 @@ class Endpoint:
             return None  # also while failed logins delay others: nobody can lock out Prometheus
         address = request.remote or ""
         if wait := self._guard.begin(address, ""):
-            text = f"too many tries: wait {wait:.0f} s"
+            text = f"too many attempts: wait {wait:.0f} s"
             return _line(text, HTTPStatus.TOO_MANY_REQUESTS, {"Retry-After": f"{max(wait, 1.0):.0f}"})
         self._guard.fail(address, "")
-        return _line("this token does not fit", HTTPStatus.UNAUTHORIZED, headers)
+        return _line("this token is wrong", HTTPStatus.UNAUTHORIZED, headers)
 
 
-def _unready(told: Mapping[str, Any]) -> str | None:
+def _unready(reply: Mapping[str, Any]) -> str | None:
     """Reason why the cell is not ready, in one line, or ``None``."""
-    if told["age"] is None:
+    if reply["age"] is None:
         return "starting: the cell's health is not known yet"
-    if told["age"] > STALE:
-        return f"the cell's health was last looked at {told['age']:.0f} s ago"
-    if told["state"] != "red":
+    if reply["age"] > STALE:
+        return f"the cell's health is {reply['age']:.0f} s old"
+    if reply["state"] != "red":
         return None
-    return f"red: {'; '.join(told['reasons']) or 'no source delivers, or nothing can be recorded'}"
+    return f"red: {'; '.join(reply['reasons']) or 'no source delivers, or nothing can be recorded'}"
 
 
 @web.middleware

@@ -92,12 +92,12 @@ class EdgeNode:
     def _host_state(self, payload: bytes) -> Order | Sequence[Message]:
         """Follow the state of the primary host; ignore messages older than the last one."""
         try:
-            told = parse_json(payload)
-            online, timestamp = told["online"], told["timestamp"]
+            state = parse_json(payload)
+            online, timestamp = state["online"], state["timestamp"]
         except (ValueError, TypeError, KeyError):
             online = timestamp = None
         if not isinstance(online, bool) or not isinstance(timestamp, int):
-            raise ProtocolError("the state of the primary host is not what Sparkplug says")
+            raise ProtocolError("the state of the primary host is not a valid Sparkplug message")
         if self._heard_at is not None and timestamp < self._heard_at:
             return ()
         self._heard_at = timestamp

@@ -29,7 +29,7 @@ _HEARD: Final = 1000
 _WITH_WILL: Final = 4
 """Reason code of MQTT 5: Disconnect with Will Message."""
 _CLOSED: Final = (
-    "the broker closed the connection without a word; if it goes on so: does it want a certificate, or speak another "
+    "the broker closed the connection without a reason; if this repeats: does it require a certificate, or another "
     "version than MQTT 5?"
 )
 _BROKE: Final = "it broke"
@@ -101,9 +101,9 @@ class Link:
         made.will_set(will.topic, will.payload, will.qos, will.retain)
         if tls is not None:
             made.tls_set_context(tls)
-        made.on_connect, made.on_disconnect = self._told(self._on_connect), self._told(self._on_disconnect)
-        made.on_message, made.on_publish = self._told(self._on_message), self._told(self._on_publish)
-        made.on_subscribe = made.on_unsubscribe = self._told(self._on_answer)
+        made.on_connect, made.on_disconnect = self._on_loop(self._on_connect), self._on_loop(self._on_disconnect)
+        made.on_message, made.on_publish = self._on_loop(self._on_message), self._on_loop(self._on_publish)
+        made.on_subscribe = made.on_unsubscribe = self._on_loop(self._on_answer)
 
     async def open(self) -> None:
         """Connect. Raises ``OutletError`` with advice on what to check."""
@@ -111,11 +111,11 @@ class Link:
         try:
             await asyncio.shield(self._connecting)
             async with asyncio.timeout(ANSWER):
-                told = await self._taken
+                refusal = await self._taken
         except (OSError, ValueError) as error:
-            told = reason(error)
-        if told:
-            raise OutletError(f"{self._settings.broker}: {told}")
+            refusal = reason(error)
+        if refusal:
+            raise OutletError(f"{self._settings.broker}: {refusal}")
 
     def _connect(self) -> None:
         self._client.connect(self._settings.host, self._settings.port, round(self._settings.keep_alive))
@@ -127,7 +127,7 @@ class Link:
         answer = self._asked(self._client.subscribe(subscription.filter, options=options))
         await self.arrive([answer])
         if any(code.is_failure for code in answer.result()):
-            raise OutletError(f"{self._settings.broker}: the broker does not let us subscribe to {subscription.filter}")
+            raise OutletError(f"{self._settings.broker}: the broker forbids the subscription to {subscription.filter}")
 
     async def messages(self) -> AsyncIterator[tuple[str, bytes, bool]]:
         """Topic, payload and retained flag of messages. Raises ``LostError`` when the connection is lost."""
@@ -188,19 +188,19 @@ class Link:
 
     # callbacks of the library ---------------------------------------------------------------------
 
-    def _told(self, work: Callable[..., None]) -> Any:
+    def _on_loop(self, work: Callable[..., None]) -> Any:
         """A callback for the library's thread that runs ``work`` on the event loop."""
         return lambda _client, _data, *about: self._loop.call_soon_threadsafe(work, *about)
 
     def _on_connect(self, _flags: mqtt.ConnectFlags, code: ReasonCode, _: object) -> None:
         advice = "; check user and password" if code.value in _AUTHENTICATION else ""
         if not self._taken.done():
-            self._taken.set_result(f"the broker says: {_words(code)}{advice}" if code.is_failure else "")
+            self._taken.set_result(f"the broker reports: {_words(code)}{advice}" if code.is_failure else "")
 
     def _on_disconnect(self, flags: mqtt.DisconnectFlags, code: ReasonCode, _: object) -> None:
         said = flags.is_disconnect_packet_from_server
         if not self._lost.done():
-            self._lost.set_result(f"the broker says: {_words(code)}" if said else _BROKE)
+            self._lost.set_result(f"the broker reports: {_words(code)}" if said else _BROKE)
         if not self._taken.done():
             self._taken.set_result(_CLOSED)
         self._heard.put_nowait(None)
@@ -226,10 +226,10 @@ def reason(error: Exception) -> str:
     """Reason why there is no connection, as text."""
     text = str(error)
     if isinstance(error, TimeoutError) and not text:
-        return f"no answer within {ANSWER:g} s: the broker hangs or is too busy, or it is none"
+        return f"no answer within {ANSWER:g} s: the broker hangs, is too busy, or the address is not a broker"
     if "timed out" in text:
         tls = "handshake" in text
-        return "no answer to the TLS handshake: is this a port for TLS?" if tls else "nobody answers: is the host up?"
+        return "no answer to the TLS handshake: is this a port for TLS?" if tls else "no answer: is the host running?"
     if isinstance(error, ssl.SSLError):
         return f"TLS failed: {error.reason or error}; check ca, certificate and the broker's name"
     return why(error) if isinstance(error, OSError) else text

@@ -43,7 +43,7 @@ class MqttOutlet(Outlet[MqttSettings]):
         """Number of failed connections; it selects the next broker."""
         self._refused: str | None = None
         """Reason why the broker refused a message on this connection, or ``None``."""
-        self._told: tuple[object, float] = None, 0.0
+        self._sent_health: tuple[object, float] = None, 0.0
         """State of the last health sent, and the time of sending, monotonic s."""
 
     def _missed(self, row: Any) -> None:
@@ -74,11 +74,11 @@ class MqttOutlet(Outlet[MqttSettings]):
     def health(self, status: Mapping[str, Any]) -> None:
         """Send the health if its state changed, or ``health`` s after the last message."""
         session, now = self._session, time.monotonic()
-        before, at = self._told
+        before, at = self._sent_health
         if session is None or not self._outbox.serving:
             return
         if before != status.get("state") or now - at >= self.settings.health:
-            self._told = status.get("state"), now
+            self._sent_health = status.get("state"), now
             session.status = status
             self._outbox.wake.set()
 
@@ -92,11 +92,11 @@ class MqttOutlet(Outlet[MqttSettings]):
         if session is not None and session.problem:
             return session.problem
         if session is not None and self._format is not None and not self._format.ready:
-            return f"the primary host {self.settings.sparkplug.primary_host} is not online: all waits for it"
+            return f"the primary host {self.settings.sparkplug.primary_host} is not online: all data wait for it"
         if self._refused:
-            return f"the broker does not take what we publish ({self._refused}): look at its access rules"
+            return f"the broker refuses messages ({self._refused}): check its access rules"
         if self._outbox.unmatched:
-            return f"channels: no channel of the frames fits {', '.join(self._outbox.unmatched)}"
+            return f"channels: no channel of the frames matches {', '.join(self._outbox.unmatched)}"
         return self._cursor.problem
 
     async def run(self) -> None:
@@ -121,7 +121,7 @@ class MqttOutlet(Outlet[MqttSettings]):
         link = Link(settings, settings.client or self._client, will, tls, self._take_refusal)
         try:
             await link.open()
-            self._told = None, 0.0
+            self._sent_health = None, 0.0
             await self._use(link, format_, settings)
         finally:
             await link.abort()

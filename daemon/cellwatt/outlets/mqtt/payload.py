@@ -112,13 +112,13 @@ def encode(metrics: Sequence[Metric], timestamp: int, seq: int | None) -> bytes:
 
 def decode(data: bytes) -> list[tuple[str | None, Value | None]]:
     """Name and value of each metric of a command. Raises ``ProtocolError``."""
-    return [_told(told) for told in _MESSAGES.parse("Payload", data, "a Sparkplug payload").metrics]
+    return [_name_and_value(item) for item in _MESSAGES.parse("Payload", data, "a Sparkplug payload").metrics]
 
 
-def _told(told: Metric) -> tuple[str | None, Value | None]:
-    field = told.WhichOneof("value")
-    name = told.name if told.HasField("name") else None
-    value = None if field is None or told.is_null else getattr(told, field)
+def _name_and_value(item: Metric) -> tuple[str | None, Value | None]:
+    field = item.WhichOneof("value")
+    name = item.name if item.HasField("name") else None
+    value = None if field is None or item.is_null else getattr(item, field)
     if isinstance(name, bytes) or isinstance(value, bytes):  # the library returns invalid UTF-8 as bytes
         raise ProtocolError("a Sparkplug payload with a text that is not UTF-8")
     return name, value
@@ -220,14 +220,14 @@ _NAMES: Final = {"total_per_part": "per_part"}
 
 def values_of(item: Result | Event) -> tuple[int, Values]:
     """Time, UTC ms, and values of a result by metric name; no values for events and running intervals."""
-    fields, told = _METRICS.get(type(item)), cast(Any, item)
+    fields, result = _METRICS.get(type(item)), cast(Any, item)
     if fields is None or (isinstance(item, Interval) and not item.closed):
         return 0, {}
-    values = {_NAMES.get(name, name): (kind, _value(getattr(told, name), kind), unit) for name, kind, unit in fields}
+    values = {_NAMES.get(name, name): (kind, _value(getattr(result, name), kind), unit) for name, kind, unit in fields}
     if isinstance(item, Energy):
         values |= {f"groups/{name}": (_NUMBER, finite(value), "J") for name, value in item.groups.items()}
-    folder = "alarms/last" if isinstance(item, Alarm) else f"{told.source}/{type(item).__name__.lower()}"
-    time = told.time if isinstance(item, Alarm) else told.end
+    folder = "alarms/last" if isinstance(item, Alarm) else f"{result.source}/{type(item).__name__.lower()}"
+    time = result.time if isinstance(item, Alarm) else result.end
     return time // MS, {f"{folder}/{name}": value for name, value in values.items()}
 
 

@@ -86,21 +86,21 @@ class PlainFormat:
         topic = "backfill/frame" if historical else "frame"
         keep = self._settings.retain and not historical
         qos = self._settings.qos
-        told: dict[str, Any] = {"time": row.time, "sequence": row.sequence}
+        head: dict[str, Any] = {"time": row.time, "sequence": row.sequence}
         if historical:
-            told["backfilled"] = True
+            head["backfilled"] = True
         if self._settings.frame == _ROW:
             less = {name: quality for name, quality in row.quality.items() if quality}
-            body = {**told, "values": row.values, "quality": less}
+            body = {**head, "values": row.values, "quality": less}
             return (self._message(topic, encode_json(body), qos, keep),)
         return [
-            self._message(f"{topic}/{level(name)}", encode_json(self._channel(row, name, told)), qos, keep)
+            self._message(f"{topic}/{level(name)}", encode_json(self._channel(row, name, head)), qos, keep)
             for name in row.quality
         ]
 
-    def _channel(self, row: Row, name: str, told: Mapping[str, Any]) -> dict[str, Any]:
+    def _channel(self, row: Row, name: str, head: Mapping[str, Any]) -> dict[str, Any]:
         value = {"value": row.values.get(name), "unit": self._units.get(name), "quality": row.quality[name]}
-        return {**told, **value}
+        return {**head, **value}
 
     def predicted(self, model: str, units: Mapping[str, str], row: Row, now: int) -> Sequence[Message]:
         """A row of a model's outputs on ``prediction/MODEL``."""
@@ -120,10 +120,10 @@ class PlainFormat:
 
     def _alarm(self, alarm: Alarm) -> Sequence[Message]:
         """An active alarm is retained on its topic; a clear is published there once, and then nothing is retained."""
-        told = self._message(_alarm_topic(alarm), self._encoded("alarm", alarm), self._settings.qos, alarm.active)
-        moved = [] if self._kept.get(alarm.id) in (None, told.topic) else [self._deleted(alarm.id)]
-        self._kept[alarm.id] = told.topic
-        return (*moved, told) if alarm.active else (*moved, told, self._deleted(alarm.id))
+        message = self._message(_alarm_topic(alarm), self._encoded("alarm", alarm), self._settings.qos, alarm.active)
+        moved = [] if self._kept.get(alarm.id) in (None, message.topic) else [self._deleted(alarm.id)]
+        self._kept[alarm.id] = message.topic
+        return (*moved, message) if alarm.active else (*moved, message, self._deleted(alarm.id))
 
     def _deleted(self, id_: str) -> Message:
         return Message(self._kept.pop(id_), b"", self._settings.qos, True)

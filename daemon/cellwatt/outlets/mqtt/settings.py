@@ -36,7 +36,7 @@ class SparkplugSettings(Section):
     @classmethod
     def _plain(cls, name: str | None) -> str | None:
         if name is not None and (not name or _RESERVED.search(name)):
-            raise ValueError(f"{name!r} is no Sparkplug ID: it has at least one character, and none of + / #")
+            raise ValueError(f"{name!r} is not a Sparkplug ID: expected at least one character, without + / #")
         return name
 
 
@@ -141,7 +141,7 @@ class MqttSettings(OutletSettings, Selection):
         """How outsiders get access, as text; empty if they cannot."""
         if not any(map(_reaches_out, (self.broker, *self.fallbacks))):
             return ""
-        return "no TLS: whoever is on the way reads the data and the password, and can speak in the cell's name"
+        return "no TLS: anyone on the network path can read data and password, and impersonate the cell"
 
     def warnings(self) -> tuple[str, ...]:
         """Access left open on purpose, and unreadable files."""

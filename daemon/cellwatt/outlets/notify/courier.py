@@ -65,12 +65,12 @@ class Courier:
         self._settings, self._to = settings, settings.to[name]
         self._about, self._session, self._ledger, self._account = about, session, ledger, account
         self._folder = folder
-        self._told = ledger.of(name)
+        self._state = ledger.of(name)
         to = self._to
         self._rules = Rules(to.severity, to.kinds, to.group, to.repeat, to.resolved, settings.queue)
-        self._born = dict.fromkeys(self._told.due, time.monotonic())
+        self._born = dict.fromkeys(self._state.due, time.monotonic())
         """Time at which each item began to wait, monotonic s."""
-        self._last = dict.fromkeys(self._told.episodes, time.monotonic())
+        self._last = dict.fromkeys(self._state.episodes, time.monotonic())
         """Time at which each alarm was last sent, monotonic s."""
         self._open: Collection[str] = ()
         self._wake = asyncio.Event()
@@ -80,24 +80,24 @@ class Courier:
 
     def take(self, alarm: Alarm) -> None:
         """Process a message of the alarm book."""
-        self._rules.take(self._told, alarm, self._session, self._passing())
+        self._rules.take(self._state, alarm, self._session, self._passing())
         self._note()
 
     def heed(self, unattended: Collection[str], shelved: Collection[str]) -> None:
         """Set the active, unacknowledged alarms, which may be repeated; discard the waiting items of shelved ones."""
         self._open = unattended
-        repeated = [alarm_id for (alarm_id, _), item in self._told.due.items() if item.what == "repeated"]
+        repeated = [alarm_id for (alarm_id, _), item in self._state.due.items() if item.what == "repeated"]
         for alarm_id in (*shelved, *(known for known in repeated if known not in unattended)):
-            silence(self._told, alarm_id)
+            silence(self._state, alarm_id)
         self._note()
 
     def _note(self) -> None:
         """Move the recipient's counts to the account, and wake the sender after a change."""
-        told, now = self._told, time.monotonic()
-        while told.counts:
-            self._count(*told.counts.popitem())
-        self._born = {slot: self._born.get(slot, now) for slot in told.due}
-        if told.changed:
+        state, now = self._state, time.monotonic()
+        while state.counts:
+            self._count(*state.counts.popitem())
+        self._born = {slot: self._born.get(slot, now) for slot in state.due}
+        if state.changed:
             self._wake.set()
 
     def _passing(self) -> int:
@@ -113,7 +113,7 @@ class Courier:
         trouble = self._trouble
         if trouble is None or not (trouble.final or time.monotonic() - trouble.since >= FAILING):
             return None
-        return f"{self.name} is not reached ({self._to.place}): {trouble.reason}"
+        return f"{self.name} cannot be reached ({self._to.place}): {trouble.reason}"
 
     async def run(self, channel: Channel) -> None:
         """Send messages until cancelled."""
@@ -121,33 +121,33 @@ class Courier:
             self._wake.clear()
             self._look()
             await self._ledger.flush()
-            if self._told.flight is not None:
-                await self._deliver(channel, self._told.flight)
+            if self._state.flight is not None:
+                await self._deliver(channel, self._state.flight)
                 continue
             try:
-                async with asyncio.timeout(LOOK if self._told.due or self._told.episodes else None):
+                async with asyncio.timeout(LOOK if self._state.due or self._state.episodes else None):
                     await self._wake.wait()
             except TimeoutError:
                 pass
 
     def _look(self) -> None:
         """Withdraw alarms, repeat alarms and make the next message, as the clock requires."""
-        told, now, allowed = self._told, time.monotonic(), self._passing()
-        self._rules.withdraw(told, self._session, time.time_ns())
+        state, now, allowed = self._state, time.monotonic(), self._passing()
+        self._rules.withdraw(state, self._session, time.time_ns())
         if self._rules.repeat is not None:
             due = [i for i in self._open if now - self._last.setdefault(i, now) >= self._rules.repeat]
-            self._rules.again(told, due, self._session)
+            self._rules.again(state, due, self._session)
         self._note()
-        if told.flight is None and (items := self._grouped(now, allowed)):
+        if state.flight is None and (items := self._grouped(now, allowed)):
             to = f"{self._about.site}/{self._about.cell}/{self.name}"
-            told.send(message_of(to, items, told.more, time.time_ns()))
+            state.send(message_of(to, items, state.more, time.time_ns()))
             self._last |= dict.fromkeys((item.alarm.id for item in items), now)
-            self._last = {alarm: at for alarm, at in self._last.items() if alarm in told.episodes}
+            self._last = {alarm: at for alarm, at in self._last.items() if alarm in state.episodes}
             self._count("grouped", len(items) - 1)
 
     def _grouped(self, now: float, allowed: int) -> list[Item]:
         """Items of the next message; none while more items may join its group."""
-        items = ready(self._told, allowed)
+        items = ready(self._state, allowed)
         oldest = min((self._born.get(item.slot, now) for item in items), default=now)
         return items if now - oldest >= self._rules.group else []
 
@@ -156,7 +156,7 @@ class Courier:
         pause = self._settings.retry
         while True:
             failure = await self._attempt(channel, message)
-            current = self._told.flight
+            current = self._state.flight
             if failure is None or current is None:
                 return
             message = current
@@ -187,19 +187,19 @@ class Courier:
         except NotNowError as error:
             return self._failed(NotNowError(self._clean(error), error.wait))
         except Exception as error:
-            log.exception("notify: %s: sending broke", self.name)
-            return self._failed(NotNowError(f"sending broke: {type(error).__name__}, see the log"))
+            log.exception("notify: %s: sending failed", self.name)
+            return self._failed(NotNowError(f"sending failed: {type(error).__name__}, see the log"))
 
     async def _accepted(self, message: Notification, answer: SendResult) -> NotNowError | None:
         for address, reason in answer.refused.items():
             await self._keep(message, f"{address}: {self._clean(reason)}")
         if answer.later:
             if settled := (*answer.taken, *answer.refused):
-                self._told.settle(settled)
+                self._state.settle(settled)
                 await self._ledger.flush()
             address, reason = next(iter(answer.later.items()))
             return self._failed(NotNowError(f"{address}: {self._clean(reason)}"))
-        self._told.arrived()
+        self._state.arrived()
         await self._ledger.flush()
         if answer.refused:
             address, reason = next(iter(answer.refused.items()))
@@ -218,10 +218,10 @@ class Courier:
         return error
 
     async def _give_up(self, message: Notification, reason: str) -> None:
-        log.warning("notify: a message to %s is not delivered: %s", self.name, reason)
+        log.warning("notify: a message to %s was not delivered: %s", self.name, reason)
         self._trouble = _Trouble(reason, time.monotonic(), final=True)
         await self._keep(message, reason)
-        self._told.arrived()
+        self._state.arrived()
         await self._ledger.flush()
 
     async def _keep(self, message: Notification, reason: str) -> None:

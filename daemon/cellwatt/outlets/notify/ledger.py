@@ -26,7 +26,7 @@ class Ledger:
 
     def __init__(self, path: Path | None) -> None:
         self.path = path
-        self.told: dict[str, Recipient] = {}
+        self.states: dict[str, Recipient] = {}
         self.problem: str | None = None
         """Reason why the file is not up to date, or ``None``; each change writes it again."""
         self.unreadable = 0
@@ -47,33 +47,33 @@ class Ledger:
             return
         for line in content.splitlines():
             try:
-                name, kept = json.loads(line)
-                self.told[str(name)] = Recipient.read(kept)
+                name, saved = json.loads(line)
+                self.states[str(name)] = Recipient.read(saved)
             except (ValueError, TypeError, RecursionError):  # pydantic raises ValueError, too
                 self.unreadable += 1
 
     def of(self, name: str) -> Recipient:
         """State of a recipient, a new one if there is none."""
-        return self.told.setdefault(name, Recipient())
+        return self.states.setdefault(name, Recipient())
 
     def keep(self, names: Collection[str]) -> dict[str, int]:
         """Delete the state of all other recipients; return the number of undelivered items of each."""
-        gone = {name: self.told.pop(name) for name in list(self.told) if name not in names}
+        gone = {name: self.states.pop(name) for name in list(self.states) if name not in names}
         self._changed = self._changed or bool(gone)
-        lost = {name: len(told.due) + len(told.flight.items if told.flight else ()) for name, told in gone.items()}
+        lost = {name: len(state.due) + len(state.flight.items if state.flight else ()) for name, state in gone.items()}
         return {name: count for name, count in lost.items() if count}
 
     async def flush(self) -> None:
         """Return once the state is on disk, or ``problem`` is set to the reason why it is not."""
         async with self._turn:
-            if not self._changed and not any(told.changed for told in self.told.values()):
+            if not self._changed and not any(state.changed for state in self.states.values()):
                 return
             self._changed = False
-            for told in self.told.values():
-                told.changed = False
+            for state in self.states.values():
+                state.changed = False
             if self.path is None:
                 return
-            content = "".join(json.dumps([name, told.kept()]) + "\n" for name, told in self.told.items())
+            content = "".join(json.dumps([name, state.saved()]) + "\n" for name, state in self.states.items())
             work = asyncio.create_task(asyncio.to_thread(self._write, self.path, content.encode()))
             try:
                 await asyncio.shield(work)
@@ -86,7 +86,7 @@ class Ledger:
             replace_bytes(path, content, 0o600)
         except OSError as error:
             self._changed = True
-            problem = f"{path} cannot be written, so a restart may send again: {why(error)}"
+            problem = f"{path} cannot be written, so alarms may be sent again after a restart: {why(error)}"
             if problem != self.problem:
                 log.warning("%s", problem)
             self.problem = problem

@@ -45,9 +45,9 @@ class Mail:
         client = await self._client()
         try:
             async with asyncio.timeout(self._timeout):
-                with self._told(final=False):
+                with self._converted(final=False):
                     await client.connect()
-                with self._told(final=True):
+                with self._converted(final=True):
                     refused = await _hand_over(client, self._settings.sender, left, self._content(message))
             with contextlib.suppress(SMTPException, OSError):
                 await client.quit(timeout=GOODBYE)
@@ -75,7 +75,7 @@ class Mail:
         )
 
     @contextlib.contextmanager
-    def _told(self, *, final: bool) -> Iterator[None]:
+    def _converted(self, *, final: bool) -> Iterator[None]:
         """Convert SMTP errors to ``NotNowError``; if ``final``, permanent refusals to ``RefusedError``."""
         try:
             yield
@@ -91,7 +91,7 @@ class Mail:
             if isinstance(cause, OSError) and not isinstance(cause, SMTPException):
                 raise NotNowError(unreached(cause)) from None
             no_tls = "STARTTLS" in error.message and self._settings.tls == "starttls"
-            hint = "; nothing is sent in the clear" if no_tls else ""
+            hint = "; nothing is sent unencrypted" if no_tls else ""
             raise NotNowError(f"{error.message}{hint}") from None
         except OSError as error:
             raise NotNowError(unreached(error)) from None

@@ -98,9 +98,9 @@ class NotifyOutlet(Outlet[NotifySettings]):
             await asyncio.to_thread(self._ledger.read)
             self._read = True
             if self._ledger.path is None:
-                log.warning("notify: nothing is recorded, so after a restart alarms may be told again")
+                log.warning("notify: without a record, alarms may be sent again after a restart")
             if self._ledger.problem is not None:
-                log.warning("notify: %s; alarms may be told again", self._ledger.problem)
+                log.warning("notify: %s; alarms may be sent again", self._ledger.problem)
                 self.account.count("ledger: not readable")
             if self._ledger.unreadable:
                 self.account.count("ledger: lines not readable", self._ledger.unreadable)

@@ -24,7 +24,7 @@ def _zone(name: str) -> str:
     try:
         ZoneInfo(name)
     except (OSError, ValueError, ZoneInfoNotFoundError) as error:
-        raise ValueError(f"no time zone {name!r} is known here; expected a name like Europe/Berlin") from error
+        raise ValueError(f"the time zone {name!r} is unknown on this PC; expected a name like Europe/Berlin") from error
     return name
 
 
@@ -61,7 +61,7 @@ class QuietSettings(Section):
     @model_validator(mode="after")
     def _span(self) -> QuietSettings:
         if self.begin == self.end or self.begin == "24:00":
-            raise ValueError("a quiet time ends at another time than it begins; a whole day is 00:00 to 24:00")
+            raise ValueError("begin and end of a quiet time must differ; a whole day is 00:00 to 24:00")
         return self
 
     def holds(self, at: datetime) -> bool:

@@ -87,15 +87,15 @@ class Recipient:
     counts: Counter[str] = field(default_factory=Counter, compare=False)
     """Counts of dropped items, for the account."""
 
-    def kept(self) -> Any:
+    def saved(self) -> Any:
         """The state to save, JSON-ready."""
         all_ = list(self.episodes.values()), list(self.due.values()), self.flight, self.ended, self.more
         return _SAVED.dump_python(all_, mode="json")
 
     @classmethod
-    def read(cls, kept: Any) -> Recipient:
-        """The state from the value of ``kept``. Raises ``ValueError``."""
-        episodes, due, flight, ended, more = _SAVED.validate_python(kept)
+    def read(cls, saved: Any) -> Recipient:
+        """The state from the value of ``saved``. Raises ``ValueError``."""
+        episodes, due, flight, ended, more = _SAVED.validate_python(saved)
         return cls({e.alarm.id: e for e in episodes}, {i.slot: i for i in due}, flight, ended, more)
 
     def waiting(self, alarm_id: str) -> Iterator[Item]:
@@ -192,80 +192,80 @@ class Rules:
 
     # alarms -----------------------------------------------------------------------------------------
 
-    def take(self, told: Recipient, alarm: Alarm, session: int, passing: int) -> None:
+    def take(self, state: Recipient, alarm: Alarm, session: int, passing: int) -> None:
         """Process a message of the alarm book; ``passing`` is the least rank that may be sent now."""
-        ended, at = told.ended.get(alarm.id, (-1, 0))
+        ended, at = state.ended.get(alarm.id, (-1, 0))
         if ended == session and alarm.time <= at:
             return  # already sent up to its end, and offered again
-        episode = told.episodes.get(alarm.id)
+        episode = state.episodes.get(alarm.id)
         if alarm.active:
-            self._active(told, alarm, episode, session)
+            self._active(state, alarm, episode, session)
         elif episode is not None:
-            self._clear(told, alarm, episode, session, passing)
+            self._clear(state, alarm, episode, session, passing)
 
-    def _active(self, told: Recipient, alarm: Alarm, episode: Episode | None, session: int) -> None:
+    def _active(self, state: Recipient, alarm: Alarm, episode: Episode | None, session: int) -> None:
         if episode is None:
             if self.wants(alarm):
-                self._wait(told, Item("raised", alarm), session)
+                self._wait(state, Item("raised", alarm), session)
             return
-        told.see(alarm, session)
+        state.see(alarm, session)
         if rank(alarm) > episode.said and self.wants(alarm):
-            waits = told.due.get((alarm.id, False))
+            waits = state.due.get((alarm.id, False))
             what = waits.what if waits is not None and waits.what == "raised" else "graver"
-            self._wait(told, Item(what, alarm), session)
+            self._wait(state, Item(what, alarm), session)
 
-    def _clear(self, told: Recipient, alarm: Alarm, episode: Episode, session: int, passing: int) -> None:
-        waits = told.due.get((alarm.id, False))
+    def _clear(self, state: Recipient, alarm: Alarm, episode: Episode, session: int, passing: int) -> None:
+        waits = state.due.get((alarm.id, False))
         kept_back = waits is not None and rank(waits.alarm) < passing
         if kept_back or (episode.told and waits is not None and waits.what == "repeated"):
-            told.drop(alarm.id)
+            state.drop(alarm.id)
         if self.resolved and (episode.told or (waits is not None and not kept_back)):
-            self._wait(told, Item("cleared", alarm), session)
+            self._wait(state, Item("cleared", alarm), session)
         else:
-            told.end(alarm.id, alarm.time)
+            state.end(alarm.id, alarm.time)
 
-    def _wait(self, told: Recipient, item: Item, session: int) -> None:
+    def _wait(self, state: Recipient, item: Item, session: int) -> None:
         """Add a waiting item; if the queue is full, drop and count the newest of the least severe ones."""
-        full = len(told.due) >= self.queue and item.slot not in told.due
-        told.wait(item, session)
+        full = len(state.due) >= self.queue and item.slot not in state.due
+        state.wait(item, session)
         if full:
-            least = min(reversed(told.due.values()), key=lambda waits: rank(waits.alarm))
-            told.drop(least.alarm.id, counted=True)
+            least = min(reversed(state.due.values()), key=lambda waits: rank(waits.alarm))
+            state.drop(least.alarm.id, counted=True)
 
     # times ------------------------------------------------------------------------------------------
 
-    def withdraw(self, told: Recipient, session: int, now: int) -> None:
+    def withdraw(self, state: Recipient, session: int, now: int) -> None:
         """End alarms of an earlier session that were not raised again; ``now`` is UTC ns."""
         if now < session + AGAIN:
             return
-        for episode in list(told.episodes.values()):
+        for episode in list(state.episodes.values()):
             if episode.session == session or episode.over:
                 continue
             alarm = episode.alarm
-            text = f"Not seen again since the daemon began anew: {alarm.statement}"
+            text = f"Not raised again since the daemon restarted: {alarm.statement}"
             clear = replace(alarm, active=False, time=max(now, alarm.time), statement=text)
             if episode.told and self.resolved:
-                self._wait(told, Item("cleared", clear), session)
-            elif (alarm.id, False) not in told.due:
-                told.end(alarm.id, clear.time)
+                self._wait(state, Item("cleared", clear), session)
+            elif (alarm.id, False) not in state.due:
+                state.end(alarm.id, clear.time)
 
-    def again(self, told: Recipient, alarm_ids: Iterable[str], session: int) -> None:
+    def again(self, state: Recipient, alarm_ids: Iterable[str], session: int) -> None:
         """Repeat alarms that were sent and are still active."""
         for alarm_id in alarm_ids:
-            episode = told.episodes.get(alarm_id)
-            if episode is not None and episode.told and not episode.over and (alarm_id, False) not in told.due:
-                self._wait(told, Item("repeated", episode.alarm), session)
+            episode = state.episodes.get(alarm_id)
+            if episode is not None and episode.told and not episode.over and (alarm_id, False) not in state.due:
+                self._wait(state, Item("repeated", episode.alarm), session)
 
 
-def silence(told: Recipient, alarm_id: str) -> None:
+def silence(state: Recipient, alarm_id: str) -> None:
     """Discard the waiting items of an alarm that was shelved or needs no repetition."""
-    if (alarm_id, False) in told.due:
-        told.drop(alarm_id, forgotten=True)
+    if (alarm_id, False) in state.due:
+        state.drop(alarm_id, forgotten=True)
 
 
-def ready(told: Recipient, passing: int) -> list[Item]:
+def ready(state: Recipient, passing: int) -> list[Item]:
     """Waiting items that may be sent now, in the order of arrival; the items of one alarm are sent together."""
-    return [i for i in told.due.values() if max(rank(waits.alarm) for waits in told.waiting(i.alarm.id)) >= passing]
+    return [i for i in state.due.values() if max(rank(waits.alarm) for waits in state.waiting(i.alarm.id)) >= passing]
 
 
 def message_of(to: str, items: Collection[Item], more: int, now: int) -> Notification:

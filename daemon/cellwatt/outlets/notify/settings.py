@@ -67,7 +67,7 @@ class MailSettings(Section):
     @model_check(mode="after")
     def _closed(self) -> MailSettings:
         if self.tls == "none" and not stays_here(self.host):
-            raise ValueError(f"tls: none is for a server on this PC alone, not for {self.host}: use starttls or tls")
+            raise ValueError(f"tls: none is only for a server on this PC, not for {self.host}: use starttls or tls")
         both_or_neither(user=self.user, password=self.password)
         return self
 
@@ -261,5 +261,5 @@ def _secrets(channel: Channel) -> Iterator[str]:
 
 def _doubts(channel: Channel) -> Iterator[str]:
     if not isinstance(channel, MailSettings) and in_the_clear(channel.address):
-        yield f"{_shown(channel.address)}: alarms and tokens pass in the clear (open: true)"
+        yield f"{_shown(channel.address)}: alarms and tokens are sent unencrypted (open: true)"
     yield from unreadable({"ca": channel.ca})

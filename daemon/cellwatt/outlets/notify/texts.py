@@ -45,7 +45,7 @@ def subject(about: About, message: Notification) -> str:
 def body(about: About, message: Notification, limit: int | None = None) -> str:
     """The text under the subject, at most ``limit`` bytes; items that do not fit are counted."""
     if not message.items and not message.more:
-        lines = [f"This is a test. Alarms of the cell {about.cell} at {about.site} will come this way."]
+        lines = [f"This is a test. Alarms of the cell {about.cell} at {about.site} will be sent to this recipient."]
     elif len(message.items) == 1 and not message.more:
         lines = list(_whole(about, message.items[0]))
     else:
@@ -98,11 +98,11 @@ def _headline(message: Notification) -> str:
     if not items:
         return f"{message.more} alarms" if message.more else "test: cellwatt reaches you"
     rest = len(items) - 1 + message.more
-    first = _said(items[0])
+    first = _summary(items[0])
     return f"{first} (and {rest} more)" if rest else first
 
 
-def _said(item: Item) -> str:
+def _summary(item: Item) -> str:
     statement = short(item.alarm.statement, LONGEST_STATEMENT)
     match item.what:
         case "cleared":
@@ -142,7 +142,7 @@ def _list(about: About, message: Notification, limit: int | None) -> Iterator[st
     yield f"{_count(len(items) + message.more)}:"
     yield ""
     for number, item in enumerate(items):
-        line = f"- {_said(item)} (since {_when(about, item.alarm.since)})"
+        line = f"- {_summary(item)} (since {_when(about, item.alarm.since)})"
         if left is not None and (left := left - len(line.encode()) - 1) < 0:
             yield f"and {len(items) - number + message.more} more"
             return
@@ -153,14 +153,14 @@ def _list(about: About, message: Notification, limit: int | None) -> Iterator[st
 
 def evidence(figures: Mapping[str, Any]) -> Iterator[str]:
     """Figures of an alarm as text, ``residual 38 W`` for ``residual_W``; at most twelve."""
-    told = 0
+    stated = 0
     for key, value in figures.items():
-        if told == FIGURES:
+        if stated == FIGURES:
             return
         name, unit = _named(str(key))
         if isinstance(value, bool) or not isinstance(value, int | float | str):
             continue
-        told += 1
+        stated += 1
         shown = f"{value:.4g}" if isinstance(value, float) else str(value)
         yield short(f"{name} {shown}{f' {unit}' if unit else ''}", 80)
 

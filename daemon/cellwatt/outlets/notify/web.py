@@ -87,15 +87,15 @@ class WebChannel:
 
 def request(settings: Web, about: About, message: Notification, now: int) -> tuple[bytes, dict[str, str]]:
     """Body and headers of one attempt at ``now``, UTC s; only time stamp and signature differ between attempts."""
-    told: dict[str, Any]
+    fields: dict[str, Any]
     token: SecretStr | None = None
     if isinstance(settings, NtfySettings):
-        told, token = _ntfy(settings, about, message), settings.token
+        fields, token = _ntfy(settings, about, message), settings.token
     elif isinstance(settings, HomeAssistantSettings):
-        told, token = _home_assistant(about, message), settings.token
+        fields, token = _home_assistant(about, message), settings.token
     else:
-        told = payload(about, message)
-    content = json.dumps(told, sort_keys=True).encode()
+        fields = payload(about, message)
+    content = json.dumps(fields, sort_keys=True).encode()
     head = {"Content-Type": "application/json", "User-Agent": f"cellwatt/{__version__}"}
     if token is not None:
         head["Authorization"] = f"Bearer {token.get_secret_value()}"
@@ -113,7 +113,7 @@ def judge(status: int, retry_after: str | None = None) -> None:
     known = status in HTTPStatus.__members__.values()
     reason = f"{status} {HTTPStatus(status).phrase}" if known else f"{status}"
     if HTTPStatus.MULTIPLE_CHOICES <= status < HTTPStatus.BAD_REQUEST:
-        raise RefusedError(f"{reason}: it sends elsewhere, which is not followed; write the address that it means")
+        raise RefusedError(f"{reason}: redirects are not followed; set the final address")
     if status in _OURS:
         raise NotNowError(f"{reason}: are token and address right?")
     if HTTPStatus.BAD_REQUEST <= status < HTTPStatus.INTERNAL_SERVER_ERROR and status not in _LATER:
@@ -123,7 +123,7 @@ def judge(status: int, retry_after: str | None = None) -> None:
 
 def _ntfy(settings: NtfySettings, about: About, message: Notification) -> dict[str, Any]:
     worst = severity(message)
-    told = {
+    fields = {
         "topic": settings.topic.get_secret_value(),
         "title": subject(about, message),
         "message": body(about, message, PUSH),
@@ -131,7 +131,7 @@ def _ntfy(settings: NtfySettings, about: About, message: Notification) -> dict[s
         "tags": [_TAGS[worst]],
         "sequence_id": message.id,  # newer servers replace a message by its repetition
     }
-    return told if about.link is None else {**told, "click": about.link}
+    return fields if about.link is None else {**fields, "click": about.link}
 
 
 def _home_assistant(about: About, message: Notification) -> dict[str, Any]:

@@ -28,7 +28,7 @@ class _Condition:
     """One alarm: its event generator, the ids of its latest events, and its state."""
 
     generator: EventGenerator
-    told: list[bytes]
+    events: list[bytes]
     active: bool = True
     acknowledged: bool = False
 
@@ -108,8 +108,8 @@ class Conditions:
         event.Retain = known.active
         moment = datetime.fromtimestamp(time / 1e9, UTC) if time else None
         await known.generator.trigger(moment)
-        told = event.EventId
-        known.told = [*known.told[-9:], bytes(told.Value if isinstance(told, ua.Variant) else told)]
+        event_id = event.EventId
+        known.events = [*known.events[-9:], bytes(event_id.Value if isinstance(event_id, ua.Variant) else event_id)]
 
     async def _acknowledge(self, condition: ua.NodeId, event: ua.Variant, comment: ua.Variant) -> ua.StatusCode:
         """Acknowledge the alarm of a condition for the user of the session."""
@@ -118,7 +118,7 @@ class Conditions:
         known = self._known.get(name)
         if known is None:
             return ua.StatusCode(codes.BadNodeIdUnknown)
-        if event.Value not in known.told:
+        if event.Value not in known.events:
             return ua.StatusCode(codes.BadEventIdUnknown)
         if known.acknowledged:
             return ua.StatusCode(codes.BadConditionBranchAlreadyAcked)

@@ -118,19 +118,19 @@ class CellServer:
         elif kind == "event" and body["kind"] == ACKNOWLEDGED:
             await self._conditions.acknowledged(*(body["data"][name] for name in ("alarm", "name", "note")))
 
-    async def _energy(self, told: Mapping[str, Any]) -> None:
+    async def _energy(self, energy: Mapping[str, Any]) -> None:
         """Update the energy of a task, J."""
-        name = f"{told['source']}.{told['task']}"
+        name = f"{energy['source']}.{energy['task']}"
         if name not in self._tasks:
             node_id = ua.NodeId(f"energy:{name}", self._spaces.own)
             self._tasks[name] = await self._energies.add_variable(node_id, self._name(name), 0.0)
             await self._tasks[name].add_property(0, "EngineeringUnits", unit_of("J"))
-        value = ua.Variant(float(told["total"]), ua.VariantType.Double)
-        await self._set(self._tasks[name], value, ua.StatusCodes.Good, told["end"])
+        value = ua.Variant(float(energy["total"]), ua.VariantType.Double)
+        await self._set(self._tasks[name], value, ua.StatusCodes.Good, energy["end"])
 
-    async def health(self, told: Mapping[str, Any]) -> None:
+    async def health(self, status: Mapping[str, Any]) -> None:
         """Update the cell's health, as JSON."""
-        text = encode_json(told).decode()
+        text = encode_json(status).decode()
         await self._set(self._health, ua.Variant(text, ua.VariantType.String), ua.StatusCodes.Good, None)
 
     # inside ---------------------------------------------------------------------------------------
@@ -151,8 +151,8 @@ class CellServer:
 
     async def _set(self, node: Node, value: ua.Variant, status: int, time: int | None) -> None:
         moment = datetime.now(UTC) if time is None else _EPOCH + timedelta(microseconds=time // 1000)
-        told = ua.DataValue(value, ua.StatusCode(status), SourceTimestamp=moment, ServerTimestamp=datetime.now(UTC))
-        await self._server.write_attribute_value(node.nodeid, told)
+        stamped = ua.DataValue(value, ua.StatusCode(status), SourceTimestamp=moment, ServerTimestamp=datetime.now(UTC))
+        await self._server.write_attribute_value(node.nodeid, stamped)
 
     async def _folder(self, name: str) -> Node:
         kind = ua.NodeId(ua.ObjectIds.FolderType)
@@ -221,8 +221,8 @@ async def serve(daemon: Daemon, hello: Mapping[str, Any]) -> None:
     try:
         url = await server.open()
     except (OSError, ValueError) as error:
-        told = getattr(error, "strerror", None) or str(error)
-        raise OutletError(f"the OPC UA server cannot listen or be made: {told}") from error
+        reason = getattr(error, "strerror", None) or str(error)
+        raise OutletError(f"the OPC UA server cannot listen or be made: {reason}") from error
     try:
         await daemon.serve(url, lambda: server.counts, Shown(server.frames, server.item, server.health))
     finally:

@@ -61,7 +61,7 @@ class Past:
         count = min(whole, MOST_SAMPLES)
         blocks: Sequence[Batch | Frames]
         if "source" not in asked and asked.get("stream") == FRAME:
-            topic, nothing = FRAME, "no frames are kept"
+            topic, nothing = FRAME, "no frames are stored"
             blocks = self._frames(session, first, whole, count)
         else:
             source, stream = text_of(asked, "source"), text_of(asked, "stream")
@@ -90,7 +90,7 @@ class Past:
         kind, session = text_of(asked, "kind"), number_of(asked, "session", self._backlog.session)
         kept = self._results(kind, session, number_of(asked, "first", 0), number_of(asked, "count", _EVER))
         if not kept:
-            raise NothingKeptError(f"no results {short(kind)} are kept from there in session {session}")
+            raise NothingKeptError(f"no results {short(kind)} are stored from there in session {session}")
         items, room = [], self._piece()
         for m, item in kept:
             items.append(encode_item(item, m))

@@ -80,7 +80,7 @@ class Answers:
         self._turns = self._new_turns()
         self._thread: threading.Thread | None = None
         self._busy_since: float | None = None
-        self._told: set[str] = set()
+        self._logged: set[str] = set()
         past = Past(view, backlog, lambda: self._turns.piece())
 
         self._known: dict[str, Callable[[Mapping[str, str]], Answer]] = {
@@ -117,7 +117,7 @@ class Answers:
     def about(self, name: str, asked: Mapping[str, str]) -> Answer:
         """Answer one question. Raises ``CellwattError`` if it is invalid or the data is not stored."""
         if name not in self._known:
-            raise QuestionError(f"there is no question {short(name)}; there are: {', '.join(self._known)}")
+            raise QuestionError(f"unknown question {short(name)}; known questions: {', '.join(self._known)}")
         return self._known[name](asked)
 
     def alarms(self, asked: Mapping[str, str]) -> list[tuple[Mark, Alarm]]:
@@ -152,7 +152,7 @@ class Answers:
                 work()
             except zenoh.ZError as error:  # the questioner has disconnected
                 self._count("answers lost")
-                log.info("zenoh: an answer could not be given: %s", error)
+                log.info("zenoh: an answer could not be sent: %s", error)
             except Exception as error:
                 self._failed("", error)
             finally:
@@ -162,8 +162,8 @@ class Answers:
         """Count a failure caused by a bug or a damaged record; log each kind once."""
         self._count("questions failed")
         kind = f"{what.partition('?')[0]} {type(error).__name__}"
-        if kind not in self._told and len(self._told) < _WAITING:
-            self._told.add(kind)
+        if kind not in self._logged and len(self._logged) < _WAITING:
+            self._logged.add(kind)
             log.exception("zenoh: the question %s could not be answered", short(what, 200))
 
     def _reply(self, query: zenoh.Query) -> None:

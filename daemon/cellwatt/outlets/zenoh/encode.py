@@ -131,7 +131,7 @@ def decode(payload: bytes, mark: Mark) -> Batch | Frames:
             raise ValueError(f"{table.num_rows} rows, but {mark.count} are announced")
         metadata = (table.schema.metadata or {}).get(_KEY, b"{}")
         if len(metadata) > _LONGEST:
-            raise ValueError(f"its channels take {len(metadata)} bytes to name")
+            raise ValueError(f"the names of its channels take {len(metadata)} bytes")
         about = _about(metadata)
         if isinstance(about, Layout):
             return Frames(about, mark.sequence, **_arrays(table, Frames, len(about.channels)))
@@ -201,7 +201,7 @@ def _schema(of: _Declared, source: str) -> pa.Schema:
         about = {"format": BATCH_FORMAT, "source": source, "stream": of.name, "rate": of.rate, "clock": of.clock}
     else:
         kind, names, about = Frames, _FRAME_CHANNEL, {"format": FRAMES_FORMAT, "rate": of.rate}
-    about["channels"] = [_told(channel, names) for channel in of.channels]
+    about["channels"] = [_channel_json(channel, names) for channel in of.channels]
     fields = []
     for name, dtype, wide in _COLUMNS[kind]:
         plain = pa.from_numpy_dtype(dtype)
@@ -210,7 +210,7 @@ def _schema(of: _Declared, source: str) -> pa.Schema:
     return pa.schema(fields, metadata={_KEY: json.dumps(about, separators=(",", ":"), ensure_ascii=False)})
 
 
-def _told(channel: Channel | FrameChannel, names: Sequence[str]) -> list[Any]:
+def _channel_json(channel: Channel | FrameChannel, names: Sequence[str]) -> list[Any]:
     """A channel as JSON-ready metadata; the window, if it has one, is last."""
     about = [getattr(channel, name) for name in names]
     return about if about[-1] else about[:-1]

@@ -290,7 +290,7 @@ def why_unconnected(settings: LinkSettings) -> str:
 
 
 _REFUSED: Final = (
-    "somebody answers but refuses the session: check user and password, the certificates, and that this is a Zenoh port"
+    "the port answers but refuses the session: check user and password, the certificates, and that this is a Zenoh port"
 )
 
 
@@ -302,9 +302,9 @@ def _probe(endpoint: str) -> str | None:
     try:
         socket.create_connection((found[2].strip("[]"), int(found[3])), timeout=_PROBE).close()
     except TimeoutError:
-        return "nobody answers; is the address right and the host up?"
+        return "no answer; is the address right and the host running?"
     except socket.gaierror:
         return f"the host name {found[2]!r} is not known"
     except OSError as error:
-        return f"nobody answers ({(error.strerror or str(error)).lower()})"
+        return f"no answer ({(error.strerror or str(error)).lower()})"
     return None

@@ -48,7 +48,7 @@ def topic_of(item: Result | Event) -> str:
 def encode_item(item: Result | Event, mark: Mark) -> bytes:
     """Encode a result or event as JSON."""
     body = {f.name: getattr(item, f.name) for f in fields(item)}
-    return encode_json({"mark": _told(mark), **body})
+    return encode_json({"mark": _mark_json(mark), **body})
 
 
 def encode_json(value: Any) -> bytes:
@@ -79,16 +79,16 @@ def from_json(kind: str, body: dict[str, Any]) -> Result | Event:
         return found
     except (ValidationError, KeyError, TypeError, AttributeError) as error:
         reason = " ".join(str(error).split())[:LONGEST_REASON]
-        raise ProtocolError(f"a message of {kind} is not what its schema says: {reason}") from error
+        raise ProtocolError(f"a message of {kind} does not match its schema: {reason}") from error
 
 
 def health(mark: Mark, session: int, positions: Mapping[str, tuple[int, int]], status: Mapping[str, Any]) -> bytes:
     """Encode the health message of a daemon session; its time is the mark's."""
     body = {"session": session, "time": mark.arrival, "positions": positions, "status": status}
-    return encode_json({"mark": _told(mark), **body})
+    return encode_json({"mark": _mark_json(mark), **body})
 
 
-def _told(mark: Mark) -> dict[str, int]:
+def _mark_json(mark: Mark) -> dict[str, int]:
     return {"session": mark.session, "sequence": mark.sequence}
 
 

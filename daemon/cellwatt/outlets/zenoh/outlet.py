@@ -43,7 +43,7 @@ _ENCRYPTED: Final = ("tls", "quic")
 _ADVICE: Final = "use 127.0.0.1, or TLS with access rules as 'cellwatt secure' makes them, or set open: true"
 _RECENT: Final = 0.5e6
 """Bytes of frames held in memory when the record has them, too: those that consumers request most."""
-_HARM: Final = "whoever reaches it can read everything and speak in the cell's name"
+_HARM: Final = "anyone who reaches it can read everything and impersonate the cell"
 
 
 def openings(settings: LinkSettings) -> Iterator[tuple[tuple[str | int, ...], str, str]]:
@@ -59,7 +59,7 @@ def openings(settings: LinkSettings) -> Iterator[tuple[tuple[str | int, ...], st
         if missing:
             yield ("listen", i), endpoint, f"open to the network without {' and '.join(missing)}: {_HARM}"
     if settings.scouting:
-        yield ("scouting",), "scouting", f"finds, and links with, anybody on the local network: {_HARM}"
+        yield ("scouting",), "scouting", f"finds, and links with, any session on the local network: {_HARM}"
 
 
 class PublishSettings(Section):
@@ -99,15 +99,15 @@ class ZenohSettings(LinkSettings):
     def warnings(self) -> tuple[str, ...]:
         """Access left open on purpose, and keys and certificates that are missing or expire soon."""
         ways = (f"{value}: {text} (open: true)" for _, value, text in openings(self))
-        told = () if self.tls is None else validity.warnings(self.tls.certificate, self.tls.key, self.tls.root_ca)
-        return (*ways, *unreadable(self.files), *unusable(self.sign), *(f"tls.{text}" for text in told))
+        doubts = () if self.tls is None else validity.warnings(self.tls.certificate, self.tls.key, self.tls.root_ca)
+        return (*ways, *unreadable(self.files), *unusable(self.sign), *(f"tls.{text}" for text in doubts))
 
 
 class ZenohOutlet(Outlet[ZenohSettings]):
     """Publishes raw samples, frames, results, alarms, events and health, and answers questions."""
 
     Settings: ClassVar[type[ZenohSettings]] = ZenohSettings
-    title = "Zenoh: raw samples, frames, results and alarms, live and for those who missed some"
+    title = "Zenoh: raw samples, frames, results and alarms, live and on request"
 
     def __init__(self, name: str, settings: ZenohSettings, view: CellView) -> None:
         super().__init__(name, settings, view)
@@ -158,7 +158,7 @@ class ZenohOutlet(Outlet[ZenohSettings]):
         self._status = status
         if self._publisher is not None and (self.settings.connect or self._publisher.health_awaited):
             beats = replace(self._beats, sequence=self._beats.end, arrival=time.time_ns())
-            self._publisher.send_health(beats, self._said(beats))
+            self._publisher.send_health(beats, self._health_message(beats))
             self._beats = beats
 
     @property
@@ -199,7 +199,7 @@ class ZenohOutlet(Outlet[ZenohSettings]):
         if self._publisher is not None:
             self._publisher.tell_schemas()
         mark = replace(self._beats, sequence=self._beats.end, arrival=time.time_ns(), backfill=True)
-        return Answer(self._said(mark), mark=mark)
+        return Answer(self._health_message(mark), mark=mark)
 
-    def _said(self, mark: Mark) -> bytes:
+    def _health_message(self, mark: Mark) -> bytes:
         return health(mark, self.view.session, dict(self._ends), self._status or self.view.status())

@@ -34,7 +34,7 @@ def refuse_packed(payload: bytes) -> None:
 def _message(data: bytes, at: int) -> tuple[int, int, int]:
     """(offset after a message's metadata, its type, offset of its header table)."""
     if data[at : at + 4] != _START:
-        raise ValueError("it does not begin like an Arrow message")
+        raise ValueError("it does not begin as an Arrow message does")
     (length,) = struct.unpack_from("<I", data, at + 4)
     table = at + 8 + struct.unpack_from("<I", data, at + 8)[0]
     kind = data[_field(data, table, _HEADER_TYPE)]

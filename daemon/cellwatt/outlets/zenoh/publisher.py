@@ -54,7 +54,7 @@ class Publisher:
         self._account = account
         self._seal = seal
         self._publishers: dict[str, zenoh.Publisher] = {}
-        self._told: dict[str, tuple[int, float]] = {}
+        self._schemas: dict[str, tuple[int, float]] = {}
         """CRC-32 of the schema last published on each topic, and the time of publication, monotonic s."""
         self._paused = 0.0
         """Monotonic time, s, until which only alarms are published."""
@@ -76,7 +76,7 @@ class Publisher:
 
     def tell_schemas(self) -> None:
         """Include the schema in the next message of each topic."""
-        self._told.clear()
+        self._schemas.clear()
 
     def send(self, topic: str, paths: Sequence[str], item: Item, mark: Mark) -> None:
         """Publish an item of a topic under its paths; count it as sent, dropped or not published."""
@@ -153,10 +153,10 @@ class Publisher:
         if not isinstance(item, Batch | Frames):
             return mark, encode_item(item, mark)
         check, schema, rows = encode_apart(item)
-        (told, at), now = self._told.get(topic, (0, 0.0)), time.monotonic()
-        if told == check and now < at + SCHEMA_EVERY:
+        (known, at), now = self._schemas.get(topic, (0, 0.0)), time.monotonic()
+        if known == check and now < at + SCHEMA_EVERY:
             return replace(mark, schema=check), rows
-        self._told[topic] = check, now
+        self._schemas[topic] = check, now
         return mark, schema + rows
 
     def _publisher(self, path: str, encoding: str, *, lossy: bool) -> zenoh.Publisher:

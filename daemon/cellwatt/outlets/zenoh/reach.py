@@ -67,13 +67,13 @@ def ask_cell(config: CellConfig, question: str) -> dict[str, Any]:
     try:
         with open_session(link_to(config), patience=PATIENCE) as session:
             replies = list(session.get(keys.question(question), timeout=PATIENCE))
-        told = next((reply.ok for reply in replies if reply.ok is not None), None)
-        if told is None:
+        sample = next((reply.ok for reply in replies if reply.ok is not None), None)
+        if sample is None:
             refused = [reply.err.payload.to_string() for reply in replies if reply.err is not None]
             raise OutletError(f"the cell {keys.root} does not answer: {', '.join(refused) or 'is its daemon running?'}")
-        answer: dict[str, Any] = json.loads(told.payload.to_bytes())
+        answer: dict[str, Any] = json.loads(sample.payload.to_bytes())
     except (zenoh.ZError, ValueError) as error:
-        raise OutletError(f"the cell {keys.root} gave no answer that can be read: {error}") from error
+        raise OutletError(f"the cell {keys.root} gave an invalid answer: {error}") from error
     return answer
 
 
@@ -127,8 +127,8 @@ def _absent(link: LinkSettings, site: str, cell: str, heard: list[tuple[str, str
     where = ", ".join(link.connect)
     if heard:
         names = ", ".join("/".join(name) for name in heard[:_MOST])
-        return f"{where}: no cell is heard as {site}/{cell}; there is {names}{' …' if len(heard) > _MOST else ''}"
+        return f"{where}: no cell {site}/{cell} is on the bus; it has {names}{' …' if len(heard) > _MOST else ''}"
     return (
-        f"{where}: no cell is heard as {site}/{cell}: is the daemon running, are site and cell right, "
+        f"{where}: no cell {site}/{cell} is on the bus: is the daemon running, are site and cell right, "
         "and may you see it (cellwatt secure list)?"
     )

@@ -65,7 +65,7 @@ def read_message(
 def _mark(sample: zenoh.Sample, payload: bytes) -> Mark:
     mark = Mark.decode(sample.attachment.to_bytes() if sample.attachment is not None else b"", payload)
     if mark.session < 0 or mark.sequence < 0 or mark.end >= _END or mark.count < 1:
-        raise ProtocolError(f"a mark that no cell makes: {mark}")
+        raise ProtocolError(f"an invalid mark: {mark}")
     return mark
 
 
@@ -83,7 +83,7 @@ def _reading(what: str) -> Iterator[None]:
     except ProtocolError:
         raise
     except Exception as error:
-        raise ProtocolError(f"{what} is not what its schema says: {type(error).__name__}: {error}") from error
+        raise ProtocolError(f"{what} does not match its schema: {type(error).__name__}: {error}") from error
 
 
 def read_answer(sample: zenoh.Sample, topic: str) -> list[tuple[Mark, Batch | Frames | Result | Event]]:
@@ -112,7 +112,7 @@ def read_health(sample: zenoh.Sample) -> tuple[Mark, Health]:
     with _reading("a health message"):
         body = parse_json(_small(payload))
         if len(body["positions"]) > _MOST_TOPICS:
-            raise ProtocolError(f"a health message tells of {len(body['positions'])} topics")
+            raise ProtocolError(f"a health message has {len(body['positions'])} topics")
         positions = {t: (_number(s), _number(end)) for t, (s, end) in body["positions"].items() if is_topic(t)}
         return mark, Health(_number(body["session"]), _number(body["time"]), positions, dict(body["status"]))
 

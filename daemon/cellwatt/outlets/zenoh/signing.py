@@ -130,5 +130,5 @@ class MessageVerifier:
         if not right:
             self._counts[wrong] += 1
             if self._counts[wrong] == 1:  # a forger could fill the log
-                log.warning("%s/%s: a message that is %s came; such are left out", self._root, topic, wrong)
+                log.warning("%s/%s: received a message that is %s; such messages are dropped", self._root, topic, wrong)
         return right

@@ -119,7 +119,7 @@ async def test_patterns_that_fit_no_channel_are_told(caplog: pytest.LogCaptureFi
     async with fake() as server, running(outlet_of(server.url, None, channels=("arm.mode", "leg.*"))) as outlet:
         outlet.offer(frames(0, 50))
         await settled(server, 1)
-    assert "influx: no channel fits leg.*" in caplog.text
+    assert "influx: no channel matches leg.*" in caplog.text
     assert outlet.account.counters["influx: patterns that fit no channel"] == 1
     assert set(server.rows[0].fields) == {"arm.mode", "quality"}
 
@@ -306,7 +306,7 @@ def test_settings_say_what_is_open_and_keep_secrets(tmp_path: Path) -> None:
     far = {"url": "http://influx.example", "org": "o", "bucket": "b", "token": "s3cret", "open": True}
     settings = HistorianSettings.model_validate({"influx": {**far, "ca": str(tmp_path / "no.pem")}})
     first, second = settings.warnings()
-    assert "pass in the clear (open: true)" in first
+    assert "are sent unencrypted (open: true)" in first
     assert "cannot be read" in second
     assert "s3cret" not in repr(settings)
     assert place_of(InfluxSettings(**far))[0] == "http://influx.example/api/v2/write"

@@ -65,7 +65,7 @@ def children() -> list[psutil.Process]:
 
 
 async def test_without_a_record_there_is_no_lake(tmp_path: Path) -> None:
-    with pytest.raises(OutletError, match="lake: it is filled from the record"):
+    with pytest.raises(OutletError, match="lake: it is read from the record"):
         await outlet_of(None, str(tmp_path)).run()
 
 
@@ -98,5 +98,5 @@ def rows_in(store: Bucket) -> list[int]:
 async def test_secrets_go_to_the_process_alone(record: Path) -> None:
     outlet = outlet_of(record, "s3://lake/plant", endpoint="https://minio.example", **KEYS)
     assert outlet._lake is not None
-    assert "s3cret" in json.dumps(outlet._lake._told)
+    assert "s3cret" in json.dumps(outlet._lake._order)
     assert "s3cret" not in repr(outlet.settings)

@@ -25,7 +25,7 @@ MESSAGE = Message("a", b"b", 1, False)
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("timed out", "nobody answers: is the host up?"),
+        ("timed out", "no answer: is the host running?"),
         ("_ssl.c:985: The handshake operation timed out", "no answer to the TLS handshake: is this a port for TLS?"),
     ],
 )

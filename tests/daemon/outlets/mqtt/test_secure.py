@@ -82,7 +82,7 @@ async def test_rows_arrive_through_tls_with_certificate_and_password(secured: Se
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        ({"password": "wrong"}, "the broker says: not authorized; check user and password"),
+        ({"password": "wrong"}, "the broker reports: not authorized; check user and password"),
         ({"ca": "other.pem"}, "TLS failed: .*certificate"),
         ({"ca": "none.pem"}, "ca: .*none.pem cannot be read: No such file"),
         ({"certificate": None, "key": None}, "the broker closed the connection"),

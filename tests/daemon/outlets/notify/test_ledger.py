@@ -35,11 +35,11 @@ async def write(path: Path) -> Ledger:
 async def test_what_is_read_is_what_was_known(tmp_path: Path) -> None:
     path = tmp_path / "notify.jsonl"
     made = await write(path)
-    assert read(path).told == made.told
+    assert read(path).states == made.states
     for change in (Recipient.arrived, lambda told: told.see(alarm(1), EPOCH + 1), lambda told: told.drop(alarm(2).id)):
         change(made.of("shift"))
         await made.flush()
-        assert read(path).told == made.told
+        assert read(path).states == made.states
     assert path.stat().st_mode & 0o777 == 0o600
 
 
@@ -49,7 +49,7 @@ async def test_strange_lines_are_counted_and_passed_over(tmp_path: Path) -> None
     before = b'["shift",{"kind":"whole","episodes":[],"due":[],"flight":null,"ended":[],"more":0}]\n'
     path.write_bytes(b"\xff\n[]\n3\n" + before + path.read_bytes() + b"[5,{}]\n{}\n")
     found = read(path)
-    assert found.told == made.told
+    assert found.states == made.states
     assert found.unreadable == 6
     await found.flush()
     assert read(path).unreadable == 0

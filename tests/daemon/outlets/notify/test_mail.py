@@ -58,7 +58,7 @@ async def test_a_server_without_starttls_gets_nothing(tmp_path: Path) -> None:
             trouble = made.trouble()
         assert trouble is not None
         assert "STARTTLS" in trouble
-        assert trouble.endswith("nothing is sent in the clear")
+        assert trouble.endswith("nothing is sent unencrypted")
         assert box.mails == []
 
 

@@ -23,7 +23,7 @@ class Machine:
     def __init__(self, rules: Rules | None = None, **more: Any) -> None:
         self.rules = rules or Rules(**{"severity": "info", "group": 0.0, **more})
         self.told = Recipient()
-        self.line = json.dumps(self.told.kept())
+        self.line = json.dumps(self.told.saved())
         self.sent: list[Item] = []
         self.passing = 0
         self.session = EPOCH
@@ -31,7 +31,7 @@ class Machine:
     def keep(self) -> None:
         """Write down what is known, where there is something new."""
         if self.told.changed:
-            self.line, self.told.changed = json.dumps(self.told.kept()), False
+            self.line, self.told.changed = json.dumps(self.told.saved()), False
 
     def take(self, *alarms: Alarm) -> None:
         for one in alarms:
@@ -112,7 +112,7 @@ def test_raised_again_soon_after_the_daemon_began_anew_it_is_the_same() -> None:
     machine.rules.withdraw(machine.told, NEXT, NEXT + AGAIN)
     sent = machine.send()
     assert sent is not None
-    assert sent.items[0].alarm.statement.startswith("Not seen again since the daemon began anew: Joint 2")
+    assert sent.items[0].alarm.statement.startswith("Not raised again since the daemon restarted: Joint 2")
     machine.rules.withdraw(machine.told, NEXT, NEXT + 2 * AGAIN)
     machine.take(alarm(1, active=False, time=NEXT + 2 * AGAIN))
     machine.send()

@@ -56,7 +56,7 @@ def test_refuses(to: dict[str, Any]) -> None:
 
 def test_open_allows_http_and_warns() -> None:
     made = notify({"ntfy": {"url": "http://plant.example", "topic": "geheim", "open": True}})
-    assert made.warnings() == ("to.shift: http://plant.example: alarms and tokens pass in the clear (open: true)",)
+    assert made.warnings() == ("to.shift: http://plant.example: alarms and tokens are sent unencrypted (open: true)",)
     assert not notify({"webhook": {"url": "http://127.0.0.1:8000/"}}).warnings()
 
 

@@ -149,6 +149,6 @@ async def test_https_by_an_authority_of_the_plant(tmp_path: Path) -> None:
             made.offer(alarm(1))
             await eventually(lambda: made.account.counters["trusted: sent"])
             await eventually(lambda: made.account.counters["distrusted: retried"])
-            assert "distrusted is not reached (webhook by https://localhost" in str(made.trouble())
+            assert "distrusted cannot be reached (webhook by https://localhost" in str(made.trouble())
             assert "its certificate is not trusted" in str(made.trouble())
         assert len(server.calls) == 1

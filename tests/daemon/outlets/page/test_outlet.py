@@ -170,7 +170,7 @@ async def test_logins_survive_a_restart_and_secrets_are_nowhere_to_be_seen(view:
 async def test_a_port_that_is_taken_is_named(view: View) -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:
         listen = f"127.0.0.1:{other.getsockname()[1]}"
-        with pytest.raises(OutletError, match=f"^{listen} is taken by another program: choose another port"):
+        with pytest.raises(OutletError, match=f"^{listen} is in use: choose another port"):
             await outlet_of(view, listen=listen).run()
 
 
@@ -210,7 +210,7 @@ async def test_a_process_that_hangs_is_told_and_holds_up_nobody(view: View, monk
             await asyncio.sleep(0)
         assert set(outlet.account.dropped) == {"queue: frames"}
         await eventually(outlet.trouble, "that it is silent")
-        assert "says nothing for" in str(outlet.trouble())
+        assert "has not responded for" in str(outlet.trouble())
     assert not child.is_running() or child.status() == psutil.STATUS_ZOMBIE
     assert outlet.account.dropped.total() > 0
 
@@ -218,7 +218,7 @@ async def test_a_process_that_hangs_is_told_and_holds_up_nobody(view: View, monk
 @pytest.mark.parametrize(("kind", "told"), [(Kind.ORDER, []), (Kind.ALIVE, {"counts": ["a"]}), (Kind.ORDER, {})])
 async def test_a_process_that_speaks_nonsense_is_told(view: View, kind: Kind, told: Any) -> None:
     reader = asyncio.StreamReader()
-    reader.feed_data(wire.said(kind, told))
+    reader.feed_data(wire.from_process(kind, told))
     reader.feed_eof()
-    with pytest.raises(OutletError, match="speaks nonsense"):
+    with pytest.raises(OutletError, match="sent an invalid message"):
         await outlet_of(view)._listen(reader, None)  # type: ignore[arg-type]

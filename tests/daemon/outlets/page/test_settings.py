@@ -33,9 +33,9 @@ def test_this_pc_alone_needs_nothing(listen: str) -> None:
 @pytest.mark.parametrize(
     ("settings", "lacks"),
     [
-        ({"listen": "0.0.0.0:8480"}, "TLS and users: whoever reaches it sees the cell"),
-        ({"listen": "weld-3:8480", "users": USERS}, "TLS: passwords and data pass in the clear"),
-        ({"listen": "192.0.2.1:8480", **TLS}, "users: whoever reaches it sees the cell"),
+        ({"listen": "0.0.0.0:8480"}, "TLS and users: anyone who reaches it sees the cell"),
+        ({"listen": "weld-3:8480", "users": USERS}, "TLS: passwords and data are sent unencrypted"),
+        ({"listen": "192.0.2.1:8480", **TLS}, "users: anyone who reaches it sees the cell"),
     ],
 )
 def test_strangers_are_let_in_only_on_purpose(settings: dict[str, Any], lacks: str) -> None:

@@ -60,16 +60,16 @@ def test_history_ends_at_a_hole_and_is_bounded(answers: Answers, view: FakeView)
 @pytest.mark.parametrize(
     ("name", "asked", "text"),
     [
-        ("hist", {}, r"there is no question 'hist'; there are: status, config, .*results"),
+        ("hist", {}, r"unknown question 'hist'; known questions: status, config, .*results"),
         ("history", {}, "needs source="),
         ("history", {"source": "arm"}, "needs stream="),
         ("history", {"source": "arm", "stream": "samples"}, "nothing is recorded of arm/samples from 0"),
         ("history", {"source": "arm", "stream": "samples", "first": "x"}, "first='x' is not a whole number"),
         ("history", {"source": "arm", "stream": "samples", "first": "-1"}, "first='-1' is not a whole number"),
         ("history", {"source": "arm", "stream": "samples", "count": "²"}, "count='²' is not a whole number"),
-        ("history", {"stream": "frame", "first": "3"}, "no frames are kept from 3"),
+        ("history", {"stream": "frame", "first": "3"}, "no frames are stored from 3"),
         ("results", {}, "needs kind="),
-        ("results", {"kind": "task"}, "no results 'task' are kept"),
+        ("results", {"kind": "task"}, "no results 'task' are stored"),
     ],
 )
 def test_questions_that_cannot_be_answered_say_why(

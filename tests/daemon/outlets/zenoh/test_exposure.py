@@ -50,11 +50,11 @@ def test_this_pc_alone_needs_nothing(endpoint: str) -> None:
             {**SECURED, "listen": ["tls/0.0.0.0:1"], "options": {"access_control/default_permission": "allow"}},
             "without access rules",
         ),
-        ({"scouting": True}, "anybody on the local network"),
+        ({"scouting": True}, "any session on the local network"),
     ],
 )  # fmt: skip
 def test_the_network_is_let_in_only_on_purpose(settings: dict[str, Any], what: str) -> None:
-    with pytest.raises(ValidationError, match=f"{what}: whoever .* or set open: true"):
+    with pytest.raises(ValidationError, match=f"{what}: anyone .* or set open: true"):
         ZenohSettings(**settings)
     (warning,) = [w for w in ZenohSettings(open=True, **settings).warnings() if "cannot be read" not in w]
     assert what in warning

@@ -83,13 +83,13 @@ def test_each_endpoint_is_told_with_its_own_reason() -> None:
         with pytest.raises(OutletError) as told:
             open_session(LinkSettings(mode="client", connect=(dead, silent)), patience=0)
     one, other = str(told.value).split("; ")
-    assert one.startswith(f"{dead}: nobody answers")
-    assert other.startswith(f"{silent}: somebody answers but refuses")
+    assert one.startswith(f"{dead}: no answer")
+    assert other.startswith(f"{silent}: the port answers but refuses")
 
 
 def test_opening_can_be_stopped() -> None:
     endpoint = f"tcp/{HOST}:{free_port()}"
-    with pytest.raises(OutletError, match="nobody answers"):
+    with pytest.raises(OutletError, match="no answer"):
         open_session(LinkSettings(mode="client", connect=(endpoint,)), lambda: True, patience=3600)
 
 

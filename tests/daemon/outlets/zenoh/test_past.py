@@ -120,7 +120,7 @@ def test_where_frames_are_gone_the_answer_begins_with_the_first_that_is_left(fol
     past = Past(Recorded(folder), remembering(truth), lambda: 1e9)
     sorted(folder.glob("*.mcap"))[0].unlink()
     assert next(m.sequence for m, _ in answers(past, 100, END - 100)) == FILES[1][0]
-    with pytest.raises(NothingKeptError, match="no frames are kept from 100"):
+    with pytest.raises(NothingKeptError, match="no frames are stored from 100"):
         ask(past, 100, count=FILES[1][0] - 100)
     for path in folder.glob("*.mcap"):
         path.unlink()
@@ -203,7 +203,7 @@ def test_all_results_once_in_order_first_from_the_record_then_from_memory(judged
 
 def test_results_of_an_earlier_session_to_its_end(judged: Path) -> None:
     past, given = Past(Recorded(judged, SESSION + 1), Backlog(SESSION + 1, 1e6), lambda: 1e9), []
-    with pytest.raises(NothingKeptError, match="no results 'task' are kept"):
+    with pytest.raises(NothingKeptError, match="no results 'task' are stored"):
         while True:
             given += told(past, len(given))
     assert given == [(number, task(number)) for number in range(2000)]

@@ -120,7 +120,7 @@ def test_files_that_hold_no_such_key_are_named(keys: Path) -> None:
     wrong = keys / "wrong.pem"
     curve = ec.generate_private_key(ec.SECP256R1())
     for text, of_private in (
-        (b"none", "no private key that can be read without a password"),
+        (b"none", "no private key that is readable without a password"),
         (
             curve.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()),
             "a key of another kind; expected Ed25519",
@@ -129,7 +129,7 @@ def test_files_that_hold_no_such_key_are_named(keys: Path) -> None:
         wrong.write_bytes(text)
         with pytest.raises(ConfigError, match=of_private):
             Signer(wrong)
-        with pytest.raises(ConfigError, match="holds no public key or certificate of Ed25519"):
+        with pytest.raises(ConfigError, match="has no Ed25519 public key or certificate"):
             Verifier(wrong)
     with pytest.raises(ConfigError, match=r"none cannot be read: No such file"):
         Verifier(keys / "none")
