@@ -224,7 +224,7 @@ def _findings(
 
 def _searched(solution: Solution, found: LackOfFit) -> bool:
     """True if the candidates of a channel were tried before the time limit."""
-    return solution.problem.side == "supply" or found.channel not in solution.unlooked
+    return solution.problem.side == "supply" or found.channel not in solution.unsearched
 
 
 def _with_noise(mounted: Finding, problem: Problem) -> Finding:
@@ -269,7 +269,7 @@ def _verdict(named: bool, rest: bool) -> Verdict:
 def _notes(runs: Sequence[Run], torque: Solution, supply: Solution | None) -> tuple[str, ...]:
     notes = []
     if torque.spent or (supply is not None and supply.spent):
-        joints = [str(joint + 1) for joint in torque.unlooked]
+        joints = [str(joint + 1) for joint in torque.unsearched]
         missed = f"; joint{'s' * (len(joints) > 1)} {listed(joints)} not looked at in full" if joints else ""
         notes.append(f"The time limit was reached before all was tried{missed}: a longer --time may give more findings")
     if any(run.drive is not None for run in runs):

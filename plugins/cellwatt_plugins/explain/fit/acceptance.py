@@ -133,8 +133,8 @@ def felt(before: Solution, after: Solution, term: Term, thresholds: Thresholds) 
 def stands_out(before: Solution, after: Solution, term: Term, thresholds: Thresholds) -> bool:
     """False if a term of ``after`` could equally represent the rest of its channels' residual beyond the noise.
 
-    Effects simulated sample by sample are tried because a channel rings, and never reach the noise. Effects simulated
-    to scale cannot represent anything else.
+    Effects simulated sample by sample are tried because a channel rings, and never explain it down to the noise.
+    Effects simulated to scale cannot represent anything else.
     """
     channels = channels_of(after, term)
     remaining = float(np.min(after.problem.chi2(after.residual)[channels]))
@@ -181,7 +181,8 @@ def collinear(before: Solution, after: Solution, factor: float) -> Term | None:
 
 
 def physical(term: Term, coefficients: Float, robot: RobotDescription) -> bool:
-    """True if the sign is possible, and, for an effect that is simulated to scale, the scale."""
+    """True if sign and size are physically possible, and the scale of an effect that is simulated to scale is near
+    1."""
     effect, first = term.effect, float(coefficients[0])
     if not effect.sensible(coefficients, term.shape, robot, term.joint):
         return False
@@ -209,7 +210,7 @@ def tension(solution: Solution) -> Float:
 
 
 def relieves_tension(before: Solution, after: Solution, thresholds: Thresholds) -> bool:
-    """True if nominal parameters stretched beyond their tolerances return, all of them."""
+    """True if all nominal parameters that were stretched beyond their tolerances return to them."""
     old, new = tension(before), tension(after)
     if not len(old) or float(np.sum(old) - np.sum(new)) < 2 * thresholds.gain:
         return False

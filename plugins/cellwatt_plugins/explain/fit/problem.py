@@ -158,7 +158,7 @@ class Problem:
         return np.cumsum([len(states.time) for states in self.states])[:-1]
 
     def course(self, nuisance: Float, terms: Sequence[tuple[Term, Float]]) -> tuple[list[Float], list[Float]]:
-        """Torque (N, n) Nm of each run at all samples, and the share of it that the links add to the nominal.
+        """Torque (N, n) Nm of each run at all samples, and the links' contribution to it beyond the nominal.
 
         It is the sum of the nominal law, the nominal parameters' corrections ``nuisance``, and terms.
         """
@@ -223,8 +223,8 @@ class Problem:
         return self.chi2(np.concatenate(parts) / self.design.root)
 
     def with_torque(self, torque: Sequence[Float], carried: Sequence[Float]) -> Problem:
-        """The same problem for effects that depend on the fitted torque, given that and the links' part beyond
-        nominal."""
+        """The same problem with another fitted torque, and links' torque beyond the nominal, for effects that use
+        them."""
         triples = zip(self.states, torque, carried, strict=True)
         new = replace(self, states=tuple(s.with_torque(t, c) for s, t, c in triples))
         new.__dict__["design"] = self.design

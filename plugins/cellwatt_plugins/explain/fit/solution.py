@@ -49,7 +49,7 @@ class Solution:
     tried: list[Trial] = field(default_factory=list)
     spent: bool = False
     """True if the time limit was reached before all candidates were tried."""
-    unlooked: tuple[int, ...] = ()
+    unsearched: tuple[int, ...] = ()
     """Joints (0-based) whose candidates were not all tried with these terms before the time limit."""
     free: Problem | None = None
     """The problem with all nominal parameters free, before those that data left out do not confirm were fixed."""

@@ -81,7 +81,7 @@ def _joints(joints: Sequence[int]) -> list[str]:
     return [f"joint{'s' * (len(own) > 1)} {own[0]}", *map(str, own[1:])] if own else []
 
 
-def _unlooked(findings: Findings) -> str:
+def _unsearched(findings: Findings) -> str:
     """Channels that were not analysed, e.g. ``joint 5 was not looked at in full: the time limit was reached``."""
     late = [joint_of(rest.channel) for rest in findings.unexplained if not rest.looked_at]
     places = _joints([joint for joint in late if joint is not None])
@@ -96,7 +96,7 @@ def verdict(findings: Findings) -> str:
     mistuned = [f for f in known if f.kind == "mistuned"]
     place = _open_places(findings)
     remains = f"at {place} something" if place else "something"
-    late = _unlooked(findings)
+    late = _unsearched(findings)
     only_late = bool(late) and not place
     if findings.verdict == "unexplained":
         if only_late:

@@ -29,7 +29,7 @@ def test_joints_that_the_search_had_no_time_for_are_not_called_unexplained(arm):
     runs = [plant.record("run_01", 1, missing, power=False)]
     states = [States(r.name, i, r.time, moved(r), arm) for i, r in enumerate(runs)]
     solution = search(partial(torque_problem, runs, states), plant.JOINTS, until=-np.inf)
-    assert solution.unlooked == (0, 1, 2)
+    assert solution.unsearched == (0, 1, 2)
     (late,) = [u for u in lack_of_fit(np.ones(3), solution) if u.channel == 2]
     told = unexplained_channel(late, "tau_3", "N*m", looked_at=False)
     assert not told.looked_at

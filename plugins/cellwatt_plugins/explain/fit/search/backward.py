@@ -161,8 +161,7 @@ def _as_blow(now: Solution, term: Term) -> bool:
 def _murky(state: SearchState, rest: Solution, now: Solution, term: Term) -> bool:
     """True if a term removes little, or not surely, from a joint with a large residual of unknown origin.
 
-    Excluded are effects that ring or clack, which never reach the noise, and intermittent ones, which cannot be left
-    out.
+    Excluded are effects that ring or clack, which never reach the noise, and intermittent ones.
     """
     thresholds, form = state.thresholds, term.effect.form
     certain = np.isfinite(term.effect.acceptance.by_evidence)

@@ -19,7 +19,7 @@ BEST, USUAL = 2, 5
 RIVALS = 3
 """Largest number of other names fitted in a term's place."""
 AHEAD = 3.0
-"""nats by which a name must exceed the name that it replaces."""
+"""nats by which the evidence of a name must exceed that of the name it replaces."""
 
 
 def enter(state: SearchState, now: Solution) -> Solution | None:
@@ -32,7 +32,7 @@ def enter(state: SearchState, now: Solution) -> Solution | None:
             continue
         if looked_at[candidate.term.joint] >= (USUAL if candidate.term.effect.usual else BEST):
             state.refuse(candidate.term, candidate.gain, "rivals of the same place with more evidence were refused")
-            state.unlooked.discard(candidate.term.joint)
+            state.unsearched.discard(candidate.term.joint)
             continue
         if state.spent():
             state.refuse(candidate.term, candidate.gain, "was not fitted: the time limit was reached")
@@ -51,7 +51,7 @@ def enter(state: SearchState, now: Solution) -> Solution | None:
             state.changed(candidate.term.joint)
             return new
         state.refuse(candidate.term, candidate.gain, why)
-    state.unlooked &= skipped
+    state.unsearched &= skipped
     return None
 
 

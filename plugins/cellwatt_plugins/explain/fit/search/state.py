@@ -45,7 +45,7 @@ class SearchState:
     refused: dict[Place, Trial] = field(default_factory=dict)
     """The last reason for which a candidate was rejected or a term removed."""
 
-    unlooked: set[int | None] = field(default_factory=set)
+    unsearched: set[int | None] = field(default_factory=set)
     """Joints (0-based) where a term was added and the candidates have not all been rejected since."""
     residuals: tuple[tuple[Term, ...], list[Float]] | None = None
     """Terms, and their residual at all samples of each run."""
@@ -67,7 +67,7 @@ class SearchState:
     def changed(self, *joints: int | None) -> None:
         """Note that a term was added or removed at ``joints`` (None: the whole arm), whose candidates must be tried
         again."""
-        self.unlooked |= set(self.moving) if None in joints else set(joints)
+        self.unsearched |= set(self.moving) if None in joints else set(joints)
 
     def turn(self, turning: Sequence[float], late: float) -> None:
         """Create the problem anew if the friction (C,) Nm that reverses with the velocity, or the torque's delay

@@ -63,7 +63,7 @@ def search(
     state.use(freed(state.problem, confirmed(state.problem, now.terms, now.factor)))
     now = drop_unconfirmed(state, solve(state, now.terms))
     now.spent, now.free = state.spent(), free
-    now.unlooked = tuple(j for j in state.moving if j in state.unlooked) if now.spent else ()
+    now.unsearched = tuple(j for j in state.moving if j in state.unsearched) if now.spent else ()
     now.rivals = {term.place: others[term.place] for term in now.terms}
     refused = [trial for place, trial in state.refused.items() if place not in now.rivals]
     now.tried = [_accepted(now, term) for term in now.terms] + sorted(refused, key=lambda t: -t.gain)
