@@ -93,11 +93,11 @@ def spoil(file: Path) -> None:
 @pytest.mark.parametrize(
     ("attack", "problem"),
     [
-        (flip, "is not what its cell signed: it was changed"),
+        (flip, "was changed after its cell signed it"),
         (exchange, "was signed under another name: "),
         (unsign, "is not signed"),
         (spoil, "is not signed"),
-        (fit, "is signed by somebody else, or its signature was changed"),
+        (fit, "is signed with another key, or its signature was changed"),
     ],
 )
 def test_what_was_done_to_a_file_is_told(
