@@ -47,7 +47,7 @@ class TooMuchError(yaml.MarkedYAMLError):
 
 
 def check_bounds(text: str, values: int = MOST_VALUES, loader: Any = _Loader) -> None:
-    """Raise ``TooMuchError`` for a text nested too deeply or of more ``values``, ``YAMLError`` for other faults."""
+    """Raise ``TooMuchError`` for text nested too deep or with more than ``values``, ``YAMLError`` for other faults."""
     sizes: list[int] = [0]
     depths: list[int] = [0]
     names: list[str | None] = []

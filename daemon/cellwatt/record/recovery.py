@@ -50,7 +50,7 @@ class Recovery:
             return f"{self.part.name}: was empty and has been removed"
         kept = f"{name}: {self.messages} messages recovered" if self.result else f"{name}: held no message"
         if not self.unreadable and not self.missing:
-            return f"{kept}, only data still in memory were lost"
+            return f"{kept}, nothing lost except data still in memory"
         lost = [f"{n} of {topic}" for topic, n in sorted(self.missing.items())]
         if self.unreadable:
             lost.append(f"{self.unreadable} bytes unreadable ({'; '.join(dict.fromkeys(d.what for d in self.damage))})")

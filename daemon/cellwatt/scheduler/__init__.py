@@ -109,9 +109,9 @@ def spread(function: Callable[[T, S], R], items: Sequence[T], what: str, shared:
 def spread(function: Callable[..., R], items: Sequence[T], what: str, shared: Any = None) -> list[R]:
     """Results of ``function(item)`` in the order of the items; ``what`` names the stage of the work.
 
-    With ``shared`` the call is ``function(item, shared)``; each worker gets ``shared`` once. All of these and the
-    results must be picklable, and a result must depend on its item and ``shared`` alone, which no call may change.
-    Raises the exception of the first item for which the function fails.
+    With ``shared`` the call is ``function(item, shared)``; each worker gets ``shared`` once. Function, items,
+    ``shared`` and results must be picklable, and a result must depend on its item and ``shared`` alone, which no call
+    may change. Raises the exception of the first item for which the function fails.
     """
     found = workers()
     with stage(what, total=len(items)) as told:

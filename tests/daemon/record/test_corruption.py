@@ -98,7 +98,7 @@ class Case:
 
 
 CASES = {
-    "killed between two chunks": Case(lambda d, c: d, says="only data still in memory were lost"),
+    "killed between two chunks": Case(lambda d, c: d, says="nothing lost except data still in memory"),
     "torn behind a record's length": Case(cut(chunk(LAST, 9)), {LAST}, "the file ends within a record", aside=True),
     "torn in a chunk's data": Case(cut(chunk(LAST, 200)), {LAST}, "the file ends within a record", aside=True),
     "torn between a chunk and its index": Case(cut(index(LAST)), says="recovered"),
