@@ -16,9 +16,9 @@ from pydantic import TypeAdapter
 from cellwatt.errors import CellwattError
 from cellwatt.results import Alarm, Event, Severity
 
-LOST: Final = "It is over; the message that says why did not get here."
+LOST: Final = "Cleared; the message with the reason was not received."
 """Statement of the clear of an alarm that the cell no longer lists, although its own clear was not received."""
-RESTARTED: Final = "The daemon ended while this was active; the next one tells anew what still holds."
+RESTARTED: Final = "The daemon ended while this alarm was active; after its restart it raises alarms that still hold."
 """Statement of the clear of an alarm that was active when the daemon ended."""
 WORDS: Final = ("acknowledged", "shelved", "unshelved")
 """Kinds of the events that report the action of a person on an alarm."""
@@ -104,7 +104,7 @@ class Standing:
             return self.over
         if not self.flaps:
             return self.alarm
-        text = f"{self.alarm.statement} It comes and goes, and stays raised until it is steady."
+        text = f"{self.alarm.statement} The condition comes and goes; the alarm stays active until it is steady."
         return replace(self.alarm, statement=text, evidence={**self.alarm.evidence, "flaps": self.flaps})
 
     def acknowledged_after(self, time: int) -> bool:
@@ -268,7 +268,7 @@ class AlarmBook:
         """
         standing = self._standing.get(alarm_id)
         if standing is None or standing.shelf is None:
-            raise CellwattError(f"the alarm {alarm_id!r} is not on the shelf: its time may be over")
+            raise CellwattError(f"the alarm {alarm_id!r} is not shelved: its time may be over")
         standing.shelf = None
         return self.look(time)
 

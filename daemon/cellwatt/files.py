@@ -106,7 +106,7 @@ def make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise CellwattError(f"{folder} cannot be made: {why(error)}") from error
+        raise CellwattError(f"{folder} cannot be created: {why(error)}") from error
 
 
 def write_file(path: Path, content: str | bytes) -> None:

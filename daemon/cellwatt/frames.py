@@ -64,10 +64,10 @@ class Layout:
         found = [i for i, c in enumerate(self.channels) if c.name == name]
         found = found or [i for i, c in enumerate(self.channels) if c.short == name]
         if not found:
-            raise ConfigError(f"no source gives the channel {name!r}; there are: {', '.join(self.names)}")
+            raise ConfigError(f"no source has the channel {name!r}; available: {', '.join(self.names)}")
         if len(found) > 1:
             options = ", ".join(self.names[i] for i in found)
-            raise ConfigError(f"channel {name!r} is given by several sources: write one of {options}")
+            raise ConfigError(f"several sources have the channel {name!r}: write one of {options}")
         channel = self.channels[found[0]]
         if unit not in (None, channel.unit):
             raise ConfigError(f"channel {channel.name} is in {channel.unit}, expected {unit}")
@@ -82,12 +82,12 @@ class Layout:
             {c.source for c in self.channels if c.short.startswith("joint_") and c.short.endswith(f".{quantity}")}
         )
         if source is None and not sources:
-            raise ConfigError(f"no source gives joint_1.{quantity}")
+            raise ConfigError(f"no source has joint_1.{quantity}")
         if source is None and len(sources) > 1:
             raise ConfigError(f"several sources have joints: choose one of {', '.join(sources)}")
         source = sources[0] if source is None else source
         if source not in sources:
-            raise ConfigError(f"source {source!r} gives no joint_1.{quantity}; these do: {', '.join(sources)}")
+            raise ConfigError(f"source {source!r} has no joint_1.{quantity}; these have: {', '.join(sources)}")
         columns: list[int] = []
         while (name := f"{source}.joint_{len(columns) + 1}.{quantity}") in self.names:
             columns.append(self.names.index(name))

@@ -29,7 +29,7 @@ def check_host(host: str) -> str:
     alone, _, port = alone.partition(":")
     if _mistake(alone):
         raise ValueError(told)
-    raise ValueError(f"{told}; did you mean {alone!r}{', with the port as a key of its own' if port else ''}?")
+    raise ValueError(f"{told}; did you mean {alone!r}{', with the port as a separate key' if port else ''}?")
 
 
 def stays_here(host: str) -> bool:
@@ -47,7 +47,7 @@ def web_address(url: str, like: str) -> SplitResult:
     if not good or re.search(r"\s", url):
         raise ValueError(f"expected an address like {like}")
     if parts.username is not None or parts.password is not None:
-        raise ValueError("write no user or password into the address; they have keys of their own")
+        raise ValueError("write user and password into their own keys, not into the address")
     return parts
 
 

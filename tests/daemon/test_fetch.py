@@ -66,7 +66,7 @@ def test_what_is_cut_off_leaves_nothing(
     with monkeypatch.context() as patch:
         info = store.info("/plant/run.mcap")
         patch.setattr(store, "info", lambda path, **_: info | {"size": 99})
-        with pytest.raises(CellwattError, match=r"5 bytes of 99 came of .*run\.mcap: try again"):
+        with pytest.raises(CellwattError, match=r"5 of 99 bytes received of .*run\.mcap: try again"):
             fetch("memory://plant/run.mcap")
     assert list(home.iterdir()) == []
 
@@ -91,7 +91,7 @@ def test_what_nobody_used_for_long_is_removed(store: fsspec.AbstractFileSystem, 
 @pytest.mark.parametrize(
     ("url", "kind", "text"),
     [
-        ("memory://plant/none", MissingError, "memory://plant/none is not there"),
+        ("memory://plant/none", MissingError, "memory://plant/none does not exist"),
         ("plant://a/b", ConfigError, "plant://a/b cannot be fetched: Protocol not known: plant"),
         ("gs://bucket/key", ConfigError, "a package is missing: Please install gcsfs"),
         ("s3://bucket", ConfigError, "s3://bucket cannot be fetched: expected s3://bucket/key"),

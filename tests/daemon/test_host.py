@@ -35,8 +35,8 @@ def test_bad_hosts(host: str) -> None:
     [
         ("tcp://192.168.1.30", "did you mean '192.168.1.30'?"),
         ("http://arm.plant/rw", "did you mean 'arm.plant'?"),
-        ("192.168.1.30:502", "did you mean '192.168.1.30', with the port as a key of its own?"),
-        ("opc.tcp://anna:secret@arm:4840/x", "did you mean 'arm', with the port as a key of its own?"),
+        ("192.168.1.30:502", "did you mean '192.168.1.30', with the port as a separate key?"),
+        ("opc.tcp://anna:secret@arm:4840/x", "did you mean 'arm', with the port as a separate key?"),
         (" arm ", "did you mean 'arm'?"),
     ],
 )

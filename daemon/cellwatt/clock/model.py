@@ -16,7 +16,7 @@ _FRESH = 30 * SECOND
 """Brackets are measured facts: while the newest is no older than this, claims from ``least_delay`` are not used."""
 _BACK = "the device's time went back"
 _EARLY = "the device's time jumped ahead: a sample would have arrived before it was made"
-_LATE = "the device's time fell behind: a sample would have been made before it was asked for"
+_LATE = "the device's time fell behind: a sample would have been made before it was requested"
 _CONFLICT = "no steady clock fits the arrivals of the last minute: the device's time stepped"
 
 

@@ -45,7 +45,7 @@ def copies() -> Path:
     try:
         return (given if given.is_absolute() else Path.home() / ".cache") / "cellwatt"
     except RuntimeError:
-        raise CellwattError("there is no home for copies of what is fetched: set XDG_CACHE_HOME") from None
+        raise CellwattError("this user has no home folder for copies of fetched files: set XDG_CACHE_HOME") from None
 
 
 def fetch(url: str) -> Path:
@@ -74,7 +74,7 @@ def fetch(url: str) -> Path:
         else:
             _copy(url, store, files, place, name)
     except OSError as error:
-        raise CellwattError(f"{blank(url)} cannot be kept in {place.parent}: {why(error)}") from error
+        raise CellwattError(f"{blank(url)} cannot be stored in {place.parent}: {why(error)}") from error
     return place / name
 
 
@@ -106,7 +106,7 @@ def _copy(url: str, store: Any, files: Mapping[str, Mapping[str, Any]], place: P
                         copy.write(piece)
                         told.advance(len(piece))
                     if size is not None and copy.tell() != size:
-                        came = f"{copy.tell()} bytes of {size} came of {about['name']}"
+                        came = f"{copy.tell()} of {size} bytes received of {about['name']}"
                         raise CellwattError(f"{blank(url)}: {came}: try again")
         part.rename(place)
     except OSError:
@@ -123,7 +123,7 @@ def _told(url: str) -> Iterator[None]:
     except CellwattError:
         raise
     except FileNotFoundError as error:
-        raise MissingError(f"{blank(url)} is not there") from error
+        raise MissingError(f"{blank(url)} does not exist") from error
     except ImportError as error:
         need = "pip install 'cellwatt[scale]'" if error.name == "fsspec" else str(error)
         raise ConfigError(f"{blank(url)} cannot be fetched: a package is missing: {need}") from error

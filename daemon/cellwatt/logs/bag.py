@@ -96,15 +96,15 @@ def read(path: Path, choice: Sequence[str] = ()) -> Log:
         if message.type == STATE:
             states.add(message.topic)
     if bag.cut:
-        log.warning("%s: read up to where it is damaged or cut off (%s)", path, bag.cut)
+        log.warning("%s: read up to the point where it is damaged or cut off (%s)", path, bag.cut)
     for name, count in bag.unread.items():
-        log.warning("%s: %d messages of %s cannot be read as what they are declared", path, count, name)
+        log.warning("%s: %d messages of %s do not fit their declared type", path, count, name)
     if unknown := [name for name in choice if name not in topics]:
         raise RecordingError(f"{path}: no joints under {', '.join(unknown)}; it has {listed(bag.topics.values())}")
     measured = [topic for topic in topics.values() if topic.measured]
     if not measured:
         raise RecordingError(
-            f"{path}: no recording of cellwatt: it has {listed(bag.topics.values())}; "
+            f"{path}: not a recording of cellwatt: it has {listed(bag.topics.values())}; "
             f"joints are read of {STATE} and {CONTROLLER}"
         )
     chosen = [topic for topic in measured if topic.name in choice] or measured

@@ -148,7 +148,7 @@ def _log(root: Path, data: DataSet, state: Float, action: Float | None, time: Fl
     if not joints:
         raise RecordingError(f"{root}: no positions of joints in {STATE}, which holds {', '.join(data.names[STATE])}")
     if left:
-        log.warning("%s: %s is left out: a share of its opening, no angle", root, ", ".join(left))
+        log.warning("%s: %s is left out: its value is a share of its opening, not an angle", root, ", ".join(left))
     factor = _factor(root, [found["position"][joint] for joint in joints], unit)
     missing = np.full(len(time), np.nan)
     quantities = {
@@ -170,7 +170,7 @@ def _factor(root: Path, positions: Sequence[Float], unit: str) -> float:
             f"use_degrees, or give '{root}#deg' if they are degrees"
         )
     if not unit:
-        log.warning("%s: positions up to %.0f are taken as degrees; give '%s#rad' if they are rad", root, largest, root)
+        log.warning("%s: positions up to %.0f are read as degrees; use '%s#rad' if they are rad", root, largest, root)
     return float(np.pi / 180)
 
 

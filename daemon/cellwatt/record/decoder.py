@@ -50,11 +50,11 @@ def track_of(channel: Channel) -> Track | None:
             return Track(topic, kind=kind, first=first, series=said["series"])
         rows = declared_rows(said)
         if isinstance(rows, FrameRows) != (topic == FRAME_TOPIC):
-            raise ValueError("it is of another kind than its topic")
+            raise ValueError("its kind does not fit its topic")
         return Track(topic, rows, first=first, series=topic)
     except (KeyError, ValueError) as error:
         why = " ".join(str(error).split())[:_LONGEST]
-        raise ValueError(f"{channel.topic} is declared in a way this version does not know: {why}") from error
+        raise ValueError(f"{channel.topic} has a declaration that this version does not know: {why}") from error
 
 
 def tracks_of(channels: Mapping[int, Channel]) -> tuple[dict[int, Track], list[str]]:

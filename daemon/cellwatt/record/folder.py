@@ -37,10 +37,10 @@ def obstacles(settings: RecordSettings) -> Obstacles:
     folder = settings.folder.absolute()
     there = next(parent for parent in (folder, *folder.parents) if os.access(parent, os.F_OK))
     if not there.is_dir():
-        return Obstacles(f"folder {folder} cannot be made: {there} is no folder")
+        return Obstacles(f"folder {folder} cannot be created: {there} is not a folder")
     reason = _tried(there)
     if reason and there != folder:
-        return Obstacles(f"folder {folder} cannot be made in {there} by user {_user()} ({reason}): {_ADVICE}")
+        return Obstacles(f"folder {folder} cannot be created in {there} by user {_user()} ({reason}): {_ADVICE}")
     if reason:
         return Obstacles(warnings=(f"folder {folder} cannot be written by user {_user()} ({reason}): {_ADVICE}",))
     return Obstacles(warnings=tuple(_space(settings, there)))
@@ -65,11 +65,9 @@ def _space(settings: RecordSettings, there: Path) -> list[str]:
     packs = settings.evidence.keep if settings.evidence.severity != "none" else 0.0
     if free + used >= settings.keep + packs:
         return []
-    asked = f"keep asks for {settings.keep / 1e9:.1f} GB" + (
-        f", evidence.keep for {packs / 1e9:.1f} GB" if packs else ""
-    )
+    asked = f"keep allows {settings.keep / 1e9:.1f} GB" + (f", evidence.keep {packs / 1e9:.1f} GB" if packs else "")
     found = f"{(free + used) / 1e9:.1f} GB are free or used by recordings"
-    return [f"folder {settings.folder}: {found}, and {asked}: the disk will run full"]
+    return [f"folder {settings.folder}: {found}, but {asked}: the disk will become full"]
 
 
 def _user() -> str:
@@ -125,8 +123,8 @@ def _take(lock: int, folder: Path, cell: str) -> None:
         holder = os.pread(lock, _LONGEST, 0).decode(errors="replace").strip()
         told = f" ({holder})" if holder and holder.isprintable() else ""
         raise RecordingError(
-            f"record.folder {folder} is taken: another cellwatt records into it{told}; stop that one, or give each a "
-            "folder of its own"
+            f"record.folder {folder} is in use: another cellwatt records into it{told}; stop that one, or give each "
+            "its own folder"
         ) from error
     os.ftruncate(lock, 0)
     os.pwrite(lock, f"cell {cell}, process {os.getpid()} on {socket.gethostname()}\n".encode(), 0)

@@ -57,7 +57,7 @@ class Header:
             return _HEADER.validate_json(text)
         except ValueError as error:
             said = " ".join(str(error).split())[:200]
-            raise ValueError(f"the header is not one this version knows: {said}") from error
+            raise ValueError(f"this version cannot read the header: {said}") from error
 
 
 _HEADER: TypeAdapter[Header] = TypeAdapter(Header)

@@ -139,7 +139,7 @@ class History:
             if end < first + count and self._recorder.flush(FLUSH_TIMEOUT):
                 found = self._settled(lambda: self._find(name, session, first, count))
         if repairing and (not found or found[0][0] > first):
-            raise RepairingError(f"what was recorded from {first} on is being repaired: ask again in a while")
+            raise RepairingError(f"the recording from number {first} on is being repaired: ask again later")
         return found
 
     def _files(self) -> list[FileIndex]:

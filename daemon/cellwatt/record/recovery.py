@@ -47,14 +47,14 @@ class Recovery:
         if self.problem:
             return f"{self.part.name}: {self.problem}"
         if self.result is None and not self.size:
-            return f"{self.part.name}: was empty and is removed"
+            return f"{self.part.name}: was empty and has been removed"
         kept = f"{name}: {self.messages} messages recovered" if self.result else f"{name}: held no message"
         if not self.unreadable and not self.missing:
-            return f"{kept}, nothing lost but what was still in memory"
+            return f"{kept}, nothing lost except data still in memory"
         lost = [f"{n} of {topic}" for topic, n in sorted(self.missing.items())]
         if self.unreadable:
             lost.append(f"{self.unreadable} bytes unreadable ({'; '.join(dict.fromkeys(d.what for d in self.damage))})")
-        where = f"; kept as {self.aside.name}" if self.aside else ""
+        where = f"; stored as {self.aside.name}" if self.aside else ""
         return f"{kept}, lost: {', '.join(lost)}{where}"
 
 
@@ -79,7 +79,7 @@ def recover(part: Path) -> Recovery | None:
     except (FileNotFoundError, BlockingIOError):
         return None
     except OSError as error:
-        return Recovery(part, problem=f"cannot be repaired now: {error.strerror}; it stays as it is")
+        return Recovery(part, problem=f"cannot be repaired now: {error.strerror}; it is unchanged")
 
 
 def _repair(file: FileIO, part: Path) -> Recovery:
@@ -87,7 +87,7 @@ def _repair(file: FileIO, part: Path) -> Recovery:
     if target.exists():
         copy = _free_name(part.with_name(part.name + DAMAGED))
         part.rename(copy)
-        return Recovery(part, problem=f"{target.name} is there already; set aside as {copy.name}")
+        return Recovery(part, problem=f"{target.name} exists already; moved to {copy.name}")
     found = scan(file, part)
     aside: Path | None = None
     if not found.contents.chunks:

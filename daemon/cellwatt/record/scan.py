@@ -128,7 +128,7 @@ class _Scanner:
                 body = read_at(self._file, chunk.length, chunk.offset)[RECORD.size :]
                 new.add_chunk(chunk, walk(open_chunk(body).data).counts())
             else:
-                self._damaged(chunk.offset, chunk.length, "what its channels are is told nowhere else")
+                self._damaged(chunk.offset, chunk.length, "the definitions of its channels are lost")
         self.found.contents = new
 
     def _damaged(self, offset: int, length: int, what: str) -> None:
@@ -142,7 +142,7 @@ class _Scanner:
         opcode, length = RECORD.unpack(head)
         after = at + RECORD.size + length
         if not 0 < opcode <= _LAST_OPCODE:
-            return self._resync(at, "these bytes are no record")
+            return self._resync(at, "these bytes are not a record")
         if after > self.found.size:
             return self._resync(at, "the file ends within a record")
         if length > LARGEST_RECORD:
@@ -194,7 +194,7 @@ class _Scanner:
             if not self.found.closed:
                 self._damaged(at, self.found.size - at, "the summary is damaged")
         else:
-            raise ValueError("a record stands where none of its kind belongs")
+            raise ValueError("a record of a kind that does not belong there")
 
     def _attachment(self, at: int, body: bytes) -> None:
         read = parse_attachment(body)

@@ -87,7 +87,7 @@ def verify(recordings: Iterable[Path], key: Path) -> Iterator[tuple[Path, State 
         found = read(file)
         yield file, None if problem or found is None else found.state, problem
     for path in _missing(files):
-        yield path, None, "is missing, though there are files of the same session before and after it"
+        yield path, None, "is missing, although earlier and later files of the same session exist"
 
 
 def _problem(file: Path, verifier: Verifier) -> str:
@@ -96,12 +96,12 @@ def _problem(file: Path, verifier: Verifier) -> str:
     if seal is None:
         return "is not finished, so it is not signed yet" if file.name.endswith(PART) else "is not signed"
     if not verifier.holds(_hex(seal.signature), *seal.parts):
-        return "is signed by somebody else, or its signature was changed"
+        return "is signed with another key, or its signature was changed"
     if seal.file != file.name:
         return f"was signed under another name: {seal.file}"
     try:
         if (seal.bytes, seal.sha256) != _digest(file):
-            return "is not what its cell signed: it was changed"
+            return "was changed after its cell signed it"
     except OSError as error:
         return f"cannot be read: {why(error)}"
     return ""

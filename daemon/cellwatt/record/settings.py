@@ -48,7 +48,9 @@ def default_folder(cell: str) -> Path:
         try:
             state = Path.home() / ".local/state"
         except RuntimeError as error:
-            raise ValueError("this user has no home folder: say where to record, with record: {folder: …}") from error
+            raise ValueError(
+                "this user has no home folder: set the folder of the recordings, record: {folder: …}"
+            ) from error
     return state / "cellwatt" / cell
 
 

@@ -51,9 +51,9 @@ def survey_open(file: FileIO, path: Path, *, chunks: bool = True) -> Survey:
         found = Scan(path, status.st_size, _header(file, summary), summary, closed=True)
     contents = found.contents
     if is_foreign(file, contents, found.header):
-        raise ForeignError(f"{path}: no recording of cellwatt: it has {held(file, contents)}")
+        raise ForeignError(f"{path}: not a recording of cellwatt: it has {held(file, contents)}")
     if summary is None and not contents.chunks and found.header is None:
-        raise RecordingError(f"{path}: holds nothing that is a recording")
+        raise RecordingError(f"{path}: holds no data of a recording")
     header = found.header or guess_header(path, contents)
     sound = found.end if path.name.endswith(PART) else found.size + 1
     # Channels whose declaration is damaged are not read.
@@ -155,7 +155,7 @@ def _unread(path: Path, error: RecordingError) -> list[Damage]:
     except OSError:
         size, regular = 0, True
     just_begun = path.name.endswith(PART) and regular and not size
-    return [] if just_begun else [Damage(path, 0, size, "nothing in it can be read")]
+    return [] if just_begun else [Damage(path, 0, size, "it holds no readable data")]
 
 
 def in_order(surveys: Sequence[Survey], damage: list[Damage]) -> tuple[list[Survey], list[Damage]]:
@@ -174,12 +174,12 @@ def in_order(surveys: Sequence[Survey], damage: list[Damage]) -> tuple[list[Surv
 def removed(file: Survey) -> Damage:
     """Damage of a file that was removed after the recording was opened."""
     span = f"{utc(file.contents.start)} to {utc(file.contents.end)}"
-    return Damage(file.path, 0, 0, f"was removed while the recording was read; what it held is missing: {span}")
+    return Damage(file.path, 0, 0, f"was removed while the recording was read; its data are missing: {span}")
 
 
 def open_until(file: Survey) -> str:
     """Warning about a file that was not closed when the recording was opened."""
-    until = f"read up to {utc(file.contents.end)}" if file.contents.counts else "nothing is in it yet"
+    until = f"read up to {utc(file.contents.end)}" if file.contents.counts else "no data yet"
     return f"{file.path.name}: is still being written, or was left open: {until}"
 
 

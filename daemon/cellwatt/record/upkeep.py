@@ -116,7 +116,7 @@ class Upkeep:
     def _told(self, done: Future[None]) -> None:
         error = done.exception()
         if error is not None:
-            log.error("looking after recordings failed", exc_info=error)
+            log.error("the upkeep of recordings failed", exc_info=error)
             self._problem = f"{self._settings.folder}: {error}"
 
     def leave(self, part: Path) -> None:
@@ -137,13 +137,13 @@ class Upkeep:
         fill the disk, and no more recordings are deleted.
         """
         if self._in_vain >= MOST_IN_VAIN:
-            self._problem = "the disk stays full although recordings were deleted; something else fills it"
+            self._problem = "the disk stays full although recordings were deleted; other files fill it"
             return False
         self._in_vain += 1
         try:
             gone = remove_oldest(self._settings.folder, self._cell)
         except OSError as error:
-            self._problem = f"cannot make room: {error.strerror}"
+            self._problem = f"recordings cannot be deleted to make room: {error.strerror}"
             return False
         if gone is None:
             return False
@@ -163,7 +163,7 @@ class Upkeep:
         except Exception as error:
             # No content of a file may stop the daemon or the repair of other files.
             log.exception("%s cannot be repaired", part)
-            recovery = Recovery(part, problem=f"cannot be repaired: {error}; it stays as it is")
+            recovery = Recovery(part, problem=f"cannot be repaired: {error}; it is unchanged")
         if recovery is not None and recovery.result is not None:
             self._sign(recovery.result, "repaired")
         if recovery is not None:

@@ -67,7 +67,7 @@ class Recorder:
         try:
             self.settings.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise RecordingError(f"record.folder {self.settings.folder} cannot be made: {error.strerror}") from error
+            raise RecordingError(f"record.folder {self.settings.folder} cannot be created: {error.strerror}") from error
         self._running = True
         self.upkeep.start()
         self._thread.start()

@@ -97,8 +97,8 @@ class Acknowledgements:
         except FileNotFoundError:
             return
         except (OSError, ValidationError, TypeError, KeyError) as error:
-            reason = why(error) if isinstance(error, OSError) else "it is not what a daemon wrote"
-            log.warning("%s cannot be read, acknowledged and shelved alarms are forgotten: %s", path, reason)
+            reason = why(error) if isinstance(error, OSError) else "its content is not valid"
+            log.warning("%s cannot be read, acknowledgements and shelves are lost: %s", path, reason)
 
     def write_again(self) -> None:
         """Have ``keep`` write the file again, because it is gone."""
@@ -127,7 +127,7 @@ _DONE: Final = {"acknowledged": "acknowledged", "shelved": "shelved", "unshelved
 def _person(name: str) -> str:
     name = " ".join(name.split())
     if not name:
-        raise CellwattError("say who you are: the name is empty")
+        raise CellwattError("enter your name: it is empty")
     if len(name) > LONGEST_NAME:
         raise CellwattError(f"a name has at most {LONGEST_NAME} characters")
     return name

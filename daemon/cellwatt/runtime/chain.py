@@ -17,7 +17,7 @@ from cellwatt.stage import Stage
 log = logging.getLogger(__name__)
 
 FIRST_PAUSE, LONGEST_PAUSE = 1.0, 60.0  # s of frames
-BEGINS_ANEW: Final = "begins anew"
+BEGINS_ANEW: Final = "restarts"
 """Reason given when the alarms of a failed or replaced stage are withdrawn."""
 
 
@@ -109,7 +109,7 @@ class Chain:
             try:
                 results += slot.named(slot.stage.close())
             except Exception as error:
-                log.exception("stage %s broke at the end", slot.name)
+                log.exception("stage %s failed at the end of the data", slot.name)
                 slot.error = str(error)
         return results
 
@@ -125,7 +125,7 @@ class Chain:
         try:
             given = slot.named(slot.stage.process(frames, upstream if slot.needs else ()))
         except Exception as error:
-            log.exception("stage %s broke; it is made anew", slot.name)
+            log.exception("stage %s failed; it is created again", slot.name)
             self._fail(slot, error, now)
             return slot.take_back(now)
         spent = time.perf_counter() - start
@@ -147,7 +147,7 @@ class Chain:
         try:
             slot.stage = slot.make()
         except Exception as error:
-            log.warning("stage %s cannot be made anew: %s", slot.name, error)
+            log.warning("stage %s cannot be created again: %s", slot.name, error)
             self._fail(slot, error, now)
             return False
         slot.error = None

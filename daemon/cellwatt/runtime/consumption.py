@@ -104,8 +104,8 @@ class Consumption:
         except FileNotFoundError:
             return
         except (OSError, ValidationError) as error:
-            reason = why(error) if isinstance(error, OSError) else "it is not what a daemon wrote"
-            log.warning("%s cannot be read, the energy of today begins anew: %s", folder / FILE, reason)
+            reason = why(error) if isinstance(error, OSError) else "its content is not valid"
+            log.warning("%s cannot be read, today's energy starts from 0: %s", folder / FILE, reason)
             return
         self._day, self._joule = kept.day, kept.joule
         self._time = kept.time if kept.time <= now else 0  # the PC's clock has been set back since

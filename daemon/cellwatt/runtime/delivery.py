@@ -60,7 +60,7 @@ class Delivery:
             self._broke = blank(f"{type(error).__name__}: {error}")
             if self._broke != self._told:
                 self._told = self._broke
-                log.exception("outlet %s broke; what it was given is lost", self.name)
+                log.exception("outlet %s failed; the item given to it is lost", self.name)
             return None
 
     async def run(self) -> None:
@@ -69,8 +69,8 @@ class Delivery:
         while True:
             began = time.monotonic()
             self._serves_from = began + STEADY
-            end = await end_of(self._outlet.run, OutletError, f"outlet {self.name} broke")
-            error = OutletError("it ended though nobody stopped it") if end is None else end
+            end = await end_of(self._outlet.run, OutletError, f"outlet {self.name} failed")
+            error = OutletError("it ended without being stopped") if end is None else end
             if time.monotonic() - began > STEADY:
                 pause = FIRST_PAUSE / 2
             pause = min(2 * pause, LONGEST_PAUSE)

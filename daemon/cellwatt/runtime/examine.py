@@ -86,8 +86,8 @@ async def examine(config: SourceConfig, seconds: float, patience: float, batches
     except SourceError as error:
         return _failed(result, str(error))
     except Exception as error:
-        log.exception("%s: the %s driver broke", config.name, config.driver)
-        return _failed(result, f"the {config.driver} driver broke: {type(error).__name__}: {error}")
+        log.exception("%s: the %s driver failed", config.name, config.driver)
+        return _failed(result, f"the {config.driver} driver failed: {type(error).__name__}: {error}")
     reading = asyncio.create_task(source.driver.run())
     try:
         done, _ = await asyncio.wait({reading}, timeout=seconds)
@@ -95,7 +95,7 @@ async def examine(config: SourceConfig, seconds: float, patience: float, batches
             done = await _settle(source, reading)
         if done:
             failure = None if reading.cancelled() else reading.exception()
-            _failed(result, f"reading stopped: {failure or 'the driver ended though nobody stopped it'}")
+            _failed(result, f"reading stopped: {failure or 'the driver ended without being stopped'}")
     finally:
         reading.cancel()
         await asyncio.gather(reading, return_exceptions=True)
@@ -155,15 +155,15 @@ def _judge(result: Examination) -> None:
         nominal, rate = figures["nominal_hz"], figures["rate_hz"]
         bound = (result.status["bounds_ms"][name] or 0.0) * 1e-3
         if not figures["samples"] and nominal:
-            _failed(result, f"{name}: no samples came")
+            _failed(result, f"{name}: no samples arrived")
         elif not figures["samples"]:
-            _warn(result, f"{name}: nothing came; it is sent on change")
+            _warn(result, f"{name}: no samples arrived; the device sends them on change")
         elif nominal and rate is not None and abs(rate - nominal) > RATE_TOLERANCE * nominal:
             _warn(result, f"{name}: declared {nominal:g} Hz, measured {rate:.1f} Hz")
         if bound > max(CLOCK_TOLERANCE, 0.5 / nominal if nominal else 0.0):
             _warn(
                 result,
-                f"{name}: its time stamps may be off by {bound:.3g} s, too much to compare it with other sources",
+                f"{name}: its time stamps may be wrong by {bound:.3g} s, too much to compare it with other sources",
             )
     lost = sum(result.status["missed"].values()) + sum(result.status["dropped"].values())
     if lost:
@@ -171,7 +171,7 @@ def _judge(result: Examination) -> None:
         _warn(result, f"{lost} of {result.status['expected']} samples lost: {reasons}")
     dead = [c.name for c in result.channels if c.finite == 0]
     if dead:
-        _warn(result, f"never a number: {', '.join(dead)}")
+        _warn(result, f"no values: {', '.join(dead)}")
 
 
 def _warn(result: Examination, text: str) -> None:
@@ -194,7 +194,7 @@ def _tell_events(result: Examination, events: list[Event]) -> None:
         else:
             _warn(result, text + more)
     if len(told) > MOST_EVENTS:
-        _warn(result, f"and events of {len(told) - MOST_EVENTS} more kinds")
+        _warn(result, f"{len(told) - MOST_EVENTS} more kinds of events")
 
 
 STAGE = "meter"

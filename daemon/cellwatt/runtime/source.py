@@ -161,7 +161,9 @@ class Source:
         """Report events held back in past minutes, and check for blank channels; call once a second."""
         now = self.now()
         for kind, n in self._repeats.over(now):
-            self._say(now, kind, f"{self.name}: {n} more events {kind!r} within a minute were counted, not told", {})
+            self._say(
+                now, kind, f"{self.name}: {n} more events {kind!r} within a minute were counted, not reported", {}
+            )
         self._look_again()
 
     def _say(self, now: int, kind: str, text: str, data: Mapping[str, str | float]) -> None:
@@ -174,8 +176,8 @@ class Source:
         self.account.drop(n, "beyond its rate")
         self.event(
             "beyond_rate",
-            f"{self.name}: {stream.name} brings more than {MULTIPLE:g} times the {stream.rate:g} Hz it declares, or "
-            "more than that while this PC is too busy to record it: what is beyond is dropped; is the rate right?",
+            f"{self.name}: {stream.name} delivers more than {MULTIPLE:g} times its declared {stream.rate:g} Hz, or "
+            "more than declared while this PC is too busy: further samples are dropped; check the setting rate",
         )
 
     def _look(self, streams: Iterable[Stream]) -> None:
@@ -224,10 +226,10 @@ class Source:
             await asyncio.sleep(pause)
 
     async def _once(self) -> Exception | asyncio.CancelledError:
-        broke = f"{self.name}: the {type(self.driver).__name__} driver broke"
+        broke = f"{self.name}: the {type(self.driver).__name__} driver failed"
         error = await end_of(self.driver.run, SourceError, broke)
         if error is None:
-            return SourceError(f"{self.name}: the driver ended though nobody stopped it")
+            return SourceError(f"{self.name}: the driver ended without being stopped")
         if not isinstance(error, SourceError):
             self.account.count("driver bugs")
         return error

@@ -21,7 +21,7 @@ def notify(**fields: str) -> bool:
     does not listen. Raises ``ValueError`` for a value with a line break, which would start another field.
     """
     if any("\n" in value for value in fields.values()):
-        raise ValueError("a value told to systemd must be one line")
+        raise ValueError("a value sent to systemd must be one line")
     address = os.environ.get("NOTIFY_SOCKET", "")
     if not address.startswith(("/", "@")):
         return False

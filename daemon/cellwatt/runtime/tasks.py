@@ -72,5 +72,5 @@ class Tasks:
         for task in tasks:
             task.cancel()
         for task in (await asyncio.wait(tasks, timeout=DRAIN))[1] if tasks else ():
-            log.warning("%s did not end within %.0f s: it is cut off", task.get_name(), DRAIN)
+            log.warning("%s did not end within %.0f s: it is abandoned", task.get_name(), DRAIN)
             task.cancel()

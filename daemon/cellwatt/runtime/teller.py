@@ -136,7 +136,7 @@ class Teller:
         while True:
             problem = await self._words.keep(folder)
             if problem is not None and problem != told:
-                log.warning("acknowledged and shelved alarms will not outlast a restart: %s", problem)
+                log.warning("acknowledgements and shelves cannot be saved for a restart: %s", problem)
             told = problem
             await self._words.said.wait()
 
@@ -182,7 +182,7 @@ class Teller:
         try:
             return None if self.journal is None else self.journal.put(item)
         except ValueError as error:
-            log.warning("a message of %s cannot be told again: %s", series_of(item), error)
+            log.warning("a message of %s cannot be stored for a restart: %s", series_of(item), error)
             return None
 
     def tell(self, item: Batch | Event | Frames | Result) -> None:

@@ -151,7 +151,7 @@ def _csv(path: Path) -> Table:
         ),
     )
     if columns.num_rows != len(records):
-        raise ValueError(f"it has {len(records)} rows, of which {columns.num_rows} can be told apart: see its quotes")
+        raise ValueError(f"it has {len(records)} rows, but {columns.num_rows} were found: check its quotes")
     found = [cells_of(pa.chunked_array(column), rows.separator) for column in columns.columns]
     return _placed(path, rows.names, columns.columns, _without_groups(found, columns.columns), units, numbers)
 

@@ -117,5 +117,5 @@ def _day_first(written: Iterable[str]) -> bool:
     if any(part[1] > 12 for part in short):
         return False
     if len(short) > 1:
-        raise ValueError("holds dates whose day and month cannot be told apart, write them as 2026-12-31: it has")
+        raise ValueError("holds dates with ambiguous day and month, write them as 2026-12-31: it has")
     return False

@@ -81,5 +81,5 @@ def test_an_alarm_is_raised_once_and_cleared_below_the_limit() -> None:
 def test_a_channel_that_is_no_power_is_refused() -> None:
     with pytest.raises(ConfigError, match="is in V"):
         stage(power="supply.voltage")
-    with pytest.raises(ConfigError, match=r"no source gives the channel 'supply\.energy'"):
+    with pytest.raises(ConfigError, match=r"no source has the channel 'supply\.energy'"):
         stage(power="supply.energy")

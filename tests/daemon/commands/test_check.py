@@ -66,7 +66,8 @@ def test_a_record_folder_that_cannot_be_made_is_a_mistake(cell_file):
     assert result.exit_code == 2
     line = next(n for n, text in enumerate(VALID.splitlines(), 1) if "folder: recordings" in text)
     assert f"{cell_file}:{line}:" in result.output
-    assert f"record.folder: folder {folder} cannot be made: {cell_file.parent / 'file'} is no folder" in result.output
+    refusal = f"folder {folder} cannot be created: {cell_file.parent / 'file'} is not a folder"
+    assert f"record.folder: {refusal}" in result.output
     (told,) = json.loads(run(cell_file, "--json").stdout)
     assert (told["line"], told["path"]) == (line, "record.folder")
 

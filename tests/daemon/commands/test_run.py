@@ -128,7 +128,7 @@ def test_a_stage_that_does_not_fit_is_told_before_anything_is_opened(cell: Path)
     ("scenario", "told"),
     [
         ("stage aborts", "the process judge judge ended by signal SIGABRT"),
-        pytest.param("stage grows", "stage judge broke; it is made anew", marks=pytest.mark.slow),
+        pytest.param("stage grows", "stage judge failed; it is created again", marks=pytest.mark.slow),
         ("stage holds the interpreter", "held for 1 s"),
     ],
 )

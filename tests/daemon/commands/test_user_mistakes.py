@@ -73,10 +73,10 @@ MISTAKES = [
     # places that are not there
     (("replay", "absent"), USAGE, "'absent' does not exist"),
     (("replay", "empty"), ERROR, "cellwatt: empty: no recordings (*.mcap) there"),
-    (("replay", "nonsense.mcap"), ERROR, "nonsense.mcap: holds nothing that is a recording"),
+    (("replay", "nonsense.mcap"), ERROR, "nonsense.mcap: holds no data of a recording"),
     (("replay", "recordings", "--settings", "absent.yaml"), USAGE, "absent.yaml: cannot be read"),
     # places that cannot be written
-    (("export", "recordings", "--out", "weld.yaml/out"), ERROR, "weld.yaml/out cannot be made: Not a directory"),
+    (("export", "recordings", "--out", "weld.yaml/out"), ERROR, "weld.yaml/out cannot be created: Not a directory"),
     (("plot", "recordings", "--out", "weld.yaml/a.html"), ERROR, "a.html cannot be written: Not a directory"),
     (("demo", "--keep", "weld.yaml/kept"), ERROR, "weld.yaml/kept cannot be made: Not a directory"),
     # numbers that are none, too long names, things of another kind

@@ -23,7 +23,7 @@ def test_stages_come_after_those_they_need(cell_file):
             "model.txt",
             "model.txt, input: bus.pover",
             "12:3",
-            "no source gives the channel 'bus.pover'; there are: arm.",
+            "no source has the channel 'bus.pover'; available: arm.",
         ),
         ("ttyUSB0", "ttyUSB0\n    unit: mW", "6:3", "sources.board: channel bus.power: unit 'mW' is not one of"),
         ("ttyUSB0", "ttyUSB0\n    twice: yes", "6:3", "sources.board: gives bus.power more than once"),

@@ -122,7 +122,7 @@ def test_a_bag_without_joints_says_what_it_has(tmp_path):
     path = bag(tmp_path / "bag", {"/chatter": ("std_msgs/msg/String", [(START, message)])}, types)
     with pytest.raises(
         RecordingError,
-        match=r"no recording of cellwatt: it has /chatter of std_msgs/msg/String; joints are read of sensor_msgs",
+        match=r"not a recording of cellwatt: it has /chatter of std_msgs/msg/String; joints are read of sensor_msgs",
     ):
         read_log(path)
 

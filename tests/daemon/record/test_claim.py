@@ -53,7 +53,7 @@ def test_a_folder_that_another_has(tmp_path: Path) -> None:
         with pytest.raises(RecordingError) as caught, claimed(folder, "mine"):
             pass
         assert len(str(caught.value).splitlines()) == 1
-        assert f"record.folder {folder} is taken" in str(caught.value)
+        assert f"record.folder {folder} is in use" in str(caught.value)
         assert f"cell weld-3, process {other.pid} on " in str(caught.value)
         with claimed(tmp_path / "other", "mine"):
             pass

@@ -98,7 +98,7 @@ class Case:
 
 
 CASES = {
-    "killed between two chunks": Case(lambda d, c: d, says="nothing lost but what was still in memory"),
+    "killed between two chunks": Case(lambda d, c: d, says="nothing lost except data still in memory"),
     "torn behind a record's length": Case(cut(chunk(LAST, 9)), {LAST}, "the file ends within a record", aside=True),
     "torn in a chunk's data": Case(cut(chunk(LAST, 200)), {LAST}, "the file ends within a record", aside=True),
     "torn between a chunk and its index": Case(cut(index(LAST)), says="recovered"),
@@ -240,11 +240,11 @@ def test_a_copy_beside_the_closed_file_is_set_aside(whole, tmp_path):
     part = tmp_path / (name_of() + PART)
     part.write_bytes(whole[0])
     report = recover(part)
-    assert report is not None and "is there already" in str(report)
+    assert report is not None and "exists already" in str(report)
     assert (tmp_path / name_of()).read_bytes() == whole[1]
     assert (tmp_path / (name_of() + ".part.damaged")).read_bytes() == whole[0]
     part.write_bytes(b"another")
-    assert "set aside as" in str(recover(part))
+    assert "moved to" in str(recover(part))
     assert (tmp_path / (name_of() + ".part.damaged")).read_bytes() == whole[0], "nothing is written over"
     assert (tmp_path / (name_of() + ".part.2.damaged")).read_bytes() == b"another"
 
@@ -264,7 +264,7 @@ def test_chunks_whose_channels_nothing_describes_are_kept_aside(tmp_path):
     part.write_bytes(data)
     report = recover(part)
     assert report is not None and report.result is None
-    assert "what its channels are is told nowhere else" in str(report)
+    assert "the definitions of its channels are lost" in str(report)
     assert report.aside is not None and report.aside.read_bytes() == data
 
 
@@ -273,7 +273,7 @@ def test_an_unreadable_file_beside_good_ones_is_damage_not_an_error(whole, tmp_p
     (tmp_path / name_of(2)).write_bytes(b"nothing")
     recording = Recording.open(tmp_path)
     assert [str(d) for d in recording.damage] == [
-        f"{name_of(2)}: 7 bytes at 0 cannot be read: nothing in it can be read"
+        f"{name_of(2)}: 7 bytes at 0 cannot be read: it holds no readable data"
     ]
     with pytest.raises(RecordingError):
         Recording.open(tmp_path / name_of(2))

@@ -44,7 +44,7 @@ def test_a_part_of_the_time_and_of_the_channels(folder):
         "arm.joint_3.position",
         "arm.joint_1.position",
     ]
-    with pytest.raises(ConfigError, match=r"no source gives the channel 'torque'; there are: arm\.joint_1"):
+    with pytest.raises(ConfigError, match=r"no source has the channel 'torque'; available: arm\.joint_1"):
         recording.frame(channels="torque")
     with pytest.raises(RecordingError, match="no frames"):
         recording.frame(start=60)

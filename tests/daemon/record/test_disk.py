@@ -108,7 +108,7 @@ async def test_recordings_are_not_given_for_nothing(tmp_path, monkeypatch):
     monkeypatch.setattr(openfile, "create", Disk(0).open)
     async with started(RecordSettings(folder=tmp_path), replace(HEADER, session=SESSION + 10**12)) as recorder:
         assert recorder.put(batch_of(0, 10))
-        await eventually(lambda: "something else fills it" in recorder.stats()["upkeep_problem"])
+        await eventually(lambda: "other files fill it" in recorder.stats()["upkeep_problem"])
     assert len(list(tmp_path.glob("*.mcap"))) == 12
 
 

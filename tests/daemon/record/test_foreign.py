@@ -40,7 +40,7 @@ def written(path, *, profile="ros2", encoding="cdr", schema=("geometry_msgs/msg/
 )
 def test_a_file_of_another_writer_is_refused_with_what_it_holds(tmp_path, settings):
     path = written(tmp_path / "a.mcap", **settings)
-    expected = r"a\.mcap: no recording of cellwatt: it has /frame \(ros2, cdr\) of geometry_msgs/msg/Pose"
+    expected = r"a\.mcap: not a recording of cellwatt: it has /frame \(ros2, cdr\) of geometry_msgs/msg/Pose"
     with pytest.raises(RecordingError, match=expected):
         Recording.open(path)
 
@@ -76,7 +76,7 @@ def test_commands_agree_and_none_ends_with_success(tmp_path, monkeypatch, comman
     run, options = command
     foreign = CliRunner().invoke(run.command, [*options, str(written(tmp_path / "a.mcap"))])
     assert isinstance(foreign.exception, RecordingError)
-    assert "no recording of cellwatt: it has /frame" in str(foreign.exception)
+    assert "not a recording of cellwatt: it has /frame" in str(foreign.exception)
     (tmp_path / "own").mkdir()
     write_chunks(tmp_path / "own", [[Health(SESSION, {"cpu": 1})]])
     own = CliRunner().invoke(run.command, [*options, str(tmp_path / "own")])

@@ -23,7 +23,7 @@ def test_a_folder_that_can_be_made_is_no_trouble_and_is_not_made(tmp_path: Path)
 def test_a_file_in_the_way(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     told = obstacles(RecordSettings(folder=tmp_path / "file" / "record")).refusal
-    assert told == f"folder {tmp_path / 'file' / 'record'} cannot be made: {tmp_path / 'file'} is no folder"
+    assert told == f"folder {tmp_path / 'file' / 'record'} cannot be created: {tmp_path / 'file'} is not a folder"
 
 
 def test_a_folder_of_somebody_else_as_root_sees_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -31,7 +31,7 @@ def test_a_folder_of_somebody_else_as_root_sees_it(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(folder, "TemporaryFile", refused)
     monkeypatch.setenv("USER", "anna")
     told = obstacles(RecordSettings(folder=tmp_path / "record")).refusal
-    assert f"cannot be made in {tmp_path} by user anna" in told
+    assert f"cannot be created in {tmp_path} by user anna" in told
     found = obstacles(RecordSettings(folder=tmp_path))
     assert "cannot be written by user anna (Permission denied)" in found.warnings[0]
     assert found.refusal == ""  # a daemon starts, and says so itself
@@ -39,9 +39,9 @@ def test_a_folder_of_somebody_else_as_root_sees_it(tmp_path: Path, monkeypatch: 
 
 def test_a_disk_that_is_too_small_for_what_is_to_be_kept(tmp_path: Path) -> None:
     (told,) = obstacles(RecordSettings(folder=tmp_path, keep=1e18)).warnings
-    assert "keep asks for 1000000000.0 GB, evidence.keep for 2.0 GB: the disk will run full" in told
+    assert "keep allows 1000000000.0 GB, evidence.keep 2.0 GB: the disk will become full" in told
     (told,) = obstacles(RecordSettings(folder=tmp_path, keep=1e6, evidence=EvidenceSettings(keep=1e18))).warnings
-    assert "keep asks for 0.0 GB, evidence.keep for 1000000000.0 GB" in told
+    assert "keep allows 0.0 GB, evidence.keep 1000000000.0 GB" in told
     none = EvidenceSettings(keep=1e18, severity="none")
     assert obstacles(RecordSettings(folder=tmp_path, keep=1e6, evidence=none)) == Obstacles()
 

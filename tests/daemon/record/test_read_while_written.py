@@ -128,7 +128,7 @@ def test_what_is_removed_meanwhile_is_told_with_its_time_or_the_recording_begins
         told += lost
     span = "2026-11-21 09:59:23.290 UTC to 2026-11-21 09:59:23.488 UTC"
     assert f"{name_of(1)}: was removed before it could be read" in told
-    assert f"{name_of(1)}: was removed while the recording was read; what it held is missing: {span}" in told
+    assert f"{name_of(1)}: was removed while the recording was read; its data are missing: {span}" in told
 
 
 def test_the_newest_file_tells_that_it_is_being_written_and_up_to_when(tmp_path, caplog):

@@ -93,11 +93,11 @@ def spoil(file: Path) -> None:
 @pytest.mark.parametrize(
     ("attack", "problem"),
     [
-        (flip, "is not what its cell signed: it was changed"),
+        (flip, "was changed after its cell signed it"),
         (exchange, "was signed under another name: "),
         (unsign, "is not signed"),
         (spoil, "is not signed"),
-        (fit, "is signed by somebody else, or its signature was changed"),
+        (fit, "is signed with another key, or its signature was changed"),
     ],
 )
 def test_what_was_done_to_a_file_is_told(
@@ -125,7 +125,7 @@ def test_the_command_refuses(folder: Path, keys: Path) -> None:
     flip(min(folder.glob("*.mcap")))
     bad = CliRunner().invoke(secure, arguments, catch_exceptions=False)
     assert bad.exit_code == 1
-    assert "it was changed" in bad.output
+    assert "was changed after" in bad.output
 
 
 async def test_a_repaired_file_is_told_as_such(keys: Path) -> None:

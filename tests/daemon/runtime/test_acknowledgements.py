@@ -51,12 +51,12 @@ def test_a_shelved_alarm_stands_apart_until_it_is_taken_off() -> None:
     ("order", "told"),
     [
         (lambda t: t.acknowledge("b", "Ines", ""), "no alarm 'b' is active"),
-        (lambda t: t.acknowledge("a", "  ", ""), "say who you are"),
+        (lambda t: t.acknowledge("a", "  ", ""), "enter your name"),
         (lambda t: t.acknowledge("a", "x" * 101, ""), "at most 100 characters"),
         (lambda t: t.acknowledge("a", "Ines", "x" * 2001), "at most 2000 characters"),
         (lambda t: t.shelve("a", 5, "Ines", ""), "up to 31 days"),
         (lambda t: t.shelve("a", 6 + LONGEST_SHELF, "Ines", ""), "up to 31 days"),
-        (lambda t: t.unshelve("a", "Ines"), "not on the shelf"),
+        (lambda t: t.unshelve("a", "Ines"), "is not shelved"),
     ],
 )
 def test_what_cannot_be_done_is_refused_and_not_told(order: Callable[[Any], None], told: str) -> None:

@@ -104,7 +104,7 @@ async def test_a_outlet_that_ends_by_itself_is_down_and_run_again(monkeypatch):
     monkeypatch.setattr(FakeOutlet, "run", ends)
     async with running(config_of()) as cell:
         await runs(3)
-        assert (await look(cell))["sinks"]["bus"]["error"] == "it ended though nobody stopped it"
+        assert (await look(cell))["sinks"]["bus"]["error"] == "it ended without being stopped"
 
 
 @at_once

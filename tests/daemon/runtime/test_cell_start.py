@@ -115,7 +115,7 @@ async def start(config):
 
 async def test_a_folder_that_cannot_be_made_is_told_as_it_is(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(RecordingError, match=r"record\.folder .* cannot be made: Not a directory"):
+    with pytest.raises(RecordingError, match=r"record\.folder .* cannot be created: Not a directory"):
         await start(config_of(record=tmp_path / "file" / "recordings"))
     assert not DEVICES["arm"].runs
 

@@ -57,7 +57,7 @@ def test_one_that_cannot_be_made_anew_is_tried_again(caplog):
     chain.process(frames_of(0, second=0.0))
     JUDGES["judge"].refuse = FileNotFoundError("model.onnx")
     chain.process(frames_of(1, second=1.0))
-    assert "stage judge cannot be made anew: model.onnx" in caplog.text
+    assert "stage judge cannot be created again: model.onnx" in caplog.text
     assert chain.status()["judge"]["error"] == "FileNotFoundError: model.onnx"
     JUDGES["judge"].refuse, JUDGES["judge"].give = None, lambda *_: [alarm()]
     assert chain.process(frames_of(2, second=2.9)) == [], "its pause is 2 s now"
@@ -83,5 +83,5 @@ def test_alarms_of_a_stage_that_broke_are_taken_back():
     JUDGES["judge"].give = breaks
     (over,) = chain.process(frames_of(1, second=1.0))
     assert (over.id, over.active, over.time) == ("heat", False, 1_000_000_000)
-    assert over.statement == "Withdrawn, as stage judge begins anew: Joint 2: heat."
+    assert over.statement == "Withdrawn, as stage judge restarts: Joint 2: heat."
     assert chain.process(frames_of(2, second=2.0)) == []

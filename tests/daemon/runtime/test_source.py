@@ -180,7 +180,7 @@ async def test_a_driver_with_a_mistake_is_run_again(caplog):
         await DEVICES["arm"].done()
         assert cellar.told == ["connected", "lost", "reconnected"]
         assert cellar.source.status()["counters"]["driver bugs"] == 1
-    assert "arm: the FakeDriver driver broke" in caplog.text
+    assert "arm: the FakeDriver driver failed" in caplog.text
     assert "Traceback" in caplog.text
 
 
@@ -192,7 +192,7 @@ async def test_a_driver_that_ends_is_run_again(monkeypatch):
     monkeypatch.setattr(FakeDriver, "run", ends)
     async with running() as cellar:
         await tries(3)
-        assert "the driver ended though nobody stopped it" in cellar.source.status()["error"]
+        assert "the driver ended without being stopped" in cellar.source.status()["error"]
 
 
 @at_once

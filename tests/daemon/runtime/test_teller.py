@@ -50,10 +50,10 @@ def test_alarms_of_stages_that_begin_anew_are_withdrawn_and_no_others() -> None:
     for item in (alarm("a", stage="heat"), alarm("b", stage="noise"), alarm("c")):
         teller.take(item)
     teller.time = 7
-    teller.withdraw(["heat"], "begins anew")
+    teller.withdraw(["heat"], "restarts")
     over = teller.offered[-1]
     assert (over.id, over.active, over.time) == ("a", False, 7)
-    assert over.statement == "Withdrawn, as stage heat begins anew: Joint 2: a."
+    assert over.statement == "Withdrawn, as stage heat restarts: Joint 2: a."
     assert teller.recorded[-1] == over
     assert teller.looked_at() == ["b", "c"]
 
@@ -72,7 +72,7 @@ def test_who_tells_next_knows_which_stage_left_an_alarm_active() -> None:
     journal.put(alarm("a", stage="heat"))
     teller = Told(journal=journal)
     assert teller.looked_at() == ["a"]
-    teller.withdraw(["heat"], "begins anew")
+    teller.withdraw(["heat"], "restarts")
     assert changes(teller.offered) == [("a", False)]
 
 

@@ -29,7 +29,7 @@ async def test_a_clock_that_is_not_known_yet_is_a_warning(monkeypatch):
     async with emulated(robotware="6") as (_, place):
         found = await look(place, robotware=6)
     assert found.verdict == "warning"
-    assert any(f.startswith("egm: its time stamps may be off by ") for f in found.findings)
+    assert any(f.startswith("egm: its time stamps may be wrong by ") for f in found.findings)
     assert not any("move_index" in f for f in found.findings)  # RobotWare 6 has none
 
 
@@ -39,4 +39,4 @@ async def test_energy_that_the_controller_calls_not_valid():
         found = await look(place, egm=[])
     assert found.verdict == "warning"
     assert any("calls its energy measurement not valid (not-paused)" in f for f in found.findings)
-    assert any(f.startswith("never a number: controller.energy") for f in found.findings)
+    assert any(f.startswith("no values: controller.energy") for f in found.findings)

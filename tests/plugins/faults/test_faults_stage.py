@@ -43,7 +43,7 @@ def test_the_arm_may_have_another_name_than_when_it_was_learned(reference):
     joints = [FrameChannel(f"left.joint_{j}.position", "rad", "continuous", "linear") for j in (1, 2, 3)]
     lay = Layout((*joints, FrameChannel("meter.supply.power", "W", "continuous", "average")), 50.0)
     assert made(reference, lay)
-    with pytest.raises(ConfigError, match=r"source 'right' gives no joint_1\.position"):
+    with pytest.raises(ConfigError, match=r"source 'right' has no joint_1\.position"):
         made(reference, lay, arm="right")
 
 

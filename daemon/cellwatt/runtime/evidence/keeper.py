@@ -168,7 +168,7 @@ class Keeper:
             return
         self._made += 1
         self._problem = made["problem"]
-        self._say(due, f"kept in {packs.FOLDER}/{due.name}.mcap", {**made, "pack": f"{due.name}.mcap"})
+        self._say(due, f"stored in {packs.FOLDER}/{due.name}.mcap", {**made, "pack": f"{due.name}.mcap"})
 
     async def _made_by_process(self, due: Due) -> dict[str, Any]:
         """Run the process that makes a pack; return its report. Raises ``CellwattError`` if it fails."""
@@ -182,8 +182,8 @@ class Keeper:
     def _give_up(self, due: Due, why: str) -> None:
         self._given_up += 1
         self._problem = why
-        log.warning("evidence of alarm %s is not kept: %s", due.alarms[0].id, why)
-        self._say(due, f"not kept: {why}", {})
+        log.warning("evidence of alarm %s is not stored: %s", due.alarms[0].id, why)
+        self._say(due, f"not stored: {why}", {})
 
     def _say(self, due: Due, what: str, data: dict[str, Any]) -> None:
         first = due.alarms[0]

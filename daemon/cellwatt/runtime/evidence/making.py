@@ -72,7 +72,7 @@ def _page(due: Due, made: Cut) -> str:
     try:
         report(Recording.open(made.path), due, made).write(packs.page_of(made.path))
     except CellwattError as error:
-        return f"the page of {made.path.name} cannot be made: {error}"
+        return f"the page of {made.path.name} cannot be created: {error}"
     return ""
 
 
@@ -94,7 +94,7 @@ def report(pack: Recording, due: Due, made: Cut) -> Report:
         tiles=list(_tiles(alarm)),
         sections=[
             Section("Around the alarm", _pictures(pack, alarm), LEAD),
-            Section("What the alarm rests on", _evidence(alarm)),
+            Section("Evidence of the alarm", _evidence(alarm)),
             Section("Other alarms in this time", _others(pack, due)),
             Section("Clocks and losses", _trust(pack, made)),
             Section("Files", _files(made)),
@@ -183,7 +183,7 @@ def _trust(pack: Recording, made: Cut) -> list[Block]:
         rows.append(
             (
                 name,
-                source.get("state", "not told"),
+                source.get("state", "unknown"),
                 f"± {number(max(bounds))} ms" if bounds else "–",
                 str(source.get("received", "–")),
                 ", ".join(f"{n} {why}" for why, n in lost.items()) or "none",
@@ -193,7 +193,7 @@ def _trust(pack: Recording, made: Cut) -> list[Block]:
     table: list[Block] = [Table("Clocks and losses", heads, rows)] if rows else []
     notes = [f"Missing in this pack: {text}" for text in made.lost]
     refused = (last.get("recorder") or {}).get("drops", {})
-    notes += [f"Not recorded: {n} of {topic}, as the disk was full or slow" for topic, n in refused.items()]
+    notes += [f"Not recorded: {n} of {topic}, because the disk was full or slow" for topic, n in refused.items()]
     return [*table, Notes(notes)] if rows or notes else []
 
 

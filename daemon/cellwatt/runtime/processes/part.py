@@ -121,7 +121,7 @@ def _serve(name: str, main: Callable[[Assignment], None], assignment: Assignment
     except (EOFError, BrokenPipeError):
         log.debug("%s: the supervisor is gone", name)
     except BaseException:
-        log.exception("the process %s broke", name)
+        log.exception("the process %s failed", name)
     finally:
         logging.shutdown()
         os._exit(code)

@@ -119,7 +119,7 @@ def _items(file: FileIO, chunk: Chunk, tracks: Mapping[int, Track], wanted: Cont
     try:
         return numbered_items(file, chunk, tracks, wanted)
     except ValueError as error:
-        log.warning("%s: the chunk at %d is passed over: %s", file.name, chunk.offset, error)
+        log.warning("%s: the chunk at %d is skipped: %s", file.name, chunk.offset, error)
         return []
 
 

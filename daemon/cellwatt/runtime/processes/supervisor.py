@@ -223,7 +223,9 @@ class Supervisor:
                     self._start(part)
                 except OSError as error:  # the others continue, and one that uses too much may end
                     part.again_at = time.monotonic() + AGAIN
-                    log.warning("the process %s cannot be begun: %s; again in %.0f s", part.name, error.strerror, AGAIN)
+                    log.warning(
+                        "the process %s cannot be started: %s; trying again in %.0f s", part.name, error.strerror, AGAIN
+                    )
 
     def _wait(self, seconds: float) -> None:
         """Wait for events for up to ``seconds`` and handle them."""
@@ -276,7 +278,7 @@ class Supervisor:
             self._give_up_reload(CellwattError(f"the process {part.name} ended by {why}; nothing was changed"))
         elif self._failed is None and not self._stop_asked:
             pause = max(part.again_at - time.monotonic(), 0.0)
-            log.error("the process %s ended by %s; it is begun again in %.1f s", part.name, why, pause)
+            log.error("the process %s ended by %s; it is restarted in %.1f s", part.name, why, pause)
 
     def _forget(self, held: Connection | int | None) -> None:
         if held is not None and held in self._selector.get_map():
@@ -312,7 +314,7 @@ class Supervisor:
             self._wait(end - time.monotonic())
         if part.alive:
             if not at_once:
-                log.warning("the process %s did not end within %.0f s: what it held is lost", part.name, END)
+                log.warning("the process %s did not end within %.0f s: its data in memory are lost", part.name, END)
             part.kill()
             self._bury(part)
 

@@ -296,7 +296,7 @@ class _Telling:
                     self._look()
                 except Exception:
                     # A fault of the health check must not stop the data: it runs again in a second.
-                    log.exception("the look at the cell's health failed")
+                    log.exception("the check of the cell's health failed")
 
     @property
     def _skipped(self) -> int:
@@ -306,7 +306,7 @@ class _Telling:
     def _tell_skipped(self) -> None:
         lost, self._told_skipped = self._skipped - self._told_skipped, self._skipped
         if lost > 0:
-            text = f"{lost} bytes were written over before they could be recorded: this PC is too busy"
+            text = f"{lost} bytes were overwritten before they could be recorded: this PC is too busy"
             self._teller.take(Event(self._assignment.shared.clock.now(), None, "skipped", text))
 
     def _look(self) -> None:

@@ -135,7 +135,7 @@ async def test_what_people_order_is_done_in_the_daemon(view: View) -> None:
         assert before + 600e9 <= shelve[2] <= time.time_ns() + 600e9
         told = await order("acknowledge", id="alarm-13", name="Ada", note="")
         assert told == (409, {"error": "no alarm 'alarm-13' is active: it may have been cleared"})
-        assert (await order("unshelve", id="alarm-1", name="Ada"))[0] == 409, "the page knows it is not on the shelf"
+        assert (await order("unshelve", id="alarm-1", name="Ada"))[0] == 409, "the page knows it is not shelved"
         outlet.health(status(shelved=[on_shelf()]))
 
         async def unshelved() -> bool:

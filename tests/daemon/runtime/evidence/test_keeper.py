@@ -83,7 +83,7 @@ async def test_a_process_cuts_the_pack_and_writes_its_page(cell: Cell) -> None:
     (event,), (pack,) = cell.events, cell.packs
     assert event.kind == "evidence" and event.source == "arm"
     assert event.data["alarms"] == ["faults.arm.joint_fault.2"] and event.data["pack"] == pack.name
-    assert "faults.arm.joint_fault.2" in pack.name and f"kept in evidence/{pack.name}" in event.text
+    assert "faults.arm.joint_fault.2" in pack.name and f"stored in evidence/{pack.name}" in event.text
     recording = Recording.open(pack)
     sequence = recording.batches("arm", "rtde").sequence
     assert (sequence[0], sequence[-1], len(sequence)) == (3 * S // PERIOD, 6 * S // PERIOD, 1501)
@@ -111,7 +111,7 @@ async def test_updates_of_an_alarm_and_alarms_of_little_weight_make_no_pack(cell
         keeper.alarm(alarm("small", severity="error", at=9.1))
         await eventually(lambda: len(cell.events) == 2, "the second pack")
     assert cell.events[-1].data["alarms"] == ["faults.arm.joint_fault.2", "small"]
-    assert "faults.arm.joint_fault.2 and 1 more kept in" in cell.events[-1].text
+    assert "faults.arm.joint_fault.2 and 1 more stored in" in cell.events[-1].text
 
 
 async def test_a_pack_that_was_due_when_the_daemon_was_killed_is_made_by_the_next(cell: Cell) -> None:
@@ -159,7 +159,7 @@ async def test_what_is_gone_from_the_record_is_given_up_and_said(cell: Cell) -> 
         keeper.alarm(alarm(at=50.0))
         cell.time = 60.0
         await eventually(lambda: cell.events, "the event")
-    assert "not kept: " in cell.events[0].text and "nothing of cell weld-3 was recorded" in cell.events[0].text
+    assert "not stored: " in cell.events[0].text and "nothing of cell weld-3 was recorded" in cell.events[0].text
     assert keeper.stats()["given_up"] == 1 and not cell.due and not cell.packs
 
 

@@ -67,7 +67,7 @@ def test_alarms_of_stages_that_others_replace_are_taken_back() -> None:
     JUDGES["heat"].give = lambda *_: [alarm("heat")]
     raised, over = alarms_in(said_by_a_judge(replaced=True))
     assert (raised.active, over.active, over.id, over.time) == (True, False, "heat", 9 * STEP)
-    assert over.statement == "Withdrawn, as stage heat begins anew: Joint 2: heat."
+    assert over.statement == "Withdrawn, as stage heat restarts: Joint 2: heat."
 
 
 def test_a_judge_that_is_behind_drops_the_oldest_and_counts_them() -> None:

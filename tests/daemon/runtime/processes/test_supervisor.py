@@ -22,5 +22,5 @@ def test_a_process_that_cannot_be_begun_now_is_tried_again_and_ends_nobody(
     daemon._align.again_at = 0.0
     monkeypatch.setattr(os, "fork", Mock(side_effect=OSError(errno.EAGAIN, os.strerror(errno.EAGAIN))))
     daemon._turn()
-    assert "the process align cannot be begun: Resource temporarily unavailable" in caplog.text
+    assert "the process align cannot be started: Resource temporarily unavailable" in caplog.text
     assert daemon._align.again_at > time.monotonic() and not daemon._align.alive
