@@ -15,14 +15,14 @@ from cellwatt_drivers.abb.rws import RobotWare
 from cellwatt_drivers.abb.wire import DATA
 
 _BLOCK = 50
-"""Packets computed at once; a disturbance of the world shows after them."""
+"""Packets computed at once; a disturbance of the world takes effect after them."""
 _DEGREES = math.degrees(1.0)
 _PLACE = ("tool.x", "tool.y", "tool.z")
 _WRENCH = tuple(f"tool.{kind}_{axis}" for kind in ("force", "torque") for axis in "xyz")
 
 
 class EmulatedRobot:
-    """Makes the packets of a robot with ``axes`` joints, ``period`` s apart; what the signals lack is 0."""
+    """Creates the packets of a robot with ``axes`` joints, ``period`` s apart; absent signals are 0."""
 
     def __init__(self, signals: Signals, robotware: RobotWare, axes: int, period: float) -> None:
         self.motors_on = True
@@ -34,9 +34,9 @@ class EmulatedRobot:
         self._blocks = Blocks(lambda t: table_of(signals.at(t), names, len(t)) * scales, period, _BLOCK)
 
     def packet(self, index: int, number: int, time: float, clocked: bool) -> bytes:
-        """The packet of ``index`` periods after the epoch, with a number.
+        """Packet ``number`` with the values at ``index`` periods after the epoch.
 
-        ``time`` is the controller's, s since 1970; ``clocked``: the packet states it.
+        ``time`` is the controller's time, s since 1970; ``clocked``: the packet includes it.
         """
         table, row = self._blocks.at(index)
         values: list[float] = table[row].tolist()
@@ -68,7 +68,7 @@ class EmulatedRobot:
 
 
 def _force6(wrench: list[float]) -> bytes:
-    """Field 9 of the robot's message as RobotWare 6 writes it: unpacked doubles of number 1."""
+    """Field 9 of the robot's message in the encoding of RobotWare 6: unpacked doubles of field number 1."""
     inside = b"".join(b"\x09" + struct.pack("<d", value) for value in wrench)
     return b"\x4a" + bytes([len(inside)]) + inside
 
@@ -85,7 +85,7 @@ class EnergyMeter:
         self._signals = signals
 
     def advance(self, t: float) -> None:
-        """Take in the intervals that ended before t s; after a pause of minutes only the last ones."""
+        """Add the intervals that ended before t s; after a pause of minutes only the last 60."""
         ended = math.floor(t / self.length)
         for interval in range(max(self.count, ended - 60), ended):
             self._take(interval)

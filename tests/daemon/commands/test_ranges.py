@@ -36,7 +36,7 @@ def test_what_is_no_number_is_told() -> None:
         ]
     ) == [
         "joint_1,2,4.temperature: 20 … 25 degC, 1 of 3 without a value",
-        "robot.move_index: no number",
+        "robot.move_index: no value",
     ]
 
 

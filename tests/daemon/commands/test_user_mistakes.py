@@ -246,4 +246,4 @@ def test_frames_that_came_from_the_environment(call: Call, tmp_path: Path, monke
     making.write_chunks(tmp_path, [[making.batch_of(0, 15)]])
     ended = call("replay", tmp_path)
     assert ended.code == ERROR
-    assert "are wrong, or came from the environment: give them by --settings" in ended.err
+    assert "are wrong, or came from the environment: give them with --settings" in ended.err

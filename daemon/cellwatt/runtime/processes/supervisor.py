@@ -1,7 +1,7 @@
-"""``cellwatt run``: starts the processes of a cell, begins again those that die, applies new settings, and stops.
+"""``cellwatt run``: starts the processes of a cell, restarts those that die, applies new settings, and stops.
 
-It does no work of its own and has one thread, so that it can fork a process at any time in milliseconds, with
-all that is imported already there and shared.
+It has one thread and does nothing else, so that it can fork a process at any time in milliseconds, with
+all imported modules already loaded and shared.
 """
 
 from __future__ import annotations
@@ -51,18 +51,18 @@ from cellwatt.runtime.processes.tell import tell
 log = logging.getLogger(__name__)
 
 SWITCH_INTERVAL: Final = 0.0005
-"""Longest time, s, a thread keeps the interpreter while the event loop waits (Python's default is 5 ms)."""
+"""Longest time, s, for which a thread holds the interpreter while the event loop waits (Python's default: 5 ms)."""
 LOOK: Final = 1.0
-"""Longest time, s, without a look at the clock."""
+"""Longest time, s, between two checks of the clock."""
 AGAIN: Final = 5.0
-"""s until a process is tried again that the PC had no memory, processes or files left for."""
+"""s until another attempt to start a process, if the PC had no memory, processes or files left."""
 END: Final = 12.0
-"""Longest time, s, that one process may take to come to its end."""
+"""Longest time, s, for one process to end."""
 
 
 @dataclass(slots=True)
 class _Reload:
-    """New settings on their way: the judges that will work by them, and what they wait for."""
+    """A reload in progress: the new settings and their judges; ``sent``: all processes have the settings."""
 
     config: CellConfig
     change: Change
@@ -74,7 +74,7 @@ class _Reload:
 class Supervisor:
     """The processes of one cell. ``run`` serves until SIGTERM or SIGINT, or for ``seconds``.
 
-    SIGHUP applies what ``again`` gives: by default the settings file as it is now.
+    SIGHUP applies the settings that ``again`` returns: by default the present settings file.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class Supervisor:
         self._again = again or (lambda: load(config.path))
         self._seconds = seconds
         self._until = math.inf
-        """When to stop, monotonic s."""
+        """Monotonic s at which to stop."""
         self._generation = 1
         self._shared = Shared.of(*declared(config))
         self._collect = SupervisedProcess("collect", collect, self._assign)
@@ -92,7 +92,7 @@ class Supervisor:
         self._tell = SupervisedProcess("tell", tell, self._assign)
         self._judges = self._new_judges(config, held=False)
         self._ending: list[SupervisedProcess] = []
-        """Judges whose chain others have taken over."""
+        """Judges whose chains new judges have taken over."""
         self._stop_asked = self._reload_asked = False
         self._reload: _Reload | None = None
         self._failed: Exception | None = None
@@ -103,7 +103,7 @@ class Supervisor:
         return [*self._serving(), *held, *self._ending]
 
     def run(self) -> None:
-        """Serve the cell. Raises ``CellwattError`` where a part cannot be started, or another has the record folder."""
+        """Serve the cell. Raises ``CellwattError`` if a process cannot start, or another daemon has the folder."""
         allow_descriptors()
         sys.setswitchinterval(SWITCH_INTERVAL)
         record = self._config.record
@@ -113,7 +113,7 @@ class Supervisor:
     def _run(self) -> None:
         settle_memory()
         with self._signals() as self._selector:
-            # No device is opened before it is clear that the settings fit.
+            # No device is opened before all settings are checked.
             self._begin([self._tell, self._align, *self._judges.values()])
             self._begin([self._collect])
             if self._collect.ready:
@@ -142,13 +142,13 @@ class Supervisor:
             self._start(part)
         while self._serves and not all(part.ready for part in parts):
             self._turn()
-        for part in parts:  # what was said before a signal came
+        for part in parts:  # messages sent before a signal arrived
             if part.control is not None and part.control.poll():
                 self._hear(part)
 
     @contextmanager
     def _signals(self) -> Iterator[selectors.DefaultSelector]:
-        """Note what is asked of the daemon, and wake up at it."""
+        """Note signals to the daemon, and wake the selector."""
 
         def note(number: int, _frame: object) -> None:
             if number == signal.SIGHUP:
@@ -177,7 +177,7 @@ class Supervisor:
         return Assignment(self._shared, self._config, self._generation, control, restarts)
 
     def _new_judges(self, config: CellConfig, *, held: bool) -> dict[int, SupervisedProcess]:
-        """A process for each chain of stages, in slots that are free."""
+        """A process for each chain of stages, in free slots."""
         used = {} if not held else self._judges
         free = iter(slot for slot in range(SLOTS) if slot not in used)
         generation = self._generation + held
@@ -210,7 +210,7 @@ class Supervisor:
         self._selector.register(part.exit, selectors.EVENT_READ, lambda: self._bury(part))
 
     def _turn(self) -> None:
-        """Wait for news and deal with them; begin again what has died and is due."""
+        """Wait for events and handle them; restart dead processes that are due."""
         now = time.monotonic()
         serving = self._serving()
         due = [p.again_at - now for p in serving if not p.alive]
@@ -221,12 +221,12 @@ class Supervisor:
             if not part.alive and time.monotonic() >= part.again_at and self._failed is None:
                 try:
                     self._start(part)
-                except OSError as error:  # the others go on, and one that takes too much may end
+                except OSError as error:  # the others continue, and one that uses too much may end
                     part.again_at = time.monotonic() + AGAIN
                     log.warning("the process %s cannot be begun: %s; again in %.0f s", part.name, error.strerror, AGAIN)
 
     def _wait(self, seconds: float) -> None:
-        """Deal with news, which may take ``seconds`` to come."""
+        """Wait for events for up to ``seconds`` and handle them."""
         for key, _ in self._selector.select(max(seconds, 0.0)):
             if key.fileobj in self._selector.get_map():
                 key.data()
@@ -238,18 +238,18 @@ class Supervisor:
         assert part.control is not None
         try:
             message = part.control.recv()
-        except (EOFError, OSError):  # it is about to end
+        except (EOFError, OSError):  # the process is about to end
             self._forget(part.control)
             return
         match message:
             case Ready():
                 part.ready = True
                 if part is self._tell and self._reload is not None and self._reload.sent:
-                    self._reload_done(self._reload)  # it was begun again, by the new settings
+                    self._reload_done(self._reload)  # restarted with the new settings
             case InForce() if self._reload is not None:
                 self._reload_done(self._reload)
             case Alive():
-                # systemd listens to this process alone: its word says that both of them work.
+                # systemd listens to this process only: its message confirms that it and *tell* work.
                 systemd.notify(WATCHDOG="1", STATUS=message.status)
             case Failed():
                 self._take_failure(part, message.error)
@@ -266,7 +266,7 @@ class Supervisor:
 
     def _bury(self, part: SupervisedProcess) -> None:
         if part.control is not None and part.control.poll():
-            self._hear(part)  # its last words
+            self._hear(part)  # its last message
         self._forget(part.control)
         self._forget(part.exit)
         why = part.reap()
@@ -285,7 +285,7 @@ class Supervisor:
     # end ------------------------------------------------------------------------------------------
 
     def _shut_down(self) -> None:
-        """Bring all to their end in the order in which data pass, each with all that it was given."""
+        """End all processes in the order of the data flow, each after it has processed all of its input."""
         if self._reload is not None:
             for part in self._reload.judges.values():
                 self._end(part, at_once=True)
@@ -303,7 +303,7 @@ class Supervisor:
         for ring in self._shared.results:
             ring.end()
         if not self._tell.alive and self._tell.restarts and not self._tell.done and self._failed is None:
-            self._start(self._tell)  # what was collected is still to be recorded
+            self._start(self._tell)  # collected samples are still to be recorded
         self._end(self._tell)
 
     def _end(self, part: SupervisedProcess, *, at_once: bool = False) -> None:
@@ -347,7 +347,7 @@ class Supervisor:
             self._start(part)
 
     def _send(self, reload: _Reload) -> None:
-        """All that can fail is done: hand the settings over, to who reads devices last."""
+        """Send the settings to all processes, to *collect* last, after all steps that can fail."""
         reload.sent = True
         self._config = reload.config
         if not reload.change.frames:
