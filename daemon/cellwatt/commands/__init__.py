@@ -120,24 +120,24 @@ def main() -> None:
             where = error.filename or "the output"
             click.echo(f"cellwatt: cannot write {where}: {error.strerror}", err=True)
             sys.exit(EXIT_ERROR)
-        _tell_bug(error)
+        _report_bug(error)
         sys.exit(EXIT_BUG)
     sys.exit(code if isinstance(code, int) else 0)
 
 
-def _tell_bug(error: Exception) -> None:
+def _report_bug(error: Exception) -> None:
     """Report in one line that this is a bug in cellwatt, and where its traceback is."""
     text = blank("".join(traceback.format_exception(error)))
-    told = blank(" ".join(f"{type(error).__name__}: {error}".split()))
-    kept = f"set {TRACEBACK}=1 to see where it is"
+    summary = blank(" ".join(f"{type(error).__name__}: {error}".split()))
+    hint = f"set {TRACEBACK}=1 to see where it is"
     if os.environ.get(TRACEBACK):
         click.echo(text, err=True)
-        kept = "the traceback is above"
+        hint = "the traceback is above"
     else:
         try:
             with tempfile.NamedTemporaryFile("w", prefix="cellwatt-", suffix=".traceback", delete=False) as file:
                 file.write(text)
-            kept = f"the traceback is in {file.name}"
+            hint = f"the traceback is in {file.name}"
         except OSError:
             pass
-    click.echo(f"cellwatt: this is a bug in cellwatt, please report it: {told} ({kept})", err=True)
+    click.echo(f"cellwatt: this is a bug in cellwatt, please report it: {summary} ({hint})", err=True)

@@ -29,7 +29,7 @@ RUNS: Mapping[str, Callable[[Demonstration], Awaitable[dict[str, Any]]]] = {
 HEALTHY = 20.0
 """Shortest run, s, of the small cell: it includes healthy cycles before the fault."""
 STARTING = "starting emulated devices, the daemon and a subscriber"
-TOLD = ("health", "alarm", "task", "event", "gap")
+PRINTED = ("health", "alarm", "task", "event", "gap")
 """Kinds of messages that are printed, one line each."""
 
 
@@ -90,7 +90,7 @@ def _lines(folder: Path, seconds: float) -> Demonstration:
     bulletin = Bulletin()
 
     def show(line: Mapping[str, Any]) -> None:
-        news = [*bulletin.of_line(line)] if line["kind"] in TOLD else []
+        news = [*bulletin.of_line(line)] if line["kind"] in PRINTED else []
         if bulletin.cell.status.get("sources"):
             news += bulletin.stands(time.monotonic())
         for text in news:
@@ -133,8 +133,8 @@ def _show(summary: Mapping[str, Any]) -> None:
         click.secho(f"{name} is skipped: {reason}", fg="yellow")
     for name, source in summary["sources"].items():
         if source["host_stalled"]:
-            told = f"{name}: {source['host_stalled']} samples missed because this PC was stalled or busy otherwise"
-            click.secho(told, fg="yellow")
+            missed = f"{name}: {source['host_stalled']} samples missed because this PC was stalled or busy otherwise"
+            click.secho(missed, fg="yellow")
     for problem in summary["problems"]:
         click.secho(problem, fg="red")
     if summary["ok"]:

@@ -134,10 +134,10 @@ async def _serve(emulator: Emulator, coming: list[Mishap], control: bool) -> Non
         await serving
         return
     say({"ready": ready.result()})
-    kept = RunDelay()
+    delay = RunDelay()
 
     async def answer(message: dict[str, Any]) -> dict[str, Any]:
-        return _answer(emulator, message, kept)
+        return _answer(emulator, message, delay)
 
     obeying = asyncio.create_task(answers(answer))
     await asyncio.wait((serving, obeying), return_when=asyncio.FIRST_COMPLETED)
@@ -153,7 +153,7 @@ def _begin_later(planned: Mishap, emulator: Emulator) -> None:
     asyncio.get_running_loop().call_later(max(delay, 0.0), begin, planned, emulator)
 
 
-def _answer(emulator: Emulator, message: dict[str, Any], kept: RunDelay) -> dict[str, Any]:
+def _answer(emulator: Emulator, message: dict[str, Any], delay: RunDelay) -> dict[str, Any]:
     match message:
         case {"fault": str(text)}:
             _begin_later(mishap(text, type(emulator)), emulator)
@@ -164,7 +164,7 @@ def _answer(emulator: Emulator, message: dict[str, Any], kept: RunDelay) -> dict
         case {"counts": _}:
             return {"counts": dict(emulator.counts)}
         case {"kept": _}:
-            return {"kept": kept.look() * 1e-9}
+            return {"kept": delay.look() * 1e-9}
         case _:
             raise ValueError("expected one of fault, disturb, counts, kept")
     return {"ok": True}

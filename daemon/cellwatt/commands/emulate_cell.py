@@ -157,7 +157,7 @@ async def _answer(
         message = {"fault": addressed(text)[1]}
     elif len(chosen) > 1 and "counts" not in message and not _SHARED.issuperset(message.get("disturb", message)):
         raise ValueError(f"expected its source, one of {', '.join(by_source)}")
-    told = {name: await emulator.ask(message) for name, emulator in chosen.items()}
+    replies = {name: await emulator.ask(message) for name, emulator in chosen.items()}
     if "counts" in message:
-        return {"counts": {name: answer["counts"] for name, answer in told.items()}}
+        return {"counts": {name: answer["counts"] for name, answer in replies.items()}}
     return {"ok": True}

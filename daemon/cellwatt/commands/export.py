@@ -60,8 +60,8 @@ def command(
     if not written:
         raise recording.lacks_frames()
     if as_json:
-        told = dict.fromkeys([*map(str, recording.damage), *(damage for _, found in parts for damage in found)])
-        report = {"start": recording.start, "end": recording.end, "files": written, "damage": list(told)}
+        damage = dict.fromkeys([*map(str, recording.damage), *(text for _, found in parts for text in found)])
+        report = {"start": recording.start, "end": recording.end, "files": written, "damage": list(damage)}
         click.echo(json.dumps(report))
         return
     for file in written:
@@ -94,7 +94,7 @@ class Export:
                     table = self._table(recording, ".".join(key), batch.stream.channels)
                     tables[key] = stack.enter_context(table)
                 tables[key].add_batch(batch)
-        return [_told(table) for table in tables.values()]
+        return [_written(table) for table in tables.values()]
 
     def frames(self, recording: Recording) -> list[Written]:
         """Write the aligned frames as one table."""
@@ -108,7 +108,7 @@ class Export:
                         "the layout of the frames changes within these recordings: export them one by one"
                     )
                 table.add_frames(frames)
-        return [_told(table)]
+        return [_written(table)]
 
     def lines(self, recording: Recording) -> list[Written]:
         """Write results and events as JSON lines."""
@@ -130,7 +130,7 @@ class Export:
         return path
 
 
-def _told(table: Table) -> Written:
+def _written(table: Table) -> Written:
     return {"file": table.path.name, "rows": table.rows}
 
 

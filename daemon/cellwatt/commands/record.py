@@ -74,9 +74,9 @@ def _default(cell: str) -> Path:
 
 def _figures(folder: Path, cell: str, session: int) -> Mapping[str, Any]:
     """Last health status in the recording of a session. Raises ``RecordingError`` if there is none."""
-    files = [kept.path for kept in listing(folder, cell) if kept.name.session == session]
+    files = [recording.path for recording in listing(folder, cell) if recording.name.session == session]
     last = Recording.open(files[-1]) if files else None
-    told = [] if last is None else list(last.between(last.end - LAST, last.end).health())
-    if not told:
+    healths = [] if last is None else list(last.between(last.end - LAST, last.end).health())
+    if not healths:
         raise RecordingError(f"{folder}: nothing could be recorded")
-    return told[-1].status
+    return healths[-1].status

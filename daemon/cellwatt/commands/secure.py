@@ -149,8 +149,8 @@ def verify(key: Path, recordings: tuple[Path, ...], as_json: bool) -> None:
     wrong = 0
     for file, state, problem in check(recordings, key):
         as_signed = "unchanged since its cell signed it" + (", after a repair" if state == "repaired" else "")
-        told = json.dumps({"file": str(file), "state": state, "problem": problem}) if as_json else None
-        click.echo(told or f"{file}: {problem or as_signed}")
+        report = json.dumps({"file": str(file), "state": state, "problem": problem}) if as_json else None
+        click.echo(report or f"{file}: {problem or as_signed}")
         wrong += bool(problem)
     if wrong:
         sys.exit(EXIT_FAILED)

@@ -127,8 +127,8 @@ def _settings(values: dict[str, Any], listen: str | None, arms: Sequence[str], f
         return PageSettings.model_validate({**values, "arms": shapes, **({"listen": listen} if listen else {})})
     except ValidationError as error:
         where = f"{file}: " if file is not None else ""
-        told = (f"{'.'.join(map(str, e['loc']))}: {e['msg'].removeprefix('Value error, ')}" for e in error.errors())
-        raise ConfigError(where + "; ".join(text.removeprefix(": ") for text in told)) from None
+        problems = (f"{'.'.join(map(str, e['loc']))}: {e['msg'].removeprefix('Value error, ')}" for e in error.errors())
+        raise ConfigError(where + "; ".join(text.removeprefix(": ") for text in problems)) from None
 
 
 def _run(
@@ -144,11 +144,11 @@ def _run(
     for warning in settings.warnings():
         click.echo(f"warning: {warning}", err=True)
 
-    async def until_told() -> None:
+    async def until_stopped() -> None:
         here = asyncio.current_task()
         assert here is not None
         asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, here.cancel)
         await view(settings, link, site, cell, verify, seconds, click.echo)
 
     with contextlib.suppress(KeyboardInterrupt, asyncio.CancelledError):
-        asyncio.run(until_told())
+        asyncio.run(until_stopped())

@@ -67,24 +67,24 @@ def _print_site(site: str, link: LinkSettings, patience: float, *, as_json: bool
     """Print the state of each cell of a site. Raises ``OutletError`` if no cell answers."""
     with open_session(link, patience=patience) as session:
         cells = [summary(name, health) for name, health in site_health(session, site).items()]
-    for told in cells:
-        click.echo(json.dumps(told) if as_json else line(told))
+    for figures in cells:
+        click.echo(json.dumps(figures) if as_json else line(figures))
     if not cells:
         raise OutletError(f"no cell of site {site} is heard")
 
 
 def _await(link: LinkSettings, site: str, cell: str, patience: float, *, wait: bool) -> None:
     """Return once the cell answers; with ``wait``, print each new reason for the failure and try again."""
-    said = ""
+    reason = ""
     while True:
         try:
             return await_cell(link, site, cell, patience)
         except OutletError as error:
             if not wait:
                 raise
-            if str(error) != said:
-                said = str(error)
-                click.echo(f"waiting: {said}", err=True)
+            if str(error) != reason:
+                reason = str(error)
+                click.echo(f"waiting: {reason}", err=True)
 
 
 def _messages(subscriber: Subscriber, seconds: float | None) -> Iterator[Message | None]:

@@ -136,8 +136,8 @@ class CellConfig:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings about valid but dangerous settings, one line each."""
-        told = {name: outlet.settings.warnings() for name, outlet in self.outlets.items()}
+        by_section = {name: outlet.settings.warnings() for name, outlet in self.outlets.items()}
         if self.record is not None:
-            told["record"] = unusable(self.record.sign)
-        found = [f"{name}: {text}" for name, texts in told.items() for text in texts]
+            by_section["record"] = unusable(self.record.sign)
+        found = [f"{name}: {text}" for name, texts in by_section.items() for text in texts]
         return tuple(without(text, self.secrets) for text in found)

@@ -71,16 +71,16 @@ class _Reading:
     document: Document
     folder: Path
     problems: list[Problem] = field(default_factory=list)
-    told: set[KeyPath] = field(default_factory=set)
+    reported: set[KeyPath] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         for path, mistakes in self.document.mistakes.items():
             self.problems += mistakes
-            self.told.add(path)
+            self.reported.add(path)
 
     def complain(self, path: KeyPath, message: str, *, at_key: bool = False) -> None:
         """Add a problem, unless one is known at this key path."""
-        if path not in self.told and len(self.problems) < _WORDED:
+        if path not in self.reported and len(self.problems) < _WORDED:
             self.problems.append(self.document.problem(path, message, at_key=at_key))
 
     def mapping(self, path: KeyPath, value: Any) -> dict[Any, Any] | None:
@@ -97,7 +97,7 @@ class _Reading:
         try:
             made = model.model_validate(anchored(model, dict(values), self.folder))
         except ValidationError as error:
-            self.problems += explain(error, model, self.document, path, self.told)
+            self.problems += explain(error, model, self.document, path, self.reported)
             return None
         except Exception as error:  # any exception from the validator of a foreign package
             self.complain(path, f"cannot be checked: {type(error).__name__}: {error}", at_key=True)
@@ -138,7 +138,7 @@ def _cell(reading: _Reading, path: Path) -> CellConfig | None:
         if key in keys or len(reading.problems) >= _WORDED:
             continue
         reading.complain((key,), unknown_key(key, keys), at_key=True)
-        reading.told.add((nearest(key, keys) or key,))
+        reading.reported.add((nearest(key, keys) or key,))
     name = reading.settings(CellName, (), {k: top[k] for k in fields_of(CellName) if k in top})
     sources = dict(_sources(reading, top))
     _same_device(reading, sources)
@@ -218,7 +218,7 @@ def _named(reading: _Reading, section: str, top: Mapping[Any, Any]) -> Iterator[
 
 def _sources(reading: _Reading, top: Mapping[Any, Any]) -> Iterator[tuple[str, SourceConfig]]:
     if "sources" not in top:
-        if ("sources",) not in reading.told:
+        if ("sources",) not in reading.reported:
             reading.complain((), missing_key("sources", "what is measured: name: {driver: …}"), at_key=True)
     elif not top["sources"]:
         reading.complain(("sources",), "found no source, expected at least one (name: {driver: …})", at_key=True)

@@ -85,8 +85,8 @@ def _placed(path: Path, adapter: TypeAdapter[T], kind: Any, check: Check[T] | No
     try:
         made = adapter.validate_python(document.value)
     except ValidationError as error:
-        told = explain(error, kind, document, (), set(document.mistakes))
-        raise ConfigError(first([*mistakes, *told])) from error
+        invalid = explain(error, kind, document, (), set(document.mistakes))
+        raise ConfigError(first([*mistakes, *invalid])) from error
     mistakes += _misspelt(document, kind)
     mistakes += [document.problem(place, message) for place, message in (check(made) if check is not None else ())]
     if mistakes:

@@ -104,9 +104,9 @@ def found(document: Document, path: KeyPath) -> str:
 
 
 def explain(
-    error: ValidationError, model: Any, document: Document, section: KeyPath, told: Collection[KeyPath]
+    error: ValidationError, model: Any, document: Document, section: KeyPath, reported: Collection[KeyPath]
 ) -> list[Problem]:
-    """One problem per error in the mapping at ``section``, except at the key paths ``told``, reported before.
+    """One problem per error in the mapping at ``section``, except at the key paths already ``reported``.
 
     Composes at most ``MOST`` + 1 messages: ``MOST`` are reported, and one more shows that there are others.
     """
@@ -117,7 +117,7 @@ def explain(
     findings = [f for f in findings if f.kind != "too_short" or f.path not in above]
     grouped: dict[KeyPath, list[_Finding]] = {}
     for finding in findings:
-        if finding.path not in told and not _misspelt(finding, unknown):
+        if finding.path not in reported and not _misspelt(finding, unknown):
             grouped.setdefault(finding.path, []).append(finding)
     worded = sorted(grouped.values(), key=lambda group: _order(group[0], document))[: MOST + 1]
     return [_problem(group, model, document) for group in worded]

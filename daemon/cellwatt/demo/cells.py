@@ -80,13 +80,13 @@ def environment(folder: Path, endpoint: str, page: str, settings: Mapping[KeyPat
 
     ``endpoint`` and ``page`` are the addresses of the bus and of the cell's page, host:port.
     """
-    told = dict(os.environ, CELLWATT_DEMO_FOLDER=str(folder), CELLWATT_DEMO_ENDPOINT=f"tcp/{endpoint}")
-    told |= {"CELLWATT_DEMO_MODEL": str(model_file()), "CELLWATT_DEMO_SHAPE": str(shape_file())}
-    told["CELLWATT_DEMO_DESCRIPTION"] = str(shape_file().parent)
-    told["CELLWATT_DEMO_PAGE"] = page
+    variables = dict(os.environ, CELLWATT_DEMO_FOLDER=str(folder), CELLWATT_DEMO_ENDPOINT=f"tcp/{endpoint}")
+    variables |= {"CELLWATT_DEMO_MODEL": str(model_file()), "CELLWATT_DEMO_SHAPE": str(shape_file())}
+    variables["CELLWATT_DEMO_DESCRIPTION"] = str(shape_file().parent)
+    variables["CELLWATT_DEMO_PAGE"] = page
     for (_, name, key), value in settings.items():
-        told[f"CELLWATT_DEMO_{str(name).upper()}_{str(key).upper()}"] = str(value)
-    return told
+        variables[f"CELLWATT_DEMO_{str(name).upper()}_{str(key).upper()}"] = str(value)
+    return variables
 
 
 def free_endpoint() -> str:

@@ -61,15 +61,15 @@ class Demonstration:
         devices = devices_of(config, free=True, speeds=cells.SPEEDS)
         hooked: float | None = None
         async with running(devices, self.epoch) as emulators:
-            told = cells.environment(self.folder, endpoint, page, places(devices, emulators))
+            variables = cells.environment(self.folder, endpoint, page, places(devices, emulators))
 
             async def play() -> None:
                 nonlocal hooked
                 hooked = await self._hook(emulators, page)
 
-            code = await self._follow(processes.daemon(file, self.folder, told), endpoint, play)
-            kept = await _kept(emulators)
-        return self._with_end(summary(self.seen, kept, hooked, code))
+            code = await self._follow(processes.daemon(file, self.folder, variables), endpoint, play)
+            delays = await _delays(emulators)
+        return self._with_end(summary(self.seen, delays, hooked, code))
 
     async def every_driver(self) -> dict[str, Any]:
         """Run a device of each driver; return the summary, ready for JSON, with the drivers whose library is missing.
@@ -91,8 +91,8 @@ class Demonstration:
                 processes.daemon(cells.write(self.folder, sources, endpoint), self.folder), endpoint, play
             )
             sent = {name: dict(await emulator.counts()) for name, emulator in emulators.items()}
-            kept = await _kept(emulators)
-        return self._with_end(summary_of_every_driver(self.seen, kept, sources, lacking, sent, code))
+            delays = await _delays(emulators)
+        return self._with_end(summary_of_every_driver(self.seen, delays, sources, lacking, sent, code))
 
     def _with_end(self, found: dict[str, Any]) -> dict[str, Any]:
         if not self._stopped:
@@ -180,8 +180,8 @@ class Demonstration:
             await asyncio.sleep(0.05)
 
     def _last_words(self) -> str:
-        said = processes.log_of(self.folder).read_text(errors="replace").strip().splitlines()
-        return f": {said[-1]}" if said else ""
+        lines = processes.log_of(self.folder).read_text(errors="replace").strip().splitlines()
+        return f": {lines[-1]}" if lines else ""
 
     async def _read(self, process: asyncio.subprocess.Process) -> None:
         assert process.stdout is not None
@@ -191,7 +191,7 @@ class Demonstration:
             self.show(message)
 
 
-async def _kept(emulators: Mapping[str, EmulatorProcess]) -> dict[str, float]:
+async def _delays(emulators: Mapping[str, EmulatorProcess]) -> dict[str, float]:
     """Time, s, for which this PC did not let each emulator run."""
     return {name: await emulator.kept() for name, emulator in emulators.items()}
 

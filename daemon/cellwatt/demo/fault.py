@@ -26,7 +26,7 @@ def next_start(after: float, epoch: float) -> float:
     return min(s for s in starts if s >= after)
 
 
-def told(seen: Seen, hooked: float) -> dict[str, Any]:
+def figures(seen: Seen, hooked: float) -> dict[str, Any]:
     """Figures of the first fault alarm, and the duration of the interval in which the spring began to act."""
     at = hooked * 1e9
     alarms = [a for a in seen.alarms if a["kind"].endswith("_fault") and a["active"]]

@@ -15,13 +15,13 @@ RATE_TOLERANCE = 0.02
 """Largest allowed deviation of a measured rate, as a share of the nominal rate."""
 
 
-def summary(seen: Seen, kept: Mapping[str, float], hooked: float | None, exit_code: int | None) -> dict[str, Any]:
-    """Summarise a run: sources, and the spring attached at ``hooked``, UTC s. ``kept`` is as in ``sources_of``."""
-    sources = sources_of(seen, kept)
-    told = None if hooked is None else fault.told(seen, hooked)
+def summary(seen: Seen, delays: Mapping[str, float], hooked: float | None, exit_code: int | None) -> dict[str, Any]:
+    """Summarise a run: sources, and the spring attached at ``hooked``, UTC s. ``delays`` is as in ``sources_of``."""
+    sources = sources_of(seen, delays)
+    figures = None if hooked is None else fault.figures(seen, hooked)
     problems = problems_of(seen, sources, SMALL, exit_code)
-    if told is not None:
-        problems += fault.problems_of(told, busy=any(source["host_stalled"] for source in sources.values()))
+    if figures is not None:
+        problems += fault.problems_of(figures, busy=any(source["host_stalled"] for source in sources.values()))
     if not seen.predictions:
         problems.append("the model predicted nothing")
     return {
@@ -31,7 +31,7 @@ def summary(seen: Seen, kept: Mapping[str, float], hooked: float | None, exit_co
         "frames": seen.samples["frame"],
         "intervals": len(seen.intervals),
         "tasks": seen.tasks,
-        "fault": told,
+        "fault": figures,
         "predictions": seen.predictions,
         "meter": _meter(seen),
         "alarms": [{k: a[k] for k in ("kind", "severity", "joint", "active", "statement")} for a in seen.alarms],
@@ -40,20 +40,20 @@ def summary(seen: Seen, kept: Mapping[str, float], hooked: float | None, exit_co
 
 def _meter(seen: Seen) -> dict[str, Any] | None:
     """Last ``meter_timing`` alarm, with its evidence."""
-    told = [a for a in seen.alarms if a["kind"] == "meter_timing"]
-    return {"statement": told[-1]["statement"], **told[-1]["evidence"]} if told else None
+    timings = [a for a in seen.alarms if a["kind"] == "meter_timing"]
+    return {"statement": timings[-1]["statement"], **timings[-1]["evidence"]} if timings else None
 
 
 def summary_of_every_driver(
     seen: Seen,
-    kept: Mapping[str, float],
+    delays: Mapping[str, float],
     devices: Collection[str],
     lacking: Mapping[str, str],
     emulated: Mapping[str, Mapping[str, int]],
     exit_code: int | None,
 ) -> dict[str, Any]:
     """Summarise the cell of all drivers: sources, their emulators' counts, and skipped drivers with the reason."""
-    sources = sources_of(seen, kept)
+    sources = sources_of(seen, delays)
     problems = problems_of(seen, sources, devices, exit_code)
     for name, source in sources.items():
         source["emulated"] = dict(emulated.get(name, {}))
@@ -66,14 +66,14 @@ def summary_of_every_driver(
     }
 
 
-def sources_of(seen: Seen, kept: Mapping[str, float]) -> dict[str, dict[str, Any]]:
+def sources_of(seen: Seen, delays: Mapping[str, float]) -> dict[str, dict[str, Any]]:
     """By source: counts, losses, polls missed because this PC was stalled, and streams.
 
-    ``kept``: time, s, for which this PC did not let the source's emulator run; polls missed during it count as
+    ``delays``: time, s, for which this PC did not let the source's emulator run; polls missed during it count as
     stalled, too. Each stream has its samples, rate, jitter and number of samples delivered.
     """
     sources = seen.status.get("sources", {})
-    return {name: _source(name, status, seen, kept.get(name, 0.0)) for name, status in sources.items()}
+    return {name: _source(name, status, seen, delays.get(name, 0.0)) for name, status in sources.items()}
 
 
 def problems_of(
@@ -104,7 +104,7 @@ def delivery_problems(seen: Seen, sources: Mapping[str, Mapping[str, Any]]) -> l
     return problems
 
 
-def _source(name: str, status: Mapping[str, Any], seen: Seen, kept: float) -> dict[str, Any]:
+def _source(name: str, status: Mapping[str, Any], seen: Seen, delay: float) -> dict[str, Any]:
     streams = {
         stream: {k: figures[k] for k in ("nominal_hz", "rate_hz", "jitter_p50_ms", "jitter_p99_ms")}
         | {"samples": figures["samples"], "delivered": seen.samples[f"raw/{name}/{stream}"]}
@@ -114,11 +114,11 @@ def _source(name: str, status: Mapping[str, Any], seen: Seen, kept: float) -> di
     }
     missed = sum(status["missed"].values())
     # As in ``Slots``: a missed poll is attributed to the PC if the emulator was stopped for half of its slot.
-    while_kept = math.ceil(2 * kept * sum(stream["nominal_hz"] or 0.0 for stream in streams.values()))
-    stalled = min(status["missed"].get(HOST, 0) + while_kept, missed)
+    while_delayed = math.ceil(2 * delay * sum(stream["nominal_hz"] or 0.0 for stream in streams.values()))
+    stalled = min(status["missed"].get(HOST, 0) + while_delayed, missed)
     lost = missed + sum(status["dropped"].values()) - stalled
     counts = ("expected", "received", "missed", "dropped", "residue")
-    own = {"lost": lost, "host_stalled": stalled, "kept_s": round(kept, 3), "streams": streams}
+    own = {"lost": lost, "host_stalled": stalled, "kept_s": round(delay, 3), "streams": streams}
     return {k: status[k] for k in counts} | own
 
 

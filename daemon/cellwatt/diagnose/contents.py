@@ -63,8 +63,8 @@ def _settings(bundle: Bundle, file: Path) -> CellConfig | None:
     bundle.secrets = dict(config.secrets)
     disk = obstacles(config.record) if config.record is not None else Obstacles()
     warnings = [f"warning: {text}" for text in (*config.warnings, *disk.warnings)]
-    told = [*_prepared(config), *([disk.refusal] if disk.refusal else []), *warnings]
-    bundle.add("check.txt", _CHECK, lambda: "\n".join(told))
+    lines = [*_prepared(config), *([disk.refusal] if disk.refusal else []), *warnings]
+    bundle.add("check.txt", _CHECK, lambda: "\n".join(lines))
     bundle.add("settings.json", "the settings without secrets", lambda: public_config(config))
     return config
 
@@ -96,8 +96,8 @@ def _cell(bundle: Bundle, config: CellConfig) -> None:
     if "status.json" in bundle.texts:
         bundle.add("schema.json", "its channels", lambda: ask_cell(config, "schema"))
     if (record := config.record) is not None:
-        kept = "list of recordings with sizes and verdicts"
-        bundle.add("recordings.json", kept, lambda: _recordings(listing(record.folder, config.cell)))
+        about = "list of recordings with sizes and verdicts"
+        bundle.add("recordings.json", about, lambda: _recordings(listing(record.folder, config.cell)))
 
 
 def _versions() -> dict[str, Any]:
@@ -128,8 +128,8 @@ def _log(file: Path | None, log: Path | None) -> str:
     return done.stdout
 
 
-def _recordings(kept: list[RecordFile]) -> list[dict[str, Any]]:
-    newest = kept[-_EXAMINED:]
+def _recordings(recordings: list[RecordFile]) -> list[dict[str, Any]]:
+    newest = recordings[-_EXAMINED:]
     return [
         {
             "file": k.path.name,
@@ -137,15 +137,15 @@ def _recordings(kept: list[RecordFile]) -> list[dict[str, Any]]:
             "written": datetime.fromtimestamp(k.modified, UTC).isoformat(timespec="seconds"),
             "verdict": _verdict(k) if k in newest else "not examined",
         }
-        for k in kept
+        for k in recordings
     ]
 
 
-def _verdict(kept: RecordFile) -> str:
-    if kept.path.name.endswith(DAMAGED):
+def _verdict(recording: RecordFile) -> str:
+    if recording.path.name.endswith(DAMAGED):
         return "damaged, set aside"
     try:
-        found = survey(kept.path, chunks=False)
+        found = survey(recording.path, chunks=False)
     except RecordingError as error:
         return str(error)
     damage = "; ".join(map(str, found.damage))

@@ -87,8 +87,8 @@ class Bulletin:
             yield from _changes(before, self.cell.status)
         elif kind == "gap":
             yield _line(f"{content['count']} of {line['topic']} are lost: {content['reason']}")
-        elif said := _said(kind, content):
-            yield _line(said, content["time" if kind == "event" else "end"])
+        elif text := _text_of(kind, content):
+            yield _line(text, content["time" if kind == "event" else "end"])
         for standing in alarms:
             if standing.news:
                 word = standing.alarm.severity if standing.raised else "cleared"
@@ -121,7 +121,7 @@ def _changes(before: Mapping[str, Any], status: Mapping[str, Any]) -> Iterator[s
             yield _line(f"warning: {warning}", status["time"])
 
 
-def _said(kind: str, content: Mapping[str, Any]) -> str:
+def _text_of(kind: str, content: Mapping[str, Any]) -> str:
     """Text for a result or an event; ``""`` for kinds that are not printed."""
     match kind:
         case "interval" if content["closed"]:
@@ -144,9 +144,9 @@ def _said(kind: str, content: Mapping[str, Any]) -> str:
 
 def _standing(cell: LiveCell) -> str:
     status, up = cell.status, len(cell.alarms.up)
-    told = summary(f"{status['site']}/{status['cell']}", Health(0, 0, {}, status))
+    figures = summary(f"{status['site']}/{status['cell']}", Health(0, 0, {}, status))
     alarms = f"{up} alarm{'s' * (up != 1)}" if up else "no alarm"
-    return f"{stands({**told, 'state': cell.state})}, {alarms}"
+    return f"{stands({**figures, 'state': cell.state})}, {alarms}"
 
 
 def _seconds(span: Mapping[str, Any]) -> str:

@@ -25,18 +25,18 @@ def summary(name: str, health: Health | None) -> dict[str, Any]:
     }
 
 
-def stands(told: Mapping[str, Any]) -> str:
+def stands(cell: Mapping[str, Any]) -> str:
     """State and counts of a cell's ``summary``, as text."""
     return (
-        f"{told['cell']} is {told['state']}: {told['sources_ok']} of {told['sources']} sources ok, "
-        f"{told['received']} samples received, {told['lost']} lost"
+        f"{cell['cell']} is {cell['state']}: {cell['sources_ok']} of {cell['sources']} sources ok, "
+        f"{cell['received']} samples received, {cell['lost']} lost"
     )
 
 
-def line(told: Mapping[str, Any]) -> str:
+def line(cell: Mapping[str, Any]) -> str:
     """A cell's ``summary`` as a line, with its most severe active alarm."""
-    if told["state"] is None:
-        return f"{told['cell']}: heard, does not answer"
-    grave = max(told["alarms"], key=lambda alarm: SEVERITIES.index(alarm["severity"]), default=None)
-    alarms = "no alarm" if grave is None else f"{len(told['alarms'])} alarms, {grave['severity']}: {grave['statement']}"
-    return f"{stands(told)}, {alarms}"
+    if cell["state"] is None:
+        return f"{cell['cell']}: heard, does not answer"
+    grave = max(cell["alarms"], key=lambda alarm: SEVERITIES.index(alarm["severity"]), default=None)
+    alarms = "no alarm" if grave is None else f"{len(cell['alarms'])} alarms, {grave['severity']}: {grave['statement']}"
+    return f"{stands(cell)}, {alarms}"

@@ -35,7 +35,7 @@ def stacked(header: Sequence[str], rows: Sequence[Sequence[str]], width: int) ->
     lines = []
     for first, *others in rows:
         pairs = zip(header[1:], others, strict=True)
-        told = ", ".join(f"{name} {value}".replace(" ", NO_BREAK) for name, value in pairs if value)
-        text = textwrap.fill(told, max(width, 20) - 2, break_long_words=False, break_on_hyphens=False)
+        values = ", ".join(f"{name} {value}".replace(" ", NO_BREAK) for name, value in pairs if value)
+        text = textwrap.fill(values, max(width, 20) - 2, break_long_words=False, break_on_hyphens=False)
         lines += [first, textwrap.indent(text.replace(NO_BREAK, " "), "  ")]
     return "\n".join(lines)

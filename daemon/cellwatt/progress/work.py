@@ -70,14 +70,14 @@ class Display:
         """Time, s, between two calls of ``show``."""
         return 0.2 if self._live else 5.0
 
-    def show(self, told: WorkState) -> None:
+    def show(self, state: WorkState) -> None:
         """Write e.g. "25 s: fold 3 of 5; 45 %, 25 s left", or draw a bar."""
         if self._live:
-            line = " ".join(filter(None, (f"{'━' * round(16 * (told.fraction or 0)):<16}", told.figures, told.text)))
+            line = " ".join(filter(None, (f"{'━' * round(16 * (state.fraction or 0)):<16}", state.figures, state.text)))
             self._stream.write(_ERASE + line[: self._width() - 1])
             self._drawn = True
         else:
-            words = "; ".join(filter(None, (told.text, told.figures)))
+            words = "; ".join(filter(None, (state.text, state.figures)))
             self._stream.write(f"{duration(self._clock() - self._began)}: {words}\n")
         self._stream.flush()
 
@@ -137,7 +137,7 @@ class Work:
         """The stage that began last."""
         return self._open[-1] if self._open else None
 
-    def told(self) -> WorkState | None:
+    def state(self) -> WorkState | None:
         """Current progress; None if no stage is open."""
         stages = self._open
         if not stages:
@@ -171,8 +171,8 @@ class Work:
         while not self._wait(self._over, self._display.interval):
             with self._lock:
                 try:
-                    if (told := self.told()) is not None:
-                        self._display.show(told)
+                    if (state := self.state()) is not None:
+                        self._display.show(state)
                 except (OSError, ValueError):  # a closed pipe or file must not end the work
                     return
 
@@ -231,11 +231,11 @@ def steps(
         return
     count = len(items) if isinstance(items, Sized) else None
     of_all = "" if count is None else f" of {count}"
-    with stage("", count, share) as told:
+    with stage("", count, share) as current:
         for i, item in enumerate(items):
-            told.name = f"{name} {i + 1}{of_all}" if label is None else f"{name} {label(item)} ({i + 1}{of_all})"
+            current.name = f"{name} {i + 1}{of_all}" if label is None else f"{name} {label(item)} ({i + 1}{of_all})"
             yield item
-            told.done = i + 1.0
+            current.done = i + 1.0
 
 
 def aside() -> AbstractContextManager[None]:

@@ -62,9 +62,9 @@ def dots(
     if len(known) > MOST_DOTS:
         known = np.sort(np.random.default_rng(0).choice(known, MOST_DOTS, replace=False))
     marker = {"color": colour, "size": size, "opacity": opacity, "symbol": symbol}
-    told = {"text": list(map(escape, hover)), "hoverinfo": "text"} if hover else {}
+    tooltips = {"text": list(map(escape, hover)), "hoverinfo": "text"} if hover else {}
     places = {"x": plain(at[known]), "y": plain(up[known])}
-    return {"type": "scatter", "mode": "markers", "name": escape(name), "marker": marker, **places, **told}
+    return {"type": "scatter", "mode": "markers", "name": escape(name), "marker": marker, **places, **tooltips}
 
 
 def ribbon(low: ArrayLike, high: ArrayLike, colour: str, start: float) -> list[Json]:
@@ -83,9 +83,9 @@ def bars(name: str, labels: Sequence[str], sizes: ArrayLike, colour: str, unit: 
     return {"type": "bar", "name": escape(name), **place, **style}
 
 
-def cells(x: ArrayLike, rows: Sequence[str], shade: Float, said: Sequence[Sequence[str]]) -> Json:
-    """Rows of cells coloured by ``shade`` (rows, cells), blank if NaN; ``said``: tooltip of each cell."""
-    text = [[escape(each).replace("\n", "<br>") for each in row] for row in said]
+def cells(x: ArrayLike, rows: Sequence[str], shade: Float, tooltips: Sequence[Sequence[str]]) -> Json:
+    """Rows of cells coloured by ``shade`` (rows, cells), blank if NaN; ``tooltips``: tooltip of each cell."""
+    text = [[escape(each).replace("\n", "<br>") for each in row] for row in tooltips]
     content = {"x": plain(x, 4), "y": list(map(escape, rows)), "z": [plain(row, 2) for row in shade], "text": text}
     hover = {"hovertemplate": "%{y}, %{text}<extra></extra>", "coloraxis": "coloraxis", "ygap": 2}
     return {"type": "heatmap", **content, **hover}

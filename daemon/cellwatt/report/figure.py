@@ -107,10 +107,10 @@ class Figure:
                 layout["annotations"] += [_title(panel.title, wide[0], high[1])] * bool(panel.title)
                 for trace in panel.traces:
                     name = trace.get("name", "")
-                    told = bool(name) and (self.own_legends or name not in named)
+                    in_legend = bool(name) and (self.own_legends or name not in named)
                     named.add(name)
                     own = {"legend": _numbered("legend", number)} if self.own_legends else {"legendgroup": name}
-                    data.append({**trace, **own, "showlegend": told, "xaxis": f"x{number}", "yaxis": f"y{number}"})
+                    data.append({**trace, **own, "showlegend": in_legend, "xaxis": f"x{number}", "yaxis": f"y{number}"})
                 if self.own_legends:
                     layout[_numbered("legend", number)] = {"y": high[1], "yanchor": "top", "font": {"size": 10}}
         return {"data": data, "layout": layout | self.layout}

@@ -74,49 +74,49 @@ def test_a_loop_in_a_loop(work, clock):
     told = []
     for _ in steps(range(5), "fold"):
         for _ in steps(["a", "b"], "epoch"):
-            told.append(work.told())
+            told.append(work.state())
             clock.now += 3.0
     assert told[0] == WorkState("fold 1 of 5, epoch 1 of 2", 0.0, None)
     # Half of the second of five folds: 3 of 10 epochs of 3 s.
     assert told[3].text == "fold 2 of 5, epoch 2 of 2"
     assert told[3].fraction == pytest.approx(0.3)
     assert told[3].left == pytest.approx(21.0)
-    assert work.told() is None
+    assert work.state() is None
 
 
 def test_labels_and_loops_of_unknown_length(work):
-    assert [work.told().text for _ in steps(["spring", "gap"], "trying", str)] == [
+    assert [work.state().text for _ in steps(["spring", "gap"], "trying", str)] == [
         "trying spring (1 of 2)",
         "trying gap (2 of 2)",
     ]
-    assert [work.told() for _ in steps(iter("ab"), "part")] == [
+    assert [work.state() for _ in steps(iter("ab"), "part")] == [
         WorkState("part 1", None, None),
         WorkState("part 2", None, None),
     ]
     with stage("searching"):
-        assert [work.told().fraction for _ in steps(range(2), "trying")] == [None, None]
+        assert [work.state().fraction for _ in steps(range(2), "trying")] == [None, None]
 
 
 def test_stages_do_their_share_of_what_is_around_them(work, clock):
     with stage("", 100.0):
         with stage("reading", 1, share=20.0):
             clock.now = 1.0
-        assert work.told() == WorkState("", 0.2, pytest.approx(4.0))
+        assert work.state() == WorkState("", 0.2, pytest.approx(4.0))
         with stage("writing", 8, share=80.0) as told:
             told.advance(2, "writing frames")
-            assert work.told() == WorkState("writing frames", pytest.approx(0.4), pytest.approx(1.5))
+            assert work.state() == WorkState("writing frames", pytest.approx(0.4), pytest.approx(1.5))
             told.advance(15)
-            assert work.told() == WorkState("writing frames", 1.0, 0.0)
+            assert work.state() == WorkState("writing frames", 1.0, 0.0)
 
 
 def test_stages_end_however_they_are_left(work):
     with pytest.raises(ValueError, match="broken"), stage("outer"):
         for _ in steps(range(3), "inner"):
             break
-        assert work.told().text == "outer"
+        assert work.state().text == "outer"
         for _ in steps(range(3), "inner"):
             raise ValueError("broken")
-    assert work.told() is None
+    assert work.state() is None
 
     def read(name):
         with stage(name):
@@ -124,10 +124,10 @@ def test_stages_end_however_they_are_left(work):
 
     first, second = read("first"), read("second")  # two readers in turns: the one that began first ends first
     next(first), next(second)
-    assert work.told().text == "first, second"
+    assert work.state().text == "first, second"
     first.close()
     second.close()
-    assert work.told() is None
+    assert work.state() is None
 
 
 def test_nobody_listens():

@@ -88,11 +88,11 @@ def _measured(channels: Mapping[str, str], fields: Mapping[str, str]) -> list[di
 def _predicted(models: Sequence[str]) -> list[dict[str, Any]]:
     """Series of the newest value of each block, at the message's time, and, disabled, of the oldest value."""
     found = []
-    for told in models:
-        model, _, output = told.partition("/")
+    for name in models:
+        model, _, output = name.partition("/")
         path = f'/prediction{{model=="{model}"}}.outputs.{output or "power"}'
-        found.append(_series(f"{path}[-1]", f"predicted ({told})"))
-        found.append(_series(f"{path}[0]", f"predicted ({told}), first of each block", enabled=False))
+        found.append(_series(f"{path}[-1]", f"predicted ({name})"))
+        found.append(_series(f"{path}[0]", f"predicted ({name}), first of each block", enabled=False))
     return found
 
 

@@ -53,21 +53,21 @@ class Translator:
         rows = self._rows.encode(frames, 0)
         data, size = rows.tobytes(), rows.dtype.itemsize
         for i, time in enumerate(frames.time.tolist()):
-            told = Outgoing(self._topic, time, data[i * size + _BODY : (i + 1) * size])
-            yield Moment(time, (told,), frames.layout.step / 1e9)
+            outgoing = Outgoing(self._topic, time, data[i * size + _BODY : (i + 1) * size])
+            yield Moment(time, (outgoing,), frames.layout.step / 1e9)
 
     def item(self, item: Result | Event | messages.Health) -> Moment:
         """The moment of a result, an event or health."""
         time = messages.time_of(item)
         over = isinstance(item, Alarm) and not item.active
-        told = [Outgoing(JSON_TOPICS[type(item)], time, messages.encode(item), _key(item), over)]
+        outgoing = [Outgoing(JSON_TOPICS[type(item)], time, messages.encode(item), _key(item), over)]
         if isinstance(item, Event):
-            told.append(Outgoing(self._log, time, _line(time, "Info", item.text, item.source or "cellwatt")))
+            outgoing.append(Outgoing(self._log, time, _line(time, "Info", item.text, item.source or "cellwatt")))
         elif isinstance(item, Alarm) and self._alarms.hear(item).news:
             level = _LEVELS[item.severity] if item.active else "Info"
             line = _line(time, level, item.statement, item.source or item.stage or "cellwatt")
-            told.append(Outgoing(self._log, time, line, _key(item), over))
-        return Moment(time, tuple(told))
+            outgoing.append(Outgoing(self._log, time, line, _key(item), over))
+        return Moment(time, tuple(outgoing))
 
     def lost(self, time: int, topic: str, count: int) -> Moment:
         """A log message at ``time``, UTC ns: ``count`` samples or results of a topic are lost."""

@@ -88,15 +88,15 @@ class CellApi:
         cell = await self._cell(request)
         start, end = _span(request)
         limit = round(min(max(number(request, "limit", 200), 1), MOST_ALARMS))
-        told = await cell.archive.alarms(cell.feed.live, start, end, limit)
+        past = await cell.archive.alarms(cell.feed.live, start, end, limit)
         return answer(
-            {**told, "alarms": [_addressed(cell, alarm, "evidence_page", "evidence_page") for alarm in told["alarms"]]}
+            {**past, "alarms": [_addressed(cell, alarm, "evidence_page", "evidence_page") for alarm in past["alarms"]]}
         )
 
     async def _reports(self, request: web.Request) -> web.StreamResponse:
         cell = await self._cell(request)
-        told = await cell.archive.reports(list_reports)
-        return answer({**told, "reports": [_addressed(cell, report, "path", "href") for report in told["reports"]]})
+        found = await cell.archive.reports(list_reports)
+        return answer({**found, "reports": [_addressed(cell, report, "path", "href") for report in found["reports"]]})
 
     async def _report(self, request: web.Request) -> web.StreamResponse:
         cell = await self._cell(request)
@@ -205,8 +205,8 @@ def _minutes(body: Mapping[str, Any]) -> float:
     return float(minutes)
 
 
-def _addressed(cell: Cell, told: Mapping[str, Any], path: str, name: str) -> dict[str, Any]:
+def _addressed(cell: Cell, found: Mapping[str, Any], path: str, name: str) -> dict[str, Any]:
     """The fields of an answer; if ``path`` in it names a report, ``name`` becomes the URL of that report."""
-    if not told.get(path):
-        return dict(told)
-    return {**told, name: f"{prefix(cell.feed.site, cell.feed.cell)}/reports/{quote(told[path], errors='replace')}"}
+    if not found.get(path):
+        return dict(found)
+    return {**found, name: f"{prefix(cell.feed.site, cell.feed.cell)}/reports/{quote(found[path], errors='replace')}"}

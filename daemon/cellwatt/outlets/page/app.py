@@ -99,7 +99,7 @@ class Page:
     async def _site(self, request: web.Request) -> web.StreamResponse:
         visitor = visitor_of(request)
         known = visitor.name is not None or not self._settings.users
-        told: dict[str, Any] = {
+        body: dict[str, Any] = {
             "mode": self._cells.mode,
             "site": self._cells.site if known else None,
             "cells": [{"site": site, "cell": cell} for site, cell in self._cells.names] if known else [],
@@ -110,7 +110,7 @@ class Page:
             "csrf": self._gate.sessions.csrf(visitor.token),
             "version": __version__,
         }
-        made = answer(told)
+        made = answer(body)
         if visitor.new:
             self._gate.set_cookie(made, visitor.token)
         if self._gate.sessions.changed:
@@ -222,16 +222,16 @@ class Assets:
 
     def __init__(self, folder: Path = FOLDER) -> None:
         self._folder = folder
-        self._kept: dict[str, bytes] = {}
+        self._files: dict[str, bytes] = {}
 
     def load(self) -> None:
         """Read all files; blocks."""
         files = [path for path in self._folder.rglob("*") if path.is_file()]
-        self._kept = {path.relative_to(self._folder).as_posix(): path.read_bytes() for path in files}
+        self._files = {path.relative_to(self._folder).as_posix(): path.read_bytes() for path in files}
 
     def answer(self, request: web.Request, name: str) -> web.StreamResponse:
         """Answer with the named file; the name of a file below ``assets`` contains its digest, so it never changes."""
-        body = self._kept.get(name)
+        body = self._files.get(name)
         if body is None:
             if name == INDEX:
                 return refusal(HTTPStatus.SERVICE_UNAVAILABLE, "the files of the page are missing: install it again")

@@ -20,7 +20,7 @@ from cellwatt.outlets.page.levels.gathering import Samples, Span
 from cellwatt.outlets.page.levels.store import Store
 
 THREADS: Final = 2
-_TOLD: Final = ("over budget", "unwritten", "damaged")
+_COUNTED: Final = ("over budget", "unwritten", "damaged")
 WAITING: Final = 8
 """Largest number of requests that wait for a thread; further ones are refused."""
 
@@ -71,8 +71,8 @@ class Archive:
 
     def counts(self) -> dict[str, int]:
         """Number of missing level files, by reason."""
-        told = self._store.counts
-        return {f"level files {what}": told[what] for what in _TOLD if told.get(what)}
+        counts = self._store.counts
+        return {f"level files {what}": counts[what] for what in _COUNTED if counts.get(what)}
 
     async def curves(
         self, live: LiveCell, channels: Sequence[str], start: float, end: float, points: int
@@ -93,10 +93,10 @@ def in_memory(live: LiveCell, channels: Sequence[str] = ()) -> Memory:
     """The last minute of ``channels``, and the intervals and alarms in memory."""
     between = np.diff(live.frames.time[-50:])
     found: dict[str, Samples] = {}
-    for begin, kept in {"": live.frames, **{f"prediction/{m}/": kept for m, kept in live.predicted.items()}}.items():
-        columns = {begin + name: i for i, name in enumerate(kept.names) if begin + name in channels}
+    for begin, last in {"": live.frames, **{f"prediction/{m}/": last for m, last in live.predicted.items()}}.items():
+        columns = {begin + name: i for i, name in enumerate(last.names) if begin + name in channels}
         if columns:
-            time, values = kept.time, kept.values
+            time, values = last.time, last.values
             found |= {channel: (time, values[:, i]) for channel, i in columns.items()}
     spans = [Span(**{name: body[name] for name in Span._fields}) for body in live.intervals]
     alarms = [_episode(standing) for standing in (*live.cleared, *live.alarms.up)]
@@ -104,8 +104,8 @@ def in_memory(live: LiveCell, channels: Sequence[str] = ()) -> Memory:
 
 
 def _episode(standing: Standing) -> Episode:
-    told, over = standing.alarm, None if standing.raised else standing.message
-    episode = Episode(told, told, told.since, acknowledged=standing.acknowledgement)
+    alarm, over = standing.alarm, None if standing.raised else standing.message
+    episode = Episode(alarm, alarm, alarm.since, acknowledged=standing.acknowledgement)
     if over is not None:
         episode.end(over.time, over.statement)
     return episode

@@ -79,17 +79,17 @@ Body = Mapping[str, Any]
 
 def plant_cell(site: str, cell: str, status: Body, age: float | None = None, *, gone: bool = False) -> dict[str, Any]:
     """Figures of a cell, ready for JSON; ``status``: its health, ``age`` s old, empty if the cell does not answer."""
-    told = summary(cell, Health(0, 0, {}, status) if status else None)
+    figures = summary(cell, Health(0, 0, {}, status) if status else None)
     known = {alarm["id"] for alarm in status.get("alarms", ()) if alarm.get("acknowledged")}
     return {
         "site": site,
-        **told,
-        "state": "gone" if gone else told["state"],
-        "time": shapes.ms(told["time"]),
+        **figures,
+        "state": "gone" if gone else figures["state"],
+        "time": shapes.ms(figures["time"]),
         "age_s": age,
         "alarms": [
             {**alarm, "since": shapes.ms(alarm["since"]), "acknowledged": alarm["id"] in known}
-            for alarm in told["alarms"]
+            for alarm in figures["alarms"]
         ],
         "shelved": len(status.get("shelved", ())),
         "power_W": _of_kind(status.get("power_W"), int | float),
@@ -99,9 +99,9 @@ def plant_cell(site: str, cell: str, status: Body, age: float | None = None, *, 
     }
 
 
-def _of_kind(told: object, kind: Any) -> Any:
+def _of_kind(value: object, kind: Any) -> Any:
     """A value from a cell of any version, ``None`` if it is not of type ``kind``."""
-    return told if isinstance(told, kind) else None
+    return value if isinstance(value, kind) else None
 
 
 def page_of(status: Body) -> str | None:

@@ -76,7 +76,7 @@ class Drop:
         """Output folder of ``explain``."""
         return self.folder / "result"
 
-    def told(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, Any]:
         """Description of the drop, ready for JSON; reads the disk."""
         found = [{"path": str(p.relative_to(self.files)), "kind": kind_of(p)} for p in items(self.files)]
         made = sorted(p.name for p in self.result.glob("*")) if self.answer and not self.answer.running else []
@@ -124,7 +124,7 @@ class Drops:
         return answer({"drops": list(reversed(self._drops))})
 
     async def _one(self, request: web.Request) -> web.StreamResponse:
-        return answer(await asyncio.to_thread(self._drop(request).told))
+        return answer(await asyncio.to_thread(self._drop(request).describe))
 
     # files ----------------------------------------------------------------------------------------
 
@@ -228,21 +228,21 @@ class Drops:
         words += ["--robot", f"./{robot}"] if robot else []
         own = [path for path in simulations if Path(path).suffix in (".xml", ".urdf")]
         words += ["--mend", f"./{own[0]}"] if own else []
-        drop.answer = told = Explanation()
-        self._tasks[drop.name] = asyncio.create_task(self._explained(drop, told, words))
+        drop.answer = explanation = Explanation()
+        self._tasks[drop.name] = asyncio.create_task(self._explained(drop, explanation, words))
         return answer({})
 
-    async def _explained(self, drop: Drop, told: Explanation, words: list[str]) -> None:
+    async def _explained(self, drop: Drop, explanation: Explanation, words: list[str]) -> None:
         def progress(line: str) -> None:
-            told.said = line
+            explanation.said = line
 
         try:
             await asyncio.to_thread(shutil.rmtree, drop.result, ignore_errors=True)
-            told.said = (await self._run(drop, words, progress)).replace(f"{drop.folder}/", "")
+            explanation.said = (await self._run(drop, words, progress)).replace(f"{drop.folder}/", "")
         except CellwattError as error:
-            told.said, told.error = "", str(error)
+            explanation.said, explanation.error = "", str(error)
         finally:
-            told.running = False
+            explanation.running = False
 
     async def _result(self, request: web.Request) -> web.StreamResponse:
         drop, name = self._drop(request), request.match_info["file"]
@@ -310,9 +310,9 @@ def _known(drop: Drop, paths: Sequence[str]) -> None:
     """Raise ``CellwattError`` unless all announced files have arrived and ``paths`` are among them."""
     if drop.awaited:
         raise CellwattError(f"{next(iter(drop.awaited)):.200} has not arrived: drop it again")
-    there = {str(item.relative_to(drop.files)) for item in items(drop.files)}
+    present = {str(item.relative_to(drop.files)) for item in items(drop.files)}
     for path in paths:
-        if path not in there:
+        if path not in present:
             raise CellwattError(f"{path:.200} is not among the files that were dropped")
 
 

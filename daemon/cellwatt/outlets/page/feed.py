@@ -138,7 +138,7 @@ class Feed:
             "shelved": self._shelved,
             "intervals": [shapes.span("interval", body) for body in live.intervals],
             "task": None if live.task is None else shapes.span("task", live.task),
-            "energies": {name: [shapes.span("energy", e) for e in kept] for name, kept in live.energies.items()},
+            "energies": {name: [shapes.span("energy", e) for e in last] for name, last in live.energies.items()},
             "predictions": [
                 {"model": model, "outputs": dict(zip(history.names, history.units, strict=True))}
                 for model, history in live.predicted.items()

@@ -106,7 +106,7 @@ class Gate:
         try:
             return self._check(request) or await handler(request)
         except web.HTTPException as error:
-            return refusal(error.status, error.text or error.reason, **_kept(error))
+            return refusal(error.status, error.text or error.reason, **_headers_of(error))
         except OutletError as error:
             return refusal(HTTPStatus.SERVICE_UNAVAILABLE, str(error))
         except CellwattError as error:
@@ -127,8 +127,8 @@ class Gate:
         """The refusal of a request; ``None`` if it is allowed: then its visitor is stored in the request."""
         host = _host_of(request.host)
         if host not in self._hosts and (self._settings.local or not is_address(host)):
-            told = f"this page is not known as {host:.100}; if it is yours, add it to names in the settings of the page"
-            return refusal(HTTPStatus.MISDIRECTED_REQUEST, told)
+            text = f"this page is not known as {host:.100}; if it is yours, add it to names in the settings of the page"
+            return refusal(HTTPStatus.MISDIRECTED_REQUEST, text)
         visitor = self._visitor(request)
         request[VISITOR] = visitor
         if request.method not in ("GET", "HEAD") and (text := self._forged(request, visitor)):
@@ -247,5 +247,5 @@ def _encoded(header: str) -> bytes:
     return header.encode("utf-8", "surrogateescape")
 
 
-def _kept(error: web.HTTPException) -> dict[str, str]:
+def _headers_of(error: web.HTTPException) -> dict[str, str]:
     return {name: error.headers[name] for name in ("Allow", "Retry-After") if name in error.headers}

@@ -107,7 +107,7 @@ class Plant:
         self.hub: Hub | None = Hub(browsers)
         self._link, self._name = link, site
         self._known: dict[str, _Cell] = {}
-        self._told: dict[str, dict[str, Any]] = {}
+        self._sent: dict[str, dict[str, Any]] = {}
         self._browsers, self._desk = browsers, desk
         self._left: set[asyncio.Task[None]] = set()
         """Cancelled tasks whose links are not closed yet."""
@@ -239,17 +239,17 @@ class Plant:
                 self._leave(cell)
             if cell.gone is not None and now - cell.gone > FORGOTTEN and cell.followed is None:
                 del self._known[name]
-                self._told.pop(name, None)
-        changed = [told for name in self._known if (told := self._changed(name)) is not None]
+                self._sent.pop(name, None)
+        changed = [figures for name in self._known if (figures := self._changed(name)) is not None]
         if changed and self.hub is not None:
             self.hub.tell("plant", {"cells": changed})
 
     def _changed(self, name: str) -> dict[str, Any] | None:
-        told = self._summary(name)
-        quiet = (told["age_s"] or 0.0) < _AGE
-        before = self._told.get(name)
-        self._told[name] = kept = {k: v for k, v in told.items() if k != "age_s" or not quiet}
-        return None if kept == before else told
+        figures = self._summary(name)
+        quiet = (figures["age_s"] or 0.0) < _AGE
+        before = self._sent.get(name)
+        self._sent[name] = shown = {k: v for k, v in figures.items() if k != "age_s" or not quiet}
+        return None if shown == before else figures
 
 
 Cells = OneCell | Plant

@@ -34,7 +34,7 @@ def list_reports(folders: Sequence[Path]) -> dict[str, Any]:
     """
     broken: list[str] = []
     entries = sorted(_pages(folders, broken), key=lambda entry: entry[2].made, reverse=True)
-    return {"reports": [_told(path, facts) for path, _, facts in entries], "broken": broken}
+    return {"reports": [_described(path, facts) for path, _, facts in entries], "broken": broken}
 
 
 def report_file(folders: Sequence[Path], path: str) -> Path | None:
@@ -53,10 +53,10 @@ def newest_mismatch(folders: Sequence[Path]) -> dict[str, Any]:
     if not entries:
         return {"finding": None}
     path, file, facts = max(entries, key=lambda entry: entry[2].made)
-    return {**_told(path, facts), **_figures(file.with_name(FINDINGS))}
+    return {**_described(path, facts), **_figures(file.with_name(FINDINGS))}
 
 
-def _told(path: str, facts: Facts) -> dict[str, Any]:
+def _described(path: str, facts: Facts) -> dict[str, Any]:
     fields = {name: getattr(facts, name) for name in ("kind", "name", "finding", "tone", "made")}
     return {"path": path, **fields, "about": " · ".join(facts.about)}
 
@@ -109,18 +109,18 @@ _GAIN: Final = {"channel": "", "unit": "", "before": None, "after": None}
 def _figures(file: Path) -> dict[str, Any]:
     """Figures from the findings file of a page, None if it is missing or damaged."""
     try:
-        told = json.loads(read_bytes(file, LONGEST))
-        effects = sorted(told.get("findings", ()), key=lambda effect: effect.get("confidence") or 0.0, reverse=True)
+        findings = json.loads(read_bytes(file, LONGEST))
+        effects = sorted(findings.get("findings", ()), key=lambda effect: effect.get("confidence") or 0.0, reverse=True)
         shown = [{**_fields(each, _EFFECT), **_fields(each.get("improvement", {}), _GAIN)} for each in effects]
-        worst = max(told.get("fit", ()), key=_worse, default=None)
+        worst = max(findings.get("fit", ()), key=_worse, default=None)
         fit = None if worst is None else [worst[name] for name in ("channel", "unit", "simulation", "model")]
     except (OSError, ValueError, RecursionError, LookupError, TypeError, AttributeError):
         fit, shown = None, []
     return {**dict(zip(("channel", "unit", "before", "after"), fit or [None] * 4, strict=True)), "effects": shown}
 
 
-def _fields(told: Mapping[str, Any], wanted: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: told.get(name, default) for name, default in wanted.items()}
+def _fields(values: Mapping[str, Any], wanted: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: values.get(name, default) for name, default in wanted.items()}
 
 
 def _worse(fit: Mapping[str, Any]) -> float:

@@ -111,15 +111,15 @@ class Sessions:
         if self._file is None:
             return
         try:
-            kept = _KEPT.validate_json(read_bytes(self._file, _LARGEST))
+            saved = _KEPT.validate_json(read_bytes(self._file, _LARGEST))
             if self._file.stat().st_mode & 0o077:
                 raise ValueError("other users may read it, so its logins are void")
-            self._secret, self._logins = bytes.fromhex(kept.secret), kept.logins
+            self._secret, self._logins = bytes.fromhex(saved.secret), saved.logins
         except FileNotFoundError:
             pass
         except (OSError, ValueError) as error:
-            told = "it is damaged" if isinstance(error, ValidationError) else error
-            log.warning("%s: %s; everybody has to log in again", self._file, told)
+            reason = "it is damaged" if isinstance(error, ValidationError) else error
+            log.warning("%s: %s; everybody has to log in again", self._file, reason)
 
     def save(self) -> None:
         """Save the logins, if changed; blocks. A failure is logged; the next change tries again."""

@@ -34,33 +34,33 @@ def ms(time: int | None) -> float | None:
     return None if time is None else time / 1e6
 
 
-def alarm(told: Alarm, acknowledged: Acknowledgement | None, evidence_page: str | None) -> dict[str, Any]:
+def alarm(message: Alarm, acknowledged: Acknowledgement | None, evidence_page: str | None) -> dict[str, Any]:
     """An alarm, with its acknowledgement and the address of its evidence."""
     return {
-        **{name: getattr(told, name) for name in _ALARM},
-        "since": ms(told.since),
-        "time": ms(told.time),
-        "acknowledged": None if acknowledged is None else _said(acknowledged),
+        **{name: getattr(message, name) for name in _ALARM},
+        "since": ms(message.since),
+        "time": ms(message.time),
+        "acknowledged": None if acknowledged is None else _person(acknowledged),
         "evidence_page": evidence_page,
     }
 
 
 def shelved(standing: Standing) -> dict[str, Any]:
     """A shelved alarm."""
-    told, shelf = standing.alarm, standing.shelf
+    message, shelf = standing.alarm, standing.shelf
     assert shelf is not None
-    about = {name: getattr(told, name) for name in ("id", "kind", "severity", "statement")}
+    about = {name: getattr(message, name) for name in ("id", "kind", "severity", "statement")}
     until = {"until": ms(shelf.until), "severity": shelf.severity}
-    return {**about, "since": ms(told.since), "shelf": {**_said(shelf), **until}}
+    return {**about, "since": ms(message.since), "shelf": {**_person(shelf), **until}}
 
 
-def mark(told: Alarm, raised: int, cleared: int | None) -> dict[str, Any]:
+def mark(message: Alarm, raised: int, cleared: int | None) -> dict[str, Any]:
     """An alarm as a mark in curves; times UTC ns, ``cleared`` is ``None`` while the alarm is active."""
-    about = {name: getattr(told, name) for name in ("id", "severity", "statement")}
+    about = {name: getattr(message, name) for name in ("id", "severity", "statement")}
     return {**about, "raised": ms(raised), "cleared": ms(cleared)}
 
 
-def _said(word: Acknowledgement | Shelf) -> dict[str, Any]:
+def _person(word: Acknowledgement | Shelf) -> dict[str, Any]:
     return {"name": word.name, "note": word.note, "time": ms(word.time)}
 
 

@@ -40,18 +40,18 @@ class _Robot(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class _Joint:
-    """A joint between two links; ``told`` is its JSON for the page, ``mimic`` the joint that it follows, if any."""
+    """A joint between two links; ``shape`` is its JSON for the page, ``mimic`` the joint that it follows, if any."""
 
     name: str
     parent: str
     child: str
     mimic: str | None
-    told: Mapping[str, Any]
+    shape: Mapping[str, Any]
 
     @property
     def moves(self) -> bool:
         """True if the joint has its own position."""
-        return self.told["type"] != "fixed" and self.mimic is None
+        return self.shape["type"] != "fixed" and self.mimic is None
 
 
 def skeleton(source: str, file: Path, channels: Sequence[str]) -> dict[str, Any]:
@@ -80,15 +80,15 @@ def skeleton(source: str, file: Path, channels: Sequence[str]) -> dict[str, Any]
     bound = {name: f"{source}.joint_{i}.position" for i, name in enumerate(order or moving, 1)}
     known = {name: channel for name, channel in bound.items() if channel in set(channels)}
     place = {joint.child: i for i, joint in enumerate(joints)}
-    told = [
+    shown = [
         {
-            **joint.told,
+            **joint.shape,
             "parent": place.get(joint.parent, -1),
-            "channel": None if joint.told["type"] == "fixed" else known.get(joint.mimic or joint.name),
+            "channel": None if joint.shape["type"] == "fixed" else known.get(joint.mimic or joint.name),
         }
         for joint in joints
     ]
-    return {"source": source, "name": path.stem, "joints": told}
+    return {"source": source, "name": path.stem, "joints": shown}
 
 
 def _from_base(joints: Sequence[_Joint]) -> list[_Joint]:
@@ -142,7 +142,7 @@ def _joint(element: ElementTree.Element) -> _Joint:
         length = math.hypot(*axis)
         if type_ != "fixed" and not length:
             raise ValueError("its axis has no direction")
-        told: dict[str, Any] = {
+        shape: dict[str, Any] = {
             "name": name,
             "type": _TYPES[type_],
             "xyz": _vector(_attribute(element, "origin", "xyz") or "0 0 0"),
@@ -151,11 +151,11 @@ def _joint(element: ElementTree.Element) -> _Joint:
         }
         mimic = _attribute(element, "mimic", "joint")
         if mimic is not None:
-            told["multiplier"] = _number(_attribute(element, "mimic", "multiplier") or "1")
-            told["offset"] = _number(_attribute(element, "mimic", "offset") or "0")
+            shape["multiplier"] = _number(_attribute(element, "mimic", "multiplier") or "1")
+            shape["offset"] = _number(_attribute(element, "mimic", "offset") or "0")
     except ValueError as error:
         raise ValueError(f"joint {name!r}: {error}") from error
-    return _Joint(name, parent, child, mimic, told)
+    return _Joint(name, parent, child, mimic, shape)
 
 
 def _attribute(element: ElementTree.Element, tag: str, name: str) -> str | None:

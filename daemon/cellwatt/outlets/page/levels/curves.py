@@ -55,11 +55,11 @@ def curves(
     asked = _Question(store, recordings, list(dict.fromkeys(channels)), start, end, max(points, 2), pace, memory)
     try:
         found = asked.moments() or asked.levels()
-        told = marks(store, recordings, start, end, pace, memory)
+        events = marks(store, recordings, start, end, pace, memory)
     except OSError as error:
         raise RecordingError(f"record.folder {store.folder} cannot be read: {why(error)}") from error
-    complete = found.pop("complete") and told.pop("complete")
-    return {**found, **told, "from_record": store.recorded, "complete": complete}
+    complete = found.pop("complete") and events.pop("complete")
+    return {**found, **events, "from_record": store.recorded, "complete": complete}
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,14 +101,14 @@ class _Question:
         """
         steps = set[int]()
         pieces: dict[str, list[Samples]] = {name: [] for name in self.names}
-        for kept in near(self.recordings, start, end):
-            known = self.store.known(kept) if kept.closed else None
+        for recording in near(self.recordings, start, end):
+            known = self.store.known(recording) if recording.closed else None
             if known is not None and (known.end < start or known.start >= end):
                 continue
             # Skip a recording that was removed meanwhile or is unreadable.
             with suppress(FileNotFoundError, RecordingError):
-                places = self.store.places(kept, self.pace)
-                _, file = open_recording(kept.path)
+                places = self.store.places(recording, self.pace)
+                _, file = open_recording(recording.path)
                 with file:
                     for items in places.items(file, CURVES, start, end):
                         for item in items:
@@ -129,9 +129,9 @@ class _Question:
         level, grid = chosen(self.start, self.end, self.points)
         parts: dict[str, list[Buckets]] = {name: [] for name in self.names}
         complete = True
-        for kept in reversed(near(self.recordings, grid.start, grid.end)):
+        for recording in reversed(near(self.recordings, grid.start, grid.end)):
             try:
-                found = self.store.read(kept, self.pace, lambda source: list(source.levels(level, self.names)))
+                found = self.store.read(recording, self.pace, lambda source: list(source.levels(level, self.names)))
             except TimeoutError:
                 complete = False
                 continue

@@ -83,7 +83,7 @@ class Memory:
 def episodes(recordings: Sequence[RecordFile], found: Found) -> list[Episode]:
     """Alarms by time of raise, from messages in order; the start of a session ends the alarms of the one before."""
     by_id: dict[str, list[Episode]] = {}
-    sessions = sorted({kept.name.session for kept in recordings})
+    sessions = sorted({recording.name.session for recording in recordings})
     for session, group in groupby(sorted(found), key=lambda name: name.session):
         for message in (message for name in group for message in found[name][0]):
             if isinstance(message, Alarm):
@@ -157,7 +157,7 @@ def read(
 
     The newest are read first, until ``pace`` raises ``TimeoutError``; those before ``start`` only from level files.
     """
-    wanted = {kept.path for kept in near(recordings, start, end)}
+    wanted = {recording.path for recording in near(recordings, start, end)}
     found: dict[FileName, tuple[Sequence[Alarm | Event], Sequence[Span]]] = {}
     complete = True
 
@@ -165,15 +165,15 @@ def read(
         inside = intervals and source.start < end and source.end >= start
         return source.said, source.intervals() if inside else ()
 
-    for kept in reversed(recordings):
-        if kept.name.session < end:
+    for recording in reversed(recordings):
+        if recording.name.session < end:
             try:
-                told = store.read(kept, pace if kept.path in wanted else ends_at(0.0), ask, curves=False)
+                answer = store.read(recording, pace if recording.path in wanted else ends_at(0.0), ask, curves=False)
             except TimeoutError:
                 complete = False
                 continue
-            if told is not None:
-                found[kept.name] = told
+            if answer is not None:
+                found[recording.name] = answer
     return found, complete
 
 
@@ -190,24 +190,24 @@ def alarm_history(
     start, end = span_of(start_ms, end_ms)
     recordings = store.recordings()
     try:
-        said, complete = read(store, recordings, start, end, ends_at(time.monotonic() + PATIENCE))
+        data, complete = read(store, recordings, start, end, ends_at(time.monotonic() + PATIENCE))
     except OSError as error:
         raise RecordingError(f"record.folder {store.folder} cannot be read: {why(error)}") from error
-    known = episodes(recordings, said) if store.recorded else memory.alarms
+    known = episodes(recordings, data) if store.recorded else memory.alarms
     complete = complete and (store.recorded or not memory.forgotten)
     found = [episode for episode in known if episode.overlaps(start, end)][::-1]
-    told = [_told(episode, store) for episode in found[:limit]]
-    return {"alarms": told, "complete": complete and len(found) <= limit}
+    answer = [_described(episode, store) for episode in found[:limit]]
+    return {"alarms": answer, "complete": complete and len(found) <= limit}
 
 
-def _told(episode: Episode, store: Store) -> dict[str, Any]:
+def _described(episode: Episode, store: Store) -> dict[str, Any]:
     known = next((word for word in reversed(episode.words) if word.kind == "acknowledged"), None)
-    said = episode.acknowledged if known is None else Acknowledgement(**_person(known), time=known.time)
+    acknowledged = episode.acknowledged if known is None else Acknowledgement(**_person(known), time=known.time)
     pack = episode.pack or f"{packs.name_of(store.cell, episode.first)}.mcap"  # or named by the alarm
     page = packs.page_of(store.folder / packs.FOLDER / Path(pack).name)
-    there = store.recorded and page.exists()
+    exists = store.recorded and page.exists()
     return {
-        **shapes.alarm(episode.alarm, said, f"{packs.FOLDER}/{page.name}" if there else None),
+        **shapes.alarm(episode.alarm, acknowledged, f"{packs.FOLDER}/{page.name}" if exists else None),
         "active": episode.cleared is None,
         "cleared": ms(episode.cleared),
         "cleared_statement": episode.cleared_statement,
@@ -217,8 +217,8 @@ def _told(episode: Episode, store: Store) -> dict[str, Any]:
 
 def _word(word: Event) -> dict[str, Any]:
     until = word.data.get("until")
-    told = {"t": ms(word.time), "what": word.kind, **_person(word)}
-    return told | ({"until": ms(until)} if isinstance(until, int) else {})
+    fields = {"t": ms(word.time), "what": word.kind, **_person(word)}
+    return fields | ({"until": ms(until)} if isinstance(until, int) else {})
 
 
 def _person(word: Event) -> dict[str, str]:

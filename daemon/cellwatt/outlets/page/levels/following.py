@@ -41,8 +41,8 @@ class Places:
         """Items of ``topics`` per chunk that overlaps the span ``start`` to ``end``, UTC ns; skips damaged chunks."""
         wanted = {number for number, track in self.tracks.items() if track.topic in topics}
         for chunk in self.chunks:
-            told = chunk.indexes and wanted.isdisjoint(number for number, _ in chunk.indexes)
-            if chunk.start < end and chunk.end >= start and not told:
+            unwanted = chunk.indexes and wanted.isdisjoint(number for number, _ in chunk.indexes)
+            if chunk.start < end and chunk.end >= start and not unwanted:
                 with suppress(ValueError):
                     yield [item for _, item in numbered_items(file, chunk, self.tracks, wanted)]
 

@@ -164,4 +164,4 @@ def listing(folder: Path, cell: str) -> list[RecordFile]:
             with suppress(FileNotFoundError):
                 status = path.stat()
                 found.append(RecordFile(path, status.st_size, status.st_mtime, True, name))
-    return sorted(found, key=lambda kept: kept.name)
+    return sorted(found, key=lambda file: file.name)

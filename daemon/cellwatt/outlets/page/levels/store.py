@@ -132,98 +132,98 @@ class Store:
         before: list[Path] | None = None
         for _ in range(ATTEMPTS):
             found = files_of(self.folder, self.cell)
-            names = [kept.path for kept in found]
+            names = [recording.path for recording in found]
             if names == before:
                 break
             before = names
         return found
 
-    def source(self, kept: RecordFile, pace: Pace, *, curves: bool = True) -> Source | None:
+    def source(self, recording: RecordFile, pace: Pace, *, curves: bool = True) -> Source | None:
         """Source of a recording; writes its level file if missing. Without ``curves``, it may lack levels, and no level
         file is written.
 
         None if the recording is unreadable. Raises exceptions of ``pace``.
         """
         try:
-            if not kept.closed:
-                growing = self._growing.setdefault(kept.name, Growing(kept.path))
+            if not recording.closed:
+                growing = self._growing.setdefault(recording.name, Growing(recording.path))
                 with growing.lock:
                     growing.grow(pace)
                     return growing.gathering.digest()
-            if (known := self.known(kept)) is not None or self._waits(kept.path):
+            if (known := self.known(recording)) is not None or self._waits(recording.path):
                 return known
             pace()
-            return self._made(kept, pace) if curves else gather(kept.path, kept.size, TELLING, pace)
+            return self._made(recording, pace) if curves else gather(recording.path, recording.size, TELLING, pace)
         except TimeoutError:
             raise
         except (OSError, RecordingError) as error:
             # A recording removed to free disk space is not an error.
             if not isinstance(error, FileNotFoundError) and not isinstance(error.__cause__, FileNotFoundError):
                 self.counts["unreadable"] += 1
-                self._failed(kept.path, f"{kept.path} has no curves: {error}")
+                self._failed(recording.path, f"{recording.path} has no curves: {error}")
             return None
 
-    def read(self, kept: RecordFile, pace: Pace, ask: Callable[[Source], T], *, curves: bool = True) -> T | None:
+    def read(self, recording: RecordFile, pace: Pace, ask: Callable[[Source], T], *, curves: bool = True) -> T | None:
         """Result of ``ask`` for the source of a recording; a damaged or missing level file is written again.
 
         See ``source``. Raises ``TimeoutError`` if it is still damaged, as it can be neither removed nor written.
         """
         for _ in range(TRIES):
-            if (source := self.source(kept, pace, curves=curves)) is None:
+            if (source := self.source(recording, pace, curves=curves)) is None:
                 return None
             try:
                 return ask(source)
             except FileNotFoundError:  # removed with its recording, or to stay within the budget
-                self._files.pop(kept.name, None)
+                self._files.pop(recording.name, None)
             except ValueError as error:
-                self.spoiled(kept, str(error))
+                self.spoiled(recording, str(error))
             pace()
         raise TimeoutError
 
-    def known(self, kept: RecordFile) -> LevelFile | None:
+    def known(self, recording: RecordFile) -> LevelFile | None:
         """The level file of a closed recording; None if it is missing or damaged."""
-        file = self._files.get(kept.name)
-        if file is not None and file.size == kept.size:
+        file = self._files.get(recording.name)
+        if file is not None and file.size == recording.size:
             return file
         try:
-            file = self._files[kept.name] = LevelFile(kept)
+            file = self._files[recording.name] = LevelFile(recording)
         except FileNotFoundError:
             return None
         except (OSError, ValueError) as error:
-            self.spoiled(kept, str(error))
+            self.spoiled(recording, str(error))
             return None
         return file
 
-    def spoiled(self, kept: RecordFile, reason: str) -> None:
+    def spoiled(self, recording: RecordFile, reason: str) -> None:
         """Remove a damaged level file, so that it is written again."""
-        self._files.pop(kept.name, None)
+        self._files.pop(recording.name, None)
         self.counts["damaged"] += 1
-        path = level_file.path_of(kept.path)
+        path = level_file.path_of(recording.path)
         log.warning("%s %s: it is written again", path, reason)
         try:
             path.unlink(missing_ok=True)
         except OSError as error:
             log.warning("%s cannot be removed: %s", path, why(error))
 
-    def _made(self, kept: RecordFile, pace: Pace) -> Digest:
+    def _made(self, recording: RecordFile, pace: Pace) -> Digest:
         """Read a closed recording, and write its level file if budget and disk space allow it."""
-        digest = gather(kept.path, kept.size, CURVES | TELLING, pace)
-        if self._allows(kept):
+        digest = gather(recording.path, recording.size, CURVES | TELLING, pace)
+        if self._allows(recording):
             try:
                 if not self._room():
                     raise OSError("too little disk space for level files: curves of long spans are slow")
-                level_file.write(kept, digest)
+                level_file.write(recording, digest)
                 self._hold()
             except (OSError, ValueError) as error:
                 self.counts["unwritten"] += 1
-                self._failed(self.folder, f"{level_file.path_of(kept.path)} cannot be written: {error}")
+                self._failed(self.folder, f"{level_file.path_of(recording.path)} cannot be written: {error}")
         return digest
 
-    def places(self, kept: RecordFile, pace: Pace) -> Places:
+    def places(self, recording: RecordFile, pace: Pace) -> Places:
         """The chunks of a recording. Raises ``OSError``, ``RecordingError``, and exceptions of ``pace``."""
-        if kept.closed:
-            return places_in(kept.path, kept.size)
-        growing = self._growing.setdefault(kept.name, Growing(kept.path))
+        if recording.closed:
+            return places_in(recording.path, recording.size)
+        growing = self._growing.setdefault(recording.name, Growing(recording.path))
         with growing.lock:
             growing.grow(pace)
             return Places(growing.chunks[:], growing.tracks)
@@ -234,18 +234,18 @@ class Store:
         Raises ``OSError``, ``RecordingError``, and exceptions of ``pace``.
         """
         recordings = self.recordings()
-        for kept in reversed(recordings) if recordings and self._room() else ():
-            if kept.closed and self._allows(kept):
-                self.source(kept, pace)
-        there = {kept.name for kept in self.recordings()}
-        remove([file for file in level_file.listing(self.folder, self.cell) if file.name not in there])
+        for recording in reversed(recordings) if recordings and self._room() else ():
+            if recording.closed and self._allows(recording):
+                self.source(recording, pace)
+        present = {recording.name for recording in self.recordings()}
+        remove([file for file in level_file.listing(self.folder, self.cell) if file.name not in present])
         self._hold()
-        closed = {kept.name for kept in self.recordings() if kept.closed}
+        closed = {recording.name for recording in self.recordings() if recording.closed}
         for name in [*self._files]:
             if name not in closed:
                 self._files.pop(name, None)
         for name in [*self._growing]:
-            if name in closed or name not in there:
+            if name in closed or name not in present:
                 del self._growing[name]
 
     def _hold(self) -> None:
@@ -262,9 +262,9 @@ class Store:
         """True if the disk has space for level files, and no write failed recently."""
         return not self._waits(self.folder) and shutil.disk_usage(self.folder).free >= RESERVE
 
-    def _allows(self, kept: RecordFile) -> bool:
+    def _allows(self, recording: RecordFile) -> bool:
         """False for the newest recording whose level file was removed for the budget, and for older ones."""
-        return self._over is None or kept.name > self._over
+        return self._over is None or recording.name > self._over
 
     def _waits(self, path: Path) -> bool:
         return time.monotonic() < self._again.get(path, 0.0)
