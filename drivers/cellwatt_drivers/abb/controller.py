@@ -123,9 +123,9 @@ class Controller:
         except (DeviceError, ProtocolError, WrongDeviceError) as error:
             if self._state is None:
                 raise
-            lacks = f"the controller has no page of its energy ({rws.ENERGY}); 'web: [state]' does not ask for it"
+            lacks = f"the controller has no energy page ({rws.ENERGY}); 'web: [state]' does not read it"
             reason = lacks if isinstance(error, WrongDeviceError) else str(error)
-            self._inlet.event("energy_failed", f"energy is not read any more in this session: {reason}")
+            self._inlet.event("energy_failed", f"energy is no longer read in this session: {reason}")
             return False
         return True
 
@@ -147,7 +147,7 @@ class Controller:
         if found.valid != self._valid:
             self._valid = found.valid
             kind, said = ("energy_valid", "valid") if found.valid else ("energy_not_valid", "not valid")
-            self._inlet.event(kind, f"the controller calls its energy measurement {said} ({found.state})")
+            self._inlet.event(kind, f"the controller reports its energy measurement as {said} ({found.state})")
         arrival = asked + time.monotonic_ns() - since
         deliver(self._inlet, stream, self._row(found, joints), asked, arrival, quality)
 

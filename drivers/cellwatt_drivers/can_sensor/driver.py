@@ -212,17 +212,17 @@ class CanSensorDriver(Driver[CanSensorSettings]):
         if self._others:
             others = ", ".join(f"0x{i:X}" for i in sorted(self._others))
             wanted = ", ".join(f"0x{identifier:X}" for identifier, _ in self._by_frame)
-            return WrongDeviceError(f"{where} only frames {others}, but none of the {self._map.model}'s ({wanted})")
+            return WrongDeviceError(f"{where} only frames {others}, none of the {self._map.model}'s ({wanted})")
         if self._errors:
             return ConnectError(f"{where} only {self._errors} error frames: wrong bit rate, or a wire is off?")
         return ConnectError(f"{where} not one frame: is the sensor on, is the bit rate right, is the bus terminated?")
 
 
 _STATES: dict[BusState, str] = {
-    "active": "the controller takes part again",
+    "active": "the controller is active again",
     "warning": "the controller sees many errors (warning level)",
     "passive": "the controller sees so many errors that it is error-passive",
-    "off": "the controller is bus-off: it takes no part until it is restarted",
+    "off": "the controller is bus-off: it stays off the bus until it is restarted",
 }
 
 

@@ -94,7 +94,7 @@ class KinovaDriver(Driver[KinovaSettings]):
         client = tcp_client(s.host, s.port, s.timeout, numbering)
         place = f"TCP {s.host}:{s.port}"
         advice = "check the address, and that the arm's Modbus server is on (web application, Configurations, Networks)"
-        await connect(client, s.timeout, lambda: f"nobody answers at {place}; {advice}")
+        await connect(client, s.timeout, lambda: f"no device answers at {place}; {advice}")
         try:
             yield Modbus(client, place, numbering)
         finally:

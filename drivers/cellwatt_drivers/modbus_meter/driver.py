@@ -41,9 +41,9 @@ _USUAL = {"timeouts", "retries", "refused reads"}
 _PLAUSIBLE = {"J": 1e6}
 """Rise of a counter per second, by unit, that the first two values of a cell's meter do not exceed."""
 _CHANGES = {
-    "wrapped": "began anew at its end",
-    "reset": "was set back; what is given goes on rising",
-    "misread": "jumped or fell and came back: its value was held meanwhile",
+    "wrapped": "restarted at its end",
+    "reset": "was reset; the published value continues to rise",
+    "misread": "jumped or fell, and returned: its value was held",
 }
 
 
@@ -270,7 +270,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
     def _note_overload(self, names: frozenset[str]) -> None:
         if new := names - self._overloaded:
             told = ", ".join(sorted(new))
-            self.inlet.event("overload", f"{self.name}: {told} beyond what the meter can measure", channels=told)
+            self.inlet.event("overload", f"{self.name}: {told} beyond the meter's range", channels=told)
         self._overloaded = names
 
 
@@ -278,5 +278,5 @@ def _chosen(meter: MeterMap, read: tuple[str, ...] | None) -> tuple[str, ...]:
     """The channels to read. Raises ``ConfigError`` if the map lacks one."""
     names = tuple(meter.values) if read is None else read
     if unknown := [n for n in names if n not in meter.values]:
-        raise ConfigError(f"read: a {meter.model} gives no {', '.join(unknown)}; it gives: {', '.join(meter.values)}")
+        raise ConfigError(f"read: a {meter.model} has no {', '.join(unknown)}; it has: {', '.join(meter.values)}")
     return names

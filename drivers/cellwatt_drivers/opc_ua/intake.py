@@ -208,7 +208,7 @@ class Intake:
         self._inlet.account.anomaly("stale time stamps", len(items))
         if not self._stale:
             names = ", ".join(sorted({self.stream.names[i.column] for i in items}))
-            self._inlet.event("stale_time", f"{self._name}: the time stamps of {names} do not rise; taken as published")
+            self._inlet.event("stale_time", f"{self._name}: time stamps of {names} do not rise; publication time used")
         if self._rows:
             time = self._rows.pop().time
         else:

@@ -96,7 +96,7 @@ class Search:
         try:
             return ua.NodeId.from_string(text)
         except (ua.UaError, ValueError, TypeError) as error:
-            raise WrongDeviceError(f"{name}: {tag.place!r} is no node id") from error
+            raise WrongDeviceError(f"{name}: {tag.place!r} is not a node id") from error
 
     def _numbered(self, name: str, node: str) -> str:
         """Return a node id with the number of its namespace."""
@@ -192,7 +192,7 @@ def misplaced(value: Any, index: tuple[int, ...]) -> str:
     shape = _shape(value)
     size = " × ".join(map(str, shape))
     if not shape and index:
-        return "is no array: leave out 'index'"
+        return "is not an array: leave out 'index'"
     if len(shape) != len(index):
         each = "" if len(shape) == 1 else f" for each dimension, like [{', '.join('0' * len(shape))}]"
         return f"is an array of {size}: write 'index', from 0{each}"

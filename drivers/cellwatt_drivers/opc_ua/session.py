@@ -223,8 +223,8 @@ def _refuse_unencrypted(client: Client, settings: OpcUaSettings) -> None:
     plain = not policy or policy.endswith("#None")
     if plain and settings.security != "encrypt" and not settings.unencrypted:
         raise DeviceError(
-            f"{settings.url} takes the password in plain text only: write 'security: encrypt', or 'unencrypted: true' "
-            "where nobody else is on this network"
+            f"{settings.url} accepts the password in plain text only: write 'security: encrypt', or 'unencrypted: "
+            "true' if no one else uses this network"
         )
 
 

@@ -137,7 +137,7 @@ def _identity(packet: Packet, port: ListeningPort) -> Identity:
     notes = {"payload": f"{packet.phases} phases, {packet.samples} samples a packet"}
     if port.latency is not None and port.latency > 1:
         notes["latency timer"] = (
-            f"the adapter keeps bytes for {port.latency} ms, which blurs the clock model: "
+            f"the adapter holds bytes for {port.latency} ms, which blurs the clock model: "
             "set its latency_timer to 1 (docs/drivers/power_board.md)"
         )
     return Identity(maker="", model=f"power board {packet.board}", serial=str(packet.board), notes=notes)
@@ -217,7 +217,7 @@ class Listening:
         where, span = f"{s.port}: in {s.silence:g} s", f"at {s.baud} baud"
         if self._others:
             wanted, others = _numbers(self._wanted), _numbers(tuple(sorted(self._others)))
-            return WrongDeviceError(f"{where} only board {others} is heard, but not the wanted board {wanted}")
+            return WrongDeviceError(f"{where} only board {others} is received, but not the wanted board {wanted}")
         if self._bytes:
             reason = wire.diagnose(self._evidence, s.mode)
             return ProtocolError(f"{where} {self._bytes} bytes but no valid frame {span}: {reason}")

@@ -151,7 +151,7 @@ class PowerBoardEmulator(Emulator):
     def inject(self, fault: Fault) -> None:
         """See ``Emulator.inject``."""
         if fault.kind == "disconnect" and self.link is None:
-            raise ValueError("a port that vanishes needs the option link, else nobody finds it again")
+            raise ValueError("a disconnect needs the option link: without it clients cannot find the port again")
         super().inject(fault)
 
     def disturb(self, change: Mapping[str, float | str]) -> None:

@@ -35,7 +35,7 @@ _LEVELS = ("exception", "error", "warning", "info")
 def refuse_strange(time: Float) -> None:
     """Raise ``ProtocolError`` if one of the controller times (n,) s is impossible."""
     if not (time.min() >= 0 and time.max() < LATEST):
-        raise ProtocolError(f"controller time {time.min():g} … {time.max():g} s is no time since its start")
+        raise ProtocolError(f"controller time {time.min():g} … {time.max():g} s is not a time since its start")
 
 
 class Intake:
@@ -208,7 +208,7 @@ class Intake:
         """Report packages that are not on the requested grid."""
         step = self._grid.step
         if step is None:
-            self._inlet.event("uneven timestamps", "packages keep no grid any more: losses cannot be counted")
+            self._inlet.event("uneven timestamps", "packages no longer fit a grid: losses cannot be counted")
         elif abs(step * self._rate / 1e9 - 1) > 0.02:
             text = f"asked for {self._rate:g} Hz, packages are made at {1e9 / step:g} Hz"
             self._inlet.event("rate", text, rate=1e9 / step)

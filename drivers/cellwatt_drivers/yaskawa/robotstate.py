@@ -33,7 +33,7 @@ class AlarmWatch:
             text = f"{self._source}: controller alarm {alarm.code} {alarm.name!r} ({detail})"
             self._inlet.event("controller_alarm", text, code=float(alarm.code), name=alarm.name)
         else:
-            self._inlet.event("controller_alarm_cleared", f"{self._source}: the controller's alarm is gone")
+            self._inlet.event("controller_alarm_cleared", f"{self._source}: the controller's alarm has cleared")
 
 
 class TorqueWatch:

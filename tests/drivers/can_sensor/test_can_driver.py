@@ -127,7 +127,7 @@ async def test_flags_of_the_sensor():
         (
             can.Message(arbitration_id=0x123, is_extended_id=False),
             WrongDeviceError,
-            r"only frames 0x123, but none of the IVT-S's \(0x521, 0x522\)",
+            r"only frames 0x123, none of the IVT-S's \(0x521, 0x522\)",
         ),
         (
             can.Message(arbitration_id=0x88, is_error_frame=True, data=bytes(8)),

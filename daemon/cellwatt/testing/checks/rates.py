@@ -55,6 +55,6 @@ def _not_kept(stream: Stream, count: int, missed: int, span: float) -> str:
     if count + missed >= due - slack and count <= due + slack:
         return ""
     return (
-        f"{stream.name} is declared at {stream.rate:g} Hz: in {span:.2f} s {due:.0f} samples are due, but {count} came "
-        f"and {missed} are accounted as missed"
+        f"{stream.name} is declared at {stream.rate:g} Hz: in {span:.2f} s {due:.0f} samples are due, {count} arrived "
+        f"and {missed} are counted as missed"
     )

@@ -40,7 +40,7 @@ async def settings_are_checked(rig: Rig, folder: Path) -> None:
         if field.is_required():
             without = {k: v for k, v in right.items() if k != key}
             told = file.problems(without)
-            require(any(repr(key) in str(p) for p in told), f"nobody says that {key!r} is missing: {_texts(told)}")
+            require(any(repr(key) in str(p) for p in told), f"the missing {key!r} is not reported: {_texts(told)}")
         if field.annotation is not Any:
             others = {k: v for k, v in right.items() if k != key}
             told = file.problems(others, f"{key}: {_NONSENSE}")
@@ -80,10 +80,10 @@ def _is_told(told: tuple[Problem, ...], key: str, line: int, column: int | None,
             return
     where = f"line {line}" + (f", column {column}" if column else "")
     raise NotConformingError(
-        f"{what} in a settings file must be told as sources.device.{key} at {where}; found: {_texts(told)} "
+        f"{what} in a settings file must be reported as sources.device.{key} at {where}; found: {_texts(told)} "
         "(derive the settings from SourceSettings, give each key its type, raise only ValueError in validators)"
     )
 
 
 def _texts(told: tuple[Problem, ...]) -> str:
-    return "; ".join(map(str, told)) or "no complaint"
+    return "; ".join(map(str, told)) or "no problem"
