@@ -120,10 +120,10 @@ async def loses_nothing_when_killed(trial: _Trial) -> None:
     async with running_outlet(first):
         trial.rows(20, first)
         await trial.until(lambda: list(trial.folder.glob(trial.rig.position)), "a file of its position", first)
-        kept = {path: path.read_bytes() for path in trial.folder.glob(trial.rig.position)}
+        positions = {path: path.read_bytes() for path in trial.folder.glob(trial.rig.position)}
         trial.rows(20, first)
         await trial.until(lambda: len(trial.peer.got) >= 30, "rows", first)
-    for path, content in kept.items():
+    for path, content in positions.items():
         path.write_bytes(content)
     async with running_outlet(second):
         trial.rows(_SETTLES, second)

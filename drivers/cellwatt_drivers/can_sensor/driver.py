@@ -122,18 +122,18 @@ class CanSensorDriver(Driver[CanSensorSettings]):
         async with self._open() as listening:
             connected = False
             loop = asyncio.get_running_loop()
-            heard = loop.time()
+            last_frame = loop.time()
             self._others, self._errors, self._dropped, self._malformed = set(), 0, 0, 0
             try:
                 while True:
-                    frames = await listening.frames(max(0.0, heard + self.settings.silence - loop.time()))
+                    frames = await listening.frames(max(0.0, last_frame + self.settings.silence - loop.time()))
                     if sum(self._take(frame) for frame in frames):
-                        heard = loop.time()
+                        last_frame = loop.time()
                         if not connected:
                             connected = True
                             self.inlet.connected(self._identity())
                     self._hand_over(listening)
-                    if loop.time() - heard >= self.settings.silence:
+                    if loop.time() - last_frame >= self.settings.silence:
                         raise self._verdict(listening.place)
             finally:
                 self._hand_over(listening)
@@ -161,8 +161,8 @@ class CanSensorDriver(Driver[CanSensorSettings]):
         raise self._verdict(listening.place)
 
     def _identity(self) -> Identity:
-        heard = ", ".join(f"{i.stream.name} 0x{i.identifier[0]:X}" for i in self._intakes)
-        return Identity(self._map.maker, self._map.model, notes={"messages": heard, "map": self._map.source})
+        messages = ", ".join(f"{i.stream.name} 0x{i.identifier[0]:X}" for i in self._intakes)
+        return Identity(self._map.maker, self._map.model, notes={"messages": messages, "map": self._map.source})
 
     def _take(self, frame: Message) -> bool:
         """Handle a frame; true if it is one of the sensor's."""

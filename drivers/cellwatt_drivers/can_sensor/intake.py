@@ -151,13 +151,13 @@ class Intake:
             self.last = 0
         self.last = max(stamp, self.last + 1)
         flags = frozenset(f for f in self._decoding.wanted.flags if signals[f])
-        self._tell(flags)
+        self._report(flags)
         quality = max((_QUALITY[self._decoding.wanted.flags[f]] for f in flags), default=Quality.GOOD)
         wanted = zip(self._decoding.wanted.signals, self._decoding.factors, strict=True)
         row = [signals.get(s, math.nan) * f for s, f in wanted]
         self._rows.append(Row(self.last, [math.nan] * len(row) if quality is Quality.MISSING else row, quality))
 
-    def _tell(self, flags: frozenset[str]) -> None:
+    def _report(self, flags: frozenset[str]) -> None:
         for flag in flags:
             self._inlet.account.count(f"flag {flag}")
         if flags != self._flags:

@@ -134,8 +134,8 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         channels = tuple(v.channel(n, window) for n, v in zip(self._names, values, strict=True))
         self._stream = Stream("measured", channels, settings.rate, "host")
         self._slots = Slots(settings.rate, inlet.account.lose)
-        self._heard = 0
-        self._told = ""
+        self._last_answer = 0
+        self._reported = ""
         self._overloaded: frozenset[str] = frozenset()
 
     @property
@@ -152,7 +152,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         """See ``Driver.run``."""
         async with self._open() as bus:
             self.inlet.connected(await self._greet(bus))
-            self._heard = time.monotonic_ns()
+            self._last_answer = time.monotonic_ns()
             async with self._slots as slots:
                 async for _ in slots:
                     await self._serve(bus)
@@ -177,8 +177,8 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
                     raise
                 raise await likeness.wrong(bus, unit, meter, f"it reads no {meter.function} registers") from error
             except NoAnswerError as error:
-                told = meter.delivered and not isinstance(error, OtherNumberError)
-                delivered = f"; a {meter.model} is delivered with {meter.delivered}" if told else ""
+                hinted = meter.delivered and not isinstance(error, OtherNumberError)
+                delivered = f"; a {meter.model} is delivered with {meter.delivered}" if hinted else ""
                 raise ConnectError(f"{error}{delivered}") from error
             values, _ = self._in_si(raw)
             found = {n: float(v) for n, v in zip(self._names, raw, strict=True) if n not in self._reader.left_out}
@@ -204,26 +204,26 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         except SourceError as error:
             self.inlet.account.lose(1, reason_of(error))
             if isinstance(error, RefusedError | OtherNumberError):
-                self._tell("device_error", str(error))
+                self._report("device_error", str(error))
             if not isinstance(error, NoAnswerError | RefusedError | ProtocolError):
                 raise
             self._endure(error)
         else:
-            self._told = ""
-            self._heard = time.monotonic_ns()
+            self._reported = ""
+            self._last_answer = time.monotonic_ns()
             values, quality = self._measured(raw, arrival)
             deliver(self.inlet, self._stream, values, asked, arrival, quality)
 
     def _endure(self, error: SourceError) -> None:
         """Continue after a failed poll, unless the last good one is older than ``silence``."""
-        silence = (time.monotonic_ns() - self._heard) * 1e-9
+        silence = (time.monotonic_ns() - self._last_answer) * 1e-9
         if silence > self.settings.silence:
             kind = DeviceError if isinstance(error, RefusedError) else ConnectError
             raise kind(f"no good answer for {silence:.1f} s; the last: {error}") from error
 
-    def _tell(self, kind: str, text: str) -> None:
-        if text != self._told:
-            self._told = text
+    def _report(self, kind: str, text: str) -> None:
+        if text != self._reported:
+            self._reported = text
             self.inlet.event(kind, f"{self.name}: {text}")
 
     def _measured(self, raw: NDArray[np.float64], arrival: int) -> tuple[NDArray[np.float64], Quality]:
@@ -269,8 +269,8 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
 
     def _note_overload(self, names: frozenset[str]) -> None:
         if new := names - self._overloaded:
-            told = ", ".join(sorted(new))
-            self.inlet.event("overload", f"{self.name}: {told} beyond the meter's range", channels=told)
+            listed = ", ".join(sorted(new))
+            self.inlet.event("overload", f"{self.name}: {listed} beyond the meter's range", channels=listed)
         self._overloaded = names
 
 

@@ -93,18 +93,18 @@ class Session:
 
     def _take(self) -> bool:
         """Handle complete frames in the buffer; true if ``AT_ONCE`` were handled and more may wait."""
-        used = taken = 0
+        used = handled = 0
         package = self.decoder.package if self.decoder else None
         try:
             for item, end in wire.scan(self._view[: self._filled], wire.FROM_CONTROLLER, package, AT_ONCE):
                 if isinstance(item, wire.Run):
                     self._packages(item)
-                    taken += item.count
+                    handled += item.count
                 else:
                     self._frame(item)
-                    taken += 1
+                    handled += 1
                 used = end
-                if taken >= AT_ONCE:
+                if handled >= AT_ONCE:
                     break
         except ProtocolError as error:
             self._account.anomaly("protocol error")
@@ -115,7 +115,7 @@ class Session:
         if rest and used:
             self._view[:rest] = self._view[used : self._filled]
         self._filled = rest
-        return taken >= AT_ONCE and not self.closed.done()
+        return handled >= AT_ONCE and not self.closed.done()
 
     def _packages(self, run: wire.Run) -> None:
         assert self.decoder is not None and self.take is not None

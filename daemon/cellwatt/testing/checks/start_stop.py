@@ -97,7 +97,7 @@ async def _lets_go(files: int, tasks: int, patience: float) -> None:
     end = loop.time() + patience / 4
     while (_open_files() > files or len(asyncio.all_tasks()) > tasks) and loop.time() < end:  # noqa: ASYNC110
         await asyncio.sleep(0.02)
-    left = [t.get_coro() for t in asyncio.all_tasks() if t is not asyncio.current_task()]
-    require(len(left) < tasks, f"tasks still run after run() was cancelled: {left}")
+    running_tasks = [t.get_coro() for t in asyncio.all_tasks() if t is not asyncio.current_task()]
+    require(len(running_tasks) < tasks, f"tasks still run after run() was cancelled: {running_tasks}")
     more = _open_files() - files
     require(more <= 0, f"{more} files or sockets stay open after run() was cancelled")
