@@ -1,4 +1,4 @@
-"""The arm of the demo: its numbers, drawn, and its file for MuJoCo."""
+"""The arm of the demo: its numbers, drawn at random, and its file for MuJoCo."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ JOINTS = 4
 NAMES = ("base", "shoulder", "elbow", "wrist")
 AXES = np.array([[0, 0, 1], [0, 1, 0], [0, 1, 0], [0, 0, 1]], np.float64)
 PLACES = np.array([[0, 0, 0.3], [0, 0, 0.2], [0, 0, 0.5], [0, 0, 0.4]])
-"""m of each joint in the frame of the one before."""
+"""Position of each joint in the frame of the joint before, m."""
 RANGES = np.array([[-2.6, 2.6], [-1.2, 1.5], [-1.8, 1.8], [-2.8, 2.8]])
-"""rad."""
+"""Limits of each joint, rad."""
 OFF = {"links": 0.015, "friction": 0.03, "rotors": 0.015}
-"""Standard deviations, as shares, by which the user's file is off: half of what ``explain`` allows by itself."""
+"""Relative standard deviations of the numbers in the user's file: half of the default tolerances of ``explain``."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Arm:
 
 
 def draw(rng: np.random.Generator) -> Arm:
-    """An arm of the size of a light industrial one."""
+    """Draw an arm of the size of a light industrial one."""
 
     def about(*values: float) -> Float:
         return np.array(values) * rng.uniform(0.75, 1.3, len(values))
@@ -47,7 +47,7 @@ def draw(rng: np.random.Generator) -> Arm:
 
 
 def believed(arm: Arm, rng: np.random.Generator) -> Arm:
-    """The arm as its user has it in the simulation: each number off by a few per cent."""
+    """The arm in the user's simulation: each number is off by a few per cent."""
 
     def off(values: Float, kind: str) -> Float:
         return np.asarray(values * np.exp(OFF[kind] * rng.standard_normal(values.shape)))
@@ -65,7 +65,7 @@ def believed(arm: Arm, rng: np.random.Generator) -> Arm:
 
 
 def mjcf(arm: Arm) -> str:
-    """The file that a user of MuJoCo would have of it: one motor a joint, whose control is its torque."""
+    """The arm's MJCF as a user of MuJoCo would have it: one motor per joint, with the torque as its control."""
     root = ET.Element("mujoco", model="demo_arm")
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
     ET.SubElement(root, "option", timestep="0.001")

@@ -25,7 +25,7 @@ from cellwatt_plugins.explain.demo.reveal import Revealed, compared, in_words
 
 NOTHING = "nothing"
 COLUMNS = ("qpos", "qvel", "actuator_force")
-"""MuJoCo's names of what is logged."""
+"""MuJoCo's names of the logged quantities."""
 
 
 @click.command()
@@ -34,20 +34,20 @@ COLUMNS = ("qpos", "qvel", "actuator_force")
     "wanted",
     multiple=True,
     type=click.Choice([*kinds(), NOTHING]),
-    help="What to conceal, once for each; one or two by chance if left out.",
+    help="Physics to conceal; may be repeated. Default: one or two kinds by chance.",
 )
-@click.option("--seed", type=click.IntRange(min=0), help="Number from which the arm and the rest is drawn.")
-@click.option("--out", type=click.Path(file_okay=False, path_type=Path), help="Folder to write; demo-explain-SEED.")
-@click.option("--only-files", is_flag=True, help="Write the files, say what is concealed, and explain nothing.")
+@click.option("--seed", type=click.IntRange(min=0), help="Seed of the random draw of the arm and its physics.")
+@click.option("--out", type=click.Path(file_okay=False, path_type=Path), help="Folder to write: demo-explain-SEED.")
+@click.option("--only-files", is_flag=True, help="Write the files and print the physics, without running explain.")
 @click.option("--json", "as_json", is_flag=True, help="Print the truth beside the findings, as JSON.")
 def command(wanted: tuple[str, ...], seed: int | None, out: Path | None, only_files: bool, as_json: bool) -> None:
     """Conceal physics from a simulation, and let `explain` find it.
 
-    An arm is drawn, and physics that it has and that the user's simulation (arm.xml) does not have. MuJoCo runs the arm
-    under a controller; what its sensors measure are the recordings. `cellwatt explain` then gets these files, as it
-    would get yours, and nothing else. What was concealed is shown after its answer. The files stay in the folder.
+    An arm is drawn at random, with physics that the user's simulation (arm.xml) lacks. MuJoCo runs the arm under a
+    controller, and its sensors make the recordings. `cellwatt explain` gets these files and nothing else, as it would
+    get yours. The concealed physics is shown after its answer. The files stay in the folder.
 
-    Exit code 1 where explain is wrong.
+    Exit code 1 if explain is wrong.
     """
     seed = secrets.randbelow(10_000) if seed is None else seed
     folder = Path(f"demo-explain-{seed}") if out is None else out
@@ -66,7 +66,7 @@ def command(wanted: tuple[str, ...], seed: int | None, out: Path | None, only_fi
         outcome = ("names it, but a number is further off than its ± allows", "is right")[revealed.exact]
         again = shlex.join(["cellwatt", "demo", "explain", *(f"--conceal={name}" for name in wanted), f"--seed={seed}"])
         click.echo(f"\n{in_words(revealed)}\n\nexplain {outcome if revealed.right else 'is wrong here'}.")
-        click.echo(f"the same again: {again}\nthe report: {(folder / 'result' / 'report.html').resolve()}")
+        click.echo(f"to repeat it: {again}\nthe report: {(folder / 'result' / 'report.html').resolve()}")
     if not revealed.right:
         sys.exit(EXIT_FAILED)
 
@@ -90,7 +90,7 @@ def _write(path: Path, log: Log) -> None:
 
 
 def _explained(folder: Path, concealed: Sequence[Concealed], as_json: bool) -> Revealed:
-    """Run the command as anybody would, and compare its answer."""
+    """Run ``cellwatt explain`` as a user would, and compare its answer with the concealed physics."""
     result = folder / "result"
     files = [str(folder / name) for name in ("run_1.csv", "run_2.csv")]
     simulation = str(folder / "arm.xml")

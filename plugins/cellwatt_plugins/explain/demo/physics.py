@@ -1,4 +1,4 @@
-"""The physics that can be concealed: what it is called, how it is drawn, and what the right answer is."""
+"""The physics that can be concealed: its names, its random draw and the right answer."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cellwatt_plugins.explain.demo.arm import JOINTS, Arm
 HEAVY: Final = (1, 2)
 """Joints (0-based) that carry weight."""
 DRAWS: Final = 20
-"""Of a place, until one is free."""
+"""Draws of a kind, of which the first at a free joint is taken."""
 
 
 @dataclass(frozen=True)
@@ -22,32 +22,32 @@ class Concealed:
 
     kind: str
     effect: str
-    """Name that ``explain`` has for it; of a number that the simulation has, the number's."""
+    """Name of the effect in ``explain``, or of the number if the simulation has that number."""
     joint: int | None
     """0-based; None for the whole arm."""
     numbers: Mapping[str, tuple[float, str]]
     """Parameters by the names that ``explain`` gives them, with their units."""
     sentence: str
     hidden: Mapping[str, float] = field(default_factory=dict)
-    """What the plant needs beyond that."""
+    """Further numbers that the plant needs."""
 
 
 Draw = Callable[[np.random.Generator, Arm], Concealed]
 
 
 def kinds() -> list[str]:
-    """What can be concealed."""
+    """Names of the physics that can be concealed."""
     return list(_DRAWN)
 
 
 def by_chance(rng: np.random.Generator) -> list[str]:
-    """One kind, or two."""
+    """Draw one kind, or two."""
     count = int(rng.choice([1, 2], p=[0.6, 0.4]))
     return [str(name) for name in rng.choice(kinds(), size=count, replace=False)]
 
 
 def conceal(names: Sequence[str], rng: np.random.Generator, arm: Arm) -> list[Concealed]:
-    """Draw the place and size of each kind; no joint gets two where there are joints enough."""
+    """Draw joint and size of each kind; no joint gets two kinds if there are enough joints."""
     out: list[Concealed] = []
     for name in names:
         taken = {each.joint for each in out if each.joint is not None}

@@ -1,4 +1,4 @@
-"""The real arm of the demo: MuJoCo steps it with what is concealed, under a controller that knows the simulation."""
+"""The real arm of the demo: MuJoCo steps it with the concealed physics; its controller knows the simulation only."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from cellwatt_plugins.explain.demo.physics import Concealed
 from cellwatt_plugins.robot.mjcf import library
 
 STEP = 0.001
-"""s of MuJoCo."""
+"""Time step of MuJoCo, s."""
 EVERY = 4
-"""Steps to one sample."""
+"""Steps per sample."""
 SECONDS = (32.0, 36.0)
-"""Length of each run."""
+"""Length of each run, s."""
 SETTLE = 0.5
-"""s before a run, at rest."""
+"""Rest before a run, s."""
 RAMP = 1.5
-"""s in which a swing begins and ends."""
+"""Time in which a swing starts and stops, s."""
 BAND = 8.0
-"""Hz of the controller's loop."""
+"""Bandwidth of the controller's loop, Hz."""
 POSITION_NOISE, VELOCITY_NOISE, TORQUE_NOISE = 2e-5, 1e-3, np.array([0.25, 0.25, 0.15, 0.05])
 """Standard deviations: rad, rad/s, Nm of each joint."""
 
@@ -51,7 +51,7 @@ class Log:
 
 
 def motions(rng: np.random.Generator) -> list[Motion]:
-    """One that swings all joints at once, and one from point to point, fast and slow, with rests."""
+    """Two motions: one swings all joints at once, one goes from point to point, fast and slow, with rests."""
     return [_swings(rng, SECONDS[0]), _moves(rng, SECONDS[1])]
 
 
@@ -95,9 +95,9 @@ def _moves(rng: np.random.Generator, seconds: float) -> Motion:
 
 
 def run(arm: Arm, simulation: Path, concealed: Sequence[Concealed], motion: Motion, rng: np.random.Generator) -> Log:
-    """Run one motion. The controller feeds forward what ``simulation``, the user's file, says, and closes a PD loop.
+    """Run one motion under a PD controller that feeds forward the torque of ``simulation``, the user's file.
 
-    Position, velocity and the motors' torque are of one instant, with the noise of sensors.
+    Logged position, velocity and motor torque are of one instant, with sensor noise.
     """
     mujoco = library(simulation)
     model = mujoco.MjModel.from_xml_string(_with(arm, concealed))
@@ -121,7 +121,7 @@ def run(arm: Arm, simulation: Path, concealed: Sequence[Concealed], motion: Moti
 
 
 def _with(arm: Arm, concealed: Sequence[Concealed]) -> str:
-    """The real arm's file: friction that turns over at once, and what MuJoCo itself has a word for."""
+    """The real arm's MJCF: friction that reverses at once, and the concealed physics for which MJCF has attributes."""
     root = ET.fromstring(mjcf(arm))
     joints = list(root.iter("joint"))
     for joint in joints:
@@ -144,7 +144,7 @@ def _with(arm: Arm, concealed: Sequence[Concealed]) -> str:
 
 
 def _feed_forward(mujoco: Any, simulation: Path, motion: Motion) -> Float:
-    """Torque (N, n) that the user's file says the motion needs."""
+    """Torque (N, n) Nm of the motion according to the user's file."""
     model = mujoco.MjModel.from_xml_path(str(simulation))
     data = mujoco.MjData(model)
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
@@ -157,7 +157,7 @@ def _feed_forward(mujoco: Any, simulation: Path, motion: Motion) -> Float:
 
 
 def _gains(mujoco: Any, model: Any, data: Any, motion: Motion) -> tuple[Float, Float]:
-    """Stiffness and damping (n,) of a loop of ``BAND`` at the inertia that each joint feels."""
+    """Stiffness and damping (n,) of a loop with bandwidth ``BAND`` at the inertia of each joint."""
     data.qpos[:] = motion.q[0]
     mujoco.mj_forward(model, data)
     felt, column = np.empty(JOINTS), np.empty(JOINTS)
@@ -169,7 +169,7 @@ def _gains(mujoco: Any, model: Any, data: Any, motion: Motion) -> tuple[Float, F
 
 
 def _measured(q: Float, qd: Float, torque: Float, concealed: Sequence[Concealed], rng: np.random.Generator) -> Log:
-    """What the log has of it: every fourth step, with the faults of its sensors."""
+    """The log of a run: every fourth step, with the faults and the noise of the sensors."""
     time = np.arange(len(q), dtype=np.float64) * STEP
     seen = torque.copy()
     for each in concealed:

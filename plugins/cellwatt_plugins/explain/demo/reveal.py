@@ -1,4 +1,4 @@
-"""What was concealed, beside what ``explain`` says."""
+"""The concealed physics beside the answer of ``explain``."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FAR = 3.0
 
 @dataclass(frozen=True)
 class Named:
-    """One concealed piece of physics with the finding that names it, None where none does."""
+    """One concealed piece of physics with the finding that names it; None if no finding does."""
 
     concealed: Concealed
     finding: Mapping[str, Any] | None
@@ -27,16 +27,16 @@ class Revealed:
 
     answers: tuple[Named, ...]
     invented: tuple[Mapping[str, Any], ...]
-    """Findings of what was not concealed."""
+    """Findings of physics that was not concealed."""
 
     @property
     def right(self) -> bool:
-        """True if all that was concealed is named at its joint, and nothing else."""
+        """True if everything concealed is named at its joint, and nothing else is named."""
         return not self.invented and all(answer.finding is not None for answer in self.answers)
 
     @property
     def exact(self) -> bool:
-        """True if each number of what is named is within ``FAR``."""
+        """True if each number of the named physics is within ``FAR``."""
         known = [
             (a.finding, name, n) for a in self.answers if a.finding for name, (n, _) in a.concealed.numbers.items()
         ]
@@ -48,7 +48,7 @@ class Revealed:
 
 
 def compared(concealed: Sequence[Concealed], findings: Mapping[str, Any]) -> Revealed:
-    """Match what was concealed with the content of ``findings.json`` by name and joint."""
+    """Match the concealed physics with the content of ``findings.json`` by name and joint."""
     named = {(f["effect"], f["joint"]): f for f in (*_retuned(findings), *findings["findings"])}
     answers = tuple(Named(c, named.get((c.effect, None if c.joint is None else c.joint + 1))) for c in concealed)
     used = [answer.finding for answer in answers]
@@ -65,7 +65,7 @@ def _retuned(findings: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def in_words(revealed: Revealed) -> str:
-    """A line for each concealed number and for each finding that should not be there."""
+    """A line for each concealed number and for each false finding."""
     lines = ["What was concealed:"]
     for answer in revealed.answers:
         if answer.finding is None:
@@ -78,8 +78,8 @@ def in_words(revealed: Revealed) -> str:
             sign = "right" if off <= FAR else f"named, {off:.0f} σ off"
             true, said = (f"{text} {unit(symbol)}".strip() for text in (number(value), measured(found, std)))
             lines.append(f"    {name}: {true}; explain says {said}: {sign}")
-    lines += [f"  Nothing of this: {finding['statement']}  WRONG" for finding in revealed.invented]
-    return "\n".join(lines if len(lines) > 1 else [*lines, "  Nothing: numbers alone are off by a few per cent."])
+    lines += [f"  Not concealed: {finding['statement']}  WRONG" for finding in revealed.invented]
+    return "\n".join(lines if len(lines) > 1 else [*lines, "  Nothing: only numbers are off, by a few per cent."])
 
 
 def _off(finding: Mapping[str, Any], name: str, value: float) -> float:
@@ -89,7 +89,7 @@ def _off(finding: Mapping[str, Any], name: str, value: float) -> float:
 
 
 def _found(finding: Mapping[str, Any], name: str) -> tuple[float, float]:
-    """The number that a finding states, and its standard deviation; ``now``: as it is on the arm."""
+    """A number of a finding and its standard deviation; ``now``: the number on the arm."""
     parameters = finding["parameters"]
     if name in parameters:
         return parameters[name]["value"], parameters[name]["std"]

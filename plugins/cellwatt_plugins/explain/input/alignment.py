@@ -1,4 +1,4 @@
-"""By how much one motion comes later than another."""
+"""Delay of one motion behind another."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from numpy.typing import NDArray
 from cellwatt.arrays import Float
 
 SAME = 0.25
-"""Fit up to which two motions are the same."""
+"""Difference up to which two motions are the same; see ``delay``."""
 LATE = 0.3
-"""s: no controller follows its plan with such a delay."""
+"""s; no controller follows its plan with a longer delay."""
 LEAST_SHARED = 0.5
 """Share of the shorter motion that must overlap."""
 TIE = 0.02
-"""Shifts that fit as well as the best within this are as good; the smallest counts, as cycles repeat."""
+"""Shifts whose difference exceeds the least one by no more are equivalent; the smallest is taken, as cycles repeat."""
 
 
 def delay(later: Float, earlier: Float) -> tuple[float, float]:
-    """Samples by which positions ``later`` (N, n) follow ``earlier`` (M, n), and how well they fit then.
+    """Samples by which positions ``later`` (N, n) follow ``earlier`` (M, n), and their difference after that shift.
 
-    Both on grids of the same step. The fit is the rms difference, each joint about its mean and over its own motion:
-    0 is the same motion, 1.4 another one.
+    Both are on grids of the same step. The difference is the rms, each joint about its mean and in units of its own
+    motion: 0 for the same motion, 1.4 for another one.
     """
     a, b = _scaled(later), _scaled(earlier)
     shift = _coarse(a, b)
@@ -35,7 +35,7 @@ def delay(later: Float, earlier: Float) -> tuple[float, float]:
 
 
 def _coarse(a: Float, b: Float) -> int:
-    """All shifts at once, by FFT; the means of the whole motions stand for those of what overlaps."""
+    """The best whole shift, found by one FFT for all shifts; means are of the whole motions, not of their overlap."""
     least = max(1, int(LEAST_SHARED * min(len(a), len(b))))
     shifts = np.arange(least - len(b), len(a) - least + 1)
     size = 1 << (len(a) + len(b) - 1).bit_length()
@@ -50,7 +50,7 @@ def _coarse(a: Float, b: Float) -> int:
 
 
 def _difference(a: Float, b: Float, shift: int) -> float:
-    """The fit at one shift; infinite where too little overlaps."""
+    """The difference at one shift; infinite if too little overlaps."""
     first, last = max(shift, 0), min(len(b) + shift, len(a))
     if last - first < LEAST_SHARED * min(len(a), len(b)):
         return float("inf")
@@ -63,7 +63,7 @@ def _moving(scaled: Float) -> int:
 
 
 def _scaled(position: Float) -> Float:
-    """About the mean, in units of each joint's own motion; joints at rest count nothing."""
+    """Positions about their mean, in units of each joint's own motion; 0 for joints at rest."""
     centred = position - position.mean(axis=0)
     scale = np.std(position, axis=0)
     moves = scale > 1e-2 * scale.max()

@@ -1,8 +1,9 @@
-"""Baseline of the recordings: the user's simulation as a law, and what it says beyond any such law.
+"""Baseline of the recordings: the user's simulation as a law, and its torque and power beyond that law.
 
-A simulation speaks of the planned motion, the arm made another one. To carry its torque over, the numbers of the
-description (links, friction, rotors, windings, standby) are found anew from the simulation, which has no noise; what
-such a law does not reproduce is carried along as a function of time. Without a simulation, robot.yaml is the law.
+A simulation holds the planned motion, and the arm's motion differs from it. To transfer the simulated torque, the
+numbers of the description (links, friction, rotors, windings, standby) are identified from the simulation, which has no
+noise; the remainder that the law does not reproduce is added as a function of time. Without a simulation, robot.yaml is
+the law.
 """
 
 from __future__ import annotations
@@ -29,59 +30,59 @@ from cellwatt_plugins.robot.regression import Prior
 from cellwatt_plugins.robot.samples import interpolated
 
 ROWS = 4000
-"""Samples of all simulations that the law is found from, about."""
+"""Approximate number of samples, of all simulations together, from which the law is identified."""
 SAME = 0.003
-"""Share of a channel's size up to which the law reproduces the simulation."""
+"""Residual of a channel, as a share of its rms, up to which the law reproduces the simulation."""
 LINKS = 0.25
-"""Other links are believed where they bring the mean square of what is left down to this share."""
+"""Share to which other links, or converter losses, must reduce the mean square residual to be accepted."""
 OFF = 0.1
-"""Share by which each link may be off the URDF; the last one may also carry a tool."""
+"""Share by which each link may differ from the URDF; the last one may also carry a tool."""
 TOOL = (0.3, 0.2)
-"""Share of the arm's mass that a tool weighs, and m from the last joint's frame within which its centre is."""
+"""Mass of a tool as a share of the arm's mass, and distance, m, of its centre from the last joint's frame."""
 FINE = 1e-3
-"""Share of a torque's size to which a law is fitted to it."""
+"""Accuracy to which a law is fitted to a torque or a power, as a share of its rms."""
 NO_WORSE = 1.1
-"""A number is the description's, or 0, where the rms left with that is no more than this times what it is without."""
+"""Factor on the rms residual up to which a number has the description's value, or is 0."""
 LOSSIEST = 0.4
-"""Efficiency of a converter at least."""
+"""Lowest efficiency of a converter."""
 MOVES = 0.05
-"""rad or m that a joint must go for its friction and rotor to be found from the simulation."""
+"""Least travel, rad or m, of a joint whose friction and rotor are identified from the simulation."""
 SLOW = 0.03
-"""rad/s below which simulators turn friction over each in its own way."""
+"""rad/s below which simulators differ in how friction reverses."""
 LEADS = tuple((0.0005 * np.arange(61)).tolist())
-"""s by which friction may turn over before the velocity."""
+"""Leads, s, by which friction may reverse before the velocity."""
 SOONER = 0.7
-"""Share of the mean square left to which such a lead must bring it."""
+"""Share to which a lead must reduce the mean square residual to be accepted."""
 FRICTION = ("coulomb_friction", "viscous_friction", "rotor_inertia")
 
 
 @dataclass(frozen=True)
 class Baseline:
-    """The arm as the simulation has it."""
+    """The arm with the numbers of the simulation."""
 
     arm: Arm
     field: Float | None = None
-    """Gravity (3,) m/s² in the base's frame where the arm is mounted otherwise than its simulation says."""
+    """Gravity (3,) m/s² in the base's frame, if the arm is mounted differently than in its simulation."""
     lead: float | None = None
-    """s by which friction turns over early in the arm, where that is otherwise than in its simulation."""
+    """s by which the arm's friction reverses before the velocity, if different from the simulation's."""
 
     @property
     def recorded(self) -> Arm:
-        """The arm as it is set up, with the simulation's numbers."""
+        """The arm with the numbers of the simulation, mounted as it was recorded."""
         arm = self.arm if self.field is None else self.arm.with_gravity(self.field)
         return arm if self.lead is None else arm.with_friction_lead(self.lead)
 
     def states(self, run: Run, index: int, motion: Moved | None = None) -> States:
-        """The arm along a run, number ``index`` of those explained, as its simulation has it."""
+        """States of the simulated arm along a run; ``index``: number of the run among those explained."""
         return self.along(run, index, moved(run) if motion is None else motion, *self.beyond(run))
 
     def along(self, run: Run, index: int, motion: Moved, torque: Float | None, power: Float | None) -> States:
-        """The same for a motion and for what the simulation has ``beyond`` the law that are known."""
+        """``states`` for a known motion and the known torque and power ``beyond`` the law."""
         told = torque, power
         return States(run.name, index, run.time, motion, self.recorded, run.temperature, *told, drive=run.drive)
 
     def beyond(self, run: Run) -> tuple[Float | None, Float | None]:
-        """Torque (N, n) Nm and power (N,) W that a run's simulation has beyond the law; None where it is silent."""
+        """Torque (N, n) Nm and power (N,) W of a run's simulation beyond the law; None if the simulation has none."""
         said = run.simulated
         if said is None:
             return None, None
@@ -95,7 +96,7 @@ class Baseline:
 
 
 def baseline(runs: Sequence[Run], arm: Arm) -> Baseline:
-    """The law that the simulations of the runs follow; the description's where there is none."""
+    """The law that the simulations of the runs follow; the description's if no run has a simulation."""
     told = [run.simulated for run in runs if run.simulated is not None]
     if not told:
         return Baseline(arm)
@@ -105,7 +106,7 @@ def baseline(runs: Sequence[Run], arm: Arm) -> Baseline:
 
 
 def _thinned(told: Sequence[Simulated]) -> Simulated:
-    """Some samples of all simulations; power where all have it."""
+    """Thinned samples of all simulations; with power if all have it."""
     thin = max(1, sum(len(each.time) for each in told) // ROWS)
     powers = [each.power for each in told if each.power is not None]
 
@@ -135,7 +136,7 @@ def _mechanics(said: Simulated, arm: Arm) -> Arm:
 
 
 def _left(said: Simulated, arm: Arm) -> Float:
-    """Rms (n,) of the torque that a law leaves, as a share of its size."""
+    """Rms (n,) of a law's torque residual, as a share of the rms torque."""
     left = np.where(_clear(said.plan, arm), said.torque - arm.torque(*said.plan.courses), 0.0)
     return np.asarray(np.sqrt(np.mean(left**2, axis=0)) / np.maximum(_size(said), 1e-9))
 
@@ -152,19 +153,19 @@ def _clear(plan: Plan, arm: Arm) -> NDArray[np.bool_]:
 
 
 def _courses(plan: Plan, joint: int, lead: float) -> Float:
-    """(N, 3): what one unit of Coulomb friction, viscous friction and rotor inertia adds at a joint."""
+    """Torque (N, 3) at a joint per unit of Coulomb friction, viscous friction and rotor inertia."""
     speed, gain = plan.velocity[:, joint], plan.acceleration[:, joint]
     return np.column_stack([direction(speed + lead * gain), speed, gain])
 
 
 def _lead(said: Simulated, body: Body) -> float:
-    """s by which friction of the simulation turns over before the velocity does; 0 where that explains little."""
+    """s by which friction of the simulation reverses before the velocity; 0 if a lead explains little."""
     plan = said.plan
     rest = said.torque - body.inverse_dynamics(*plan.courses)
     size = _size(said)
 
     def left(lead: float) -> float:
-        """Mean square that each joint's own friction and rotor leave."""
+        """Mean square residual, joints summed, after fitting each joint's own friction and rotor."""
         out = 0.0
         for joint in range(body.joints):
             courses = _courses(plan, joint, lead)
@@ -178,7 +179,7 @@ def _lead(said: Simulated, body: Body) -> float:
 
 
 def _with_friction(said: Simulated, arm: Arm) -> Arm:
-    """The arm with the simulation's friction and rotors at these links; joints that do not move keep their own."""
+    """The arm with friction and rotors identified for its links; joints that do not move stay unchanged."""
     plan = said.plan
     rest = said.torque - arm.body.inverse_dynamics(*plan.courses)
     clear, travelled, numbers = _clear(plan, arm), np.ptp(plan.position, axis=0) > MOVES, _friction(arm)
@@ -199,14 +200,14 @@ def _friction(arm: Arm) -> Float:
 
 
 def _rubbing(arm: Arm, numbers: Float) -> Arm:
-    """The arm with these numbers; see ``_friction``."""
+    """The arm with friction and rotors ``numbers`` (n, 3); see ``_friction``."""
     pairs = zip(arm.description.joints, numbers.tolist(), strict=True)
     joints = tuple(joint.model_copy(update=dict(zip(FRICTION, own, strict=True))) for joint, own in pairs)
     return replace(arm, description=arm.description.model_copy(update={"joints": joints}))
 
 
 def _other_links(said: Simulated, arm: Arm) -> Arm:
-    """Links, friction and rotors together; what can as well be the description's, or nothing, is that."""
+    """Identify links, friction and rotors together; a number is the description's, or 0, if that fits as well."""
     own = _friction(arm).ravel()
     fit = _LinkFit(said, arm, own)
     resting = np.repeat(np.ptp(said.plan.position, axis=0) <= MOVES, len(FRICTION))
@@ -244,7 +245,7 @@ class _LinkFit:
         self._wide = [_size(said)[j] / max(float(np.sqrt(np.mean(c**2))), 1e-6) for j, c in self._courses]
 
     def left(self, fixed: dict[int, float]) -> float:
-        """Rms of the residual with some friction numbers given, in units of the standard deviation."""
+        """Rms of the residual with some friction numbers fixed, in units of the standard deviation."""
         fit = self._fit(fixed)
         return float(np.sqrt(np.mean(np.square(fit.residual) / self._variance)))
 
@@ -269,7 +270,7 @@ class _LinkFit:
 
 
 def _supply(said: Simulated, robot: RobotDescription) -> RobotDescription:
-    """Standby power and windings as the simulation has them."""
+    """The description with standby power, windings and converter losses identified from the simulation."""
     if said.power is None:
         return robot
     left = said.power - nominal_power(robot, said.torque, said.plan.velocity)
@@ -285,7 +286,7 @@ def _supply(said: Simulated, robot: RobotDescription) -> RobotDescription:
         standby, gain, back, *gains = lossy[0].tolist()
     joints = []
     for joint, heat in zip(robot.joints, gains, strict=True):
-        # R / K² is what heats: where K is not known it is taken as 1 Nm/A.
+        # Only R / K² matters for the heat: an unknown K is taken as 1 Nm/A.
         constant = joint.torque_constant or 1.0
         ohms = heat / gain * constant**2
         joints.append(joint.model_copy(update={"torque_constant": constant, "winding_resistance": ohms}))
@@ -294,7 +295,7 @@ def _supply(said: Simulated, robot: RobotDescription) -> RobotDescription:
 
 
 def _drawn(said: Simulated, columns: Float, power: Float) -> tuple[Float, float]:
-    """Coefficients, none negative and small ones 0, that make ``power`` (N,) W of columns (N, m); mean square left."""
+    """Nonnegative coefficients, small ones 0, of columns (N, m) fitted to ``power`` (N,) W; mean square residual."""
     scale = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-12)
     found = nnls(columns / scale, power)[0]
     found = np.where(found < FINE * float(np.sqrt(np.mean(power**2))), 0.0, found) / scale

@@ -1,4 +1,4 @@
-"""The torque of runs that have none: by the law of the servos, from what these were told and how the arm moved."""
+"""Torque of runs without measured torque, computed from commands and motion by the control law of the servos."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from cellwatt_plugins.robot.servo.filtered import filtered, held
 from cellwatt_plugins.robot.servo.law import Drive, Servo, earlier, servo_of
 
 DELAYS = (0.0, *(float(d) for d in np.geomspace(0.004, 0.12, 16)))
-"""s that commands may act later, to see where the drives' limits are reached."""
+"""Delays of the commands, s, that are tried where the drives' limits are reached."""
 BETTER = 0.5
-"""Share of the error without a delay that one must leave to be believed."""
+"""Share of the error without a delay to which a delay must reduce it to be accepted."""
 
 
 def driven(runs: Sequence[Run], simulator: Simulator) -> list[Run]:
-    """The runs with their servos' torque where they have commands alone; as they are where they have torque."""
+    """Runs with commands and no torque get the torque of their servos; runs with torque stay unchanged."""
     servo = servo_of(simulator.path, simulator.joints)
     if servo is None:
         return list(runs)
@@ -35,19 +35,19 @@ def driven(runs: Sequence[Run], simulator: Simulator) -> list[Run]:
 
 
 def _drive(run: Run, servo: Servo) -> Drive | None:
-    """The servos along a run; None where it has no commands, or torque."""
+    """The servos along a run; None if it lacks commands or has torque."""
     if run.command is None or not np.isfinite(run.command).all() or not unread(run).all():
         return None
     return drive_of(servo, run.position, run.command, run.step)
 
 
 def drive_of(servo: Servo, position: Float, command: Float, step: float) -> Drive:
-    """The servos that were told a ``command`` (N, n) rad, each ``step`` s, and whose encoders tell ``position``."""
+    """The servos with a ``command`` and an encoder ``position`` (N, n) rad every ``step`` s."""
     return Drive(servo, earlier(held(command), servo.delay, step), *filtered(position, step), step, command)
 
 
 def _late(drives: Sequence[Drive], simulator: Simulator) -> float:
-    """s by which commands act later, about, where drives seem to reach their limits."""
+    """Approximate delay of the commands, s, if drives seem to reach their limits; 0 if none is found."""
     tells = []
     for drive in drives:
         servo, asked, moved = drive.servo, drive.asked(drive.command), drive.moved

@@ -1,4 +1,4 @@
-"""Units that people mix up, by the factor that they bring; and words that several checks share."""
+"""Units that are often confused, recognised by their factor; wording shared by several checks."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def recognised(factor: float, known: Mapping[str, float], within: float = 1.25) 
 
 
 def times_text(factor: float, digits: int = 3) -> str:
-    """A factor in figures that are easily read: ``57.3``, ``1000``, ``0.001``."""
+    """A factor in a few digits: ``57.3``, ``1000``, ``0.001``."""
     return f"{float(f'{factor:.{digits}g}'):g}"
 
 
@@ -36,6 +36,6 @@ def order_text(stem: str, order: Sequence[int]) -> str:
 
 
 def usable(run: Run, most: int | None = None) -> NDArray[np.intp]:
-    """Samples of a run that were not filled in; at most about ``most``, evenly spread."""
+    """Indices of the samples of a run that were not filled in; about ``most`` at most, evenly spread."""
     there = np.flatnonzero(~run.filled)
     return there if most is None else there[:: max(1, len(there) // most)]

@@ -1,4 +1,4 @@
-"""From rows as they were logged to an even time grid without holes: what was mended is marked and said."""
+"""Resample logged rows to an even time grid without holes; filled-in samples are marked and noted."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from cellwatt_plugins.robot.meter.held import onto
 from cellwatt_plugins.robot.stretches import stretches
 
 LEAST_ROWS = 16
-"""Fewer rows are no recording."""
+"""Smallest number of rows of a recording."""
 SLOWEST = 1.2
-"""s from row to row: beyond it no motion of an arm is recorded, or the time is in another unit."""
+"""Longest step between rows, s: beyond it the motion of an arm is not resolved, or the time is in another unit."""
 COUNTED = 0.9
-"""From this step on, times in whole numbers are counted rows or ms; a clock of s that slow has fractions."""
+"""Step above which times in whole numbers are row numbers or ms: a clock in s with such a step has fractions."""
 FEW = 0.01
-"""Share of rows that may be mended in a column."""
+"""Largest share of rows of a column that may be filled in."""
 LONGEST = 1.0
-"""s without a number that may be mended; in slow recordings one row."""
+"""Longest stretch without a number, s, that may be filled in; in slow recordings one row."""
 ABSURD = 1e9
 """No quantity of a robot is that large in any unit: the bytes were damaged."""
 EVEN = 0.02
-"""Share of a step by which the times of an evenly sampled file may stray."""
+"""Share of a step by which the times of an evenly sampled file may deviate."""
 LARGEST, SPARSE = 2_000_000, 20
-"""Samples of a grid, and as a multiple of the rows: beyond both, most of it is a leap of the clock."""
+"""Samples of a grid, and samples per row: a grid that exceeds both consists mostly of a jump of the clock."""
 HOLE = 2.5
-"""Steps between two rows from which on samples are missing."""
+"""Distance of two rows, in steps, above which samples are missing between them."""
 GLITCH = 10.0
-"""A position that leaves its neighbours by this many of the largest steps ever made, and comes back, is no motion."""
+"""Deviation of a position from its neighbours, in largest steps of the motion, above which it is a glitch."""
 JITTER = 0.01
-"""rad that a position may leave its neighbours by: the encoder of a joint at rest does, and so does its brake."""
+"""rad by which a position may always deviate from its neighbours: encoder noise or a brake at rest causes as much."""
 JERKED = 1.0
-"""rad/s at which it may do so: in slow recordings a short move is a single row."""
+"""rad/s at which a position may deviate from its neighbours: in slow recordings a short move is a single row."""
 
 
 @dataclass(frozen=True)
@@ -61,12 +61,12 @@ def even(
     lossy: Collection[str] = (),
     power: str | None = None,
 ) -> Even:
-    """Columns (R,) at ``time`` (R,) s, brought onto the grid of their median rate by linear interpolation.
+    """Resample columns (R,) at ``time`` (R,) s to an even grid of their median rate.
 
-    Holes in time and the few cells without a number are filled and marked as gaps; those of ``slow`` columns, which
-    change over minutes, are filled and not marked, and left out where they have none; single wild values of
-    ``positions`` are replaced; ``lossy`` columns stay NaN where more than a few numbers are missing; ``power`` of a
-    slow meter is held. Raises ``RecordingError`` where too much is missing, or the time does not rise or leaps.
+    Holes in time and single missing values are filled in and marked as gaps. Missing values of ``slow`` columns, which
+    change over minutes, are filled in without a mark; a ``slow`` column without any value is omitted. Glitches of
+    ``positions`` are replaced. ``lossy`` columns stay NaN where more than a few values are missing. ``power`` of a slow
+    meter is held. Raises ``RecordingError`` if too much is missing, or if the time does not rise or jumps.
     """
     kept, notes = _rising(place, time)
     time, columns = time[kept], {name: values[kept] for name, values in columns.items()}
@@ -100,7 +100,7 @@ def even(
     columns = {
         name: onto(grid, time, values)
         if name == power
-        # Straight lines leave a position by more than its encoder's noise wherever it speeds up.
+        # Linear interpolation of an accelerating position errs by more than the noise of its encoder.
         else Akima1DInterpolator(time, values, method="makima")(np.clip(grid, time[0], time[-1]))
         if name in curved
         else np.interp(grid, time, values)
@@ -110,7 +110,7 @@ def even(
 
 
 def _rising(place: str, time: Float) -> tuple[Bool, list[str]]:
-    """Rows with a time of their own."""
+    """Mask (R,) of the rows that have a time of their own, and notes."""
     kept = np.isfinite(time)
     kept[kept] = np.diff(time[kept], prepend=-np.inf) != 0
     lost = len(time) - int(kept.sum())
@@ -123,7 +123,7 @@ def _rising(place: str, time: Float) -> tuple[Bool, list[str]]:
         before, after = time[kept][i], time[kept][i + 1]
         raise RecordingError(
             f"{place}: the time goes back from {before:.3f} to {after:.3f} s in row {i + 2}: "
-            "give recordings that follow each other as files of their own"
+            "give consecutive recordings as separate files"
         )
     return kept, [f"{place}: {lost} rows without a time of their own left out"] if lost else []
 
@@ -138,13 +138,13 @@ def _in_seconds(place: str, time: Float) -> None:
         )
     if step > SLOWEST:
         raise RecordingError(
-            f"{place}: the time rises by {step:.6g} from row to row: in seconds that is too slow to see an arm move, "
-            "record twice a second or more; if it is in milliseconds, divide it by 1000"
+            f"{place}: the time rises by {step:.6g} from row to row: in seconds that is too slow for the motion of an "
+            "arm, record at least twice a second; if it is in milliseconds, divide it by 1000"
         )
 
 
 def _glitches(time: Float, values: Float) -> Bool:
-    """Single or paired values that no motion reaches, judged by the largest step of the median of five neighbours."""
+    """True (R,) at single or paired values that no motion reaches, judged by the largest step of the median of five."""
     clean = np.interp(np.arange(len(values)), np.flatnonzero(~np.isnan(values)), values[~np.isnan(values)])
     middle = median_filter(clean, 5, mode="nearest")
     largest = float(np.max(np.abs(np.diff(middle))))
@@ -163,17 +163,17 @@ def _few_enough(place: str, name: str, time: Float, wrong: Bool) -> None:
 
 
 def _lost(place: str, name: str, time: Float, wrong: Bool) -> str:
-    """A remark on a column that has no number in many rows: a sensor that died, or one that is read now and then."""
+    """Note on a column without numbers in many rows: its sensor failed, or is read only now and then."""
     last = int(np.flatnonzero(~wrong)[-1])
     if last < len(time) - 1 and _few(time[: last + 1], wrong[: last + 1]):
-        text = f"after t = {time[last]:.3f} s, to the end at {time[-1]:.3f} s: its sensor died or was not read any more"
+        text = f"after t = {time[last]:.3f} s, to the end at {time[-1]:.3f} s: its sensor failed or was no longer read"
     else:
         text = f"in {100 * float(np.mean(wrong)):.1f} % of its rows, first at t = {time[wrong][0]:.3f} s"
-    return f"{place}: {name} has no number {text}. These rows do not count for it"
+    return f"{place}: {name} has no number {text}. These rows are not used for it"
 
 
 def _few(time: Float, wrong: Bool) -> bool:
-    """True where the values that are missing may be filled in."""
+    """True if the missing values are few enough to be filled in."""
     one_row = HOLE * float(np.median(np.diff(time)))
     return bool(wrong.sum() <= max(1, FEW * len(wrong)) and _longest(time, wrong) <= max(LONGEST, one_row))
 
@@ -198,14 +198,14 @@ def _grid(place: str, time: Float) -> Float:
     if count > max(LARGEST, SPARSE * len(time)):
         i = int(np.argmax(np.diff(time)))
         raise RecordingError(
-            f"{place}: the time leaps from {time[i]:.3f} to {time[i + 1]:.3f} s in row {i + 2}: was the clock set? "
-            "Give what was recorded before and after that as files of their own, or leave out the shorter part"
+            f"{place}: the time jumps from {time[i]:.3f} to {time[i + 1]:.3f} s in row {i + 2}: was the clock set? "
+            "Give the recordings before and after the jump as separate files, or leave out the shorter one"
         )
     return np.asarray(time[0] + middle * np.arange(count), np.float64)
 
 
 def _holes(time: Float, grid: Float) -> Bool:
-    """Grid points that lie between two rows that are far apart."""
+    """True (N,) at grid points between two rows that are far apart."""
     steps = np.diff(time)
     row = np.clip(np.searchsorted(time, grid, side="right") - 1, 0, len(steps) - 1)
     middle = float(np.median(steps))

@@ -1,4 +1,4 @@
-"""The motion that really took place in a recorded run, and how far its servos lag behind the plan."""
+"""The actual motion of a recorded run, and the lag of its servos behind the plan."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.robot.motion import OWN_OCTAVES, Moved, Plan, about_plan, from_encoders
 
 SHORTEST_LAG, LONGEST_LAG = 0.0005, 0.2
-"""s that a servo may lag behind the plan; less is tracking error."""
+"""Lags of a servo behind the plan, s; a shorter lag counts as tracking error."""
 
 
 def moved(run: Run, octaves: Sequence[float] = OWN_OCTAVES) -> Moved:
-    """The motion of a run: planned motion plus smoothed tracking error, or smoothed encoders where no plan is.
+    """The motion of a run: planned motion plus smoothed tracking error, or smoothed encoders if there is no plan.
 
-    ``octaves``, Hz, are those of smoothed encoders.
+    ``octaves``, Hz, apply to smoothed encoders only.
     """
     if run.drive is not None:
         return run.drive.moved
@@ -27,7 +27,7 @@ def moved(run: Run, octaves: Sequence[float] = OWN_OCTAVES) -> Moved:
 
 
 def _followed(run: Run) -> Plan:
-    """The plan as each joint follows it: a servo that lags behind does the same motion a little later."""
+    """The plan as each joint follows it, delayed by the lag of its servo."""
     assert run.plan is not None
     plan, lag = run.plan, servo_lag(run)
     if not lag.any():
@@ -36,7 +36,7 @@ def _followed(run: Run) -> Plan:
 
 
 def servo_lag(run: Run) -> Float:
-    """s (n,) by which each joint follows its plan later; 0 where that is no more than tracking error."""
+    """Lag (n,) s of each joint behind its plan; 0 where it is no more than tracking error."""
     lag = np.zeros(run.joints)
     if run.plan is None:
         return lag
@@ -49,5 +49,5 @@ def servo_lag(run: Run) -> Float:
 
 
 def later(values: Float, time: Float, lag: Float) -> Float:
-    """Values (N, n) of ``lag`` (n,) s ago."""
+    """Values (N, n) delayed by ``lag`` (n,) s."""
     return np.stack([np.interp(time - s, time, values[:, j]) for j, s in enumerate(lag)], axis=1)

@@ -1,4 +1,4 @@
-"""From what the user gives (recordings, simulations, the robot's description) to runs on even time grids."""
+"""Read recordings and simulations, with the robot's description, into runs on even time grids."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ from cellwatt_plugins.robot.motion import Moved, Plan, exact
 from cellwatt_plugins.robot.samples import interpolated
 
 SAME_CLOCK = 0.5
-"""Recording and simulation that share less of the shorter one have different clocks."""
+"""Least overlap of recording and simulation, as a share of the shorter one; with less, their clocks differ."""
 RATE, SAMPLES = 250.0, 100_000
-"""Samples a second that are looked at: joints ring below 50 Hz, and what is faster is the drives' own. Of long
-recordings fewer, so that there are not more than so many in all: what is slow needs no more."""
+"""Largest number of samples per second, and in all: joints ring below 50 Hz, faster signals come from the drives. Long
+recordings are averaged to a lower rate, which is enough for slow effects."""
 COVERED = 0.5
 """Share of a recording that its simulation must cover."""
 COLUMNS = ("time", "position", "velocity", "torque", "power", "temperature", "command", "gaps")
-"""What a run has for each of its samples."""
+"""Fields of ``Run`` with one row per sample."""
 
 
 def read_sources(files: Sequence[Source], robot: RobotDescription, simulator: Path | None = None) -> list[Run]:
-    """The files as runs; each with a plan where it has a simulation, or target columns of its own.
+    """Read the files as runs; a run has a plan if it has a simulation or target columns.
 
-    A simulator's own file (MJCF, URDF) is run on each recording. Raises ``RecordingError`` where a file cannot be used,
-    ``ConfigError`` where the description lacks what it needs.
+    A simulator's own file (MJCF, URDF) is run on each recording. Raises ``RecordingError`` if a file cannot be used,
+    ``ConfigError`` if the description lacks a number that is needed.
     """
     every = spread(read_source, files, "reading recordings", shared=robot)
     rate = min(RATE, SAMPLES / sum(float(signals.time[-1] - signals.time[0]) for signals in every))
@@ -56,14 +56,14 @@ def read_sources(files: Sequence[Source], robot: RobotDescription, simulator: Pa
 
 
 def read_one(source: Source, robot: RobotDescription, simulator: Path | None, rate: float) -> Run:
-    """One of many recordings as a run of ``rate`` Hz or less. Raises as ``read_sources``."""
+    """Read one of many recordings as a run of ``rate`` Hz or less. Raises as ``read_sources``."""
     loaded, gains = _loaded(simulator, robot)
     run = _prepared((source, read_source(source, robot).slower(rate)), (robot, gains))
     return run if loaded is None else _run_through(loaded, driven([run], loaded)[0])
 
 
 def _loaded(simulator: Path | None, robot: RobotDescription) -> tuple[Simulator | None, Float | None]:
-    """The arm in a simulator's file, and the Nm (n,) of one unit of its control."""
+    """The arm in a simulator's file, and the torque (n,) Nm per unit of its controls."""
     if simulator is None:
         return None, None
     loaded = load_simulator(simulator, [joint.name for joint in robot.joints])
@@ -71,9 +71,9 @@ def _loaded(simulator: Path | None, robot: RobotDescription) -> tuple[Simulator 
 
 
 def _prepared(told: tuple[Source, Signals], known: tuple[RobotDescription, Float | None]) -> Run:
-    """The run of its files and of what was recorded.
+    """Make a run from its source and its signals.
 
-    ``known`` are the robot, and the Nm (n,) of one unit of a simulator's control; NaN where it is no torque.
+    ``known``: the robot, and the torque (n,) Nm per unit of a simulator's controls, NaN where a control is no torque.
     """
     (source, signals), (robot, gains) = told, known
     signals = signals.with_controls(gains)
@@ -99,7 +99,7 @@ def _prepared(told: tuple[Source, Signals], known: tuple[RobotDescription, Float
 
 
 def read_source(source: Source, robot: RobotDescription) -> Signals:
-    """A recording, with the power of its meter's own file where there is one. Raises ``RecordingError``."""
+    """Read a recording, with the power of its meter's own file if it has one. Raises ``RecordingError``."""
     signals = read_signals(source.recording, robot)
     if source.meter is None:
         return signals
@@ -107,18 +107,18 @@ def read_source(source: Source, robot: RobotDescription) -> Signals:
 
 
 def _run_through(simulator: Simulator, run: Run) -> Run:
-    """The run with what a simulator says of the motion that was commanded, or made where no command was recorded."""
+    """The run with a simulator's torque for the planned motion, or for the measured motion if there is no plan."""
     plan = Plan(*moved(run).courses) if run.plan is None else run.plan
-    # How friction turns over is told by motion alone: no simulator's way is taken for the arm's there.
+    # If only motion was recorded, friction is not assumed to reverse early as it does in the simulator.
     torque = simulator.torque(*plan.courses, leading=run.drive is None)
     notes = [note for note in simulator.notes if note not in run.notes]
     return replace(run, simulated=Simulated(run.time, plan, torque), notes=(*run.notes, *notes))
 
 
 def read_motion(path: Path, simulation: Path | None, robot: RobotDescription) -> tuple[Run, Moved | None]:
-    """A motion to simulate as a run without torque, and the motion itself where it is known rather than measured.
+    """Read a motion to be simulated: a run without torque, and the exact motion if it was planned, not measured.
 
-    One with accelerations was planned. ``simulation`` is what the user's simulation says of it. Raises
+    A file with accelerations counts as planned. ``simulation`` is the user's simulation of the motion. Raises
     ``RecordingError``.
     """
     signals = read_signals(path, robot)
@@ -133,7 +133,7 @@ def read_motion(path: Path, simulation: Path | None, robot: RobotDescription) ->
 
 
 def _with_simulation(run: Run, simulation: Signals, cut: bool = True) -> Run:
-    """The run with what its simulation says; both begin together where neither clock nor motion tells."""
+    """The run with its simulation; both are assumed to begin together if neither clocks nor motions can be aligned."""
     planned = _planned(simulation, "" if "position" in simulation.joints else "target_")
     when, note = simulation.time, ""
     own = np.arange(when[0], when[-1], run.step)
@@ -142,9 +142,9 @@ def _with_simulation(run: Run, simulation: Signals, cut: bool = True) -> Run:
     shared = min(when[-1], run.time[-1]) - max(when[0], run.time[0])
     apart = shared < SAME_CLOCK * min(when[-1] - when[0], run.time[-1] - run.time[0])
     if error < SAME and (apart or abs(shift + late * run.step) > LATE):
-        shift, how = shift + late * run.step, "lined up by their motion"
+        shift, how = shift + late * run.step, "aligned by their motion"
     elif apart:
-        how = "taken to begin together"
+        how = "assumed to begin together"
     else:
         shift = 0.0
     if shift:
@@ -153,25 +153,25 @@ def _with_simulation(run: Run, simulation: Signals, cut: bool = True) -> Run:
     torque = simulation.joints.get("torque")
     if torque is not None and not np.isfinite(torque).all():
         silent = joints_text((1 + np.flatnonzero(np.isnan(torque).any(axis=0))).tolist())
-        raise RecordingError(f"{simulation.place}: no torque of {silent}: a simulation tells the torque of every joint")
+        raise RecordingError(f"{simulation.place}: no torque of {silent}: a simulation needs the torque of every joint")
     return replace(run, simulated=None if torque is None else Simulated(when, planned, torque, simulation.power))
 
 
 def _with_targets(run: Run, signals: Signals) -> Run:
-    """The run with the motion that it says was commanded; some controllers log commands long before they are met."""
+    """The run with its target columns as plan, delayed if the controller logs targets long before they are reached."""
     planned = _planned(signals, "target_")
     samples, error = delay(run.position, planned.position)
     late = samples * run.step
     if abs(late) <= LATE or error > SAME:
         return _with_plan(run, signals, signals.time, planned)
-    note = f"the target columns are {late:.2f} s ahead of the motion and moved back by that"
+    note = f"the target columns are {late:.2f} s ahead of the motion and were delayed by that"
     return _with_plan(run, signals, signals.time + late, planned, note)
 
 
 def _with_plan(run: Run, source: Signals, when: Float, planned: Plan, note: str = "", cut: bool = True) -> Run:
-    """The run, cut to what a plan at times ``when`` (M,) covers, with that plan on its own time grid.
+    """The run, cut to the time that a plan at ``when`` (M,) s covers, with the plan resampled to the run's time grid.
 
-    Raises ``RecordingError`` where the plan covers too little of the recording.
+    Raises ``RecordingError`` if the plan covers too little of the recording.
     """
     slack = 0.51 * max(run.step, source.step)
     covered = (run.time >= when[0] - slack) & (run.time <= when[-1] + slack)
@@ -186,7 +186,7 @@ def _with_plan(run: Run, source: Signals, when: Float, planned: Plan, note: str 
     time = np.clip(run.time, when[0], when[-1])
     position = CubicHermiteSpline(when, planned.position, planned.velocity)
     velocity = CubicHermiteSpline(when, planned.velocity, planned.acceleration)
-    # Straight lines between accelerations would lack a share of their second derivative, as an elastic joint does.
+    # Linear interpolation errs with the second derivative of the acceleration, which would imitate an elastic joint.
     plan = Plan(np.asarray(position(time)), np.asarray(velocity(time)), np.asarray(velocity.derivative()(time)))
     more = [f"{run.name}: {note}"] if note else []
     return replace(run, plan=plan, gaps=gaps, notes=(*run.notes, *more))
@@ -203,6 +203,6 @@ def _cut(run: Run, part: slice) -> Run:
 
 
 def _planned(signals: Signals, prefix: str) -> Plan:
-    """The motion that columns of a ``prefix`` tell, on their own time grid."""
+    """The motion in the columns with a ``prefix``, on the time grid of the file."""
     names = [f"{prefix}{quantity}" for quantity in ("position", "velocity", "acceleration")]
     return Plan(signals.needed(names[0]), *signals.derivatives(*names))

@@ -1,4 +1,4 @@
-"""One recorded run and what the simulation says of it, on one even time grid."""
+"""A recorded run on an even time grid, and its simulation."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cellwatt_plugins.robot.servo.law import Drive
 
 @dataclass(frozen=True)
 class Simulated:
-    """Torque and power that the user's simulation states for the planned motion, at its own M times."""
+    """Torque and power of the user's simulation for the planned motion, at the simulation's own M times."""
 
     time: Float
     """(M,) s on the recording's clock."""
@@ -39,15 +39,15 @@ class Run:
     velocity: Float | None
     """(N, n) rad/s, where recorded."""
     torque: Float
-    """(N, n) Nm, motor torque at the joint side; NaN where it was not recorded or not read, also whole columns."""
+    """(N, n) Nm, motor torque at the joint side; NaN, also in whole columns, where it was not recorded or not read."""
     power: Float | None = None
     """(N,) W of the supply, where recorded."""
     temperature: Float | None = None
     """(N, n) °C, where recorded."""
     command: Float | None = None
-    """(N, n) rad, positions that the controller was told, where recorded."""
+    """(N, n) rad, commanded positions, where recorded."""
     drive: Drive | None = None
-    """The servos whose law stands for the torque, where none was recorded."""
+    """Servos whose control law gives the torque if no torque was recorded."""
     plan: Plan | None = None
     simulated: Simulated | None = None
     """Simulation that the recording is compared with; None: the law in robot.yaml."""
@@ -56,7 +56,7 @@ class Run:
     torque_from: Literal["torque", "current"] = "torque"
     """Recorded quantity; current is multiplied by the torque constants of the description."""
     notes: tuple[str, ...] = ()
-    """Corrections made in reading it, one sentence each."""
+    """Corrections made when the recording was read, one sentence each."""
 
     @property
     def step(self) -> float:
@@ -65,7 +65,7 @@ class Run:
 
     @property
     def filled(self) -> Bool:
-        """(N,) true where samples were missing, everywhere false where ``gaps`` says nothing."""
+        """(N,) true where samples were filled in; all false if ``gaps`` is None."""
         return np.zeros(len(self.time), np.bool_) if self.gaps is None else self.gaps
 
     @property

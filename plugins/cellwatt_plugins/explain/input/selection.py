@@ -1,7 +1,7 @@
-"""Many recordings: those that are looked at closely, and the others, which are compared with what is found in these.
+"""Select, among many recordings, those in which effects are searched; the others are compared with the model found.
 
-To look at all of them would mean to look at fewer samples of each, and what a joint does in a tenth of a second is in
-none of those: the more was recorded, the less would be seen.
+Searching all recordings would leave fewer samples of each, too few to show what a joint does within a tenth of a
+second: the more was recorded, the less would be found.
 """
 
 from __future__ import annotations
@@ -18,19 +18,17 @@ from cellwatt_plugins.explain.input.sources import Source
 from cellwatt_plugins.robot import RobotDescription
 
 FEW = 6
-"""Recordings that are all looked at closely, however long they are; of more, so many if that leaves ``SLOWEST``."""
+"""Number of recordings up to which all are searched, of any length; of more, this many if ``SLOWEST`` allows."""
 LEAST = 2
-"""Recordings that are looked at in any case."""
+"""Smallest number of recordings that are searched."""
 SLOWEST = 100.0
-"""Samples a second with which less is seen of what is quick, but not much less."""
+"""Samples per second with which fast effects are found almost as well as with ``RATE``."""
 
 
 def select(files: Sequence[Source], robot: RobotDescription) -> tuple[list[Source], list[Source]]:
-    """The recordings to be looked at closely, and the others: none where they are few or short.
+    """Return the recordings to be searched, those whose motions differ most, and the other recordings.
 
-    Else those whose motions differ most are looked at.
-
-    Raises ``RecordingError`` where a file cannot be read.
+    All are searched if they are few or short. Raises ``RecordingError`` if a file cannot be read.
     """
     if len(files) <= FEW:
         return list(files), []
@@ -47,9 +45,9 @@ def select(files: Sequence[Source], robot: RobotDescription) -> tuple[list[Sourc
 
 
 def furthest_first(places: Float) -> Iterator[int]:
-    """Numbers of the rows (N, m): first the one furthest from their mean, then always the one furthest from all before.
+    """Indices of the rows (N, m): first the row furthest from the mean, then always the row furthest from all before.
 
-    Each column counts in units of its standard deviation (Gonzalez 1985).
+    Each column is in units of its standard deviation (Gonzalez 1985).
     """
     size = np.std(places, axis=0)
     scaled = (places - np.mean(places, axis=0)) / np.where(size > 0, size, 1.0)
@@ -64,7 +62,7 @@ def furthest_first(places: Float) -> Iterator[int]:
 
 
 def _look(file: Source, robot: RobotDescription) -> tuple[float, Float]:
-    """Length of a recording, s, and its motion: the ends of each joint's way, rad, and its speed, rad/s rms."""
+    """Length of a recording, s, and each joint's least and greatest position, rad, and rms speed, rad/s."""
     signals = read_source(file, robot)
     position = signals.needed("position")
     speed = np.sqrt(np.mean(np.square(np.diff(position, axis=0) / signals.step), axis=0))

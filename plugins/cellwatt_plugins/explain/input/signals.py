@@ -18,17 +18,17 @@ from cellwatt_plugins.robot.meter.held import held, onto
 from cellwatt_plugins.robot.motion import slope
 
 SLOW = "temperature"
-"""Changes over minutes and is often logged more rarely than the rest."""
+"""Quantity that changes over minutes and is often logged at a lower rate than the others."""
 OPTIONAL = ("velocity", "acceleration", "torque", "current", "temperature", "command", "control")
-"""Count as not recorded where all their columns are empty."""
+"""Quantities that count as not recorded if all their columns are empty."""
 LOSSY = ("torque", "current")
-"""May lack joints, and samples of joints: these are NaN."""
+"""Quantities that may lack joints or samples of joints; missing values are NaN."""
 NEEDED = ("position", "target_position", "target_velocity", "target_acceleration")
 POWER = "power"
 LEAST_MEANS = 8
-"""Means that are left of a recording however short it is beside others: it is refused for what it is."""
+"""Smallest number of means of a recording: if it is too short, ``check_length`` refuses it for its length."""
 FOLLOWS = 0.3
-"""Spread of commanded less real positions, as a share of the motion, up to which controls are positions."""
+"""Standard deviation of control minus position, as a share of the position's, up to which controls are positions."""
 
 
 @dataclass(frozen=True)
@@ -46,9 +46,9 @@ class Signals:
     """(N,) true where values were filled in."""
     notes: tuple[str, ...]
     columns: tuple[str, ...]
-    """All the file has beside the time, for messages."""
+    """Names of all columns except the time, for messages."""
     hint: str = ""
-    """What the columns with unknown names look like, for messages."""
+    """Likely meaning of the columns with unknown names, for messages."""
 
     @property
     def step(self) -> float:
@@ -56,7 +56,7 @@ class Signals:
         return float((self.time[-1] - self.time[0]) / (len(self.time) - 1))
 
     def needed(self, *quantities: str) -> Float:
-        """The first of these quantities that is there. Raises ``RecordingError`` where none is."""
+        """The first of these quantities that the file has, (N, n). Raises ``RecordingError`` if it has none of them."""
         for quantity in quantities:
             if quantity in self.joints:
                 return self.joints[quantity]
@@ -66,9 +66,10 @@ class Signals:
         )
 
     def with_controls(self, gains: Float | None) -> Signals:
-        """A simulator's controls as torques, by ``gains`` (n,) Nm a unit, or as commands where these are NaN.
+        """Convert a simulator's controls to torques, by ``gains`` (n,) Nm per unit; to commands where a gain is NaN.
 
-        Without gains, controls are torques where the file has no others, but commands where they follow the positions.
+        Without gains, controls are commands at joints whose positions follow them, otherwise torques. Torques, currents
+        and commands that the file already has are not replaced.
         """
         if "control" not in self.joints:
             return self
@@ -90,7 +91,7 @@ class Signals:
         return np.asarray(apart < FOLLOWS * np.std(position, axis=0), np.bool_)
 
     def slower(self, rate: float) -> Signals:
-        """Means of as many samples as bring it to ``rate`` Hz or less; a mean is a gap where one of them is."""
+        """Average consecutive samples to a rate of ``rate`` Hz or less; a mean is a gap if one of its samples is."""
         count = min(int(np.ceil(1 / (self.step * rate) - EVEN)), len(self.time) // LEAST_MEANS)
         if count < 2:
             return self
@@ -108,14 +109,14 @@ class Signals:
         )
 
     def _slower_power(self, mean: Callable[[Float], Float]) -> Float:
-        """Means, but of a slow meter the value in the middle of them."""
+        """Mean power (M,) W; for a slow meter, its value at the mean time of the samples instead."""
         assert self.power is not None
         if held([(self.time, self.power)]) is None:
             return mean(self.power)
         return onto(mean(self.time), self.time, self.power)
 
     def derivatives(self, position: str, velocity: str, acceleration: str) -> tuple[Float, Float]:
-        """Velocity and acceleration; differentiated where the file lacks them."""
+        """Velocity and acceleration (N, n), computed by differentiation if the file lacks them."""
         speed = self.joints.get(velocity)
         if speed is None:
             speed = slope(self.joints[position], self.step)
@@ -126,7 +127,7 @@ class Signals:
 
 
 def read_signals(path: Path, robot: RobotDescription) -> Signals:
-    """Read a file. Raises ``RecordingError`` that says what is wrong with it."""
+    """Read a file. Raises ``RecordingError``, which reports what is wrong with the file."""
     table = read_table(path, [joint.name for joint in robot.joints])
     time = table.time
     names, joints = _joints(table, robot)
@@ -138,7 +139,7 @@ def read_signals(path: Path, robot: RobotDescription) -> Signals:
         wanted = f"{_family('position')} or {_family('target_position')}"
         raise RecordingError(f"{path}: no position: expected {wanted}; {table.there()}{hint(table)}")
     columns = {name: column for q in joints for name, column in zip(names[q], joints[q].T, strict=True) if name}
-    # Rows in which no joint was heard hold nothing: to leave them out makes them holes in time.
+    # Rows without the position of any joint are removed, which turns them into holes in time.
     heard = np.isfinite(joints[positions]).any(axis=1)
     grid = even(
         path.name,
@@ -195,18 +196,18 @@ def _joints(table: Table, robot: RobotDescription) -> tuple[dict[str, tuple[str,
 
 
 def _turned(place: str, table: Table, names: Mapping[str, tuple[str, ...]]) -> Iterator[str]:
-    """One line where angles modulo a turn were counted on."""
+    """One note if angles modulo a turn were unwrapped."""
     found = {name: count for q in NEEDED for name in names.get(q, ()) if (count := table.wraps(name))}
     if found:
         times = ", ".join(f"{name} ({count} times)" for name, count in found.items())
-        yield f"{place}: angles modulo a turn, counted on by whole turns: {times}"
+        yield f"{place}: angles modulo a turn, unwrapped by whole turns: {times}"
 
 
 def motor_torque(signals: Signals, robot: RobotDescription) -> Float:
-    """Torque (N, n) Nm as recorded, or current times torque constant; NaN where a joint's is missing.
+    """Torque (N, n) Nm as recorded, or current times torque constant; NaN where a joint's value is missing.
 
-    It is NaN throughout where commands were recorded alone. Raises ``RecordingError`` where nothing of these was, and
-    ``ConfigError`` where a constant is not known.
+    All values are NaN if only commands were recorded. Raises ``RecordingError`` if torque, current and command are all
+    missing, and ``ConfigError`` if a torque constant is unknown.
     """
     if not {"torque", "current"} & signals.joints.keys() and "command" in signals.joints:
         return np.full_like(signals.joints["command"], np.nan)

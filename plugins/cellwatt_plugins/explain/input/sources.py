@@ -1,4 +1,4 @@
-"""The files that each run is read from: its recording, its meter's own table, the simulation of it."""
+"""The files of each run: its recording, its meter's own table and its simulation."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cellwatt_plugins.robot.meter.file import with_meters
 from cellwatt_plugins.robot.simulated import is_simulator
 
 ENDINGS = (".part", ".parquet", ".csv", ".txt", ".mcap", ".recording", ".simulation")
-"""Taken off a file's name, from the end, to have the run's."""
+"""Endings that are removed from a file's name, the last one first, to obtain the name of the run."""
 
 
 @dataclass(frozen=True)
@@ -19,19 +19,20 @@ class Source:
     """The files of one run."""
 
     name: str
-    """The run's, e.g. ``run_01``."""
+    """Name of the run, e.g. ``run_01``."""
     recording: Path
     meter: Path | None = None
     """Table of power on a clock of its own."""
     simulation: Path | None = None
-    """Table; None where there is none, or a simulator's own file is run on each recording."""
+    """Table of the simulation; None if no table is given or a simulator's own file is run on each recording."""
 
 
 def sources(recordings: Sequence[Path], simulations: Sequence[Path], meters: Sequence[Path] = ()) -> list[Source]:
     """The files of each run.
 
-    Simulations belong to the recordings of the same name (``run_01.recording``, ``run_01.simulation``), else to those
-    in the same place of the list, as ``meters`` do. Raises ``RecordingError`` where they cannot be told apart.
+    A simulation belongs to the recording of the same name (``run_01.recording``, ``run_01.simulation``), otherwise to
+    the recording at the same position in the list. ``meters`` are matched by position. Raises ``RecordingError`` if two
+    recordings have the same name or the files cannot be matched.
     """
     metered = with_meters(recordings, meters)
     tables = _matched(recordings, () if simulator_file(simulations) else simulations)
@@ -40,7 +41,7 @@ def sources(recordings: Sequence[Path], simulations: Sequence[Path], meters: Seq
 
 
 def simulator_file(simulations: Sequence[Path]) -> Path | None:
-    """The simulator's own file among what is given as simulations; None where tables are given."""
+    """The simulator's own file among ``simulations``; None if these are tables."""
     files = [path for path in simulations if is_simulator(path)]
     if files and len(simulations) > 1:
         raise RecordingError(f"{files[0]}: a simulator runs on every recording: give it without other simulations")
@@ -56,7 +57,7 @@ def run_name(path: Path) -> str:
 
 
 def _names(recordings: Sequence[Path]) -> list[str]:
-    """One name a run; files of the same name in several folders carry the folder's."""
+    """Name of each run; files of the same name in several folders are prefixed with the name of the folder."""
     names = [run_name(path) for path in recordings]
     if len(set(names)) < len(names):
         names = [f"{path.resolve().parent.name}/{name}" for path, name in zip(recordings, names, strict=True)]
@@ -67,7 +68,7 @@ def _names(recordings: Sequence[Path]) -> list[str]:
 
 
 def _matched(recordings: Sequence[Path], simulations: Sequence[Path]) -> list[Path | None]:
-    """The simulation of each recording."""
+    """The simulation of each recording, None where it has none."""
     if not simulations:
         return [None] * len(recordings)
     by_name = {run_name(path): path for path in simulations}

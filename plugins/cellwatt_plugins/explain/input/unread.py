@@ -1,4 +1,4 @@
-"""Torque channels that say nothing of the arm: not recorded, or not read while the joint moved."""
+"""Torque channels without information on the arm: not recorded, or not read while the joint moved."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.robot.motion import rates
 
 SAMPLES = 2000
-"""Samples of a run that are looked at."""
+"""Samples of a run that are examined."""
 MOVES = 0.05
-"""rad or m that a joint must go to be known to move."""
+"""Travel, rad or m, above which a joint moves."""
 COUNTS = 16
-"""Different values at most of a channel that holds the noise of a converter."""
+"""Largest number of different values of a channel that contains converter noise only."""
 LITTLE = 0.002
-"""Share of the arm's largest torque spread below which a torque that goes with no motion was not read."""
+"""Share of the arm's largest torque spread below which a torque unrelated to the motion counts as not read."""
 RELATED = 0.1
-"""Share of a torque's variance that its arm's motion explains at least; friction alone explains most of it."""
+"""Least share of a torque's variance that the arm's motion explains; friction alone explains most of it."""
 TURNED = 0.02
-"""rad/s over which friction turns its sign."""
+"""rad/s over which friction changes its sign."""
 ROWS_EACH = 10
-"""Rows a term that a regression needs to tell chance from relation."""
+"""Rows per term that a regression needs to distinguish relation from chance."""
 
 
 def without_unread(run: Run) -> Run:
-    """The run with NaN for the torque of each joint whose channel is dead: constant, or noise beside the motion."""
+    """The run with NaN for the torque of each joint whose channel is constant, or noise unrelated to the motion."""
     dead = _dead(run)
     return replace(run, torque=np.where(dead, np.nan, run.torque)) if dead.any() else run
 
@@ -41,7 +41,7 @@ def unread(run: Run) -> Bool:
 
 
 def unread_remarks(runs: Sequence[Run]) -> Iterator[str]:
-    """One line where the torque of joints is no evidence."""
+    """One note on the joints whose torque is not used."""
     silent = np.array([unread(run) for run in runs])
     joints = np.flatnonzero(silent.any(axis=0))
     if not len(joints):
@@ -50,7 +50,7 @@ def unread_remarks(runs: Sequence[Run]) -> Iterator[str]:
     where = "" if silent[:, joints].all() else f" in {', '.join(names)}"
     yield (
         f"no torque of {joints_text((1 + joints).tolist())}{where}: the column is absent, empty, constant, or "
-        "noise that does not go with the motion. It is not used; the other joints are"
+        "noise unrelated to the motion. It is not used; the other joints are"
     )
 
 
@@ -79,14 +79,14 @@ def _levels(torque: Float) -> NDArray[np.int_]:
 
 
 def _terms(run: Run) -> Float:
-    """(N, 5 n): what friction, weight and inertia of an arm go with."""
+    """Regressors (N, 5 n) of an arm's friction, weight and inertia."""
     _, velocity, acceleration = rates(run.position, run.step)
     q = run.position
     return np.column_stack([np.tanh(velocity / TURNED), velocity, acceleration, np.sin(q), np.cos(q)])
 
 
 def _related(terms: Float, torque: Float) -> float:
-    """Share of the variance of ``torque`` (N,) that ``terms`` (N, k) explain, less what chance does; 1 of few rows."""
+    """Share of the variance of ``torque`` (N,) that ``terms`` (N, k) explain beyond chance; 1 if rows are too few."""
     rows = np.isfinite(torque)
     count, unknowns = int(rows.sum()), terms.shape[1] + 1
     if count < ROWS_EACH * unknowns:

@@ -1,4 +1,4 @@
-"""Simulators that people have: run on a motion, and given back what their files leave out."""
+"""The user's simulators: run on a motion, and mended with the physics that their files lack."""
 
 from cellwatt_plugins.explain.simulators.mujoco import Simulator, load_simulator
 

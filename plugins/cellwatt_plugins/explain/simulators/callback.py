@@ -1,4 +1,4 @@
-"""What an MJCF cannot hold, as a small module beside the mended file: a callback of MuJoCo's, without cellwatt."""
+"""Write effects that an MJCF cannot hold into a module beside the mended file: a MuJoCo callback without cellwatt."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ FORMULAS = {
     "nonlinear_viscous_friction": "{c[0]} * abs(w) ** {s[0]} * turns(w, {c[0]})",
     "position_periodic_torque": "{c[0]} * np.sin({s[0]} * q) + {c[1]} * np.cos({s[0]} * q)",
 }
-"""Torque, Nm, against the motion of a joint at ``q`` rad with ``w`` rad/s; ``load`` is the links' torque."""
+"""Torque, Nm, against the motion of a joint at ``q`` rad with ``w`` rad/s; ``load`` is the links' torque, Nm."""
 DEAD_BAND = {
-    0.0: "kp * np.clip(told - q, -{s[0]}, {s[0]})",
-    1.0: "(kp * (told - q) if abs(told - q) < {s[0]} else 0.0)",
+    0.0: "kp * np.clip(command - q, -{s[0]}, {s[0]})",
+    1.0: "(kp * (command - q) if abs(command - q) < {s[0]} else 0.0)",
 }
-"""The same of a drive, by how it pulls beyond its band."""
+"""The same for the dead band of a drive that, outside the band, pulls from its edge (0.0) or from the command (1.0)."""
 
-MODULE = '''"""What {name} cannot hold: {what}.
+MODULE = '''"""Effects that {name} cannot hold: {what}.
 
     import mujoco
     import {module}
@@ -34,14 +34,14 @@ MODULE = '''"""What {name} cannot hold: {what}.
     data = mujoco.MjData(model)
     {module}.attach(model)
 
-``attach`` holds for all models of the process that have these joints; ``mujoco.set_mjcb_passive(None)`` ends it.
+``attach`` applies to all models of the process that have these joints; ``mujoco.set_mjcb_passive(None)`` undoes it.
 """
 
 import mujoco
 import numpy as np
 
 CREEP = 0.015
-"""rad/s within which friction turns over, at least."""
+"""Smallest speed, rad/s, within which friction reverses."""
 
 
 def attach(model):
@@ -52,12 +52,12 @@ def attach(model):
         for at, dof, drive, law in own:
             step = model.opt.timestep * model.dof_invweight0[dof]
             kp = -model.actuator_biasprm[drive, 1] if drive >= 0 else 0.0
-            told = data.ctrl[drive] if drive >= 0 else 0.0
+            command = data.ctrl[drive] if drive >= 0 else 0.0
 
             def turns(w, size):
                 return np.tanh(w / max(CREEP, abs(size) * step))
 
-            data.qfrc_passive[dof] -= law(data.qpos[at], data.qvel[dof], data.qfrc_bias[dof], kp, told, turns)
+            data.qfrc_passive[dof] -= law(data.qpos[at], data.qvel[dof], data.qfrc_bias[dof], kp, command, turns)
 
     mujoco.set_mjcb_passive(passive)
 
@@ -74,9 +74,9 @@ LAWS = [
 
 
 def write_callback(mended: Path, joints: Sequence[str], terms: Sequence[FittedTerm]) -> Path | None:
-    """Writes the module ``NAME_mended.py`` beside a mended file, in characters that Python can import.
+    """Write the module ``NAME_mended.py``, a name that Python can import, beside a mended file; return its path.
 
-    None where there is nothing for it.
+    None if no term needs it.
     """
     laws, what = [], []
     for fitted in terms:
@@ -88,7 +88,7 @@ def write_callback(mended: Path, joints: Sequence[str], terms: Sequence[FittedTe
         if effect.name == "asymmetric_friction" and shape[0] < 0:
             c[0] = number(-fitted.coefficients[0])
         name = joints[fitted.term.joint or 0]
-        laws.append(f"    ({name!r}, lambda q, w, load, kp, told, turns: {formula.format(c=c, s=s)}),")
+        laws.append(f"    ({name!r}, lambda q, w, load, kp, command, turns: {formula.format(c=c, s=s)}),")
         what.append(f"{effect.name.replace('_', ' ')} of {name}")
     if not what:
         return None

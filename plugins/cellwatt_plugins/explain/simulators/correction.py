@@ -1,4 +1,4 @@
-"""Correction of a simulator: what a model found in the terms that simulators have, and what they lack."""
+"""Correction of a simulator: a model's findings in the terms that simulators have, and the remainder."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ class Correction:
 def correction(
     retuned: Retuned, terms: Sequence[FittedTerm], states: Sequence[States], mount: Float | None = None
 ) -> Correction:
-    """Return what a model adds to the simulation that it was compared with.
+    """Return the correction of the simulation with which a model was compared.
 
-    ``mount`` (3,) m/s² is what gravity differs by where the arm is mounted otherwise.
+    ``mount`` (3,) m/s²: difference of gravity, if the arm is mounted differently than in the simulation.
     """
     n = len(retuned.coulomb_friction)
     friction, armature = retuned.coulomb_friction.copy(), retuned.rotor_inertia.copy()
@@ -81,7 +81,7 @@ def correction(
 
 
 def holds(term: Term) -> bool:
-    """True if ``Correction`` has an effect, or most of it."""
+    """True if ``Correction`` can express an effect, or most of it."""
     name, shape = term.effect.name, term.shape
     if name == "asymmetric_friction":
         return shape[0] != 0
@@ -101,11 +101,11 @@ EXPRESSED = frozenset(
         "gravity_tilt",
     }
 )
-"""Effects that ``Correction`` has in full."""
+"""Effects that ``Correction`` expresses in full."""
 
 
 def remainder(fitted: FittedTerm, states: States, every: Sequence[States]) -> Float:
-    """Torque (N, n) Nm of a term along one of ``every`` run that ``Correction`` does not have; W (N, 1) of a supply."""
+    """Torque (N, n) Nm of a term along one run of ``every`` beyond ``Correction``; power (N, 1) W of a supply term."""
     course = fitted.course(states)
     if fitted.term.effect.place == "supply":
         return course[:, None]
@@ -116,7 +116,7 @@ def remainder(fitted: FittedTerm, states: States, every: Sequence[States]) -> Fl
 
 
 def powers(speed: Float) -> Float:
-    """w, w·abs(w) and w³ of speeds (…,) rad/s, (…, 3): what ``damping`` goes with."""
+    """w, w·abs(w) and w³ (…, 3) of speeds (…,) rad/s, which ``damping`` multiplies."""
     return np.stack([speed, speed * np.abs(speed), speed**3], axis=-1)
 
 
@@ -128,14 +128,14 @@ def why_left(fitted: FittedTerm) -> str:
     if effect.acts_on == "reading":
         return "it is in the measurement, not in the arm"
     if effect.acts_on == "drive":
-        return "an actuator has no such number"
+        return "an actuator has no such attribute"
     if effect.form.intermittent:
-        return "it is there at some times only"
+        return "it is active at some times only"
     return "the simulator has no such term"
 
 
 def _polynomial(exponent: float, fastest: float) -> Float:
-    """Coefficients (3,), none negative, of w, w² and w³ that follow w to an ``exponent`` up to ``fastest`` rad/s."""
+    """Nonnegative coefficients (3,) of w, w² and w³ that approximate w to the ``exponent`` up to ``fastest`` rad/s."""
     speed = np.linspace(0.0, fastest, 200)
     return np.asarray(nnls(powers(speed), speed**exponent)[0])
 

@@ -1,4 +1,4 @@
-"""A simulator's XML file with what it includes, to be changed and written to another folder."""
+"""A simulator's XML file and the files it includes, to be changed and written to another folder."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from cellwatt_plugins.explain.simulators.markup import Element, Markup
 DIRECTORIES = ("meshdir", "texturedir", "assetdir")
 ASSETS = {"mesh": "meshdir", "texture": "texturedir", "hfield": "assetdir", "skin": "assetdir"}
 MOST = 200
-"""Files that one includes, and those include in turn."""
+"""Largest number of files that a file includes, directly and indirectly, with the file itself."""
 
 
 class Files:
-    """A file and all that it includes; the first is the main one. Raises ``ConfigError``."""
+    """A main file and all files that it includes, the main file first. Raises ``ConfigError``."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -50,11 +50,14 @@ class Files:
         return (element for one in self.every for tag in tags for element in one.root.iter(tag))
 
     def write(self, folder: Path) -> list[Path]:
-        """Writes what changed as ``name.mended.xml``, the main file first; the rest is named where it is."""
+        """Write the changed files as ``name.mended.xml``; return their paths, the main file first.
+
+        Unchanged files are not copied: the changed ones refer to them where they are.
+        """
         self._relocate(folder)
         changed = {self.path: self._new(folder, self.path)}
         while True:
-            # Who includes a file that is written anew is written anew as well.
+            # A file that includes a rewritten file is rewritten, too.
             more = {one.path: self._new(folder, one.path) for one in self.every if one.changed}
             if more.keys() <= changed.keys():
                 break
@@ -68,12 +71,12 @@ class Files:
         return list(changed.values())
 
     def _new(self, folder: Path, path: Path) -> Path:
-        """Files of the same name in several folders carry the folder's; the main one never does."""
+        """Path of a rewritten file; an included file whose name is not unique is prefixed with its folder's name."""
         twins = path != self.path and any(one.path.name == path.name and one.path != path for one in self.every)
         return folder / f"{f'{path.parent.name}_' if twins else ''}{path.stem}.mended{path.suffix}"
 
     def _relocate(self, folder: Path) -> None:
-        """Names of files and folders as seen from ``folder``."""
+        """Change the names of files and folders to paths relative to ``folder``."""
         here = self.path.parent.resolve()
         if folder.resolve() == here:
             return

@@ -1,6 +1,6 @@
 """Inertial parameters of bodies: moved between frames, and the nearest ones that a real body can have.
 
-Ten parameters (m, m·c, Ixx Ixy Iyy Ixz Iyz Izz about the frame's origin) are those of a body that exists where their
+Ten parameters (m, m·c, Ixx Ixy Iyy Ixz Iyz Izz about the frame's origin) are those of a body that can exist if their
 pseudo-inertia ∫ (p, 1)(p, 1)ᵀ dm is positive definite (Wensing, Kim, Slotine: Linear matrix inequalities for physically
 consistent inertial parameter identification, 2018).
 """
@@ -17,15 +17,15 @@ from cellwatt.arrays import Float
 _ROWS, _COLUMNS = np.array([0, 0, 1, 0, 1, 2]), np.array([0, 1, 1, 2, 2, 2])
 _LOWER = np.tril_indices(4)
 LEAST_MASS = 1e-4
-"""kg that a body has at least."""
+"""Smallest mass of a body, kg."""
 LEAST_RADIUS = 1e-3
-"""m of its extent at least, each way."""
+"""Smallest extent of a body in each direction, m."""
 PULL = 0.02
-"""Weight of nearness of the parameters themselves, beside nearness of the torques."""
+"""Weight of the parameters' differences relative to the torques' differences."""
 
 
 def pseudo_inertia(parameters: Float) -> Float:
-    """(…, 4, 4) of ten parameters (…, 10)."""
+    """Pseudo-inertia (…, 4, 4) of ten parameters (…, 10)."""
     tensor = np.zeros((*parameters.shape[:-1], 3, 3))
     tensor[..., _ROWS, _COLUMNS] = tensor[..., _COLUMNS, _ROWS] = parameters[..., 4:]
     trace = np.trace(tensor, axis1=-2, axis2=-1)[..., None, None]
@@ -45,7 +45,7 @@ def parameters_of(pseudo: Float) -> Float:
 
 
 def moved(parameters: Float, frame: Float) -> Float:
-    """Parameters (…, 10) in another frame, in which the first one stands at ``frame`` (4, 4)."""
+    """Parameters (…, 10) in another frame; ``frame`` (4, 4) is the pose of the first frame in the other one."""
     return parameters_of(frame @ pseudo_inertia(parameters) @ frame.T)
 
 
@@ -65,7 +65,7 @@ def physical(parameters: Float) -> NDArray[np.bool_]:
 def nearest(wanted: Float, felt: Float) -> Float:
     """Bodies (L, 10) that can exist, whose torques differ least from those of ``wanted`` (L, 10).
 
-    ``felt`` (10 L, 10 L): what differences of the parameters do to the torques, mean square in units of the noise.
+    ``felt`` (10 L, 10 L): quadratic form of the mean square torque, in units of the noise, in parameter differences.
     """
     count = len(wanted)
     values, vectors = np.linalg.eigh(felt)
@@ -89,7 +89,7 @@ def nearest(wanted: Float, felt: Float) -> Float:
 
 
 def _scale(row: Float) -> Float:
-    """Scale of each of ten parameters of a body like this one."""
+    """Typical size of each of the ten parameters (10,) of a body like ``row`` (10,)."""
     mass = max(abs(float(row[0])), 0.1)
     reach = max(float(np.linalg.norm(row[1:4])) / mass, 0.05)
     return np.array([mass, *(3 * [mass * reach]), *(6 * [mass * reach**2])])

@@ -1,4 +1,4 @@
-"""XML that a person wrote, changed only where it must be: what is not named stays as it was, to the byte."""
+"""XML written by a person, with selected changes: everything else stays the same to the byte."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from xml.sax.saxutils import quoteattr
 
 @dataclass(eq=False)
 class Element:
-    """One element, its start tag at bytes ``start`` to ``end``, all of it up to ``past``, and its changes to come."""
+    """One element and its pending changes: start tag at bytes ``start`` to ``end``, whole element up to ``past``."""
 
     tag: str
     attributes: dict[str, str]
-    """As they were read."""
+    """Attributes as read."""
     parent: Element | None
     start: int
     end: int
@@ -27,26 +27,26 @@ class Element:
     added: list[str] = field(default_factory=list)
     """Lines of XML to be written as its first children."""
     instead: str | None = None
-    """A line of XML to be written in its place."""
+    """A line of XML to be written in place of the element."""
 
     def iter(self, tag: str | None = None) -> Iterator[Element]:
-        """All elements of a tag, or all, below it, in the order of the text."""
+        """All elements below this one, or those with a tag, in the order of the text."""
         for child in self.children:
             if tag in (None, child.tag):
                 yield child
             yield from child.iter(tag)
 
     def child(self, tag: str) -> Element | None:
-        """Its first child of a tag."""
+        """The first child with a tag."""
         return next((child for child in self.children if child.tag == tag), None)
 
     def set(self, **attributes: str) -> None:
-        """Write attributes."""
+        """Set attributes to be written."""
         self.changed |= attributes
 
 
 class Markup:
-    """The XML ``text`` of a file, with changes to come. Raises ``expat.ExpatError`` where it is not well formed."""
+    """The XML ``text`` of a file and its pending changes. Raises ``expat.ExpatError`` if it is not well formed."""
 
     def __init__(self, text: str, path: Path) -> None:
         self.path = path
@@ -55,7 +55,7 @@ class Markup:
 
     @property
     def changed(self) -> bool:
-        """True if it will not stay as it was."""
+        """True if the changes alter the text."""
         return self.text().encode() != self._bytes
 
     def text(self) -> str:
@@ -69,7 +69,7 @@ class Markup:
         return out.decode()
 
     def _tag(self, element: Element) -> str:
-        """The start tag anew, with attributes and first children."""
+        """The start tag with its changed attributes and added first children."""
         tag = self._bytes[element.start : element.end].decode()
         for name, value in element.changed.items():
             tag = _with_attribute(tag, name, value)
@@ -80,13 +80,13 @@ class Markup:
         return f"{tag[:-2].rstrip()}>{inner}\n{margin}</{element.tag}>" if tag.endswith("/>") else tag + inner
 
     def _margin(self, element: Element) -> str:
-        """The blanks before an element in its line."""
+        """Indentation of the line in which an element starts."""
         line = self._bytes[: element.start].decode().rpartition("\n")[2]
         return line[: len(line) - len(line.lstrip())]
 
 
 def number(value: float) -> str:
-    """A number as people write it, to ten digits; what is rounding alone is 0."""
+    """A number in up to ten digits; rounding errors of 0 are written as 0."""
     return f"{round(value, 13) + 0.0:.10g}"
 
 
@@ -120,7 +120,7 @@ def _parsed(text: bytes) -> Element:
 
 
 def _tag_end(text: bytes, start: int) -> int:
-    """Past the ``>`` of the tag that begins at ``start``; one in quotes does not count."""
+    """Index after the ``>`` of the tag that begins at ``start``; a ``>`` in quotes does not count."""
     quote = 0
     for at in range(start, len(text)):
         byte = text[at]

@@ -1,4 +1,4 @@
-"""The found physics given back to the user's simulator, and what that is worth on motion it was not fitted to."""
+"""Write the physics found into the user's simulator, and measure its error on motion left out of the fit."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ from cellwatt_plugins.explain.verdict.estimates import retuned
 from cellwatt_plugins.robot import Body
 
 RISES = 1.01
-"""Factor on a joint's error on data left out that makes a file worse."""
+"""Factor on a joint's error on data left out above which a file is worse."""
 POSES = 60
 SAME = 1e-3
-"""Share of a joint's torque by which the written file may differ from what was to be written."""
+"""Share of a joint's torque by which the written file's torque may differ from the intended one."""
 WORTH = 0.02
-"""Share of the noise floor from which torque that is left counts."""
+"""Share of the noise floor above which residual torque is reported."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Left:
 
 @dataclass(frozen=True)
 class ChannelError:
-    """Error of the simulator on blocks that the numbers written were not fitted to."""
+    """Error of the simulator on blocks left out of the fit of the written numbers."""
 
     channel: str
     unit: str
@@ -78,16 +78,16 @@ class Mended:
 
 
 def to_mend(path: Path, body: Body) -> Placing:
-    """A user's file, and where the URDF's frames are in it. Raises ``ConfigError`` where it cannot be used."""
+    """Load a user's file and locate the URDF's frames in it. Raises ``ConfigError`` if it cannot be used."""
     return placing(load_simulator(path, body.names), body)
 
 
 def mend(found: Explained, runs: Sequence[Run], user: Placing, out: Path) -> Mended:
-    """Writes ``out/NAME.mended.xml`` (or ``.urdf``) with what was found, and compares it with the recordings.
+    """Write ``out/NAME.mended.xml`` (or ``.urdf``) with the findings, and compare it with the recordings.
 
-    What the file holds is fitted anew without what it cannot hold. The numbers that stay the user's are more and more,
-    until the error on data left out rises at no joint. Raises ``ConfigError`` where the file cannot be changed, or
-    would be worse whatever is written.
+    The effects that the file can hold are fitted anew without the others. More and more numbers keep the user's values
+    until the error on data left out rises at no joint. Raises ``ConfigError`` if the file cannot be changed, or would
+    be worse whatever is written.
     """
     simulator, worse = user.simulator, list[str]()
     for solution in _choices(found):
@@ -108,16 +108,16 @@ def mend(found: Explained, runs: Sequence[Run], user: Placing, out: Path) -> Men
 
 
 def _choices(found: Explained) -> Iterator[Solution]:
-    """What the file may hold, fitted: all of it first, then with more and more numbers as the user has them."""
+    """Fits of what the file can hold: all of it first, then with more and more numbers at the user's values."""
     torque = found.torque
     free = torque.free or torque.problem
     terms = [term for term in torque.terms if holds(term)]
     for factors in (confirmed(free, terms, torque.factor), links_fixed(free), all_fixed(free)):
         yield fitted(freed(free, factors), terms)
-    # Of what is left, joint after joint: the terms of a joint that is no better with them stay out.
+    # Then, joint by joint, the terms that do not improve their joint are removed.
     problem = freed(free, all_fixed(free))
     held, kept = LeaveOut(problem, torque.factor), list(terms)
-    for joint in problem.told:
+    for joint in problem.observed:
         others = [t for t in kept if t.joint != joint]
         if compared(held.errors(others), held.errors(kept), [joint]).share <= 0:
             kept = others
@@ -134,14 +134,14 @@ def target_of(user: Placing, solution: Solution, mount: Float | None) -> Target:
 
 
 def write(simulator: Simulator, goal: Target, folder: Path) -> Written:
-    """Writes the user's file anew. Raises ``ConfigError``."""
+    """Write a changed copy of the user's file into ``folder``. Raises ``ConfigError``."""
     if simulator.path.suffix.lower() == ".urdf":
         return write_urdf(simulator, goal, folder)
     return write_mjcf(simulator, goal, folder)
 
 
 def verify(user: Placing, goal: Target, problem: Problem, written: Written) -> None:
-    """Raises ``ConfigError`` where the written file does not say what it should of random poses."""
+    """Delete the written file and raise ``ConfigError`` if its torques in random poses are not the intended ones."""
     simulator, rng = user.simulator, np.random.default_rng(1)
     shape = POSES, len(simulator.joints)
     motion = rng.uniform(-2, 2, shape), rng.uniform(-1, 1, shape), rng.uniform(-3, 3, shape)
@@ -154,13 +154,13 @@ def verify(user: Placing, goal: Target, problem: Problem, written: Written) -> N
         worst = int(np.argmax(share))
         raise ConfigError(
             f"{simulator.path}: cannot be mended: joint {simulator.joints[worst]} would be off by {off[worst]:.3g} Nm "
-            "(something in the file overrules what its joints and bodies say, e.g. inertiafromgeom, settotalmass, "
-            "fusestatic)"
+            "(something in the file overrules the attributes of its joints and bodies, e.g. inertiafromgeom, "
+            "settotalmass, fusestatic)"
         )
 
 
 def _mended(simulator: Simulator, written: Written) -> tuple[Simulator, Float]:
-    """The written simulator, and the factor (n,) of its gears on the user's: that of true to measured torque."""
+    """The written simulator, and the ratio (n,) of its gears to the user's, which is true over measured torque."""
     new = load_simulator(written.path, simulator.joints)
     factor = np.ones(len(simulator.joints))
     for at in range(len(factor)):
@@ -171,7 +171,7 @@ def _mended(simulator: Simulator, written: Written) -> tuple[Simulator, Float]:
 
 
 def _held_out(user: Placing, found: Explained, solution: Solution, runs: Sequence[Run]) -> tuple[ChannelError, ...]:
-    """Each block judged by a file mended with the other folds; measured torque less the simulator's."""
+    """Errors of the torque before and after mending; each block is tested on a file mended without its fold."""
     simulator, problem = user.simulator, solution.problem
     held = LeaveOut(problem, solution.factor)
     measured = problem.stack([run.torque for run in runs])
@@ -187,12 +187,12 @@ def _held_out(user: Placing, found: Explained, solution: Solution, runs: Sequenc
     return tuple(
         ChannelError(f"tau_{c + 1}", simulator.unit(c, "N*m"), float(b), float(a), float(f))
         for c, (b, a, f) in enumerate(zip(problem.rms(before), problem.rms(after), problem.floor, strict=True))
-        if c in problem.told
+        if c in problem.observed
     )
 
 
 def left_of(found: Explained, solution: Solution, refused: Sequence[tuple[str, int | None, str]]) -> list[Left]:
-    """Findings that the file cannot hold, with the torque or power that they leave."""
+    """Findings that the file cannot hold, with the rms torque or power of each."""
     problem, why = found.torque.problem, {(effect, joint): text for effect, joint, text in refused}
     out = []
     for term in found.model.terms:
@@ -215,7 +215,7 @@ def left_of(found: Explained, solution: Solution, refused: Sequence[tuple[str, i
 
 
 def _entries(effect: str, why: str, course: Sequence[Float], problem: Problem) -> list[Left]:
-    """One entry for each joint where a course (N, n) Nm of each run counts."""
+    """One entry for each joint at which the torque ``course``, (N, n) Nm per run, exceeds ``WORTH``."""
     size = rms(np.concatenate(course))
     there, robot = np.flatnonzero(size > WORTH * problem.floor), problem.states[0].robot
     return [Left(effect, joint + 1, why, float(size[joint]), robot.unit(joint, "N*m")) for joint in there.tolist()]

@@ -1,4 +1,4 @@
-"""Servos as the motion tells them, written into an MJCF; what that is worth is told by rolling the file out."""
+"""Write servos identified from motion into an MJCF, and measure the error of its roll-outs."""
 
 from __future__ import annotations
 
@@ -35,29 +35,30 @@ from cellwatt_plugins.robot.regression import Prior
 from cellwatt_plugins.robot.servo.law import Servo
 
 TRIES = 3
-"""Fits, each with the numbers of those joints as the user has them that followed worse before."""
+"""Number of fits; each fixes the numbers of the joints that followed worse in the fit before at the user's values."""
 SAME = 0.1
-"""Share of the encoders' noise by which a joint may follow worse: that is none."""
+"""Share of the encoders' noise up to which a larger error of a joint does not count as worse."""
 ROLLED = (
-    f"Errors are of the file rolled out under the recorded commands, begun anew each {WINDOW:.0f} s where the arm was."
+    f"Errors are of roll-outs under the recorded commands, restarted every {WINDOW:.0f} s at the arm's recorded state."
 )
-HISTORY = "After a reset MuJoCo's commands are 0 until the delay is over; mj_initCtrlHistory gives it others."
+HISTORY = "After a reset MuJoCo's commands are 0 until the delay is over; mj_initCtrlHistory sets other commands."
 WRITTEN = ("drive_gain", "torque_saturation", "time_delay")
-"""Effects of drives that an actuator has a number for."""
+"""Effects of drives for which an actuator has an attribute."""
 WIDTH = 0.01
-"""rad/s that are tried first as what dry friction turns over within."""
+"""Speed, rad/s, within which dry friction reverses, that is tried first."""
 WIDTHS = (1.0, 2.0, 0.5, 1.4, 0.7, 1.2, 0.85)
-"""Factors on the best until then."""
+"""Factors on the best speed so far, tried in turn."""
 LATE = (2, 3)
-"""Places, among the numbers of a drive, of the s by which its velocity and its commands are later."""
+"""Indices, among the numbers of a drive, of the delays, s, of its velocity and of its commands."""
 DAMPED = {0: -1.0, 1: 0.0}
-"""Half steps by which Euler's and Runge and Kutta's velocity that is damped is later; of others one."""
+"""Delay of the damped velocity, in half steps, for the integrators Euler (0) and Runge-Kutta (1); 1 for others."""
 
 
 def _starts(free: Problem, found: Explained) -> Iterator[tuple[Float, list[Term]]]:
-    """What may be written, with more and more numbers as the user has them.
+    """Candidates to be fitted and written, with more and more numbers at the user's values.
 
-    What the file cannot hold is among the terms: other numbers are not to stand for it, and the callback adds it.
+    Their terms include effects that the file cannot hold, so that other numbers do not absorb them; the callback adds
+    these effects.
     """
     terms = sorted(found.torque.terms, key=lambda t: holds(t) or t.effect.name in WRITTEN)
     yield confirmed(free, terms, found.torque.factor), terms
@@ -67,10 +68,10 @@ def _starts(free: Problem, found: Explained) -> Iterator[tuple[Float, list[Term]
 
 
 def _as_stepped(problem: Problem, model: Any) -> Problem:
-    """The problem of drives as MuJoCo steps them, and without the delays that an MJCF does not hold.
+    """The fit of drives as MuJoCo steps them, without the delays that an MJCF cannot hold.
 
-    A command acts from the first step of its row on, half a step earlier than held over the row. Implicit integrators
-    damp the velocity of a step's end, Euler's that of its beginning.
+    A command acts from the first step of its row on, half a step earlier than if held over the row. Implicit
+    integrators damp the velocity at the end of a step, Euler's the velocity at its beginning.
     """
     joints, priors, half = len(problem.floor), [], 0.5 * model.opt.timestep
     for i, block in enumerate(problem.nuisance):
@@ -85,7 +86,7 @@ def _as_stepped(problem: Problem, model: Any) -> Problem:
 
 
 def _servo(solution: Solution) -> Servo:
-    """The servos (n,) that a solution tells: of error and velocity, (1 + a) · torque + (a + b) · damping · velocity."""
+    """The servos (n,) of a solution: (1 + a) · torque + (a + b) · damping · velocity is the user's law's torque."""
     problem = solution.problem
     own, joints = problem.states[0].servos.servo, len(problem.floor)
     numbers = [solution.fit.coefficients[place][:2] for place in problem.design.slices[-joints:]]
@@ -111,10 +112,10 @@ def _servo(solution: Solution) -> Servo:
 
 
 def mend_driven(found: Explained, runs: Sequence[Run], user: Placing, out: Path) -> Mended:
-    """``mend`` where motion alone is known: of what the file may hold, that is written which follows the arm best.
+    """``mend`` for recordings without torque: write the candidate whose roll-outs follow the arm best.
 
-    Each is rolled out under the recorded commands, and no joint may follow worse; at worst the file stays as it is.
-    Raises ``ConfigError`` where it cannot be changed.
+    Each candidate is rolled out under the recorded commands, and no joint may follow worse; if no candidate is better,
+    the user's numbers are written. Raises ``ConfigError`` if the file cannot be changed.
     """
     simulator = user.simulator
     noise = np.max([run.drive.moved.resolution for run in runs if run.drive is not None], axis=0)
@@ -133,7 +134,7 @@ def mend_driven(found: Explained, runs: Sequence[Run], user: Placing, out: Path)
             worse = np.flatnonzero(after > RISES * before + SAME * noise).tolist()
             if not worse:
                 break
-            # Friction, rotors and drives of these joints stay the user's.
+            # Friction, rotors and drives of these joints keep the user's values.
             factors = np.where([block.channel in worse for block in free.nuisance], FIXED, factors)
         left = float(np.sum(np.log((after + noise) / (before + noise))))
         if not worse and left < best[0]:
@@ -156,16 +157,16 @@ def mend_driven(found: Explained, runs: Sequence[Run], user: Placing, out: Path)
     beside = write_callback(written.path, simulator.joints, found.model.terms)
     notes = [*simulator.notes, *user.notes, *goal.notes, ROLLED]
     if best[0] == 0:
-        notes.append("Nothing that was found makes it follow better: its numbers stay.")
+        notes.append("No finding makes the file follow better: its numbers stay unchanged.")
     if any(change.what == "delay" for change in written.applied):
         notes.append(HISTORY)
     if beside is not None:
-        notes.append(f"What the file cannot hold is in {beside.name}, a callback for MuJoCo.")
+        notes.append(f"Effects that the file cannot hold are in {beside.name}, a callback for MuJoCo.")
     return Mended(written.path, tuple(written.applied), tuple(left_out), error, tuple(notes))
 
 
 def _turnover(goal: Target, user: Placing, runs: Sequence[Run]) -> Float:
-    """The rad/s (n,) within which friction turns over with which each joint follows best; NaN where as it is."""
+    """Speed (n,) rad/s within which friction reverses, chosen so that each joint follows best; NaN: the user's."""
     best, least = np.full(len(goal.friction), np.nan), _errors(goal, user, runs)
     for factor in WIDTHS:
         tried = np.where(np.isnan(best), WIDTH, best) * factor
@@ -176,7 +177,7 @@ def _turnover(goal: Target, user: Placing, runs: Sequence[Run]) -> Float:
 
 
 def _errors(goal: Target, user: Placing, runs: Sequence[Run]) -> Float:
-    """Error (n,) rad of a file with the numbers of ``goal``."""
+    """Roll-out error (n,) rad rms of a file with the numbers of ``goal``."""
     with tempfile.TemporaryDirectory() as folder:
         written = write(user.simulator, goal, Path(folder))
         return rms_of(rolled_out(written.path, user.simulator.joints, runs))

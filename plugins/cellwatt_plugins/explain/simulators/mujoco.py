@@ -1,4 +1,4 @@
-"""A user's arm in MuJoCo: the torque that its file says a motion needs."""
+"""A user's arm in MuJoCo: the torque of a motion according to the arm's file."""
 
 from __future__ import annotations
 
@@ -19,32 +19,32 @@ from cellwatt_plugins.robot.servo.law import actuator_of
 from cellwatt_plugins.robot.units import unit_at
 
 LEFT_OUT = ("mjDSBL_CONTACT", "mjDSBL_LIMIT", "mjDSBL_EQUALITY", "mjDSBL_FRICTIONLOSS")
-"""Contributions that are no motor torque on a planned motion, and dry friction, taken as the file states it."""
+"""Contributions switched off in MuJoCo: those that are no motor torque, and dry friction, which is added separately."""
 
 
 @dataclass(frozen=True)
 class Simulator:
-    """An arm of n joints as MuJoCo has it."""
+    """An arm of n joints in MuJoCo."""
 
     path: Path
     model: Any
     """``mujoco.MjModel``."""
     joints: tuple[str, ...]
-    """Their names in the file, from the base."""
+    """Names of the joints in the file, from the base."""
     notes: tuple[str, ...] = ()
 
     @property
     def places(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Places of the joints in ``qpos`` and in ``qvel``, (n,) each."""
+        """Indices of the joints in ``qpos`` and in ``qvel``, (n,) each."""
         found = [self.model.joint(name) for name in self.joints]
         return np.array([j.qposadr[0] for j in found], np.intp), np.array([j.dofadr[0] for j in found], np.intp)
 
     def torque(self, position: Float, velocity: Float, acceleration: Float, *, leading: bool = True) -> Float:
-        """Torque (N, n) Nm at the joint side that moves the arm so, (N, n) each; other joints rest at their reference.
+        """Torque (N, n) Nm at the joint side for a motion, (N, n) each; other joints rest at their reference.
 
         Inverse dynamics without contacts, limits and equality constraints. MuJoCo softens dry friction to be able to
-        step it in time: it brakes towards an acceleration of -b times the velocity, and so turns over 1/b before it;
-        with the velocity where it is not ``leading``.
+        step it in time: it brakes towards an acceleration of -b times the velocity, and so reverses 1/b s before the
+        velocity. If not ``leading``, friction reverses with the velocity.
         """
         import mujoco
 
@@ -60,13 +60,13 @@ class Simulator:
 
     @property
     def _lead(self) -> Float:
-        """s of each degree of freedom by which dry friction turns over before its velocity does: 1/b of its solver."""
+        """s by which dry friction of each degree of freedom reverses before its velocity: 1/b of its solver."""
         time, damping = self.model.dof_solref.T
         most = self.model.dof_solimp[:, 1]
         return np.asarray(np.where(time > 0, 0.5 * most * time, most / np.maximum(-damping, 1e-9)))
 
     def unit(self, joint: int, unit: str) -> str:
-        """Unit at a ``joint`` (0-based) of what has ``unit`` at a hinge: ``N`` for ``N*m`` at a slide."""
+        """Unit at a ``joint`` (0-based) of a quantity that has ``unit`` at a hinge: ``N`` for ``N*m`` at a slide."""
         slides = self.model.joint(self.joints[joint]).type[0] == scalar_types(self.path)[1]
         return unit_at("prismatic" if slides else "revolute", unit)
 
@@ -76,7 +76,7 @@ class Simulator:
         return np.array([self.model.joint(name).bodyid[0] for name in self.joints], np.intp)
 
     def motor(self, joint: int) -> int | None:
-        """The actuator that turns control into a joint's (0-based) torque by its gear alone; None where none does."""
+        """The actuator that converts control to a joint's (0-based) torque by its gear alone; None if there is none."""
         import mujoco
 
         model = self.model
@@ -86,13 +86,13 @@ class Simulator:
         return own if model.actuator_biastype[own] == mujoco.mjtBias.mjBIAS_NONE else None
 
     def control_gains(self) -> Float:
-        """Torque (n,) Nm of one unit of control at each joint; NaN where its actuator takes something else."""
+        """Torque (n,) Nm per unit of control at each joint; NaN where its control is not a torque."""
         motors = [self.motor(joint) for joint in range(len(self.joints))]
         gear, gain = self.model.actuator_gear, self.model.actuator_gainprm
         return np.array([np.nan if i is None else gear[i, 0] * gain[i, 0] for i in motors])
 
     def poses(self, position: Float) -> tuple[Float, Float, Float]:
-        """Frames (N, n, 4, 4) of those bodies in the world, and the joints' anchors and axes there, (N, n, 3) each."""
+        """Frames (N, n, 4, 4) of ``bodies`` and anchors and axes (N, n, 3) of the joints, all in the world."""
         import mujoco
 
         data = mujoco.MjData(self.model)
@@ -108,7 +108,7 @@ class Simulator:
         return frames, anchors, axes
 
     def links(self) -> Float:
-        """Inertial parameters (n, 10) of those bodies in their own frames."""
+        """Inertial parameters (n, 10) of ``bodies`` in their own frames."""
         out = []
         for body in self.bodies:
             principal = pin.Inertia(self.model.body_mass[body], np.zeros(3), np.diag(self.model.body_inertia[body]))
@@ -118,9 +118,9 @@ class Simulator:
 
 
 def load_simulator(path: Path, joints: Sequence[str]) -> Simulator:
-    """The arm of an MJCF or URDF with ``joints``, by name or else by their order.
+    """Load the arm of an MJCF or URDF; ``joints`` are matched by name, or else by order.
 
-    Raises ``ConfigError`` where the extra is not installed, the file cannot be used, or it has no such arm.
+    Raises ``ConfigError`` if the extra is not installed, or the file cannot be used or has no such arm.
     """
     model = compiled(path)
     for flag in LEFT_OUT:
@@ -138,7 +138,7 @@ def load_simulator(path: Path, joints: Sequence[str]) -> Simulator:
 
 
 def _matched(path: Path, model: Any, joints: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Names of the joints in the file, and what is to be said of them."""
+    """Names of the joints in the file, and notes on the matching."""
     scalar = [j.name for j in map(model.joint, range(model.njnt)) if j.type[0] in scalar_types(path)]
     missing = [name for name in joints if name not in scalar]
     if not missing:
@@ -147,11 +147,11 @@ def _matched(path: Path, model: Any, joints: Sequence[str]) -> tuple[list[str], 
         there = ", ".join(name or "one without name" for name in scalar) or "none"
         raise ConfigError(f"{path}: no joint {', '.join(missing)}; its hinges and slides are {there}")
     taken = scalar[: len(joints)]
-    return taken, [f"{path.name}: has none of the joints of robot.yaml; taken in its order: {', '.join(taken)}"]
+    return taken, [f"{path.name}: has none of the joints of robot.yaml; matched by order: {', '.join(taken)}"]
 
 
 def _check_base(path: Path, model: Any, names: Sequence[str]) -> None:
-    """Raises ``ConfigError`` where the arm floats, or its joints do not follow one another from the base."""
+    """Raises ``ConfigError`` if the base is free, or the joints do not follow one another from the base."""
     above: list[int] = []
     body = int(model.joint(names[-1]).bodyid[0])
     while body > 0:

@@ -13,13 +13,13 @@ from cellwatt_plugins.robot import Body
 
 POSES = 24
 ASKEW = np.radians(2.0)
-"""rad by which an axis may differ: more is another zero or another arm."""
+"""Largest angle between the axes of a joint, rad: a larger one means another zero or another arm."""
 ASIDE = 0.03
-"""m by which an axis may lie elsewhere."""
+"""Largest distance between the axes of a joint, m."""
 ARM = 0.2
-"""m: a lever as short as that counts."""
+"""Lever, m, by which a distance between axes is converted to a share of torque."""
 NOTED = (np.radians(0.1), 0.001)
-"""rad and m that are said."""
+"""Angle, rad, and distance, m, above which a note is given."""
 
 
 @dataclass(frozen=True)
@@ -32,12 +32,12 @@ class Placing:
     bodies: Float
     """(n, 4, 4): the simulator's bodies in the URDF's joint frames."""
     off: float = 0.0
-    """Share by which torques of what is added differ between the two, about."""
+    """Approximate share by which the torques of added terms differ between simulator and URDF."""
     notes: tuple[str, ...] = ()
 
 
 def placing(simulator: Simulator, body: Body) -> Placing:
-    """Compares where both have their axes in random poses. Raises ``ConfigError`` where they are not one arm."""
+    """Match the axes of simulator and URDF in random poses. Raises ``ConfigError`` if they are not the same arm."""
     poses = np.vstack([np.zeros(body.joints), np.random.default_rng(0).uniform(-2, 2, (POSES, body.joints))])
     frames = body.forward(poses)
     axes = _along(frames[..., :3, :3], body.axes)
@@ -74,7 +74,7 @@ def _check(simulator: Simulator, askew: Float, aside: Float) -> None:
 
 
 def _apart(points: Float, axes: Float) -> Float:
-    """Directions (K, 3) m from the first axis to those that are always parallel to it: axes alone do not tell them."""
+    """Vectors (K, 3) m from the first axis to axes always parallel to it, which directions do not determine."""
     parallel = np.all(np.abs(np.sum(axes * axes[:, :1], axis=2)) > np.cos(ASKEW), axis=0)
     ways = (points - points[:, :1])[:, parallel]
     own = axes[:, parallel]
@@ -82,7 +82,7 @@ def _apart(points: Float, axes: Float) -> Float:
 
 
 def _rotation(ours: Float, theirs: Float) -> Float:
-    """The rotation (3, 3) that turns directions ``ours`` (K, 3) into ``theirs`` best (Kabsch 1976)."""
+    """The rotation (3, 3) that best turns directions ``ours`` (K, 3) into ``theirs`` (Kabsch 1976)."""
     left, _, right = np.linalg.svd(theirs.T @ ours)
     return np.asarray(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)
 

@@ -1,4 +1,4 @@
-"""A simulator's file rolled out under recorded commands, from where the arm was, beside how the arm moved."""
+"""Roll out a simulator's file under recorded commands, starting at recorded states, and compare it with the arm."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from cellwatt_plugins.robot.mjcf import compiled, library
 from cellwatt_plugins.robot.servo.law import actuator_of
 
 WINDOW = 2.0
-"""s after which the simulator begins anew where the arm is."""
+"""Length of a roll-out, s; each starts at the recorded state of the arm."""
 LOST = np.pi
-"""rad that an error counts at most: a simulator that blows up is no more than wrong."""
+"""Largest error, rad, that is counted: a simulator that diverges is no more than wrong."""
 
 
 @dataclass(frozen=True)
@@ -26,11 +26,11 @@ class RolledOut:
 
     position: Float
     error: Float
-    """The same less the encoders', at most ``LOST``."""
+    """Simulated minus recorded positions (N, n) rad, within ± ``LOST``."""
 
 
 def rolled_out(path: Path, joints: Sequence[str], runs: Sequence[Run]) -> list[RolledOut]:
-    """Each run in windows of ``WINDOW`` s. Raises ``ConfigError`` where the file is wrong."""
+    """Roll out each run in windows of ``WINDOW`` s. Raises ``ConfigError`` if the file is wrong."""
     model = compiled(path)
     return [_run(path, model, joints, run) for run in runs]
 
@@ -58,7 +58,7 @@ def _run(path: Path, model: Any, joints: Sequence[str], run: Run) -> RolledOut:
             data.ctrl[drives] = run.command[row]
             mujoco.mj_step(model, data, max(0, round((run.time[row + 1] - time) / step)) or 1)
             time = run.time[first] + data.time
-            # What is left of the row is less than a step.
+            # The rest of the row is shorter than a step.
             out[row + 1] = data.qpos[at] + (run.time[row + 1] - time) * data.qvel[dof]
         off = out[first + 1 : last + 1] - moved.position[first + 1 : last + 1]
         error[first + 1 : last + 1] = np.clip(np.nan_to_num(off, nan=LOST, posinf=LOST, neginf=-LOST), -LOST, LOST)

@@ -1,4 +1,4 @@
-"""Values of a mended simulator: the user's and what was found, as far as a real arm can have it."""
+"""Values of a mended simulator: the user's plus the correction found, as far as a real arm can have them."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from cellwatt_plugins.robot.motion import direction
 from cellwatt_plugins.robot.servo.law import Servo
 
 ROWS = 3000
-"""Rows of the recordings, about, on which inertias are compared."""
+"""Approximate number of rows of the recordings on which inertias are compared."""
 
 WEAK = 1e-3
-"""1/rad: stiffness of a spring in units of the constant torque that it stands for."""
+"""Stiffness of a spring that represents a constant torque, in units of that torque, 1/rad."""
 
 
 @dataclass(frozen=True)
@@ -45,20 +45,20 @@ class Target:
     gravity: Float
     """(3,) m/s² in the world."""
     gear: Float
-    """(n,), factor on the user's."""
+    """(n,), factor on the user's gears."""
     changed: tuple[Float, Float | None]
     """Difference of links (n, 10) and payload (10,) from the user's, in the URDF's joint frames."""
     refused: tuple[tuple[str, int | None, str], ...] = ()
     """Effects with their joints (0-based) that cannot be written, and why."""
     notes: tuple[str, ...] = ()
     servo: Servo | None = None
-    """Position servos, where they are the motion's and not the user's."""
+    """Position servos identified from motion; None: the user's."""
     turnover: Float | None = None
-    """(n,) rad/s within which dry friction turns over; NaN: as the user's file softens it."""
+    """(n,) rad/s within which dry friction reverses; NaN: as in the user's file."""
 
 
 def target(user: Placing, found: Correction, states: Sequence[States], floor: Float) -> Target:
-    """The user's values and what was found. ``floor`` (n,) Nm is the noise. Raises ``ConfigError``."""
+    """Add the correction ``found`` to the user's values. ``floor`` (n,) Nm is the noise. Raises ``ConfigError``."""
     simulator = user.simulator
     if len(set(simulator.bodies.tolist())) < len(simulator.joints):
         raise ConfigError(f"{simulator.path}: two joints move the same body: give each joint a body of its own")
@@ -93,7 +93,7 @@ def target(user: Placing, found: Correction, states: Sequence[States], floor: Fl
 
 
 def expected(user: Placing, goal: Target, states: States, q: Float, qd: Float, qdd: Float) -> Float:
-    """Torque (N, n) Nm of a motion: the user's simulator and what is written, by the URDF's own dynamics."""
+    """Intended torque (N, n) Nm of a motion: the user's simulator plus the written changes by the URDF's dynamics."""
     simulator = user.simulator
     model, (_, dof) = simulator.model, simulator.places
     before = np.array(model.opt.gravity)
@@ -127,12 +127,12 @@ def spring_of(simulator: Simulator) -> tuple[Float, Float]:
 
 
 def _springs(simulator: Simulator, found: Float) -> tuple[Float, Float, list[tuple[str, int | None, str]]]:
-    """The user's springs and those found (n, 2) as one a joint."""
+    """The user's springs and those ``found`` (n, 2), combined to one per joint, and the refused ones."""
     stiffness, rest = spring_of(simulator)
     refused: list[tuple[str, int | None, str]] = []
     for joint in np.flatnonzero(found.any(axis=1)):
         more, constant = found[joint]
-        # Simulators have no constant torque at a joint: a weak spring that rests far away is one.
+        # Simulators have no constant torque at a joint: a weak spring with a distant rest position replaces it.
         together = stiffness[joint] + (more or WEAK * abs(constant) * (stiffness[joint] == 0))
         if together <= 0:
             refused.append(("spring_load", int(joint), "no spring pushes away from its rest"))
@@ -145,7 +145,7 @@ def _springs(simulator: Simulator, found: Float) -> tuple[Float, Float, list[tup
 def _bodies(
     own: Float, found: Correction, states: Sequence[States], floor: Float
 ) -> tuple[Float, Float | None, list[str]]:
-    """Links (n, 10) and payload (10,) in the URDF's joint frames, such that all can exist; ``own`` are the user's."""
+    """Possible links (n, 10) and payload (10,) in the URDF's joint frames, and notes; ``own``: the user's links."""
     wanted = own + found.links
     every = wanted if found.payload is None else np.vstack([wanted, found.payload])
     if np.all(physical(every)):
@@ -158,7 +158,7 @@ def _bodies(
     possible = nearest(every, weighted.T @ weighted / len(regressor))
     off = np.sqrt(np.mean(np.square(regressor @ (possible - every).ravel()), axis=0))
     note = (
-        "No bodies have the inertias that were found: the nearest that can exist are written; their torques differ by "
+        "No bodies can have the inertias found: the nearest possible ones are written; their torques differ by "
         f"{np.max(off):.2g} Nm rms at most (joint {int(np.argmax(off)) + 1})"
     )
     count = len(wanted)

@@ -1,4 +1,4 @@
-"""A mended simulator as a person reads of it at the terminal."""
+"""Summary of a mended simulator for the terminal."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from cellwatt_plugins.explain.simulators.mend import Left, Mended
 from cellwatt_plugins.explain.simulators.written import Applied
 
 SAID = 0.05
-"""Share of a number by which it must have changed to be said in a line of its own."""
+"""Relative change of a number above which it is listed on a line of its own."""
 
 
 def mended_in_words(mended: Mended) -> str:
@@ -16,7 +16,7 @@ def mended_in_words(mended: Mended) -> str:
     lines += [f"  {change.where}: {change.what} {_values(change)}" for change in told]
     if rest := len(mended.applied) - len(told):
         lines.append(
-            f"  and {rest} numbers that were off by less than {100 * SAID:.0f} % or of which mass tells enough"
+            f"  and {rest} other numbers: off by less than {100 * SAID:.0f} %, or centre and inertia of a body"
         )
     lines += [f"  left out: {_left(left)}" for left in mended.left]
     lines += [f"  note: {note}" for note in mended.notes]

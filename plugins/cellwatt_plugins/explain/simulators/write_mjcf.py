@@ -1,4 +1,4 @@
-"""Writes what was found into an MJCF: explicit attributes on joints and bodies, all else as the user wrote it."""
+"""Write findings into an MJCF as attributes of joints and bodies; the rest of the file stays as the user wrote it."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from cellwatt_plugins.robot.servo.law import Servo, actuator_of, servo_of
 
 _KINEMATIC = ("body", "frame", "worldbody", "mujocoinclude")
 HARDNESS = (0.05, 0.9999)
-"""Least and greatest impedance of dry friction: with little of it, a joint that sticks has no other inertia."""
+"""Least and greatest impedance of dry friction: a low one hardly changes the inertia of a joint that sticks."""
 SERVO = {"kp": "N*m/rad", "kv": "N*m*s/rad", "forcerange": "N*m", "delay": "s"}
 """Numbers of a drive, with their units."""
 
 
 def write_mjcf(simulator: Simulator, goal: Target, folder: Path) -> Written:
-    """Writes the mended file into ``folder``. Raises ``ConfigError`` where a joint is not written in the text."""
+    """Write the mended file into ``folder``. Raises ``ConfigError`` if a joint is not in the text exactly once."""
     files = Files(simulator.path)
     done = Written(folder)
     joints = [_joint(files, name) for name in simulator.joints]
@@ -48,7 +48,7 @@ def _joint(files: Files, name: str) -> Element:
     ]
     if len(there) != 1:
         raise ConfigError(
-            f"{files.path}: joint {name} is not written in it once (attached or replicated?): cannot mend"
+            f"{files.path}: joint {name} does not occur in it exactly once (attached or replicated?): cannot mend"
         )
     return there[0]
 
@@ -91,7 +91,7 @@ def _write_joint(simulator: Simulator, goal: Target, at: int, joint: Element, do
             done.say(what, f"joint {name}", value, was, simulator.unit(at, unit))
     wanted, damping = goal.damping[at], damping_of(simulator)[at]
     if differ(wanted, damping):
-        # One number, or three where powers of the speed are there.
+        # One number, or three if powers of the speed are used.
         if not (np.any(wanted[1:] != 0) or np.any(damping[1:] != 0)):
             wanted, damping = wanted[0], damping[0]
         joint.set(damping=" ".join(map(number, np.atleast_1d(wanted))))
@@ -99,9 +99,9 @@ def _write_joint(simulator: Simulator, goal: Target, at: int, joint: Element, do
 
 
 def _write_turnover(simulator: Simulator, width: float, goal: Target, at: int, joint: Element, done: Written) -> None:
-    """Softens dry friction so that it grows with the velocity until it is whole, at ``width`` rad/s.
+    """Soften dry friction so that it grows with the velocity and reaches its full value at ``width`` rad/s.
 
-    MuJoCo brakes with inertia · 2/time/(1 - impedance) · velocity, up to the friction; its time is two steps or more.
+    MuJoCo brakes with inertia · 2/time/(1 - impedance) · velocity, up to the friction; time is two steps or more.
     """
     model, dof, where = simulator.model, simulator.places[1][at], f"joint {simulator.joints[at]}"
     inertia = 1 / model.dof_invweight0[dof] + goal.armature[at] - model.dof_armature[dof]
@@ -122,7 +122,7 @@ def _inertial(parameters: Float) -> str:
 
 
 def _write_links(simulator: Simulator, goal: Target, bodies: Sequence[Element], done: Written) -> None:
-    """The inertia of each joint's body, and a body for the payload in the last one."""
+    """Write the inertia of each joint's body, and a body for the payload in the last one."""
     for body, joint, new, own in zip(bodies, simulator.joints, goal.links, simulator.links(), strict=True):
         if differ(new, own):
             write_inertial(body, _inertial(new))
@@ -153,7 +153,7 @@ def _write_gears(files: Files, simulator: Simulator, goal: Target, done: Written
         motors = [e for e in files.all("motor") if e.attributes.get("joint") == name]
         number_of = simulator.motor(int(at))
         if len(motors) != 1 or number_of is None:
-            done.refused.append(("torque_gain", int(at), "the joint has no motor of its own whose gear could carry it"))
+            done.refused.append(("torque_gain", int(at), "the joint has no motor of its own whose gear could hold it"))
             continue
         gear = simulator.model.actuator_gear[number_of].copy()
         was = float(gear[0])
@@ -164,7 +164,7 @@ def _write_gears(files: Files, simulator: Simulator, goal: Target, done: Written
 
 
 def _write_servos(files: Files, simulator: Simulator, goal: Servo, done: Written) -> None:
-    """Gains, limits and delay of the joints' position actuators, in the actuators' own units."""
+    """Write gains, limits and delay of the joints' position actuators, in the actuators' own units."""
     own = servo_of(simulator.path, simulator.joints)
     assert own is not None
     for at, name in enumerate(simulator.joints):

@@ -1,4 +1,4 @@
-"""Writes what was found into a URDF: friction, damping, inertias and a payload; it has no more."""
+"""Write findings into a URDF, which can hold friction, damping, inertias and a payload only."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 
 
 def write_urdf(simulator: Simulator, goal: Target, folder: Path) -> Written:
-    """Writes the mended file into ``folder``. Raises ``ConfigError``."""
+    """Write the mended file into ``folder``. Raises ``ConfigError``."""
     files = Files(simulator.path)
     done = Written(folder)
     links, joints = (
@@ -81,7 +81,7 @@ def _add_payload(parameters: Float, root: Element, link: Element, taken: Collect
 
 
 def what_urdf_holds(simulator: Simulator, goal: Target) -> Target:
-    """The part of a target that a URDF can say; the rest stays the user's, and why."""
+    """The target with those values that a URDF can hold; the others stay the user's, and are refused with a reason."""
     model, (_, dof) = simulator.model, simulator.places
     armature, (stiffness, rest) = model.dof_armature[dof].copy(), spring_of(simulator)
     lacking = (
@@ -94,7 +94,7 @@ def what_urdf_holds(simulator: Simulator, goal: Target) -> Target:
         (effect, int(at), NO_TERM) for effect, more in lacking for at in np.flatnonzero(np.abs(more) > 1e-9)
     ]
     if np.any(np.abs(goal.gravity - model.opt.gravity) > 1e-9):
-        refused.append(("gravity_tilt", None, "a URDF does not say where gravity points"))
+        refused.append(("gravity_tilt", None, "a URDF does not define the direction of gravity"))
     return replace(
         goal,
         armature=armature,

@@ -1,4 +1,4 @@
-"""Record of what was written into a simulator's file, and what could not be."""
+"""Record of the numbers written into a simulator's file, and of the effects that could not be written."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from cellwatt_plugins.explain.simulators.inertia import at_centre
 from cellwatt_plugins.explain.simulators.markup import Element
 
 SMALL = 1e-9
-"""Share of a number by which it must change to be written."""
+"""Relative change of a number above which it is written."""
 INERTIAL = (("mass", "kg"), ("centre of mass", "m"), ("inertia (xx yy zz xy xz yz)", "kg*m^2"))
-"""What ``at_centre`` gives, with the unit."""
+"""The results of ``at_centre``, with their units."""
 
 
 def differ(values: Float, were: Float) -> bool:
@@ -35,7 +35,7 @@ class Applied:
     """The element, e.g. ``joint elbow``."""
     value: float | tuple[float, ...]
     was: float | tuple[float, ...] | None
-    """The user's value; None where there was none."""
+    """The user's value; None if the file had none."""
     unit: str
 
 
@@ -49,11 +49,11 @@ class Written:
     """Effects with their joints (0-based) that this kind of file cannot hold, and why."""
 
     def say(self, what: str, where: str, value: ArrayLike, was: ArrayLike | None, unit: str) -> None:
-        """Note what was written, one number or some, and what it was."""
+        """Record a written value of one or several numbers, and the user's value ``was``."""
         self.applied.append(Applied(what, where, _told(value), None if was is None else _told(was), unit))
 
     def say_inertial(self, new: Float, own: Float | None, where: str) -> None:
-        """Note mass, centre and inertia of a body (10,) that was ``own`` (10,) before."""
+        """Record mass, centre and inertia of a ``new`` body (10,); ``own`` (10,) is the user's body."""
         now: Sequence[ArrayLike] = at_centre(new)
         before: Sequence[ArrayLike | None] = [None] * len(now) if own is None or own[0] <= 0 else at_centre(own)
         for (what, unit), value, was in zip(INERTIAL, now, before, strict=True):
@@ -66,12 +66,12 @@ def _told(value: ArrayLike) -> float | tuple[float, ...]:
 
 
 def differs(value: float, was: float) -> bool:
-    """True if a number differs, rounding aside; a finite one differs from one without limit."""
+    """True if a number differs, rounding aside; a finite number differs from an infinite one."""
     return not math.isclose(value, was, rel_tol=SMALL, abs_tol=1e-12 * SMALL)
 
 
 def write_inertial(body: Element, text: str) -> None:
-    """Write a body's inertia in place of what is there."""
+    """Write ``text`` as the inertia of a body, in place of an inertia that it has."""
     there = body.child("inertial")
     if there is None:
         body.added.append(text)
@@ -80,6 +80,6 @@ def write_inertial(body: Element, text: str) -> None:
 
 
 def name_of_payload(taken: Collection[str]) -> str:
-    """A name that no other body has."""
+    """A name for the payload that is not in ``taken``."""
     names = ("payload", *(f"payload_{i}" for i in range(2, 101)))
     return next(name for name in names if name not in taken)

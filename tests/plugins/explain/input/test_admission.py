@@ -131,7 +131,7 @@ WRONG = {
     "velocity of motors in rpm": (times(3000 / np.pi, "velocity"), "it seems to be that of the motor, in rpm"),
     "torque in mNm": (
         times(1e3, "torque"),
-        "torque is 1000 times what motion and description ask for: it seems to be in mNm",
+        "torque is 1000 times what motion and description require: it seems to be in mNm",
     ),
     "torque of motors": (times(0.01, "torque"), "it seems to be that of the motors, before the gears"),
     "torque of one joint in mNm": (joint(4, 1e3, "torque"), "torque of joint 4 is some thousand times too large"),
@@ -147,7 +147,7 @@ WRONG = {
     "velocity turned round": (joint(3, -1, "velocity"), "velocity of joint 3 has the opposite sign"),
     "position stuck": (stuck("position", 3), "q_3 stays at one value in every sample"),
     "power stuck": (stuck("power"), "in every sample although the arm moves"),
-    "simulation late": (shifted(1.5), "1.50 s later than the recording: take 1.50 s off the simulation's times"),
+    "simulation late": (shifted(1.5), "1.50 s later than the recording: subtract 1.50 s from the simulation's times"),
     "another zero": (
         lambda run: replace(run, position=run.position + np.array([0, np.pi / 2, 0, 0, 0, 0])),
         "positions of joint 2 are 1.57 rad off the simulated ones throughout",
@@ -169,7 +169,7 @@ def test_a_wrong_input_is_said_in_one_line(case, runs, arm):
         (times(DEGREES, *MOTION), "are they in degrees?"),
         (ordered(ELBOW_FIRST, *ALL), f"the joints are in another order than in the robot's description: {ELBOW_TEXT}"),
         (ordered([0, 2, 1, 3, 4, 5], *MOTION), "the positions are in another order than in the robot's description"),
-        (joint(2, -1, *ALL), "position and torque count the other way round at joint 2"),
+        (joint(2, -1, *ALL), "position and torque count in the opposite direction at joint 2"),
     ],
 )
 def test_without_a_simulation_the_torques_tell(change, message, run, arm):
@@ -180,7 +180,7 @@ def test_small_motions_in_degrees_are_told_by_the_torques(described, arm):
     moves = excitation(seed=2)
     small = replace(moves, q=moves.q / 20, qd=moves.qd / 20, qdd=moves.qdd / 20)
     run = times(DEGREES, *MOTION)(without_plan(recorded(described, small)))
-    assert "the positions are in degrees: taken so, the torques agree" in refusal([run], arm)
+    assert "the positions are in degrees: converted to rad, the torques agree" in refusal([run], arm)
 
 
 @pytest.mark.parametrize(
@@ -194,7 +194,7 @@ def test_small_motions_in_degrees_are_told_by_the_torques(described, arm):
 def test_joints_are_told_though_wrists_carry_next_to_nothing(change, message, frictionless, bare):
     random = np.random.default_rng(8)
     run = replace(frictionless, torque=frictionless.torque + 0.5 * random.standard_normal(frictionless.torque.shape))
-    assert examine([run], bare)[1] == ["no power recorded: nothing can be said of the supply"]
+    assert examine([run], bare)[1] == ["no power recorded: the supply cannot be examined"]
     assert message in refusal([change(run)], bare)
 
 
@@ -236,7 +236,7 @@ def test_what_a_robot_may_do_is_no_wrong_input(effect, described, arm, bare):
     run = recorded(described, motion(seed=4), effect=EFFECTS[effect], seed=7)
     for kept in (run, replace(without_plan(run), velocity=None)):
         assert examine([kept], arm)[1] == []
-    assert all("otherwise than the simulation" in note for note in examine([run], bare)[1])
+    assert all("differ from the simulation" in note for note in examine([run], bare)[1])
 
 
 def tracked(run, seconds, error):
@@ -289,7 +289,7 @@ def test_what_never_moved_is_a_note(described, arm):
     still = np.array([1, 1, 1, 1, 0, 0])
     some = replace(moves, q=moves.q * still, qd=moves.qd * still, qdd=moves.qdd * still)
     assert examine([recorded(described, some)], arm)[1] == [
-        "joints 5, 6 never moved: friction and inertia cannot be seen there"
+        "joints 5, 6 never moved: its friction and inertia cannot be found"
     ]
 
 
@@ -303,7 +303,7 @@ def test_cut_off_and_coarse_torques_are_notes(described, arm):
     torque = run.torque.copy()
     torque[:, 2] = np.round(torque[:, 2] / steps) * steps
     (note,) = examine([replace(run, torque=torque)], arm)[1]
-    assert note == f"run_01: the torque of joint 3 comes in steps of {steps:.3g} Nm: smaller effects cannot be seen"
+    assert note == f"run_01: the torque of joint 3 comes in steps of {steps:.3g} Nm: smaller effects cannot be found"
 
 
 def concealed():

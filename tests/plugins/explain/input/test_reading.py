@@ -279,7 +279,7 @@ TAU = tuple(f"tau_{i + 1}" for i in range(JOINTS))
         (changed(t=lambda c: c["t"] % 4.0), "the time goes back from 3.992 to 0.000 s in row 501"),
         (
             changed(t=lambda c: c["t"] + 1.7e9 * (c["t"] > 1)),
-            "leaps from 1.000 to 1700000001.008 s in row 127: was",
+            "jumps from 1.000 to 1700000001.008 s in row 127: was",
         ),
         (changed(t=lambda c: 1000 * c["t"]), "rises by 8 from row to row, in whole numbers: is it in milliseconds"),
     ],

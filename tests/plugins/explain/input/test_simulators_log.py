@@ -48,7 +48,7 @@ def test_controls_of_motors_are_torques_by_their_gears(tmp_path):
     assert run.command is None
     notes = examine([run], arm)[1]
     assert "arm.xml: held at their reference: grip" in notes
-    assert not any("otherwise than the simulation" in note for note in notes)
+    assert not any("differ from the simulation" in note for note in notes)
 
 
 def test_controls_of_servos_are_commands_and_their_law_is_the_torque(tmp_path):

@@ -89,23 +89,23 @@ def test_a_sensor_that_dies_in_a_run_is_told(tmp_path, run, arm):
     torque[500:] = np.nan
     found = read(tmp_path, run, arm, tau_3=torque)
     (note,) = [n for n in found.notes if "tau_3" in n]
-    assert f"after t = {run.time[499]:.3f} s, to the end at {run.time[-1]:.3f} s: its sensor died" in note
+    assert f"after t = {run.time[499]:.3f} s, to the end at {run.time[-1]:.3f} s: its sensor failed" in note
 
 
 def test_no_torque_at_all_is_refused(tmp_path, run, arm):
     nothing = {f"tau_{j + 1}": counts(run, 1e-3, seed=j) for j in range(JOINTS)}
-    with pytest.raises(RecordingError, match=r"no torque goes with the motion: .*were the drives read"):
+    with pytest.raises(RecordingError, match=r"no torque is related to the motion: .*were the drives read"):
         examine([read(tmp_path, run, arm, **nothing)], arm)
 
 
 def test_a_run_whose_drives_nobody_read_is_named_among_others(run, arm):
     silent = replace(run, name="silent", torque=np.full_like(run.torque, np.nan))
-    with pytest.raises(RecordingError, match=r"silent: no torque goes with the motion: .*were the drives read"):
+    with pytest.raises(RecordingError, match=r"silent: no torque is related to the motion: .*were the drives read"):
         examine([run, silent], arm)
 
 
 def test_a_law_of_servos_is_not_mixed_with_torques_that_were_read(run, arm):
-    with pytest.raises(RecordingError, match=r"commanded: .* explain it by itself"):
+    with pytest.raises(RecordingError, match=r"commanded: .* explain it separately"):
         examine([run, replace(run, name="commanded", drive=object())], arm)
 
 
@@ -129,7 +129,7 @@ def resting(described, joint):
 
 def test_the_velocity_of_a_joint_at_rest_may_flicker(described, arm):
     run = without_plan(resting(described, 6))
-    assert examine([run], arm)[1] == ["joint 6 never moved: friction and inertia cannot be seen there"]
+    assert examine([run], arm)[1] == ["joint 6 never moved: its friction and inertia cannot be found"]
 
 
 def test_numbers_of_a_joint_that_never_moves_are_not_found_from_a_simulation(described, arm):

@@ -139,7 +139,7 @@ def test_inertias_of_no_body_are_the_nearest_that_exists(tmp_path):
     """More mass taken away than the link has: the rest of it must still be a body, and it is said."""
     simulator, goal = Cell(tmp_path, FULL.mjcf()).goal(found("link_inertial_error", 1, -2.0, *(9 * [0.0])))
     assert goal.links[1, 0] > 0
-    assert "nearest that can exist" in goal.notes[0]
+    assert "nearest possible ones" in goal.notes[0]
     write_mjcf(simulator, goal, tmp_path / "out")
     load_simulator(tmp_path / "out" / "arm.mended.xml", JOINTS)
 

@@ -1,4 +1,4 @@
-"""Agreement of recorded torques with the robot's description, under one or another reading of the columns."""
+"""Agreement of recorded torques with the robot's description, for an interpretation of the columns."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import Moved, Plan
 
 SAMPLES = 200
-"""Samples of a run that are looked at: enough for what is wrong by a factor."""
+"""Samples of a run that are examined: enough to find what is wrong by a factor."""
 TOGETHER = 20
-"""Samples of all torques together from which they are compared."""
+"""Smallest number of samples at which all compared torques were read."""
 MOST = 2.0
-"""Misfit that counts at most: one joint that is far off is no more than wrong."""
+"""Largest misfit of a joint that enters the mean: a larger one is no more wrong."""
 MEAN_OF_NORMAL = 0.8
 """Mean absolute value of a normal distribution, in standard deviations."""
 STOPPED = 0.02
-"""rad/s over which friction of unknown size turns its sign; wider than the noise of encoders."""
+"""rad/s over which friction of unknown size changes its sign; wider than the noise of encoders."""
 
 
 @dataclass(frozen=True)
@@ -42,16 +42,16 @@ class Torques:
         return Torques(self.torque[:, order], self.noise[list(order)])
 
     def shares(self) -> Float:
-        """Share (n,) of each column's mean square that is no noise."""
+        """Share (n,) of each column's mean square that is not noise."""
         size = np.array([deviation(column) for column in self.torque.T])
         return np.asarray(np.maximum(1 - np.square(self.noise / np.maximum(size, 1e-12)), 0.0))
 
 
 @dataclass(frozen=True)
 class Expected:
-    """Torques (N, n) Nm that the description asks for in a motion with ``velocity`` (N, n) rad/s.
+    """Torques (N, n) Nm that the description predicts for a motion with ``velocity`` (N, n) rad/s.
 
-    Any amount of friction may come on top, unless it is ``strict``.
+    Unless ``strict``, any amount of friction may be added to them.
     """
 
     torque: Float
@@ -59,19 +59,19 @@ class Expected:
     strict: bool = False
 
     def misfits(self, read: Torques) -> Float:
-        """Mean absolute difference over mean absolute torque, both about their medians and beyond the noise: (n,).
+        """Misfit (n,): mean absolute difference over mean absolute torque, both about their medians and beyond noise.
 
-        0 for a torque that is noise alone: it tells nothing.
+        0 for a torque that is noise alone, which carries no information.
         """
         return np.array([self._misfit(read, k, k) for k in range(len(read.noise))])
 
     def table(self, read: Torques) -> Float:
-        """Misfit (n, n) of each torque column as if it were each joint's."""
+        """Misfit (n, n) of each torque column (row) against each joint's expected torque (column)."""
         joints = range(len(read.noise))
         return np.array([[self._misfit(read, i, k) for k in joints] for i in joints])
 
     def misfit(self, read: Torques) -> float:
-        """The mean misfit, in which each column counts by the share of its torque that is no noise."""
+        """The mean misfit, each column weighted by the share of its torque that is not noise."""
         weights = read.shares()
         return float(np.sum(weights * np.minimum(self.misfits(read), MOST)) / max(np.sum(weights), 1e-12))
 
@@ -97,7 +97,7 @@ class Sample:
     motion: Plan
 
     def expected(self, factor: Float | float = 1.0, order: Sequence[int] | None = None) -> Expected:
-        """Torque by the description for this motion times ``factor``, its columns in ``order``."""
+        """Torque that the description predicts for this motion times ``factor``, with its columns in ``order``."""
         columns = slice(None) if order is None else list(order)
         q, qd, qdd = (np.asarray(part[:, columns] * factor, np.float64) for part in self.motion.courses)
         return Expected(self.arm.torque(q, qd, qdd), qd)
@@ -106,7 +106,7 @@ class Sample:
 def sample_of(run: Run, motion: Moved, arm: Arm) -> Sample:
     """Evenly spread samples of a run, none of them filled in.
 
-    Torques that were not read, or not together with the others, are 0 throughout: they speak for no reading of the
+    Torques that were not read, or not together with the others, are 0 throughout: they support no interpretation of the
     columns.
     """
     rows = usable(run)
@@ -123,7 +123,7 @@ def sample_of(run: Run, motion: Moved, arm: Arm) -> Sample:
 
 
 def _beyond(size: float, noise: float) -> float:
-    """Root of what a mean square has beyond that of the noise."""
+    """Root of the mean square in excess of the noise."""
     return float(np.sqrt(max(size**2 - noise**2, 0.0)))
 
 

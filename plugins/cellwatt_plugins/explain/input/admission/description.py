@@ -1,4 +1,4 @@
-"""Does the description say otherwise than the simulation that the recordings are compared with?"""
+"""Differences between the description and the simulation with which the recordings are compared."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from cellwatt_plugins.robot import Arm, RobotDescription
 from cellwatt_plugins.robot.drive import nominal_power
 
 WORTH = 0.02
-"""Share of the simulation's own size from which a difference is worth a remark."""
+"""Share of the simulated rms above which a difference is reported."""
 UNITS = {"coulomb_friction": "Nm", "viscous_friction": "Nm s/rad", "rotor_inertia": "kg m²"}
 
 
 def told_otherwise(runs: Sequence[Run], arm: Arm, base: Baseline) -> list[str]:
-    """One remark where robot.yaml or the URDF say otherwise than the simulation; numbers left out say nothing."""
+    """One remark if robot.yaml or the URDF contradict the simulation; numbers that they omit are not compared."""
     told = [run.simulated for run in runs if run.simulated is not None]
     if not told:
         return []
@@ -40,12 +40,12 @@ def told_otherwise(runs: Sequence[Run], arm: Arm, base: Baseline) -> list[str]:
         parts += [f"the supply by {watts:.3g} W"] if watts > WORTH * drawn else []
     if not parts:
         return []
-    what = "robot.yaml or the URDF say otherwise than the simulation"
+    what = "robot.yaml or the URDF differ from the simulation"
     return [f"{what}: {'; '.join(parts)} (rms). The recording is compared with the simulation"]
 
 
 def _completed(robot: RobotDescription, simulated: RobotDescription) -> RobotDescription:
-    """The description with the simulation's numbers where it gives none."""
+    """The description, completed with the simulation's numbers where it omits them."""
     joints = tuple(
         other.model_copy(update={name: getattr(own, name) for name in own.model_fields_set})
         for own, other in zip(robot.joints, simulated.joints, strict=True)

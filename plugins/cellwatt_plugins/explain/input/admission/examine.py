@@ -1,4 +1,4 @@
-"""All checks of the input, in the order in which one explains the next."""
+"""All checks of the input, in an order in which causes are found before their consequences."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import Moved
 
 SOONER = 0.95
-"""Share to which friction that turns over early must bring the changes that are left."""
+"""Share to which friction that reverses early must reduce the squared changes of the residual."""
 LEAST_SECONDS = 3.0
 LEAST_SAMPLES = 75
 """Some hundred samples are some ten independent ones: the least for friction, gravity and inertia of six joints."""
 SHORTEST = 1.0
-"""s of a run that says something beside others."""
+"""Shortest run, s, that is used beside others."""
 SLOW_SECONDS, SLOW_SAMPLES = 30.0, 60
-"""In as long a time fewer samples do: at a few Hz each of them is an independent one."""
+"""Over so many seconds fewer samples suffice: at a few Hz each sample is independent."""
 
 
 @dataclass(frozen=True)
@@ -49,9 +49,9 @@ class Admitted:
 
     base: Baseline
     notes: tuple[str, ...]
-    """Remarks that are worth knowing before."""
+    """Remarks on the input, to be read before the findings."""
     states: tuple[States, ...]
-    """The arm along each of the runs, as its simulation has it."""
+    """States of the simulated arm along each run."""
 
 
 def admit(runs: Sequence[Run], arm: Arm) -> Admitted:
@@ -62,7 +62,7 @@ def admit(runs: Sequence[Run], arm: Arm) -> Admitted:
     check_moving(runs)
     check_read(runs)
     notes = [note for run in runs for note in run.notes]
-    # Not spread: a run takes as long to be sent as to be checked so.
+    # Not spread over workers: sending a run takes as long as these checks.
     for run in steps(runs, "checking run"):
         notes += _check(run, arm)
     with stage("simulating the runs"):
@@ -76,9 +76,9 @@ def admit(runs: Sequence[Run], arm: Arm) -> Admitted:
 def _turning_over(
     runs: Sequence[Run], base: Baseline, courses: Sequence[tuple[Moved, Float | None, Float | None]]
 ) -> tuple[Baseline, list[States]]:
-    """Friction that turns over early in a simulation need not do so in the arm: what the recordings follow better.
+    """Let friction reverse before the velocity, as in the simulation, or with it, whichever fits the recordings better.
 
-    Friction jumps when it turns over: only how torques change from sample to sample is compared.
+    Friction jumps when it reverses, so only the changes of torque from sample to sample are compared.
     """
 
     def made(lead: float | None) -> tuple[float, Baseline, list[States]]:
@@ -99,7 +99,7 @@ def _spread(run: Run) -> float:
 
 
 def check_run(run: Run, arm: Arm) -> Moved:
-    """The motion of a run that is looked at by itself. Raises as ``admit``; ``arm`` is the simulation's."""
+    """Check a single run and return its motion. Raises as ``admit``; ``arm`` is the simulation's."""
     check_length((run,))
     check_read((run,))
     _check(run, arm)
@@ -107,7 +107,7 @@ def check_run(run: Run, arm: Arm) -> Moved:
 
 
 def _check(run: Run, arm: Arm) -> list[str]:
-    """Remarks on one of the runs, by all that needs no other look at its motion."""
+    """Run the checks that do not need the smoothed motion; return remarks on the run."""
     check_stuck(run)
     notes = check_pairing(run, arm.description)
     check_limits(run, arm)
@@ -119,12 +119,12 @@ def _check(run: Run, arm: Arm) -> list[str]:
 
 
 def _followed(run: Run, base: Baseline) -> tuple[Moved, Float | None, Float | None]:
-    """The motion of a run, and what its simulation has beyond the law; see ``Baseline.beyond``."""
+    """The motion of a run, and its simulation's torque and power beyond the law; see ``Baseline.beyond``."""
     return _moved(run, base.arm), *base.beyond(run)
 
 
 def _moved(run: Run, arm: Arm) -> Moved:
-    """The motion of a run, with which its torque and power must go."""
+    """The motion of a run, after its torque and power are checked against it."""
     motion = moved(run)
     if run.drive is None:
         check_torque(run, motion, arm)
@@ -133,28 +133,28 @@ def _moved(run: Run, arm: Arm) -> Moved:
 
 
 def check_read(runs: Sequence[Run]) -> None:
-    """Raises ``RecordingError`` where a run has no torque of any joint, or only some runs have their servos' law."""
+    """Raises ``RecordingError`` if a run has no torque of any joint, or only some runs use the law of their servos."""
     for run in runs:
         if not unread(run).all():
             continue
         if run.command is not None:
             raise RecordingError(
-                f"{run.name}: commands and positions, but no torque: what the drives do with a command must be "
+                f"{run.name}: commands and positions, but no torque: the control law of the drives must be "
                 "known; give --simulation an MJCF whose joints have <position> actuators with their kp and kv"
             )
         raise RecordingError(
-            f"{run.name}: no torque goes with the motion: every torque or current is empty, constant, or noise: "
+            f"{run.name}: no torque is related to the motion: every torque or current is empty, constant, or noise: "
             "were the drives read?"
         )
     driven = [run.name for run in runs if run.drive is not None]
     if 0 < len(driven) < len(runs):
         raise RecordingError(
-            f"{driven[0]}: commands and positions, but no torque, which other recordings have: explain it by itself"
+            f"{driven[0]}: commands and positions, but no torque, which other recordings have: explain it separately"
         )
 
 
 def check_length(runs: Sequence[Run]) -> None:
-    """Raises ``RecordingError`` where a run, or all of them together, is too little to tell friction from noise."""
+    """Raises ``RecordingError`` if a run, or all together, are too short to distinguish friction from noise."""
     used = [len(usable(run)) for run in runs]
     seconds = [count * run.step for count, run in zip(used, runs, strict=True)]
     for run, count, length in zip(runs, used, seconds, strict=True):

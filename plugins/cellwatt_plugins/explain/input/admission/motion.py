@@ -1,4 +1,4 @@
-"""Do the positions and velocities describe the motion of an arm, in rad and rad/s?"""
+"""Check that positions and velocities describe the motion of an arm, in rad and rad/s."""
 
 from __future__ import annotations
 
@@ -17,33 +17,33 @@ from cellwatt_plugins.robot import Arm, RobotDescription
 from cellwatt_plugins.robot.motion import rates
 
 AT_REST = 0.01
-"""rad: who stays within this has not moved."""
+"""Travel, rad, below which a joint is at rest."""
 MOVES = 0.05
-"""rad: who goes further moves for certain."""
+"""Travel, rad, above which a joint certainly moves."""
 WIDE = 0.2
-"""rad: motion wide enough for its derivative to be compared."""
+"""Travel, rad, above which the derivative of a position can be compared."""
 FLICKER = 0.1
-"""rad/s: span of velocities that encoders make of a joint at rest."""
+"""Span of velocities, rad/s, that encoder noise produces at a joint at rest."""
 BEYOND = 3.0
-"""Times the joint's limit, or half a turn where that is more: no arm gets there."""
+"""Factor on the joint's limit, or on half a turn if that is more, that no arm reaches."""
 FASTEST = 30.0
-"""rad/s: no joint of an arm is as fast."""
+"""Speed, rad/s, that no joint of an arm reaches."""
 LEAP = 10.0
-"""rad/s beyond which half a turn from sample to sample is no motion."""
+"""Speed, rad/s, above which half a turn from sample to sample is not motion."""
 ALIKE = 0.9
-"""Correlation, not about the mean, from which on two velocities are of the same motion."""
+"""Correlation, not about the mean, above which two velocities are of the same motion."""
 UNLIKE = 0.3
-"""Correlation below which they are not."""
+"""Correlation below which two velocities are of different motions."""
 FOREIGN = 0.8
-"""Correlation below which a velocity is another joint's, if one is there that it is like."""
+"""Correlation of a velocity with its joint below which it is another joint's, if it agrees with that joint."""
 SIMPSON = (1 / 6, 4 / 6, 1 / 6)
-"""Mean over two steps of a velocity, by its three samples."""
+"""Weights of three samples of a velocity in its mean over two steps."""
 FACTOR = 2.0
-"""Velocity and derivative of the position do not differ by this for any physical reason."""
+"""Factor between a velocity and the derivative of its position that has no physical cause."""
 
 
 def span(values: Float) -> Float:
-    """Span (n,) of each column (N, n), without its extreme hundredths."""
+    """Span (n,) of each column (N, n), from its 1st to its 99th percentile."""
     low, high = np.percentile(values, [1, 99], axis=0)
     return np.asarray(high - low, np.float64)
 
@@ -54,24 +54,24 @@ def travel(run: Run) -> Float:
 
 
 def check_moving(runs: Sequence[Run]) -> None:
-    """Raises ``RecordingError`` where nothing moves in any run."""
+    """Raises ``RecordingError`` if no joint moves in any run."""
     widest = max(float(travel(run).max()) for run in runs)
     if widest < AT_REST:
         names = runs[0].name if len(runs) == 1 else "the recordings"
         raise RecordingError(
-            f"{names}: nothing moves (at most {widest:.4f} rad): at rest only standby power and holding torques can be "
-            "seen; record at least some seconds of motion of every joint"
+            f"{names}: nothing moves (at most {widest:.4f} rad): at rest only standby power and holding torques are "
+            "visible; record at least some seconds of motion of every joint"
         )
 
 
 def check_stuck(run: Run) -> None:
-    """Raises ``RecordingError`` where a signal stays at one value though the joint moves."""
+    """Raises ``RecordingError`` if a signal stays at one value although the joint moves."""
     moves = travel(run) > MOVES
     wanted = np.zeros(run.joints, bool) if run.plan is None else span(run.plan.position) > MOVES
     if run.velocity is not None:
         wanted |= _travelled(run.velocity, run.step)
         _stuck(run, "qd", run.velocity, moves, "the joint moves")
-    _stuck(run, "q", run.position, wanted, "velocity or simulation say that the joint moves")
+    _stuck(run, "q", run.position, wanted, "velocity or simulation show that the joint moves")
     if run.power is not None and moves.any() and np.ptp(run.power) == 0:
         raise RecordingError(
             f"{run.name}: power is {run.power[0]:.6g} in every sample although the arm moves: was the meter read?"
@@ -79,9 +79,9 @@ def check_stuck(run: Run) -> None:
 
 
 def check_limits(run: Run, arm: Arm) -> None:
-    """Raises ``RecordingError`` where most joints go where, or as fast as, no arm does.
+    """Raises ``RecordingError`` if at least half of the moving joints exceed the positions or speeds of any arm.
 
-    One joint alone may turn without end.
+    A single joint may turn without end.
     """
     reached = np.percentile(np.abs(run.position), 99, axis=0)
     speed = np.percentile(np.abs(rates(run.position, run.step)[1]), 99, axis=0)
@@ -95,7 +95,7 @@ def check_limits(run: Run, arm: Arm) -> None:
 
 
 def check_jumps(run: Run, robot: RobotDescription) -> None:
-    """Raises ``RecordingError`` where a turning joint leaps by half a turn between two samples."""
+    """Raises ``RecordingError`` if a revolute joint jumps by more than half a turn between two samples."""
     turning = np.array([joint.kind == "revolute" for joint in robot.joints])
     steps = np.abs(np.diff(run.position, axis=0)) * turning
     leaps = (steps > np.pi) & (steps > LEAP * run.step)
@@ -104,16 +104,16 @@ def check_jumps(run: Run, robot: RobotDescription) -> None:
         row, joint = map(int, np.argwhere(leaps)[0])
         raise RecordingError(
             f"{run.name}: q_{joint + 1} jumps by {steps[row, joint]:.2f} rad at t = {run.time[row + 1]:.3f} s (sample "
-            f"{row + 2}): if its angle is modulo a turn, record it counted on; if two recordings are joined, part them"
+            f"{row + 2}): if its angle is modulo a turn, record it unwrapped; if two recordings are joined, split them"
         )
 
 
 def check_velocity(run: Run, robot: RobotDescription) -> None:
-    """Raises ``RecordingError`` where the velocities are not the derivatives of the positions."""
+    """Raises ``RecordingError`` if the velocities are not the derivatives of the positions."""
     if run.velocity is None:
         return
     kept = usable(run)
-    # A slow log's central differences are means over two steps: so must be what they are compared with.
+    # Central differences of a slow log are means over two steps: the recorded velocities are averaged alike.
     velocity, own = (
         convolve1d(run.velocity, SIMPSON, axis=0, mode="nearest")[kept],
         rates(run.position, run.step)[1][kept],
@@ -129,7 +129,7 @@ def check_velocity(run: Run, robot: RobotDescription) -> None:
 
 
 def _velocity_order(run: Run, alike: Float, wide: NDArray[np.intp]) -> None:
-    """Joints that move together are all alike: only what is unlike in its own place and alike in another counts."""
+    """Flag a velocity only if it disagrees with its own joint and agrees with another: joints may move together."""
     matrix = np.abs(alike[np.ix_(wide, wide)])
     rows, places = linear_sum_assignment(-matrix)
     order = np.arange(run.joints)
@@ -146,13 +146,13 @@ def _velocity_order(run: Run, alike: Float, wide: NDArray[np.intp]) -> None:
 
 
 def _velocity_unit(where: str, factor: float, alike: float, ratio: float) -> None:
-    """``factor`` of a recorded velocity over the position's derivative, and how ``alike`` the two are."""
+    """Check the ratio ``factor`` of a velocity to its position's derivative, and their correlation ``alike``."""
     if abs(alike) < UNLIKE:
         raise RecordingError(
             f"{where} is not the derivative of its position (correlation {alike:.2f}): is it of another joint or run?"
         )
     if alike < -ALIKE:
-        raise RecordingError(f"{where} has the opposite sign of its position's derivative: turn one of the two round")
+        raise RecordingError(f"{where} has the opposite sign of its position's derivative: invert one of them")
     if not 1 / FACTOR < factor < FACTOR and alike > ALIKE:
         known = {"in degrees/s": DEGREES, "in rpm": RPM, "in mrad/s": 1e3, "against positions in degrees": 1 / DEGREES}
         if ratio > FACTOR:
@@ -166,7 +166,7 @@ def _velocity_unit(where: str, factor: float, alike: float, ratio: float) -> Non
 
 
 def _travelled(velocity: Float, step: float) -> Bool:
-    """(n,) true where velocities (N, n) rad/s are of a joint that goes somewhere, not the flicker of one at rest."""
+    """(n,) true where velocities (N, n) rad/s are of a joint that travels, not the noise of a joint at rest."""
     way = np.cumsum(velocity - velocity.mean(axis=0), axis=0) * step
     return np.asarray((span(velocity) > FLICKER) & (np.ptp(way, axis=0) > MOVES), np.bool_)
 
@@ -179,6 +179,6 @@ def _stuck(run: Run, stem: str, values: Float, expected: Bool, why: str) -> None
 
 
 def _correlations(a: Float, b: Float) -> Float:
-    """Of each column (N, n) of ``a`` with each of ``b``, about 0: (n, n); 0 where one is 0 throughout."""
+    """Correlation (n, n), about 0, of each column (N, n) of ``a`` with each of ``b``; 0 where one is 0 throughout."""
     scale = np.outer(np.linalg.norm(a, axis=0), np.linalg.norm(b, axis=0))
     return np.asarray(np.divide(a.T @ b, scale, out=np.zeros_like(scale), where=scale > 0), np.float64)

@@ -1,4 +1,4 @@
-"""Is the simulation that of this run: same motion, same joints, same unit, same clock?"""
+"""Check that a simulation is of its run: same motion, joints, unit and clock."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.robot import RobotDescription
 
 FOLLOWS = 0.5
-"""Error over motion, both rms about their means: controllers track far better, other motions have 1.4."""
+"""Largest error over motion, both rms about their means: controllers track far better, other motions have 1.4."""
 MATCHES = 0.25
-"""The same for another reading of the columns that is to be believed; it must also halve the error."""
+"""The same for another interpretation of the columns to be accepted, which must also halve the error."""
 ALIKE = 0.95
-"""Correlation of a recorded position with its plan."""
+"""Least correlation of a recorded position with its plan, up to a factor."""
 NOTICED = 0.15
-"""s of delay that are worth a note."""
+"""Delay, s, above which a note is given."""
 OFFSET = 0.2
-"""rad: no controller leaves such a standing error."""
+"""Constant error of a position, rad, that no controller leaves."""
 
 
 @dataclass(frozen=True)
 class _Pair:
-    """Recorded and planned positions (N, n) rad, and which joints move in one of them."""
+    """Recorded and planned positions (N, n) rad, and the indices of the joints that move in either."""
 
     name: str
     position: Float
@@ -45,11 +45,11 @@ class _Pair:
     moving: NDArray[np.intp]
 
     def errors(self) -> Float:
-        """Of each joint that moves: rms of the difference over rms of the plan, both about their means."""
+        """Error of each moving joint: rms of the difference over rms of the plan, both about their means."""
         return np.asarray((np.std(self.position - self.plan, axis=0) / _scale(self.plan))[self.moving])
 
     def slopes(self) -> tuple[Float, Float]:
-        """Recorded over planned motion, and their correlation, of the joints that move."""
+        """Ratio of recorded to planned motion, and their correlation, of each moving joint."""
         q, p = _centred(self.position[:, self.moving]), _centred(self.plan[:, self.moving])
         product = np.sum(q * p, axis=0)
         power = np.sum(p * p, axis=0)
@@ -59,7 +59,7 @@ class _Pair:
 
 
 def check_pairing(run: Run, robot: RobotDescription) -> list[str]:
-    """Notes on how the recording follows its plan. Raises ``RecordingError`` where it is another one's."""
+    """Notes on how the recording follows its plan. Raises ``RecordingError`` if the plan is of another recording."""
     if run.plan is None:
         return []
     kept = usable(run)
@@ -114,10 +114,10 @@ def _sign(pair: _Pair) -> None:
 
 
 def _clock(pair: _Pair, late: float, remaining: float) -> None:
-    """``late`` s: by how much the recording follows the plan; ``remaining``: the error once that is undone."""
+    """Check the clocks; ``late``: delay of the recording behind the plan, s; ``remaining``: the error without it."""
     if abs(late) > LATE and remaining < MATCHES and remaining < 0.5 * float(np.mean(pair.errors())):
-        way, change = ("earlier", "add") if late > 0 else ("later", "take")
-        where = "to" if late > 0 else "off"
+        way, change = ("earlier", "add") if late > 0 else ("later", "subtract")
+        where = "to" if late > 0 else "from"
         raise RecordingError(
             f"{pair.name}: the simulation makes the same motion {abs(late):.2f} s {way} than the recording: "
             f"{change} {abs(late):.2f} s {where} the simulation's times"
@@ -140,7 +140,7 @@ def _order(pair: _Pair) -> None:
 
 
 def _offset(pair: _Pair) -> None:
-    """Whole turns are no matter to an arm."""
+    """Check the zeros of the positions; whole turns are ignored."""
     offset = np.median(pair.position - pair.plan, axis=0)
     offset -= 2 * np.pi * np.round(offset / (2 * np.pi))
     if np.any(np.abs(offset) > OFFSET):
@@ -148,7 +148,7 @@ def _offset(pair: _Pair) -> None:
         raise RecordingError(
             f"{pair.name}: recorded positions of {joints_text((joints + 1).tolist())} are "
             f"{', '.join(f'{offset[i]:.2f}' for i in joints)} rad off the simulated ones throughout: "
-            "recording and simulation count from different zeros"
+            "recording and simulation have different zeros"
         )
 
 

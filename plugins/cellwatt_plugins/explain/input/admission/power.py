@@ -1,4 +1,4 @@
-"""Is the power that of this arm, in W?"""
+"""Check that the power is of this arm, and in W."""
 
 from __future__ import annotations
 
@@ -12,31 +12,31 @@ from cellwatt_plugins.robot.motion import Moved
 
 SAMPLES = 2000
 HUNDRED = 100.0
-"""Supply power may fall short of the joints' power, or exceed it, by some times; never by this."""
+"""Factor between the changes of supply power and of joint power that no arm reaches."""
 LEAST = 0.03
-"""Share of the joints' mean power below which a supply cannot stay: energy does not come from nowhere."""
+"""Share of the joints' mean power that the supply must exceed: energy does not come from nowhere."""
 ENOUGH = 1.0
-"""W of joint power, mean or spread, from which on that can be said."""
+"""Joint power, W, mean or standard deviation, above which it can be compared with the supply."""
 ALIKE = 0.5
-"""Correlation of supply and joint power from which on their ratio says something."""
+"""Correlation of supply and joint power above which their ratio is meaningful."""
 
 
 def check_power(run: Run, motion: Moved) -> None:
-    """Raises ``RecordingError`` where power cannot be in W beside what the joints take, recorded or simulated."""
+    """Raises ``RecordingError`` if the power cannot be in W, compared with the mechanical power of the joints."""
     kept = usable(run, SAMPLES)
     if run.power is not None and np.isfinite(run.torque).all():
         _check(run.name, run.power[kept], np.sum(run.torque[kept] * motion.velocity[kept], axis=1))
 
 
 def check_simulated_power(run: Run) -> None:
-    """The same of its simulation."""
+    """``check_power`` for the simulation of a run."""
     said = run.simulated
     if said is not None and said.power is not None:
         _check(f"{run.name}: in its simulation", said.power, np.sum(said.torque * said.plan.velocity, axis=1))
 
 
 def _check(place: str, supply: Float, joints: Float) -> None:
-    """Power of the supply and of all joints together, (N,) W."""
+    """``supply``, ``joints``: power of the supply and of all joints together, (N,) W."""
     if np.std(joints) < ENOUGH or np.std(supply) == 0:
         return
     slope = float(np.cov(joints, supply)[0, 1] / np.var(joints))

@@ -1,4 +1,4 @@
-"""Remarks: no errors, but good to know before reading the findings."""
+"""Remarks on the input: not errors, but to be known before reading the findings."""
 
 from __future__ import annotations
 
@@ -17,31 +17,31 @@ from cellwatt_plugins.robot.motion import FAST
 from cellwatt_plugins.robot.stretches import stretches
 
 CLIPPED = 0.01
-"""Share of samples at exactly the largest or smallest value from which on a torque looks cut off."""
+"""Share of samples at exactly the largest or smallest value above which a torque looks clipped."""
 ROW = 3
-"""Samples at the extreme in a row that noise does not make."""
+"""Consecutive samples at the extreme that noise does not produce."""
 LEVELS = 50
-"""Fewer different values of a torque are steps that can be seen …"""
+"""Number of different torque values below which the steps between them are visible …"""
 OFTEN = 2
-"""… where each was read so many times on average."""
+"""… if each value occurs this many times on average."""
 FROZEN = 1.0
-"""s at exactly one value that noise does not leave."""
+"""Duration at exactly one value, s, that noise does not permit."""
 ROUGH = 1.0
-"""Doubt of the torque that a motion needs, in units of that torque, from which it says little."""
+"""Uncertainty of the torque that a motion needs, over its rms, above which it carries little information."""
 SHORT = 0.15
-"""s in all that are not worth a remark."""
+"""Total duration, s, up to which no remark is given."""
 PERIOD = 4
-"""Samples that a motion needs to be followed."""
+"""Samples per period of the fastest motion that is resolved."""
 
 
 def remarks(runs: Sequence[Run], robot: RobotDescription) -> list[str]:
-    """One sentence each."""
+    """Remarks on the runs, one sentence each."""
     widest = np.max([travel(run) for run in runs], axis=0)
     notes = [f"{run.name}: the arm stands still" for run in runs if travel(run).max() < AT_REST]
     if (still := np.flatnonzero(widest < MOVES)).size:
-        notes.append(f"{joints_text((still + 1).tolist())} never moved: friction and inertia cannot be seen there")
+        notes.append(f"{joints_text((still + 1).tolist())} never moved: its friction and inertia cannot be found")
     if all(run.power is None for run in runs):
-        notes.append("no power recorded: nothing can be said of the supply")
+        notes.append("no power recorded: the supply cannot be examined")
     notes += unread_remarks(runs)
     notes += _slow(runs)
     for run in runs:
@@ -56,7 +56,7 @@ def remarks(runs: Sequence[Run], robot: RobotDescription) -> list[str]:
 
 
 def rough(states: Sequence[States]) -> Iterator[str]:
-    """One sentence for each run with stretches that follow no smooth motion; there its torque says little."""
+    """One sentence for each run with stretches without smooth motion, whose torque carries little information."""
     for run in states:
         doubt = (run.own_inertia + run.robot.column("rotor_inertia")) * run.moved.acceleration_spread
         moves = np.ptp(run.q, axis=0) > MOVES
@@ -65,7 +65,7 @@ def rough(states: Sequence[States]) -> Iterator[str]:
         seconds = sum(b - a for a, b in inner) * run.step
         if seconds > SHORT:
             yield (
-                f"{run.name}: {seconds:.2g} s follow no smooth motion (a stop, a shock) and hardly count, first "
+                f"{run.name}: {seconds:.2g} s follow no smooth motion (a stop, a shock) and have little weight, first "
                 f"at {run.time[inner[0][0]]:.2f} s"
             )
 
@@ -75,7 +75,7 @@ def _slow(runs: Sequence[Run]) -> Iterator[str]:
     if rate < FAST:
         yield (
             f"recorded at {rate:.2g} Hz, which follows motions of up to {rate / PERIOD:.2g} Hz: elasticity, backlash, "
-            "delays, contacts and friction that builds up after a reversal cannot be seen"
+            "delays, contacts and friction that builds up after a reversal cannot be found"
         )
 
 
@@ -101,7 +101,7 @@ def _coarse(run: Run, robot: RobotDescription) -> Iterator[str]:
         if 1 < len(levels) < min(LEVELS, len(torque) / OFTEN):
             yield (
                 f"{run.name}: the torque of joint {i + 1} comes in steps of {np.min(np.diff(levels)):.3g} "
-                f"{robot.unit(i, 'Nm')}: smaller effects cannot be seen"
+                f"{robot.unit(i, 'Nm')}: smaller effects cannot be found"
             )
 
 

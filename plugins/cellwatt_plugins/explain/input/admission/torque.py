@@ -1,4 +1,4 @@
-"""Do the torques go with the motion: unit, order and direction of the joints, against what the description says?"""
+"""Check unit, order and direction of the torques against the motion and the robot's description."""
 
 from __future__ import annotations
 
@@ -21,37 +21,37 @@ from cellwatt_plugins.robot.motion import Moved, Plan
 Order = tuple[int, ...]
 
 LARGE, SMALL = 100.0, 1 / 30
-"""Recorded over nominal torque of the whole arm beyond which no friction, load or balancer can be the reason."""
+"""Ratios of recorded to nominal torque of the whole arm that no friction, load or balancer can cause."""
 HELD = 0.1
-"""Share of what the arm's weight takes in any pose that friction may be: an upright arm carries next to nothing."""
+"""Assumed friction as a share of the rms gravity torque over random poses: an upright arm carries almost nothing."""
 POSES = 100
-"""Poses in which that weight is looked at."""
+"""Number of random poses for that gravity torque."""
 ALONE = 8.0
-"""One joint's torque over that of every other one, recorded and nominal, beyond which it is in another unit."""
+"""Ratio of one joint's torque to the largest other torque, recorded or nominal, above which its unit is another one."""
 HIDDEN = 200.0
-"""Times that one joint's torque may stay below the nominal one, where that is more than friction."""
+"""Factor by which a joint's torque may be below its nominal torque, if that exceeds friction."""
 THOUSAND = 1000.0
 POOR = 0.05
-"""Misfit of a joint from which on another reading of its columns is worth a try."""
+"""Misfit of a joint above which other interpretations of the columns are tried."""
 GOOD = 0.5
-"""A reading is believed where it leaves less than this misfit, and less than this share of the misfit as recorded."""
+"""An interpretation is accepted if its misfit is below this value and below this share of the misfit as recorded."""
 TELLS = 0.5
-"""Share of a torque's mean square that is no noise, from which on it is told whose it is."""
+"""Share of a torque's mean square that must not be noise for the torque to be assigned to a joint."""
 TIE = 1e-6
-"""By which a column of noise rather stays where it is."""
+"""Preference, in misfit, for leaving a column of noise at its own joint."""
 AGREES = 0.3
-"""The mean misfit that a whole arm has where description and reading are right; a wrong mounting leaves more."""
+"""Largest mean misfit of a whole arm if description and interpretation are right; a wrong mounting has more."""
 
 
 def check_torque(run: Run, motion: Moved, arm: Arm) -> None:
-    """Raises ``RecordingError`` where another unit, order or direction makes description and recording agree."""
+    """Raises ``RecordingError`` if another unit, order or direction makes description and recording agree."""
     sample = sample_of(run, motion, arm)
     what = "torque" if run.torque_from == "torque" else "torque from current"
     _check(f"{run.name}: {what}", run.torque_from == "current", sample)
 
 
 def check_simulated(run: Run, arm: Arm) -> None:
-    """The same of what its simulation says of torque."""
+    """``check_torque`` for the torque of a run's simulation."""
     said = run.simulated
     if said is None:
         return
@@ -90,7 +90,7 @@ def _whole_unit(place: str, current: bool, sample: Sample, expected: Float, fric
         known["that of the motors, before the gears"] = 1 / ratio
     name = recognised(factor, known, within=3.0)
     raise RecordingError(
-        f"{place} is {times_text(factor, 2)} times what motion and description ask for"
+        f"{place} is {times_text(factor, 2)} times what motion and description require"
         + (f": it seems to be {name}" if name else "")
         + "; torques must be in Nm at the joint, currents in A"
     )
@@ -101,14 +101,14 @@ def _rms(values: Float) -> float:
 
 
 def _unit_of_one(place: str, read: Torques, expected: Expected, friction: float) -> None:
-    """Friction of any size would fit any unit, so here only the description's counts, or ``friction`` Nm."""
+    """Check the unit of each joint, with the description's friction or ``friction`` Nm: any friction fits any unit."""
     torque, misfit = read.torque, expected.misfits(read)
     size, nominal = np.sqrt(np.mean(torque**2, axis=0)), np.sqrt(np.mean(expected.torque**2, axis=0))
     strongest = int(np.argmax(size))
     others = max(nominal.max(), np.delete(size, strongest).max(initial=0.0), friction)
     alone = (np.arange(len(size)) == strongest) & (size > ALONE * others) & (len(size) > 1)
     large = _better(expected.misfits(read * (1 / THOUSAND)), misfit) | alone
-    # A wrist at rest may carry nothing where the description has a tool: less than friction is no other unit.
+    # A wrist at rest may carry nothing although the description has a tool: below friction, the unit may be right.
     small = _better(expected.misfits(read * THOUSAND), misfit)
     small |= (size > 0) & (size * HIDDEN < nominal) & (nominal > friction)
     for wrong, name in ((large, "large"), (small, "small")):
@@ -121,20 +121,20 @@ def _unit_of_one(place: str, read: Torques, expected: Expected, friction: float)
 
 
 def _direction(place: str, sample: Sample, expected: Expected, misfit: Float) -> None:
-    """A torque of the wrong sign also takes energy out of friction, which none can."""
+    """Check the signs: a torque of the wrong sign also gains energy from friction, which is impossible."""
     gained = np.mean(sample.read.torque * sample.motion.velocity, axis=0) < 0
     turned = _better(expected.misfits(sample.read * -1.0), misfit) & gained
     if turned.any():
         raise RecordingError(
             f"{place} of {joints_text((np.flatnonzero(turned) + 1).tolist())} has the opposite sign: "
-            "it drives where the motion asks for braking"
+            "it drives where the motion requires braking"
         )
 
 
 def _order(place: str, read: Torques, expected: Expected) -> None:
     """Check that each torque column belongs to the joint of its number, the positions being right.
 
-    Columns of noise fill the places that the others leave.
+    Columns of noise are assigned to the remaining joints.
     """
     tells = read.shares() > TELLS
     cost = np.where(tells[:, None], np.minimum(expected.table(read), 2.0), 0.0)
@@ -147,12 +147,12 @@ def _order(place: str, read: Torques, expected: Expected) -> None:
 
 
 def _motion_read_otherwise(place: str, sample: Sample, before: float) -> None:
-    """Degrees, one joint counted backwards, or columns in another order: only where the whole arm then agrees."""
+    """Check for degrees, a reversed joint or another order of columns: an error only if the whole arm then agrees."""
     read = sample.read
     after = sample.expected(1 / DEGREES).misfit(read)
     if _agrees(after, before):
         raise RecordingError(
-            f"{place}: the positions are in degrees: taken so, the torques agree with the motion "
+            f"{place}: the positions are in degrees: converted to rad, the torques agree with the motion "
             f"({100 * after:.0f} instead of {100 * before:.0f} % off)"
         )
     for joint in range(len(read.noise)):
@@ -162,15 +162,15 @@ def _motion_read_otherwise(place: str, sample: Sample, before: float) -> None:
         for torque, what in ((read, "position counts"), (read * turn, "position and torque count")):
             if _agrees(expected.misfit(torque), before):
                 raise RecordingError(
-                    f"{place}: {what} the other way round at joint {joint + 1} than in the robot's description"
+                    f"{place}: {what} in the opposite direction at joint {joint + 1} to the robot's description"
                 )
     _motion_order(place, sample, before)
 
 
 def _motion_order(place: str, sample: Sample, before: float) -> None:
-    """The order of all columns, or of the positions alone: reversed or not, and two exchanged as long as it helps."""
+    """Check the order of all columns, or of the positions alone: also reversed, with pairs exchanged while it helps."""
 
-    expected = cache(lambda order: sample.expected(order=order))  # both readings ask for the same orders, repeatedly
+    expected = cache(lambda order: sample.expected(order=order))  # both searches below need the same orders
 
     def whole(order: Order) -> float:
         return float(expected(order).misfit(sample.read.ordered(order)))
@@ -199,10 +199,10 @@ def _exchanged(order: Order) -> Iterator[Order]:
 
 
 def _better(other: Float, misfit: Float) -> Bool:
-    """Joints where another reading is to be believed; see ``GOOD``."""
+    """True (n,) for the joints at which another interpretation is accepted; see ``GOOD``."""
     return np.asarray(other < GOOD * np.minimum(misfit, 1.0), np.bool_)
 
 
 def _agrees(other: float, misfit: float) -> bool:
-    """True if another reading of the whole arm is to be believed; see ``AGREES``."""
+    """True if another interpretation of the whole arm is accepted; see ``AGREES``."""
     return other < min(AGREES, GOOD * misfit)
