@@ -18,8 +18,9 @@ async def test_lost_answers_are_asked_for_again(address):
         emulator.inject(Fault("loss", probability=0.0))
         seen = len(run.inlet.readings)
         await run.inlet.until(lambda o: len(o.readings) >= seen + 3)
-    assert run.inlet.account.counters["timeouts"] == emulator.counts["loss"]
-    assert run.inlet.account.counters["retries"] + run.inlet.account.missed["timeout"] == emulator.counts["loss"]
+    timeouts = run.inlet.account.counters["timeouts"]  # a busy PC may answer late by itself, too
+    assert timeouts >= emulator.counts["loss"]
+    assert run.inlet.account.counters["retries"] + run.inlet.account.missed["timeout"] == timeouts
 
 
 @pytest.mark.parametrize("kind", ["half_frame", "garbage", "delay"])
