@@ -32,7 +32,7 @@ class Slots:
         self._idle = self._computed = self._held_up = self._begun_late = 0
         self._slow = (0, 0)
         """Number of slots that passed while an answer was awaited, and the delay by the host known so far, ns."""
-        self._kept = RunDelay()
+        self._run_delay = RunDelay()
 
     async def __aenter__(self) -> Slots:
         self.connected()
@@ -67,31 +67,31 @@ class Slots:
     def begin(self, beat: Beat) -> list[tuple[int, str]]:
         """Begin a slot; return the unserved slots before it by reason. Slow answers are counted one slot later."""
         before, self.deadline = self.deadline, beat.deadline
-        kept = self._kept.look()
-        self._begun_late = min(kept, max(time.monotonic_ns() - beat.deadline, 0))
+        delay = self._run_delay.look()
+        self._begun_late = min(delay, max(time.monotonic_ns() - beat.deadline, 0))
         # The kernel may account stolen time only a tick after the hypervisor returns the core: look again a slot later.
         slow, held_up = self._slow
         self._slow = (0, 0)
-        held_up += self._held_up + kept
-        told = [(slow, HOST if 2 * held_up >= slow * self._period else "slow answers")]
+        held_up += self._held_up + delay
+        missed = [(slow, HOST if 2 * held_up >= slow * self._period else "slow answers")]
         if self._resumed:
             self._resumed = False
-            return _some(*told, (round((beat.deadline - before) / self._period) - 1, "disconnected"))
+            return _some(*missed, (round((beat.deadline - before) / self._period) - 1, "disconnected"))
         slow = (self._idle - before) // self._period - 1 if before else 0
         slow = min(max(slow, 0), beat.merged)
         if 2 * self._held_up >= slow * self._period:
-            told.append((slow, HOST))
+            missed.append((slow, HOST))
         else:
             self._slow = (slow, self._held_up)
         ours = time.thread_time_ns() - self._computed
         # Work that the host delayed is done in one go afterwards: this program did not cause it.
-        computed = bool(self._idle) and ours >= max((beat.deadline - self._idle) / 2, kept + self._held_up)
-        return _some(*told, (beat.merged - slow, "merged tick" if computed or not self._idle else HOST))
+        computed = bool(self._idle) and ours >= max((beat.deadline - self._idle) / 2, delay + self._held_up)
+        return _some(*missed, (beat.merged - slow, "merged tick" if computed or not self._idle else HOST))
 
     def end(self) -> None:
         """End a slot: all of its answers have arrived or timed out."""
         self._idle, self._computed = time.monotonic_ns(), time.thread_time_ns()
-        self._held_up = self._begun_late + self._kept.look()
+        self._held_up = self._begun_late + self._run_delay.look()
 
 
 def _some(*counts: tuple[int, str]) -> list[tuple[int, str]]:

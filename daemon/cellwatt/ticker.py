@@ -91,7 +91,7 @@ class Ticker:
 
     async def __anext__(self) -> Beat:
         if self._clock is None:
-            raise RuntimeError("a ticker beats inside 'async with' only")
+            raise RuntimeError("a ticker runs inside 'async with' only")
         if self._waiting is not None:
             raise RuntimeError("a ticker serves one task at a time")
         if time.monotonic_ns() >= self._deadline(self._next):

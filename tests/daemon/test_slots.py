@@ -68,7 +68,7 @@ def test_what_held_a_slot_up_is_measured(how: str) -> None:
 
 
 def untold(slots: int, reason: str) -> None:
-    raise AssertionError("only slots that a ticker beats are told")
+    raise AssertionError("only the slots of a ticker are reported")
 
 
 def test_slots_without_a_connection_are_told_apart() -> None:

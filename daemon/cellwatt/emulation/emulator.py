@@ -91,9 +91,9 @@ class Emulator(ABC):
         self.epoch = time.time() if epoch is None else epoch
         self.injector = Injector(seed)
         self.tally: Counter[str] = Counter(made=0, sent=0)
-        taken = Options(options or {})
-        self.set_up(taken)
-        taken.refuse_rest()
+        given = Options(options or {})
+        self.set_up(given)
+        given.refuse_rest()
 
     @property
     def on_terminal(self) -> bool:

@@ -15,13 +15,13 @@ class Options:
     """
 
     def __init__(self, given: Mapping[str, str]) -> None:
-        self._left = dict(given)
+        self._unread = dict(given)
         self._known: list[str] = []
 
     def text(self, name: str, default: str = "") -> str:
         """Return a text."""
         self._known.append(name)
-        return self._left.pop(name, default)
+        return self._unread.pop(name, default)
 
     def choice(self, name: str, default: T, among: Sequence[T]) -> T:
         """Return one of several texts."""
@@ -56,6 +56,6 @@ class Options:
 
     def refuse_rest(self) -> None:
         """Raise ``ValueError`` if an option was never read."""
-        if self._left:
+        if self._unread:
             known = f"there are: {', '.join(self._known)}" if self._known else "there are none"
-            raise ValueError(f"unknown options: {', '.join(self._left)}; {known}")
+            raise ValueError(f"unknown options: {', '.join(self._unread)}; {known}")

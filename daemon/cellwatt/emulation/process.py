@@ -115,7 +115,7 @@ class EmulatorProcess:
         try:
             line = await asyncio.wait_for(self._child.stdout.readline(), ANSWER)
         except TimeoutError:
-            raise CellwattError(f"the {self.driver} emulator said nothing for {ANSWER:.0f} s") from None
+            raise CellwattError(f"the {self.driver} emulator did not answer for {ANSWER:.0f} s") from None
         if not line:
             return {"error": f"ended with exit code {await self._child.wait()}"}
         answer: dict[str, Any] = json.loads(line)

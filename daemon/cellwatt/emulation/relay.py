@@ -63,8 +63,8 @@ async def pass_on(
     is no server at the address.
     """
     host, _, port = address.rpartition(":")
-    there, onward = await asyncio.open_connection(host, int(port))
-    pumps = [asyncio.create_task(pump) for pump in (_pump(reader, onward, up), _pump(there, writer, down))]
+    inward, onward = await asyncio.open_connection(host, int(port))
+    pumps = [asyncio.create_task(pump) for pump in (_pump(reader, onward, up), _pump(inward, writer, down))]
     try:
         await asyncio.wait(pumps, return_when=asyncio.FIRST_COMPLETED)
     finally:

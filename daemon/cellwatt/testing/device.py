@@ -104,13 +104,13 @@ class EmulatedDevice:
     def _run(self, emulator: Emulator, ready: asyncio.Future[str]) -> None:
         home = ready.get_loop()
 
-        def tell(answer: str | NotConformingError) -> None:
+        def report(answer: str | NotConformingError) -> None:
             with contextlib.suppress(RuntimeError):  # the waiting loop has ended
                 home.call_soon_threadsafe(_settle, ready, answer)
 
         async def serve() -> None:
             self._loop = asyncio.get_running_loop()
-            self._serving = asyncio.ensure_future(emulator.serve(tell))
+            self._serving = asyncio.ensure_future(emulator.serve(report))
             with contextlib.suppress(asyncio.CancelledError):
                 await self._serving
             for _ in range(_LAST_TURNS):
@@ -120,7 +120,7 @@ class EmulatedDevice:
             asyncio.run(serve())
         except Exception as error:
             self._failure = NotConformingError(f"{emulator.title}: serve() failed: {type(error).__name__}: {error}")
-            tell(self._failure)
+            report(self._failure)
 
 
 def _settle(ready: asyncio.Future[str], answer: str | NotConformingError) -> None:

@@ -59,10 +59,10 @@ class _Trial:
     async def all_there(self, outlet: Outlet[Any]) -> None:
         """Wait until the peer has every row and the account confirms it."""
         await self.until(lambda: set(self.times) <= set(self.peer.got), "all rows", outlet)
-        require(set(self.peer.got) == set(self.times), "the peer has rows that nobody made")
-        await self.until(lambda: not outlet.account.owed, "an account in which nothing is owed", outlet)
-        require(outlet.account.residue == 0, f"the account is uneven: {outlet.account.snapshot()}")
-        await self.until(lambda: outlet.trouble() is None, "no trouble any more", outlet)
+        require(set(self.peer.got) == set(self.times), "the peer has rows that were never made")
+        await self.until(lambda: not outlet.account.owed, "an account without owed rows", outlet)
+        require(outlet.account.residue == 0, f"the account does not balance: {outlet.account.snapshot()}")
+        await self.until(lambda: outlet.trouble() is None, "the end of the trouble", outlet)
 
 
 @asynccontextmanager
@@ -82,7 +82,7 @@ async def arrives(trial: _Trial) -> None:
         trial.rows(60, outlet)
         await trial.all_there(outlet)
     came = [t for t in dict.fromkeys(trial.peer.got) if t != trial.times[0]]
-    require(came == trial.times[1:], "rows came in another order")
+    require(came == trial.times[1:], "rows arrived in another order")
 
 
 async def survives_a_cut(trial: _Trial) -> None:
@@ -93,7 +93,7 @@ async def survives_a_cut(trial: _Trial) -> None:
         await trial.until(lambda: len(trial.peer.got) >= 19, "rows", outlet)
         trial.line.be("cut")
         trial.rows(30, outlet)
-        await trial.until(lambda: outlet.trouble() or run.ends, "trouble that is told", outlet)
+        await trial.until(lambda: outlet.trouble() or run.ends, "reported trouble", outlet)
         trial.line.be("well")
         trial.rows(_SETTLES, outlet)
         await trial.all_there(outlet)
@@ -111,7 +111,7 @@ async def goes_on_after_a_restart(trial: _Trial) -> None:
     async with running_outlet(second):
         trial.rows(_SETTLES, second)
         await trial.all_there(second)
-    require(not known & set(trial.peer.got[before:]), "rows of before the restart came once more")
+    require(not known & set(trial.peer.got[before:]), "rows from before the restart arrived twice")
 
 
 async def loses_nothing_when_killed(trial: _Trial) -> None:
@@ -120,10 +120,10 @@ async def loses_nothing_when_killed(trial: _Trial) -> None:
     async with running_outlet(first):
         trial.rows(20, first)
         await trial.until(lambda: list(trial.folder.glob(trial.rig.position)), "a file of its position", first)
-        kept = {path: path.read_bytes() for path in trial.folder.glob(trial.rig.position)}
+        positions = {path: path.read_bytes() for path in trial.folder.glob(trial.rig.position)}
         trial.rows(20, first)
         await trial.until(lambda: len(trial.peer.got) >= 30, "rows", first)
-    for path, content in kept.items():
+    for path, content in positions.items():
         path.write_bytes(content)
     async with running_outlet(second):
         trial.rows(_SETTLES, second)
@@ -136,7 +136,7 @@ async def is_owed_from_its_first_start(trial: _Trial) -> None:
     trial.line.be("cut")
     async with running_outlet(first) as run:
         trial.rows(20, first)
-        await trial.until(lambda: first.trouble() or run.ends, "trouble that is told", first)
+        await trial.until(lambda: first.trouble() or run.ends, "reported trouble", first)
     trial.rows(10)
     trial.line.be("well")
     async with running_outlet(second):
@@ -154,8 +154,8 @@ async def is_not_held_up_by_silence(trial: _Trial) -> None:
         while not (outlet.trouble() or run.ends):
             await asyncio.sleep(0.01)
             worst, last = max(worst, time.monotonic() - last), time.monotonic()
-        require(worst < _STILL, f"the event loop stood still for {worst:.2f} s: block in a thread")
-        require(not trial.peer.got and outlet.account.received == 0, "rows count as delivered that nobody answered")
+        require(worst < _STILL, f"the event loop was blocked for {worst:.2f} s: block in a thread")
+        require(not trial.peer.got and outlet.account.received == 0, "rows without an answer count as delivered")
         trial.line.be("well")
         trial.rows(_SETTLES, outlet)
         await trial.all_there(outlet)
@@ -167,7 +167,7 @@ async def believes_no_garbage(trial: _Trial) -> None:
     trial.line.be("lies")
     async with running_outlet(outlet) as run:
         trial.rows(20, outlet)
-        await trial.until(lambda: outlet.trouble() or run.ends, "trouble that is told", outlet)
+        await trial.until(lambda: outlet.trouble() or run.ends, "reported trouble", outlet)
         require(outlet.account.received == 0, "garbage counts as a confirmation")
         trial.line.be("well")
         trial.rows(_SETTLES, outlet)
@@ -180,11 +180,11 @@ async def counts_what_is_refused(trial: _Trial) -> None:
     trial.peer.refuse = True
     async with running_outlet(outlet):
         trial.rows(60, outlet)
-        await trial.until(lambda: outlet.account.missed.total() >= 60, "60 rows that are missed", outlet)
-        require(not trial.peer.got and outlet.account.residue == 0, f"uneven: {outlet.account.snapshot()}")
+        await trial.until(lambda: outlet.account.missed.total() >= 60, "60 missed rows", outlet)
+        require(not trial.peer.got and outlet.account.residue == 0, f"unbalanced: {outlet.account.snapshot()}")
         trial.peer.refuse = False
         trial.rows(10, outlet)
-        await trial.until(lambda: len(trial.peer.got) >= 10, "what comes after", outlet)
+        await trial.until(lambda: len(trial.peer.got) >= 10, "later rows", outlet)
 
 
 CHECKS = (

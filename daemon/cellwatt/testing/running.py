@@ -54,7 +54,7 @@ class Running:
         if task.done() and not task.cancelled():
             error = task.exception()
             if error is None:
-                raise NotConformingError("run() returned: it must go on until it is cancelled, or raise SourceError")
+                raise NotConformingError("run() returned: it must run until it is cancelled, or raise SourceError")
             raise NotConformingError(
                 f"run() raised {type(error).__name__}: {error}; map what a library or the system raises to a "
                 "SourceError (ConnectError, ProtocolError, DeviceError, WrongDeviceError)"
@@ -69,7 +69,7 @@ class Running:
         )
         require(
             not self.inlet.early,
-            f"{self.inlet.early} readings came before inlet.connected(identity): call it first in each run()",
+            f"{self.inlet.early} readings arrived before inlet.connected(identity): call it first in each run()",
         )
 
     def _broken(self) -> bool:
@@ -93,7 +93,7 @@ async def ended(task: asyncio.Task[Any], patience: float) -> None:
     task.cancel()
     _, pending = await asyncio.wait([task], timeout=patience)
     if pending:
-        raise NotConformingError(f"run() was cancelled and still goes on after {patience:g} s")
+        raise NotConformingError(f"run() was cancelled and still runs after {patience:g} s")
     if not task.cancelled():
         error = task.exception()
         how = "returned" if error is None else f"raised {type(error).__name__}: {error}"

@@ -27,11 +27,11 @@ async def tapped(address: str, transport: Transport) -> AsyncIterator[tuple[str,
 @asynccontextmanager
 async def _tcp(address: str, sent: list[bytearray]) -> AsyncIterator[str]:
     async def talk(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        kept = bytearray()
-        sent.append(kept)
+        captured = bytearray()
+        sent.append(captured)
 
         async def see(data: bytes) -> None:
-            kept.extend(data)
+            captured.extend(data)
 
         await pass_on(reader, writer, address, see)
 
@@ -79,8 +79,8 @@ async def _udp(address: str, sent: list[bytearray]) -> AsyncIterator[str]:
 @asynccontextmanager
 async def _pty(address: str, sent: list[bytearray]) -> AsyncIterator[str]:
     loop = asyncio.get_running_loop()
-    kept = bytearray()
-    sent.append(kept)
+    captured = bytearray()
+    sent.append(captured)
     device = os.open(address, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
 
     def move(source: int, target: int, see: Callable[[bytes], None]) -> None:
@@ -90,7 +90,7 @@ async def _pty(address: str, sent: list[bytearray]) -> AsyncIterator[str]:
             os.write(target, data)
 
     with raw_terminal() as (near, place):
-        loop.add_reader(near, move, near, device, kept.extend)
+        loop.add_reader(near, move, near, device, captured.extend)
         loop.add_reader(device, move, device, near, lambda _: None)
         try:
             yield place

@@ -47,11 +47,11 @@ class Controller:
     """Polls those pages of a controller that its settings select.
 
     A poll reads the pages of both streams one after the other. Energy is handed over when the controller has a new
-    measurement. ``taken`` counts polls.
+    measurement. ``polls`` counts polls.
     """
 
     def __init__(self, inlet: Inlet, settings: AbbSettings) -> None:
-        self.taken = 0
+        self.polls = 0
         self._inlet = inlet
         self._settings = settings
         self._state = state_stream(settings.web_rate) if "state" in settings.web else None
@@ -88,7 +88,7 @@ class Controller:
                     await self._read_state(web, self._state)
                 if energy is not None and not await self._has_energy(web, energy):
                     energy = None
-                self.taken += 1
+                self.polls += 1
 
     def _miss_slots(self, slots: int, reason: str) -> None:
         if self._state is not None:
@@ -106,7 +106,7 @@ class Controller:
         except SourceError:
             self._inlet.account.lose(1, "not answered")
             raise
-        self._tell(words)
+        self._report(words)
         values = [
             float(words["controller"] == "motoron"),
             float(words["program"] == "running"),
@@ -123,9 +123,9 @@ class Controller:
         except (DeviceError, ProtocolError, WrongDeviceError) as error:
             if self._state is None:
                 raise
-            lacks = f"the controller has no page of its energy ({rws.ENERGY}); 'web: [state]' does not ask for it"
+            lacks = f"the controller has no energy page ({rws.ENERGY}); 'web: [state]' does not read it"
             reason = lacks if isinstance(error, WrongDeviceError) else str(error)
-            self._inlet.event("energy_failed", f"energy is not read any more in this session: {reason}")
+            self._inlet.event("energy_failed", f"energy is no longer read in this session: {reason}")
             return False
         return True
 
@@ -137,7 +137,7 @@ class Controller:
         if self._count is not None and found.count > self._count + 1:
             self._inlet.account.lose(found.count - self._count - 1, "energy between polls")
         self._count = found.count
-        self._tell({"energy": found.state})
+        self._report({"energy": found.state})
         joints = len(stream.channels) - 3
         if len(found.joints) < joints:
             raise ProtocolError(
@@ -146,8 +146,8 @@ class Controller:
         quality = Quality.GOOD if found.valid else Quality.MISSING
         if found.valid != self._valid:
             self._valid = found.valid
-            kind, said = ("energy_valid", "valid") if found.valid else ("energy_not_valid", "not valid")
-            self._inlet.event(kind, f"the controller calls its energy measurement {said} ({found.state})")
+            kind, validity = ("energy_valid", "valid") if found.valid else ("energy_not_valid", "not valid")
+            self._inlet.event(kind, f"the controller reports its energy measurement as {validity} ({found.state})")
         arrival = asked + time.monotonic_ns() - since
         deliver(self._inlet, stream, self._row(found, joints), asked, arrival, quality)
 
@@ -155,7 +155,7 @@ class Controller:
         given = np.array([found.accumulated, found.interval_energy, *found.joints[:joints]])
         return np.insert(given * self._settings.energy_unit, 2, found.interval)
 
-    def _tell(self, words: dict[str, str]) -> None:
+    def _report(self, words: dict[str, str]) -> None:
         """Report changed states."""
         for what, word in words.items():
             before = self._before.get(what, word)

@@ -54,7 +54,7 @@ class AbbDriver(Driver[AbbSettings]):
             streams += self._controller.streams
         self._streams = tuple(streams)
         self._greeted = False
-        self._heard = 0.0
+        self._last_data = 0.0
         self._trouble: SourceError | None = None
 
     def _make_intake(self) -> Intake:
@@ -84,7 +84,7 @@ class AbbDriver(Driver[AbbSettings]):
 
     async def run(self) -> None:
         """See ``Driver.run``."""
-        self._heard = time.monotonic()
+        self._last_data = time.monotonic()
         self._greeted = False
         self._trouble = None
         # In its own task: a TaskGroup of Python 3.11.2 (Debian 12) leaves the task in which it fails marked cancelled,
@@ -115,14 +115,14 @@ class AbbDriver(Driver[AbbSettings]):
         """Read pages; after a failure retry at growing intervals, as long as EGM delivers."""
         pause = 1.0
         while True:
-            before = controller.taken
+            before = controller.polls
             try:
                 async with session(self.settings) as web:
                     identity = await controller.identify(web)
                     self._greet(identity)
                     await controller.poll(web)
             except SourceError as failure:
-                pause = 1.0 if controller.taken > before else min(2 * pause, _LONGEST_PAUSE)
+                pause = 1.0 if controller.polls > before else min(2 * pause, _LONGEST_PAUSE)
                 self.inlet.account.count("web failures")
                 if str(failure) != str(self._trouble):
                     self.inlet.event("web_failed", f"{self.name}: {failure}")
@@ -134,22 +134,22 @@ class AbbDriver(Driver[AbbSettings]):
     async def _watch(self) -> None:
         """End the run when neither EGM nor the pages have answered for the time-out."""
         while True:
-            polls = self._controller.taken if self._controller else 0
+            polls = self._controller.polls if self._controller else 0
             await asyncio.sleep(min(_CHECK, self.settings.timeout / 4))
-            if self._controller is not None and self._controller.taken > polls:
-                self._heard = time.monotonic()
-            silence = time.monotonic() - self._heard
+            if self._controller is not None and self._controller.polls > polls:
+                self._last_data = time.monotonic()
+            silence = time.monotonic() - self._last_data
             if silence > self.settings.timeout + (1 / self.settings.web_rate if self._controller else 0.0):
                 raise self._trouble or self._silence(silence)
 
     def _delivers(self) -> None:
-        self._heard = time.monotonic()
+        self._last_data = time.monotonic()
         if not self._greeted:
             self._greet(_listened())
 
     def _greet(self, identity: Identity) -> None:
         self._greeted = True
-        self._heard = time.monotonic()
+        self._last_data = time.monotonic()
         self.inlet.connected(identity)
 
     def _silence(self, seconds: float) -> ConnectError:

@@ -40,7 +40,7 @@ async def listening(host: str, bind: str, port: int, account: Account, take: Tak
         except OSError as error:
             raise ConnectError(
                 f"UDP port {port} of {bind} cannot be opened for EGM: {why(error)}; another program, or another source "
-                "of this cell, may have it: give each robot an egm_port of its own"
+                "of this cell, may use it: give each robot its own egm_port"
             ) from error
         loop.add_reader(opened, _receive, opened, senders, account, take)
         try:

@@ -104,7 +104,7 @@ class Intake:
     def _broken(self, clocked: bool, time: int, steps: int, arrival: int) -> str | None:
         """Return why the controller's time has a new base since the last packet, or ``None``."""
         if clocked != self._clocked:
-            return "the controller's clock came or went"
+            return "the controller's clock appeared or disappeared"
         passed = time - self._time
         if passed <= 0:
             return "the controller's time went back"

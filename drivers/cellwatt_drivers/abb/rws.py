@@ -58,7 +58,7 @@ def items(page: bytes) -> list[Item]:
     try:
         root = ElementTree.fromstring(page)
     except (ElementTree.ParseError, ValueError, LookupError) as error:  # LookupError: an unknown encoding
-        raise ProtocolError(f"a page of Robot Web Services is no XHTML: {error}") from error
+        raise ProtocolError(f"a page of Robot Web Services is not XHTML: {error}") from error
     return [
         Item(
             element.get("class", ""),
@@ -113,9 +113,9 @@ def _number(text: str) -> float:
     try:
         number = float(text)
     except ValueError as error:
-        raise ProtocolError(f"{text!r} in a page of Robot Web Services is no number") from error
+        raise ProtocolError(f"{text!r} in a page of Robot Web Services is not a number") from error
     if not math.isfinite(number):
-        raise ProtocolError(f"{text!r} in a page of Robot Web Services is no finite number")
+        raise ProtocolError(f"{text!r} in a page of Robot Web Services is not finite")
     return number
 
 

@@ -48,7 +48,7 @@ class Web:
         except (aiohttp.ClientConnectionError, OSError) as error:
             raise ConnectError(f"{url} cannot be read: {_reason(error)}") from error
         except aiohttp.ClientError as error:
-            raise ProtocolError(f"{url}: no HTTP that is understood: {_reason(error)}") from error
+            raise ProtocolError(f"{url}: invalid HTTP: {_reason(error)}") from error
         return self._judge(url, status, page)
 
     def _judge(self, url: str, status: int, page: bytes) -> bytes:
@@ -59,7 +59,7 @@ class Web:
                 f"{url}: user {self._settings.user!r} or the password is refused; see user, password, robotware"
             )
         if status == 503:
-            raise DeviceError(f"{url}: the controller has no session left; close other clients of it")
+            raise DeviceError(f"{url}: the controller has no free session; close other clients")
         if status in (301, 302, 404, 406):
             raise WrongDeviceError(
                 f"{url}: HTTP {status}: not a controller with RobotWare {self._settings.robotware}; see robotware"

@@ -54,7 +54,7 @@ def decode(datagram: bytes) -> Packet:
     if message.feedBack.HasField("time"):
         time = message.feedBack.time
         if time.sec > _LAST_SECOND or time.usec >= 1_000_000:
-            raise ProtocolError(f"the controller's time {time.sec} s {time.usec} µs is none")
+            raise ProtocolError(f"the controller's time {time.sec} s {time.usec} µs is invalid")
         clock = (time.sec * 1_000_000 + time.usec) * 1000
     return Packet(header.seqno, header.tm, clock, message)
 

@@ -122,18 +122,18 @@ class CanSensorDriver(Driver[CanSensorSettings]):
         async with self._open() as listening:
             connected = False
             loop = asyncio.get_running_loop()
-            heard = loop.time()
+            last_frame = loop.time()
             self._others, self._errors, self._dropped, self._malformed = set(), 0, 0, 0
             try:
                 while True:
-                    frames = await listening.frames(max(0.0, heard + self.settings.silence - loop.time()))
+                    frames = await listening.frames(max(0.0, last_frame + self.settings.silence - loop.time()))
                     if sum(self._take(frame) for frame in frames):
-                        heard = loop.time()
+                        last_frame = loop.time()
                         if not connected:
                             connected = True
                             self.inlet.connected(self._identity())
                     self._hand_over(listening)
-                    if loop.time() - heard >= self.settings.silence:
+                    if loop.time() - last_frame >= self.settings.silence:
                         raise self._verdict(listening.place)
             finally:
                 self._hand_over(listening)
@@ -161,8 +161,8 @@ class CanSensorDriver(Driver[CanSensorSettings]):
         raise self._verdict(listening.place)
 
     def _identity(self) -> Identity:
-        heard = ", ".join(f"{i.stream.name} 0x{i.identifier[0]:X}" for i in self._intakes)
-        return Identity(self._map.maker, self._map.model, notes={"messages": heard, "map": self._map.source})
+        messages = ", ".join(f"{i.stream.name} 0x{i.identifier[0]:X}" for i in self._intakes)
+        return Identity(self._map.maker, self._map.model, notes={"messages": messages, "map": self._map.source})
 
     def _take(self, frame: Message) -> bool:
         """Handle a frame; true if it is one of the sensor's."""
@@ -212,17 +212,17 @@ class CanSensorDriver(Driver[CanSensorSettings]):
         if self._others:
             others = ", ".join(f"0x{i:X}" for i in sorted(self._others))
             wanted = ", ".join(f"0x{identifier:X}" for identifier, _ in self._by_frame)
-            return WrongDeviceError(f"{where} only frames {others}, but none of the {self._map.model}'s ({wanted})")
+            return WrongDeviceError(f"{where} only frames {others}, none of the {self._map.model}'s ({wanted})")
         if self._errors:
             return ConnectError(f"{where} only {self._errors} error frames: wrong bit rate, or a wire is off?")
         return ConnectError(f"{where} not one frame: is the sensor on, is the bit rate right, is the bus terminated?")
 
 
 _STATES: dict[BusState, str] = {
-    "active": "the controller takes part again",
+    "active": "the controller is active again",
     "warning": "the controller sees many errors (warning level)",
     "passive": "the controller sees so many errors that it is error-passive",
-    "off": "the controller is bus-off: it takes no part until it is restarted",
+    "off": "the controller is bus-off: it stays off the bus until it is restarted",
 }
 
 

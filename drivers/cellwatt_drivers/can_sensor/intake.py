@@ -151,17 +151,17 @@ class Intake:
             self.last = 0
         self.last = max(stamp, self.last + 1)
         flags = frozenset(f for f in self._decoding.wanted.flags if signals[f])
-        self._tell(flags)
+        self._report(flags)
         quality = max((_QUALITY[self._decoding.wanted.flags[f]] for f in flags), default=Quality.GOOD)
         wanted = zip(self._decoding.wanted.signals, self._decoding.factors, strict=True)
         row = [signals.get(s, math.nan) * f for s, f in wanted]
         self._rows.append(Row(self.last, [math.nan] * len(row) if quality is Quality.MISSING else row, quality))
 
-    def _tell(self, flags: frozenset[str]) -> None:
+    def _report(self, flags: frozenset[str]) -> None:
         for flag in flags:
             self._inlet.account.count(f"flag {flag}")
         if flags != self._flags:
-            text = f"raises {', '.join(sorted(flags))}" if flags else "raises no flag any more"
+            text = f"raises {', '.join(sorted(flags))}" if flags else "raises no flags"
             self._inlet.event("sensor_flags", f"{self._name}: {self.stream.name} {text}")
             self._flags = flags
 
@@ -177,7 +177,7 @@ class Intake:
         before, self._ahead = self._ahead, stamp - not_before
         if before is not None and self._ahead - before > _BACK * 1e9:
             self._cycle = Cycle(self._period, self._decoding.counts_to)  # the old one would see all messages as behind
-            self._inlet.clock_reset(self.stream, f"the PC's clock was set on by {(self._ahead - before) / 1e9:.3f} s")
+            self._inlet.clock_reset(self.stream, f"the PC's clock jumped by {(self._ahead - before) / 1e9:.3f} s")
         if not_before - self._bracketed >= _BRACKET_EVERY:
             self._bracketed = not_before
             self._inlet.bracket(self.stream, stamp, not_before)

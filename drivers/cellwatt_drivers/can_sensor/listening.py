@@ -98,7 +98,7 @@ def _open(place: BusPlace) -> BusABC:
 
 def _advice(interface: Interface) -> str:
     if interface == "socketcan":
-        return "; is it there and up? ip link set can0 up type can bitrate 500000"
+        return "; does it exist, and is it up? ip link set can0 up type can bitrate 500000"
     return "; is it the adapter's port, in a group of this user (dialout), and not in use?"
 
 

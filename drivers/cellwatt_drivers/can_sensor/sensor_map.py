@@ -87,8 +87,8 @@ class SensorMap(MapPart):
 
     @model_validator(mode="after")
     def _one_each(self) -> SensorMap:
-        taken = Counter((s.message, signal) for s in self.streams.values() for signal in s.signals)
-        for (message, signal), n in taken.items():
+        used = Counter((s.message, signal) for s in self.streams.values() for signal in s.signals)
+        for (message, signal), n in used.items():
             if n > 1:
                 raise ValueError(
                     f"streams: {signal} of {message} is in {n} of them; each message feeds one stream, or one for each "

@@ -77,9 +77,9 @@ class FrankaEmulator(Emulator):
         self._version = options.whole("version", fci.VERSION)
         self._realtime = options.flag("realtime", False)
         self.robot = EmulatedRobot(self.signals)
-        self._taken = False
+        self._connected = False
         self._shift = 0
-        self._left = 0.0
+        self._last_sent = 0.0
         self._most_apart = _MOST_APART
         self.tally.update(commanded=0)
         self._states = Datagrams(self)
@@ -112,18 +112,18 @@ class FrankaEmulator(Emulator):
                 self._keep_apart()
             passed += 1
             self._cycle(index, passed)
-            self._left = time.monotonic()
+            self._last_sent = time.monotonic()
 
     def _keep_apart(self) -> None:
         """Send no state immediately after another, even if several fell due together."""
-        left = self._left + _APART - time.monotonic()
-        if left > 0 and self._states.to is not None:
-            time.sleep(left)  # the loop's timers are coarser than this
+        pause = self._last_sent + _APART - time.monotonic()
+        if pause > 0 and self._states.to is not None:
+            time.sleep(pause)  # the loop's timers are coarser than this
 
     async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        if self._taken:
+        if self._connected:
             return
-        self._taken = True
+        self._connected = True
         try:
             while True:
                 command, number, size = fci.HEAD.unpack(await reader.readexactly(fci.HEAD.size))
@@ -134,7 +134,7 @@ class FrankaEmulator(Emulator):
         except struct.error:
             pass  # the client does not speak FCI
         finally:
-            self._taken = False
+            self._connected = False
             self._states.to = None
 
     def _answer(self, command: int, number: int, payload: bytes, peer: str) -> bytes:

@@ -69,12 +69,12 @@ class Intake:
             self._losses.before_next(int(missing[0]))
             missing[0] = 0
         self._inlet.account.expect(len(stamps))
-        self._tell(missing, held, stamps)
+        self._note(missing, held, stamps)
         self._last, self._arrival = int(stamps[-1]), arrival
         self._inlet.emit(Reading(self.stream, values, arrival, stamps * 1_000_000))
         self._states.see(values)
 
-    def _tell(self, missing: NDArray[np.int64], held: Float, stamps: NDArray[np.int64]) -> None:
+    def _note(self, missing: NDArray[np.int64], held: Float, stamps: NDArray[np.int64]) -> None:
         """Add the states missing before each state, and count them by cause once no more are lost."""
         self._held += float(held.sum())
         if missing.any():

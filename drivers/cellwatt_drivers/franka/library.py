@@ -67,16 +67,16 @@ class Reader:
                 f"{self._host}: no data for {patience:g} s; check the address, and that FCI is on"
             ) from None
         if not chunk:
-            said = (await process.stderr.read()).decode(errors="replace").strip().splitlines()
+            output = (await process.stderr.read()).decode(errors="replace").strip().splitlines()
             await process.wait()
-            raise self._failure(said[-1] if said else "the library ended")
+            raise self._failure(output[-1] if output else "the library ended")
         self._patience = self._timeout
         return chunk
 
-    def _failure(self, said: str) -> SourceError:
+    def _failure(self, output: str) -> SourceError:
         """Return the error for the library's last line of output."""
         host = self._host
-        kind, _, text = said.partition(": ")
+        kind, _, text = output.partition(": ")
         if "version" in text.lower() and "incompatible" in text.lower():
             return WrongDeviceError(
                 f"{host}: {text}; install the pylibfranka that fits the robot's system image (Franka's compatibility "

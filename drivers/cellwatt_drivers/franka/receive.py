@@ -42,13 +42,13 @@ def main(host: str, every: int, attributes: Sequence[str]) -> None:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
     waiting = b""
     written = 0.0
-    kept, held, last = RunDelay(), 0, 0
+    delay, held, last = RunDelay(), 0, 0
     while True:
         state = robot.read_once()
         stamp = round(state.time.to_sec() * 1e3)
         missed, last = 0 < last < stamp - 1, stamp
         if missed:
-            held += kept.look()
+            held += delay.look()
         if stamp % every:
             continue
         waiting += _pack(stamp, held / 1e6, state, attributes)
@@ -57,7 +57,7 @@ def main(host: str, every: int, attributes: Sequence[str]) -> None:
         if now - written >= _SHORTEST:
             written = now
             if not missed:
-                kept.look()
+                delay.look()
             while waiting:
                 waiting = waiting[os.write(pipe, waiting) :]
 

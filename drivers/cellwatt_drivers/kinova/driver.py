@@ -94,7 +94,7 @@ class KinovaDriver(Driver[KinovaSettings]):
         client = tcp_client(s.host, s.port, s.timeout, numbering)
         place = f"TCP {s.host}:{s.port}"
         advice = "check the address, and that the arm's Modbus server is on (web application, Configurations, Networks)"
-        await connect(client, s.timeout, lambda: f"nobody answers at {place}; {advice}")
+        await connect(client, s.timeout, lambda: f"no device answers at {place}; {advice}")
         try:
             yield Modbus(client, place, numbering)
         finally:
@@ -118,13 +118,13 @@ class KinovaDriver(Driver[KinovaSettings]):
     def _miss_slots(self, slots: int, reason: str) -> None:
         self.inlet.account.lose(slots * len(self._reads), reason)
 
-    async def _serve(self, modbus: Modbus, read: Read, left: int) -> None:
-        """Send one request; if it fails, the ``left`` requests of this slot are counted as missed."""
+    async def _serve(self, modbus: Modbus, read: Read, remaining: int) -> None:
+        """Send one request; if it fails, the ``remaining`` requests of this slot are counted as missed."""
         asked = self.inlet.now()
         try:
             answer = await modbus.read("input", read.first, read.count, self.settings.unit)
         except SourceError as error:
-            self.inlet.account.lose(left, reason_of(error))
+            self.inlet.account.lose(remaining, reason_of(error))
             raise
         self._emit(read, answer, asked, self.inlet.now())
 

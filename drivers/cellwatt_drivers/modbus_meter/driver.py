@@ -41,9 +41,9 @@ _USUAL = {"timeouts", "retries", "refused reads"}
 _PLAUSIBLE = {"J": 1e6}
 """Rise of a counter per second, by unit, that the first two values of a cell's meter do not exceed."""
 _CHANGES = {
-    "wrapped": "began anew at its end",
-    "reset": "was set back; what is given goes on rising",
-    "misread": "jumped or fell and came back: its value was held meanwhile",
+    "wrapped": "restarted at its end",
+    "reset": "was reset; the published value continues to rise",
+    "misread": "jumped or fell, and returned: its value was held",
 }
 
 
@@ -134,8 +134,8 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         channels = tuple(v.channel(n, window) for n, v in zip(self._names, values, strict=True))
         self._stream = Stream("measured", channels, settings.rate, "host")
         self._slots = Slots(settings.rate, inlet.account.lose)
-        self._heard = 0
-        self._told = ""
+        self._last_answer = 0
+        self._reported = ""
         self._overloaded: frozenset[str] = frozenset()
 
     @property
@@ -152,7 +152,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         """See ``Driver.run``."""
         async with self._open() as bus:
             self.inlet.connected(await self._greet(bus))
-            self._heard = time.monotonic_ns()
+            self._last_answer = time.monotonic_ns()
             async with self._slots as slots:
                 async for _ in slots:
                     await self._serve(bus)
@@ -177,8 +177,8 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
                     raise
                 raise await likeness.wrong(bus, unit, meter, f"it reads no {meter.function} registers") from error
             except NoAnswerError as error:
-                told = meter.delivered and not isinstance(error, OtherNumberError)
-                delivered = f"; a {meter.model} is delivered with {meter.delivered}" if told else ""
+                hinted = meter.delivered and not isinstance(error, OtherNumberError)
+                delivered = f"; a {meter.model} is delivered with {meter.delivered}" if hinted else ""
                 raise ConnectError(f"{error}{delivered}") from error
             values, _ = self._in_si(raw)
             found = {n: float(v) for n, v in zip(self._names, raw, strict=True) if n not in self._reader.left_out}
@@ -204,26 +204,26 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         except SourceError as error:
             self.inlet.account.lose(1, reason_of(error))
             if isinstance(error, RefusedError | OtherNumberError):
-                self._tell("device_error", str(error))
+                self._report("device_error", str(error))
             if not isinstance(error, NoAnswerError | RefusedError | ProtocolError):
                 raise
             self._endure(error)
         else:
-            self._told = ""
-            self._heard = time.monotonic_ns()
+            self._reported = ""
+            self._last_answer = time.monotonic_ns()
             values, quality = self._measured(raw, arrival)
             deliver(self.inlet, self._stream, values, asked, arrival, quality)
 
     def _endure(self, error: SourceError) -> None:
         """Continue after a failed poll, unless the last good one is older than ``silence``."""
-        silence = (time.monotonic_ns() - self._heard) * 1e-9
+        silence = (time.monotonic_ns() - self._last_answer) * 1e-9
         if silence > self.settings.silence:
             kind = DeviceError if isinstance(error, RefusedError) else ConnectError
             raise kind(f"no good answer for {silence:.1f} s; the last: {error}") from error
 
-    def _tell(self, kind: str, text: str) -> None:
-        if text != self._told:
-            self._told = text
+    def _report(self, kind: str, text: str) -> None:
+        if text != self._reported:
+            self._reported = text
             self.inlet.event(kind, f"{self.name}: {text}")
 
     def _measured(self, raw: NDArray[np.float64], arrival: int) -> tuple[NDArray[np.float64], Quality]:
@@ -269,8 +269,8 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
 
     def _note_overload(self, names: frozenset[str]) -> None:
         if new := names - self._overloaded:
-            told = ", ".join(sorted(new))
-            self.inlet.event("overload", f"{self.name}: {told} beyond what the meter can measure", channels=told)
+            listed = ", ".join(sorted(new))
+            self.inlet.event("overload", f"{self.name}: {listed} beyond the meter's range", channels=listed)
         self._overloaded = names
 
 
@@ -278,5 +278,5 @@ def _chosen(meter: MeterMap, read: tuple[str, ...] | None) -> tuple[str, ...]:
     """The channels to read. Raises ``ConfigError`` if the map lacks one."""
     names = tuple(meter.values) if read is None else read
     if unknown := [n for n in names if n not in meter.values]:
-        raise ConfigError(f"read: a {meter.model} gives no {', '.join(unknown)}; it gives: {', '.join(meter.values)}")
+        raise ConfigError(f"read: a {meter.model} has no {', '.join(unknown)}; it has: {', '.join(meter.values)}")
     return names

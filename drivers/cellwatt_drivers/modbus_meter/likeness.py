@@ -38,8 +38,8 @@ def doubt(meter: MeterMap, found: Mapping[str, float], may_be_off: bool) -> str:
     for quantity, what in (("V", "no phase has a voltage"), ("Hz", "the mains has no frequency")):
         due = [n for n in values if _quantity(meter, n) == quantity]
         if due and all(n in silent for n in due):
-            told = ", ".join(f"{n} reads {values[n]:g}" for n in due)
-            return f"{what}: {told}"
+            listed = ", ".join(f"{n} reads {values[n]:g}" for n in due)
+            return f"{what}: {listed}"
     return ""
 
 
@@ -66,8 +66,8 @@ async def examine(bus: Bus, unit: int, meter: MeterMap, found: Mapping[str, floa
     ``found`` are values already read; if it has no voltage or no frequency, they are read here.
     """
     known = {_quantity(meter, name) for name in found}
-    left = [name for name in meter.checked if _quantity(meter, name) not in known]
-    found = {**found, **await _numbers(bus, unit, meter, left)}
+    unread = [name for name in meter.checked if _quantity(meter, name) not in known]
+    found = {**found, **await _numbers(bus, unit, meter, unread)}
     if reason := doubt(meter, found, may_be_off):
         raise await wrong(bus, unit, meter, reason)
     for _ in range(_LOOKS):  # the load may change between the reads of two registers

@@ -47,23 +47,23 @@ class Reader:
         Raises ``WrongDeviceError`` if it has none of them, and what ``Bus.read`` raises.
         """
         row = np.full(len(self.names), np.nan)
-        left, kept = deque(self.blocks), []
-        while left:
-            block = left.popleft()
+        pending, blocks = deque(self.blocks), []
+        while pending:
+            block = pending.popleft()
             try:
                 numbers = await self._ask(bus, block)
             except RefusedError as error:
                 if error.code not in {ILLEGAL_ADDRESS, ILLEGAL_VALUE}:
                     raise
-                left.extendleft(reversed(self._apart(block, error)))
+                pending.extendleft(reversed(self._apart(block, error)))
                 continue
-            kept.append(block)
+            blocks.append(block)
             row[list(block.columns)] = numbers
-        if not kept:
+        if not blocks:
             raise WrongDeviceError(
                 f"unit {self._unit} at {bus.place} has none of the registers of a {self._meter.model}"
             )
-        self.blocks = tuple(kept)
+        self.blocks = tuple(blocks)
         return row
 
     def _apart(self, block: Block, error: RefusedError) -> tuple[Block, ...]:

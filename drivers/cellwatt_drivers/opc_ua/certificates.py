@@ -41,7 +41,7 @@ def application_uri(path: Path, certificate: Any) -> str:
         names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
         return str(names.get_values_for_type(x509.UniformResourceIdentifier)[0])
     except (x509.ExtensionNotFound, IndexError) as error:
-        raise DeviceError(f"{path} names no application URI (subjectAltName URI), as OPC UA asks") from error
+        raise DeviceError(f"{path} names no application URI (subjectAltName URI), which OPC UA requires") from error
 
 
 def _is_pem(content: bytes) -> bool:

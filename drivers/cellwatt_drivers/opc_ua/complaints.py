@@ -76,9 +76,7 @@ class Complaints:
             whom = f"user {self._user!r}" if self._user else "a client without a user: write 'user' and 'password'"
             return DeviceError(f"{self._url} refuses {whom} ({name})")
         if name in _TOO_MANY:
-            return DeviceError(
-                f"{self._url} has no place for another client ({name}): end one, or wait for its time-out"
-            )
+            return DeviceError(f"{self._url} accepts no further client ({name}): end one, or wait for its time-out")
         if name in _ENDED:
             return ConnectError(f"{self._url}: the server ended the session ({name}) while {doing}")
         return DeviceError(f"{self._url}: {name} while {doing}: {doc}")

@@ -75,7 +75,7 @@ class OpcUaDriver(Driver[OpcUaSettings]):
         url, silence = self.settings.url, max(self.settings.silence, 2 * made.life_sign)
         published = await session.feed.given(silence)
         if not published:
-            raise ConnectError(f"{url}: no sign of life of the subscription for {silence:g} s")
+            raise ConnectError(f"{url}: no keep-alive of the subscription for {silence:g} s")
         arrival = self.inlet.now()
         self.inlet.account.anomaly("messages dropped", session.feed.dropped)
         session.feed.dropped = 0
@@ -92,7 +92,7 @@ class OpcUaDriver(Driver[OpcUaSettings]):
         if not sources:
             raise DeviceError(f"{self.settings.url} has none of the tags: {absent}")
         if lacking and frozenset(lacking) != self.left_out:
-            self.inlet.event("tags_missing", f"{self.name}: not there, and left out: {absent}", channels=absent)
+            self.inlet.event("tags_missing", f"{self.name}: absent, and left out: {absent}", channels=absent)
         self.left_out = frozenset(lacking)
         return sources, lacking
 
@@ -103,7 +103,7 @@ class OpcUaDriver(Driver[OpcUaSettings]):
         state = getattr(status, "State", None)
         if state is not None and int(state) != int(ua.ServerState.Running):
             raise DeviceError(
-                f"{self.settings.url}: the server says that it is not running: {ua.ServerState(state).name}"
+                f"{self.settings.url}: the server reports that it is not running: {ua.ServerState(state).name}"
             )
         build, started = getattr(status, "BuildInfo", None), getattr(status, "StartTime", None)
         notes = {

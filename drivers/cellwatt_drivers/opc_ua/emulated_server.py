@@ -149,8 +149,8 @@ class EmulatedServer:
         if text not in self.variables:
             self.variables[text] = Variable(node)
             if tag.server_unit:
-                told = ua.EUInformation(DisplayName=ua.LocalizedText(tag.unit), UnitId=-1)
-                await node.add_property(0, "EngineeringUnits", told)
+                information = ua.EUInformation(DisplayName=ua.LocalizedText(tag.unit), UnitId=-1)
+                await node.add_property(0, "EngineeringUnits", information)
         variable = self.variables[text]
         variable.parts.append((name, tag.scale * unit.factor, unit.zero * unit.factor, tag.indices))
         await node.write_value(ua.Variant(variable.value({}), ua.VariantType.Double))

@@ -79,7 +79,7 @@ class Intake:
             self._begin(message)
         else:
             self._go_on(message, "gap" if lost else "")
-        self._tell(message.items)
+        self._report(message.items)
         self._rows.hand_over(self._inlet, self.stream, arrival)
 
     def _skipped(self, message: Message) -> bool:
@@ -208,7 +208,7 @@ class Intake:
         self._inlet.account.anomaly("stale time stamps", len(items))
         if not self._stale:
             names = ", ".join(sorted({self.stream.names[i.column] for i in items}))
-            self._inlet.event("stale_time", f"{self._name}: the time stamps of {names} do not rise; taken as published")
+            self._inlet.event("stale_time", f"{self._name}: time stamps of {names} do not rise; publication time used")
         if self._rows:
             time = self._rows.pop().time
         else:
@@ -225,7 +225,7 @@ class Intake:
         self._rows.append(Row(time, list(self._values), Quality.MISSING if unknown else quality))
         self._last, self._arrival = time, self._now
 
-    def _tell(self, items: Sequence[Item]) -> None:
+    def _report(self, items: Sequence[Item]) -> None:
         """Count the statuses of the values, and report each change of the set of bad ones."""
         account = self._inlet.account
         account.anomaly("bad status", sum(i.bad for i in items))
@@ -240,5 +240,5 @@ class Intake:
             else:
                 self._bad.pop(item.column, None)
         if self._bad.keys() != before.keys():
-            told = ", ".join(f"{self.stream.names[c]} {self._status_name(s)}" for c, s in sorted(self._bad.items()))
-            self._inlet.event("bad_status", f"{self._name}: {told or 'all values are good again'}", channels=told)
+            listed = ", ".join(f"{self.stream.names[c]} {self._status_name(s)}" for c, s in sorted(self._bad.items()))
+            self._inlet.event("bad_status", f"{self._name}: {listed or 'all values are good again'}", channels=listed)

@@ -65,21 +65,21 @@ def read(result: ua.PublishResult, sources: Mapping[int, Sequence[TagPlace]], se
     ended = ""
     for part in message.NotificationData or []:
         if hasattr(part, "MonitoredItems"):
-            for told in part.MonitoredItems:
-                items += _items(told, sources, server_time)
+            for notification in part.MonitoredItems:
+                items += _items(notification, sources, server_time)
         elif hasattr(part, "Status"):
             ended = part.Status.name
     return Message(int(message.SequenceNumber), nanoseconds(message.PublishTime), tuple(items), ended)
 
 
 def _items(
-    told: ua.MonitoredItemNotification, sources: Mapping[int, Sequence[TagPlace]], server_time: bool
+    notification: ua.MonitoredItemNotification, sources: Mapping[int, Sequence[TagPlace]], server_time: bool
 ) -> Iterator[Item]:
-    data = told.Value
+    data = notification.Value
     status = int(data.StatusCode.value) if data.StatusCode is not None else 0
     stamp = nanoseconds(data.ServerTimestamp if server_time else data.SourceTimestamp)
     content = data.Value.Value if data.Value is not None else None
-    for source in sources.get(int(told.ClientHandle), ()):
+    for source in sources.get(int(notification.ClientHandle), ()):
         if status & 0x8000_0000:
             yield Item(source.column, stamp, float("nan"), status)
             continue

@@ -96,7 +96,7 @@ class Search:
         try:
             return ua.NodeId.from_string(text)
         except (ua.UaError, ValueError, TypeError) as error:
-            raise WrongDeviceError(f"{name}: {tag.place!r} is no node id") from error
+            raise WrongDeviceError(f"{name}: {tag.place!r} is not a node id") from error
 
     def _numbered(self, name: str, node: str) -> str:
         """Return a node id with the number of its namespace."""
@@ -153,28 +153,28 @@ class Search:
 
     def _check(self, name: str, tag: Tag, value: ua.DataValue, kind: ua.DataValue) -> None:
         """Raise ``WrongDeviceError`` unless the value is a number, or an array of numbers with that element."""
-        told = f"{self._where}: {tag.place!r} ({name})"
+        node = f"{self._where}: {tag.place!r} ({name})"
         status = value.StatusCode.name if value.StatusCode is not None else "Good"
         if status in ("BadUserAccessDenied", "BadNotReadable", "BadAttributeIdInvalid"):
-            raise WrongDeviceError(f"{told} cannot be read: {status}")
+            raise WrongDeviceError(f"{node} cannot be read: {status}")
         variant = value.Value
         if variant is None or variant.Value is None:
             declared: Any = kind.Value.Value if kind.Value is not None else None
             if getattr(declared, "NamespaceIndex", 1) == 0 and declared.Identifier in range(12, 23):  # String and on
-                raise WrongDeviceError(f"{told} is a {_type(int(declared.Identifier))}, expected a number")
+                raise WrongDeviceError(f"{node} is a {_type(int(declared.Identifier))}, expected a number")
             return
         number = int(getattr(variant.VariantType, "value", variant.VariantType))
         if number not in NUMBERS:
-            raise WrongDeviceError(f"{told} is a {_type(number)}, expected a number")
+            raise WrongDeviceError(f"{node} is a {_type(number)}, expected a number")
         if wrong := misplaced(variant.Value, tag.indices):
-            raise WrongDeviceError(f"{told} {wrong}")
+            raise WrongDeviceError(f"{node} {wrong}")
 
-    def _scale(self, name: str, tag: Tag, told: Any) -> tuple[float, float]:
+    def _scale(self, name: str, tag: Tag, info: Any) -> tuple[float, float]:
         """Return factor and zero to SI units; the server's own unit applies if the tag has ``server_unit``."""
         si, unit = KNOWN[tag.unit]
         given = None
-        if told is not None:
-            number, text = getattr(told, "UnitId", None), getattr(getattr(told, "DisplayName", None), "Text", None)
+        if info is not None:
+            number, text = getattr(info, "UnitId", None), getattr(getattr(info, "DisplayName", None), "Text", None)
             given = unit_named(int(number or 0), str(text or ""))
         if given is not None and given != tag.unit:
             its, other = KNOWN[given]
@@ -192,7 +192,7 @@ def misplaced(value: Any, index: tuple[int, ...]) -> str:
     shape = _shape(value)
     size = " × ".join(map(str, shape))
     if not shape and index:
-        return "is no array: leave out 'index'"
+        return "is not an array: leave out 'index'"
     if len(shape) != len(index):
         each = "" if len(shape) == 1 else f" for each dimension, like [{', '.join('0' * len(shape))}]"
         return f"is an array of {size}: write 'index', from 0{each}"

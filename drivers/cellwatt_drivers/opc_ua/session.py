@@ -88,8 +88,8 @@ class Session:
         ask = self._client.uaclient.translate_browsepaths_to_nodeids
         answer = await self._in_parts("reading properties", paths, ask)
         targets = [r.Targets[0].TargetId if r.StatusCode.is_good() and r.Targets else None for r in answer]
-        there = [t for t in targets if t is not None]
-        values = iter(await self.read(there, ua.AttributeIds.Value))
+        present = [t for t in targets if t is not None]
+        values = iter(await self.read(present, ua.AttributeIds.Value))
         found = [next(values) if t is not None else None for t in targets]
         return [v.Value.Value if v is not None and v.Value is not None else None for v in found]
 
@@ -207,8 +207,8 @@ async def _secure(client: Client, settings: OpcUaSettings, complaints: Complaint
         offered = {(e.SecurityPolicyUri.rpartition("#")[2], e.SecurityMode.name.rstrip("_")): e for e in endpoints}
         chosen = offered.get(("Basic256Sha256", mode.name))
         if chosen is None:
-            there = ", ".join(sorted({f"{policy} {name}" for policy, name in offered})) or "nothing"
-            raise DeviceError(f"{settings.url} offers no Basic256Sha256 {mode.name}; it offers: {there}")
+            offers = ", ".join(sorted({f"{policy} {name}" for policy, name in offered})) or "nothing"
+            raise DeviceError(f"{settings.url} offers no Basic256Sha256 {mode.name}; it offers: {offers}")
         server = x509_from_der(chosen.ServerCertificate)
     with complaints.about("using the certificates"):
         client.security_policy = Policy(server, certificate, key, mode)
@@ -223,8 +223,8 @@ def _refuse_unencrypted(client: Client, settings: OpcUaSettings) -> None:
     plain = not policy or policy.endswith("#None")
     if plain and settings.security != "encrypt" and not settings.unencrypted:
         raise DeviceError(
-            f"{settings.url} takes the password in plain text only: write 'security: encrypt', or 'unencrypted: true' "
-            "where nobody else is on this network"
+            f"{settings.url} accepts the password in plain text only: write 'security: encrypt', or 'unencrypted: "
+            "true' if no one else uses this network"
         )
 
 

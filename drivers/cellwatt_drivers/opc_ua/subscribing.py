@@ -36,7 +36,7 @@ class Subscribed:
         if self.publishing > 1.01 * asked.publish:
             found.append(f"sends every {self.publishing:g} s instead of every {asked.publish:g} s")
         if self.queue < min(asked.queue_size, self.publishing * asked.rate):
-            found.append(f"keeps {self.queue} values of each tag instead of {asked.queue_size}")
+            found.append(f"queues {self.queue} values of each tag instead of {asked.queue_size}")
         return found
 
 

@@ -33,7 +33,7 @@ class Board:
     def __init__(self, label: str, stream: Stream, phases: int, window: int, inlet: Inlet) -> None:
         self.stream = stream
         self._label = label
-        self._heard = 0
+        self._last_packet = 0
         self._silent = False
         self._phases = phases
         self._inlet = inlet
@@ -47,7 +47,7 @@ class Board:
 
     def take(self, packet: Packet, arrival: int) -> None:
         """Take a packet that arrived at the cell's time ``arrival``, ns; ``release`` then emits due samples."""
-        self._heard = arrival
+        self._last_packet = arrival
         place = self._clock.place(packet, arrival)
         if place.verdict == "stale":
             self._inlet.account.anomaly("late")
@@ -68,7 +68,7 @@ class Board:
 
     def watch(self, now: int, since: int, silence: int) -> None:
         """Report when no packet has come for ``silence`` ns, counted from ``since`` on, and when packets resume."""
-        silent = now - max(self._heard, since) > silence
+        silent = now - max(self._last_packet, since) > silence
         if silent != self._silent:
             self._silent = silent
             what = "silent" if silent else "heard again"

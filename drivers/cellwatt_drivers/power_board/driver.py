@@ -92,11 +92,11 @@ class PowerBoardDriver(Driver[PowerBoardSettings]):
             opened, connected = self.inlet.now(), False
             try:
                 while True:
-                    heard = await listening.packets(self._wait())
-                    if heard and not connected:
+                    received = await listening.packets(self._wait())
+                    if received and not connected:
                         connected = True
-                        self.inlet.connected(_identity(heard[0][0], port))
-                    self._deliver(heard, opened)
+                        self.inlet.connected(_identity(received[0][0], port))
+                    self._deliver(received, opened)
             finally:
                 for board in self._boards.values():
                     board.release(self.inlet.now(), everything=True)
@@ -105,16 +105,16 @@ class PowerBoardDriver(Driver[PowerBoardSettings]):
         """See ``Driver.identify``; every packet contains the board's number."""
         async with listening_port(self.settings.port, self.settings.baud) as port:
             listening = self._listening(port)
-            while not (heard := await listening.packets(self.settings.silence)):
+            while not (received := await listening.packets(self.settings.silence)):
                 pass
-            return _identity(heard[0][0], port)
+            return _identity(received[0][0], port)
 
-    def _deliver(self, heard: list[tuple[Packet, int]], opened: int) -> None:
-        for packet, arrival in heard:
+    def _deliver(self, received: list[tuple[Packet, int]], opened: int) -> None:
+        for packet, arrival in received:
             if packet.board not in self._boards:
                 self._boards[packet.board] = self._board(packet.board, self.streams[0])
             self._boards[packet.board].take(packet, arrival)
-        now = heard[-1][1] if heard else self.inlet.now()
+        now = received[-1][1] if received else self.inlet.now()
         for board in self._boards.values():
             board.release(now)
             if len(self._boards) > 1:  # a lone board's silence ends ``run``
@@ -137,7 +137,7 @@ def _identity(packet: Packet, port: ListeningPort) -> Identity:
     notes = {"payload": f"{packet.phases} phases, {packet.samples} samples a packet"}
     if port.latency is not None and port.latency > 1:
         notes["latency timer"] = (
-            f"the adapter keeps bytes for {port.latency} ms, which blurs the clock model: "
+            f"the adapter holds bytes for {port.latency} ms, which blurs the clock model: "
             "set its latency_timer to 1 (docs/drivers/power_board.md)"
         )
     return Identity(maker="", model=f"power board {packet.board}", serial=str(packet.board), notes=notes)
@@ -164,7 +164,7 @@ class Listening:
         self._now = inlet.now
         self._gather = gather
         self._decoder = wire.decoder(settings.mode)
-        self._heard = asyncio.get_running_loop().time()
+        self._last_packet = asyncio.get_running_loop().time()
         self._bytes = 0
         self._evidence = b""
         self._others: set[int] = set()
@@ -176,7 +176,7 @@ class Listening:
         settings, ``WrongDeviceError`` for other boards, or a board with another number of phases.
         """
         loop = asyncio.get_running_loop()
-        end = self._heard + self._settings.silence
+        end = self._last_packet + self._settings.silence
         came = await self._port.read(max(0.0, min(seconds, end - loop.time())), self._now, self._gather())
         packets = [(packet, arrival) for data, arrival in came for packet in self._decoder.feed(data)]
         for what, n in self._decoder.counts.items():
@@ -185,9 +185,9 @@ class Listening:
             else:
                 self._account.count(what, n)
         self._decoder.counts.clear()
-        wanted = [heard for heard in packets if self._wants(heard[0])]
+        wanted = [received for received in packets if self._wants(received[0])]
         if wanted:
-            self._heard, self._bytes, self._evidence = loop.time(), 0, b""
+            self._last_packet, self._bytes, self._evidence = loop.time(), 0, b""
             self._others.clear()
         else:
             data = b"".join(data for data, _ in came)
@@ -217,7 +217,7 @@ class Listening:
         where, span = f"{s.port}: in {s.silence:g} s", f"at {s.baud} baud"
         if self._others:
             wanted, others = _numbers(self._wanted), _numbers(tuple(sorted(self._others)))
-            return WrongDeviceError(f"{where} only board {others} is heard, but not the wanted board {wanted}")
+            return WrongDeviceError(f"{where} only board {others} is received, but not the wanted board {wanted}")
         if self._bytes:
             reason = wire.diagnose(self._evidence, s.mode)
             return ProtocolError(f"{where} {self._bytes} bytes but no valid frame {span}: {reason}")

@@ -124,7 +124,7 @@ class PowerBoardEmulator(Emulator):
         self._opened: float | None = None  # when a client opened the port
         self._listened = False
         self._leaving: float | None = None  # s for which the port will be gone once all bytes are read
-        self._left = 0.0  # when the disconnect began
+        self._left_at = 0.0  # when the disconnect began
         self._away = 0.0  # when the port returns
         self._blocked = 0.0  # when sending resumes
         self._line: deque[_Item] = deque()
@@ -151,7 +151,7 @@ class PowerBoardEmulator(Emulator):
     def inject(self, fault: Fault) -> None:
         """See ``Emulator.inject``."""
         if fault.kind == "disconnect" and self.link is None:
-            raise ValueError("a port that vanishes needs the option link, else nobody finds it again")
+            raise ValueError("a disconnect needs the option link: without it clients cannot find the port again")
         super().inject(fault)
 
     def disturb(self, change: Mapping[str, float | str]) -> None:
@@ -187,8 +187,8 @@ class PowerBoardEmulator(Emulator):
                 port.plug()
         elif self._leaving is None:
             if (fault := self.injector.once("disconnect")) is not None:
-                self._leaving, self._left = fault.seconds, now
-        elif now - self._left >= (LINGER[1] if port.unread else LINGER[0]):
+                self._leaving, self._left_at = fault.seconds, now
+        elif now - self._left_at >= (LINGER[1] if port.unread else LINGER[0]):
             port.unplug()
             self._away, self._leaving = now + self._leaving, None
             self.tally["unheard"] += sum(item.samples for item in self._overtaken)

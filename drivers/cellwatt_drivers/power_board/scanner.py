@@ -29,21 +29,21 @@ class FrameScanner:
     def scan(self, data: bytes) -> None:
         """Process all frames completed by these bytes, in order."""
         buffer = self._rest + data
-        end, taken = len(buffer), 0
+        end, used = len(buffer), 0
         at = buffer.find(self._start)
         while 0 <= at <= end - 4:
             stop = at + self._length(buffer[at : at + 4])
             if stop > end:
                 break
             if stop > at and self._take(buffer[at:stop]):
-                self._pass_over(at - taken)
-                taken = stop
+                self._pass_over(at - used)
+                used = stop
                 at = buffer.find(self._start, stop)
             else:
                 at = buffer.find(self._start, at + 1)
         if at < 0:
-            at = end - 1 if buffer.endswith(self._start[:1]) and taken < end else end
-        self._pass_over(at - taken)
+            at = end - 1 if buffer.endswith(self._start[:1]) and used < end else end
+        self._pass_over(at - used)
         self._rest = buffer[at:]
 
     def _pass_over(self, count: int) -> None:

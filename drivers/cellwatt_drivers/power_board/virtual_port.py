@@ -95,9 +95,9 @@ class VirtualPort:
     def read(self) -> bytes:
         """Return bytes written by the client, without blocking."""
         try:
-            told = os.read(self._master, 4096)
+            packet = os.read(self._master, 4096)
         except OSError:  # no data, or no client
             return b""
-        event, data = told[0], told[1:]
+        event, data = packet[0], packet[1:]
         self.flushed = self.flushed or bool(event & termios.TIOCPKT_FLUSHREAD)
         return data if event == termios.TIOCPKT_DATA else b""

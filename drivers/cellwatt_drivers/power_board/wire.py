@@ -44,7 +44,7 @@ def diagnose(data: bytes, mode: Mode) -> str:
         foreign = trial.counts["foreign payloads"]
         frames = sum(n for name, n in trial.counts.items() if name.startswith("frames: ") and "unknown" not in name)
         if foreign > 1:
-            return f"these are {_SEEN[other]}, but what they carry is not a power board's payload"
+            return f"these are {_SEEN[other]}, but their data is not a power board's payload"
         if frames > 1:
             return f"these are {_SEEN[other]}, but none carries data: is the board on and joined?"
     return "wrong baud rate or mode?"

@@ -29,24 +29,24 @@ class Analyzer:
         loop = asyncio.get_running_loop()
         end = loop.time() + self._timeout
         self._line.tell(self._dialect.identify)
-        heard = ""
+        answer = ""
         while True:
             try:
                 text, _ = await self._line.read(max(0.0, end - loop.time()))
             except ProtocolError as error:
-                heard = heard or str(error)
+                answer = answer or str(error)
                 continue
             except ConnectError:
-                if not heard:
+                if not answer:
                     raise
                 model = self._dialect.model
                 raise WrongDeviceError(
-                    f"{self._line.place} is not {_article(model)} {model}: it answers {heard[:80]!r}; "
+                    f"{self._line.place} is not {_article(model)} {model}: it answers {answer[:80]!r}; "
                     "check the address, or the speed of the serial port"
                 ) from None
             if (self._dialect.known or self._dialect.model) in text.upper():
                 return parse_identification(text)
-            heard = heard or text
+            answer = answer or text
 
     def tell(self, commands: Iterable[str]) -> None:
         """Send commands without an answer."""

@@ -153,7 +153,7 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
         async with self._open() as line:
             analyzer = self._analyzer(line)
             identity = await self._greet(analyzer)
-            self._report(await analyzer.errors(), "left from before")
+            self._report(await analyzer.errors(), "from before this connection")
             try:
                 order = await self._set_up(analyzer)
                 self.inlet.connected(identity)

@@ -92,8 +92,8 @@ class EmulatedLmg670(EmulatedAnalyzer):
 
     def _commands(self) -> Mapping[str, Callable[[str], str | None]]:
         shared = super()._commands()
-        kept = ("*IDN?", "*OPC?", "*RST", "SYSTem:ERRor?", "SYSTem:ERRor:ALL?", "SYSTem:VERSion?")
-        named = {name: shared[name] for name in kept}
+        common = ("*IDN?", "*OPC?", "*RST", "SYSTem:ERRor?", "SYSTem:ERRor:ALL?", "SYSTem:VERSion?")
+        named = {name: shared[name] for name in common}
         return {**named, **self._status_commands(), "*ZLANG": self._set_language}
 
     def _run(self, header: str, parameter: str) -> str | None:

@@ -66,7 +66,7 @@ class Line(asyncio.Protocol):
         text or unrequested data came before the query: later answers would then be shifted.
         """
         if self.unread:
-            raise ProtocolError(f"{self.place} sent what nobody had asked for")
+            raise ProtocolError(f"{self.place} sent unrequested data")
         asked = self._now()
         self.tell(query)
         text, arrival = await self.read(timeout)
@@ -93,7 +93,7 @@ class Line(asyncio.Protocol):
         self._lines.extend((line, arrival) for line in lines)
         self._partial[:] = rest
         if len(self._partial) > LONGEST or len(self._lines) > _MOST_LINES:
-            self._broken = ConnectError(f"{self.place} floods the line with what nobody asked for")
+            self._broken = ConnectError(f"{self.place} floods the line with unrequested data")
             self._partial.clear()
             self._lines.clear()
         self._news.set()
@@ -116,7 +116,7 @@ async def open_tcp(host: str, port: int, timeout: float, now: Callable[[], int])
             transport, _ = await loop.create_connection(lambda: line, host, port)
     except TimeoutError as error:
         raise ConnectError(
-            f"nobody answers at TCP {line.place} within {timeout:g} s; check the address, the cable, and that the "
+            f"no device answers at TCP {line.place} within {timeout:g} s; check the address, the cable, and that the "
             "analyzer's LAN interface is selected"
         ) from error
     except OSError as error:

@@ -55,7 +55,7 @@ def _known(unit: str) -> str:
 
 def _scaled(unit: str) -> str:
     if unit not in SCALED:
-        raise ValueError(f"{unit!r} has another zero than {KNOWN[unit][0]}")
+        raise ValueError(f"{unit!r} has a different zero than {KNOWN[unit][0]}")
     return unit
 
 

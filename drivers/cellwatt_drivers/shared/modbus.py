@@ -25,11 +25,11 @@ _HEADER = 6
 _WORDS = {
     ILLEGAL_FUNCTION: "it does not know the function",
     ILLEGAL_ADDRESS: "it has no such register",
-    ILLEGAL_VALUE: "it does not give so many registers",
+    ILLEGAL_VALUE: "it does not return so many registers",
     4: "it failed",
     5: "it needs time",
     6: "it is busy",
-    10: "the gateway finds no way to it",
+    10: "the gateway has no path to it",
     11: "the gateway got no answer from it",
 }
 
@@ -106,7 +106,7 @@ class Modbus:
         answer = await self._exchange(lambda: ask(address, count=count, device_id=unit), unit)
         if answer.isError():
             code = int(answer.exception_code)
-            text = _WORDS.get(code, "it does not say why")
+            text = _WORDS.get(code, "no reason given")
             raise RefusedError(
                 f"unit {unit} at {self.place} refuses registers {address} to {address + count - 1}: {text} "
                 f"(exception {code})",
@@ -140,7 +140,7 @@ class Modbus:
             return ConnectError(f"unit {unit} at {self.place}: {reason}")
         if isinstance(error, ModbusIOException) and ("received" not in text or "No response" in text):
             return self._numbering.of(NoAnswerError(f"unit {unit} at {self.place} gave no answer"))
-        return ProtocolError(f"{self.place}: another answer than asked for: {text}")
+        return ProtocolError(f"{self.place}: the answer does not match the request: {text}")
 
 
 def tcp_client(host: str, port: int, timeout: float, numbering: Numbering | None) -> AsyncModbusTcpClient:

@@ -32,8 +32,8 @@ def modbus_port(emulator: Emulator, answer: Answer, *, rtu: bool = False) -> Por
             if protocol != 0:
                 return  # not Modbus
             await port.asked()
-            if (said := answer(unit, function, body)) is not None:
-                await port.answer(_HEAD.pack(number, 0, 1 + len(said), unit, said[0]) + said[1:], writer.write)
+            if (reply := answer(unit, function, body)) is not None:
+                await port.answer(_HEAD.pack(number, 0, 1 + len(reply), unit, reply[0]) + reply[1:], writer.write)
 
     async def talk_rtu(reader: asyncio.StreamReader, writer: Writer) -> None:
         while True:
@@ -41,8 +41,8 @@ def modbus_port(emulator: Emulator, answer: Answer, *, rtu: bool = False) -> Por
             while checksum(request[:-2]) != request[-2:]:
                 request = request[1:] + await reader.readexactly(1)
             await port.asked()
-            if (said := answer(request[0], request[1], request[2:-2])) is not None:
-                frame = request[:1] + said
+            if (reply := answer(request[0], request[1], request[2:-2])) is not None:
+                frame = request[:1] + reply
                 await port.answer(frame + checksum(frame), writer.write)
 
     port = port_of(emulator, talk_rtu if rtu or emulator.on_terminal else talk_tcp)

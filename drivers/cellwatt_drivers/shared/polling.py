@@ -53,4 +53,4 @@ async def keep_conversing(driver: Driver[Any], converse: Callable[[], Awaitable[
             if account.expected - account.missed.total() == before:
                 raise
             account.count("reconnects")
-            driver.inlet.event("reopened", f"{driver.name}: {error}; the connection is opened anew")
+            driver.inlet.event("reopened", f"{driver.name}: {error}; the connection is opened again")

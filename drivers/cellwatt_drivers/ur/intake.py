@@ -35,7 +35,7 @@ _LEVELS = ("exception", "error", "warning", "info")
 def refuse_strange(time: Float) -> None:
     """Raise ``ProtocolError`` if one of the controller times (n,) s is impossible."""
     if not (time.min() >= 0 and time.max() < LATEST):
-        raise ProtocolError(f"controller time {time.min():g} … {time.max():g} s is no time since its start")
+        raise ProtocolError(f"controller time {time.min():g} … {time.max():g} s is not a time since its start")
 
 
 class Intake:
@@ -55,7 +55,7 @@ class Intake:
         self._last: int | None = None  # controller time of the last package, ns
         self._losses = Losses(inlet.account)
         self._identity: Identity | None = None
-        self._heard = 0.0  # monotonic, s
+        self._last_arrival = 0.0  # monotonic, s
         self._quiet = False
         self._states = StateWatch(inlet, stream, _STATES)
         self.resets = 0
@@ -71,7 +71,7 @@ class Intake:
         self._rate = rate
         self._grid.ask(1e9 / rate)
         self._losses.resumed = True
-        self._heard = clock.monotonic()
+        self._last_arrival = clock.monotonic()
         self._quiet = False
 
     def take(self, time: Float, values: Float, not_before: int | None = None, arrival: int | None = None) -> None:
@@ -125,7 +125,7 @@ class Intake:
 
     def watch(self, timeout: float) -> bool:
         """Report a stream that stopped; true if no package has arrived for ``timeout`` s."""
-        silence = clock.monotonic() - self._heard
+        silence = clock.monotonic() - self._last_arrival
         if not self._quiet and silence > max(QUIET, 10 / self._rate):
             self._quiet = True
             self._inlet.event("stream stopped", f"no package for {silence:.2f} s, still connected", seconds=silence)
@@ -139,9 +139,9 @@ class Intake:
         now = clock.monotonic()
         if self._quiet:
             self._quiet = False
-            silence = now - self._heard
+            silence = now - self._last_arrival
             self._inlet.event("stream resumed", f"packages again after {silence:.2f} s", seconds=silence)
-        self._heard = now
+        self._last_arrival = now
 
     def _bracket(self, device: int, not_before: int) -> None:
         if not self._base.made_after(device, not_before):
@@ -202,13 +202,13 @@ class Intake:
         if len(steps):
             self._losses.before_next(self._grid.missing(steps))
         if self._grid.step != before:
-            self._tell_grid()
+            self._report_grid()
 
-    def _tell_grid(self) -> None:
+    def _report_grid(self) -> None:
         """Report packages that are not on the requested grid."""
         step = self._grid.step
         if step is None:
-            self._inlet.event("uneven timestamps", "packages keep no grid any more: losses cannot be counted")
+            self._inlet.event("uneven timestamps", "packages no longer fit a grid: losses cannot be counted")
         elif abs(step * self._rate / 1e9 - 1) > 0.02:
             text = f"asked for {self._rate:g} Hz, packages are made at {1e9 / step:g} Hz"
             self._inlet.event("rate", text, rate=1e9 / step)

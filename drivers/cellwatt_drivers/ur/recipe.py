@@ -78,7 +78,7 @@ def _lookup(name: str) -> tuple[Field, Sequence[int]]:
     if name == "timestamp":
         raise ValueError("timestamp is always read: it is the time of the samples, not a channel")
     if known is not None:
-        raise ValueError(f"{name} is not offered: its unit is not certain or has no name here")
+        raise ValueError(f"{name} is not offered: its unit is unknown or not supported")
     near = difflib.get_close_matches(name, [*_OFFERED, *FIELDS, BUS_POWER.name], n=1)
     raise ValueError(f"no RTDE field or channel {name!r}" + (f"; did you mean {near[0]!r}?" if near else ""))
 

@@ -93,18 +93,18 @@ class Session:
 
     def _take(self) -> bool:
         """Handle complete frames in the buffer; true if ``AT_ONCE`` were handled and more may wait."""
-        used = taken = 0
+        used = handled = 0
         package = self.decoder.package if self.decoder else None
         try:
             for item, end in wire.scan(self._view[: self._filled], wire.FROM_CONTROLLER, package, AT_ONCE):
                 if isinstance(item, wire.Run):
                     self._packages(item)
-                    taken += item.count
+                    handled += item.count
                 else:
                     self._frame(item)
-                    taken += 1
+                    handled += 1
                 used = end
-                if taken >= AT_ONCE:
+                if handled >= AT_ONCE:
                     break
         except ProtocolError as error:
             self._account.anomaly("protocol error")
@@ -115,7 +115,7 @@ class Session:
         if rest and used:
             self._view[:rest] = self._view[used : self._filled]
         self._filled = rest
-        return taken >= AT_ONCE and not self.closed.done()
+        return handled >= AT_ONCE and not self.closed.done()
 
     def _packages(self, run: wire.Run) -> None:
         assert self.decoder is not None and self.take is not None
@@ -131,7 +131,7 @@ class Session:
                 self.say(wire.parse_text(frame.payload))
             return
         if self._asked is None or frame.kind != self._asked:
-            raise ProtocolError(f"answer {frame.kind.name} to a question that was not asked")
+            raise ProtocolError(f"answer {frame.kind.name} without a request")
         self._asked = None
         if self._answer is not None and not self._answer.done():
             self._answer.set_result(frame.payload)
@@ -236,7 +236,7 @@ async def _greet(session: Session, timeout: float) -> ControllerVersion:
     try:
         accepted = wire.parse_accept(await session.ask(wire.ASK_PROTOCOL, timeout))
     except ProtocolError as error:
-        raise WrongDeviceError(f"{error}; the port belongs to something that is not RTDE") from error
+        raise WrongDeviceError(f"{error}; the server at this port does not speak RTDE") from error
     if not accepted:
         raise DeviceError(f"{session.where}: the controller refuses RTDE protocol version 2; update PolyScope")
     return wire.parse_controller(await session.ask(wire.ASK_CONTROLLER, timeout))
@@ -251,7 +251,7 @@ async def begin(
     unknown = [n for n, t in zip(selection.names, types, strict=False) if t == wire.NOT_FOUND]
     if unknown:
         wanted = ", ".join(f"{n} (needs {FIELDS[n].needs})" for n in unknown)
-        raise DeviceError(f"{session.where}: PolyScope {version} does not have {wanted}; take it out of channels")
+        raise DeviceError(f"{session.where}: PolyScope {version} does not have {wanted}; remove it from channels")
     try:
         session.decoder = Decoder(selection, recipe, types)
     except ProtocolError as error:

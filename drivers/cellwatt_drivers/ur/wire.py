@@ -142,7 +142,7 @@ def scan(
         size, kind = _HEADER.unpack_from(data, start)
         shortest, longest = limits.get(kind, (1, 0))
         if not shortest <= size <= longest:
-            raise ProtocolError(f"no RTDE frame: kind {kind:#04x} with size {size}")
+            raise ProtocolError(f"invalid RTDE frame: kind {kind:#04x} with size {size}")
         if kind == Kind.DATA_PACKAGE and package is not None:
             if size != package.size:
                 raise ProtocolError(f"data package of {size} bytes, the recipe has {package.size}")
@@ -255,7 +255,7 @@ def parse_recipe(payload: bytes) -> tuple[int, tuple[str, ...]]:
     types = _listed(payload[1:])
     for name in types:
         if name not in ELEMENTS and name != NOT_FOUND:
-            raise ProtocolError(f"no RTDE type: {name[:40]!r}")
+            raise ProtocolError(f"unknown RTDE type: {name[:40]!r}")
     return payload[0], types
 
 
@@ -275,7 +275,7 @@ def parse_text(payload: bytes) -> TextMessage:
     rest = payload
     for _ in range(2):
         if not rest or len(rest) < 1 + rest[0]:
-            raise ProtocolError("a text message is shorter than it says")
+            raise ProtocolError("a text message is shorter than it states")
         texts.append(rest[1 : 1 + rest[0]].decode("utf-8", "replace"))
         rest = rest[1 + rest[0] :]
     if len(rest) != 1:

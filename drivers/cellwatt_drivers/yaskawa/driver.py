@@ -121,7 +121,7 @@ class YaskawaDriver(Driver[YaskawaSettings]):
         self._torques = TorqueWatch(name, inlet, settings.torque_count)
         self._slot = 0
         self._slots = Slots(self._rate, self._miss_slots)
-        self._heard = 0
+        self._last_answer = 0
         self._failure: UnansweredError | None = None
         self._newest: dict[str, int] = {}
         """Twice the middle of the newest emitted exchange, ns, by stream."""
@@ -140,7 +140,7 @@ class YaskawaDriver(Driver[YaskawaSettings]):
         """See ``Driver.run``."""
         async with self._open() as link:
             self.inlet.connected(await self._greet(link))
-            self._heard = time.monotonic_ns()
+            self._last_answer = time.monotonic_ns()
             async with self._slots as slots:
                 async for beat in slots:
                     await self._serve_slot(link, beat.deadline)
@@ -226,7 +226,7 @@ class YaskawaDriver(Driver[YaskawaSettings]):
         except ProtocolError as error:
             link.count_malformed()
             raise UnansweredError("malformed", str(error)) from error
-        self._heard = time.monotonic_ns()
+        self._last_answer = time.monotonic_ns()
         return exchange, found
 
     def _emit(self, stream: Stream, exchange: Exchange, values: Float) -> None:
@@ -244,7 +244,7 @@ class YaskawaDriver(Driver[YaskawaSettings]):
         except ProtocolError:
             link.count_malformed()
             return
-        self._heard = time.monotonic_ns()
+        self._last_answer = time.monotonic_ns()
         self._newest[poll.stream.name] = exchange.asked + exchange.arrival
         self.inlet.account.late(1, "timeout")
         quality = np.array([Quality.LATE], np.uint8)
@@ -262,7 +262,7 @@ class YaskawaDriver(Driver[YaskawaSettings]):
         self._failure = failure
 
     def _check_silence(self, link: Link) -> None:
-        silence = (time.monotonic_ns() - self._heard) * 1e-9
+        silence = (time.monotonic_ns() - self._last_answer) * 1e-9
         if silence > self.settings.silence and self._failure is not None:
             kind = DeviceError if self._failure.reason == "device error" else ConnectError
             raise kind(f"no good answer from {link.place} for {silence:.1f} s; the last: {self._failure}")

@@ -55,10 +55,10 @@ async def _optional(link: Link, request: wire.Request, decode: Callable[[bytes],
 def _refusal(link: Link, name: str, failure: UnansweredError) -> Exception:
     if failure.reason != "device error":
         return _silent(link, failure)
-    return DeviceError(f"{link.place} refuses to give {name}: {failure}; take it out of 'read' or check control_group")
+    return DeviceError(f"{link.place} refuses to give {name}: {failure}; remove it from 'read' or check control_group")
 
 
 def _silent(link: Link, failure: UnansweredError) -> Exception:
     if link.malformed:
         return WrongDeviceError(f"{link.place} answers, but not with High-Speed Ethernet Server frames; {_HINT}")
-    return ConnectError(f"nobody answers at UDP {link.place} ({failure}); {_HINT}")
+    return ConnectError(f"no device answers at UDP {link.place} ({failure}); {_HINT}")

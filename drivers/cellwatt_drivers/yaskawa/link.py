@@ -116,11 +116,11 @@ class Link:
         clock (ns) has passed ``until``. Raises ``UnansweredError`` with the last reason. An answer that arrives after
         its time-out goes to ``late``.
         """
-        for left in range(retries, -1, -1):
+        for remaining in range(retries, -1, -1):
             try:
                 return await self._ask_once(request, late)
             except UnansweredError as failure:
-                if left == 0 or failure.reason not in {"timeout", "busy"}:
+                if remaining == 0 or failure.reason not in {"timeout", "busy"}:
                     raise
                 if failure.reason == "busy":
                     await asyncio.sleep(_BUSY_PAUSE)

@@ -33,7 +33,7 @@ class AlarmWatch:
             text = f"{self._source}: controller alarm {alarm.code} {alarm.name!r} ({detail})"
             self._inlet.event("controller_alarm", text, code=float(alarm.code), name=alarm.name)
         else:
-            self._inlet.event("controller_alarm_cleared", f"{self._source}: the controller's alarm is gone")
+            self._inlet.event("controller_alarm_cleared", f"{self._source}: the controller's alarm has cleared")
 
 
 class TorqueWatch:
@@ -47,16 +47,16 @@ class TorqueWatch:
         self._source = source
         self._inlet = inlet
         self._count = count
-        self._told = False
+        self._reported = False
 
     def see(self, data: bytes) -> None:
         """Check the data of a valid answer."""
         counts = payload.decode_axes(data)
         strange = [n for n, value in enumerate(counts) if abs(value) * self._count > LARGEST_SHARE]
         if not strange:
-            self._told = False
-        elif not self._told:
-            self._told = True
+            self._reported = False
+        elif not self._reported:
+            self._reported = True
             axis = strange[0]
             text = f"reads {counts[axis]} counts, {counts[axis] * self._count:.3g} times the rated one"
             hint = "see torque_count; does this controller send floats?"

@@ -27,7 +27,7 @@ from tests.daemon.runtime.fakes import (
     until,
 )
 
-NOBODY = ConnectError("nobody answers at 192.0.2.1:30004")
+NOBODY = ConnectError("no device answers at 192.0.2.1:30004")
 
 
 @at_once

@@ -44,7 +44,7 @@ def stream(samples: float) -> dict[str, Any]:
     return {"rtde": {"nominal_hz": 50.0, "samples": round(samples)}}
 
 
-DOWN = {"state": "retrying", "error": "nobody answers at 192.0.2.1:30004"}
+DOWN = {"state": "retrying", "error": "no device answers at 192.0.2.1:30004"}
 
 
 def test_down_source_is_raised_once_and_cleared_once() -> None:

@@ -28,7 +28,7 @@ class TestSkeleton(DriverConformance):
 
 
 MISTAKES = [
-    ("settings_are_checked", broken.TakesAnyValue, r"timeout: \[.*must be told .* at line 10"),
+    ("settings_are_checked", broken.TakesAnyValue, r"timeout: \[.*must be reported .* at line 10"),
     ("settings_are_checked", broken.SaysNothingOfAKey, "without a docstring: host"),
     ("starts_and_stops", broken.DeclaresNothingItSends, "writes: found 'READ"),
     ("starts_and_stops", broken.Returns, r"run\(\) returned"),
@@ -37,7 +37,7 @@ MISTAKES = [
     pytest.param(
         "starts_and_stops",
         broken.GoesOnAfterTheEnd,
-        r"readings came after run\(\) had been cancelled",
+        r"readings arrived after run\(\) had been cancelled",
         marks=pytest.mark.leaves_behind,
     ),
     pytest.param(
@@ -45,18 +45,18 @@ MISTAKES = [
     ),
     ("cancels_anywhere", broken.SwallowsCancellation, "run() was cancelled and returned"),
     ("reconnects", broken.LeaksOsErrors, r"raised ConnectionRefusedError.*map it to ConnectError"),
-    ("reconnects", broken.DoesNotSayWhere, "does not say where: found 'cannot connect'"),
+    ("reconnects", broken.DoesNotSayWhere, "lacks the address: found 'cannot connect'"),
     ("stamps_are_right", broken.AsksAfterTheAnswer, "is after arrival"),
     ("stamps_are_right", broken.StampsFromOneProcessStart, "before the driver was started"),
     ("stamps_are_right", broken.CountsMicroseconds, "is it in ns"),
     ("stamps_are_right", broken.StandsStill, "device_time does not rise"),
     pytest.param(
-        "keeps_its_rates", broken.PollsTooSlowly, "declared at 50 Hz: in .* but .* came", marks=pytest.mark.slow
+        "keeps_its_rates", broken.PollsTooSlowly, "declared at 50 Hz: in .* due, .* arrived", marks=pytest.mark.slow
     ),
     ("values_are_in_their_units", broken.GivesMilliwatts, "supply.power: .* is it converted to SI units"),
     ("only_reads", broken.SwitchesTheLoad, r"not allowed by may_send: .*OUTPUT OFF"),
     pytest.param(
-        *("keeps_the_loop_free", broken.Blocks, r"stood still for more than 0.5 s, in:(?s:.*)time\.sleep"),
+        *("keeps_the_loop_free", broken.Blocks, r"was blocked for more than 0.5 s, in:(?s:.*)time\.sleep"),
         marks=pytest.mark.blocks_loop,
     ),
     ("survives_loss", broken.SwallowsLoss, "loss leaving a trace"),

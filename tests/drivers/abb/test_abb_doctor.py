@@ -38,5 +38,5 @@ async def test_energy_that_the_controller_calls_not_valid():
         emulator.epoch += 3600.0  # nothing measured yet
         found = await look(place, egm=[])
     assert found.verdict == "warning"
-    assert any("calls its energy measurement not valid (not-paused)" in f for f in found.findings)
+    assert any("reports its energy measurement as not valid (not-paused)" in f for f in found.findings)
     assert any(f.startswith("no values: controller.energy") for f in found.findings)

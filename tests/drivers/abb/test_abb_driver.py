@@ -113,7 +113,7 @@ async def test_a_controller_without_energy_keeps_its_states():
         with pytest.raises(WrongDeviceError, match="HTTP 404"):
             await alone.run()
     assert inlet.kinds() == ["energy_failed"]
-    assert "the controller has no page of its energy (/rw/system/energy)" in inlet.events[0][1]
+    assert "the controller has no energy page (/rw/system/energy)" in inlet.events[0][1]
     assert_only_late(inlet)
 
 

@@ -110,7 +110,7 @@ def test_without_a_clock_the_header_counts_and_wraps():
     assert rig.count == (3, 3, {}, {})
     np.testing.assert_array_equal(np.diff(rig.inlet.device_time), 4_000_000)
     rig.take(4)
-    assert rig.inlet.resets == ["the controller's clock came or went"]
+    assert rig.inlet.resets == ["the controller's clock appeared or disappeared"]
 
 
 def test_garbage_is_counted():

@@ -46,5 +46,5 @@ def test_pages_that_are_none(page):
 
 @pytest.mark.parametrize("encoding", [b"rot13"])
 def test_a_page_in_an_encoding_that_there_is_not(encoding):
-    with pytest.raises(ProtocolError, match="no XHTML"):
+    with pytest.raises(ProtocolError, match="not XHTML"):
         rws.items(b'<?xml version="1.0" encoding="' + encoding + b'"?><ul/>')

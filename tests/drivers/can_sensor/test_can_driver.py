@@ -111,7 +111,7 @@ async def test_flags_of_the_sensor():
         await run.inlet.until(lambda o: o.account.counters["flag I_Channel_Error"] >= 3)
         missing = run.inlet.readings[-1]
         emulator.status = 0x0
-        await run.inlet.until(lambda o: sum("no flag any more" in text for _, text, _ in o.events) == 2)
+        await run.inlet.until(lambda o: sum("raises no flags" in text for _, text, _ in o.events) == 2)
     assert clipped.quality[-1] == Quality.CLIPPED
     assert np.isfinite(clipped.values[-1]).all()
     assert missing.quality[-1] == Quality.MISSING
@@ -127,7 +127,7 @@ async def test_flags_of_the_sensor():
         (
             can.Message(arbitration_id=0x123, is_extended_id=False),
             WrongDeviceError,
-            r"only frames 0x123, but none of the IVT-S's \(0x521, 0x522\)",
+            r"only frames 0x123, none of the IVT-S's \(0x521, 0x522\)",
         ),
         (
             can.Message(arbitration_id=0x88, is_error_frame=True, data=bytes(8)),

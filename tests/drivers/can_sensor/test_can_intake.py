@@ -65,7 +65,7 @@ def test_a_clock_of_the_pc_that_is_set_on_is_one_reset_and_no_loss(monkeypatch):
         intake.take(Message(arbitration_id=0x521, data=data, timestamp=1000.0 + 0.02 * number + ahead))
         intake.flush(inlet.now())
     assert inlet.account.expected == 120
-    assert inlet.resets == ["the PC's clock was set on by 10.000 s"]
+    assert inlet.resets == ["the PC's clock jumped by 10.000 s"]
 
 
 def values(inlet):

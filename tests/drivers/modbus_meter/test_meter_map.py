@@ -66,7 +66,7 @@ def test_an_own_map(tmp_path):
     ("old", "new", "place", "why"),
     [
         ("unit: kW", "unit: horse", "7:39", "found 'horse': 'horse' is not a unit"),
-        ("unit: kW", "unit: degF", "7:39", "'degF' has another zero than degC"),
+        ("unit: kW", "unit: degF", "7:39", "'degF' has a different zero than degC"),
         ("address: 0x12", "address: -1", "8:34", "at least 0"),
         ("address: 0x12", "address: 0x11", "", "begins within supply.power"),
         ("0x14, type: uint32", "65535, type: uint32", "", "beyond register 65535"),

@@ -33,7 +33,7 @@ BAD_NODES = [
     ),
     ({"a.x": {"node": "ns=plc;s=Arm.Position", "unit": "deg"}}, "is an array of 2: write 'index', from 0"),
     ({"a.x": {"node": "ns=plc;s=Arm.Position", "index": 2, "unit": "deg"}}, "has 2 elements, none with index 2"),
-    ({"a.x": {"node": 'ns=plc;s="DB_Arm"."current"', "index": 0, "unit": "A"}}, "is no array: leave out 'index'"),
+    ({"a.x": {"node": 'ns=plc;s="DB_Arm"."current"', "index": 0, "unit": "A"}}, "is not an array: leave out 'index'"),
     (
         {"a.x": {"path": "plc:Cell/plc:Suply/plc:Power", "unit": "kW"}},
         "has no 'plc:Suply' below Objects/plc:Cell; did you mean 'Supply'? (a.x)",
@@ -186,7 +186,7 @@ async def test_a_user_is_refused_and_a_password_is_not_sent_in_plain_text():
         with pytest.raises(DeviceError, match="refuses a client without a user: write 'user' and 'password'"):
             await made.identify()
         made, _ = driver(place, user="eve", password="secret")
-        with pytest.raises(DeviceError, match="takes the password in plain text only"):
+        with pytest.raises(DeviceError, match="accepts the password in plain text only"):
             await made.identify()
         made, _ = driver(place, user="eve", password="wrong", unencrypted=True)
         with pytest.raises(DeviceError, match="refuses user 'eve'") as told:
@@ -279,7 +279,7 @@ async def test_a_server_that_says_nothing_is_given_up():
         await run.inlet.until(lambda o: len(o.readings) > 2)
         emulator.inject(Fault("stall", seconds=1.0))
         await run.inlet.until(lambda _: run.failures)
-        assert "no sign of life of the subscription for 0.3 s" in str(run.failures[0])
+        assert "no keep-alive of the subscription for 0.3 s" in str(run.failures[0])
         before = len(run.inlet.readings)
         await run.inlet.until(lambda o: len(o.readings) > before)
 

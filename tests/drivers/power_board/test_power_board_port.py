@@ -98,7 +98,7 @@ async def test_wrong_baud_rate(line: VirtualPort) -> None:
 async def test_other_board_is_the_wrong_device(line: VirtualPort) -> None:
     error = await feed_until_failure(line, frame(1, board=9) + frame(1, board=8), boards=[7])
     assert isinstance(error, WrongDeviceError)
-    assert "only board 8, 9 is heard, but not the wanted board 7" in str(error)
+    assert "only board 8, 9 is received, but not the wanted board 7" in str(error)
 
 
 async def test_board_with_other_phases_is_the_wrong_device(line: VirtualPort) -> None:

@@ -114,7 +114,7 @@ async def test_the_error_queue_is_read():
             emulator.analyzer.execute("CHAN1:MEAS:FUNC NONSENSE", 0.0)
             await eventually(lambda: inlet.kinds().count("instrument_error") == 2)
     texts = [text for kind, text, _ in inlet.events if kind == "instrument_error"]
-    assert "left from before: -113 Undefined header" in texts[0]
+    assert "from before this connection: -113 Undefined header" in texts[0]
     assert "while measuring: -224 Illegal parameter value" in texts[1]
     assert inlet.account.counters["instrument errors"] == 2
 

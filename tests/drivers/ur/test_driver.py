@@ -241,7 +241,7 @@ async def somebody(banner: bytes, answer: bytes | None, refuse: bool = False):
 )
 async def test_somebody_else_on_the_port_is_the_wrong_device(banner, answer):
     async with somebody(banner, answer) as address:
-        with pytest.raises(WrongDeviceError, match="not RTDE"):
+        with pytest.raises(WrongDeviceError, match="does not speak RTDE"):
             await Watched(address).driver.run()
 
 

@@ -39,7 +39,7 @@ async def keeps_the_loop_free(rig: Rig, folder: Path) -> None:
             await asyncio.to_thread(watch.stop)
             beating.cancel()
             await asyncio.wait([beating])
-    require(not watch.culprit, f"the event loop stood still for more than {LONGEST:g} s, in:\n{watch.culprit}")
+    require(not watch.culprit, f"the event loop was blocked for more than {LONGEST:g} s, in:\n{watch.culprit}")
 
 
 class Watch:

@@ -41,20 +41,20 @@ async def _wrong(inlet: CollectingInlet, streams: Sequence[Stream]) -> str:
     begins, missed, start = {s.name: _count(inlet, s) for s in streams}, inlet.account.missed.total(), loop.time()
     await asyncio.sleep(max([_SPAN, *(_PERIODS / s.rate for s in streams)]))
     span, missed = loop.time() - start, inlet.account.missed.total() - missed
-    told = (_not_kept(s, _count(inlet, s) - begins[s.name], missed, span) for s in streams)
-    return "; ".join(filter(None, told))
+    texts = (_wrong_rate(s, _count(inlet, s) - begins[s.name], missed, span) for s in streams)
+    return "; ".join(filter(None, texts))
 
 
 def _count(inlet: CollectingInlet, stream: Stream) -> int:
     return sum(len(r.values) for r in inlet.of(stream.name))
 
 
-def _not_kept(stream: Stream, count: int, missed: int, span: float) -> str:
+def _wrong_rate(stream: Stream, count: int, missed: int, span: float) -> str:
     due = stream.rate * span
     slack = _TOLERANCE * due + 2
     if count + missed >= due - slack and count <= due + slack:
         return ""
     return (
-        f"{stream.name} is declared at {stream.rate:g} Hz: in {span:.2f} s {due:.0f} samples are due, but {count} came "
-        f"and {missed} are accounted as missed"
+        f"{stream.name} is declared at {stream.rate:g} Hz: in {span:.2f} s {due:.0f} samples are due, {count} arrived "
+        f"and {missed} are counted as missed"
     )

@@ -21,7 +21,7 @@ async def only_reads(rig: Rig, folder: Path) -> None:
     require(
         bool(rig.driver.writes) == (rig.may_send is not None) or rig.transport is None,
         f"{rig.driver.__name__}.writes is {rig.driver.writes!r}, but the rig's may_send is "
-        f"{'missing' if rig.may_send is None else 'there'}: declare both, or none where nothing is sent",
+        f"{'missing' if rig.may_send is None else 'present'}: declare both, or neither if nothing is sent",
     )
     if rig.transport is None:
         return

@@ -42,14 +42,14 @@ async def _says_that_nobody_answers(rig: Rig, address: str) -> None:
         except ConnectError as error:
             _is_readable(error, rig, address)
         except TimeoutError:
-            raise NotConformingError(f"{what}() says nothing within {rig.patience:g} s: no device is there") from None
+            raise NotConformingError(f"{what}() took over {rig.patience:g} s without a device") from None
         except Exception as error:
             kind = "map it to" if not isinstance(error, CellwattError) else "expected"
             raise NotConformingError(
-                f"{what}() raised {type(error).__name__}: {error} where no device is; {kind} ConnectError"
+                f"{what}() raised {type(error).__name__}: {error} without a device; {kind} ConnectError"
             ) from error
         else:
-            raise NotConformingError(f"{what}() returned though no device is there; expected ConnectError")
+            raise NotConformingError(f"{what}() returned without a device; expected ConnectError")
 
 
 def _is_readable(error: SourceError, rig: Rig, address: str) -> None:
@@ -57,4 +57,4 @@ def _is_readable(error: SourceError, rig: Rig, address: str) -> None:
     text = str(error)
     require(text and "\n" not in text, f"the error must be one line for the person at the cell, found {text!r}")
     places = {str(v) for v in rig.place(address).values()}
-    require(any(p in text for p in places), f"the error does not say where: found {text!r}, expected {address} in it")
+    require(any(p in text for p in places), f"the error lacks the address: found {text!r}, expected {address} in it")

@@ -34,17 +34,17 @@ async def settings_are_checked(rig: Rig, folder: Path) -> None:
     file = _File(folder / "cell.yaml", name)
     if mistakes := file.problems(right):
         raise NotConformingError(f"the settings of the rig itself are refused: {'; '.join(map(str, mistakes))}")
-    told = file.problems(right | {"no_such_key": 1})
-    _is_told(told, "no_such_key", _FIRST_LINE + len(right), _INDENT + 1, "an unknown key")
+    found = file.problems(right | {"no_such_key": 1})
+    _is_reported(found, "no_such_key", _FIRST_LINE + len(right), _INDENT + 1, "an unknown key")
     for key, field in fields_of(model).items():
         if field.is_required():
             without = {k: v for k, v in right.items() if k != key}
-            told = file.problems(without)
-            require(any(repr(key) in str(p) for p in told), f"nobody says that {key!r} is missing: {_texts(told)}")
+            found = file.problems(without)
+            require(any(repr(key) in str(p) for p in found), f"the missing {key!r} is not reported: {_texts(found)}")
         if field.annotation is not Any:
             others = {k: v for k, v in right.items() if k != key}
-            told = file.problems(others, f"{key}: {_NONSENSE}")
-            _is_told(told, key, _FIRST_LINE + len(others), None, f"{key}: {_NONSENSE}")
+            found = file.problems(others, f"{key}: {_NONSENSE}")
+            _is_reported(found, key, _FIRST_LINE + len(others), None, f"{key}: {_NONSENSE}")
 
 
 class _File:
@@ -73,17 +73,17 @@ class _File:
         return ()
 
 
-def _is_told(told: tuple[Problem, ...], key: str, line: int, column: int | None, what: str) -> None:
-    for problem in told:
+def _is_reported(problems: tuple[Problem, ...], key: str, line: int, column: int | None, what: str) -> None:
+    for problem in problems:
         place = position(problem)
         if place.line == line and problem.path.startswith(f"sources.device.{key}") and column in (None, place.column):
             return
     where = f"line {line}" + (f", column {column}" if column else "")
     raise NotConformingError(
-        f"{what} in a settings file must be told as sources.device.{key} at {where}; found: {_texts(told)} "
+        f"{what} in a settings file must be reported as sources.device.{key} at {where}; found: {_texts(problems)} "
         "(derive the settings from SourceSettings, give each key its type, raise only ValueError in validators)"
     )
 
 
-def _texts(told: tuple[Problem, ...]) -> str:
-    return "; ".join(map(str, told)) or "no complaint"
+def _texts(problems: tuple[Problem, ...]) -> str:
+    return "; ".join(map(str, problems)) or "no problem"

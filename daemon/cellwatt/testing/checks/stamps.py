@@ -50,7 +50,7 @@ def reading_is_whole(reading: Reading, streams: Sequence[object]) -> None:
     shape, wanted = reading.values.shape, (n, len(reading.stream.channels))
     require(n > 0 and shape == wanted, f"{name}: values have the shape {shape}, expected (n, channels) = {wanted}")
     require(reading.values.dtype == np.float64, f"{name}: values are {reading.values.dtype}, expected float64")
-    require(not np.isinf(reading.values).any(), f"{name}: infinite values; write NaN where the device gave nothing")
+    require(not np.isinf(reading.values).any(), f"{name}: infinite values; write NaN for absent values")
     quality = reading.quality
     if quality is not None:
         good = quality.shape == (n,) and quality.dtype == np.uint8 and int(quality.max()) <= max(Quality)
@@ -98,5 +98,5 @@ def _device_counts_nanoseconds(name: str, readings: Sequence[Reading]) -> None:
     cell = last.arrival - first.arrival
     require(
         cell / _UNIT < device < cell * _UNIT,
-        f"{name}: in {cell / 1e9:.3f} s of the cell, device_time went on by {device / 1e9:.6g} s: is it in ns?",
+        f"{name}: in {cell / 1e9:.3f} s of the cell, device_time advanced by {device / 1e9:.6g} s: is it in ns?",
     )

@@ -38,7 +38,7 @@ def describes_itself(driver: type[Driver[Any]]) -> None:
     require(
         isinstance(writes, tuple) and all(isinstance(w, str) and w for w in writes),
         f"{driver.__name__}.writes: found {writes!r}, expected a tuple of texts, one for each kind of bytes that may "
-        "be sent to the device; () where nothing is",
+        "be sent to the device; () if none",
     )
 
 
@@ -52,7 +52,7 @@ def declares_streams(driver: Driver[Any]) -> None:
     for name in [*names, *channels]:
         require(_NAME.fullmatch(name), f"{name!r}: expected small letters, digits, '_' and dots, like supply.power")
     twice = sorted({c for c in channels if channels.count(c) > 1})
-    require(not twice, f"channels given more than once: {', '.join(twice)}")
+    require(not twice, f"channels declared more than once: {', '.join(twice)}")
     for stream in streams:
         require(stream.channels, f"stream {stream.name} has no channels")
 
@@ -64,7 +64,7 @@ async def _identifies(rig: Rig, address: str) -> None:
             identity = await driver.identify()
     except Exception as error:
         raise NotConformingError(f"identify() failed: {type(error).__name__}: {error}") from error
-    require(isinstance(identity, Identity) and identity.model, f"identify() gave {identity!r}: name the model")
+    require(isinstance(identity, Identity) and identity.model, f"identify() returned {identity!r}: name the model")
 
 
 async def _session(rig: Rig, address: str) -> None:
@@ -84,7 +84,7 @@ async def _is_quiet(inlet: CollectingInlet) -> None:
     """Require that a cancelled driver emits nothing more."""
     before = inlet.samples
     await asyncio.sleep(0.05)
-    require(inlet.samples == before, "readings came after run() had been cancelled")
+    require(inlet.samples == before, "readings arrived after run() had been cancelled")
 
 
 def _open_files() -> int:
@@ -97,7 +97,7 @@ async def _lets_go(files: int, tasks: int, patience: float) -> None:
     end = loop.time() + patience / 4
     while (_open_files() > files or len(asyncio.all_tasks()) > tasks) and loop.time() < end:  # noqa: ASYNC110
         await asyncio.sleep(0.02)
-    left = [t.get_coro() for t in asyncio.all_tasks() if t is not asyncio.current_task()]
-    require(len(left) < tasks, f"tasks go on after run() was cancelled: {left}")
+    running_tasks = [t.get_coro() for t in asyncio.all_tasks() if t is not asyncio.current_task()]
+    require(len(running_tasks) < tasks, f"tasks still run after run() was cancelled: {running_tasks}")
     more = _open_files() - files
     require(more <= 0, f"{more} files or sockets stay open after run() was cancelled")

@@ -48,6 +48,6 @@ async def values_are_in_their_units(rig: Rig, folder: Path) -> None:
             value = float(np.median(found))
             require(
                 abs(value - truth) <= rig.accuracy * max(abs(truth), _SMALL),
-                f"{channel.name}: {value:g} {channel.unit} came where the device has {truth:g} {channel.unit}: "
+                f"{channel.name}: {value:g} {channel.unit} received, the device has {truth:g} {channel.unit}: "
                 "is it converted to SI units?",
             )

@@ -55,8 +55,8 @@ class SkeletonOutlet(ForwardOutlet[SkeletonSettings, Message]):
 
     def result(self, result: Alarm | Task | Energy) -> Message | None:
         """An alarm, task or energy as JSON."""
-        told: Message = to_jsonable_python(result, inf_nan_mode="null", fallback=str)
-        return {"kind": type(result).__name__.lower(), **told}
+        content: Message = to_jsonable_python(result, inf_nan_mode="null", fallback=str)
+        return {"kind": type(result).__name__.lower(), **content}
 
     async def send(self, messages: Sequence[Message]) -> Mapping[str, int]:
         """Post one block; return counts of permanently refused messages. Raises ``NotNowError`` to send it again."""
