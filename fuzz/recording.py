@@ -67,7 +67,10 @@ def _read(path: Path) -> None:
 def _ask(path: Path) -> None:
     """As a running daemon answers from its folder."""
     recorder: Any = SimpleNamespace(
-        cell=CELL, live=lambda: None, flush=lambda timeout: False, repairing=lambda session: False
+        cell=CELL,
+        live=lambda: None,
+        flush=lambda timeout: False,
+        upkeep=SimpleNamespace(repairing=lambda session: False),
     )
     history = History(path.parent, recorder)
     assert len(history.recordings()) == 1

@@ -116,7 +116,7 @@ def open(recording: Places) -> Recording:
 
     A ROS 2 bag, an MCAP of joint states or a LeRobot data set is opened as if cellwatt had recorded it.
 
-    Raises ``RecordingError`` where there is no recording, or they are of several cells.
+    Raises ``RecordingError`` if there is no recording, or the recordings are of several cells.
     """
     from cellwatt.logs.recorded import open_recording
 

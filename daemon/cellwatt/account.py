@@ -1,4 +1,4 @@
-"""Loss accounting that adds up: expected = received + missed + dropped, and with peers that may lag + owed."""
+"""Loss accounting: expected = received + missed + dropped, plus owed for outlets whose peer may lag."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ class Account:
     missed: Counter[str] = field(default_factory=Counter)
     dropped: Counter[str] = field(default_factory=Counter)
     owed: int = 0
-    """Made, and neither delivered to the peer of an outlet nor given up yet."""
+    """Rows produced that are neither delivered to the peer of an outlet nor given up yet."""
     counters: Counter[str] = field(default_factory=Counter)
     anomalies: set[str] = field(default_factory=set)
-    """Counters of what also comes on a good line, but seldom: health warns of a share of the samples."""
+    """Counters of events that are rare on a good line: health warns when they exceed a share of the samples."""
     forgeries: set[str] = field(default_factory=set)
-    """Counters of what never comes on a good line: health warns of the first."""
+    """Counters of events that never occur on a good line: health warns of the first one."""
 
     def expect(self, n: int = 1) -> None:
         """Count n samples that the device made, or n polls that fell due."""
@@ -44,12 +44,12 @@ class Account:
             self.missed[reason] += n
 
     def lose(self, n: int, reason: str) -> None:
-        """n samples fell due, or were made, and never arrived: ``expect`` and ``miss`` in one."""
+        """Count n samples that were due, or made, and never arrived: ``expect`` and ``miss`` in one."""
         self.expect(n)
         self.miss(n, reason)
 
     def late(self, n: int, reason: str) -> None:
-        """Take back n samples that were missed for ``reason``: they arrived late and are received now."""
+        """Uncount n samples that were counted as missed for ``reason``: they arrived late and count as received."""
         self.missed[reason] -= n
         self.anomaly("late", n)
 
@@ -69,7 +69,7 @@ class Account:
             self.anomalies.add(what)
 
     def forgery(self, what: str) -> None:
-        """Count data that only somebody other than the device can have sent (``contradicting answers`` …)."""
+        """Count data that only another sender than the device can have sent (``contradicting answers`` …)."""
         self.counters[what] += 1
         self.forgeries.add(what)
 
@@ -95,17 +95,17 @@ class Account:
 
 @dataclass(slots=True)
 class Losses:
-    """Samples that a device made, by its own numbering or time, and that never came.
+    """Samples that a device made, by its own numbering or time, and that never arrived.
 
-    Those before the first sample of a connection count as ``outage``, all others as ``gap``.
+    Those before the first sample of a connection count as ``outage``, others as ``gap``.
     """
 
     account: Account
     outage: str = "outage"
     resumed: bool = False
-    """No sample has come since the connection was opened anew."""
+    """No sample has arrived since the connection was reopened."""
 
     def before_next(self, missing: int) -> None:
-        """Count the samples missing between the last one that came and the next."""
+        """Count ``missing`` samples between the last received one and the next."""
         self.account.lose(missing, self.outage if self.resumed else "gap")
         self.resumed = False

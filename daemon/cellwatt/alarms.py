@@ -1,6 +1,6 @@
-"""The alarm book: alarms raised, changed and cleared by their ids, with patience and damping, and the word of people.
+"""The alarm book: raises, updates and clears alarms by id, with patience, damping, acknowledgement and shelf.
 
-Pure: times are given, UTC ns, and the same calls give the same alarms. A book decides (``raise_``, ``clear``,
+Pure: times are arguments, UTC ns, and the same calls give the same alarms. A book decides (``raise_``, ``clear``,
 ``look``), or follows another one by its messages (``hear``), events (``note``) and health (``agree``).
 """
 
@@ -17,18 +17,18 @@ from cellwatt.errors import CellwattError
 from cellwatt.results import Alarm, Event, Severity
 
 LOST: Final = "It is over; the message that says why did not get here."
-"""Statement of an alarm that the cell no longer has, though nobody heard it cleared."""
+"""Statement of the clear of an alarm that the cell no longer lists, although its own clear was not received."""
 RESTARTED: Final = "The daemon ended while this was active; the next one tells anew what still holds."
-"""Statement of the end of an alarm that nobody cleared."""
+"""Statement of the clear of an alarm that was active when the daemon ended."""
 WORDS: Final = ("acknowledged", "shelved", "unshelved")
-"""Kinds of the events with the word of a person about an alarm."""
+"""Kinds of the events that report the action of a person on an alarm."""
 SEVERITIES: Final[tuple[Severity, ...]] = ("info", "warning", "error")
-"""From the least to the gravest."""
+"""In ascending order."""
 
 
 @dataclass(frozen=True, slots=True)
 class Patience:
-    """Observations in a row, and s from the first to the last of them, before an alarm is raised or cleared."""
+    """Consecutive observations, and s from the first to the last, before an alarm is raised or cleared."""
 
     times: int = 1
     seconds: float = 0.0
@@ -39,7 +39,7 @@ AT_ONCE: Final = Patience()
 
 @dataclass(frozen=True, slots=True)
 class Damping:
-    """An alarm raised more than ``times`` times within ``seconds`` stays raised until it is steady for as long."""
+    """An alarm raised more than ``times`` times in ``seconds`` stays raised until it is steady for ``seconds``."""
 
     times: int = 5
     seconds: float = 600.0
@@ -47,7 +47,7 @@ class Damping:
 
 @dataclass(frozen=True, slots=True)
 class Acknowledgement:
-    """A person's word that an alarm is known; it holds until the alarm is cleared."""
+    """A person's acknowledgement of an alarm, at ``time`` UTC ns; it holds until the alarm is cleared."""
 
     name: str
     note: str
@@ -56,7 +56,7 @@ class Acknowledgement:
 
 @dataclass(frozen=True, slots=True)
 class Shelf:
-    """A person's order to publish nothing of an alarm before ``until`` ns, unless it is graver than ``severity``."""
+    """A person's order not to publish an alarm before ``until`` ns, unless its severity rises above ``severity``."""
 
     name: str
     note: str
@@ -67,39 +67,39 @@ class Shelf:
 
 @dataclass(slots=True)
 class Standing:
-    """State of one alarm; ``alarm`` has the newest figures of its condition, ``over`` is the clear after that."""
+    """State of one alarm; ``alarm`` has the newest figures of its condition, ``over`` is the clear that followed."""
 
     alarm: Alarm
     over: Alarm | None = None
     holds: bool = False
-    """True from when the condition has held long enough until it has been gone for long enough."""
+    """True once the condition has held through the patience, until it has been absent through the patience."""
     changed: int = 0
     """Time of the last change of ``holds``, ns."""
     streak: int = 0
-    """Observations in a row against ``holds``, …"""
+    """Consecutive observations that contradict ``holds``."""
     streak_since: int = 0
-    """… and the time of the first, ns."""
+    """Time of the first of these, ns."""
     raises: tuple[int, ...] = ()
     """Times at which ``holds`` became true, ns, within the last span of damping."""
     flaps: int = 0
-    """Clears held back since the alarm comes and goes; 0 where it does not."""
+    """Clears held back by damping; 0 if the alarm does not come and go."""
     published: Alarm | None = None
-    """The last message, while that is not a clear."""
+    """The last message published, unless that was a clear."""
     acknowledgement: Acknowledgement | None = None
     shelf: Shelf | None = None
     evidence: str | None = None
-    """File of its evidence, once that is kept."""
+    """File of its evidence pack, once that is written."""
     news: bool = False
-    """What was heard last says more than other figures: it came, is over, or has another severity or joint."""
+    """The last message received changed more than figures: a raise, a clear, or another severity or joint."""
 
     @property
     def raised(self) -> bool:
-        """True while the condition holds or damping keeps the alarm up."""
+        """True while the condition holds or damping keeps the alarm active."""
         return self.holds or self.flaps > 0
 
     @property
     def message(self) -> Alarm:
-        """The alarm as it is to be published."""
+        """The message to publish for the present state."""
         if not self.raised and self.over is not None:
             return self.over
         if not self.flaps:
@@ -112,7 +112,7 @@ class Standing:
         return self.acknowledgement is not None and self.acknowledgement.time > time
 
     def observe(self, holds: bool, time: int, after: Patience) -> bool:
-        """Count an observation at ``time``; true where ``holds`` is to change, as there were enough against it."""
+        """Count an observation at ``time``; return True if enough observations contradict ``holds`` to change it."""
         if holds == self.holds:
             self.streak = 0
             return False
@@ -124,13 +124,13 @@ class Standing:
 _STATE: Final = TypeAdapter(list[Standing])
 _ALARM: Final = TypeAdapter(Alarm)
 _CLEARS: Final = 500
-"""Clears of which the time is remembered, so that health from before them raises nothing again."""
+"""Number of clears whose time is stored, so that an older health message does not raise their alarms again."""
 
 
 class AlarmBook:
-    """Alarms of one stage or of a whole cell; without ``damping`` they come and go as their conditions do.
+    """Alarms of one stage or of a whole cell; without ``damping`` each follows its condition.
 
-    Methods that change an alarm return the messages to publish. ``state`` is plain data that another book has given.
+    Methods that change an alarm return the messages to publish. ``state`` is the ``state()`` of another book.
     """
 
     def __init__(self, damping: Damping | None = None, state: Iterable[Any] = ()) -> None:
@@ -139,31 +139,31 @@ class AlarmBook:
         self._expected: dict[str, Standing] = {}
         self._expected_until = 0
         self._over: dict[str, int] = {}
-        """When alarms were heard to be over, ns, by id."""
+        """Times of the clears received, ns, by alarm id."""
 
     def state(self) -> list[Any]:
-        """All that the book knows, as plain data for JSON."""
+        """The whole state of the book, JSON-ready."""
         return _plain(self._standing.values())
 
     def words(self) -> list[Any]:
-        """The part of the state that people have said something about: acknowledged and shelved alarms."""
+        """State of the acknowledged and shelved alarms."""
         return _plain(s for s in self._standing.values() if s.acknowledgement or s.shelf)
 
     def adopt(self, state: Iterable[Any]) -> None:
-        """Put alarms in place of those with the same ids."""
+        """Add the alarms of ``state``; they replace alarms with the same ids."""
         self._standing |= _standings(state)
 
     def expect(self, words: Iterable[Any], until: int) -> None:
-        """Let the word of people about these alarms hold again when they are raised before ``until`` ns.
+        """Restore the acknowledgements ``words`` of alarms that are raised before ``until`` ns.
 
-        A shelf holds again whenever its alarm is raised before its end.
+        A shelf is restored if its alarm is raised before the shelf ends.
         """
         self._expected, self._expected_until = _standings(words), until
 
-    # what is up -----------------------------------------------------------------------------------
+    # active alarms --------------------------------------------------------------------------------
 
     def __iter__(self) -> Iterator[str]:
-        """Ids of all alarms that the book knows, up or not."""
+        """Ids of all alarms that the book knows, active or not."""
         return iter(tuple(self._standing))
 
     def __contains__(self, alarm_id: str) -> bool:
@@ -174,12 +174,12 @@ class AlarmBook:
 
     @property
     def raised(self) -> list[Standing]:
-        """Alarms that are up, in the order in which they came."""
+        """Active alarms, in the order in which they were raised."""
         return [standing for standing in self._standing.values() if standing.raised]
 
     @property
     def up(self) -> list[Standing]:
-        """Alarms that others know to be up: raised, published, and not on the shelf."""
+        """Alarms that consumers know to be active: raised, published, and not on the shelf."""
         return [s for s in self._standing.values() if s.raised and s.published is not None and s.shelf is None]
 
     @property
@@ -192,7 +192,7 @@ class AlarmBook:
     def raise_(self, alarm: Alarm, *, after: Patience = AT_ONCE, update: bool = True) -> list[Alarm]:
         """Note at ``alarm.time`` that the condition of an alarm holds: raise it after patience, or update it.
 
-        An alarm that is up keeps its ``since``; with ``update`` false it keeps all its figures, and nothing is said.
+        An active alarm keeps its ``since``; with ``update`` false it keeps all its figures, and nothing is published.
         """
         standing = self._standing.setdefault(alarm.id, Standing(alarm))
         self._settle(standing, alarm.time)
@@ -208,10 +208,10 @@ class AlarmBook:
     def clear(
         self, alarm_id: str, time: int, statement: str, *, after: Patience = AT_ONCE, **changes: Any
     ) -> list[Alarm]:
-        """Note that the condition of an alarm is gone, and clear it after patience; one that is not up stays so.
+        """Note that the condition of an alarm is absent, and clear the alarm after patience, if it is active.
 
-        ``{times}`` in the statement stands for how often in a row the condition was gone, ``changes`` are other fields
-        of the message.
+        ``{times}`` in the statement stands for the number of consecutive observations without the condition;
+        ``changes`` are other fields of the message.
         """
         if alarm_id not in self._standing:
             return []
@@ -219,7 +219,7 @@ class AlarmBook:
         return self._end(replace(alarm, active=False, time=time, statement=statement, **changes), after)
 
     def take(self, alarm: Alarm) -> list[Alarm]:
-        """Raise, update or clear at once by a message of another book; the clear of an unknown alarm is passed on."""
+        """Raise, update or clear at once by another book's message; the clear of an unknown alarm is returned as is."""
         if alarm.active:
             return self.raise_(alarm)
         return self._end(alarm, AT_ONCE) if alarm.id in self._standing else [alarm]
@@ -235,7 +235,7 @@ class AlarmBook:
         return found
 
     def look(self, now: int) -> list[Alarm]:
-        """End what is over by time alone: shelves, and damping of alarms that are steady."""
+        """End what ends by time: shelves, and the damping of steady alarms."""
         found = []
         for standing in list(self._standing.values()):
             self._settle(standing, now)
@@ -250,21 +250,21 @@ class AlarmBook:
     # people ---------------------------------------------------------------------------------------
 
     def acknowledge(self, alarm_id: str, name: str, note: str, time: int) -> None:
-        """Note that a person knows of an alarm. Raises ``CellwattError`` where it is not up."""
+        """Note that a person acknowledged an alarm. Raises ``CellwattError`` if it is not active."""
         self._known(alarm_id).acknowledgement = Acknowledgement(name, note, time)
 
     def shelve(self, alarm_id: str, until: int, name: str, note: str, time: int) -> None:
-        """Publish nothing of an alarm before ``until`` ns, unless it becomes graver.
+        """Do not publish an alarm before ``until`` ns, unless its severity rises.
 
-        Raises ``CellwattError`` where it is not up.
+        Raises ``CellwattError`` if it is not active.
         """
         standing = self._known(alarm_id)
         standing.shelf = Shelf(name, note, time, until, standing.alarm.severity)
 
     def unshelve(self, alarm_id: str, time: int) -> list[Alarm]:
-        """Take an alarm off the shelf; return the messages that the shelf kept back.
+        """Take an alarm off the shelf; return the messages that the shelf held back.
 
-        Raises ``CellwattError`` where it is not on the shelf.
+        Raises ``CellwattError`` if it is not on the shelf.
         """
         standing = self._standing.get(alarm_id)
         if standing is None or standing.shelf is None:
@@ -273,9 +273,9 @@ class AlarmBook:
         return self.look(time)
 
     def note(self, event: Event) -> list[Standing]:
-        """Take what an event says of alarms, also once more; give those that it is about.
+        """Apply an event about alarms, also repeatedly; return the active alarms that it concerns.
 
-        It is the word of a person, or says where the evidence is. Other events, and alarms not up, are passed over.
+        The event reports a person's action or the file of an evidence pack. Other events are ignored.
         """
         data, kind = event.data, event.kind
         several = kind == "evidence" and "pack" in data
@@ -295,7 +295,7 @@ class AlarmBook:
         return found
 
     def _recall(self, standing: Standing, time: int) -> None:
-        """Let what people said of an alarm before a restart hold for it again."""
+        """Restore the acknowledgement and shelf that an alarm had before a restart."""
         before = self._expected.pop(standing.alarm.id, None)
         if before is None:
             return
@@ -312,7 +312,7 @@ class AlarmBook:
     # between books --------------------------------------------------------------------------------
 
     def told(self) -> dict[str, Any]:
-        """Alarms that are up, with who acknowledged each, and those on the shelf, JSON-ready: what health says."""
+        """Active alarms with their acknowledgements, and shelved alarms, JSON-ready, for health."""
         alarms = [
             {**{k: getattr(s.published, k) for k in Alarm.__slots__}, "acknowledged": _said(s.acknowledgement)}
             for s in self.up
@@ -322,7 +322,7 @@ class AlarmBook:
         return {"alarms": alarms, "shelved": shelved}
 
     def hear(self, said: Alarm | Mapping[str, Any]) -> Standing:
-        """Take a message that another book has published, also as its fields; give the alarm as it stands now."""
+        """Apply a message that another book published, or its fields; return the new state of the alarm."""
         alarm = said if isinstance(said, Alarm) else _ALARM.validate_python(dict(said))
         standing = self._standing.pop(alarm.id, None) or Standing(alarm)
         before = standing.published
@@ -340,7 +340,7 @@ class AlarmBook:
         return standing
 
     def agree(self, health: Mapping[str, Any]) -> list[Standing]:
-        """Take what the health of another book's cell says (see ``told``); give the alarms that were not heard so."""
+        """Apply the alarms in the health of another book's cell (see ``told``); return those that changed thereby."""
         time: int = health["time"]
         alarms = {body["id"]: body for body in health.get("alarms", ())}
         shelved = {body["id"]: body for body in health.get("shelved", ())}
@@ -370,7 +370,7 @@ class AlarmBook:
     # damping --------------------------------------------------------------------------------------
 
     def _change(self, standing: Standing, time: int) -> None:
-        """The condition has come or gone."""
+        """Reverse ``holds``: the condition has appeared or ended."""
         standing.holds, standing.changed, standing.streak = not standing.holds, time, 0
         if self._damping is not None:
             kept = (at for at in standing.raises if time - at < self._span)
@@ -381,7 +381,7 @@ class AlarmBook:
             standing.acknowledgement = None
 
     def _settle(self, standing: Standing, now: int) -> None:
-        """Let an alarm that flapped and has been steady be as its condition is."""
+        """End the damping of an alarm that has been steady for the span."""
         if standing.flaps and now - standing.changed >= self._span:
             if standing.over is not None and not standing.holds:
                 evidence = {**standing.over.evidence, "flaps": standing.flaps}
@@ -389,7 +389,7 @@ class AlarmBook:
             standing.flaps = 0
 
     def _forget(self, standing: Standing, now: int) -> None:
-        """Drop an alarm that is over when nothing of it matters any more."""
+        """Delete the state of a cleared alarm that neither a message, a shelf nor damping needs."""
         kept = standing.raised or standing.published or standing.shelf or (standing.streak and not standing.over)
         if not kept and now - standing.changed >= self._span:
             del self._standing[standing.alarm.id]
@@ -414,7 +414,7 @@ def _plain(standings: Iterable[Standing]) -> list[Any]:
 
 
 def _published(standing: Standing, now: int) -> list[Alarm]:
-    """The message to publish at ``now``; none where the shelf, damping or an alarm that nobody heard of forbids it."""
+    """The message to publish at ``now``; none if the shelf or damping holds it back, or its raise was not published."""
     said, before, shelf = standing.message, standing.published, standing.shelf
     if shelf is not None:
         graver = said.active and SEVERITIES.index(said.severity) > SEVERITIES.index(shelf.severity)
@@ -430,6 +430,6 @@ def _published(standing: Standing, now: int) -> list[Alarm]:
 
 
 def withdrawn(alarms: Iterable[Alarm], time: int, why: str) -> list[Alarm]:
-    """Clears for alarms that their stage does not observe any more, and why."""
+    """Clears for ``alarms`` that their stage no longer observes, with the reason ``why``."""
     text = "Withdrawn, as stage {} {}: {}"
     return [replace(a, active=False, time=time, statement=text.format(a.stage, why, a.statement)) for a in alarms]

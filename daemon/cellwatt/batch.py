@@ -13,12 +13,12 @@ from cellwatt.channel import Stream
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """n samples of one stream as a driver emits them, not yet on the cell's time.
+    """n samples of one stream as a driver emits them, before they are stamped with the cell's time.
 
-    Times are ns. ``arrival`` is the cell's time when the block was read. Sources with a clock give
-    ``device_time`` (n,) in any base of their own; polled ones give ``asked``, the cell's time when the
-    request left. ``values`` is (n, channels) in SI units, NaN where the device gave nothing;
-    ``quality`` (n,), all good when left out.
+    Times are ns. ``arrival`` is the cell's time when the block was read. Sources with a clock set
+    ``device_time`` (n,), in the time base of the device; polled ones set ``asked``, the cell's time when the
+    request was sent. ``values`` is (n, channels) in SI units, NaN where the device sent no value;
+    ``quality`` (n,), all good if omitted.
     """
 
     stream: Stream
@@ -49,7 +49,7 @@ class Batch:
     quality: Qualities
     device_time: Nanoseconds | None = field(default=None)
     rows: NDArray[np.void] | None = field(default=None, init=False, repr=False, compare=False)
-    """The same as rows of the record, where it was read from a ring, for the record; a changed copy has none."""
+    """The same samples as rows of the record, if the batch was read from a ring; a changed copy has none."""
 
     def __len__(self) -> int:
         return len(self.time)
@@ -57,6 +57,6 @@ class Batch:
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """The cell's time reached ``time`` ns while no source delivered; recorded, so that replay is exact."""
+    """The cell's time reached ``time`` ns while no source delivered; recorded so that replay is exact."""
 
     time: int

@@ -33,8 +33,8 @@ class Channel:
     """One measured quantity.
 
     ``name`` is dotted and lower case (``joint_1.position``, ``supply.power``), ``unit`` one of ``UNITS``.
-    ``align`` says how it is brought onto the frame grid; by default power is averaged over the grid
-    step (anti-aliased), discrete and counter values are held, all else is interpolated linearly.
+    ``align`` is the method of alignment to the frame grid; by default power is averaged over the grid
+    step (anti-aliased), discrete and counter values are held, others are interpolated linearly.
     ``window`` is the time in s over which the device averages each value, by its manual or its setup; 0 for an
     instantaneous value or if unknown.
     """
@@ -63,8 +63,8 @@ class Channel:
 class Stream:
     """Channels that one source delivers together, declared once.
 
-    ``rate`` is the nominal rate in Hz (0 where the source sends on change). ``clock`` is ``device`` where
-    samples carry the device's own time, ``host`` where the daemon stamps them.
+    ``rate`` is the nominal rate in Hz (0 if the source sends on change). ``clock`` is ``device`` if the
+    samples carry the device's own time, ``host`` if the daemon stamps them.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Child processes that end with their parent, however that ends."""
+"""Child processes that end with their parent, even if the parent is killed."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ _libc = ctypes.CDLL(None, use_errno=True)
 def ends_with_parent(number: signal.Signals = signal.SIGTERM, niceness: int = 0) -> Callable[[], None]:
     """Return a ``preexec_fn`` for a child: the kernel sends it a signal when this process ends, by SIGKILL too.
 
-    The child has at least this ``niceness``, with 0 that of its parent. It leads a process group of its own, so that a
-    Ctrl-C is for the parent, which ends it in order. The thread that starts it must live as long as the process.
+    The child has at least this ``niceness``, with 0 that of its parent. It leads its own process group, so that
+    Ctrl-C reaches only the parent, which ends the child in order. The thread that starts the child must outlive it.
     """
     parent = os.getpid()
 
@@ -38,7 +38,7 @@ def ends_with_parent(number: signal.Signals = signal.SIGTERM, niceness: int = 0)
 def end_with(parent: int, number: signal.Signals = signal.SIGTERM) -> None:
     """Let the kernel send this process a signal when its ``parent`` ends."""
     _libc.prctl(_PR_SET_PDEATHSIG, int(number), 0, 0, 0)
-    if os.getppid() != parent:  # it has ended meanwhile
+    if os.getppid() != parent:  # the parent has ended meanwhile
         os._exit(1)
 
 
@@ -51,11 +51,11 @@ async def output(
     given: bytes = b"",
     heard: Callable[[str], object] = len,
 ) -> str:
-    """What ``python -m WORDS`` prints, run in ``folder``, with ``given`` as its standard input.
+    """Run ``python -m WORDS`` in ``folder`` with ``given`` as its standard input; return its standard output.
 
-    ``heard`` gets each line of its standard error.
+    ``heard`` is called with each line of its standard error.
 
-    Raises ``CellwattError`` where it cannot be started, takes longer than ``limit`` s, or fails: with its last line.
+    Raises ``CellwattError`` if it cannot be started, takes longer than ``limit`` s, or fails (with its last line).
     """
     pipe = asyncio.subprocess.PIPE
     try:
@@ -94,7 +94,7 @@ async def output(
 
 
 async def _last(stream: asyncio.StreamReader, heard: Callable[[str], object]) -> str:
-    """The last line, once each was heard."""
+    """Call ``heard`` with each line of ``stream``; return the last one."""
     last = ""
     async for line in stream:
         last = line.decode(errors="replace").strip() or last

@@ -20,9 +20,9 @@ class SourceSettings(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     device_parts: ClassVar[tuple[str, ...]] = ()
-    """Settings, beside host and port, that tell two devices at one address apart."""
+    """Settings, beside host and port, that distinguish two devices at one address."""
     reached_by: ClassVar[tuple[str, ...]] = ("host",)
-    """Settings of which one says where the device is; all but ``host`` are paths of serial ports or buses."""
+    """Settings that give the device's address, any one of them; all but ``host`` are paths of serial ports or buses."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,20 +54,20 @@ class Inlet(Protocol):
         ...
 
     def bracket(self, stream: Stream, device_time: int, not_before: int) -> None:
-        """Report that the sample with ``device_time`` ns was made no earlier than the cell's time ``not_before`` ns.
+        """Report that the device made the sample with ``device_time`` ns no earlier than ``not_before``, cell's ns.
 
-        Lets the clock model state a two-sided bound. Call it only if the device cannot have made the sample before
-        a question that left at ``not_before``. An answer that arrives before the sample proves nothing: devices may
-        answer ahead of older samples.
+        Lets the clock model state a two-sided bound. Call it only if the device cannot have made the sample before it
+        received a request that the driver sent at ``not_before``. A response that arrives before the sample proves
+        nothing: devices may respond before they send older samples.
         """
         ...
 
     def clock_reset(self, stream: Stream, reason: str) -> None:
-        """Report a new time base of the device (reboot, wrap that cannot be unwrapped): the old map is forgotten."""
+        """Report a new time base of the device (reboot, wrap that cannot be unwrapped): the clock map is discarded."""
         ...
 
     def event(self, kind: str, text: str, **data: str | float) -> None:
-        """Report something worth a line in the log and on the bus; counted by kind."""
+        """Report an event for the log and the bus; events are counted by kind."""
         ...
 
 
@@ -77,8 +77,8 @@ S = TypeVar("S", bound=SourceSettings)
 class Driver(ABC, Generic[S]):
     """Reads one device and never writes a setting that outlives the connection, nor moves a robot.
 
-    The daemon calls ``run`` in a task of its own and again, after a pause with back-off, each time it
-    raises a ``SourceError``. ``run`` must be cancellable at every await and must release the device then.
+    The daemon calls ``run`` in its own task, and again after a back-off pause each time it raises a ``SourceError``.
+    ``run`` must be cancellable at every await and must then release the device.
     """
 
     Settings: ClassVar[type[SourceSettings]]
@@ -87,33 +87,33 @@ class Driver(ABC, Generic[S]):
     emulator: ClassVar[str]
     """``module:Class`` of the device's emulator."""
     least_delay: ClassVar[tuple[float, float]] = (0.0, 0.001)
-    """Between what bounds, s, the shortest way from the device to the daemon lies; widens the clock's bound."""
+    """Limits, s, of the shortest delay from the device to the daemon; their difference widens the clock's bound."""
     libraries: ClassVar[tuple[str, ...]] = ()
-    """Modules that this driver imports on first use: the daemon loads them before a device is read, as that holds
-    up all others."""
+    """Modules that this driver imports on first use: the daemon imports them before it reads any device, because an
+    import blocks all sources."""
     writes: ClassVar[tuple[str, ...]]
-    """Every kind of byte sequence this driver may send to the device, in words."""
+    """Every kind of byte sequence that this driver may send to the device, in words."""
 
     left_out: frozenset[str] = frozenset()
-    """Channels that this device does not have, which was told when it answered: they are NaN, and no trouble."""
+    """Channels that the device reported as missing when it responded: their values are NaN, which is no fault."""
 
     def __init__(self, name: str, settings: S, inlet: Inlet) -> None:
         self.name = name
         self.settings = settings
         self.inlet = inlet
         self.gather: Callable[[], float] = lambda: 0.0
-        """s for which what the device sends may wait to be read or decoded together, now; 0: take it as it comes. The
-        daemon sets it. No time of arrival may depend on it: the kernel stamps what waits there."""
+        """Longest time, s, that data of the device may wait so that it is read or decoded in one block; 0: read it at
+        once. The daemon sets it. Arrival times must not depend on it: the kernel stamps waiting data."""
 
     @property
     def outlet(self) -> Inlet:
-        """What ``inlet`` was called before."""
+        """Former name of ``inlet``."""
         return self.inlet
 
     @property
     @abstractmethod
     def streams(self) -> tuple[Stream, ...]:
-        """Streams that will be delivered, from the settings alone, without the device."""
+        """Streams that the driver will deliver, from the settings alone, without the device."""
 
     @abstractmethod
     async def run(self) -> None:
@@ -121,4 +121,4 @@ class Driver(ABC, Generic[S]):
 
     @abstractmethod
     async def identify(self) -> Identity:
-        """Open the device read-only, ask who it is, close. Raises ``SourceError``."""
+        """Open the device read-only, read its identity, close it. Raises ``SourceError``."""

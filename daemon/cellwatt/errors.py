@@ -1,16 +1,16 @@
-"""Every exception cellwatt raises on purpose.
+"""Every exception that cellwatt raises on purpose.
 
     CellwattError                 root; its text is one line for the person at the cell
-    ├── ConfigError               the YAML file, or what it names, is wrong (carries every problem found)
+    ├── ConfigError               the settings file, or a file it names, is wrong (carries every problem found)
     ├── RecordingError            a recording cannot be read or written
-    │   └── RepairingError        it is being repaired, and can be read in a while
+    │   └── RepairingError        the recording is being repaired: try again later
     ├── ModelError                a model or reference file is refused
     ├── OutletError                 an outlet cannot be opened
     └── SourceError               a device; the daemon retries with back-off
-        ├── ConnectError          nobody answers, or the port is gone       (also a ConnectionError)
+        ├── ConnectError          no device answers, or the port is gone    (also a ConnectionError)
         ├── ProtocolError         bytes that are not the device's protocol
         ├── DeviceError           the device answered with an error of its own
-        └── WrongDeviceError      somebody answers, but not the configured device; retried slowly
+        └── WrongDeviceError      another device than the configured one answers; retried slowly
 
 Drivers map ``OSError``, ``struct.error`` and library errors to these at their boundary.
 """
@@ -37,7 +37,7 @@ class CellwattError(Exception):
 class Problem:
     """One mistake in a settings file.
 
-    ``place`` is ``file:line:column``, ``path`` the dotted key, ``message`` what was found and what was expected.
+    ``place`` is ``file:line:column``, ``path`` the dotted key, ``message`` the value found and the value expected.
     """
 
     place: str
@@ -65,7 +65,7 @@ class RecordingError(CellwattError):
 
 
 class RepairingError(RecordingError):
-    """What was asked for may be in a recording that is being repaired: it can be had in a while."""
+    """The requested data may be in a recording that is being repaired: try again later."""
 
 
 class ModelError(CellwattError):
@@ -81,7 +81,7 @@ class SourceError(CellwattError):
 
 
 class ConnectError(SourceError, ConnectionError):
-    """Nobody answers at the configured place, or the port vanished."""
+    """No device answers at the configured address, or the port vanished."""
 
 
 class ProtocolError(SourceError):
@@ -93,4 +93,4 @@ class DeviceError(SourceError):
 
 
 class WrongDeviceError(SourceError):
-    """Somebody answers, but it is not the configured device."""
+    """Another device than the configured one answers."""

@@ -1,7 +1,7 @@
-"""Opens files that others wrote, if they are regular files of a sensible size.
+"""Opens files of other programs and people if they are regular files within a size limit.
 
-A FIFO would block its reader for ever, a device may act on being opened, and a file of 10 GB fills the memory. So
-every file that a command or the daemon reads is checked here, also those that a library opens by name.
+A FIFO would block its reader for ever, opening a device file may have effects, and a file of 10 GB fills the memory.
+So every file that a command or the daemon reads is checked here, also those that a library opens by name.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ Place = str | os.PathLike[str]
 Places = Place | Iterable[Place]
 
 WRITTEN: Final = 16_000_000
-"""Bytes of a file that a person or their tool wrote: descriptions of robots and meters, URDF, notes."""
+"""Largest size in bytes of files that a person or their tool wrote: descriptions of robots and meters, URDF, notes."""
 COMPUTED: Final = 1_000_000_000
-"""Bytes of a file that a computer filled: tables, references, networks."""
+"""Largest size in bytes of computed files: tables, references, networks."""
 
 
 def paths_of(places: Places) -> list[Path]:
@@ -33,10 +33,10 @@ def paths_of(places: Places) -> list[Path]:
 
 
 class UnfitFileError(OSError):
-    """The path is no readable regular file; the text is the reason alone."""
+    """The path is not a readable regular file; the text is the reason alone."""
 
     def __init__(self, reason: str) -> None:
-        super().__init__(0, reason)  # no number of the system's, whose words would be others
+        super().__init__(0, reason)  # not an errno of the system, which has its own text
 
     def __str__(self) -> str:
         return str(self.strerror)
@@ -60,14 +60,14 @@ def open_file(path: Path, limit: int | None = None, *, write: bool = False) -> F
 
     Raises ``OSError`` with a plain reason; ``ValueError`` if the name holds a NUL.
     """
-    check_file(path, limit)  # some devices act on being opened
+    check_file(path, limit)  # opening some devices has effects
 
     def opener(name: str, flags: int) -> int:
         return os.open(name, flags | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
 
     file = FileIO(path, "rb+" if write else "rb", opener=opener)
     try:
-        _check(os.fstat(file.fileno()), limit)  # it may be another one by now
+        _check(os.fstat(file.fileno()), limit)  # the path may name another file by now
     except OSError:
         file.close()
         raise
@@ -78,7 +78,7 @@ def read_bytes(path: Path, limit: int = WRITTEN) -> bytes:
     """Read a regular file of at most ``limit`` bytes. Raises ``OSError`` with a plain reason."""
     with open_file(path, limit) as file:
         content, left = bytearray(), limit + 1
-        while left and (piece := file.read(min(left, 1 << 20))):  # it may grow while it is read
+        while left and (piece := file.read(min(left, 1 << 20))):  # the file may grow while it is read
             content += piece
             left -= len(piece)
     if not left:
@@ -92,7 +92,7 @@ def read_text(path: Path, limit: int = WRITTEN) -> str:
 
 
 def unreadable(named: Mapping[str, Path | None]) -> Iterator[str]:
-    """One line for each file, by the option that names it, that a person wrote and that cannot be read."""
+    """One line for each unreadable file of ``named``, which maps options to the paths that the user gave."""
     for option, path in named.items():
         if path is not None:
             try:
@@ -102,7 +102,7 @@ def unreadable(named: Mapping[str, Path | None]) -> Iterator[str]:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder that a command was asked to write into. Raises ``CellwattError`` with a plain reason."""
+    """Create the output folder of a command. Raises ``CellwattError`` with a plain reason."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -110,7 +110,7 @@ def make_folder(folder: Path) -> None:
 
 
 def write_file(path: Path, content: str | bytes) -> None:
-    """Write what a command was asked for, in a folder that is made. Raises ``CellwattError`` with a plain reason."""
+    """Write an output file of a command; create its folder. Raises ``CellwattError`` with a plain reason."""
     try:
         if not path.parent.exists():
             path.parent.mkdir(parents=True)
@@ -127,14 +127,14 @@ def write_csv(path: Path, rows: Iterable[Sequence[object]]) -> None:
 
 
 def replace_text(path: Path, text: str) -> None:
-    """Put a text in place of a file, as ``replace_bytes``. Raises ``OSError``."""
+    """Replace the content of a file by a text, as ``replace_bytes``. Raises ``OSError``."""
     replace_bytes(path, text.encode())
 
 
 def replace_bytes(path: Path, content: bytes, mode: int = 0o666) -> None:
-    """Put bytes in place of a file, whole or not at all, and on the disk itself with its name. Raises ``OSError``.
+    """Replace the content of a file atomically, and sync the file and its name to disk. Raises ``OSError``.
 
-    ``mode`` are the rights of the file, of which the umask takes some away.
+    ``mode``: permissions of the file, before the umask.
     """
     part = path.with_name(f"{path.name}.part")
     flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC | os.O_NOFOLLOW
@@ -146,14 +146,14 @@ def replace_bytes(path: Path, content: bytes, mode: int = 0o666) -> None:
 
 
 def write_all(file: FileIO, content: bytes) -> None:
-    """Write all bytes, however many the system takes at a time. Raises ``OSError``."""
+    """Write all bytes, in as many calls as the system needs. Raises ``OSError``."""
     view = memoryview(content)
     while view:
         view = view[file.write(view) :]
 
 
 def sync_folder(folder: Path) -> None:
-    """Bring names in a folder to disk. Raises ``OSError``."""
+    """Sync the names in a folder to disk. Raises ``OSError``."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         os.fsync(descriptor)
@@ -162,9 +162,9 @@ def sync_folder(folder: Path) -> None:
 
 
 def put_aside(path: Path, content: bytes, largest: int, mode: int = 0o600) -> bool:
-    """Add to a file, and sync it; one of ``largest`` bytes becomes ``.1`` first, in place of the one before.
+    """Append to a file and sync it; if it would exceed ``largest`` bytes, first rename it to ``.1``.
 
-    True if an older file was thrown away for it. Raises ``OSError``. Blocks.
+    Return True if that replaced an older ``.1``. Raises ``OSError``. Blocks.
     """
     thrown = False
     if path.exists() and path.stat().st_size + len(content) > largest:

@@ -57,9 +57,9 @@ class Layout:
         return tuple(c.name for c in self.channels)
 
     def index(self, name: str, unit: str | None = None) -> int:
-        """Column of a channel given by full name, or by short name where only one source has it.
+        """Column of a channel given by full name, or by short name if only one source has it.
 
-        Raises ``ConfigError`` that names the candidates if it is unknown or ambiguous, or if it is not in ``unit``.
+        Raises ``ConfigError``, with the candidates, if the name is unknown or ambiguous, or the unit is not ``unit``.
         """
         found = [i for i, c in enumerate(self.channels) if c.name == name]
         found = found or [i for i, c in enumerate(self.channels) if c.short == name]
@@ -74,9 +74,9 @@ class Layout:
         return found[0]
 
     def joints(self, quantity: str, source: str | None = None) -> tuple[int, ...]:
-        """Columns of ``joint_1.<quantity>``, ``joint_2.<quantity>``, … of the one source that has them.
+        """Columns of ``joint_1.<quantity>``, ``joint_2.<quantity>``, … of ``source``, or of the only one with joints.
 
-        Raises ``ConfigError`` if no source has joints, or several have and none is chosen.
+        Raises ``ConfigError`` if no source has joints, or if several have and ``source`` is None.
         """
         sources = sorted(
             {c.source for c in self.channels if c.short.startswith("joint_") and c.short.endswith(f".{quantity}")}
@@ -99,7 +99,7 @@ class Frames:
     """n neighbouring points of the grid.
 
     ``time`` (n,) ns UTC; ``values`` (n, channels), NaN where missing; ``quality`` (n, channels);
-    ``bound`` (n, channels) ns: how far in time the value may be from the grid point (clock bound plus
+    ``bound`` (n, channels) ns: largest time difference between value and grid point (clock bound plus
     distance to the samples used). ``sequence`` numbers the first frame of the block within the session.
     """
 
@@ -122,7 +122,7 @@ Block = TypeVar("Block", bound=Batch | Frames)
 
 
 def join(blocks: Sequence[Block], limit: int) -> Block | None:
-    """Join the first blocks, up to the first hole in their numbering and at most ``limit`` samples."""
+    """Join the first blocks, up to the first gap in their numbering and at most ``limit`` samples."""
     taken: list[Block] = []
     count = 0
     for block in blocks:
@@ -134,7 +134,7 @@ def join(blocks: Sequence[Block], limit: int) -> Block | None:
 
 
 def follows(first: Block, second: Block) -> bool:
-    """True if ``second`` continues ``first`` without a hole and in the same form."""
+    """True if ``second`` continues ``first`` without a gap, with the same stream or layout."""
     if isinstance(first, Batch) and isinstance(second, Batch):
         same = first.stream == second.stream and (first.device_time is None) == (second.device_time is None)
     else:
@@ -153,7 +153,7 @@ def concatenate(blocks: Sequence[Block]) -> Block:
 
 
 def cut(content: Block, first: int, last: int) -> Block:
-    """Rows ``first`` … ``last`` of a block, with their own sequence number."""
+    """Rows ``first`` … ``last`` (excluded) of a block, with the sequence number adapted."""
     if first <= 0 and last >= len(content):
         return content
     first = max(first, 0)

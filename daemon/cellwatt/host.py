@@ -1,4 +1,4 @@
-"""Names and addresses of hosts in settings, and the secrets within addresses."""
+"""Host names and addresses in settings, and the secrets in addresses."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pydantic import AfterValidator
 
 LAST_PORT: Final = 65535
 LONGEST: Final = 253
-"""Characters of a host name, of each of its parts 63 (RFC 1123)."""
+"""Largest length of a host name in characters; each label has at most 63 (RFC 1123)."""
 _NAME = re.compile(r"(?:(?!-)[A-Za-z0-9_-]{1,63}(?<!-)\.)*(?!-)[A-Za-z0-9_-]{1,63}(?<!-)\.?")
 _NUMBERS = re.compile(r"[0-9]+(?:\.[0-9]+)+")
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://")
@@ -21,7 +21,7 @@ _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://")
 def check_host(host: str) -> str:
     """Return the host unchanged.
 
-    Raises ``ValueError`` if it is neither a host name nor an IP address, with the host that is within it, if there is.
+    Raises ``ValueError`` if it is neither a host name nor an IP address; the message names a host found in the text.
     """
     if not (told := _mistake(host)):
         return host
@@ -33,12 +33,12 @@ def check_host(host: str) -> str:
 
 
 def stays_here(host: str) -> bool:
-    """True if only programs of this PC reach what listens at a host."""
+    """True if only programs on this PC can reach a server that listens at ``host``."""
     return host.lower() == "localhost" or (is_address(host) and ipaddress.ip_address(host).is_loopback)
 
 
 def web_address(url: str, like: str) -> SplitResult:
-    """Parts of an address of the web, one like ``like``. Raises ``ValueError``, without the address, if it is none."""
+    """Split a web address of the form ``like``. Raises ``ValueError``, without the address, if it is none."""
     try:
         parts = urlsplit(url)
         good = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
@@ -52,13 +52,13 @@ def web_address(url: str, like: str) -> SplitResult:
 
 
 def in_the_clear(url: str) -> bool:
-    """True if what goes to an address of the web leaves this PC without encryption."""
+    """True if data sent to a web address leave this PC without encryption."""
     parts = urlsplit(url)
     return parts.scheme == "http" and not stays_here(parts.hostname or "")
 
 
 def check_clear(url: str, *, allowed: bool) -> None:
-    """Raise ``ValueError`` where an address of the web beyond this PC has no TLS, unless that is ``allowed``."""
+    """Raise ``ValueError`` if a web address outside this PC has no TLS, unless that is ``allowed``."""
     if in_the_clear(url) and not allowed:
         raise ValueError("http is for this PC alone: use https, or set open: true")
 
@@ -88,12 +88,12 @@ Host = Annotated[str, AfterValidator(check_host)]
 
 HIDDEN: Final = "***"
 SHORTEST: Final = 4
-"""Characters of a secret from which on it is looked for in texts."""
+"""Smallest length in characters of secrets that are searched for in texts."""
 _HEAD: Final = 12
-"""Characters of a longer secret by which one that was cut off is known."""
+"""First characters by which a longer secret is recognised where it was cut off."""
 _WORD: Final = r"[\w.~%+-]"
 _USER: Final = re.compile(r"""(?<=:/)(/?)([^\s'"<>]{0,512})(?=@)""")
-"""After two slashes, or the one that is left of them in a path."""
+"""After two slashes, or after one, which is what a path makes of them."""
 _BARE: Final = re.compile(rf"""(?<![\w.+-])({_WORD}{{1,64}}:)([^\s'"<>@/]{{1,512}})(?=@[\w\[])""")
 """A user and password without a scheme in front."""
 _QUERY: Final = re.compile(
@@ -103,16 +103,16 @@ _QUERY: Final = re.compile(
 
 
 def blank(text: str) -> str:
-    """A text without the secrets of the addresses in it."""
+    """Replace the secrets in the addresses of a text."""
     if "@" in text:
         text = _BARE.sub(rf"\1{HIDDEN}", _USER.sub(rf"\1{HIDDEN}", text))
     return _QUERY.sub(rf"\1{HIDDEN}", text) if "=" in text else text
 
 
 def without(text: str, secrets: Mapping[str, str]) -> str:
-    """A text with what to show in place of each secret, also of one that was cut off, and ``blank``.
+    """Replace each secret (key) in a text by its substitute (value), also where it was cut off; then ``blank`` it.
 
-    Those of less than 4 characters stay: they are part of ordinary words.
+    Secrets of less than 4 characters are not replaced: they occur in ordinary words.
     """
     for secret in sorted(secrets, key=len, reverse=True):  # the longer may hold the shorter
         head, shown, start = secret[:_HEAD], secrets[secret], 0
@@ -128,7 +128,7 @@ def without(text: str, secrets: Mapping[str, str]) -> str:
 
 
 def secrets_of(address: str) -> Iterator[str]:
-    """Secrets of an address, as they are written and as they are meant."""
+    """Secrets of an address, as written and URL-decoded."""
     users = [user for _, user in _USER.findall(address)]
     found = [user.partition(":")[2] if ":" in user else user for user in users]
     found += [secret for pattern in (_BARE, _QUERY) for _, secret in pattern.findall(address)]

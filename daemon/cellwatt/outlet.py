@@ -18,7 +18,7 @@ from cellwatt.results import Event, Result
 
 
 class Section(BaseModel):
-    """A section of settings: unknown keys are refused, and no error repeats what was written, which may be a secret."""
+    """A section of settings: unknown keys are refused, and no error quotes the value given, which may be a secret."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True, hide_input_in_errors=True)
 
@@ -32,14 +32,14 @@ class OutletSettings(Section):
 
 
 def both_or_neither(**settings: object) -> None:
-    """Raise ``ValueError`` unless all of these settings are given, or none."""
+    """Raise ``ValueError`` if some of these settings are given and others are not."""
     given = [value is not None for value in settings.values()]
     if any(given) and not all(given):
         raise ValueError(f"{' and '.join(settings)} are needed together")
 
 
 def refusal(settings: BaseModel, *problems: tuple[tuple[str | int, ...], object, str]) -> ValidationError:
-    """The error of settings that are wrong together, with the place, the value and the text of each problem."""
+    """The error for settings that contradict each other, with the key path, the value and the text of each problem."""
     found = [
         InitErrorDetails(type=PydanticCustomError("value_error", "{error}", {"error": text}), loc=place, input=value)
         for place, value, text in problems
@@ -48,7 +48,7 @@ def refusal(settings: BaseModel, *problems: tuple[tuple[str | int, ...], object,
 
 
 def revealed(value: Any) -> Any:
-    """Settings with their secrets, JSON-ready, for the process that serves by them and nobody else."""
+    """Settings including their secrets, JSON-ready. Pass them only to the process that runs the outlet."""
     match value:
         case SecretStr():
             return value.get_secret_value()
@@ -68,38 +68,41 @@ Item = Batch | Frames | Result | Event
 
 
 class Journal(Protocol):
-    """Results and events told in this session, also by a predecessor of this process."""
+    """Results and events published in this session, including those from before a restart of this process."""
 
     def put(self, item: Result | Event) -> int:
-        """Add an item; return its number in its series. The item that was added last keeps its number."""
+        """Add an item; return its number in its series. Adding the last item again returns the same number."""
         ...
 
     def past(self) -> Iterator[tuple[int, Result | Event]]:
-        """The last items with their numbers, each series in order."""
+        """The most recent items with their numbers, each series in order."""
         ...
 
 
 class CellView(Protocol):
-    """The running cell as an outlet sees it. Methods may be called from any thread, orders on the event loop alone."""
+    """The running cell as an outlet sees it.
+
+    Methods may be called from any thread; ``acknowledge``, ``shelve`` and ``unshelve`` on the event loop only.
+    """
 
     site: str
     cell: str
     folder: Path
-    """Folder from which relative paths of the settings start."""
+    """Folder to which relative paths in the settings refer."""
     record_folder: Path | None
-    """Folder of the recordings, where there are any."""
+    """Folder of the recordings; ``None`` if the cell records nothing."""
     session: int
-    """UTC ns at which this daemon started: with it, sequence numbers are unique for ever."""
+    """Start of this daemon, UTC ns. A sequence number is unique together with the session."""
     journal: Journal | None
-    """Items told so far, if the process that tells may be started again within a session.
+    """Items published so far, numbered from the start of ``session``.
 
-    It numbers them from the start of ``session`` on.
+    ``None`` if the publishing process cannot restart within a session.
     """
     alarms: AlarmBook
-    """Alarms that are up, with what people said of them: to be read, on the event loop alone."""
+    """Active alarms with their acknowledgements and shelving. Read only, on the event loop only."""
 
     def status(self) -> Mapping[str, Any]:
-        """Health of every part with its figures, JSON-ready."""
+        """Health of every source, stage and outlet with its figures, JSON-ready."""
         ...
 
     def config(self) -> Mapping[str, Any]:
@@ -111,43 +114,43 @@ class CellView(Protocol):
         ...
 
     def recordings(self) -> Sequence[Mapping[str, Any]]:
-        """Recordings kept: file, start, end, bytes, state, JSON-ready."""
+        """Stored recordings: file, start, end, bytes, state, JSON-ready."""
         ...
 
     def history(self, source: str, stream: str, session: int, first: int, count: int) -> Sequence[Batch]:
-        """Recorded samples ``first`` … ``first + count`` of a stream that are still kept, in order.
+        """Recorded samples ``first`` … ``first + count`` of a stream that are still stored, in order.
 
-        If none of them is, as many of the first that are kept after them.
+        If none of them is stored, the first ``count`` samples stored after them.
         """
         ...
 
     def frame_history(self, session: int, first: int, count: int) -> Sequence[Frames]:
-        """Recorded frames ``first`` … ``first + count`` that are still kept, in order, numbered as they were given.
+        """Recorded frames ``first`` … ``first + count`` that are still stored, in order, with their original numbers.
 
-        If none of them is, as many of the first that are kept after them.
+        If none of them is stored, the first ``count`` frames stored after them.
         """
         ...
 
     def result_history(self, series: str, session: int, first: int, count: int) -> Sequence[tuple[int, Result | Event]]:
-        """Recorded results or events ``first`` … ``first + count`` of a series that are still kept, with their numbers.
+        """Recorded results or events ``first`` … ``first + count`` of a series that are still stored, with numbers.
 
-        If none of them is, as many of the first that are kept after them. Alarms have no numbers in the record.
+        If none of them is stored, the first ``count`` stored after them. Alarms have no numbers in the record.
         """
         ...
 
     def acknowledge(self, alarm_id: str, name: str, note: str) -> None:
-        """Note that a person knows of an alarm. Raises ``CellwattError`` where it is not up, or nobody is named."""
+        """Acknowledge an alarm for a person. Raises ``CellwattError`` if it is not active or ``name`` is empty."""
         ...
 
     def shelve(self, alarm_id: str, until: int, name: str, note: str) -> None:
-        """Publish nothing of an alarm before ``until``, UTC ns, unless it becomes graver.
+        """Suppress an alarm until ``until``, UTC ns, unless its severity rises.
 
-        Raises ``CellwattError`` where it is not up, nobody is named, or ``until`` is past or too far away.
+        Raises ``CellwattError`` if it is not active, ``name`` is empty, or ``until`` is past or too far ahead.
         """
         ...
 
     def unshelve(self, alarm_id: str, name: str) -> None:
-        """Take an alarm off the shelf. Raises ``CellwattError`` where it is not on it, or nobody is named."""
+        """Unshelve an alarm. Raises ``CellwattError`` if it is not shelved or ``name`` is empty."""
         ...
 
 
@@ -155,11 +158,11 @@ S = TypeVar("S", bound=OutletSettings)
 
 
 class Outlet(ABC, Generic[S]):
-    """Passes the cell's data on to a consumer.
+    """Delivers the cell's data to a consumer.
 
-    ``offer`` is called on the event loop for every item and must only enqueue; when its queue is full it
-    drops the oldest and counts it in ``account``. ``run`` opens, serves until cancelled, then drains and
-    closes; the daemon runs it again with back-off when it raises ``OutletError``.
+    ``offer`` is called on the event loop for every item and must only enqueue it; when the queue is full, it
+    drops the oldest item and counts it in ``account``. ``run`` opens, serves until cancelled, then drains and
+    closes; if it raises ``OutletError``, the daemon runs it again with back-off.
     """
 
     Settings: ClassVar[type[OutletSettings]]
@@ -171,26 +174,26 @@ class Outlet(ABC, Generic[S]):
         self.view = view
         self.account = Account()
         self.url: str | None = None
-        """Address at which people find it, for health, while there is one."""
+        """Address of the outlet for people, shown in health; ``None`` if it has none."""
 
     @abstractmethod
     def offer(self, item: Item) -> None:
-        """Take one item; never blocks."""
+        """Enqueue one item; never blocks."""
 
     @abstractmethod
     def health(self, status: Mapping[str, Any]) -> None:
-        """Take the cell's health, about once a second; never blocks."""
+        """Receive the cell's health, about once a second; never blocks."""
 
     def succeed(self, before: Outlet[Any]) -> None:
-        """Take over from the outlet of this name that new settings have ended what its consumers may still ask for."""
+        """Take over, after a reload, the items that consumers may still request from ``before``, of the same name."""
 
     @property
     def awaited(self) -> bool:
-        """True if somebody waits for samples and frames: they are offered at each gather then, else less often."""
+        """True if a consumer waits for samples and frames: they are then offered at each gather, else less often."""
         return False
 
     def starting(self) -> bool:
-        """True while the outlet does not serve yet, though nothing is wrong."""
+        """True while the outlet is starting normally and does not serve yet."""
         return False
 
     def trouble(self) -> str | None:

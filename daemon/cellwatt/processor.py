@@ -1,4 +1,4 @@
-"""Processor time of processes: how long one was kept waiting for a core, and if one is starved."""
+"""Processor time of processes: how long a process waited for a core, and whether it is starved."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import time
 from typing import Final
 
 _STEAL: Final = 8
-"""Place in a core's line of /proc/stat (proc_stat(5)) of the time that the hypervisor gave to others."""
+"""Index, in a core's line of /proc/stat (proc_stat(5)), of the time that the hypervisor gave to other machines."""
 _JIFFY_NS: Final = 1_000_000_000 // os.sysconf("SC_CLK_TCK")
 _LINE: Final = 128
-"""Bytes that a core's line takes at most, in practice."""
+"""Largest length of a core's line in bytes, in practice."""
 _STEP: Final = 0.005  # s
 _open: dict[str, int] = {}
-"""Descriptors by path: that of a parent, opened before a fork, has another path than our own."""
+"""Descriptors by path; a descriptor that the parent opened before a fork has another path than our own."""
 
 
 class RunDelay:
@@ -24,7 +24,7 @@ class RunDelay:
         self._ready, self._stolen = _ready_ns(), _steal.now()
 
     def look(self) -> int:
-        """Time since the last look, ns, for which the thread was ready but did not run, or a core was withheld.
+        """Time since the last call, ns, for which the thread was ready but did not run, or a core was withheld.
 
         Withheld time counts in steps of 10 ms, and only if /proc/stat can be read.
         """
@@ -77,23 +77,23 @@ _steal = _Steal()
 
 
 SHARE: Final = 0.5
-"""Of a processor: a process that wants to run and gets less since it was last heard of is kept from running."""
+"""Share of a processor: a process that is ready to run and gets less since its last sign of life is starved."""
 _STAT_LINE: Final = 1024
-"""Bytes of /proc/PID/stat at most."""
+"""Largest length of /proc/PID/stat in bytes."""
 _TICK: Final = 1 / os.sysconf("SC_CLK_TCK")  # s
 _STATE, _USER, _SYSTEM = 0, 11, 12
 """Fields of /proc/PID/stat after the name."""
 
 
 def spent(process: int) -> float:
-    """Processor time, s, that the process of this number has taken so far; 0 if it is gone."""
+    """Processor time, s, that the process with this number has used so far; 0 if it has ended."""
     return _seen(process)[1]
 
 
 def starved(process: int, before: float, silent: float) -> bool:
-    """True if a process waits for a processor or the disk, and has hardly computed in the last ``silent`` s.
+    """True if a process waits for a processor or the disk, and has hardly run in the last ``silent`` s.
 
-    ``process`` is its number, ``before`` the processor time, s, that it had taken by then.
+    ``process`` is its number, ``before`` the processor time, s, that it had used ``silent`` s ago.
     """
     state, taken = _seen(process)
     return state in ("R", "D") and taken - before < SHARE * silent
@@ -101,7 +101,7 @@ def starved(process: int, before: float, silent: float) -> bool:
 
 def _seen(process: int) -> tuple[str, float]:
     try:
-        file = os.open(f"/proc/{process}/stat", os.O_RDONLY | os.O_CLOEXEC)  # in memory: nobody waits for a disk
+        file = os.open(f"/proc/{process}/stat", os.O_RDONLY | os.O_CLOEXEC)  # in memory: no wait for a disk
     except OSError:
         return "", 0.0
     try:

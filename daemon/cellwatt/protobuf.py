@@ -1,8 +1,8 @@
-"""Protocol Buffers: as much as a recording needs by hand, and classes of messages made from a table.
+"""Protocol Buffers: encoding by hand for recordings, and message classes built from a table.
 
 A recorded channel's message type is known only at run time, so its FileDescriptorSet is written by hand: a few
-bytes a field (google/protobuf/descriptor.proto), which spares the daemon the protobuf library. Classes stand in a pool
-of their own, so that they do not clash with another library's.
+bytes a field (google/protobuf/descriptor.proto), without the protobuf library. Message classes are registered in a
+pool of their own, so that they do not clash with another library's.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def _field(field: Field) -> bytes:
     parts += tag(5, VARINT) + varint(field.kind)
     if field.repeated:
         parts += _text(8, tag(2, VARINT) + varint(1))
-    # Said outright, so that names that differ in underscores only do not clash in camel case.
+    # The explicit JSON name keeps names that differ in underscores only from clashing in camel case.
     return parts + _text(10, field.name)
 
 
@@ -99,20 +99,20 @@ def identifiers(names: Sequence[str], taken: Iterable[str] = ()) -> tuple[str, .
 
 
 Table = Mapping[str, Mapping[str, tuple[int, str]]]
-"""Fields by message: number and type. A type with a star repeats; of those with a dot one is there at most."""
+"""Fields by message: number and type. ``*`` after a type: repeated; ``.``: member of a oneof."""
 _SCALARS: Final = {"double": 1, "float": 2, "uint64": 4, "enum": 5, "bool": 8, "string": 9, "uint32": 13}
-"""Types by name; an enum travels as an int32 does."""
+"""Types by name; an enum is encoded as an int32."""
 _MESSAGE: Final = 11
 
 
 class Messages:
-    """Messages of ``package`` (proto2), all of whose fields are optional; the library is loaded with the first."""
+    """Messages of ``package`` (proto2) with optional fields only; the first use imports the protobuf library."""
 
     def __init__(self, package: str, table: Table) -> None:
         self._package, self._table = package, table
 
     def parse(self, name: str, data: bytes, what: str) -> Any:
-        """A message from its bytes. Raises ``ProtocolError`` where they are not ``what``."""
+        """Decode a message. Raises ``ProtocolError`` if the bytes are not ``what``."""
         from google.protobuf.message import DecodeError
 
         message = self.classes[name]()

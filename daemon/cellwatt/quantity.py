@@ -26,7 +26,7 @@ _WATT = {name.lower(): factor for name, factor in factors("power").items()}
 def parse(text: object, units: Mapping[str, float], example: str) -> float:
     """Parse a number with a unit into a float in the base unit.
 
-    Raises ``ValueError`` that names the units if the text is no finite number, or its unit is unknown or missing.
+    Raises ``ValueError`` that names the units if the text is not a finite number, or its unit is unknown or missing.
     """
     names = ", ".join(units)
     if isinstance(text, bool) or not isinstance(text, str | int | float):
@@ -46,7 +46,7 @@ def parse(text: object, units: Mapping[str, float], example: str) -> float:
 
 def _quantity(units: Mapping[str, float], example: str, positive: bool) -> Callable[[object], object]:
     def validate(value: object) -> object:
-        # Defaults and values set from Python are floats in base units already; YAML must write the unit.
+        # Defaults and values set from Python are floats in base units; a value in YAML must include its unit.
         number = value if type(value) is float else parse(value, units, example)
         if positive and number <= 0:
             raise ValueError(f"must be above zero, like {example!r}")

@@ -1,4 +1,4 @@
-"""Kernel time stamps of what was received, which stay right if the process reads it late."""
+"""Kernel time stamps of received data, which stay right if the process reads the data late."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _SO_TIMESTAMPNS: Final = 35
 _TIMESPEC: Final = struct.Struct("=qq")
 _ANCILLARY: Final = socket.CMSG_SPACE(_TIMESPEC.size)
 _OLDEST: Final = 10_000_000_000
-"""ns; what seems to have waited for longer was stamped by a wall clock that has been set since."""
+"""Largest plausible waiting time, ns; a longer one means that the wall clock was set since the stamp."""
 
 
 def stamp_receipts(opened: socket.socket) -> bool:

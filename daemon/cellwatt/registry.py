@@ -13,7 +13,7 @@ from cellwatt.outlet import Outlet
 from cellwatt.stage import Stage
 
 _FORMER = {"cellwatt.outlets": "cellwatt.sinks"}
-"""Groups by which packages still register."""
+"""Former names of groups, under which packages may still register."""
 
 
 @cache
@@ -32,8 +32,8 @@ def available(group: str) -> dict[str, EntryPoint]:
 def load(group: str, name: str) -> Any:
     """Load the object behind an entry point.
 
-    Raises ``ConfigError`` with the nearest name if it is unknown, or with the reason if it cannot be imported: with the
-    extra to install if the entry point names one (``explain = "package.module:explain [explain]"``).
+    Raises ``ConfigError``: with the nearest name if the name is unknown, with the reason if the import fails, and with
+    the extra to install if the entry point names one (``explain = "package.module:explain [explain]"``).
     """
     points = available(group)
     what = group.rsplit(".", 1)[1].removesuffix("s")
@@ -45,7 +45,7 @@ def load(group: str, name: str) -> Any:
         return points[name].load()
     except ConfigError:
         raise
-    except Exception as error:  # a package of somebody else's may fail in any way
+    except Exception as error:  # a third-party package may fail in any way
         point, called = points[name], f"cellwatt.{name}" if what == "api" else f"{what} {name!r}"
         if isinstance(error, ModuleNotFoundError) and point.extras and point.dist:
             extra = f"{point.dist.name}[{point.extras[0]}]"

@@ -17,8 +17,8 @@ class Interval:
 
     ``start``/``end`` ns UTC, ``moving`` 1-based joint numbers (empty: at rest), ``displacement`` rad per
     joint from start to end, ``pose`` rad per joint at the start, ``peak_speed`` rad/s per joint.
-    ``number`` counts within the session. ``closed`` is false for the one still running (then ``end`` is
-    the last frame seen). ``complete`` is false where a gap in the frames cut it.
+    ``number`` counts within the session. ``closed`` is false for the interval in progress (then ``end`` is
+    the time of the last frame). ``complete`` is false if a gap in the frames cut it.
     """
 
     source: str
@@ -35,10 +35,10 @@ class Interval:
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """A recurring sequence of intervals, seen once more.
+    """One repetition of a recurring sequence of intervals.
 
     ``name`` is stable within a session (``task_1``, … in order of first recognition) and ``signature`` is
-    the same for the same motion in any session. ``speed`` is relative to the fastest variant seen.
+    the same for the same motion in any session. ``speed`` is relative to the fastest variant so far.
     ``intervals`` are the numbers of its intervals in order.
     """
 
@@ -69,7 +69,7 @@ class Energy:
     """Energy of one task by consumer.
 
     ``task``, ``variant`` and ``repetition`` are those of the ``Task`` that ended; ``start``/``end`` ns UTC. ``total``
-    J was measured; ``groups`` J, one per consumer, add up to it, and ``unexplained`` is the rest that no consumer
+    J was measured; ``groups`` J, one per consumer, add up to it, and ``unexplained`` is the remainder that no consumer
     accounts for. ``uncertainty`` J is the standard deviation of ``unexplained`` on a healthy arm.
     ``positive_mechanical`` J is the work of the motors without braking, ``motion_efficiency_percent`` its share of
     ``total``. ``total_per_part`` J is ``None`` if the settings do not say how many parts the task makes.
@@ -94,9 +94,9 @@ class Energy:
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """Something is wrong, or no longer wrong (``active`` false).
+    """Message of an alarm: its raise, an update, or its clear (``active`` false).
 
-    ``id`` is the same for raise, updates and clear. ``kind`` names what (``joint_fault``,
+    ``id`` is the same for raise, updates and clear. ``kind`` names the condition (``joint_fault``,
     ``encoder_fault``, ``source_down``, …). ``since`` ns UTC of the first evidence, ``time`` of this
     message. ``evidence`` holds figures with units in their keys. ``stage`` raised it; None: the daemon itself.
     """
@@ -131,6 +131,6 @@ class Event:
 
 
 def series_of(item: Result | Event) -> str:
-    """Series in which an item is numbered: its kind, and of predictions their model (``prediction/power``)."""
+    """Series in which an item is numbered: its kind, for predictions with the model (``prediction/power``)."""
     kind = type(item).__name__.lower()
     return f"{kind}/{item.model}" if isinstance(item, Prediction) else kind

@@ -10,14 +10,14 @@ from cellwatt.processor import RunDelay
 from cellwatt.ticker import Beat, Ticker
 
 HOST: Final = "host stalled"
-"""This PC stood still, or gave its cores to others: neither the device nor this program was at work."""
+"""The PC was suspended, or ran other programs: neither the device nor this program caused the delay."""
 
 
 class Slots:
     """The slots of one device at ``rate`` Hz over all its connections: ``async with slots: async for beat in slots``.
 
-    Before a slot is served, ``missed`` is told how many before it were not, and why. The cause is measured (see
-    ``RunDelay``). A loop that is late although it computed for less than half of the time was kept from running, too.
+    Before a slot is served, ``missed`` receives the number of unserved slots before it, and the reason. The reason is
+    measured (see ``RunDelay``). If the loop is late but computed for less than half of the time, the host delayed it.
     """
 
     def __init__(self, rate: float, missed: Callable[[int, str], None]) -> None:
@@ -27,11 +27,11 @@ class Slots:
         self._ticker: Ticker | None = None
         self._serving = False
         self.deadline = 0
-        """Of the slot begun last, ns of CLOCK_MONOTONIC; 0 before the first."""
+        """Deadline of the last slot begun, ns of CLOCK_MONOTONIC; 0 before the first."""
         self._resumed = False
         self._idle = self._computed = self._held_up = self._begun_late = 0
         self._slow = (0, 0)
-        """Slots that went by while an answer was awaited, and what is known yet of what held this PC up, ns."""
+        """Number of slots that passed while an answer was awaited, and the delay by the host known so far, ns."""
         self._kept = RunDelay()
 
     async def __aenter__(self) -> Slots:
@@ -60,16 +60,16 @@ class Slots:
         return beat
 
     def connected(self) -> None:
-        """Begin a connection; slots since the last one were unserved for lack of a connection."""
+        """Begin a connection; slots since the last connection count as disconnected."""
         self._resumed = self.deadline != 0
         self._serving = False
 
     def begin(self, beat: Beat) -> list[tuple[int, str]]:
-        """Begin a slot; return the unserved slots before it by reason. Slow answers are counted a slot late."""
+        """Begin a slot; return the unserved slots before it by reason. Slow answers are counted one slot later."""
         before, self.deadline = self.deadline, beat.deadline
         kept = self._kept.look()
         self._begun_late = min(kept, max(time.monotonic_ns() - beat.deadline, 0))
-        # The kernel may count what the hypervisor took only a tick after it gave it back: asked again a slot later.
+        # The kernel may account stolen time only a tick after the hypervisor returns the core: look again a slot later.
         slow, held_up = self._slow
         self._slow = (0, 0)
         held_up += self._held_up + kept
@@ -84,12 +84,12 @@ class Slots:
         else:
             self._slow = (slow, self._held_up)
         ours = time.thread_time_ns() - self._computed
-        # What was held up is dealt with in one go afterwards: that is not this program's doing.
+        # Work that the host delayed is done in one go afterwards: this program did not cause it.
         computed = bool(self._idle) and ours >= max((beat.deadline - self._idle) / 2, kept + self._held_up)
         return _some(*told, (beat.merged - slow, "merged tick" if computed or not self._idle else HOST))
 
     def end(self) -> None:
-        """End a slot: all of its answers have arrived or were given up."""
+        """End a slot: all of its answers have arrived or timed out."""
         self._idle, self._computed = time.monotonic_ns(), time.thread_time_ns()
         self._held_up = self._begun_late + self._kept.look()
 

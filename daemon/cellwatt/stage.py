@@ -36,9 +36,9 @@ S = TypeVar("S", bound=StageSettings)
 class Stage(ABC, Generic[S]):
     """Turns frames into results; the same object serves the live daemon, replay and the offline commands.
 
-    Made once the frames' layout is known; ``__init__`` raises ``ConfigError`` or ``ModelError`` if settings and
+    Created once the frames' layout is known; ``__init__`` raises ``ConfigError`` or ``ModelError`` if settings and
     layout do not fit, before any data flow. ``process`` runs in a worker thread, one call at a time, in frame order.
-    It must be a pure function of the frames since the stage was made, so that a replay gives the same results: no
+    It must be a pure function of the frames since the stage was created, so that a replay gives the same results: no
     clock, no randomness without a seed.
     """
 
@@ -46,7 +46,7 @@ class Stage(ABC, Generic[S]):
     title: ClassVar[str]
     """One line for ``cellwatt drivers``."""
     needs: ClassVar[tuple[str, ...]] = ()
-    """Kinds of stages whose results it wants, e.g. ``("segment",)``; those run first."""
+    """Kinds of stages whose results this stage uses, e.g. ``("segment",)``; those stages run first."""
 
     def __init__(self, name: str, settings: S, layout: Layout, cell: CellInfo) -> None:
         self.name = name
@@ -56,8 +56,8 @@ class Stage(ABC, Generic[S]):
 
     @abstractmethod
     def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
-        """Return the results that this block settles. ``upstream`` holds the needed stages' results for it."""
+        """Return the results that this block completes. ``upstream``: results of the needed stages for this block."""
 
     def close(self) -> Sequence[Result]:
-        """Return the results that the end of the data settles (e.g. the interval that was still open)."""
+        """Return the results that the end of the data completes (e.g. the interval in progress)."""
         return ()

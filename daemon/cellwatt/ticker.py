@@ -15,7 +15,7 @@ from collections.abc import AsyncIterator
 from typing import NamedTuple
 
 _SPREAD_NS = 20_000_000
-"""Tickers of one loop start up to this much apart, so that they do not fall due together."""
+"""Longest time, ns, between the first deadlines of one loop's tickers, so that they do not fall due together."""
 _GOLDEN = 0.6180339887498949
 _CLOCKS: dict[asyncio.AbstractEventLoop, _LoopClock] = {}
 
@@ -42,8 +42,8 @@ def _arm(fd: int, deadline: int) -> None:
 class Beat(NamedTuple):
     """One turn of a ``Ticker``.
 
-    ``deadline`` is the newest due deadline, ns of CLOCK_MONOTONIC (``time.monotonic_ns``); ``merged`` counts
-    the deadlines before it that passed unserved since the last turn.
+    ``deadline`` is the newest due deadline, ns of CLOCK_MONOTONIC (``time.monotonic_ns``); ``merged`` is the number of
+    deadlines before it that passed unserved since the last turn.
     """
 
     deadline: int
@@ -58,9 +58,9 @@ class Beat(NamedTuple):
 class Ticker:
     """Beats at ``rate`` Hz: ``async with Ticker(50.0) as ticker: async for tick in ticker: ...``.
 
-    Deadlines are first + k / rate, however long the body takes. A body that overruns gets the newest due deadline
-    at once, with the number of deadlines merged into it. A cancelled wait loses no deadline. Serves one task at a
-    time; Linux only. Raises ``ValueError`` if the rate is not above zero.
+    Deadlines are first + k / rate, however long the body takes. A body that overruns gets the newest due deadline at
+    once, with the number of deadlines merged into it. Cancelling a wait loses no deadline. Serves one task at a time;
+    Linux only. Raises ``ValueError`` if the rate is not above zero.
     """
 
     def __init__(self, rate: float) -> None:
@@ -101,11 +101,11 @@ class Ticker:
         return self._take()
 
     def skip(self) -> None:
-        """Leave out the next deadline: it wakes nobody and counts as served."""
+        """Skip the next deadline: no task wakes for it, and it counts as served."""
         self._next += 1
 
     async def until(self, moment: int) -> None:
-        """Wait for a moment that is no deadline, ns of CLOCK_MONOTONIC."""
+        """Wait until a time that is not a deadline, ns of CLOCK_MONOTONIC."""
         assert self._clock is not None
         await self._sleep(self._clock, moment)
 
@@ -133,7 +133,7 @@ class Ticker:
 
 
 class _LoopClock:
-    """The timerfd of one event loop and the deadlines waiting for it; closed when its last ticker leaves."""
+    """The timerfd of one event loop and its pending deadlines; closed when the last ticker leaves."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self.loop = loop
@@ -146,7 +146,7 @@ class _LoopClock:
 
     @classmethod
     def of(cls, loop: asyncio.AbstractEventLoop) -> _LoopClock:
-        """The clock of a loop, made when it has none."""
+        """Clock of a loop, created on first use."""
         if loop not in _CLOCKS:
             _CLOCKS[loop] = cls(loop)
         return _CLOCKS[loop]
@@ -159,7 +159,7 @@ class _LoopClock:
         return time.monotonic_ns() + round(min(period, _SPREAD_NS) * phase)
 
     def leave(self, ticker: Ticker) -> None:
-        """Forget a ticker."""
+        """Remove a ticker."""
         self._due = [entry for entry in self._due if entry[2] is not ticker]
         heapq.heapify(self._due)
         self._members -= 1
@@ -171,14 +171,14 @@ class _LoopClock:
     def schedule(self, deadline: int, ticker: Ticker) -> None:
         """Wake the ticker at the deadline."""
         entry = (deadline, id(ticker), ticker)
-        if entry not in self._due:  # still there when the last wait for this deadline was cancelled
+        if entry not in self._due:  # still queued if the last wait for this deadline was cancelled
             heapq.heappush(self._due, entry)
         self._rearm()
 
     def _fire(self) -> None:
         try:
             os.read(self._fd, 8)
-        except BlockingIOError:  # armed anew between the wake-up of the loop and this call
+        except BlockingIOError:  # re-armed between the wake-up of the loop and this call
             return
         now = time.monotonic_ns()
         while self._due and self._due[0][0] <= now:

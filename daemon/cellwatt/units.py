@@ -1,7 +1,7 @@
-"""Units in which people are shown values, and the one table of what each is in SI.
+"""Units for display and export, and the one table of their factors to SI.
 
-Inside cellwatt, in recordings and in messages every value is in the SI unit; what is drawn, printed or exported may be
-in another, chosen by the settings' ``units`` or by ``--units``.
+Inside cellwatt, in recordings and in messages every value is in its SI unit. Plots, printed tables and exports may use
+another unit, chosen by the settings' ``units`` or by ``--units``.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ from pydantic import BaseModel, ConfigDict
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """A unit: its name, what one of it is in the SI unit, and where SI's zero lies on its scale."""
+    """A unit: its name, its size in the SI unit, and the value on its scale at zero of the SI unit."""
 
     name: str
     factor: float = 1.0
     zero: float = 0.0
 
     def of(self, values: ArrayLike) -> NDArray[np.float64]:
-        """Values in this unit of values in the SI unit, of any shape."""
+        """Convert values from the SI unit to this unit, any shape."""
         shown = self.difference(values)
-        return shown + self.zero if self.zero else shown  # an added 0 would take the sign of −0
+        return shown + self.zero if self.zero else shown  # adding 0 would turn −0 into 0
 
     def difference(self, values: ArrayLike) -> NDArray[np.float64]:
-        """Differences and deviations in this unit of those in the SI unit, of any shape."""
+        """Convert differences and deviations from the SI unit to this unit, any shape."""
         return np.asarray(values, np.float64) / self.factor
 
     def si(self, values: ArrayLike) -> NDArray[np.float64]:
-        """Values in the SI unit of values in this one, of any shape."""
+        """Convert values from this unit to the SI unit, any shape."""
         return (np.asarray(values, np.float64) - self.zero) * self.factor
 
 
@@ -55,13 +55,13 @@ _OF: Final[Mapping[str, tuple[Unit, ...]]] = {
     "temperature": (Unit("degC"), Unit("K", 1.0, 273.15), Unit("degF", 5 / 9, 32.0)),
 }
 TABLE: Final[Mapping[str, Mapping[str, Unit]]] = {kind: {u.name: u for u in units} for kind, units in _OF.items()}
-"""Units of each quantity by name, the SI unit first; no name stands for two quantities."""
+"""Units of each quantity by name, the SI unit first; no two quantities share a unit name."""
 _KINDS: Final = {name: kind for kind, units in TABLE.items() for name in units}
 _WRITTEN: Final = {name.casefold(): name for name in _KINDS}
 
 
 class Units(BaseModel):
-    """Units of what people are shown and of what is exported; recordings and messages are in SI units always."""
+    """Units for display and export; recordings and messages always use SI units."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
@@ -93,17 +93,17 @@ class Units(BaseModel):
     """Temperature."""
 
     def of(self, si: str) -> Unit:
-        """Unit in which values of the unit ``si`` are shown: itself where there is no choice."""
+        """Unit in which values of the unit ``si`` are shown; ``si`` itself if no other is available."""
         kind = _KINDS.get(si)
         return Unit(si) if kind is None else TABLE[kind][getattr(self, kind)]
 
     def show(self, values: ArrayLike, si: str) -> tuple[NDArray[np.float64], str]:
-        """Values given in the unit ``si`` as they are shown, of any shape, and the unit's name."""
+        """Convert values from the unit ``si`` to the shown unit, any shape; also return that unit's name."""
         unit = self.of(si)
         return unit.of(values), unit.name
 
     def but(self, names: Iterable[str]) -> Units:
-        """These units with those of ``names`` in their place; ``SI`` takes all back. Raises ``ValueError``."""
+        """These units with those of ``names`` replaced; ``SI`` resets all to SI. Raises ``ValueError``."""
         chosen = self
         for name in names:
             if name == "SI":
@@ -117,15 +117,15 @@ class Units(BaseModel):
 
 
 def kind_of(name: str) -> str | None:
-    """Quantity that a unit measures, capitals aside: ``length`` of ``mm``; None where ``TABLE`` has no such unit."""
+    """Quantity that a unit measures, ignoring case: ``length`` of ``mm``; None if ``TABLE`` has no such unit."""
     return _KINDS.get(_WRITTEN.get(name.casefold(), name))
 
 
 def named(name: str) -> Unit | None:
-    """Unit of that name; None where it is not in the table."""
+    """Unit by its name; None if it is not in the table."""
     return TABLE[_KINDS[name]][name] if name in _KINDS else None
 
 
 def factors(kind: str) -> dict[str, float]:
-    """Factor to SI of each unit of a quantity by name, the SI unit first."""
+    """Factor to SI of each unit of a quantity, by unit name, the SI unit first."""
     return {name: unit.factor for name, unit in TABLE[kind].items()}

@@ -1,4 +1,4 @@
-"""YAML files other than settings: what a program or a person wrote, read within bounds."""
+"""YAML files other than settings, by any author, read within limits of size and depth."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import Any, Final
 import yaml
 
 DEEPEST: Final = 50
-"""Lists and mappings within each other."""
+"""Largest nesting depth of lists and mappings."""
 MOST_VALUES: Final = 5_000_000
-"""Values after aliases are followed; a few nested ones can stand for billions."""
+"""Largest number of values after aliases are expanded; a few nested aliases can expand to billions."""
 MOST_MERGES: Final = 1_000
-"""Merge keys (``<<``); each costs time by all others."""
+"""Largest number of merge keys (``<<``); each costs time proportional to the number of all others."""
 
 _LONGEST: Final = 200  # characters of a reason
 
@@ -19,7 +19,7 @@ _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 class NotYamlError(yaml.YAMLError, ValueError):
-    """A text is not YAML, or not within bounds; says where and why in one line."""
+    """A text is not YAML, or exceeds the limits; the message gives position and reason in one line."""
 
 
 def parse_yaml(text: str) -> Any:
@@ -30,12 +30,12 @@ def parse_yaml(text: str) -> Any:
     except yaml.YAMLError as error:
         raise NotYamlError(" ".join(str(error).split())[:_LONGEST]) from error
     except (ValueError, KeyError, IndexError, AttributeError, TypeError, OverflowError) as error:
-        # Of the constructors of numbers, truth values and dates: 2001-13-01, !!bool 5, !!timestamp x …
+        # Raised by the constructors of numbers, booleans and dates: 2001-13-01, !!bool 5, !!timestamp x …
         raise NotYamlError(f"a value cannot be read: {' '.join(str(error).split())[:_LONGEST]}") from error
 
 
 class TooMuchError(yaml.MarkedYAMLError):
-    """A text is nested too deeply, or stands for too many values; its place and why in one line."""
+    """A text is nested too deeply or has too many values; the message gives position and reason."""
 
     def __init__(self, event: yaml.Event, problem: str) -> None:
         mark: Any = event.start_mark
@@ -47,7 +47,7 @@ class TooMuchError(yaml.MarkedYAMLError):
 
 
 def check_bounds(text: str, values: int = MOST_VALUES, loader: Any = _Loader) -> None:
-    """Raise ``TooMuchError`` where the text is nested too deeply or stands for more ``values``, else ``YAMLError``."""
+    """Raise ``TooMuchError`` for text nested too deep or with more than ``values``, ``YAMLError`` for other faults."""
     sizes: list[int] = [0]
     depths: list[int] = [0]
     names: list[str | None] = []

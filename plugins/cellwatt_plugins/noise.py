@@ -1,4 +1,4 @@
-"""How much of a signal is noise."""
+"""Estimates of the noise of a signal."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import numpy as np
 from cellwatt.arrays import Float
 
 LEVELS = 0.2
-"""Different values of a channel, as a share of all, up to which it comes in steps."""
+"""Largest number of different values of a channel that comes in steps, as a share of its samples."""
 
 
 def white_noise(values: Float, order: int = 3) -> Float:
     """Return the standard deviation (c,) of white noise in evenly sampled ``values`` (N, c) or (N,).
 
-    From the median of their differences of this ``order``, in which motion cancels; NaN where there are none.
+    From the median of their differences of this ``order``, in which motion cancels; NaN for columns without values.
     """
     size = np.abs(np.diff(values if values.ndim > 1 else values[:, None], order, axis=0))
     known = (column[np.isfinite(column)] for column in size.T)
@@ -24,7 +24,7 @@ def white_noise(values: Float, order: int = 3) -> Float:
 
 
 def step_noise(measured: Float) -> Float:
-    """Return the noise (c,) of channels (N, c) that come in steps; 0 where no steps are seen."""
+    """Return the noise (c,) of channels (N, c) that come in steps; 0 for channels without steps."""
     out = np.zeros(measured.shape[1])
     for channel, values in enumerate(measured.T):
         levels = np.unique(values)

@@ -1,4 +1,4 @@
-"""ONNX model files, opened for one thread on the CPU, with the JSON metadata that says what each is for."""
+"""ONNX model files, opened for one thread on the CPU, with JSON metadata that describes each model."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ class Tensor(NamedTuple):
 
 
 def refused(model: PathLike[str] | str | None, reason: str) -> ModelError:
-    """The one line that says why a model, of the file where there is one, is not run."""
+    """The error, in one line, that a model is not run, with its file if there is one and the reason."""
     return ModelError(f"the model {'' if model is None else f'{model} '}is refused: {' '.join(reason.split())}")
 
 
 def decoded(text: str, kind: type[T], model: PathLike[str] | None) -> T:
-    """Metadata of a model from its JSON text. Raises ``ModelError`` where it is no JSON or not of that kind."""
+    """Metadata of a model from its JSON text. Raises ``ModelError`` if that is no JSON or not of this kind."""
     try:
         return TypeAdapter(kind).validate_json(text, strict=True)
     except ValidationError as error:
@@ -47,7 +47,7 @@ def decoded(text: str, kind: type[T], model: PathLike[str] | None) -> T:
 class OnnxFile:
     """A model file, or its bytes, in onnxruntime.
 
-    Raises ``ConfigError`` where onnxruntime is not installed, ``ModelError`` where it cannot load the model.
+    Raises ``ConfigError`` if onnxruntime is not installed, ``ModelError`` if it cannot load the model.
     """
 
     def __init__(self, model: Path | bytes) -> None:
@@ -61,13 +61,13 @@ class OnnxFile:
             ) from error
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
-        options.log_severity_level = 4  # what goes wrong is raised, and told in one line
+        options.log_severity_level = 4  # errors are raised, with a message of one line
         source = model if isinstance(model, bytes) else str(model)
         cpu = ["CPUExecutionProvider"]
         with self._mapped("onnxruntime cannot load it as ONNX"):
             if self.path is not None:
                 check_file(self.path)
-            # Its fallback to other providers prints what goes wrong.
+            # onnxruntime's fallback to other providers prints errors.
             self._session = onnxruntime.InferenceSession(source, options, providers=cpu, enable_fallback=0)
         with self._mapped("onnxruntime cannot read its metadata"):
             self.properties: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
@@ -80,14 +80,14 @@ class OnnxFile:
         return refused(self.path, reason)
 
     def told(self, key: str, kind: type[T]) -> T:
-        """Metadata under a key as ``kind``. Raises ``ModelError`` where it is missing, no JSON or not of that kind."""
+        """Metadata under a key as ``kind``. Raises ``ModelError`` if it is missing, no JSON or not of this kind."""
         if key not in self.properties:
             there = ", ".join(map(repr, self.properties)) or "none"
             raise self.refused(f"it has no metadata {key!r}, found {there}")
         return decoded(self.properties[key], kind, self.path)
 
     def run(self, values: NDArray[Any]) -> NDArray[np.float64]:
-        """First output (N, …) for the first input (N, …). Raises ``ModelError`` where the model fails on it."""
+        """First output (N, …) for the first input (N, …). Raises ``ModelError`` if the model fails on it."""
         try:
             given = self._session.run([self.outputs[0].name], {self.inputs[0].name: values})[0]
         except Exception as error:  # as in _mapped, without its cost for every frame
@@ -105,5 +105,5 @@ class OnnxFile:
 
 
 def _reason(error: Exception) -> str:
-    # Python 3.11.2 has no words for some errors of onnxruntime.
+    # Python 3.11.2 has no text for some errors of onnxruntime.
     return _PREFIX.sub("", " ".join(str(error).split()))[:300] or type(error).__name__

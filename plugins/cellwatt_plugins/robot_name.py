@@ -13,7 +13,7 @@ class _Named(BaseModel):
 
 
 def robot_name(cell: CellInfo) -> str | None:
-    """The cell's ``robot``, or the name in its description where that is a path to one. Raises ``ConfigError``."""
+    """The cell's ``robot``, or, if that is the path of a description, the name in it. Raises ``ConfigError``."""
     path = cell.folder / (cell.robot or "nowhere")
     file = path / "robot.yaml" if path.is_dir() else path
     described = cell.robot and file.suffix in (".yaml", ".yml") and file.is_file()

@@ -11,7 +11,7 @@ import numpy as np
 
 from cellwatt.testing import DriverConformance, Rig
 from cellwatt_drivers.abb import AbbDriver
-from cellwatt_drivers.abb.emulated_robot import EmulatedRobot, Stamp
+from cellwatt_drivers.abb.emulated_robot import EmulatedRobot
 from cellwatt_drivers.abb.wire import decode
 from cellwatt_drivers.can_sensor import CanSensorDriver
 from cellwatt_drivers.franka import FrankaDriver
@@ -114,6 +114,6 @@ class TestConformance(DriverConformance):
 
 def test_devices_of_a_recording_that_lacks_what_they_give_say_0():
     robot = EmulatedRobot(Steady({}), 7, 6, 0.004)
-    assert list(decode(robot.packet(3, Stamp(1, 0.0, False))).message.feedBack.joints.joints) == [0.0] * 6
+    assert list(decode(robot.packet(3, 1, 0.0, False)).message.feedBack.joints.joints) == [0.0] * 6
     board = PowerBoardEmulator(Steady({"supply.voltage": 0.0}), "pty")
     assert not board._phase_values(np.zeros(2)).any()

@@ -1,4 +1,4 @@
-"""Frames out of batches: all channels of a cell on one grid."""
+"""Makes frames from batches: all channels of a cell on one time grid."""
 
 from cellwatt.align.aligner import Aligner
 from cellwatt.align.track import Counts

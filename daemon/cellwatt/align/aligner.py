@@ -15,15 +15,15 @@ from cellwatt.frames import FrameChannel, Frames, Layout
 
 _SECOND = 1_000_000_000
 _BLOCK = 512
-"""Most frames in one block."""
+"""Largest number of frames in one block."""
 _HOLE = 5 * _SECOND
-"""After a jump of the cell's time by more than this, frames go on where samples do; those left out are counted."""
+"""After a jump of the cell's time by more than this, frames continue at the next samples; skipped ones are counted."""
 _BACKLOG = 60 * _SECOND
-"""Longest backlog of samples that is brought into frames after such a jump."""
+"""Longest backlog of samples that still enters frames after such a jump."""
 
 
 class Aligner:
-    """Brings the streams of all sources onto one grid of ``rate`` Hz.
+    """Aligns the streams of all sources to one grid of ``rate`` Hz.
 
     A grid point is emitted once every active stream has the samples that settle it, at the latest with the first
     entry (batch or tick) whose time is ``latency`` s past it. Values that are missing then are marked; samples that
@@ -31,13 +31,13 @@ class Aligner:
     entries, so a replay gives the same bits.
 
     Linear channels lie on the straight line between the neighbouring samples, averaged ones are the mean over
-    the step around the grid point, held ones the last sample. A stretch of more than 1.5 nominal periods
-    between samples makes a value interpolated, more than ``gap`` periods missing. Streams with a period above
-    half the latency, or with none, are held; those with none for ``hold`` s at most. The bound of a value is
+    the step around the grid point, held ones are the last sample. If the samples are more than 1.5 nominal periods
+    apart, the value counts as interpolated; if more than ``gap`` periods, as missing. Streams with a period above
+    half the latency, or without a rate, are held; those without a rate for ``hold`` s at most. The bound of a value is
     the worst clock bound of its samples plus the distance of the nearest one from the grid point, -1 where it
     is missing.
 
-    Channels of a source have different names. Raises ``ConfigError`` where the latency is too short to average.
+    The channel names of a source are unique. Raises ``ConfigError`` if the latency is too short to average.
     """
 
     def __init__(
@@ -66,18 +66,18 @@ class Aligner:
                 _check(source, stream, lane, step, self._latency)
         self.layout = Layout(tuple(channels), rate)
         self.skipped = 0
-        """Frames left out because the cell's time jumped."""
+        """Frames skipped because the cell's time jumped."""
         self._now = self._given_out = NEVER
         self._next: int | None = None  # number of the next grid point: its time in steps
         self._sequence = 0
 
     @property
     def counts(self) -> Mapping[tuple[str, str], Counts]:
-        """Samples that did not enter their frames, by source and stream."""
+        """Counts of samples that did not enter their frames, by source and stream."""
         return {key: lane.track.counts for key, lane in self._lanes.items()}
 
     def add(self, batch: Batch) -> list[Frames]:
-        """Take a batch; return the frames that it settles. Raises ``KeyError`` for an undeclared stream."""
+        """Add a batch; return the frames that it settles. Raises ``KeyError`` for an undeclared stream."""
         lane = self._lanes[batch.source, batch.stream.name]
         self._now = max(self._now, batch.arrival)
         if not len(batch):
@@ -96,7 +96,7 @@ class Aligner:
         return self._move_on()
 
     def flush(self) -> list[Frames]:
-        """Return all frames up to the newest sample, missing values marked: the data end here."""
+        """Return all frames up to the newest sample, missing values marked, at the end of the data."""
         newest = max(lane.track.newest for lane in self._lanes.values()) if self._lanes else self._now
         return self._give_out(newest // self._step)
 
@@ -106,7 +106,7 @@ class Aligner:
         return (self._next or 0) * self._step
 
     def _begin(self, first: int) -> None:
-        """Place the first grid point at the first sample, but no further back than the latency."""
+        """Set the first grid point at the first sample, but no further back than the latency."""
         self._next = -(-max(first, self._now - self._latency) // self._step)
         for lane in self._lanes.values():
             lane.start = self._now
@@ -134,7 +134,7 @@ class Aligner:
         return blocks
 
     def _leave_out(self, newest: int) -> None:
-        """Go on at the first sample after what was there before the jump, if that leaves a hole."""
+        """Continue at the first sample after the jump, if that leaves a gap of more than ``_HOLE``."""
         end, before = newest * self._step, self._following + self._latency
         times = [lane.track.samples.time for lane in self._lanes.values()]
         resumed = min(int(time[time > max(before, end - _BACKLOG)].min(initial=end)) for time in times) // self._step

@@ -1,4 +1,4 @@
-"""One stream's columns of the frames: when a grid point is settled, how long to wait, which method fills it."""
+"""The columns of one stream in the frames: when a grid point is settled, how long to wait, the method of alignment."""
 
 from __future__ import annotations
 
@@ -12,33 +12,33 @@ from cellwatt.channel import Align, Quality, Stream
 
 _SECOND = 1_000_000_000
 _PLAIN = 1.5
-"""Samples so many nominal periods apart are neighbours; further apart, some are missing in between."""
+"""Largest distance of neighbouring samples in nominal periods; if it is larger, samples are missing in between."""
 _PATIENCE = 1 * _SECOND
-"""Frames wait, within the latency, for a stream that spoke this recently …"""
+"""Frames wait, within the latency, for a stream whose last batch arrived within this time …"""
 _PATIENCE_PERIODS = 3
-"""… or this many periods ago."""
+"""… or within this many periods."""
 
 
 class Lane:
     """Aligns one stream; ``first`` is its first column in the frames.
 
-    ``step`` and ``latency`` ns are those of the frames. ``gap`` is the longest stretch that is bridged, in
-    nominal periods, ``hold`` the longest time in s for which a stream without a rate holds.
+    ``step`` and ``latency`` ns are those of the frames. ``gap`` is the longest gap that is interpolated, in
+    nominal periods, ``hold`` the longest time in s for which a value of a stream without a rate is held.
     """
 
     def __init__(self, stream: Stream, first: int, step: int, latency: int, gap: float, hold: float) -> None:
         period = _SECOND / stream.rate if stream.rate else 0.0
         self.held = not stream.rate or period > latency / 2
-        """Too slow to wait for the next sample: all channels hold the last one, and frames never wait for it."""
+        """The stream is too slow to wait for its next sample: all channels hold the last one, frames never wait."""
         self.methods: tuple[Align, ...] = tuple(
             "hold" if self.held or c.window * _SECOND > step else c.method for c in stream.channels
         )
-        """The method in force for each channel; what is a mean over more than a step already is not averaged anew."""
+        """The method for each channel; a channel that its device averages over more than a step is held."""
         self.reach = step - step // 2 if "average" in self.methods else 0
-        """Time in ns beyond a grid point from which samples must be there to settle it."""
+        """Time in ns past a grid point up to which samples are needed to settle it."""
         self.track = Track(len(stream.channels))
         self.start = NEVER
-        """Since when the stream could have spoken, ns."""
+        """Time from which the stream could have delivered, ns."""
         slack = latency if self.held else 0
         self._limits = Limits(_PLAIN * period + slack, gap * period + slack)
         if not stream.rate:
@@ -60,7 +60,7 @@ class Lane:
         return not self.held and now - max(self.start, self._heard) <= self._patience
 
     def hear(self, batch: Batch, given_out: int, horizon: int) -> None:
-        """Take a batch. Frames up to ``given_out`` ns were emitted; samples after ``horizon`` ns are refused."""
+        """Add a batch. Frames up to ``given_out`` ns were emitted; samples after ``horizon`` ns are refused."""
         self._heard = batch.arrival
         self.track.append(batch, given_out + self.reach - self._overdue, horizon)
 

@@ -1,6 +1,6 @@
 """Values at grid points from samples: linear, average, hold.
 
-Pure functions of the samples around each grid point, so that a value does not depend on how the stream was cut
+Pure functions of the samples around each grid point, so that a value does not depend on how the stream is divided
 into batches or the grid into blocks.
 """
 
@@ -19,7 +19,7 @@ _MISSING = np.uint8(Quality.MISSING)
 
 _Index = NDArray[np.intp]
 Columns = slice | _Index
-"""Which columns of the values: neighbouring ones, or any."""
+"""Columns of the values: a slice of neighbouring ones, or an index of any."""
 
 
 class Samples(NamedTuple):
@@ -32,7 +32,7 @@ class Samples(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """Longest distance in time, ns, between the samples used: above ``plain`` the value counts as interpolated, above
+    """Limits of the distance, ns, between the samples used: above ``plain`` a value counts as interpolated, above
     ``longest`` as missing.
     """
 

@@ -1,4 +1,4 @@
-"""The samples of one stream that the frames still need."""
+"""The samples of one stream that coming frames need."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ _ROWS = 64
 
 @dataclass(slots=True)
 class Counts:
-    """Samples of a stream that did not enter the frames they belong to; the record has them all.
+    """Counts of samples that did not enter their frames; the record has them all.
 
-    ``late`` came after their frames had been given out, ``ahead`` had times further in the future than the
-    latency allows, ``replaced`` were not yet used when the stream's time turned back over them.
+    ``late`` arrived after their frames had been emitted, ``ahead`` had times further in the future than the
+    latency allows, ``replaced`` were unused when the stream's time went back past them.
     """
 
     late: int = 0
@@ -47,7 +47,7 @@ class Track:
         return Samples(self._time[rows], self._bound[rows], self._values[rows], self._quality[rows])
 
     def append(self, batch: Batch, settled: int, horizon: int) -> None:
-        """Take a batch. Samples at or before ``settled`` ns are late, those after ``horizon`` ns are refused."""
+        """Add a batch. Samples at or before ``settled`` ns are late, those after ``horizon`` ns are refused."""
         time = batch.time
         n = len(time)
         first, last = int(time[0]), int(time[-1])

@@ -7,11 +7,11 @@ import time
 from collections.abc import Callable
 
 _MAX_SLEW = 500e-6
-"""Largest deviation of the cell's second from the host's, 1."""
+"""Largest relative deviation of the cell's second from the host's."""
 _MAX_TURN = 0.05e-6
 """Fastest change of the slew, 1/s: the clock models of the devices follow it without losing their bounds."""
 _HORIZON = 20.0
-"""Small deviations are slewed away within about so many s."""
+"""Time in s within which small deviations are slewed away, approximately."""
 _STEP_NS = 1_000_000
 """The kernel slews CLOCK_REALTIME and CLOCK_MONOTONIC alike; a change of their difference above this is a step."""
 
@@ -31,7 +31,7 @@ class CellClock:
         self._monotonic = monotonic
         at, utc = self._compare()
         self._difference = utc - at
-        self._line = (at, utc, 0.0)  # replaced as one, so that other threads may read the time
+        self._line = (at, utc, 0.0)  # replaced as a whole, so that other threads may read the time
         self.utc_error_ns = 0
         """The cell's time minus the host's UTC at the last ``discipline``, ns."""
 
@@ -61,7 +61,7 @@ class CellClock:
         return step if abs(step) >= _STEP_NS else 0
 
     def _compare(self) -> tuple[int, int]:
-        """CLOCK_MONOTONIC and the wall clock at one moment, ns: the closest of a few readings."""
+        """CLOCK_MONOTONIC and the wall clock at one moment, ns: the closest of three pairs."""
         readings = []
         for _ in range(3):
             before = self._monotonic()

@@ -1,7 +1,7 @@
 """The straight lines (offset, drift) that are consistent with one-sided facts about a clock.
 
-A fact is a pair (device time, offset), both ns: the offset, cell time − device time, was at most (from above)
-or at least (from below) so much at that device time.
+A fact is a pair (device time, offset), both ns: at that device time the true offset, cell time − device time, was at
+most (fact from above) or at least (fact from below) this offset.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from cellwatt.arrays import Float
 
 SECOND = 1_000_000_000
 BLOCK = 1 * SECOND
-"""Of each side the tightest fact of a block is kept …"""
+"""Length of a block, ns: of each side the tightest fact of a block is stored …"""
 BLOCKS = 64
 """… for this many blocks."""
 SPAN = 8
-"""Blocks in a row of which one is claimed to hold a sample that came with little delay: longer than any stall."""
+"""Consecutive blocks of which one is assumed to hold a sample with little delay: longer than any stall."""
 MAX_DRIFT = 750e-6
 """A device's drift (200 ppm) and the cell clock's own slew (500 ppm), with a margin."""
 
@@ -55,7 +55,7 @@ class Lines(NamedTuple):
 class Facts:
     """The tightest facts from one side, one per block of the cell's time.
 
-    ``sign`` 1 keeps the lowest offsets (facts from above), -1 the highest.
+    ``sign`` 1 stores the lowest offsets (facts from above), -1 the highest.
     """
 
     def __init__(self, sign: int) -> None:
@@ -65,7 +65,7 @@ class Facts:
         self._end = 0
 
     def add(self, when: int, fact: Fact, slope: float) -> bool:
-        """Add a fact learned at cell time ``when`` and keep the block's tightest; return True if it closed a block."""
+        """Add a fact learned at cell time ``when``, store the block's tightest; return True if it closed a block."""
         best = self._open
         if best is None or when >= self._end:
             if best is not None:
@@ -86,9 +86,9 @@ class Facts:
 
 
 def claims(above: Float, leeway: float, lines: Lines, wander: float) -> Float:
-    """Facts from below, (m, 2), if of ``SPAN`` facts from above (n, 2) in a row one is loose by ``leeway`` at most.
+    """Facts from below, (m, 2), if of ``SPAN`` consecutive facts from above (n, 2) one is loose by ``leeway`` at most.
 
-    It is not known which one, so the weakest claim of all of them is made, once at the begin of the span and once at
+    It is unknown which one, so the weakest claim of all of them is used, once at the start of the span and once at
     its end; ``lines`` limits the slopes in between.
     """
     spans = sliding_window_view(above, min(SPAN, len(above)), axis=0)[::-1][:: SPAN // 2]
@@ -107,7 +107,7 @@ def possible(above: Float, below: Float, wander: float) -> Lines | None:
 
     The slope may change by ``wander`` per ns, so a fact that is x ns old is loosened by wander x² / 2. A fact
     from above and an older one from below limit the slope from above, and so on: the extremes over all pairs
-    are the exact extremes of this two-dimensional linear programme. ``None`` if no line is left.
+    are the exact extremes of this two-dimensional linear programme. ``None`` if no line is possible.
     """
     newest = max(above[:, 0].max(), below[:, 0].max())
     top_age, foot_age = newest - above[:, 0], newest - below[:, 0]

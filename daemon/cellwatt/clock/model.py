@@ -11,9 +11,9 @@ from cellwatt.arrays import Float, Nanoseconds
 from cellwatt.clock.lines import BLOCK, MAX_DRIFT, SECOND, SPAN, Facts, Lines, claims, possible
 
 _STALL = SPAN * BLOCK
-"""Delay that the very first sample may have."""
+"""Largest delay of the first sample, ns."""
 _FRESH = 30 * SECOND
-"""Brackets are facts and make claims needless, as long as the newest is no older than this."""
+"""Brackets are measured facts: while the newest is no older than this, claims from ``least_delay`` are not used."""
 _BACK = "the device's time went back"
 _EARLY = "the device's time jumped ahead: a sample would have arrived before it was made"
 _LATE = "the device's time fell behind: a sample would have been made before it was asked for"
@@ -26,7 +26,7 @@ class ClockState:
 
     ``offset_ns`` is cell time − device time at the newest sample, ``drift_ppm`` the rate of the device's clock
     relative to the cell's (positive is faster), ``bound_ns`` the half width stated for the newest sample, ``age_s``
-    the time since the last reset, ``samples`` the number stamped in all, ``reason`` that of the last of ``resets``.
+    the time since the last reset, ``samples`` the total number stamped, ``reason`` that of the last of ``resets``.
     """
 
     offset_ns: int
@@ -41,9 +41,9 @@ class ClockState:
 class ClockModel:
     """Maps the device time of one stream to the cell's time, with a bound on every sample.
 
-    The facts are one-sided: no sample arrives before it was made, and a sample that answers a question
-    (``bracket``) was made after the question left. Every straight line (offset, drift) that no fact of the last
-    64 s contradicts is possible; the time stated is the middle of these, the bound reaches the outermost.
+    The facts are one-sided: no sample arrives before it was made, and a sample that answers a request
+    (``bracket``) was made after the request was sent. Every straight line (offset, drift) that no fact of the last
+    64 s contradicts is possible; the time stated is the middle of these lines, the bound reaches the outermost.
 
     ``least_delay`` (lowest, highest) in s bounds the least transport delay: no sample takes less than the lowest,
     and in 8 s of arrivals at least one takes no more than the highest. Only brackets bound the offset from below
@@ -68,7 +68,7 @@ class ClockModel:
         self._start()
 
     def _start(self) -> None:
-        self._zero: tuple[int, int] | None = None  # device time and offset that the facts count from
+        self._zero: tuple[int, int] | None = None  # device time and offset at the origin of the facts
         self._lines = Lines(0, -math.inf, math.inf, -MAX_DRIFT, MAX_DRIFT)
         self._above = Facts(1)
         self._below = Facts(-1)
@@ -85,8 +85,8 @@ class ClockModel:
     def stamp(self, device_time: Nanoseconds, arrival: int) -> tuple[Nanoseconds, Nanoseconds]:
         """The cell's time and its bound, each (n,) ns, of samples made at ``device_time`` (n,) and read at ``arrival``.
 
-        Times rise strictly over all calls; if a better estimate would turn them back, they go on at half pace and the
-        bound covers the difference. A step of the device's clock resets the map (see ``resets`` and ``state``).
+        Times rise strictly over all calls; if a better estimate would turn them back, they continue at half pace and
+        the bound covers the difference. A step of the device's clock resets the map (see ``resets`` and ``state``).
         """
         if len(device_time) == 0:
             return np.empty(0, np.int64), np.empty(0, np.int64)
@@ -102,7 +102,7 @@ class ClockModel:
             if reason is _BACK or self._last_arrival - self._bracketed < _FRESH:
                 self.reset(reason)
             else:
-                self._restart(reason)  # not the device's clock, but the claim may have been wrong
+                self._restart(reason)  # the device's clock may be right, the claim wrong
             done.append(self._stamp(device_time[start:end], arrival))
         return np.concatenate([time for time, _ in done]), np.concatenate([bound for _, bound in done])
 
@@ -122,7 +122,7 @@ class ClockModel:
             self._lines = there._replace(lower=offset)
 
     def reset(self, reason: str) -> None:
-        """Forget the map: the device's time has a new base. Samples still come in the order they were made."""
+        """Discard the map: the device's time has a new base. Samples still arrive in the order they were made."""
         floor = self._floor
         self._restart(reason)
         self._floor = floor

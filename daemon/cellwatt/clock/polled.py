@@ -1,4 +1,4 @@
-"""Time stamps of polled samples, and counters of a device that begin anew at the end of their range."""
+"""Time stamps of polled samples, and unwrapping of a device's counters."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from cellwatt.arrays import Nanoseconds
 def middle(asked: int, arrival: int, n: int = 1, after: int | None = None) -> tuple[Nanoseconds, Nanoseconds]:
     """Time and bound, each (n,) ns, of n samples that answer one request.
 
-    ``asked`` and ``arrival`` are the cell's time when the request left and the reply came; the samples were
+    ``asked`` and ``arrival`` are the cell's time when the request was sent and the reply arrived; the samples were
     made in between, so the time is the middle and the bound half the round trip. Times rise by 1 ns from
-    sample to sample, and above ``after``, the last time given out before; the bound grows by as much.
+    sample to sample, and above ``after``, the last time stated before; the bound grows by as much.
     """
     start = (asked + arrival) // 2
     late = 0 if after is None else max(0, after + 1 - start)

@@ -22,12 +22,12 @@ EXIT_FAILED = 1
 EXIT_USAGE = 2
 """The command line or a settings file is wrong."""
 EXIT_ERROR = 3
-"""It could not be done: a device, file or link failed."""
+"""A device, file or link failed, so the command could not do its work."""
 EXIT_BUG = 70
-"""A mistake in cellwatt or a package that it loaded; the number is EX_SOFTWARE of sysexits.h."""
+"""A bug in cellwatt or in a package that it loaded; the number is EX_SOFTWARE of sysexits.h."""
 
 TRACEBACK: Final = "CELLWATT_TRACEBACK"
-"""Variable of the environment: where it is set, the traceback of a bug goes to stderr instead of into a file."""
+"""Environment variable: if set, the traceback of a bug goes to stderr instead of into a file."""
 GROUPS: Final = {
     "Start": ("demo", "init", "check", "doctor", "drivers", "emulate"),
     "Run": ("run", "record", "health", "secure", "notify", "diagnose"),
@@ -37,12 +37,12 @@ GROUPS: Final = {
     "Fleet": ("fleet",),
     "Develop": ("new-driver", "new-outlet"),
 }
-"""Headings of the help with their commands; others come last."""
+"""Commands under each heading of the help; commands not listed here come last."""
 _FULL: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 class Commands(click.Group):
-    """Commands that are the entry points of the group ``points``."""
+    """A command group whose commands are the entry points of the group ``points``."""
 
     points = "cellwatt.commands"
     headings: Mapping[str, tuple[str, ...]] = GROUPS
@@ -52,7 +52,7 @@ class Commands(click.Group):
         return list(available(self.points))
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        """The command of that name, or one that says why it cannot be loaded; None where there is none."""
+        """Return the named command, a command that reports why it cannot be loaded, or None if it is unknown."""
         if name not in available(self.points):
             return None
         try:
@@ -73,13 +73,13 @@ class Commands(click.Group):
                     formatter.write_dl(rows, col_max=20)
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
-        """Names of commands, without the help that click adds: that would import every one of them."""
+        """Return the command names without click's help texts, which would import every command."""
         names = [CompletionItem(name) for name in self.list_commands(ctx) if name.startswith(incomplete)]
         return [*names, *click.Command.shell_complete(self, ctx, incomplete)]
 
 
 def _unloadable(name: str, error: ConfigError) -> click.Command:
-    """Return a command that says why it cannot be loaded, so that the help of all others can still be shown."""
+    """Return a command that reports why it cannot be loaded, so that the help of all others can still be shown."""
 
     def fail(**_: object) -> None:
         raise error
@@ -96,7 +96,7 @@ def cli() -> None:
 
 
 def main() -> None:
-    """Run the command line; errors meant for a person are one line each, without a traceback."""
+    """Run the command line; print an error for the user as one line, without a traceback."""
     try:
         code = cli(standalone_mode=False)
     except click.exceptions.Exit as stop:
@@ -118,7 +118,7 @@ def main() -> None:
             sys.exit(EXIT_USAGE)
         if isinstance(error, OSError) and error.errno in _FULL:
             where = error.filename or "the output"
-            click.echo(f"cellwatt: {where} cannot be written: {error.strerror}", err=True)
+            click.echo(f"cellwatt: cannot write {where}: {error.strerror}", err=True)
             sys.exit(EXIT_ERROR)
         _tell_bug(error)
         sys.exit(EXIT_BUG)
@@ -126,7 +126,7 @@ def main() -> None:
 
 
 def _tell_bug(error: Exception) -> None:
-    """Say in one line that this is a mistake of ours, and where its traceback is."""
+    """Report in one line that this is a bug in cellwatt, and where its traceback is."""
     text = blank("".join(traceback.format_exception(error)))
     told = blank(" ".join(f"{type(error).__name__}: {error}".split()))
     kept = f"set {TRACEBACK}=1 to see where it is"
@@ -140,4 +140,4 @@ def _tell_bug(error: Exception) -> None:
             kept = f"the traceback is in {file.name}"
         except OSError:
             pass
-    click.echo(f"cellwatt: this is a mistake in cellwatt, please report it: {told} ({kept})", err=True)
+    click.echo(f"cellwatt: this is a bug in cellwatt, please report it: {told} ({kept})", err=True)

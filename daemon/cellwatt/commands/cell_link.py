@@ -1,4 +1,4 @@
-"""Options of commands that look at running cells over Zenoh, and the link that they stand for."""
+"""Options of the commands that connect to running cells over Zenoh, and the link that they define."""
 
 from __future__ import annotations
 
@@ -18,23 +18,19 @@ from cellwatt.subscriber import LinkSettings
 PEM: Final = click.Path(exists=True, dir_okay=False, path_type=Path)
 _OPTIONS: Final = (
     click.argument("file", required=False, type=click.Path(path_type=Path)),
-    click.option(
-        "--connect", metavar="ENDPOINT", help="Where the cell or its router listens, e.g. tcp/192.0.2.1:7447."
-    ),
+    click.option("--connect", metavar="ENDPOINT", help="Endpoint of the cell or its router, e.g. tcp/192.0.2.1:7447."),
     click.option("--site", help="Site of the cell (with --connect)."),
     click.option("--cell", help="Name of the cell (with --connect)."),
-    click.option("--ca", type=PEM, help="Authority that signed the cell's certificate: for tls/ endpoints."),
-    click.option(
-        "--certificate", type=PEM, help="Your own certificate, where the cell asks for one (with --ca, --key)."
-    ),
-    click.option("--key", type=PEM, help="Its private key."),
-    click.option("--verify", type=PEM, help="The cell's public key: leave out what it has not signed."),
+    click.option("--ca", type=PEM, help="Certificate of the authority that signed the cell's, for tls/ endpoints."),
+    click.option("--certificate", type=PEM, help="Your own certificate, if the cell requires one (with --ca, --key)."),
+    click.option("--key", type=PEM, help="Private key of --certificate."),
+    click.option("--verify", type=PEM, help="Public key of the cell: discard messages that it has not signed."),
 )
 
 
 @dataclass(frozen=True, slots=True)
 class Where:
-    """What the options say of a cell, or of a site whose cells are asked for."""
+    """Options that name a cell, or a site with all of its cells."""
 
     file: Path | None
     connect: str | None
@@ -45,7 +41,7 @@ class Where:
 
     @property
     def whole_site(self) -> tuple[str, LinkSettings] | None:
-        """The site and its link where all of its cells are asked for. Raises ``click.UsageError`` with ``verify``."""
+        """Site and link if the options name all cells of a site. Raises ``click.UsageError`` if ``verify`` is set."""
         if self.file is None and self.connect and self.site and not self.cell:
             if self.verify is not None:
                 raise click.UsageError("--verify is the key of one cell: give --cell, too")
@@ -53,7 +49,7 @@ class Where:
         return None
 
     def target(self, config: CellConfig | None = None) -> tuple[str, str, LinkSettings]:
-        """Site, name and link of the cell of its settings (``config``, or those of FILE), or of the other options."""
+        """Site, name and link of the cell in ``config``, in FILE, or in --connect, --site and --cell."""
         if config is None and self.file is not None:
             config = load(self.file)
         if config is not None:
@@ -64,7 +60,7 @@ class Where:
 
 
 def cell_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Put the options that name a cell, and the link to it, before those of a command, which gets a ``where``."""
+    """Add the options that name a cell and its link to a command; the command receives them as ``where``."""
 
     @wraps(command)
     def called(ca: Path | None, certificate: Path | None, key: Path | None, **more: Any) -> Any:
@@ -77,16 +73,16 @@ def cell_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _tls_of(ca: Path | None, certificate: Path | None, key: Path | None) -> TlsSettings | None:
-    """The certificates given on the command line. Raises ``click.UsageError`` where one is missing."""
+    """TLS settings from the command line. Raises ``click.UsageError`` if one of the files is missing."""
     if ca is None and certificate is None and key is None:
         return None
     if ca is None or (certificate is None) != (key is None):
-        raise click.UsageError("give --ca, and --certificate and --key together where the cell asks for yours")
+        raise click.UsageError("give --ca, and --certificate and --key together if the cell requires them")
     return TlsSettings(root_ca=ca, certificate=certificate, key=key)
 
 
 def _client(connect: str, tls: TlsSettings | None) -> LinkSettings:
-    """The link to an endpoint. Raises ``click.UsageError`` where it needs certificates and has none."""
+    """The link to an endpoint. Raises ``click.UsageError`` if it needs certificates and none are given."""
     if connect.startswith(("tls/", "quic/")) and tls is None:
-        raise click.UsageError(f"{connect} needs --ca FILE, and --certificate and --key where the cell asks for yours")
+        raise click.UsageError(f"{connect} needs --ca FILE, and --certificate and --key if the cell requires them")
     return client_of((connect,), tls)

@@ -23,13 +23,13 @@ from cellwatt.runtime.assemble import Prepared, prepare
 @click.command(short_help="Check settings files; connects to nothing.")
 @click.argument("files", metavar="FILE...", nargs=-1, type=click.Path(path_type=Path))
 @click.option("--json", "as_json", is_flag=True, help="Print the problems as a JSON list.")
-@click.option("--schema", is_flag=True, help="Print the JSON Schema of a settings file, for editors, and stop.")
+@click.option("--schema", is_flag=True, help="Print the JSON Schema of a settings file, for editors, and exit.")
 def command(files: tuple[Path, ...], as_json: bool, schema: bool) -> None:
     """Check settings files without connecting to anything.
 
-    Prints one line for each mistake, by place, and ends with exit code 2 when there is one; a record folder that
-    cannot be made is one. What is allowed and yet dangerous is a warning on stderr, and so is a record folder that
-    cannot be written, or a disk without the room that `keep` asks for.
+    Prints one line per error, in file order. Exit code 2 if there is an error; a record folder that cannot be created
+    is an error. Settings that are valid but dangerous, a record folder that cannot be written, and a disk with less
+    free space than `keep` requires are warnings on stderr.
     """
     if schema:
         click.echo(json.dumps(json_schema(), indent=2, ensure_ascii=False))
@@ -58,7 +58,7 @@ def command(files: tuple[Path, ...], as_json: bool, schema: bool) -> None:
 
 
 def warn(file: Path, config: CellConfig) -> Problem | None:
-    """Print on stderr settings that are allowed but dangerous, and return what keeps this user from recording here."""
+    """Print warnings about valid but dangerous settings on stderr; return the problem that prevents recording."""
     found = obstacles(config.record) if config.record is not None else Obstacles()
     for warning in (*config.warnings, *(f"record: {text}" for text in found.warnings)):
         click.echo(f"{file}: warning: {warning}", err=True)
@@ -73,7 +73,7 @@ def _describe(config: CellConfig, prepared: Prepared) -> None:
     click.echo(
         f"{config.path}: configuration is valid. Cell {config.cell} at {config.site}: "
         f"{_count(config.sources, 'source')}, {_count(prepared.layout.channels, 'channel')} "
-        f"in frames at {config.frames.rate:g} Hz, given after {1e3 * config.frames.latency:g} ms"
+        f"in frames at {config.frames.rate:g} Hz with a latency of {1e3 * config.frames.latency:g} ms"
     )
     show_table(
         ("source", "driver", "stream", "rate", "clock", "channels"),

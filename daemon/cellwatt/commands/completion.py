@@ -1,4 +1,4 @@
-"""Words that the shell offers after TAB. Names come from entry points: nothing is imported to list them."""
+"""Shell completion. Names come from entry points, so that no plugin is imported to list them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def parts(ctx: click.Context, parameter: click.Parameter, incomplete: str) -> li
 
 
 def sources(ctx: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """``NAME=DRIVER:`` once the name and ``=`` are there."""
+    """``NAME=DRIVER:`` for each driver, once NAME and ``=`` are typed."""
     name, sign, driver = incomplete.partition("=")
     if not sign:
         return []
@@ -30,10 +30,10 @@ def sources(ctx: click.Context, parameter: click.Parameter, incomplete: str) -> 
 
 
 def or_files(words: Iterable[str], incomplete: str) -> list[CompletionItem]:
-    """Words that start as what is typed, and files where none does."""
+    """Words that start with ``incomplete``, and file names."""
     return [CompletionItem(incomplete, type="file"), *starting(words, incomplete)]
 
 
 def starting(words: Iterable[str], incomplete: str) -> list[CompletionItem]:
-    """Words that start as what is typed."""
+    """Words that start with ``incomplete``."""
     return [CompletionItem(word) for word in words if word.startswith(incomplete)]

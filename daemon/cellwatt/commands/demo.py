@@ -1,4 +1,4 @@
-"""``cellwatt demo``: the whole chain on emulated devices."""
+"""``cellwatt demo``: emulated devices, the daemon and a subscriber."""
 
 from __future__ import annotations
 
@@ -27,35 +27,35 @@ RUNS: Mapping[str, Callable[[Demonstration], Awaitable[dict[str, Any]]]] = {
     "all": Demonstration.every_driver,
 }
 HEALTHY = 20.0
-"""s that the small cell needs at least, to see healthy cycles before the fault."""
+"""Shortest run, s, of the small cell: it includes healthy cycles before the fault."""
 STARTING = "starting emulated devices, the daemon and a subscriber"
 TOLD = ("health", "alarm", "task", "event", "gap")
-"""Kinds of messages that have a line."""
+"""Kinds of messages that are printed, one line each."""
 
 
 class _Demos(Commands):
-    """Other demos, of plugins."""
+    """Further demos, from plugins."""
 
     points = "cellwatt.demos"
     headings: Mapping[str, tuple[str, ...]] = {}
 
 
 @click.command(
-    cls=_Demos, invoke_without_command=True, short_help="Try the whole chain on emulated devices: no hardware."
+    cls=_Demos, invoke_without_command=True, short_help="Run the daemon on emulated devices; needs no hardware."
 )
-@click.option("--cell", type=click.Choice(list(RUNS)), default="small", show_default=True, help="Which devices.")
-@click.option("--seconds", default=60.0, show_default=True, help="How long; at least 20, with --cell all at least 1.")
+@click.option("--cell", type=click.Choice(list(RUNS)), default="small", show_default=True, help="Cell to emulate.")
+@click.option("--seconds", default=60.0, show_default=True, help="Run time, s; at least 20, with --cell all 1.")
 @click.option("--json", "as_json", is_flag=True, help="Print only the summary, as one JSON object.")
-@click.option("--keep", type=click.Path(file_okay=False, path_type=Path), help="Keep recording and log in this folder.")
+@click.option("--keep", type=click.Path(file_okay=False, path_type=Path), help="Folder for recording and log.")
 @click.pass_context
 def command(context: click.Context, cell: str, seconds: float, as_json: bool, keep: Path | None) -> None:
-    """Run emulated devices, the daemon and a subscriber; `demo explain` shows what explain finds.
+    """Run emulated devices, the daemon and a subscriber; `demo explain` runs a demo of explain.
 
-    The small cell has four devices; after 20 s, or halfway, a spring is hooked on an elbow. Exit code 0 only if nothing
-    was lost and the alarm named the right joint in time. The cell "all" has a device of every driver at its usual rate;
-    exit code 0 only if nothing was lost.
+    The small cell has four devices. After 20 s, or halfway if that is earlier, a spring is attached to an elbow joint.
+    Exit code 0 only if no sample was lost and the alarm named the right joint in time. The cell "all" has one device
+    of every driver, each at its usual rate; exit code 0 only if no sample was lost.
 
-    It prints the address of the page, and a line for all that happens.
+    Prints the address of the page and one line per event.
     """
     if context.invoked_subcommand is not None:
         return
@@ -86,7 +86,7 @@ def _quiet(folder: Path, seconds: float) -> Demonstration:
 
 
 def _lines(folder: Path, seconds: float) -> Demonstration:
-    """Print a line for each step, task, alarm and change of a source, and every 10 s how the cell stands."""
+    """Print a line for each step, task, alarm and change of a source, and the state of the cell every 10 s."""
     bulletin = Bulletin()
 
     def show(line: Mapping[str, Any]) -> None:
@@ -100,7 +100,7 @@ def _lines(folder: Path, seconds: float) -> Demonstration:
         try:
             click.echo(text)
         except BrokenPipeError:
-            run.stop("nobody reads its output any more")
+            run.stop("its output was closed")
 
     run = Demonstration(folder, seconds, show, say)
     return run
@@ -130,10 +130,10 @@ def _show(summary: Mapping[str, Any]) -> None:
         if summary["meter"]:
             click.echo(summary["meter"]["statement"])
     for name, reason in summary.get("left_out", {}).items():
-        click.secho(f"{name} is left out: {reason}", fg="yellow")
+        click.secho(f"{name} is skipped: {reason}", fg="yellow")
     for name, source in summary["sources"].items():
         if source["host_stalled"]:
-            told = f"{name}: {source['host_stalled']} samples fell due while this PC stood still or was taken by others"
+            told = f"{name}: {source['host_stalled']} samples missed because this PC was stalled or busy otherwise"
             click.secho(told, fg="yellow")
     for problem in summary["problems"]:
         click.secho(problem, fg="red")

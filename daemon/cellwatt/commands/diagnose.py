@@ -12,16 +12,16 @@ from cellwatt.diagnose import bundle_of
 
 @click.command(short_help="Write a bundle for a bug report.")
 @click.argument("file", required=False, type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="The zip (default: named by the time).")
-@click.option("--log", type=click.Path(path_type=Path), help="File with the log, instead of the journal.")
+@click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="Zip file (default: named by the time).")
+@click.option("--log", type=click.Path(path_type=Path), help="Log file to use instead of the journal.")
 def command(file: Path | None, out: Path | None, log: Path | None) -> None:
     """Write a bundle for a bug report about the cell of FILE: versions, settings, health, log, facts about the PC.
 
-    Secrets and environment variables stay out. A file that is wrong, a daemon that does not run and a log that you may
-    not read are told, and the rest is written.
+    Secrets and environment variables are left out. If FILE is invalid, the daemon is not running or you may not read
+    the log, the bundle states this and contains the rest.
     """
     out = out or Path(f"cellwatt-diagnosis-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.zip")
     bundle = bundle_of(file, log)
     click.echo(bundle.listing(), nl=False)
     bundle.write(out)
-    click.echo(f"wrote {out}; read it before you give it to others, it names your plant and its addresses")
+    click.echo(f"wrote {out}; read it before you give it to others: it contains names and addresses of your plant")

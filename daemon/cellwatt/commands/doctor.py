@@ -1,4 +1,4 @@
-"""``cellwatt doctor``: opens every device read-only and reports what works."""
+"""``cellwatt doctor``: opens every device read-only and compares measured with declared figures."""
 
 from __future__ import annotations
 
@@ -24,21 +24,22 @@ from cellwatt.runtime.examine import Examination, examine, examine_meters
 COLOUR = {"ok": "green", "warning": "yellow", "failed": "red"}
 
 
-@click.command(short_help="Open each device read-only: declared beside measured.")
+@click.command(short_help="Compare declared with measured rates of each device.")
 @click.argument("file", type=click.Path(path_type=Path))
-@click.option("--seconds", type=SECONDS, default=5.0, show_default=True, help="How long to read each device.")
+@click.option("--seconds", type=SECONDS, default=5.0, show_default=True, help="Time to read each device, s.")
 @click.option(
-    "--patience", type=SECONDS, default=5.0, show_default=True, help="How long a device may take to answer, s."
+    "--patience", type=SECONDS, default=5.0, show_default=True, help="Longest time for a device to answer, s."
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def command(file: Path, seconds: float, patience: float, as_json: bool) -> None:
-    """Connect to every device of FILE, read-only, and compare what comes with what is declared.
+    """Connect to every device of FILE, read-only, and compare measured with declared rates and channels.
 
-    A device with a clock of its own is read up to 15 s longer, until the clock is known.
+    A device with its own clock is read up to 15 s longer, until the offset of that clock is known.
 
-    Where an arm moves for long enough (--seconds 30), it tells what the values of a slow power meter stand for.
+    If an arm moves for long enough (--seconds 30), doctor also reports the averaging time and the delay of a slow
+    power meter.
 
-    Exit code 0: all as declared (warnings allowed); 1: a device failed; 2: FILE is wrong.
+    Exit code 0: all as declared (warnings allowed); 1: a device failed; 2: FILE is invalid.
     """
     config = load(file)
     if refused := warn(file, config):
@@ -87,7 +88,7 @@ def _rows(e: Examination) -> list[tuple[str, ...]]:
 
 
 def rates(figures: Mapping[str, Any]) -> tuple[str, str, str]:
-    """Declared rate, measured rate and jitter of a stream, by its status."""
+    """Declared rate, measured rate and jitter of a stream, from its status."""
     declared = f"{figures['nominal_hz']:g} Hz" if figures["nominal_hz"] else "on change"
     measured = "–" if figures["rate_hz"] is None else f"{figures['rate_hz']:.2f} Hz"
     return declared, measured, "–" if figures["jitter_p99_ms"] is None else f"{figures['jitter_p99_ms']:.2f} ms"

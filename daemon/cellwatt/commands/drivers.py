@@ -1,4 +1,4 @@
-"""``cellwatt drivers``: what is installed, and the settings of each."""
+"""``cellwatt drivers``: lists installed drivers, stages and outlets, and their settings."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from cellwatt.progress.terminal import show_table
 from cellwatt.runtime.assemble import typical_streams
 
 
-@click.command(short_help="List what is installed, and every key of one.")
+@click.command(short_help="List drivers, stages and outlets, or the settings of one.")
 @click.argument("name", required=False, shell_complete=completion.parts)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def command(name: str | None, as_json: bool) -> None:
-    """List drivers, stages and outlets; with NAME print the settings of one."""
+    """List installed drivers, stages and outlets; with NAME, print the settings of that one."""
     parts = installed()
     if name is None:
         _list(parts, as_json)
@@ -104,7 +104,7 @@ def _page(part: Installed) -> None:
 def _show_channels(part: Installed) -> None:
     streams = typical_streams(part)
     if not streams:
-        click.echo("\nIts channels depend on its settings; they are shown by: cellwatt check FILE")
+        click.echo("\nIts channels depend on its settings; cellwatt check FILE lists them.")
         return
     click.echo("\nChannels with the default settings:")
     rows = [(s.name, rate_of(s), c.name, c.unit, c.kind, c.method) for s in streams for c in s.channels]
@@ -112,7 +112,7 @@ def _show_channels(part: Installed) -> None:
 
 
 def rate_of(stream: Stream) -> str:
-    """Rate at which a stream is declared to come."""
+    """Declared rate of a stream, as text."""
     return f"{stream.rate:g} Hz" if stream.rate else "on change"
 
 

@@ -1,4 +1,4 @@
-"""``cellwatt emulate``: a device's side of the wire, or that of all devices of a cell."""
+"""``cellwatt emulate``: emulates one device, or all devices of a cell."""
 
 from __future__ import annotations
 
@@ -23,39 +23,39 @@ from cellwatt.processor import RunDelay
 _ONE_DEVICE = {"address": "--listen", "recording": "--recording", "loop": "--loop", "options": "--option"}
 
 
-@click.command(short_help="Emulate devices, and let them fail.")
+@click.command(short_help="Emulate devices and their faults.")
 @click.argument("driver", required=False, shell_complete=completion.drivers)
 @click.option(
     "--cell",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    help="Emulate all devices of this settings file, in one world, instead of one DRIVER's.",
+    help="Emulate all devices of this settings file, with the same moving arm, instead of one DRIVER's device.",
 )
 @click.option(
     "--write",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Listen at free addresses, and write a copy of the settings of --cell that reads these.",
+    help="Listen at free addresses, and write a copy of the settings of --cell with these addresses.",
 )
 @click.option(
-    "--listen", "address", default="", help="Where to listen: HOST:PORT (port 0: any free one), pty, or a link to one."
+    "--listen", "address", default="", help="Address: HOST:PORT (port 0: any free port), pty, or path of a link to it."
 )
 @click.option(
     "--recording",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
     help="Serve this CSV or Parquet file instead of the built-in arm.",
 )
-@click.option("--loop", is_flag=True, help="Start the recording again at its end.")
+@click.option("--loop", is_flag=True, help="Restart the recording at its end.")
 @click.option("--speed", type=NOT_NEGATIVE, default=1.0, show_default=True, help="Speed of the built-in arm.")
-@click.option("--epoch", type=FINITE, help="UTC time in s at which the signals' t is 0 (default: now).")
+@click.option("--epoch", type=FINITE, help="UTC time, s, at which the signals start (default: now).")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of noise and faults.")
 @click.option(
     "--fault",
     "faults",
     multiple=True,
     metavar="WORDS",
-    help="A fault: spring:joint=3,at=20s; with --cell board/loss:probability=1%.",
+    help="A fault: spring:joint=3,at=20s; with --cell board/loss:probability=1%; may be repeated.",
 )
-@click.option("--option", "options", multiple=True, metavar="KEY=VALUE", help="The emulator's own options.")
-@click.option("--control", is_flag=True, help="Take JSON lines on standard input; end of input ends it.")
+@click.option("--option", "options", multiple=True, metavar="KEY=VALUE", help="Option of the emulator; repeatable.")
+@click.option("--control", is_flag=True, help="Read JSON commands, one per line, from stdin until it ends.")
 @click.pass_context
 def command(
     context: click.Context,
@@ -72,7 +72,7 @@ def command(
     options: tuple[str, ...],
     control: bool,
 ) -> None:
-    """Emulate the device that DRIVER speaks to, or with --cell all devices of a cell."""
+    """Emulate the device that DRIVER connects to, or with --cell all devices of a cell."""
     if (driver is None) == (cell is None):
         raise click.UsageError("expected either a DRIVER, like 'ur', or --cell FILE")
     start = time.time() if epoch is None else epoch
@@ -110,7 +110,7 @@ def _pair(option: str) -> tuple[str, str]:
 
 
 def begin(planned: Mishap, emulator: Emulator) -> None:
-    """Let a fault or change begin. Raises ``ValueError`` where the device does not know it."""
+    """Start a fault or change. Raises ``ValueError`` if the device does not support it."""
     if isinstance(planned.what, Fault):
         emulator.inject(planned.what)
     else:

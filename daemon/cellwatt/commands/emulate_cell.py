@@ -1,4 +1,4 @@
-"""``cellwatt emulate --cell``: all devices of a cell, in one world."""
+"""``cellwatt emulate --cell``: emulates all devices of a cell, which share one simulated arm."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from cellwatt.files import read_bytes, write_file
 from cellwatt.progress.terminal import show_table
 
 _SHARED = {key for kind, keys in WORLD.items() for key in (kind, *keys)}
-"""Keys of changes that all devices take alike."""
+"""Keys of the changes that apply to all devices at once."""
 
 
 def emulate_cell(
@@ -33,7 +33,7 @@ def emulate_cell(
 ) -> None:
     """Emulate the devices of a settings file until SIGTERM, SIGINT or, with ``control``, the end of input.
 
-    Raises ``CellwattError`` where a device cannot be emulated, or its emulator ends by itself.
+    Raises ``CellwattError`` if a device cannot be emulated, or if its emulator ends by itself.
     """
     config = load(file)
     if write is not None:
@@ -60,7 +60,7 @@ def _check_here(file: Path, devices: Sequence[Device]) -> None:
     if elsewhere:
         copy = file.with_name(f"{file.stem}-emulated.yaml")
         raise ConfigError(
-            f"{file}: {', '.join(elsewhere)} can only be real; add --write {copy}, a copy that reads the emulators"
+            f"{file}: not on this PC: {', '.join(elsewhere)}; add --write {copy}, a copy with local addresses"
         )
 
 
@@ -73,7 +73,7 @@ async def _run(
     faults: Mapping[str, Sequence[str]],
     control: bool,
 ) -> int:
-    """Serve until the end; return the signal that asked for it, 0 for the end of input."""
+    """Serve until a signal or the end of input; return the signal's number, 0 for the end of input."""
     loop = asyncio.get_running_loop()
     asked: asyncio.Future[int] = loop.create_future()
 
@@ -108,7 +108,7 @@ async def _run(
 def _write(
     config: CellConfig, devices: Sequence[Device], emulators: Mapping[str, EmulatorProcess], write: Path
 ) -> None:
-    """Write a copy of the settings that reads the emulators; check that it says just that."""
+    """Write a copy of the settings with the addresses of the emulators, and check it by loading it."""
     changes = places(devices, emulators)
     write_file(write, _changed(read_bytes(config.path), changes))
     copy = load(write)
@@ -119,7 +119,7 @@ def _write(
 
 
 def _changed(text: bytes, changes: Mapping[KeyPath, Any]) -> str:
-    """The text of a settings file with other values, without its comments; all else as it stands."""
+    """The text of a settings file with ``changes`` applied; comments are lost, all else is unchanged."""
     root: Any = yaml.compose(text, Loader=yaml.SafeLoader)
     for (*where, key), value in changes.items():
         node = root
@@ -142,9 +142,9 @@ def _show(file: Path, devices: Sequence[Device], emulators: Mapping[str, Emulato
 async def _answer(
     devices: Sequence[Device], emulators: Mapping[str, EmulatorProcess], message: dict[str, Any]
 ) -> Mapping[str, Any]:
-    """Answer one command; ``source`` names the device, without it the command is for all of them.
+    """Answer one command for the device of ``source``, or for all devices if ``source`` is absent.
 
-    A fault or change that one of them would refuse strikes none.
+    A fault or change that one device would refuse is applied to none.
     """
     by_source = {source.name: emulators[device.name] for device in devices for source in device.sources}
     source = message.pop("source", None)

@@ -1,4 +1,4 @@
-"""``cellwatt export``: recordings as Parquet or CSV."""
+"""``cellwatt export``: writes recordings as Parquet or CSV."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from cellwatt.scheduler import spread
 from cellwatt.units import Units
 
 Written = dict[str, Any]
-"""Name and number of rows of a file."""
+"""Name and row count of a file."""
 
 
 @click.command(short_help="Write recordings as Parquet or CSV.")
@@ -34,7 +34,7 @@ Written = dict[str, Any]
 @click.option("--raw", "only", flag_value="raw", help="Only the raw samples.")
 @click.option("--force", is_flag=True, help="Overwrite tables of an earlier export.")
 @with_units
-@click.option("--json", "as_json", is_flag=True, help="Report as one JSON object.")
+@click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON object.")
 @with_scheduler
 @with_progress
 def command(
@@ -48,9 +48,9 @@ def command(
 ) -> None:
     """Write RECORDINGS (files or folders of one cell) as tables.
 
-    One table for each raw stream (SOURCE.STREAM), one of the frames, and results and events as JSON lines.
-    Columns are named like the channels; t is s since the start of the recording, utc_ns the time itself. Results and
-    events are in SI units always.
+    Writes one table per raw stream (SOURCE.STREAM), one table of the frames, and results and events as JSON lines.
+    Columns have the names of the channels; t is the time in s since the start of the recording, utc_ns the UTC time
+    in ns. Results and events are always in SI units.
     """
     recording = open_recording(recordings)
     make_folder(out)
@@ -70,7 +70,7 @@ def command(
 
 @dataclass(frozen=True)
 class Export:
-    """One export: where the tables go, and in which form."""
+    """One export: its output folder, file format and units."""
 
     out: Path
     form: str
@@ -78,12 +78,12 @@ class Export:
     units: Units
 
     def write(self, kind: str, recording: Recording) -> tuple[list[Written], list[str]]:
-        """Write the tables of a kind; return name and number of rows of each file, and the damage that was met."""
+        """Write the tables of a kind; return name and row count of each file, and the damage found in the recording."""
         written = {"raw": self.raw, "frames": self.frames, "lines": self.lines}[kind](recording)
         return written, list(map(str, recording.damage))
 
     def raw(self, recording: Recording) -> list[Written]:
-        """Write the raw samples, one table a stream, in a single pass over the recording."""
+        """Write the raw samples, one table per stream, in a single pass over the recording."""
         tables: dict[tuple[str, str], Table] = {}
         with ExitStack() as stack:
             for batch in recording.entries():
@@ -126,7 +126,7 @@ class Export:
     def _path(self, name: str) -> Path:
         path = self.out / name
         if path.exists() and not self.force:
-            raise RecordingError(f"{path} is there already: choose another folder, or --force to overwrite")
+            raise RecordingError(f"{path} already exists: choose another folder, or --force to overwrite")
         return path
 
 

@@ -1,4 +1,4 @@
-"""``cellwatt health``: one answer from the running daemon, for health checks and scripts."""
+"""``cellwatt health``: queries the running daemon once, for health checks and scripts."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ from cellwatt.config import load
 from cellwatt.outlets.zenoh.reach import ask_cell
 
 
-@click.command(short_help="Ask the running daemon how its cell is.")
+@click.command(short_help="Query the state of a running cell.")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--json", "as_json", is_flag=True, help="Print the whole health message as one JSON object.")
 def command(file: Path, as_json: bool) -> None:
-    """Ask the running daemon of FILE how its cell is.
+    """Query the running daemon of FILE for the state of its cell.
 
-    Exit code 0: green or amber; 1: red, no source delivers or nothing can be recorded; 3: the daemon does not answer.
+    Exit code 0: green or amber; 1: red (no source delivers, or the recorder cannot write); 3: the daemon does not
+    answer.
     """
     message = ask_cell(load(file), "status")
     status = message["status"]

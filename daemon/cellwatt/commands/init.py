@@ -16,7 +16,7 @@ from cellwatt.first_cell import RECORD, SourcePlan, parse_source, write_cell
 @click.argument("file", type=click.Path(dir_okay=False, path_type=Path), default=Path("cell.yaml"))
 @click.option("--site", default="plant-1", show_default=True, help="Name of the plant.")
 @click.option("--cell", default="cell-1", show_default=True, help="Name of the cell.")
-@click.option("--robot", help="Robot in the cell: name of a packaged one, or a folder (default: none).")
+@click.option("--robot", help="Robot in the cell: name of a packaged robot, or a folder (default: none).")
 @click.option(
     "--source",
     "sources",
@@ -32,9 +32,9 @@ from cellwatt.first_cell import RECORD, SourcePlan, parse_source, write_cell
     metavar="NAME.KEY=VALUE",
     help="A setting of a source, like 'arm.rate=125 Hz'; may be repeated.",
 )
-@click.option("--record", default=RECORD, show_default=True, help="Folder of the record, from FILE's folder on.")
-@click.option("--no-doctor", is_flag=True, help="Connect to nothing.")
-@click.option("--force", is_flag=True, help="Replace FILE where it is there already.")
+@click.option("--record", default=RECORD, show_default=True, help="Folder for recordings, relative to FILE.")
+@click.option("--no-doctor", is_flag=True, help="Do not connect to the devices.")
+@click.option("--force", is_flag=True, help="Replace FILE if it exists.")
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -50,13 +50,13 @@ def command(
 ) -> None:
     """Write a commented settings file for a cell.
 
-    `cellwatt drivers` lists drivers, `cellwatt drivers NAME` what each has to be told. Each device is opened read-only,
-    unless --no-doctor is given. Exit code 1: FILE is written, and doctor found a device that fails.
+    `cellwatt drivers` lists the drivers, `cellwatt drivers NAME` the settings of one. Each device is opened read-only,
+    unless --no-doctor is given. Exit code 1: FILE is written, but doctor found a device that fails.
     """
     if file.exists() and not force:
-        raise click.UsageError(f"{file} is there already: choose another name, or --force to replace it")
+        raise click.UsageError(f"{file} already exists: choose another name, or --force to replace it")
     if not file.parent.is_dir():
-        raise click.UsageError(f"there is no folder {file.parent}: make it first")
+        raise click.UsageError(f"the folder {file.parent} does not exist: make it first")
     given = _with_values([parse_source(text) for text in sources], values)
     if not given:
         raise click.UsageError("name each device: --source NAME=DRIVER:ADDRESS, like --source arm=ur:192.0.2.10")
@@ -72,7 +72,7 @@ def command(
 
 
 def _with_values(sources: list[SourcePlan], values: tuple[str, ...]) -> list[SourcePlan]:
-    """Sources with the settings of ``--set``. Raises ``UsageError`` where one names no source."""
+    """Return the sources with the settings of ``--set``. Raises ``UsageError`` if a setting names no source."""
     named = {source.name: source for source in sources}
     if len(named) < len(sources):
         raise click.UsageError("--source: two sources have the same name")

@@ -1,4 +1,4 @@
-"""``cellwatt new-driver`` and ``new-outlet``: write a package to start from."""
+"""``cellwatt new-driver`` and ``new-outlet``: write a working package as a starting point."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from cellwatt.registry import available
 
 @dataclass(frozen=True, slots=True)
 class Kit:
-    """A kind of package: the folder that it is made of, ``skeleton``, and a name for an example."""
+    """A kind of package: its template folder ``skeleton``, and an example of a package name."""
 
     kind: str
     skeleton: str
@@ -33,23 +33,23 @@ _folder = click.option(
     "--folder",
     type=click.Path(file_okay=False, path_type=Path),
     default=Path(),
-    help="Where to put the folder NAME (default: here).",
+    help="Parent of the new folder NAME (default: here).",
 )
 
 
-@click.command(short_help="Write a package for a driver of your own.")
+@click.command(short_help="Write a package for your own driver.")
 @_name
 @_folder
 def driver(name: str, folder: Path) -> None:
-    """Write a package for a new driver NAME that works as it is: against its own emulator, with its tests."""
+    """Write a package for a new driver NAME. It works at once: it has an emulator of its device, and tests."""
     _write(DRIVER, name, folder)
 
 
-@click.command(short_help="Write a package for an outlet of your own.")
+@click.command(short_help="Write a package for your own outlet.")
 @_name
 @_folder
 def outlet(name: str, folder: Path) -> None:
-    """Write a package for a new outlet NAME that works as it is: a webhook, with the tests of any outlet."""
+    """Write a package for a new outlet NAME. It works at once: it is a webhook, with the tests of an outlet."""
     _write(OUTLET, name, folder)
 
 
@@ -57,7 +57,7 @@ def _write(kit: Kit, name: str, folder: Path) -> None:
     _check(kit, name)
     target = folder / name
     if os.path.lexists(target):
-        raise click.UsageError(f"{target} is there already: choose another name or --folder")
+        raise click.UsageError(f"{target} already exists: choose another name or --folder")
     for path, text in package(name, kit).items():
         write_file(target / path, text)
     click.echo(f"{target} is written. Next:\n")
@@ -65,7 +65,7 @@ def _write(kit: Kit, name: str, folder: Path) -> None:
 
 
 def package(name: str, kit: Kit = DRIVER) -> dict[str, str]:
-    """The files of a new package, by path below its folder."""
+    """Text of each file of a new package, by path relative to its folder."""
     camel = "".join(part.capitalize() for part in name.split("_"))
     found = {}
     for file in (files("cellwatt") / "testing" / kit.skeleton).iterdir():
@@ -80,7 +80,7 @@ def package(name: str, kit: Kit = DRIVER) -> dict[str, str]:
 
 
 def _check(kit: Kit, name: str) -> None:
-    """Raise ``UsageError`` if the name cannot be that of such a package."""
+    """Raise ``UsageError`` if a package of this kind cannot have this name."""
     if not re.fullmatch(r"[a-z][a-z0-9_]*[a-z0-9]", name) or keyword.iskeyword(name):
         raise click.UsageError(f"found {name!r} as a name, expected small letters, digits and '_', like {kit.example}")
     if name in available(f"cellwatt.{kit.kind}s"):

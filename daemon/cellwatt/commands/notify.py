@@ -1,4 +1,4 @@
-"""``cellwatt notify``: tries the recipients of alarms."""
+"""``cellwatt notify``: sends a test message to the recipients of alarms."""
 
 from __future__ import annotations
 
@@ -23,26 +23,27 @@ from cellwatt.outlets.notify.settings import NotifySettings, RecipientSettings
 from cellwatt.outlets.notify.texts import About
 
 PATIENCE = 8.0
-"""Longest time, s, for one recipient, unless the settings allow less."""
+"""Timeout, s, per recipient; a shorter timeout in the settings takes precedence."""
 
 
 @click.command(short_help="Send a test message to the recipients of alarms.")
 @click.option("--test", is_flag=True, required=True, help="Send a test message to each recipient.")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.argument("recipient", required=False)
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object: the reason of each, or null.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object: reason by recipient, null: sent.")
 def command(test: bool, file: Path, recipient: str | None, as_json: bool) -> None:
     """Send a test message to the recipients of alarms in FILE, or to RECIPIENT alone.
 
-    The daemon need not run. Prints ok or the reason for each. Exit code 3 if any is not reached.
+    The daemon need not run. Prints "ok" or the reason of the failure for each recipient. Exit code 3 if a recipient
+    cannot be reached.
     """
     config = load(file)
     outlet = config.outlets.get("notify")
     if outlet is None or not isinstance(outlet.settings, NotifySettings):
-        raise ConfigError(f"{file}: notify: there is none: name the recipients with 'notify: {{to: …}}'")
+        raise ConfigError(f"{file}: no notify section: name the recipients with 'notify: {{to: …}}'")
     settings = outlet.settings
     if recipient is not None and recipient not in settings.to:
-        raise ConfigError(f"{file}: notify.to: no recipient {recipient!r} (there are: {', '.join(settings.to)})")
+        raise ConfigError(f"{file}: notify.to: no recipient {recipient!r} (known: {', '.join(settings.to)})")
     about = About(config.site, config.cell, settings.page, zone_of(settings.zone))
     chosen = {name: to for name, to in settings.to.items() if recipient in (None, name)}
     answers = asyncio.run(_try_all(chosen, about, min(settings.timeout, PATIENCE)))
@@ -55,7 +56,7 @@ def command(test: bool, file: Path, recipient: str | None, as_json: bool) -> Non
 
 
 async def _try_all(to: Mapping[str, RecipientSettings], about: About, patience: float) -> dict[str, str | None]:
-    """Try all recipients at the same time; return for each why it is not reached, or ``None``."""
+    """Send to all recipients concurrently; return the reason of each failure, or ``None``."""
     reasons = await asyncio.gather(*(_try(each, channel_to(each, about, patience)) for each in to.values()))
     return dict(zip(to, reasons, strict=True))
 

@@ -1,4 +1,4 @@
-"""Options and arguments that several commands have."""
+"""Options and arguments shared by several commands."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ R = TypeVar("R")
 
 
 class FiniteRange(click.FloatRange):
-    """A range that holds neither ``nan`` nor an infinity, which ``click.FloatRange`` does not see to."""
+    """A range that refuses ``nan`` and infinities, which ``click.FloatRange`` accepts."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the number; fails for one that is not finite, or not in the range."""
+        """Return the number; fails if it is not finite or out of range."""
         number = super().convert(value, param, ctx)
         if not math.isfinite(number):
             self.fail(f"found {value!r}, expected a finite number", param, ctx)
@@ -39,15 +39,15 @@ SECONDS: Final = NOT_NEGATIVE
 
 
 class Input(click.Path):
-    """A path that is there, or a URL as fsspec knows them (``s3://bucket/key``), given as the path of a copy.
+    """An existing path, or an fsspec URL (``s3://bucket/key``), which is converted to the path of a downloaded copy.
 
-    ``#`` and the part of a log that is meant may follow a path.
+    A path may be followed by ``#`` and the name of a section of a log.
     """
 
     def convert(self, value: str | os.PathLike[str], param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Path of the file or folder. Raises ``CellwattError`` where a URL cannot be fetched."""
+        """Return the path of the file or folder. Raises ``CellwattError`` if a URL cannot be fetched."""
         if isinstance(value, str) and is_url(value) and not Path(value).exists():
-            if ctx is not None and ctx.resilient_parsing:  # the words of a line that is being typed
+            if ctx is not None and ctx.resilient_parsing:  # shell completion: the line is still being typed
                 return Path(value)
             try:
                 with show_progress(quiet=ctx is not None and bool(ctx.params.get("quiet"))):
@@ -61,17 +61,17 @@ class Input(click.Path):
 
 
 INPUT: Final = Input(exists=True, path_type=Path)
-"""In place of ``click.Path(exists=True, path_type=Path)`` for what a command reads."""
+"""Type of each argument that a command reads as input; replaces ``click.Path(exists=True, path_type=Path)``."""
 
 
 def with_columns(command: Callable[..., R]) -> Callable[..., R]:
-    """Give a command the option ``--columns``; within it tables may have the names that it states."""
+    """Add the option ``--columns`` to a command; while the command runs, tables may have the column names given."""
 
     @click.option(
         "--columns",
         multiple=True,
         metavar="NAME=YOURS",
-        help="A name of your own, {} for the joint's number, like 'tau=Moment{}'; repeatable.",
+        help="Your name of a column, {} for the joint number, like 'tau=Moment{}'; may be repeated.",
     )
     @wraps(command)
     def run(*args: Any, columns: tuple[str, ...], **given: Any) -> R:
@@ -85,9 +85,9 @@ def with_columns(command: Callable[..., R]) -> Callable[..., R]:
 
 
 def with_progress(command: Callable[..., R]) -> Callable[..., R]:
-    """Give a command the option ``--quiet``, and show the work that it does where that is not given."""
+    """Add the option ``--quiet`` to a command; without it, the command shows its progress."""
 
-    @click.option("--quiet", "-q", is_flag=True, is_eager=True, help="Say nothing of the progress.")
+    @click.option("--quiet", "-q", is_flag=True, is_eager=True, help="Show no progress.")
     @wraps(command)
     def run(*args: Any, quiet: bool, **given: Any) -> R:
         with show_progress(quiet):
@@ -97,13 +97,13 @@ def with_progress(command: Callable[..., R]) -> Callable[..., R]:
 
 
 def with_scheduler(command: Callable[..., R]) -> Callable[..., R]:
-    """Give a command the option ``--scheduler``, and its calls of ``spread`` to the workers named there."""
+    """Add the option ``--scheduler`` to a command; its calls of ``spread`` run on the workers given there."""
 
     @click.option(
         "--scheduler",
         "place",
         metavar="local[:N]",
-        help="Do the work on all cores (local), or on so many (local:2).",
+        help="Run on all cores (local), or on N cores (local:N).",
     )
     @wraps(command)
     def run(*args: Any, place: str | None, **given: Any) -> R:
@@ -114,7 +114,7 @@ def with_scheduler(command: Callable[..., R]) -> Callable[..., R]:
 
 
 def with_units(function: Callable[..., R]) -> Callable[..., R]:
-    """Give a command ``--units``, which comes as the names of units, to be put in place by ``Units.but``."""
+    """Add the option ``--units`` to a command, which receives the names of the units, for ``Units.but``."""
 
     def names(context: click.Context, parameter: click.Parameter, given: tuple[str, ...]) -> tuple[str, ...]:
         found = tuple(name.strip() for text in given for name in text.split(","))

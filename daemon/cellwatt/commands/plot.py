@@ -1,4 +1,4 @@
-"""``cellwatt plot``: a recording as one self-contained page."""
+"""``cellwatt plot``: draws a recording as one self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from cellwatt.units import Units
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path), default=Path("plot.html"), show_default=True)
 @click.option("--from", "start", type=FINITE, help="First second to show, from the recording's start.")
 @click.option("--to", "end", type=FINITE, help="Last second to show.")
-@click.option("--channel", "channels", multiple=True, help="Only channels with this in their name; may be repeated.")
+@click.option("--channel", "channels", multiple=True, help="Only channels whose name contains this; may be repeated.")
 @with_units
-@click.option("--json", "as_json", is_flag=True, help="Report as one JSON object.")
+@click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON object.")
 @with_progress
 def command(
     recording: tuple[Path, ...],
@@ -34,10 +34,10 @@ def command(
     units: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Draw RECORDING (files or folders): frames by quantity, intervals and tasks behind them, alarms across.
+    """Draw RECORDING (files or folders) as an HTML page: frames by quantity, with intervals, tasks and alarms.
 
-    Where no intervals were recorded they are found now, with the segment stage's defaults. Of tables (CSV, Parquet)
-    every column is drawn, in the units of the file.
+    If the recording has no intervals, the segment stage finds them now, with its default settings. Of a table (CSV,
+    Parquet) every column is drawn, in the units of the file.
     """
     if all(is_table(path) and not is_log(path) for path in recording):
         from cellwatt.tables import page as tables_page

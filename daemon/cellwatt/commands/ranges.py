@@ -1,4 +1,4 @@
-"""Many channels in few lines: those that differ only in a number share one."""
+"""Compact lists of channels: channels whose names differ only in a number share one line."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _NUMBER = re.compile(r"(?<=_)\d+(?=\.|$)")
 
 
 def together(names: Iterable[str]) -> dict[str, list[str]]:
-    """Names by the title that they share: ``joint_1…6.position``, numbers one by one where some are left out."""
+    """Group names under a shared title, ``joint_1…6.position``; ``joint_1,3.position`` if numbers are missing."""
     groups: dict[str, list[str]] = {}
     for name in names:
         groups.setdefault(_NUMBER.sub("#", name), []).append(name)
@@ -26,7 +26,7 @@ def _span(members: Sequence[str]) -> str:
 
 
 def summary(channels: Sequence[ChannelCheck]) -> list[str]:
-    """Lines like ``joint_1…6.position: -1.6 … 1.4 rad`` for moving channels, and one for all constant ones."""
+    """Lines like ``joint_1…6.position: -1.6 … 1.4 rad`` for channels that change, and one for all constant channels."""
     by_name = {channel.name: channel for channel in channels}
     lines: list[str] = []
     still: list[str] = []
@@ -36,10 +36,10 @@ def summary(channels: Sequence[ChannelCheck]) -> list[str]:
         unit = f" {by_name[names[0]].unit}".removesuffix(" 1")
         silent = len(names) - len(lows)
         if not lows:
-            lines.append(f"{title}: no number")
+            lines.append(f"{title}: no value")
         elif not silent and min(lows) == max(highs):
             still.append(f"{title} {min(lows):.6g}{unit}")
         else:
-            lacking = f", {silent} of {len(names)} without a number" if silent else ""
+            lacking = f", {silent} of {len(names)} without a value" if silent else ""
             lines.append(f"{title}: {min(lows):.4g} … {max(highs):.4g}{unit}{lacking}")
-    return [*lines, f"the same all the time: {', '.join(still)}"] if still else lines
+    return [*lines, f"constant: {', '.join(still)}"] if still else lines

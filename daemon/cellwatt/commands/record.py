@@ -1,4 +1,4 @@
-"""``cellwatt record``: runs only sources and recorder, for a given time."""
+"""``cellwatt record``: runs only the sources and the recorder, for a given time."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from cellwatt.record.settings import default_folder
 from cellwatt.runtime.processes.supervisor import Supervisor
 
 LAST = 10 * 10**9
-"""ns at the end of a recording in which the last figures of the cell are; they come each second."""
+"""Time, ns, before the end of a recording that is searched for the last health message; there is one per second."""
 
 
 @click.command(short_help="Record a cell, without stages and outlets.")
@@ -31,9 +31,9 @@ LAST = 10 * 10**9
     "--out",
     type=click.Path(file_okay=False, path_type=Path),
     help="Folder (default: record.folder "
-    "of FILE; where FILE has no record section ~/.local/state/cellwatt/CELL, for root /var/lib/cellwatt/CELL).",
+    "of FILE; if FILE has no record section ~/.local/state/cellwatt/CELL, for root /var/lib/cellwatt/CELL).",
 )
-@click.option("--seconds", type=SECONDS, help="How long (default: until Ctrl-C).")
+@click.option("--seconds", type=SECONDS, help="Run time, s (default: until Ctrl-C).")
 @click.option("--json", "as_json", is_flag=True, help="Print the final figures as one JSON object.")
 def command(file: Path, out: Path | None, seconds: float | None, as_json: bool) -> None:
     """Record the sources of FILE, without stages and without publishing anything.
@@ -57,7 +57,7 @@ def command(file: Path, out: Path | None, seconds: float | None, as_json: bool) 
 
 
 def _recorded(file: Path, out: Path | None) -> tuple[CellConfig, RecordSettings]:
-    """Settings of the cell with its sources and its record alone."""
+    """Settings of the cell without stages and outlets, and its record settings."""
     config = load(file)
     settings = config.record or RecordSettings(folder=out or _default(config.cell))
     if out is not None:
@@ -73,7 +73,7 @@ def _default(cell: str) -> Path:
 
 
 def _figures(folder: Path, cell: str, session: int) -> Mapping[str, Any]:
-    """The health of the cell at the end of its record. Raises ``RecordingError`` where there is none."""
+    """Last health status in the recording of a session. Raises ``RecordingError`` if there is none."""
     files = [kept.path for kept in listing(folder, cell) if kept.name.session == session]
     last = Recording.open(files[-1]) if files else None
     told = [] if last is None else list(last.between(last.end - LAST, last.end).health())

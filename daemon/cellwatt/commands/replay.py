@@ -1,4 +1,4 @@
-"""``cellwatt replay``: a recording through the same aligner and stages as live data."""
+"""``cellwatt replay``: runs a recording through the same aligner and stages as live data."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ from cellwatt.runtime.assemble import layout_of, make_chains
 from cellwatt.runtime.replaying import Comparison, compare, replay_frames, run_stages
 
 
-@click.command(short_help="Run a recording through the stages again.")
+@click.command(short_help="Run a recording through frames and stages again.")
 @click.argument("recording", nargs=-1, required=True, type=INPUT)
 @click.option(
     "--settings",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Frames and stages of this cell file (default: frames as recorded, no stages).",
+    help="Settings file with the frames and stages to use (default: frames as recorded, no stages).",
 )
-@click.option("--verify", is_flag=True, help="Hold the frames against the recorded ones; exit code 1 if a bit differs.")
-@click.option("--json", "as_json", is_flag=True, help="Results as JSON lines, then the summary as one JSON object.")
+@click.option("--verify", is_flag=True, help="Compare the frames with the recorded ones; exit code 1 if a bit differs.")
+@click.option("--json", "as_json", is_flag=True, help="Print results as JSON lines, then the summary as one object.")
 @with_progress
 def command(recording: tuple[Path, ...], settings: Path | None, verify: bool, as_json: bool) -> None:
-    """Run RECORDING (files or folders of one session) through frames and stages again."""
+    """Align the raw samples of RECORDING (files or folders of one session) to frames and run the stages on them."""
     opened = open_recording(recording)
     config = load(settings) if settings is not None else None
     if not opened.has_samples:
@@ -67,11 +67,11 @@ def _grid(recording: Recording, config: CellConfig | None) -> FrameSettings:
     try:
         return recorded_section(recording.header.settings, "frames", FrameSettings)
     except RecordingError as error:
-        raise RecordingError(f"{error}: give them by --settings") from error
+        raise RecordingError(f"{error}: give them with --settings") from error
 
 
 def _check_sources(recording: Recording) -> None:
-    """Raise ``RecordingError`` if a later file has streams that the first does not declare."""
+    """Raise ``RecordingError`` if a later file has streams that the first file does not declare."""
     declared = {(source, s.name) for source, streams in recording.header.streams.items() for s in streams}
     if new := {(source, s.name) for source, streams in recording.streams.items() for s in streams} - declared:
         names = ", ".join(sorted(f"{source}.{stream}" for source, stream in new))
@@ -85,7 +85,7 @@ def _chains(recording: Recording, config: CellConfig | None) -> list[Any]:
 
 
 def _shown(items: Iterable[Frames | Result], counts: Counter[str], as_json: bool) -> Iterator[Frames]:
-    """Frames as they come, results printed; counts frames and results of each kind."""
+    """Yield the frames, print the results, and count frames and results of each kind."""
     for item in items:
         if isinstance(item, Frames):
             counts["frames"] += len(item)

@@ -16,6 +16,6 @@ from cellwatt.runtime.processes.supervisor import Supervisor
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--verbose", "-v", is_flag=True, help="Log debug messages.")
 def command(file: Path, verbose: bool) -> None:
-    """Run the cell described in FILE until SIGTERM; SIGHUP applies what changed in it."""
+    """Run the daemon of the cell in FILE until SIGTERM or SIGINT; SIGHUP applies changes of FILE."""
     log_to_stderr(logging.DEBUG if verbose else logging.INFO)
     Supervisor(load(file)).run()

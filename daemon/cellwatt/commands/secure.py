@@ -1,4 +1,4 @@
-"""``cellwatt secure``: certificates, access rules and keys for signatures of a site."""
+"""``cellwatt secure``: certificates, access rules and signing keys of a site."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ except ImportError as error:
     raise ConfigError("cellwatt secure needs the extra 'secure': pip install 'cellwatt[secure]'") from error
 
 SOON = timedelta(days=60)
-"""Certificates that end sooner are renewed unless others are named."""
+"""Certificates that expire sooner are renewed if no names are given."""
 
 _folder = click.option(
     "--in",
     "path",
     default=Path(),
     type=click.Path(file_okay=False, path_type=Path),
-    help="The folder that init made (default: here).",
+    help="Folder made by init (default: here).",
 )
 
 
-@click.group(short_help="Make certificates and access rules.")
+@click.group(short_help="Create certificates and access rules.")
 def command() -> None:
-    """Make certificates for cells and viewers, and rules who may publish, ask and see.
+    """Create certificates for cells and viewers, and rules for who may publish, query and subscribe.
 
-    DIR holds the private key of your authority: keep it on a PC or stick of its own. Each member gets the folder of
-    its name. docs/outlets/zenoh.md goes through it.
+    DIR contains the private key of your certificate authority: store it on a separate PC or USB stick. Copy to each
+    member the folder with its name. docs/outlets/zenoh.md explains the steps.
     """
 
 
@@ -45,17 +45,17 @@ def command() -> None:
 @click.argument("folder", metavar="DIR", type=click.Path(file_okay=False, path_type=Path))
 @click.option("--site", required=True, help="Site of the cells, as in their settings.")
 def init(folder: Path, site: str) -> None:
-    """Make a small certificate authority for a site in DIR."""
+    """Create a certificate authority for a site in DIR."""
     Folder.create(folder, site)
-    click.echo(f"{folder}: authority of {site}. Keep {folder / 'private'} to yourself. Next, in {folder}:")
-    click.echo("  cellwatt secure router NAME --host HOST    where cells and viewers meet at a router")
+    click.echo(f"{folder}: authority of {site}. Keep {folder / 'private'} secret. Next, in {folder}:")
+    click.echo("  cellwatt secure router NAME --host HOST    only if cells and viewers connect to a router")
     click.echo("  cellwatt secure cell NAME")
     click.echo("  cellwatt secure viewer NAME")
 
 
 @command.command()
 @click.argument("name")
-@click.option("--host", "hosts", multiple=True, required=True, help="Name or address of it; may be repeated.")
+@click.option("--host", "hosts", multiple=True, required=True, help="Host name or address; may be repeated.")
 @_folder
 def router(name: str, hosts: tuple[str, ...], path: Path) -> None:
     """Add the router that cells and viewers connect to (zenohd)."""
@@ -64,23 +64,23 @@ def router(name: str, hosts: tuple[str, ...], path: Path) -> None:
 
 @command.command()
 @click.argument("name")
-@click.option("--host", "hosts", multiple=True, help="Name or address where it is reached; may be repeated.")
+@click.option("--host", "hosts", multiple=True, help="Host name or address of the cell; may be repeated.")
 @_folder
 def cell(name: str, hosts: tuple[str, ...], path: Path) -> None:
-    """Add a cell: it alone may publish and answer under its name.
+    """Add a cell, which alone may publish and answer under its name.
 
-    Without a router it listens, and needs --host.
+    Without a router the cell itself listens for viewers, and needs --host.
     """
     _add(path, Member(name, "cell", hosts))
 
 
 @command.command()
 @click.argument("name")
-@click.option("--cell", "cells", multiple=True, help="Cell that it may see; may be repeated (default: all).")
-@click.option("--live-only", is_flag=True, help="It may not ask: no settings, no record, no alarms of the past.")
+@click.option("--cell", "cells", multiple=True, help="Cell that the viewer may see; may be repeated (default: all).")
+@click.option("--live-only", is_flag=True, help="No queries: no settings, recordings or past alarms.")
 @_folder
 def viewer(name: str, cells: tuple[str, ...], live_only: bool, path: Path) -> None:
-    """Add who may see cells and ask them, and publishes nothing."""
+    """Add a viewer, which may subscribe and query, but not publish."""
     _add(path, Member(name, "viewer", (), cells, not live_only))
 
 
@@ -88,10 +88,10 @@ def viewer(name: str, cells: tuple[str, ...], live_only: bool, path: Path) -> No
 @click.argument("name")
 @_folder
 def remove(name: str, path: Path) -> None:
-    """Take all rights of a member away, though its certificate has not ended."""
+    """Revoke all rights of a member whose certificate has not expired."""
     folder = Folder.open(path)
     changed = folder.remove(name)
-    click.echo(f"{name} may do nothing any more as soon as these have their new folder:")
+    click.echo(f"{name} loses all rights as soon as these members have their new folders:")
     _give_out(folder, changed)
 
 
@@ -99,24 +99,24 @@ def remove(name: str, path: Path) -> None:
 @click.argument("names", metavar="[NAME]...", nargs=-1)
 @_folder
 def renew(names: tuple[str, ...], path: Path) -> None:
-    """Make new certificates for NAMEs, or for all that end within 60 days.
+    """Renew the certificates of NAMEs, or all that expire in 60 days.
 
-    The old ones hold until they end: give the new ones out any time before.
+    The old certificates are valid until they expire: copy the new ones to the members before that.
     """
     folder = Folder.open(path)
     changed = folder.renew(names, SOON)
     if not changed:
-        click.echo(f"no certificate ends within {SOON.days} days")
+        click.echo(f"no certificate expires within {SOON.days} days")
     _give_out(folder, changed)
     if folder.authority_due():
-        click.echo(f"The authority ends on {folder.authority_ends():%Y-%m-%d}: begin anew with cellwatt secure init")
+        click.echo(f"The authority expires on {folder.authority_ends():%Y-%m-%d}: make one with cellwatt secure init")
 
 
 @command.command("list")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON list.")
 @_folder
 def listing(as_json: bool, path: Path) -> None:
-    """Show who has a certificate, what it may do, and when it ends. Exit code 1 where one has ended."""
+    """List members, rights and expiry dates. Exit code 1 if a certificate has expired."""
     folder = Folder.open(path)
     now = datetime.now(UTC)
     ends = {name: folder.end_of(name) for name in folder.members}
@@ -137,17 +137,18 @@ def listing(as_json: bool, path: Path) -> None:
 @command.command()
 @click.argument("key", type=click.Path(dir_okay=False, path_type=Path))
 @click.argument("recordings", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
-@click.option("--json", "as_json", is_flag=True, help="One JSON line a file.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON line per file.")
 def verify(key: Path, recordings: tuple[Path, ...], as_json: bool) -> None:
-    """Check RECORDINGS (files or folders) against the public KEY of their cell.
+    """Check the signatures of RECORDINGS with the public KEY of a cell.
 
-    Exit code 1 where a file is not signed by it, or is not what was signed.
+    RECORDINGS are files or folders. Exit code 1 if a file is not signed with that key, or has changed since it was
+    signed.
     """
     from cellwatt.record.seal import verify as check
 
     wrong = 0
     for file, state, problem in check(recordings, key):
-        as_signed = "as its cell signed it" + (", after a repair" if state == "repaired" else "")
+        as_signed = "unchanged since its cell signed it" + (", after a repair" if state == "repaired" else "")
         told = json.dumps({"file": str(file), "state": state, "problem": problem}) if as_json else None
         click.echo(told or f"{file}: {problem or as_signed}")
         wrong += bool(problem)
@@ -165,16 +166,16 @@ def _add(path: Path, member: Member) -> None:
 
 
 _USE: dict[Role, str] = {
-    "router": "Copy the folder {name} to it; start beside the folder: zenohd --config {name}/zenohd.json5",
-    "cell": "Copy the folder {name} beside its settings file, and put {settings} into that file.",
-    "viewer": "Copy the folder {name} to it; its link is in {settings}.",
+    "router": "Copy the folder {name} to the router; run beside the folder: zenohd --config {name}/zenohd.json5",
+    "cell": "Copy the folder {name} beside the cell's settings file, and add {settings} to that file.",
+    "viewer": "Copy the folder {name} to the viewer; its link settings are in {settings}.",
 }
 
 
 _THEN: dict[Role, str] = {
-    "router": "start zenohd again",
-    "cell": "put its zenoh.yaml in force: cellwatt check, then reload (SIGHUP)",
-    "viewer": "begin its link anew",
+    "router": "restart zenohd",
+    "cell": "update its zenoh section from zenoh.yaml: cellwatt check, then reload (SIGHUP)",
+    "viewer": "restart its link",
 }
 
 

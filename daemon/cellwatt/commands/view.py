@@ -26,11 +26,11 @@ from cellwatt.yaml_file import NotYamlError, parse_yaml
 
 @click.command(short_help="Show a live cell, or a recording, in a browser.")
 @cell_options
-@click.option("--listen", metavar="HOST:PORT", help="Where the page is served (default: 127.0.0.1:8480).")
+@click.option("--listen", metavar="HOST:PORT", help="Address of the page (default: 127.0.0.1:8480).")
 @click.option(
     "--page",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    help="YAML file with the keys of page: in a cell's file: users, certificate … (default: those of FILE).",
+    help="YAML file with the keys of a page: section, like users, certificate (default: that of FILE).",
 )
 @click.option("--arm", "arms", multiple=True, metavar="SOURCE=FILE", help="URDF or robot.yaml of a source; repeatable.")
 @click.option("--foxglove", is_flag=True, help="Serve the Foxglove app instead of browsers.")
@@ -38,10 +38,10 @@ from cellwatt.yaml_file import NotYamlError, parse_yaml
     "--foxglove-layout",
     "layout",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Write the Foxglove app's layout for the cell of FILE, and end.",
+    help="Write the Foxglove app's layout for the cell of FILE, and exit.",
 )
-@click.option("--hash-password", is_flag=True, help="Ask for a password and print what to write under users.")
-@click.option("--seconds", type=SECONDS, help="How long (default: until Ctrl-C).")
+@click.option("--hash-password", is_flag=True, help="Ask for a password and print its hash, for users.")
+@click.option("--seconds", type=SECONDS, help="Run time, s (default: until Ctrl-C).")
 def command(
     where: Where,
     listen: str | None,
@@ -52,10 +52,11 @@ def command(
     hash_password: bool,
     seconds: float | None,
 ) -> None:
-    """Show the live cell of FILE, or the one behind --connect, --site and --cell; without --cell, all of the site.
+    """Serve a page with the live cell of FILE, or of --connect, --site and --cell; without --cell, all of the site.
 
-    The page only looks: alarms are acknowledged on the page that the cell itself serves (page: in its file). Recordings
-    dropped on it are drawn, and explained with a simulation; without any cell it is a page for them alone.
+    The page is read-only: alarms are acknowledged on the page that the cell itself serves (`page:` in its file). It
+    draws recordings dropped on it, and runs explain on them if a simulation is dropped, too. Without any cell, it
+    serves dropped recordings only.
     """
     if hash_password:
         click.echo(str(hash_of(click.prompt("Password", hide_input=True, confirmation_prompt=True, err=True))))
@@ -69,7 +70,7 @@ def command(
         values = _written(page)
     else:
         values = revealed(own) if isinstance(own, PageSettings) else {}
-        values.pop("listen", None)  # there the cell's own page is
+        values.pop("listen", None)  # the cell's own page listens at that address
     settings = _settings(values, listen, arms, page)
     if (plant := where.whole_site) is not None:
         if foxglove:
@@ -103,7 +104,7 @@ def _write_layout(out: Path, config: CellConfig | None) -> None:
 
 
 def _written(file: Path) -> dict[str, Any]:
-    """Settings of the page in a file; relative paths in it start at its folder."""
+    """Settings of the page from a file; relative paths are relative to its folder."""
     from cellwatt.config.fields import anchored
 
     try:

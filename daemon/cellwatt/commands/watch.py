@@ -1,4 +1,4 @@
-"""``cellwatt watch``: shows a cell as its subscribers see it."""
+"""``cellwatt watch``: prints the messages of a live cell, as its subscribers receive them."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from cellwatt.outlets.zenoh.reach import await_cell, site_health
 from cellwatt.subscriber import EVERYTHING, LinkSettings, Message, Subscriber
 
 QUIET = ("interval", "task", "energy", "prediction", "alarm", "event", "health")
-"""Topics for people; ``raw`` and ``frame`` are for programs."""
+"""Default topics, to be read by people; ``raw`` and ``frame`` are for programs."""
 PULSE = 1.0
-"""Longest time, s, without a look at the clock."""
+"""Longest wait, s, for one message before the time is checked again."""
 
 
 @click.command(short_help="Show a live cell in the terminal.")
 @cell_options
-@click.option("--topic", "topics", multiple=True, type=click.Choice(EVERYTHING), help="Only these; may be repeated.")
+@click.option("--topic", "topics", multiple=True, type=click.Choice(EVERYTHING), help="Only this topic; repeatable.")
 @click.option(
-    "--json", "as_json", is_flag=True, help="One JSON line a message; blocks as first, count, time and power."
+    "--json", "as_json", is_flag=True, help="Print one JSON line per message; blocks as count, times and power."
 )
 @click.option("--patience", type=SECONDS, default=5.0, show_default=True, help="How long to try to reach the cell, s.")
-@click.option("--wait", is_flag=True, help="Wait for the cell as long as it takes.")
-@click.option("--seconds", type=SECONDS, help="How long, once connected (default: until Ctrl-C).")
+@click.option("--wait", is_flag=True, help="Wait until the cell answers.")
+@click.option("--seconds", type=SECONDS, help="Run time once connected, s (default: until Ctrl-C).")
 def command(
     where: Where,
     topics: tuple[str, ...],
@@ -42,10 +42,10 @@ def command(
     wait: bool,
     seconds: float | None,
 ) -> None:
-    """Show the live cell of FILE, or the one behind --connect, --site and --cell; without --cell, all of the site.
+    """Show the live cell of FILE, or of --connect, --site and --cell; without --cell, all of the site.
 
-    It prints a line for each alarm, interval, task and change of a source, and every 10 s how the cell stands, until
-    Ctrl-C; of a site a line for each cell, once. Exit code 3 if the cell is not heard.
+    Prints a line for each alarm, interval, task and change of a source, and the state of the cell every 10 s, until
+    Ctrl-C; for a site, one line per cell, once. Exit code 3 if the cell does not answer.
     """
     if (plant := where.whole_site) is not None:
         with contextlib.suppress(KeyboardInterrupt):
@@ -64,7 +64,7 @@ def command(
 
 
 def _print_site(site: str, link: LinkSettings, patience: float, *, as_json: bool) -> None:
-    """Print how each cell of a site is. Raises ``OutletError`` where none is heard."""
+    """Print the state of each cell of a site. Raises ``OutletError`` if no cell answers."""
     with open_session(link, patience=patience) as session:
         cells = [summary(name, health) for name, health in site_health(session, site).items()]
     for told in cells:
@@ -74,7 +74,7 @@ def _print_site(site: str, link: LinkSettings, patience: float, *, as_json: bool
 
 
 def _await(link: LinkSettings, site: str, cell: str, patience: float, *, wait: bool) -> None:
-    """Return once the cell is heard; with ``wait`` say each new reason why it is not, and go on."""
+    """Return once the cell answers; with ``wait``, print each new reason for the failure and try again."""
     said = ""
     while True:
         try:
@@ -88,7 +88,7 @@ def _await(link: LinkSettings, site: str, cell: str, patience: float, *, wait: b
 
 
 def _messages(subscriber: Subscriber, seconds: float | None) -> Iterator[Message | None]:
-    """Messages until ``seconds`` have passed, or for ever; ``None`` for each second without one."""
+    """Yield messages for ``seconds``, or forever if None; yield ``None`` after each second without a message."""
     end = math.inf if seconds is None else time.monotonic() + seconds
     while (left := end - time.monotonic()) > 0:
         try:
@@ -104,7 +104,7 @@ def _print_json(messages: Iterable[Message | None]) -> None:
 
 
 def _print_lines(messages: Iterable[Message | None], *, standing: bool) -> None:
-    """Print what changes; with ``standing`` how the cell stands, too, which its health tells."""
+    """Print each change; with ``standing``, also the state of the cell from its health messages."""
     bulletin = Bulletin()
     for message in messages:
         lines = bulletin.of(message) if message is not None else ()

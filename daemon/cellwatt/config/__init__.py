@@ -1,4 +1,4 @@
-"""Settings: one YAML file a cell, checked whole before anything connects."""
+"""Settings: one YAML file per cell, checked completely before anything connects."""
 
 from cellwatt.config.cell import CellConfig, FrameSettings, OutletConfig, SourceConfig, StageConfig
 from cellwatt.config.loading import load

@@ -1,4 +1,4 @@
-"""A cell's settings once they are read and right."""
+"""The validated settings of a cell."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from cellwatt.stage import StageSettings
 from cellwatt.units import Units
 
 VERSION = 1
-"""Form of a settings file."""
+"""Format version of a settings file."""
 
 Latency = Literal["normal", "low"]
 KeyPart = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
-"""A name that is one part of a Zenoh key."""
+"""A name that is one element of a Zenoh key."""
 
 
 class CellName(BaseModel):
@@ -34,29 +34,29 @@ class CellName(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     site: KeyPart
-    """Name of the plant, first part of every Zenoh key: letters, digits, ``_``, ``-``, ``.``."""
+    """Name of the plant, first element of every Zenoh key: letters, digits, ``_``, ``-``, ``.``."""
     cell: KeyPart
-    """Name of the cell within the site, second part of every Zenoh key."""
+    """Name of the cell within the site, second element of every Zenoh key."""
     version: int = Field(default=VERSION, ge=VERSION)
-    """Version of the form of this file; one that states none is read as this."""
+    """Format version of this file; a file without this key is read as this version."""
     robot: str | None = None
-    """Robot in the cell: its name, which must be that of models and references; or a path to its ``robot.yaml`` or
-    the folder that holds it."""
+    """Robot in the cell: its name, which must match the name in models and references; or the path of its
+    ``robot.yaml`` or of the folder that contains it."""
     latency: Latency = "normal"
-    """``normal``: samples travel in blocks of 10 ms (at most half a frame) and reach a subscriber within 25 ms.
-    Where nobody subscribes to them, the blocks are longer. ``low``: each goes on as it comes, for several times the
-    processor time."""
+    """``normal``: samples are sent in blocks of 10 ms (at most half a frame) and reach a subscriber within 25 ms;
+    without a subscriber the blocks are longer. ``low``: each sample is sent as soon as it arrives, which takes several
+    times the processor time."""
 
 
 class FrameSettings(BaseModel):
-    """The time grid onto which all channels of the cell are brought."""
+    """The common time grid to which all channels of the cell are aligned."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     rate: Hertz = Field(default=50.0, le=1000.0)
-    """Frames a second, at most 1000 Hz."""
+    """Frames per second, at most 1000 Hz."""
     latency: Seconds = Field(default=0.1, validate_default=True)
-    """Time that a frame waits for late samples; at least one grid step."""
+    """Time for which a frame waits for late samples; at least one grid step."""
 
     @field_validator("latency")
     @classmethod
@@ -89,7 +89,7 @@ class StageConfig:
 
 @dataclass(frozen=True, slots=True)
 class OutletConfig:
-    """One outlet that is on."""
+    """One enabled outlet."""
 
     name: str
     settings: OutletSettings
@@ -97,11 +97,11 @@ class OutletConfig:
 
 @dataclass(frozen=True, slots=True)
 class CellConfig:
-    """A whole settings file.
+    """All settings of one file.
 
-    ``text`` is the file as written, ``${ENV}`` not filled in and secrets hidden. ``environment`` holds, by key path,
-    the text to show in place of a secret or of a value that came from the environment, and ``secrets`` the values
-    behind them.
+    ``text`` is the text of the file with secrets hidden and ``${ENV}`` not expanded. ``environment`` maps the key path
+    of each secret and of each value from the environment to the text shown instead; ``secrets`` maps the values
+    themselves to that text.
     """
 
     path: Path
@@ -122,7 +122,7 @@ class CellConfig:
     latency: Latency = "normal"
 
     def gather(self, *, awaited: bool) -> float:
-        """s for which samples gather before they go on, while somebody awaits them or nobody does; 0: not at all."""
+        """Time, s, for which samples are collected into one block; longer if no consumer waits; 0: no collecting."""
         if self.latency == "low":
             return 0.0
         shortest = min(GATHER, FRAME / self.frames.rate)
@@ -130,12 +130,12 @@ class CellConfig:
 
     @property
     def folder(self) -> Path:
-        """Folder that relative paths in the settings start from."""
+        """Folder to which relative paths in the settings refer."""
         return self.path.absolute().parent
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings about settings that are allowed, a line each."""
+        """Warnings about valid but dangerous settings, one line each."""
         told = {name: outlet.settings.warnings() for name, outlet in self.outlets.items()}
         if self.record is not None:
             told["record"] = unusable(self.record.sign)

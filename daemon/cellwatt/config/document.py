@@ -1,7 +1,7 @@
-"""A YAML file as plain values, with the place of each.
+"""A YAML file as plain values, with the position of each value.
 
-Scalars are read by the YAML 1.2 core schema, so ``on``, ``no``, ``12:30`` and ``0123`` are the text they
-look like. Anchors, aliases and merge keys (``<<``) work; duplicate keys and unknown tags are mistakes.
+Scalars are read by the YAML 1.2 core schema, so ``on``, ``no``, ``12:30`` and ``0123`` are text. Anchors, aliases and
+merge keys (``<<``) work; duplicate keys and unknown tags are errors.
 """
 
 from __future__ import annotations
@@ -36,21 +36,21 @@ from cellwatt.host import HIDDEN, blank, secrets_of, without
 
 _REFERENCE = re.compile(r"\$\{[A-Za-z_][A-Za-z0-9_]*\}")
 _PROPERTIES = re.compile(r"(?:[&!]\S*\s+)*")
-"""Anchor and tag in front of a value."""
+"""Anchor and tag before a value."""
 _COMMENT = re.compile(r"(?<!\S)#.*")
 _CERTAIN_SECRET = 8
-"""Characters from which on a secret is looked for in comments and other values."""
+"""Shortest length, characters, of a secret that is also hidden in comments and other values."""
 
 
 class WrittenFloat(float):
-    """A number as it stands in the file, so that quantities can tell it from a default in base units."""
+    """A number read from the file; the type distinguishes it from a default, which is in base units."""
 
     __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Document:
-    """A file's values; the places of all keys; what came from the environment; mistakes of form."""
+    """Values of a file, positions of all keys, values from the environment, and syntax errors."""
 
     file: Path
     text: str
@@ -62,9 +62,9 @@ class Document:
     environ: Mapping[str, str] = field(repr=False)
 
     def problem(self, path: KeyPath, message: str, *, at_key: bool = False) -> Problem:
-        """A mistake at a value, or at its key; for settings and for a key that is not there, at the nearest key.
+        """A problem at a value or at its key; for a mapping, at its key; for a missing key, at the nearest parent key.
 
-        Values that came from the environment are shown as ``${NAME}``.
+        Values from the environment are shown as ``${NAME}``.
         """
         there = self._nearest(path)
         message = self.blanked(message)
@@ -73,11 +73,11 @@ class Document:
         return problem(self.file, found.key if at_key else found.value, message, path)
 
     def blanked(self, message: str) -> str:
-        """A message without secrets and what came from the environment."""
+        """A message with secrets and values from the environment replaced."""
         return without(shortened(message, 20 * LONGEST), self.secrets)
 
     def hide(self, path: KeyPath) -> None:
-        """The value at a path is a secret: from now on it shows nowhere, unless it is just ``${NAME}``."""
+        """Mark the value at a path as secret: it is hidden in all texts, unless it is written as ``${NAME}`` alone."""
         place = self.places.get(path)
         if place is None or not place.written:
             return
@@ -88,9 +88,9 @@ class Document:
 
     @property
     def public_text(self) -> str:
-        """The file as it may be shown; it stays YAML that says the same but for secrets.
+        """The text of the file, valid YAML, with secrets hidden.
 
-        A secret is hidden in other values and in comments, too; keys and anchors of the same name stay.
+        A secret is also hidden in other values and in comments; keys and anchors of the same text are unchanged.
         """
         hidden = [self.places[path] for path, shown in self.environment.items() if shown == HIDDEN]
         certain = {place.written for place in hidden if len(place.written) >= _CERTAIN_SECRET}
@@ -109,7 +109,7 @@ class Document:
         return blank("".join([*pieces, between(at, len(self.text))]))
 
     def place(self, path: KeyPath) -> str:
-        """``file:line:column`` of a key, or of the nearest above that is there."""
+        """``file:line:column`` of a key, or of its nearest parent in the file."""
         return place(self.file, self.places[self._nearest(path)].key)
 
     def _nearest(self, path: KeyPath) -> KeyPath:
@@ -118,7 +118,7 @@ class Document:
         return path
 
     def at(self, path: KeyPath) -> Any:
-        """The value at a path that is in ``places``."""
+        """The value at a path; the path must be in ``places``."""
         value = self.value
         for part in path:
             value = value[part]
@@ -133,9 +133,9 @@ def read(
     bounds: Bounds = SETTINGS_FILE,
     expected: str = "site, cell and sources",
 ) -> Document:
-    """Read a settings file, or ``text`` as if it were in it; ``expected`` names the keys that it should have.
+    """Read a settings file, or ``text`` as its content; ``expected`` names the keys that the file should have.
 
-    Raises ``ConfigError`` where it cannot be read or is not YAML with keys at the top.
+    Raises ``ConfigError`` if the file cannot be read or is not a YAML mapping.
     """
     text = text_of(file, bounds) if text is None else text
     node = compose(file, text, bounds, expected)
@@ -150,7 +150,7 @@ def read(
 
 
 class _Builder:
-    """Turns nodes into values and notes their places, environment and mistakes."""
+    """Converts nodes to values and collects their positions, values from the environment and syntax errors."""
 
     def __init__(self, file: Path, environ: Mapping[str, str]) -> None:
         self.file = file
@@ -193,7 +193,7 @@ class _Builder:
         return [(k, v) for k, v in node.value if k.tag != f"{TAG}merge"]
 
     def _merged(self, node: yaml.MappingNode, path: KeyPath) -> list[tuple[yaml.Node, yaml.Node]]:
-        """Pairs that ``<<`` brings in, nearest first."""
+        """Pairs merged by ``<<``, nearest first."""
         found: list[tuple[yaml.Node, yaml.Node]] = []
         for key, value in node.value:
             if key.tag != f"{TAG}merge":
@@ -262,7 +262,7 @@ class _Builder:
 
 
 def _with_value(written: str, value: str) -> str:
-    """A scalar as it stands in a file, with anchor and tag, with another value."""
+    """The text of a scalar, with its anchor and tag, and with another value."""
     before = _PROPERTIES.sub("", written, count=1).rstrip()
     after = written[len(written.rstrip()) :]
     return f"{written[: written.index(before)]}{json.dumps(value, ensure_ascii=False)}{after}"

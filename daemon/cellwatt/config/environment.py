@@ -12,9 +12,9 @@ _BODY = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)(?::-(.*))?", re.DOTALL)
 
 @dataclass(frozen=True, slots=True)
 class Expansion:
-    """A text with the environment filled in.
+    """A text with environment variables expanded.
 
-    ``shown`` has ``${NAME}`` instead and may be published; ``filled`` maps what was put in to its ``${NAME}``.
+    ``shown`` has ``${NAME}`` instead of values and may be published; ``filled`` maps each value to its ``${NAME}``.
     """
 
     value: str
@@ -24,7 +24,7 @@ class Expansion:
 
 
 def expand(text: str, environ: Mapping[str, str]) -> Expansion:
-    """Fill in variables; a default counts where the variable is unset or empty, ``$${`` stands for ``${``."""
+    """Expand variables; a default replaces a variable that is unset or empty; ``$${`` is a literal ``${``."""
     filled: dict[str, str] = {}
     mistakes: list[str] = []
 
@@ -50,7 +50,7 @@ def _name(match: re.Match[str]) -> str:
 
 
 def _value(match: re.Match[str], environ: Mapping[str, str]) -> str:
-    """What a reference stands for. Raises ``ValueError``."""
+    """Value of a reference. Raises ``ValueError`` if it is malformed or its variable is unset."""
     body, closed = match[1], match[2]
     if not closed:
         raise ValueError("'${' is never closed; expected '${NAME}' ('$${' stands for '${' itself)")

@@ -1,4 +1,4 @@
-"""Structure of a settings class: its keys at a place, and which of them are paths."""
+"""Structure of a settings class: the keys allowed at a key path, and which of them are file paths."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from pydantic.fields import FieldInfo
 from cellwatt.config.places import KeyPath
 
 Types = list[Any]
-"""What a value may be: the members of its type, and what stands beside them in its declaration."""
+"""The types allowed for a value: members of its union, and the metadata of its ``Annotated``."""
 
 
 def fields_of(model: type[Any]) -> dict[str, FieldInfo]:
-    """Fields of a settings class or a dataclass by the key that is written in the file."""
+    """Fields of a settings class or a dataclass, by their key in the file."""
     if not issubclass(model, BaseModel):
         hints = get_type_hints(model, include_extras=True)
         return {field.name: _info(hints[field.name], field) for field in dataclasses.fields(model)}
@@ -39,16 +39,16 @@ def models_in(annotation: Any) -> list[type[Any]]:
 
 
 def members(annotation: Any) -> Types:
-    """The types that one of ``X | Y`` stands for, and marks of ``Annotated``."""
+    """The members of ``X | Y``, and the metadata of ``Annotated``."""
     if get_origin(annotation) in (Union, UnionType, Annotated):
         return [member for argument in get_args(annotation) for member in members(argument)]
     return [annotation]
 
 
 def below(types: Types, key: object) -> Types:
-    """What a value may be that stands under a key of a mapping, or in a list, of these types.
+    """The types allowed under a key of a mapping, or for an item of a list, of these types.
 
-    A name of one's own may be that of a field too: then it may be either.
+    If a user's own name in a mapping is also a field's key, both types are allowed.
     """
     models = [model for each in types for model in models_in(each)]
     known = [fields[str(key)] for fields in map(fields_of, models) if str(key) in fields]
@@ -57,9 +57,9 @@ def below(types: Types, key: object) -> Types:
 
 
 def fields_at(kind: Any, path: KeyPath) -> dict[str, FieldInfo]:
-    """Fields allowed in the mapping at ``path`` below a settings class, or a type that holds some.
+    """Fields allowed in the mapping at ``path`` below ``kind``, a settings class or a type that contains one.
 
-    Keys of free mappings are passed over.
+    Keys of mappings with free names are skipped.
     """
     models = models_in(kind)
     for part in path:
@@ -74,7 +74,7 @@ def each_value(
     path: KeyPath = (),
     inside: Callable[[Types, object], Types] = below,
 ) -> Any:
-    """``value`` with what ``change`` makes of each single value in it, told its path and what it may be."""
+    """``value`` with each scalar replaced by ``change(path, types, scalar)``."""
     if isinstance(value, dict):
         items = (
             (key, each_value(inside(types, key), item, change, (*path, key), inside)) for key, item in value.items()
@@ -87,7 +87,7 @@ def each_value(
 
 
 def anchored(kind: Any, value: Any, folder: Path) -> Any:
-    """``value`` with relative paths, wherever ``kind`` has a ``Path``, starting at ``folder``."""
+    """``value`` with each relative path resolved against ``folder``, where ``kind`` declares a ``Path``."""
 
     def start(_: KeyPath, types: Types, found: Any) -> Any:
         is_path = any(isinstance(each, type) and issubclass(each, Path) for each in types)

@@ -1,4 +1,4 @@
-"""The drivers, stages and outlets that are installed, also those that cannot be loaded."""
+"""Installed drivers, stages and outlets, including those that cannot be loaded."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PART_KINDS: tuple[PartKind, ...] = ("driver", "stage", "outlet")
 
 @dataclass(frozen=True, slots=True)
 class Installed:
-    """One driver, stage or outlet. ``found`` is its class, or ``None`` with the reason in ``error``."""
+    """One driver, stage or outlet. ``found`` is its class, or ``None`` if it cannot be loaded; ``error``: why not."""
 
     kind: PartKind
     name: str
@@ -26,7 +26,7 @@ class Installed:
 
     @property
     def title(self) -> str:
-        """One line about it."""
+        """One-line description, or the reason why it cannot be loaded."""
         return self.error or str(getattr(self.found, "title", ""))
 
     @property
@@ -37,7 +37,7 @@ class Installed:
 
 
 def installed(*kinds: PartKind) -> list[Installed]:
-    """All parts of these kinds (all kinds when none is named), by kind and name."""
+    """All installed drivers, stages or outlets of ``kinds`` (default: all kinds), by kind and name."""
     return [_part(kind, name) for kind in kinds or PART_KINDS for name in available(f"cellwatt.{kind}s")]
 
 
@@ -48,5 +48,5 @@ def _part(kind: PartKind, name: str) -> Installed:
     version = distribution.version if distribution is not None else ""
     try:
         return Installed(kind, name, package, version, load(group, name))
-    except Exception as error:  # whatever a package does when imported is its own; the list must still come
+    except Exception as error:  # any exception of a foreign package: the list must still be printed
         return Installed(kind, name, package, version, None, f"cannot be loaded: {' '.join(str(error).split())}")

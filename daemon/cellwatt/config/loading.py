@@ -1,4 +1,4 @@
-"""Reads and checks a settings file: every mistake is found in one pass."""
+"""Reads and checks a settings file: one pass finds every error."""
 
 from __future__ import annotations
 
@@ -26,36 +26,36 @@ from cellwatt.units import Units
 
 NAME = re.compile(r"[a-z][a-z0-9_]*")
 DEFAULT_OUTLET = "zenoh"
-"""On without being asked for; other outlets are on when their key is there."""
+"""Outlet that is on by default; other outlets are on if their key is in the file."""
 
 MOST_NAMES = 100
-"""Sources of a cell, and stages."""
+"""Largest number of sources of a cell, and of stages."""
 _WORDED = 10 * MOST
-"""Problems for which words are looked for, which takes time."""
+"""Largest number of problems for which a message is composed, which takes time."""
 _SECTIONS = ("sources", "frames", "stages", "record", "units")
 
 M = TypeVar("M", bound=BaseModel)
 
 
 def load(path: Path, environ: Mapping[str, str] | None = None) -> CellConfig:
-    """The settings of one cell, checked without connecting to anything.
+    """Return the settings of one cell, checked without connecting to anything.
 
-    ``environ`` fills ``${NAME}`` (default: the process's). Raises ``ConfigError`` with the mistakes found, in file
-    order, at most ``MOST``.
+    ``environ`` provides ``${NAME}`` (default: the environment of the process). Raises ``ConfigError`` with the first
+    ``MOST`` problems, in file order.
     """
     document = read(path, os.environ if environ is None else environ)
     version = document.value.get("version")
-    if type(version) is int and version > VERSION:  # whatever else is wrong in it, that is why
+    if type(version) is int and version > VERSION:  # all other problems may follow from this one
         message = (
             f"settings of version {version}, this cellwatt reads version {VERSION}: "
-            "install the cellwatt that they were written for, or a later one"
+            "install the version of cellwatt that they were written for, or a later one"
         )
         raise ConfigError([document.problem(("version",), message)])
     return load_document(document)
 
 
 def load_document(document: Document) -> CellConfig:
-    """The settings of a document, as ``load`` gives them; its secrets are hidden from then on."""
+    """Return the settings of a document, as ``load`` does; marks its secrets as hidden."""
     reading = _Reading(document, document.file.absolute().parent)
     config = _cell(reading, document.file)
     if config is None or reading.problems:
@@ -66,7 +66,7 @@ def load_document(document: Document) -> CellConfig:
 
 @dataclass(slots=True)
 class _Reading:
-    """A document on its way to settings, and the problems so far."""
+    """A document that is being checked, and the problems found so far."""
 
     document: Document
     folder: Path
@@ -79,19 +79,19 @@ class _Reading:
             self.told.add(path)
 
     def complain(self, path: KeyPath, message: str, *, at_key: bool = False) -> None:
-        """Note a mistake, unless one is known at this place."""
+        """Add a problem, unless one is known at this key path."""
         if path not in self.told and len(self.problems) < _WORDED:
             self.problems.append(self.document.problem(path, message, at_key=at_key))
 
     def mapping(self, path: KeyPath, value: Any) -> dict[Any, Any] | None:
-        """The value as a mapping; a key without a value is an empty one."""
+        """Return the value as a mapping, empty for a key without a value; ``None`` after adding a problem."""
         if value is None or isinstance(value, dict):
             return value or {}
         self.complain(path, f"found {found(self.document, path)}, expected settings (key: value)")
         return None
 
     def settings(self, model: type[M], path: KeyPath, values: Mapping[Any, Any]) -> M | None:
-        """Values checked by their settings class, whose secrets are hidden; ``None`` after complaints."""
+        """Validate values with their settings class and hide their secrets; ``None`` after adding problems."""
         for secret in secrets_in(model, values, path):
             self.document.hide(secret)
         try:
@@ -99,7 +99,7 @@ class _Reading:
         except ValidationError as error:
             self.problems += explain(error, model, self.document, path, self.told)
             return None
-        except Exception as error:  # a validator of a package outside this one
+        except Exception as error:  # any exception from the validator of a foreign package
             self.complain(path, f"cannot be checked: {type(error).__name__}: {error}", at_key=True)
             return None
         for name, info in model.model_fields.items():
@@ -117,7 +117,7 @@ class _Reading:
         values: Mapping[Any, Any],
         hint: str = "",
     ) -> tuple[type[Any] | None, Any]:
-        """Class and settings of a driver, stage or outlet, its kind at ``place``; ``None`` after a complaint."""
+        """Class and settings of a driver, stage or outlet, with its kind at ``place``; None after adding a problem."""
         if not isinstance(kind, str):
             self.complain(place, f"found {found(self.document, place)}, expected a name")
             return None, None
@@ -170,7 +170,7 @@ def _cell(reading: _Reading, path: Path) -> CellConfig | None:
 
 
 def _robot(reading: _Reading, name: CellName | None) -> None:
-    """Complain of a robot that is written as a path where there is no ``robot.yaml``; a bare name is a label."""
+    """Add a problem if the robot is a path without a readable ``robot.yaml``; a bare name is a label."""
     if name is None or name.robot is None:
         return
     path = reading.folder / name.robot
@@ -200,7 +200,7 @@ def _section(reading: _Reading, key: str, model: type[M], top: Mapping[Any, Any]
 
 
 def _named(reading: _Reading, section: str, top: Mapping[Any, Any]) -> Iterator[tuple[str, dict[Any, Any]]]:
-    """Entries of ``sources`` or ``stages`` that have a good name and settings."""
+    """Entries of ``sources`` or ``stages`` whose name and mapping are valid."""
     entries = reading.mapping((section,), top.get(section)) or {}
     if len(entries) > MOST_NAMES:
         reading.complain((section,), f"found {len(entries):,} {section}, expected at most {MOST_NAMES}", at_key=True)
@@ -256,7 +256,7 @@ def _stages(reading: _Reading, top: Mapping[Any, Any]) -> Iterator[tuple[str, St
     for name, wanted in needs.items():
         for kind in wanted:
             if kind not in kinds:
-                message = f"needs a stage of the kind {kind!r}, and there is none: add '{kind}: {{}}' to stages"
+                message = f"needs a stage of the kind {kind!r}: add '{kind}: {{}}' to stages"
                 reading.complain(("stages", name), message, at_key=True)
 
 
@@ -282,9 +282,9 @@ def _same_device(reading: _Reading, sources: Mapping[str, SourceConfig]) -> None
 
 
 def _device(source: SourceConfig) -> tuple[str, ...]:
-    """Port that only one source may open, serial or a driver's host and port; empty if there is none.
+    """Identity of a port that only one source may open: a serial port, or driver, host and port; () if there is none.
 
-    A settings class may name fields in ``device_parts`` that tell apart what can be read side by side.
+    A settings class may list fields in ``device_parts`` that distinguish devices at the same port.
     """
     settings = source.settings
     host, port = getattr(settings, "host", None), getattr(settings, "port", None)

@@ -1,4 +1,4 @@
-"""A settings file as YAML nodes, and what is wrong with its form."""
+"""A settings file as YAML nodes, and its syntax errors."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from cellwatt.yaml_file import MOST_VALUES, TooMuchError, check_bounds
 
 
 class Bounds(NamedTuple):
-    """Bounds of a file; ``values`` count also after aliases and merges are followed: a few nested ones can
-    stand for billions."""
+    """Size limits of a file; ``values`` counts values after aliases and merges are expanded: a few nested aliases can
+    expand to billions."""
 
     bytes: int
     values: int
@@ -25,11 +25,11 @@ class Bounds(NamedTuple):
 
 SETTINGS_FILE = Bounds(1_000_000, 20_000)
 COMPUTED_FILE = Bounds(COMPUTED, MOST_VALUES)
-"""Of a file that a command wrote."""
+"""Limits of a file that a command wrote."""
 LONGEST = 1_000
-"""Characters of a message, and of the key path in front of it."""
+"""Largest length, characters, of a message, and of the key path before it."""
 LONGEST_VALUE = 60
-"""Characters of a key or value that a message repeats."""
+"""Largest length, characters, of a key or value quoted in a message."""
 TAG = "tag:yaml.org,2002:"
 
 
@@ -54,15 +54,15 @@ for _name, _pattern, _first in (
 
 
 class _LargeLoader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
-    """The same schema at the speed of C, with less to say of mistakes."""
+    """The same schema with the faster C parser, whose error messages are less detailed."""
 
     yaml_implicit_resolvers: ClassVar[dict[str, Any]] = _Loader.yaml_implicit_resolvers
 
 
 def compose(file: Path, text: str, bounds: Bounds, expected: str) -> yaml.Node:
-    """Root node of a file's text; ``expected`` names the keys that it should have.
+    """Root node of a file's text; ``expected`` names the keys that the file should have.
 
-    Raises ``ConfigError`` where it is empty or not YAML.
+    Raises ``ConfigError`` if the file is empty or not YAML.
     """
     try:
         loader = _Loader if bounds is SETTINGS_FILE else _LargeLoader
@@ -76,22 +76,22 @@ def compose(file: Path, text: str, bounds: Bounds, expected: str) -> yaml.Node:
 
 
 def mark_of(node: yaml.Node) -> Mark:
-    """Place at which a node starts."""
+    """Position at which a node starts."""
     return Mark(node.start_mark.line + 1, node.start_mark.column + 1)
 
 
 def problem(file: Path, mark: Mark, message: str, path: KeyPath = ()) -> Problem:
-    """A mistake at a position."""
+    """A problem at a position."""
     return Problem(place(file, mark), shortened(blank(dotted(path))), shortened(blank(message)))
 
 
 def shortened(text: str, longest: int = LONGEST) -> str:
-    """A text that a hostile file cannot make long."""
+    """A text cut to ``longest`` characters, as a hostile file may contain long ones."""
     return text if len(text) <= longest else f"{text[:longest]}…"
 
 
 def quoted(value: object) -> str:
-    """A key or value as a message repeats it."""
+    """A key or value, quoted for a message."""
     return shortened(blank(repr(value)), LONGEST_VALUE)
 
 
@@ -101,7 +101,7 @@ def place(file: Path, mark: Mark) -> str:
 
 
 def text_of(file: Path, bounds: Bounds) -> str:
-    """Text of a file. Raises ``ConfigError`` where it cannot be read or is not UTF-8."""
+    """Text of a file. Raises ``ConfigError`` if it cannot be read or is not UTF-8."""
     try:
         content = read_bytes(file, bounds.bytes)
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name

@@ -1,4 +1,4 @@
-"""Places in a settings file, and the order in which mistakes are reported."""
+"""Positions in a settings file, and the order in which problems are reported."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ KeyPath = tuple[str | int, ...]
 """Keys and list indices from the top of the file."""
 
 MOST = 20
-"""Mistakes that are told of one file; of others only that there are more."""
+"""Largest number of problems reported per file; if there are more, the last line is "and more"."""
 
 _PLACE = re.compile(r"(.*):(\d+):(\d+)", re.DOTALL)
 
@@ -28,9 +28,9 @@ class Mark(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Location:
-    """Place of a value and its key; ``written`` is the text of a scalar as it stands in the file, else ``""``.
+    """Positions of a value and of its key; ``written`` is the text of a scalar in the file, else ``""``.
 
-    ``span`` holds the characters of the value, with anchor and tag.
+    ``span``: start and end index of the value in the text, including anchor and tag.
     """
 
     key: Mark
@@ -40,7 +40,7 @@ class Location:
 
 
 class Position(NamedTuple):
-    """A problem's place in parts; no line and column where it concerns the whole file."""
+    """File, line and column of a problem; line and column are None if it concerns the whole file."""
 
     file: str
     line: int | None
@@ -48,7 +48,7 @@ class Position(NamedTuple):
 
 
 def dotted(path: KeyPath) -> str:
-    """A key path as people write it: ``zenoh.connect[0]``; on one line, whatever the keys hold."""
+    """A key path as text: ``zenoh.connect[0]``; always one line, as unprintable keys are escaped."""
     text = ""
     for part in path:
         key = part if isinstance(part, int) or part.isprintable() else repr(part)
@@ -65,7 +65,7 @@ def position(problem: Problem) -> Position:
 
 
 def ordered(problems: Iterable[Problem]) -> list[Problem]:
-    """Problems by file, line and column, each told once; what concerns a whole file comes last."""
+    """Problems without duplicates, by file, line and column; problems of a whole file come last."""
 
     def key(problem: Problem) -> tuple[str, float, float]:
         file, line, column = position(problem)
@@ -75,7 +75,7 @@ def ordered(problems: Iterable[Problem]) -> list[Problem]:
 
 
 def first(problems: Iterable[Problem]) -> list[Problem]:
-    """The first problems of one file in order, and that there are more, where it has some."""
+    """The first ``MOST`` problems of one file in order, and "and more" if there are others."""
     found = ordered(problems)
     closing = [Problem(position(found[0]).file, "", "and more")] if len(found) > MOST else []
     return found[:MOST] + closing

@@ -1,4 +1,4 @@
-"""Settings as they may be published: secrets are hidden, what came from the environment shows as ``${NAME}``."""
+"""Settings in a form safe to publish: secrets are hidden, values from the environment appear as ``${NAME}``."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from cellwatt.config.places import KeyPath
 from cellwatt.host import without
 
 _SHORTEST_SECRET = 8
-"""Characters from which on a value from the environment is also hidden inside other texts."""
+"""Shortest length, characters, of a value from the environment that is also hidden inside other texts."""
 
 
 def public_config(config: CellConfig) -> dict[str, Any]:
-    """The settings in force with all defaults, in base units, JSON-ready, secrets blanked."""
+    """The active settings with all defaults, in base units, ready for JSON, with secrets hidden."""
     tree: dict[str, Any] = {
         "site": config.site,
         "cell": config.cell,
@@ -40,7 +40,7 @@ def _plain(settings: BaseModel) -> dict[str, Any]:
 
 
 def _blank(tree: Any, path: KeyPath, shown: str) -> None:
-    """Put ``shown`` at ``path``, or in place of the last part of it that validation left standing."""
+    """Put ``shown`` at ``path``, or at its longest prefix that exists after validation."""
     key: Any = str(path[0]) if isinstance(tree, dict) else path[0]
     there = key in tree if isinstance(tree, dict) else isinstance(key, int) and key < len(tree)
     if there and len(path) > 1 and isinstance(tree[key], dict | list):

@@ -1,4 +1,4 @@
-"""Settings classes as a reference for people: key, type, default, meaning."""
+"""Settings classes as reference documentation: key, type, default, meaning."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _LADDERS: tuple[dict[str, float], ...] = (
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One key of a settings class; ``default`` as it would be written, ``""`` where the key is required."""
+    """One key of a settings class; ``default`` is the text to write in a file, ``""`` if the key is required."""
 
     key: str
     type: str
@@ -33,13 +33,13 @@ class Field:
 
 
 def reference(model: type[BaseModel]) -> list[Field]:
-    """Every key of a settings class, those of nested settings with dotted keys."""
+    """All keys of a settings class; keys of nested settings are dotted."""
     schema = model.model_json_schema(by_alias=True)
     return list(_fields(schema, schema.get("$defs", {}), "", ()))
 
 
 def written(value: object, schema: Mapping[str, Any]) -> str:
-    """A default as a person would write it in the file: ``0.1`` of a duration as ``100 ms``."""
+    """A default as text for a settings file: the duration ``0.1`` becomes ``100 ms``."""
     if value is None:
         return ""
     example = _example(schema)
@@ -68,7 +68,7 @@ def _fields(
 
 
 def _nested(schema: Mapping[str, Any], shared: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any], str]]:
-    """Settings within a value: their name, schema, and how the key goes on to reach them."""
+    """Nested settings of a value: name, schema, and the suffix of the key that leads to them."""
     if "$ref" in schema:
         name = schema["$ref"].rsplit("/", 1)[-1]
         if "properties" in shared[name]:

@@ -20,13 +20,13 @@ _NAMES: JsonDict = {"propertyNames": {"pattern": "^[a-z][a-z0-9_]*$"}}
 
 
 def json_schema() -> dict[str, Any]:
-    """The schema of a settings file with every driver, stage and outlet that is installed here."""
+    """The schema of a settings file with all installed drivers, stages and outlets."""
     own = _chosen("stage", installed("stage"))
 
     class Stages(BaseModel, extra="allow", json_schema_extra=_NAMES):
-        """What is learned from the frames: a stage by its kind, or by your own name with 'stage: KIND'."""
+        """Analysis of the frames: each stage under its kind, or under your own name with 'stage: KIND'."""
 
-        __pydantic_extra__: dict[str, own]  # type: ignore[valid-type]  # made of what is installed
+        __pydantic_extra__: dict[str, own]  # type: ignore[valid-type]  # built from the installed stages
 
     kinds: dict[str, Any] = {p.name: _optional(_settings(p) | own, p.title) for p in installed("stage")}
     fields: dict[str, Any] = {
@@ -51,19 +51,19 @@ def json_schema() -> dict[str, Any]:
 
 
 def _chosen(key: str, parts: Sequence[Installed]) -> Any:
-    """Settings whose shape ``key`` decides."""
+    """Settings whose class the value of ``key`` selects."""
     choices = [_with(key, part) for part in parts]
     return Annotated[reduce(or_, choices), Field(discriminator=key)] if len(choices) > 1 else choices[0]
 
 
 def _with(key: str, part: Installed) -> Any:
-    """A part's settings beside the key that chooses it."""
+    """The settings of a driver, stage or outlet, with the key that selects it."""
     chosen: dict[str, Any] = {key: (Literal[part.name], Field(description=part.title))}
     return create_model(f"{part.kind} {part.name}", __base__=_settings(part), __doc__=part.title, **chosen)
 
 
 class _Anything(BaseModel):
-    """Settings of a part that cannot be loaded."""
+    """Settings of a driver, stage or outlet that cannot be loaded."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -78,7 +78,7 @@ def _optional(kind: Any, description: str | None) -> tuple[Any, Any]:
 
 
 def _written_defaults(definition: dict[str, Any]) -> None:
-    """Give quantities their defaults as written, not in base units; editors insert them."""
+    """Replace the defaults of quantities in base units by text with a unit, as editors insert them."""
     for found in definition.get("properties", {}).values():
         default = found.get("default")
         text = written(default, found)

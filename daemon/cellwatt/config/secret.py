@@ -1,9 +1,9 @@
-"""Which settings are secrets, known from their declaration alone.
+"""Finds secret settings by their declaration.
 
-A setting of the type ``SecretStr`` is one. In free settings (a mapping of anything) it is what stands below the keys
-that ``SecretKeys`` in their declaration names. A secret is told nowhere: the text of the file as recordings hold it,
-the settings that outlets publish and messages about mistakes have ``***`` in its place. Secrets within addresses are
-known by their form (``cellwatt.host``).
+A setting of the type ``SecretStr`` is a secret. In free settings (a mapping of anything), the values below the keys
+that their declaration lists in ``SecretKeys`` are secrets. Secrets are never published: the text of the file in
+recordings, the settings that outlets publish and error messages contain ``***`` instead. Secrets within addresses are
+recognised by their form (``cellwatt.host``).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from cellwatt.config.places import KeyPath
 
 @dataclass(frozen=True, slots=True)
 class SecretKeys:
-    """Put with ``Annotated`` into the declaration of free settings: below keys that hold such a word are secrets."""
+    """Metadata for ``Annotated`` free settings: values below keys that contain one of the words are secrets."""
 
     words: tuple[str, ...]
 
@@ -30,7 +30,7 @@ class SecretKeys:
 
 
 def secrets_in(kind: Any, values: Mapping[Any, Any], path: KeyPath = ()) -> list[KeyPath]:
-    """Paths of the secrets among settings as they are written at ``path``, right or wrong."""
+    """Key paths of the secrets in unvalidated settings at ``path``."""
     found: list[KeyPath] = []
 
     def note(at: KeyPath, types: Types, value: Any) -> Any:
@@ -43,7 +43,7 @@ def secrets_in(kind: Any, values: Mapping[Any, Any], path: KeyPath = ()) -> list
 
 
 def _inside(types: Types, key: object) -> Types:
-    """As ``below``; what stands in a secret is one, whatever its form, and so is what is under a key that names one."""
+    """Like ``below``; everything inside a secret, and below a key that names a secret, is a secret too."""
     marks = [each for each in types if isinstance(each, SecretKeys)]
     if any(map(_is_secret, types)) or any(mark.name(key) for mark in marks):
         return [SecretStr]

@@ -1,6 +1,6 @@
-"""Any file that a person writes or a command wrote, checked as the settings of a cell are.
+"""Reads any other file, written by a person or by a command, with the checks of a cell's settings.
 
-Every mistake is told with file, line and column, what was found, what was expected, and the nearest key that is known.
+Every problem is reported with file, line and column, the value found, the value expected, and the nearest known key.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from cellwatt.yaml_file import parse_yaml
 
 T = TypeVar("T")
 Check = Callable[[T], Iterable[tuple[KeyPath, str]]]
-"""Finds what types cannot say: where a mistake is, and what was found and expected."""
+"""Finds errors that types cannot express: yields key path and message (value found, value expected)."""
 
 ALIKE: Final = 0.8
-"""Share of a key that it has in common with a known one, from which on it is taken for that, misspelt."""
+"""Smallest similarity (difflib ratio) at which an unknown key counts as a misspelt known key."""
 
 
 def reads_version(number: int, advice: str) -> AfterValidator:
-    """Validator of the key that states a format: any other than ``number`` is refused with the advice."""
+    """Validator of the key with the format version: any version but ``number`` is refused with ``advice``."""
 
     def check(found: int) -> int:
         if found != number:
@@ -52,7 +52,7 @@ def read_settings(
 ) -> T:
     """Content of a YAML or JSON file as ``kind``: a settings class, a dataclass, or a mapping of them.
 
-    ``computed``: a command wrote it, so that it may be large. Raises ``refusal`` with the mistakes found, in order.
+    ``computed``: a command wrote the file, so it may be large. Raises ``refusal`` with the problems, in file order.
     """
     adapter: TypeAdapter[T] = TypeAdapter(kind)
     if computed and (made := _at_once(path, adapter, check)) is not None:
@@ -67,7 +67,7 @@ def read_settings(
 
 
 def _at_once(path: Path, adapter: TypeAdapter[T], check: Check[T] | None) -> T | None:
-    """Content without the place of each value, which takes long to find; None where anything is wrong."""
+    """Content, read without the slow search for the position of each value; None if anything is wrong."""
     try:
         text = read_text(path, COMPUTED)
         made = adapter.validate_python(json.loads(text) if path.suffix == ".json" else parse_yaml(text))
@@ -95,7 +95,7 @@ def _placed(path: Path, adapter: TypeAdapter[T], kind: Any, check: Check[T] | No
 
 
 def _misspelt(document: Document, kind: Any) -> Iterator[Problem]:
-    """Keys that ``kind`` passes over, and that are nearly one that it knows and that is not there."""
+    """Problems for keys that ``kind`` ignores and that resemble a known key absent from the file."""
     for path in document.places:
         if not path or not isinstance(path[-1], str):
             continue

@@ -1,4 +1,4 @@
-"""Findings of pydantic in words for the person who wrote the file."""
+"""Turns validation errors of pydantic into messages for the author of the file."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from cellwatt.config.reference import written
 from cellwatt.errors import Problem
 from cellwatt.host import HIDDEN, blank
 
-_LONGEST_WORD = 100  # characters of a key that is compared with others
-_MOST_SIBLINGS = 200  # unknown keys that may be a missing one misspelt
+_LONGEST_WORD = 100  # characters of a key that are compared with known keys
+_MOST_SIBLINGS = 200  # unknown keys that are checked for being a misspelt missing key
 
 _UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
 _MISSING = ("missing", "missing_argument")
@@ -46,16 +46,16 @@ _EXPECTED = {
 _KINDS = {"int": "a whole number", "float": "a number", "bool": "true or false", "string": "text", "path": "a path"}
 _KINDS |= dict.fromkeys(("list", "tuple", "set", "frozen"), _LIST)
 _KINDS |= dict.fromkeys(("dict", "mapping", "model", "dataclass"), _SETTINGS)
-"""By the first word of pydantic's name for an error."""
+"""Expected value, by the first word of pydantic's error type."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Finding:
-    """One pydantic error, at a path that is in the file (for missing and unknown keys: the key's own)."""
+    """One pydantic error, at a key path of the file; for a missing key, at the path that the key would have."""
 
     path: KeyPath
     error: ErrorDetails
-    inside: KeyPath  # from the settings class down
+    inside: KeyPath  # relative to the settings class
 
     @property
     def kind(self) -> str:
@@ -63,31 +63,31 @@ class _Finding:
 
 
 def nearest(word: object, choices: Iterable[str]) -> str | None:
-    """The choice that was probably meant, capitals aside."""
+    """The choice most similar to the word, ignoring case; None if none is similar."""
     by_lower = {choice.lower(): choice for choice in choices}
     near = difflib.get_close_matches(str(word)[:_LONGEST_WORD].lower(), by_lower, n=1)
     return by_lower[near[0]] if near else None
 
 
 def did_you_mean(word: object, choices: Iterable[str]) -> str:
-    """``"; did you mean 'host'?"`` where one of the choices is near, else nothing."""
+    """``"; did you mean 'host'?"`` if one of the choices is similar, else ``""``."""
     near = nearest(word, choices)
     return f"; did you mean {near!r}?" if near else ""
 
 
 def unknown_key(key: object, choices: Sequence[str]) -> str:
-    """Text for a key that does not belong here."""
+    """Message for an unknown key."""
     return f"unknown key {quoted(key)}{did_you_mean(key, choices)} (keys here: {', '.join(choices)})"
 
 
 def missing_key(key: str, description: str | None) -> str:
-    """Text for a key that must be there."""
+    """Message for a missing required key."""
     about = f" ({first_sentence(description)})" if description else ""
     return f"the key {key!r} is missing{about}"
 
 
 def found(document: Document, path: KeyPath) -> str:
-    """The value at a path as a message repeats it; never a secret or what came from the environment."""
+    """The value at a path, quoted for a message; never a secret or a value from the environment."""
     if path in document.environment:
         shown = document.environment[path]
         return shown if shown == HIDDEN else f"the value of {shown}"
@@ -106,13 +106,13 @@ def found(document: Document, path: KeyPath) -> str:
 def explain(
     error: ValidationError, model: Any, document: Document, section: KeyPath, told: Collection[KeyPath]
 ) -> list[Problem]:
-    """One problem per mistake that a settings class found in the mapping at ``section``, except at places ``told``.
+    """One problem per error in the mapping at ``section``, except at the key paths ``told``, reported before.
 
-    Words are looked for only for one more than are told of a file.
+    Composes at most ``MOST`` + 1 messages: ``MOST`` are reported, and one more shows that there are others.
     """
     findings = [_located(details, document, section) for details in error.errors(include_url=False)]
     unknown = {f.path for f in findings if f.kind in _UNKNOWN}
-    # pydantic leaves wrong entries out and then finds too few.
+    # pydantic drops invalid entries and then reports too few.
     above = {f.path[:i] for f in findings for i in range(len(f.path))}
     findings = [f for f in findings if f.kind != "too_short" or f.path not in above]
     grouped: dict[KeyPath, list[_Finding]] = {}
@@ -131,7 +131,7 @@ def _order(finding: _Finding, document: Document) -> tuple[int, int]:
 def _located(error: ErrorDetails, document: Document, section: KeyPath) -> _Finding:
     path = section
     for part in error["loc"]:
-        # Parts that are no key are pydantic's names for the members of a union.
+        # Elements of the path that are not keys are pydantic's names for the members of a union.
         if (*path, part) in document.places:
             path = (*path, part)
     if error["type"] in _MISSING:
@@ -140,7 +140,7 @@ def _located(error: ErrorDetails, document: Document, section: KeyPath) -> _Find
 
 
 def _misspelt(finding: _Finding, unknown: set[KeyPath]) -> bool:
-    """True if a missing key is told already by the unknown one that was meant to be it."""
+    """True if an unknown key, which is reported already, is a misspelling of this missing key."""
     if finding.kind not in _MISSING:
         return False
     siblings = (str(u[-1]) for u in unknown if u[:-1] == finding.path[:-1])
@@ -206,6 +206,6 @@ def _hint(group: Sequence[_Finding], document: Document) -> str:
 
 
 def first_sentence(text: str) -> str:
-    """First sentence of a description, without its full stop and marks of code."""
+    """First sentence of a description, without its full stop and code marks."""
     first = re.split(r"(?<=\w)(?<!e\.g)\.\s|\n\n|;", text.strip(), maxsplit=1)[0]
     return " ".join(first.split()).rstrip(", .").replace("``", "")

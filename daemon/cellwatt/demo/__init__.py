@@ -1,1 +1,1 @@
-"""The demo behind ``cellwatt demo``: emulated devices, the daemon and a subscriber as processes, and a summary."""
+"""The demo of ``cellwatt demo``: runs emulated devices, the daemon and a subscriber as processes, and summarises."""

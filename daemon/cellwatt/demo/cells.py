@@ -1,4 +1,4 @@
-"""The cells that the demo knows: a small one with a fault, and one with a device of every driver."""
+"""The two cells of the demo: a small one with a fault, and one with a device of every driver."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from cellwatt.errors import ConfigError
 from cellwatt.runtime.assemble import prepare
 
 SOMEWHERE = "127.0.0.1:9"
-"""Stands for an endpoint while none is chosen yet."""
+"""Placeholder until an endpoint is chosen."""
 
 SMALL = ("arm", "board", "positioner", "mains")
-"""Of ``demo.yaml``; the positioner and the mains are those of a second arm, …"""
+"""Sources of ``demo.yaml``. The positioner and the mains belong to a second arm, …"""
 SPEEDS = {"positioner": 0.8, "mains": 0.8}
 """… which moves at another speed."""
 
 
 def every_driver() -> dict[str, dict[str, Any]]:
-    """Settings of one source per driver, named like the driver, at their usual rates, for emulated devices."""
+    """Settings of one emulated device per driver, at its usual rate; each source has the name of its driver."""
     sources: dict[str, dict[str, Any]] = yaml.safe_load(packaged("all-drivers.yaml").read_text())["sources"]
     sources["abb"]["egm_port"] = _free_port(socket.SOCK_DGRAM)
     return sources | {"franka": {"driver": "franka", "host": "127.0.0.1"}}
 
 
 def usable(sources: Mapping[str, dict[str, Any]], folder: Path) -> tuple[dict[str, dict[str, Any]], dict[str, str]]:
-    """The sources whose drivers can be loaded here, and the reason for each of the others."""
+    """Return the sources whose drivers can be loaded, and for each other source the reason why not."""
     found, lacking = {}, {}
     for name, source in sources.items():
         try:
@@ -46,7 +46,7 @@ def usable(sources: Mapping[str, dict[str, Any]], folder: Path) -> tuple[dict[st
 
 
 def write(folder: Path, sources: Mapping[str, Mapping[str, Any]], endpoint: str) -> Path:
-    """The settings file of a cell with these sources, recorded and published."""
+    """Write the settings file of a cell that records and publishes these sources; return its path."""
     cell = {
         "site": "demo",
         "cell": "demo",
@@ -60,7 +60,7 @@ def write(folder: Path, sources: Mapping[str, Mapping[str, Any]], endpoint: str)
 
 
 def packaged(name: str = "demo.yaml") -> Path:
-    """An example: packaged, or in examples/ of a checkout."""
+    """Path of an example settings file, in the package or in examples/ of a checkout."""
     found = Path(str(files("cellwatt"))) / "examples" / name
     return found if found.exists() else Path(__file__).resolve().parents[3] / "examples" / name
 
@@ -71,12 +71,12 @@ def shape_file() -> Path:
 
 
 def model_file() -> Path:
-    """Path of the trained model of its power, which ``bench/models/demo.py`` makes."""
+    """Path of the trained model of the arm's power; ``bench/models/demo.py`` generates it."""
     return Path(__file__).with_name("power.onnx")
 
 
 def environment(folder: Path, endpoint: str, page: str, settings: Mapping[KeyPath, Any]) -> dict[str, str]:
-    """The environment variables that ``demo.yaml`` reads, with the settings that lead to the emulators.
+    """Environment variables for ``demo.yaml``; ``settings`` are the addresses of the emulators, by key path.
 
     ``endpoint`` and ``page`` are the addresses of the bus and of the cell's page, host:port.
     """

@@ -1,4 +1,4 @@
-"""One run of the demo: start everything, wait, stop it in order."""
+"""One run of the demo: starts all processes, waits, and stops them in order."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from cellwatt.emulation.cell import devices_of, places, running
 from cellwatt.errors import CellwattError
 
 HEALTHY = 20.0
-"""s at most before the spring."""
+"""Longest time, s, before the spring is attached."""
 COMPARED = 17.0
-"""s after the spring at which the arm is compared with its simulation: two repetitions of its task."""
+"""Time, s, after the spring is attached until the arm is compared with its simulation: two cycles of its task."""
 SHORTEST = 12.0
-"""s of a recording that is compared."""
+"""Shortest recording, s, that is compared with the simulation."""
 STOP = 60.0
 """Longest time, s, that the daemon may take to drain, and then the last messages to the subscriber."""
 
 
 @dataclass
 class Demonstration:
-    """One run. ``show`` is called with each line of the subscriber, ``say`` with each step of the demo."""
+    """One run. ``show`` is called with each message of the subscriber, ``say`` with a text for each step."""
 
     folder: Path
     seconds: float
@@ -45,14 +45,14 @@ class Demonstration:
     _stopping: asyncio.Event = field(default_factory=asyncio.Event)
 
     def stop(self, why: str) -> None:
-        """End the run early; the summary tells why, and what was seen till then."""
+        """End the run early; the summary contains ``why`` and the results up to then."""
         self._stopped = self._stopped or why
         self._stopping.set()
 
     async def small(self) -> dict[str, Any]:
-        """Run four devices and hook a spring on an elbow; return the summary, JSON-ready.
+        """Run four devices and attach a spring to an elbow joint; return the summary, ready for JSON.
 
-        Raises ``CellwattError`` when a process does not start.
+        Raises ``CellwattError`` if a process does not start.
         """
         endpoint, page = cells.free_endpoint(), cells.free_endpoint()
         self.say(f"the daemon and four emulated devices are starting; then in a browser: http://{page}")
@@ -72,9 +72,9 @@ class Demonstration:
         return self._with_end(summary(self.seen, kept, hooked, code))
 
     async def every_driver(self) -> dict[str, Any]:
-        """Run a device of each driver; return the summary, JSON-ready. It names drivers whose library is missing.
+        """Run a device of each driver; return the summary, ready for JSON, with the drivers whose library is missing.
 
-        Raises ``CellwattError`` when a process does not start.
+        Raises ``CellwattError`` if a process does not start.
         """
         endpoint = cells.free_endpoint()
         sources, lacking = cells.usable(cells.every_driver(), self.folder)
@@ -100,7 +100,7 @@ class Demonstration:
         return {**found, "ok": False, "problems": [f"the demo was ended early: {self._stopped}", *found["problems"]]}
 
     async def _pause(self, seconds: float) -> None:
-        """Sleep, but for no longer than the demo is to run."""
+        """Sleep; return early if the demo is stopped."""
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(self._stopping.wait(), max(0.0, seconds))
 
@@ -110,7 +110,7 @@ class Demonstration:
         endpoint: str,
         play: Callable[[], Any],
     ) -> int | None:
-        """Run daemon and subscriber for the demo's duration, then end both; return the daemon's exit code."""
+        """Run daemon and subscriber until ``play`` returns, then stop both; return the daemon's exit code."""
         async with run as daemon, processes.subscriber(endpoint) as watching:
             reading = asyncio.create_task(self._read(watching))
             try:
@@ -127,7 +127,7 @@ class Demonstration:
             return daemon.returncode
 
     async def _hook(self, emulators: Mapping[str, EmulatorProcess], page: str) -> float | None:
-        """Hook the spring on, at the latest halfway; return its UTC time, s, or None where the demo ended before."""
+        """Attach the spring, at the latest halfway; return the UTC time, s, or None if the demo ended before."""
         look = f"in a browser: http://{page}"
         healthy = min(self.seconds / 2, HEALTHY)
         self.say(f"running for {self.seconds:.0f} s; the spring comes after {healthy:.0f} s; {look}")
@@ -140,7 +140,7 @@ class Demonstration:
                 return None
             for name in fault.FAULTY:
                 await emulators[name].disturb(spring=float(fault.JOINT), at=hooked - self.epoch, **fault.SPRING)
-            self.say(f"a spring is hooked on joint {fault.JOINT} of {fault.FAULTY[0]}; {look}")
+            self.say(f"a spring is attached to joint {fault.JOINT} of {fault.FAULTY[0]}; {look}")
             sprung = self._compare("with-the-spring", hooked + 1, hooked + COMPARED, look)
             comparing.append(asyncio.create_task(sprung))
             await self._pause(start + self.seconds - time.time())
@@ -149,7 +149,7 @@ class Demonstration:
         return hooked
 
     async def _compare(self, name: str, since: float, until: float, look: str) -> None:
-        """Wait until there is enough, compare the arm with its simulation, and say what was found."""
+        """Wait until the UTC time ``until``, compare the arm with its simulation, and report the findings."""
         await self._pause(until - time.time())
         if self._stopped or until - since < SHORTEST:
             return
@@ -169,10 +169,10 @@ class Demonstration:
             if self._stopped:
                 raise CellwattError(f"the demo was ended before everything ran: {self._stopped}")
             await asyncio.sleep(0.05)
-        raise CellwattError(f"not everything ran within {processes.START:.0f} s: {'; '.join(self.seen.not_up())}")
+        raise CellwattError(f"not all sources ran within {processes.START:.0f} s: {'; '.join(self.seen.not_up())}")
 
     async def _until_delivered(self) -> None:
-        """Wait for messages still on their way to the subscriber; the summary reports those that never arrive."""
+        """Wait for messages in transit to the subscriber; the summary reports those that never arrive."""
         end = time.monotonic() + STOP
         while time.monotonic() < end:
             if not delivery_problems(self.seen, sources_of(self.seen, {})):
@@ -192,12 +192,12 @@ class Demonstration:
 
 
 async def _kept(emulators: Mapping[str, EmulatorProcess]) -> dict[str, float]:
-    """Time, s, for which each emulator was kept from running by this PC."""
+    """Time, s, for which this PC did not let each emulator run."""
     return {name: await emulator.kept() for name, emulator in emulators.items()}
 
 
 async def _ended(tasks: Sequence[asyncio.Task[None]]) -> None:
-    """Cancel what still runs. Raises what one of them raised."""
+    """Cancel the tasks that are still running. Re-raises an exception of a task."""
     for task in tasks:
         task.cancel()
     for result in await asyncio.gather(*tasks, return_exceptions=True):

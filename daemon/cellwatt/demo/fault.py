@@ -1,4 +1,4 @@
-"""The fault of the small demo: a spring hooked on an elbow, and how soon an alarm named it."""
+"""The fault of the small demo: a spring attached to an elbow joint, and the delay of its alarm."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from cellwatt.emulation import ArmSignals
 JOINT = 3
 """The elbow."""
 SPRING = {"stiffness": 60.0, "rest": 1.4}
-"""Nm/rad, hooked on where the elbow is at home: Sabry et al.'s spring of 10 N at 0.3 m, at this arm's size."""
+"""Stiffness, Nm/rad, and rest position, rad (the elbow's home position): the spring of Sabry et al., 10 N at 0.3 m,
+scaled to this arm."""
 LATE = 10.0
 FAULTY = ("arm", "board")
-"""Emulators that share the arm on whose elbow the spring is hooked."""
+"""Emulators of the arm to which the spring is attached."""
 
 
 def next_start(after: float, epoch: float) -> float:
@@ -26,7 +27,7 @@ def next_start(after: float, epoch: float) -> float:
 
 
 def told(seen: Seen, hooked: float) -> dict[str, Any]:
-    """The first alarm that names a fault, and the interval in which the spring began to act."""
+    """Figures of the first fault alarm, and the duration of the interval in which the spring began to act."""
     at = hooked * 1e9
     alarms = [a for a in seen.alarms if a["kind"].endswith("_fault") and a["active"]]
     acting = [i for i in seen.intervals if JOINT in i["moving"] and i["end"] > at]
@@ -42,7 +43,7 @@ def told(seen: Seen, hooked: float) -> dict[str, Any]:
 
 
 def problems_of(fault: Mapping[str, Any], *, busy: bool) -> list[str]:
-    """Sentences about missing, wrong or late alarms; empty if all is well. A ``busy`` PC may tell ``LATE`` s later."""
+    """Sentences about missing, wrong or late alarms; on a ``busy`` PC the alarm may be ``LATE`` s later."""
     if fault["named_joint"] is None:
         return ["no alarm named the fault"]
     problems = []

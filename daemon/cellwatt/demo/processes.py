@@ -1,4 +1,4 @@
-"""The daemon and the subscriber of the demo, each as a process of its own."""
+"""The daemon and the subscriber of the demo, each in its own process."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from cellwatt.child import ends_with_parent
 from cellwatt.runtime.processes.rights import keep_up
 
 START = 60.0
-"""Longest time, s, until everything runs."""
+"""Longest time, s, until all processes run."""
 _PATIENCE = 5.0  # s
 LONGEST = 16_000_000
-"""Bytes of a line of the subscriber: health of a cell of many devices may be longer than asyncio takes by itself."""
+"""Longest line, bytes, of the subscriber: the health of a cell with many devices may exceed asyncio's default."""
 TOPICS = ("raw", "frame", "interval", "task", "prediction", "alarm", "health")
 
 
@@ -23,7 +23,7 @@ TOPICS = ("raw", "frame", "interval", "task", "prediction", "alarm", "health")
 async def daemon(
     file: Path, folder: Path, environment: Mapping[str, str] | None = None
 ) -> AsyncIterator[asyncio.subprocess.Process]:
-    """Run ``cellwatt run`` on a settings file; its log is ``daemon.log`` in the folder. Killed if left running."""
+    """Run ``cellwatt run`` on a settings file, with the log ``daemon.log`` in the folder; killed if still running."""
     command = [sys.executable, "-m", "cellwatt.commands", "run", str(file)]
     with log_of(folder).open("wb") as log:
         process = await asyncio.create_subprocess_exec(
@@ -42,7 +42,7 @@ async def subscriber(endpoint: str) -> AsyncIterator[asyncio.subprocess.Process]
     process = await asyncio.create_subprocess_exec(
         *command, stdout=asyncio.subprocess.PIPE, limit=LONGEST, preexec_fn=ends_with_parent()
     )
-    keep_up(process.pid)  # it shares the cores with all that it is to count
+    keep_up(process.pid)  # it shares the cores with the devices whose samples it counts
     async with _ended(process):
         yield process
 
@@ -54,7 +54,7 @@ def log_of(folder: Path) -> Path:
 
 @contextlib.asynccontextmanager
 async def _ended(process: asyncio.subprocess.Process) -> AsyncIterator[None]:
-    """See to it that a process has ended after the block, which tells it to end unless it fails; kill it otherwise."""
+    """Ensure that a process has ended after the block; the block stops it unless it fails. Kills it if necessary."""
     try:
         yield
     except BaseException:
@@ -62,7 +62,7 @@ async def _ended(process: asyncio.subprocess.Process) -> AsyncIterator[None]:
             process.terminate()
         raise
     finally:
-        # One that was told and has ended must not be signalled again: who signals reaps it, and the watcher wonders.
+        # Do not signal a process that has ended: the signal reaps it, and asyncio's child watcher misses its exit.
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(process.wait(), _PATIENCE)
         if process.returncode is None:

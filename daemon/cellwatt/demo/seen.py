@@ -14,7 +14,7 @@ class Seen:
 
     samples: Counter[str] = field(default_factory=Counter)
     first: dict[str, int] = field(default_factory=dict)
-    """Number of the first sample after the subscriber joined, by topic."""
+    """Sequence number of the first sample received, by topic."""
     gaps: int = 0
     intervals: list[dict[str, Any]] = field(default_factory=list)
     tasks: int = 0
@@ -23,7 +23,7 @@ class Seen:
     status: dict[str, Any] = field(default_factory=dict)
 
     def add(self, line: Mapping[str, Any]) -> None:
-        """Take one line."""
+        """Add one line, parsed."""
         kind, content = line["kind"], line["content"]
         if kind in {"raw", "frame"}:
             self.samples[line["topic"]] += content["count"]
@@ -42,8 +42,8 @@ class Seen:
             self.status = content
 
     def not_up(self) -> list[str]:
-        """What does not deliver yet: each source with its state and error."""
+        """Sources that do not deliver yet, each with its state and error."""
         if not self.status:
-            return ["no health of the daemon came"]
+            return ["no health message from the daemon"]
         sources: dict[str, Any] = self.status["sources"]
         return [f"{name} is {s['state']} ({s['error']})" for name, s in sources.items() if s["state"] != "ok"]

@@ -1,4 +1,4 @@
-"""The demo's arm beside its simulation: what was recorded so far, given to ``cellwatt explain`` while the demo runs."""
+"""Compares the demo's arm with its simulation: ``cellwatt explain`` on the recording so far, while the demo runs."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from cellwatt.tables import write_table
 ARM = "arm"
 JOINTS = 6
 REPORTS = "reports"
-"""Folder beside the recording that the page shows."""
+"""Folder beside the recording whose reports the page shows."""
 RECORDED = (("q", "position"), ("qd", "velocity"), ("current", "current"))
 SECONDS = "15"
-"""s of computing that ``explain`` may take."""
+"""Computing time, s, allowed for ``explain``."""
 LIMIT, NICENESS = 600.0, 10
 
 
 async def compared(folder: Path, name: str, epoch: float, since: float, until: float) -> str:
-    """Explain the recording between two UTC times, s, and return what is found, in a sentence.
+    """Run ``explain`` on the recording between two UTC times, s; return its findings as text.
 
-    ``epoch`` is the UTC time at which the emulated arm started. Raises ``CellwattError`` where explain fails.
+    ``epoch`` is the UTC time, s, at which the emulated arm started. Raises ``CellwattError`` if explain fails.
     """
     out = folder / REPORTS / name
     recording, simulation = await asyncio.to_thread(write_run, folder, out, epoch, since, until)
@@ -43,9 +43,9 @@ async def compared(folder: Path, name: str, epoch: float, since: float, until: f
 
 
 def write_run(folder: Path, out: Path, epoch: float, since: float, until: float) -> tuple[Path, Path]:
-    """Write the frames between two UTC times, and what the arm's simulation says of the same motion, as Parquet.
+    """Write the frames between two UTC times, and the simulation of the same motion, as two Parquet files.
 
-    Raises ``RecordingError`` where there are none.
+    Raises ``RecordingError`` if there is no recording.
     """
     out.mkdir(parents=True, exist_ok=True)
     names = [f"{ARM}.joint_{joint}.{quantity}" for _, quantity in RECORDED for joint in range(1, JOINTS + 1)]
@@ -72,7 +72,7 @@ def write_run(folder: Path, out: Path, epoch: float, since: float, until: float)
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """The reader's warnings off: a file that is still being written is no news here."""
+    """Suppress the reader's warnings about a file that is still being written."""
     log = logging.getLogger("cellwatt.record.reader")
     level = log.level
     log.setLevel(logging.ERROR)

@@ -1,4 +1,4 @@
-"""Summary of a run of the demo, with its problems."""
+"""Summary of a demo run, with its problems."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from cellwatt.demo.seen import Seen
 from cellwatt.slots import HOST
 
 RATE_TOLERANCE = 0.02
-"""By how much a measured rate may differ from the nominal one, as a share of it."""
+"""Largest allowed deviation of a measured rate, as a share of the nominal rate."""
 
 
 def summary(seen: Seen, kept: Mapping[str, float], hooked: float | None, exit_code: int | None) -> dict[str, Any]:
-    """Summarise a run: sources, and the fault hooked on at ``hooked``, UTC s. ``kept`` is as in ``sources_of``."""
+    """Summarise a run: sources, and the spring attached at ``hooked``, UTC s. ``kept`` is as in ``sources_of``."""
     sources = sources_of(seen, kept)
     told = None if hooked is None else fault.told(seen, hooked)
     problems = problems_of(seen, sources, SMALL, exit_code)
@@ -39,7 +39,7 @@ def summary(seen: Seen, kept: Mapping[str, float], hooked: float | None, exit_co
 
 
 def _meter(seen: Seen) -> dict[str, Any] | None:
-    """Last message about the analyzer, with its figures."""
+    """Last ``meter_timing`` alarm, with its evidence."""
     told = [a for a in seen.alarms if a["kind"] == "meter_timing"]
     return {"statement": told[-1]["statement"], **told[-1]["evidence"]} if told else None
 
@@ -52,7 +52,7 @@ def summary_of_every_driver(
     emulated: Mapping[str, Mapping[str, int]],
     exit_code: int | None,
 ) -> dict[str, Any]:
-    """Summarise the cell of all drivers: sources, their emulators' counts, and drivers left out with the reason."""
+    """Summarise the cell of all drivers: sources, their emulators' counts, and skipped drivers with the reason."""
     sources = sources_of(seen, kept)
     problems = problems_of(seen, sources, devices, exit_code)
     for name, source in sources.items():
@@ -67,10 +67,10 @@ def summary_of_every_driver(
 
 
 def sources_of(seen: Seen, kept: Mapping[str, float]) -> dict[str, dict[str, Any]]:
-    """Account, losses, polls that fell due while this PC stood still, and streams, by source.
+    """By source: counts, losses, polls missed because this PC was stalled, and streams.
 
-    ``kept`` is the time, s, for which this PC kept the source's emulator from answering: polls missed in it are the
-    PC's, too. Each stream has samples, rate, jitter and the number delivered.
+    ``kept``: time, s, for which this PC did not let the source's emulator run; polls missed during it count as
+    stalled, too. Each stream has its samples, rate, jitter and number of samples delivered.
     """
     sources = seen.status.get("sources", {})
     return {name: _source(name, status, seen, kept.get(name, 0.0)) for name, status in sources.items()}
@@ -79,7 +79,7 @@ def sources_of(seen: Seen, kept: Mapping[str, float]) -> dict[str, dict[str, Any
 def problems_of(
     seen: Seen, sources: Mapping[str, Mapping[str, Any]], expected: Collection[str], exit_code: int | None
 ) -> list[str]:
-    """Problems of the sources, and between daemon and subscriber."""
+    """Problems of the sources, and of the delivery from daemon to subscriber."""
     problems = [p for name, source in sources.items() for p in _source_problems(name, source)]
     if exit_code != 0:
         problems.append(f"the daemon ended with exit code {exit_code}")
@@ -99,7 +99,7 @@ def delivery_problems(seen: Seen, sources: Mapping[str, Mapping[str, Any]]) -> l
         if s["delivered"] + s["before_subscriber"] != s["samples"]
     ]
     made = seen.status.get("frames", {}).get("count")
-    if made is None or made > seen.samples["frame"] + seen.first.get("frame", 0):  # it may get some that came later
+    if made is None or made > seen.samples["frame"] + seen.first.get("frame", 0):  # it may have received later frames
         problems.append(f"{made} frames were made, the subscriber got {seen.samples['frame']}")
     return problems
 
@@ -113,7 +113,7 @@ def _source(name: str, status: Mapping[str, Any], seen: Seen, kept: float) -> di
         for stream, figures in status["streams"].items()
     }
     missed = sum(status["missed"].values())
-    # As in ``Slots``: a slot is the PC's where the emulator was kept for half of it.
+    # As in ``Slots``: a missed poll is attributed to the PC if the emulator was stopped for half of its slot.
     while_kept = math.ceil(2 * kept * sum(stream["nominal_hz"] or 0.0 for stream in streams.values()))
     stalled = min(status["missed"].get(HOST, 0) + while_kept, missed)
     lost = missed + sum(status["dropped"].values()) - stalled
@@ -135,7 +135,7 @@ def _source_problems(name: str, source: Mapping[str, Any]) -> list[str]:
     for stream, s in source["streams"].items():
         if not s["nominal_hz"]:
             continue
-        # Of a polled source, what fell due while the emulator was kept is among ``host_stalled`` already.
+        # For a polled source, ``host_stalled`` already includes the polls missed while the emulator was stopped.
         displaced = max(source["host_stalled"], source["kept_s"] * s["nominal_hz"])
         tolerance = RATE_TOLERANCE + displaced / max(s["samples"], 1)
         if s["rate_hz"] is None or abs(s["rate_hz"] / s["nominal_hz"] - 1) > tolerance:

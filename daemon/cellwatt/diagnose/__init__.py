@@ -1,4 +1,4 @@
-"""The bundle for a bug report: what this PC, its settings and its running cell tell, without secrets."""
+"""The bundle for a bug report: facts about this PC, its settings and its running cell, without secrets."""
 
 from cellwatt.diagnose.bundle import Bundle
 from cellwatt.diagnose.contents import bundle_of

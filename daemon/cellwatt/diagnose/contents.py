@@ -1,4 +1,4 @@
-"""Gathers the parts of a bundle; each part that cannot be had is told and the rest goes on."""
+"""Collects the files of a bundle; a file that cannot be collected is listed with the reason."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ from cellwatt.runtime.assemble import prepare
 from cellwatt.version import __version__
 
 _SUSPECT: Final = ("pass", "pw", "secret", "token", "key", "credential")
-"""Parts of keys below which a wrong file may hold secrets that no settings class has declared."""
+"""Words in keys below which an invalid file may contain secrets that no settings class declares."""
 
 
-_CHECK: Final = "what cellwatt check says"
+_CHECK: Final = "output of cellwatt check"
 LINES: Final = 2000
-"""Last lines of the log."""
+"""Number of lines taken from the end of the log."""
 _MOST_LOG: Final = 100_000_000
 _EXAMINED: Final = 100
-"""Recordings, the newest ones, that are opened for a verdict."""
+"""Number of newest recordings that are opened for a verdict."""
 
 
 def bundle_of(file: Path | None, log: Path | None) -> Bundle:
-    """Gather the bundle for a settings file, or for the PC alone; ``log`` replaces the journal."""
+    """Collect the bundle for a settings file, or for the PC alone; ``log`` replaces the journal."""
     bundle = Bundle()
     bundle.add("versions.json", "versions of cellwatt, Python, its packages and the system", _versions)
     config = None if file is None else _settings(bundle, file)
@@ -52,13 +52,13 @@ def bundle_of(file: Path | None, log: Path | None) -> Bundle:
 
 
 def _settings(bundle: Bundle, file: Path) -> CellConfig | None:
-    """Add what a settings file says; of a wrong one, which may hold secrets anywhere, only what is wrong."""
+    """Add the settings; of an invalid file, which may contain secrets anywhere, only the problems."""
     try:
         config = load(file)
     except ConfigError as error:
         bundle.secrets = _suspected(file)
         bundle.texts["check.txt"] = _CHECK, f"{error}\n"
-        bundle.missing["settings.json"] = "the settings: the file is wrong and may hold secrets anywhere: see check.txt"
+        bundle.missing["settings.json"] = "the settings: the file is invalid and may contain secrets: see check.txt"
         return None
     bundle.secrets = dict(config.secrets)
     disk = obstacles(config.record) if config.record is not None else Obstacles()
@@ -78,7 +78,7 @@ def _prepared(config: CellConfig) -> list[str]:
 
 
 def _suspected(file: Path) -> dict[str, str]:
-    """What may be secret in a wrong file."""
+    """Values that may be secrets in an invalid file."""
     try:
         document = read(file, os.environ)
     except ConfigError:
@@ -96,7 +96,7 @@ def _cell(bundle: Bundle, config: CellConfig) -> None:
     if "status.json" in bundle.texts:
         bundle.add("schema.json", "its channels", lambda: ask_cell(config, "schema"))
     if (record := config.record) is not None:
-        kept = "recordings with sizes and verdicts"
+        kept = "list of recordings with sizes and verdicts"
         bundle.add("recordings.json", kept, lambda: _recordings(listing(record.folder, config.cell)))
 
 
@@ -121,9 +121,9 @@ def _log(file: Path | None, log: Path | None) -> str:
     try:
         done = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=30, check=False)
     except (FileNotFoundError, subprocess.TimeoutExpired):
-        raise CellwattError("there is no journal to ask; give the log with --log FILE") from None
+        raise CellwattError("the journal cannot be read; give the log with --log FILE") from None
     if not done.stdout.strip():
-        reason = done.stderr.strip() or "it has no lines that this user may read"
+        reason = done.stderr.strip() or "no lines that this user may read"
         raise CellwattError(f"journal of {unit}: {reason}; run as root, or give the log with --log FILE")
     return done.stdout
 

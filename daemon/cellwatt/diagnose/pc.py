@@ -1,4 +1,4 @@
-"""Facts about the PC that matter to a daemon with deadlines. No environment variables."""
+"""Facts about the PC that matter to a daemon with deadlines; environment variables are left out."""
 
 from __future__ import annotations
 

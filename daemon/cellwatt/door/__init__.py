@@ -1,7 +1,7 @@
-"""Everything that strangers reach goes through a door: page, metrics, OPC UA, Foxglove.
+"""Protection of every port that strangers reach: page, metrics, OPC UA, Foxglove.
 
-settings  address, certificate, who may come in
-port      a listening port with bounds: connections of a peer and in all, deadlines
+settings  address, certificate, access
+port      a listening port with limits: connections per peer and in total, deadlines
 http      an HTTP application behind such a port
-tries     wrong passwords: who has to wait, and for how long
+tries     failed logins: delay of further attempts
 """

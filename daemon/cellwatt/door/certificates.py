@@ -1,7 +1,7 @@
-"""Makes and reads certificates of a P-256 authority. Pure but for random numbers.
+"""Makes and reads certificates of a P-256 authority. Pure except for random numbers.
 
-A certificate that names hosts may serve and connect, one that names none may only connect (extended key usage, which
-Zenoh's TLS enforces on both sides), so a viewer's certificate cannot pose as a router.
+A certificate with hosts may serve and connect, one without hosts may only connect (extended key usage, which Zenoh's
+TLS enforces at both ends). So a viewer's certificate cannot be used to impersonate a router.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from cellwatt.errors import ConfigError
 AUTHORITY_DAYS: Final = 3650
 MEMBER_DAYS: Final = 398
 _BEFORE: Final = timedelta(days=1)
-"""A certificate begins this long ago: clocks of a plant differ."""
+"""A certificate is valid from this long before its issue, because clocks in a plant differ."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,10 +41,10 @@ class Pair:
 
 
 def new_authority(site: str, now: datetime, days: float = AUTHORITY_DAYS) -> Pair:
-    """Make a certificate authority of a site."""
+    """Make the certificate authority of a site, valid for ``days``."""
     key = ec.generate_private_key(ec.SECP256R1())
     serial = x509.random_serial_number()
-    # Two authorities of a site have different names, so that whoever looks at certificates can tell them apart.
+    # Two authorities of a site have different names, so that their certificates can be distinguished.
     name = _name(f"cellwatt {site} {now:%Y-%m-%d} {serial & 0xFFFF:04x}")
     usage = {"digital_signature": False, "content_commitment": False, "key_encipherment": False}
     usage |= {"data_encipherment": False, "key_agreement": False, "encipher_only": False, "decipher_only": False}
@@ -59,9 +59,9 @@ def new_authority(site: str, now: datetime, days: float = AUTHORITY_DAYS) -> Pai
 
 
 def issue(authority: Pair, name: str, hosts: Sequence[str], now: datetime, days: float = MEMBER_DAYS) -> Pair:
-    """Issue a certificate with the common name ``name``; it expires with its authority at the latest.
+    """Issue a certificate with the common name ``name``; it expires at the latest with its authority.
 
-    With ``hosts``, names or addresses, it may listen there. Raises ``ConfigError`` for a host that is neither.
+    With ``hosts``, names or addresses, its holder may listen there. Raises ``ConfigError`` for an invalid host.
     """
     signer = x509.load_pem_x509_certificate(authority.certificate)
     signing = load_pem_private_key(authority.key, None)
@@ -87,7 +87,7 @@ def read(pem: bytes) -> list[x509.Certificate]:
 
 
 def belongs(certificate: x509.Certificate, key: bytes) -> bool:
-    """True if a PEM private key belongs to a certificate. Raises ``ValueError`` or ``TypeError`` if it is no key."""
+    """True if a PEM private key belongs to a certificate. Raises ``ValueError`` or ``TypeError`` if it is not a key."""
     form = (Encoding.DER, PublicFormat.SubjectPublicKeyInfo)
     return load_pem_private_key(key, None).public_key().public_bytes(*form) == certificate.public_key().public_bytes(
         *form

@@ -1,4 +1,4 @@
-"""An HTTP application behind a port with bounds."""
+"""An HTTP application behind a port with limits."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from cellwatt.door.port import Limits, Port
 from cellwatt.door.settings import Listening
 
 BODY: Final = 10.0
-"""s for the body of a request, once its head is there."""
+"""Longest time, s, to receive the body of a request after its head."""
 _STOP: Final = 1.0
-"""s that answers under way get when the door closes."""
+"""Time, s, for answers in progress to complete when the door closes."""
 _LINGERS: Final = 0.5
-"""s for the rest of a body that nobody wants, so that the client reads why."""
+"""Time, s, to read the rest of an unwanted body, so that the client reads the refusal."""
 _LONGEST: Final = 4096
-"""Bytes of a line of a request's head, of which it may have 64."""
+"""Most bytes of a line in a request's head, which has at most ``_MOST`` lines."""
 _MOST: Final = 64
 
 
 class HttpDoor:
-    """Serves ``app`` at the address of ``settings``, within ``limits``; ``counts`` says what was refused.
+    """Serves ``app`` at the address of ``settings``, within ``limits``; ``counts`` counts refused requests.
 
-    ``reader`` is a handler that reads the body of its requests in pieces, with deadlines of its own.
+    ``reader`` is a handler that reads the body of its requests in pieces, with its own deadlines.
     """
 
     def __init__(
@@ -49,12 +49,12 @@ class HttpDoor:
             max_field_size=_LONGEST,
             max_headers=_MOST,
         )
-        app.middlewares.append(self._bounded)  # within those that word errors
+        app.middlewares.append(self._bounded)  # inner to the middlewares that format errors
         self._port = Port(lambda: self._protocol(), limits)
         self.counts = self._port.counts
 
     async def start(self, context: ssl.SSLContext | None) -> str:
-        """Begin to serve; return the address. Raises ``OutletError`` if that cannot be."""
+        """Begin to serve; return the URL. Raises ``OutletError`` on failure."""
         await self._runner.setup()
         try:
             port = await self._port.open(self._settings.host, self._settings.port, context)
@@ -65,7 +65,7 @@ class HttpDoor:
         return f"{'http' if context is None else 'https'}://{shown}:{port}"
 
     async def stop(self) -> None:
-        """Serve no more."""
+        """Stop serving."""
         await self._port.close()
         await self._runner.cleanup()
 
@@ -73,7 +73,7 @@ class HttpDoor:
         return len(self._port)
 
     def _ours(self, record: logging.LogRecord) -> bool:
-        """Keep what is no HTTP out of the log; it is counted."""
+        """Log filter: count malformed requests instead of logging them."""
         error = record.exc_info[1] if record.exc_info else None
         foreign = isinstance(error, HttpProcessingError | ConnectionError)
         self.counts["requests malformed"] += foreign

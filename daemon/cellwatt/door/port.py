@@ -1,4 +1,4 @@
-"""A listening port with bounds: connections of a peer and in all, and a deadline for what a connection must say."""
+"""A listening port with limits: connections per peer and in total, and deadlines for requests."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from cellwatt.errors import OutletError, why
 log = logging.getLogger(__name__)
 
 BACKLOG: Final = 100
-"""Connections that the kernel holds until they are accepted."""
+"""Most connections that the kernel queues until they are accepted."""
 PAUSE: Final = 0.2
-"""s without accepting after the kernel refused a connection, for want of descriptors or memory."""
+"""Pause, s, after the kernel failed to accept a connection for lack of descriptors or memory."""
 _DISPLACED, _REFUSED = "connections displaced", "connections refused"
 _LATE, _FAILED = "connections timed out", "connections not accepted"
 TURNED_AWAY: Final = (_DISPLACED, _REFUSED, _LATE, _FAILED)
-"""Counts of connections that were not served."""
+"""Names of the counts of connections that were not served."""
 SWEEP: Final = 1.0
-"""s between two looks at the deadlines."""
+"""Time, s, between two checks of the deadlines."""
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Bounds of a port: connections in all and of one peer, s for the first request and for the next."""
+    """Limits of a port: connections in total and per peer; time, s, until the first and until each further request."""
 
     connections: int = 256
     peer: int = 128
@@ -44,7 +44,7 @@ class _Connection:
     def __init__(self, sock: socket.socket, peer: str) -> None:
         self.sock, self.peer = sock, peer
         self.since = time.monotonic()
-        """When it was accepted, or its last request ended."""
+        """Time at which it was accepted or its last request ended, monotonic s."""
         self.requests = self.busy = 0
         self._ended = False
         self.protocol: asyncio.BaseProtocol | None = None
@@ -58,21 +58,21 @@ class _Connection:
         return not self._ended and self.sock.fileno() != -1
 
     def end(self) -> None:
-        """Hang up, whatever waits to be sent; the descriptor is free at the next turn of the loop."""
+        """Disconnect, discarding unsent data; the descriptor is free at the next iteration of the event loop."""
         self._ended = True
         if self._transport is not None:
             self._transport.abort()
         elif self.sock.fileno() != -1:
             with contextlib.suppress(OSError):
-                self.sock.shutdown(socket.SHUT_RDWR)  # its handshake fails
+                self.sock.shutdown(socket.SHUT_RDWR)  # makes its handshake fail
 
 
 class Port:
-    """Accepts connections for protocols that ``factory`` makes, within ``limits``; ``counts`` says what was refused.
+    """Accepts connections for protocols made by ``factory``, within ``limits``; ``counts`` counts refused ones.
 
-    A connection without a request under way is *idle*. A newcomer beyond the limits takes the place of the oldest idle
-    connection of its own peer, or of the peer that has most; if all are at work, the newcomer is refused.
-    ``serving`` tells whether a protocol is at work, beside the requests that are told by ``busy``.
+    A connection without a request in progress is *idle*. A new connection beyond the limits displaces the oldest idle
+    connection of its own peer, or of the peer with most connections; if none is idle, the new one is refused.
+    ``serving`` returns whether a protocol is active, in addition to the requests marked by ``busy``.
     """
 
     def __init__(
@@ -89,7 +89,7 @@ class Port:
         self._tasks: set[asyncio.Task[None]] = set()
 
     async def open(self, host: str, port: int, context: ssl.SSLContext | None = None) -> int:
-        """Begin to listen, at port 0 anywhere; return the port. Raises ``OutletError`` if that cannot be."""
+        """Begin to listen, for port 0 at a free port; return the port. Raises ``OutletError`` on failure."""
         loop = asyncio.get_running_loop()
         try:
             found = await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
@@ -107,7 +107,7 @@ class Port:
         return port
 
     async def close(self) -> None:
-        """Listen no more and hang up."""
+        """Stop listening and disconnect."""
         for task in list(self._tasks):
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
@@ -119,10 +119,10 @@ class Port:
 
     @contextlib.contextmanager
     def busy(self, transport: asyncio.BaseTransport | None) -> Iterator[None]:
-        """A request of a connection is under way."""
+        """Mark a request of a connection as in progress."""
         sock = None if transport is None else transport.get_extra_info("socket")
         connection = None if sock is None else self._connections.get(sock.fileno())
-        if connection is None:  # it has been lost meanwhile
+        if connection is None:  # the connection was lost meanwhile
             yield
             return
         connection.busy += 1
@@ -160,7 +160,7 @@ class Port:
             else:
                 self.counts[_REFUSED] += 1
                 sock.close()
-            await asyncio.sleep(0)  # a burst is accepted no faster than those that it displaces are closed
+            await asyncio.sleep(0)  # a burst is accepted no faster than displaced connections close
 
     async def _join(self, connection: _Connection, context: ssl.SSLContext | None) -> None:
         try:
@@ -170,14 +170,14 @@ class Port:
                 ssl=context,
                 ssl_handshake_timeout=None if context is None else self._limits.head,
             )
-        except OSError:  # ssl.SSLError and TimeoutError are among them
+        except OSError:  # includes ssl.SSLError and TimeoutError
             self.counts["handshakes failed"] += 1
             connection.sock.close()
         else:
             connection.joined(transport, protocol)
 
     def _make_room(self, peer: str) -> bool:
-        """Find a place for a connection of a peer, or take one; false where there is none."""
+        """Make room for a connection of a peer, if necessary by displacing one; false if that is impossible."""
         self._connections = {number: one for number, one in self._connections.items() if one.open}
         peers = Counter(one.peer for one in self._connections.values())
         if peers[peer] >= self._limits.peer:
@@ -209,7 +209,7 @@ class Port:
 
 
 def peer_of(address: str) -> str:
-    """The peer at an address: of IPv6 the network of 64 bits, in which a host has any number of addresses."""
+    """The peer at an address; for IPv6 its /64 network, because a host can use any address in it."""
     try:
         found = ipaddress.ip_address(address.partition("%")[0])
     except ValueError:

@@ -1,4 +1,4 @@
-"""Settings of a door: an address, a certificate, and who may come in."""
+"""Settings of a door: address, certificate, access."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ _LISTEN: Final = re.compile(r"(\[[0-9A-Fa-f:.%]+\]|[^\[\]:]+):(\d{1,5})")
 
 
 class Listening(OutletSettings):
-    """Settings of an outlet that listens: on this PC alone, or with certificate and login, unless they are ``open``."""
+    """Settings of an outlet that listens: on this PC only, or with certificate and login, unless ``open`` is set."""
 
     secured: ClassVar[str] = "TLS"
-    """What a certificate gives, in words; …"""
+    """What the certificate provides, for messages."""
     login: ClassVar[str] = "users"
-    """… and what lets people in."""
+    """How users are admitted, for messages."""
 
     listen: str
     """Address and port."""
     certificate: Path | None = None
-    """Certificate (PEM), with the authorities between, if there are any."""
+    """Certificate (PEM), followed by the intermediate authorities, if there are any."""
     key: Path | None = None
     """Private key of ``certificate``."""
     open: bool = False
-    """Let the network in without certificate or login."""
+    """Allow access from the network without certificate or login."""
 
     @field_validator("listen")
     @classmethod
@@ -56,27 +56,27 @@ class Listening(OutletSettings):
 
     @property
     def host(self) -> str:
-        """Host name or address to listen at."""
+        """Host name or address to listen on."""
         return self.listen.rpartition(":")[0].strip("[]")
 
     @property
     def port(self) -> int:
-        """Port to listen at; 0 for any that is free."""
+        """Port to listen on; 0 for a free one."""
         return int(self.listen.rpartition(":")[2])
 
     @property
     def local(self) -> bool:
-        """True if only this PC reaches it."""
+        """True if only this PC can connect."""
         return stays_here(self.host)
 
     @property
     def asks(self) -> bool:
-        """True if all who come have to log in."""
+        """True if every client must log in."""
         return False
 
     @property
     def opening(self) -> str:
-        """Words for the way in that strangers have; empty if there is none."""
+        """How outsiders get access, as text; empty if they cannot."""
         lacks = [*([self.secured] if self.certificate is None else []), *([] if self.asks else [self.login])]
         if self.local or not lacks:
             return ""
@@ -91,7 +91,7 @@ class Listening(OutletSettings):
 
 
 def tls_context(settings: Listening) -> ssl.SSLContext | None:
-    """Context that serves https, if there is a certificate; reads files. Raises ``OutletError``."""
+    """TLS context for serving; ``None`` without a certificate. Reads files. Raises ``OutletError``."""
     if settings.certificate is None:
         return None
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)

@@ -1,6 +1,6 @@
 """Ed25519 keys (RFC 8032): signs with a private key, verifies with public keys. Needs the extra ``secure``.
 
-A signature covers a list of parts; the first names the kind of content, so that no signature can stand for another.
+A signature covers a list of parts; the first names the kind of content, so that no signature is valid for another kind.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _BLOCK: Final = re.compile(rb"-----BEGIN (PUBLIC KEY|CERTIFICATE)-----.*?-----EN
 
 
 class Signer:
-    """Signs with a cell's private key. Raises ``ConfigError`` if the file holds none."""
+    """Signs with a cell's private key. Raises ``ConfigError`` if the file contains none."""
 
     def __init__(self, path: Path) -> None:
         self._key = _private(path)
@@ -33,7 +33,7 @@ class Signer:
 class Verifier:
     """Verifies with the public keys of a cell, or certificates with them: PEM, one or several in a file.
 
-    Raises ``ConfigError`` if the file holds none.
+    Raises ``ConfigError`` if the file contains none.
     """
 
     def __init__(self, path: Path) -> None:
@@ -54,7 +54,7 @@ class Verifier:
 
 
 def unusable(path: Path | None) -> tuple[str, ...]:
-    """Reason why the key in this file cannot sign, as one line; empty if it can, or if none is set."""
+    """Reason why the key in this file cannot sign, in one line; empty if it can, or if ``path`` is ``None``."""
     try:
         if path is not None:
             Signer(path)
@@ -74,7 +74,7 @@ def new_key() -> tuple[bytes, bytes]:
 
 
 def _joined(parts: tuple[bytes | str, ...]) -> bytes:
-    """Join the parts with their lengths, so that different lists of parts give different bytes."""
+    """Concatenate the parts with their lengths, so that different lists of parts give different bytes."""
     plain = [part.encode("utf-8", "surrogatepass") if isinstance(part, str) else part for part in parts]
     return b"".join(len(part).to_bytes(8, "little") + part for part in plain)
 

@@ -1,4 +1,4 @@
-"""Tries at passwords and tokens: after a few that failed the next has to wait, longer each time."""
+"""Login attempts with passwords and tokens: after some failures, further attempts are delayed, longer each time."""
 
 from __future__ import annotations
 
@@ -15,37 +15,37 @@ from cellwatt.host import stays_here
 log = logging.getLogger(__name__)
 
 FAILED: Final = "failed logins"
-"""Count of wrong passwords and tokens in an outlet's health …"""
+"""Name of the count of wrong passwords and tokens in an outlet's health."""
 REFUSED: Final = "logins refused"
-"""… and of tries that came before their wait was over."""
+"""Name of the count of attempts made before their delay was over."""
 
 FREE: Final = 5
-"""Tries that fail before the next has to wait."""
+"""Number of failed attempts before the next is delayed."""
 LONGEST: Final = 300.0
-"""Longest wait, s."""
+"""Longest delay, s."""
 FORGOTTEN: Final = 3600.0
-"""s after the last try at which the earlier ones no longer count."""
+"""Time, s, after the last attempt from which earlier ones no longer count."""
 MOST: Final = 10_000
-"""Addresses and names that are remembered; the oldest goes."""
+"""Most peers and accounts remembered; the oldest is discarded."""
 
 
 class Guard:
-    """The tries at one door, the same at every door; ``counts`` are for health, which raises the alarm.
+    """The login attempts at one door; ``counts`` are shown in health, which raises the alarm.
 
-    A try counts for its peer and its account, the name that it claims. A try from this PC counts for its account
-    alone: behind a proxy on this PC everybody has its address. ``account`` is empty where one token is for all.
-    ``clock`` is monotonic, s.
+    An attempt counts for its peer and for its account, the name that it claims. An attempt from this PC counts for
+    its account only: behind a proxy on this PC, all clients have the PC's address. ``account`` is empty if all use
+    one token. ``clock`` is monotonic, s.
     """
 
     def __init__(self, door: str, counts: Counter[str], clock: Callable[[], float] = time.monotonic) -> None:
         self._door, self._counts, self._clock = door, counts, clock
         self._failed: OrderedDict[str, tuple[int, float]] = OrderedDict()
-        """Tries that failed, and the time of the last, by peer and by account."""
+        """Number of failed attempts and time of the last, by peer and by account."""
 
     def begin(self, address: str, account: str) -> float:
-        """Begin a try; it counts as failed until ``succeed``: those that run side by side count, too.
+        """Begin an attempt; it counts as failed until ``succeed``, so that concurrent attempts count, too.
 
-        Return the time in s that it has to wait instead.
+        Return 0, or the time, s, to wait before an attempt is accepted.
         """
         now, who = self._clock(), _who(address, account)
         if wait := max(self._wait(key, now) for key in who):
@@ -59,13 +59,13 @@ class Guard:
         return 0.0
 
     def fail(self, address: str, account: str) -> None:
-        """Count a try that failed, and log it."""
+        """Count a failed attempt, and log it."""
         self._counts[FAILED] += 1
         claimed = f" as {account!r:.100}" if account else ""
         log.warning("%s: a login%s from %s failed", self._door, claimed, address)
 
     def succeed(self, address: str, account: str) -> None:
-        """Forget the tries that failed before."""
+        """Reset the failed attempts of the peer and the account."""
         for key in _who(address, account):
             self._failed.pop(key, None)
 

@@ -1,4 +1,4 @@
-"""Warns of certificates that are wrong or about to expire."""
+"""Warns of certificates that are invalid or about to expire."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Final
 
 SOON: Final = timedelta(days=30)
-"""Rest of a certificate's time from which on it is told."""
+"""Remaining validity from which on a certificate is reported."""
 
 
 def warnings(certificate: Path | None, key: Path | None, authority: Path | None = None) -> tuple[str, ...]:
-    """One line per problem, after the setting of a file. Those that cannot be read are told where they are opened."""
+    """One line per problem, prefixed with the setting. Unreadable files are reported where they are opened."""
     if certificate is None and authority is None:
         return ()
     try:
@@ -20,7 +20,7 @@ def warnings(certificate: Path | None, key: Path | None, authority: Path | None 
         return ("nobody looks when the certificates end: that needs pip install 'cellwatt[secure]'",)
     found: list[str] = []
     now = datetime.now(UTC)
-    # Of authorities one that is valid is enough: there are two during a change.
+    # One valid authority is enough: during a change the file has two.
     for what, file, most in (("certificate", certificate, 1), ("root_ca", authority, None)):
         if (data := _bytes(file)) is None:
             continue

@@ -1,4 +1,4 @@
-"""Shared parts of device emulators: signals to serve, faults to inject, and a process of its own."""
+"""Shared code of device emulators: signals to serve, faults to inject, a process for each emulator."""
 
 from cellwatt.emulation.arm import ArmSignals
 from cellwatt.emulation.datagrams import Datagrams

@@ -1,8 +1,8 @@
 """An arm that repeats a task, with plausible torques, currents and supply power.
 
-A stand-in world for emulators: enough physics (gravity, inertia, friction, copper loss, standby) that a
-spring hooked on a joint shows in power and hardly in position, as on a position-controlled arm. It shares
-no code with the models in the plugins.
+A stand-in world for emulators: enough physics (gravity, inertia, friction, copper loss, standby) that a spring hooked
+on a joint is visible in power and hardly in position, as on a position-controlled arm. It shares no code with the
+models in the plugins.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from cellwatt.arrays import Float
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """Joints (1-based) that move together by ``by`` rad each within ``seconds``, then rest for ``rest`` s."""
+    """Joints (1-based) that move together by ``by`` rad each within ``seconds`` s, then rest for ``rest`` s."""
 
     by: Mapping[int, float]
     seconds: float
@@ -38,11 +38,11 @@ PICK_AND_PLACE: tuple[Move, ...] = (
 
 @dataclass
 class ArmSignals:
-    """Six joints repeating ``moves`` for ever, starting at ``home`` (rad); ``speed`` 1 is as planned.
+    """Six joints that repeat ``moves`` for ever, starting at ``home`` (rad); ``speed`` 1 is as planned.
 
     ``disturb(spring=3, stiffness=60, rest=0, at=12.5)`` hooks a spring (Nm/rad) on joint 3 at t = 12.5 s; without
-    ``rest``, rad, it is slack where the joint is at home. ``disturb(encoder=2, offset=0.05, at=…)`` shifts an encoder.
-    Both end after ``for`` s, where that is given. ``noise`` scales the measurement noise.
+    ``rest``, rad, the spring is slack at the joint's home position. ``disturb(encoder=2, offset=0.05, at=…)`` shifts an
+    encoder by 0.05 rad. Both end after ``for`` s, if given. ``noise`` scales the measurement noise.
     """
 
     moves: tuple[Move, ...] = PICK_AND_PLACE
@@ -67,7 +67,7 @@ class ArmSignals:
 
     @property
     def period(self) -> float:
-        """Time of one repetition, s."""
+        """Duration of one repetition, s."""
         return sum(m.seconds + m.rest for m in self.moves) / self.speed
 
     def starts(self, joint: int) -> list[float]:
@@ -80,7 +80,7 @@ class ArmSignals:
         return found
 
     def disturb(self, change: Mapping[str, float | str]) -> None:
-        """See the class; raises ``ValueError`` on a change it does not know."""
+        """See the class; raises ``ValueError`` for an unknown change."""
         known = {k: float(v) for k, v in change.items()}
         at = known.get("at", 0.0)
         end = at + known["for"] if "for" in known else np.inf
@@ -96,7 +96,7 @@ class ArmSignals:
             self._encoders.append((joint - 1, known.get("offset", 0.05), at, end))
 
     def motion(self, t: Float) -> tuple[Float, Float, Float]:
-        """Position, velocity, acceleration (n, 6) of the planned motion at t (n,) s."""
+        """Position rad, velocity rad/s, acceleration rad/s², each (n, 6), of the planned motion at t (n,) s."""
         phase = np.mod(np.asarray(t, dtype=np.float64), self.period) * self.speed
         q = np.tile(np.asarray(self.home), (len(phase), 1))
         w, a = np.zeros_like(q), np.zeros_like(q)
@@ -112,7 +112,7 @@ class ArmSignals:
         return q, w, a
 
     def torque(self, t: Float, q: Float, w: Float, a: Float) -> tuple[Float, Float]:
-        """Drive torque (n, 6) Nm, and the part of it that a hooked spring asks for."""
+        """Drive torque (n, 6) Nm, and the share of it that acts against hooked springs, (n, 6) Nm."""
         angle = np.cumsum(q[:, 1:4], axis=1)
         gravity = np.zeros_like(q)
         gravity[:, 1:4] = np.asarray(self.gravity[1:4]) * np.cos(angle)
@@ -124,7 +124,7 @@ class ArmSignals:
         return gravity + np.asarray(self.inertia) * a + friction + spring, spring
 
     def at(self, t: Float) -> Mapping[str, Float]:
-        """All channels an arm, its supply or an analyzer on its mains can give."""
+        """All channels that an arm, its supply or an analyzer on its mains can deliver, (n,) each, at t (n,) s."""
         t = np.asarray(t, dtype=np.float64)
         q, w, a = self.motion(t)
         torque, spring = self.torque(t, q, w, a)

@@ -1,4 +1,4 @@
-"""Cycles of an emulated device, computed many at once."""
+"""Cycles of an emulated device, computed in blocks."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ T = TypeVar("T")
 
 
 class Blocks(Generic[T]):
-    """Results of ``compute`` for cycles of ``period`` s, ``size`` cycles at once; ``compute`` takes their times (n,) s.
+    """Results of ``compute`` for blocks of ``size`` cycles of ``period`` s; ``compute`` takes their times (n,) s.
 
-    A change of the world shows with the next block, or after ``forget``.
+    A change of the world takes effect with the next block, or after ``forget``.
     """
 
     def __init__(self, compute: Callable[[Float], T], period: float, size: int) -> None:
@@ -25,7 +25,7 @@ class Blocks(Generic[T]):
         self._made: tuple[int, T] | None = None
 
     def at(self, cycle: int) -> tuple[T, int]:
-        """Return the result that holds a cycle, counted from the epoch, and its place there."""
+        """Return the block's result that holds a cycle, counted from the epoch, and the cycle's index in the block."""
         block, row = divmod(cycle, self._size)
         if self._made is None or self._made[0] != block:
             t = (block * self._size + np.arange(self._size, dtype=np.float64)) * self._period
@@ -33,5 +33,5 @@ class Blocks(Generic[T]):
         return self._made[1], row
 
     def forget(self) -> None:
-        """Compute anew."""
+        """Discard the block, so that it is computed again."""
         self._made = None

@@ -1,4 +1,4 @@
-"""The devices of a cell, emulated: a process for each device, one motion and one epoch for all."""
+"""The emulated devices of a cell: a process for each device, one motion and one epoch for all."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from cellwatt.registry import driver as find_driver
 
 @dataclass(frozen=True, slots=True)
 class Device:
-    """A device to emulate and the sources that read it: several where they share an address, as meters on one line do.
+    """A device to emulate and the sources that read it: several if they share an address, like meters on one line.
 
-    It is to listen at ``listen``; ``there`` is the address in the settings.
+    The emulator listens at ``listen``; ``there`` is the device's address in the settings.
     """
 
     driver: str
@@ -48,11 +48,11 @@ class Device:
 
     @property
     def is_here(self) -> bool:
-        """True if its address in the settings is one of this PC's that an emulator may take."""
+        """True if the device's address in the settings is one of this PC that an emulator may use."""
         return is_here(self.there)
 
     def process(self, epoch: float, seed: int, faults: Sequence[str] = ()) -> EmulatorProcess:
-        """Make its process, which is not started yet."""
+        """Create its process without starting it."""
         words = [w for key, value in self.options.items() for w in ("--option", f"{key}={value}")]
         words += [w for fault in faults for w in ("--fault", fault)]
         world = ("--epoch", repr(epoch), "--speed", repr(self.speed), "--seed", str(seed))
@@ -60,7 +60,7 @@ class Device:
 
 
 def places(devices: Sequence[Device], emulators: Mapping[str, EmulatorProcess]) -> dict[KeyPath, Any]:
-    """Changed settings of all sources, by key path in the cell's file, that lead to running emulators."""
+    """Settings of all sources that must change to read the running emulators, by key path in the cell's file."""
     return {
         ("sources", source.name, key): value
         for device in devices
@@ -70,14 +70,14 @@ def places(devices: Sequence[Device], emulators: Mapping[str, EmulatorProcess]) 
 
 
 def emulator_of(driver: str) -> type[Emulator]:
-    """The emulator's class of a driver. Raises ``ConfigError`` for an unknown driver."""
+    """Emulator class of a driver. Raises ``ConfigError`` for an unknown driver."""
     module, _, name = find_driver(driver).emulator.partition(":")
     found: type[Emulator] = getattr(import_module(module), name)
     return found
 
 
 def is_here(address: str) -> bool:
-    """True for a loopback address, and a path outside /dev."""
+    """True for a loopback address, and for a path outside /dev."""
     if address.startswith("/"):
         return not address.startswith("/dev/")
     host = address.rpartition(":")[0]
@@ -90,11 +90,11 @@ def is_here(address: str) -> bool:
 def devices_of(
     config: CellConfig, *, free: bool = False, links: Path | None = None, speeds: Mapping[str, float] | None = None
 ) -> list[Device]:
-    """The devices that a cell's sources read, each to listen where the settings say, or with ``free`` anywhere.
+    """Devices that a cell's sources read; each listens at its address in the settings, or with ``free`` at a free one.
 
-    Those at a serial line then listen at a link in the folder of ``links`` whose name begins with its name; without it
-    at a pseudo-terminal's own path. ``speeds`` are those of the arms' motion, by source. Raises ``ConfigError`` with
-    every source whose device cannot be emulated.
+    With ``free``, a device at a serial line listens at a link whose path is ``links``, a hyphen and the source's name;
+    without ``links``, at the pseudo-terminal's own path. ``speeds`` are the speeds of the arms' motion, by source.
+    Raises ``ConfigError`` that lists every source whose device cannot be emulated.
     """
     shared: dict[tuple[str, str], list[SourceConfig]] = {}
     problems, devices = [], []
@@ -126,9 +126,9 @@ def _free(emulator: type[Emulator], name: str, settings: SourceSettings, links: 
 
 
 def faults_by_device(texts: Sequence[str], devices: Sequence[Device]) -> dict[str, list[str]]:
-    """Faults in words by the device that they strike; those of the world strike all devices.
+    """Faults in words, by the device that they strike; faults of the world strike all devices.
 
-    Raises ``ConfigError`` for one that is not understood, or that does not say which device it is for.
+    Raises ``ConfigError`` for a fault that cannot be parsed, or that does not name its device.
     """
     found: dict[str, list[str]] = {device.name: [] for device in devices}
     by_source = {source.name: device for device in devices for source in device.sources}
@@ -144,7 +144,7 @@ def faults_by_device(texts: Sequence[str], devices: Sequence[Device]) -> dict[st
 
 
 def targets(text: str, by_source: Mapping[str, Device]) -> list[Device]:
-    """Devices that a fault in words is for. Raises ``ValueError`` where it does not say."""
+    """Devices that a fault in words strikes. Raises ``ValueError`` if the fault does not name its device."""
     names, words = addressed(text)
     for name in names:
         if name not in by_source:
@@ -168,9 +168,9 @@ def targets(text: str, by_source: Mapping[str, Device]) -> list[Device]:
 async def running(
     devices: Sequence[Device], epoch: float, *, seed: int = 0, faults: Mapping[str, Sequence[str]] | None = None
 ) -> AsyncIterator[dict[str, EmulatorProcess]]:
-    """Run the emulators of devices in processes of their own, by device, with the motion's start at ``epoch``, UTC s.
+    """Run each device's emulator in its own process, by device name; the motion starts at ``epoch``, UTC s.
 
-    Raises ``CellwattError`` where one does not start; none keeps running then.
+    Raises ``CellwattError`` if one does not start; the others are then stopped.
     """
     async with contextlib.AsyncExitStack() as stack:
         made = {

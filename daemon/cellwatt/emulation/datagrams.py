@@ -1,4 +1,4 @@
-"""The UDP port of an emulated device, and the faults that strike what it sends."""
+"""The UDP port of an emulated device, and the faults that strike its datagrams."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ Address: TypeAlias = tuple[str, int]
 
 _LONGEST = 2048
 _EARLY = 0.001
-"""s by which a timer of the loop may be early."""
+"""Longest time, s, by which a timer of the loop may fire early."""
 
 
 class Datagrams:
-    """Sends one emulator's datagrams, and gives ``take`` what comes in, with its sender.
+    """Sends the datagrams of one emulator, and passes received datagrams to ``take``, with their sender.
 
     Faults: ``loss``, ``half_frame``, ``reorder`` (held back until after the next), ``delay`` (sent late), ``garbage``
-    (random bytes ahead), ``duplicate``, ``stall`` (nothing leaves for a time, then all at once). A half frame is
-    shorter than ``cut`` says (than the whole), ``garbage`` makes random bytes fit for the wire. Whole ones that left
-    are counted as ``sent``, those that no listener took as ``unheard``.
+    (random bytes first), ``duplicate``, ``stall`` (nothing is sent for a time, then all at once). A half frame is
+    shorter than ``cut`` of the frame (default: its length); ``garbage`` makes random bytes fit for the wire. ``sent``
+    counts whole datagrams sent, ``unheard`` those that no listener received.
     """
 
     def __init__(
@@ -35,7 +35,7 @@ class Datagrams:
         take: Callable[[bytes, Address], object] | None = None,
     ) -> None:
         self.to: Address | None = None
-        """Address of datagrams that are put without one; ``None``: nobody."""
+        """Receiver of datagrams that ``put`` gets without an address; ``None``: they are not sent."""
         self._injector = emulator.injector
         self._tally = emulator.tally
         self._cut = cut
@@ -49,7 +49,7 @@ class Datagrams:
 
     @contextmanager
     def opened(self, host: str, port: int = 0) -> Iterator[str]:
-        """Open the port (0: any free one) of an address of this PC; its real address. Raises ``OSError``."""
+        """Open the port (0: any free one) at an address of this PC; yields its real address. Raises ``OSError``."""
         self._place = host, port
         self._open()
         try:
@@ -59,7 +59,7 @@ class Datagrams:
             self._close()
 
     def interrupt(self, seconds: float) -> None:
-        """Close the port for so long."""
+        """Close the port for ``seconds`` s."""
         self._close()
         asyncio.get_running_loop().call_later(seconds, self._open)
 
@@ -83,12 +83,12 @@ class Datagrams:
     def _readable(self, opened: socket.socket, take: Callable[[bytes, Address], object]) -> None:
         try:
             datagram, sender = opened.recvfrom(_LONGEST)
-        except OSError:  # no datagram after all, or word that an earlier one found nobody
+        except OSError:  # no datagram after all, or an ICMP error: an earlier one had no receiver
             return
         take(datagram, sender)
 
     def put(self, frame: bytes, to: Address | None = None, after: float = 0.0) -> None:
-        """Send one in ``after`` s, as the faults have it."""
+        """Send a datagram in ``after`` s, unless a fault strikes it."""
         now = time.monotonic()
         to = to or self.to
         if stall := self._injector.once("stall"):
@@ -121,5 +121,5 @@ class Datagrams:
                 continue
             try:
                 self._socket.sendto(datagram, to)
-            except OSError:  # the listener is gone, or does not keep up
+            except OSError:  # the listener has closed its port, or is too slow
                 self._tally["unheard"] += 1

@@ -19,26 +19,26 @@ from cellwatt.ticker import Ticker
 
 
 class Emulator(ABC):
-    """The device's side of the wire, good enough for other people's clients.
+    """The device's side of the wire, complete enough for third-party clients.
 
     ``address`` is where to listen: ``127.0.0.1:30004`` (port 0 for any free one), ``pty`` for a pseudo-terminal, or the
     path of a symbolic link to one; empty: ``usual_address``.
-    ``epoch`` is the UTC time in s at which the signals' t is 0, so that emulators in several processes
-    serve one world. ``options`` are the emulator's own (its docstring lists them); unknown ones raise
-    ``ValueError``. ``counts`` tells what was truly sent and injected, ``tally`` is where it counts the former.
+    ``epoch`` is the UTC time in s at which the signals' t is 0, so that emulators in several processes serve one world.
+    ``options`` are the emulator's own, listed in its docstring; unknown ones raise ``ValueError``. ``counts`` returns
+    the numbers of frames sent and faults injected; the emulator counts its frames in ``tally``.
     """
 
     title: ClassVar[str]
     faults: ClassVar[tuple[FaultKind, ...]]
-    """Fault kinds it can inject."""
+    """Fault kinds that it can inject."""
     usual_address: ClassVar[str]
     """Address at which it listens by default."""
     usual_port: ClassVar[int] = 0
-    """Port of a real device of its kind, for settings that name none."""
+    """Port of a real device of this kind, for settings that name none."""
     changes: ClassVar[Mapping[str, str]] = {}
-    """Changes that it knows beside those of the world, each with the key of its value in a fault's words."""
+    """Changes that it can make beside those of the world, each with the key of its value in a fault's words."""
     line: ClassVar[str] = ""
-    """Setting of the driver that holds the path of a serial port; empty where it is never behind one."""
+    """Setting of the driver that holds the path of a serial port; empty if the device has no serial port."""
 
     # the device of a source -----------------------------------------------------------------------
 
@@ -46,7 +46,7 @@ class Emulator(ABC):
     def address_in(cls, settings: SourceSettings) -> str:
         """Address at which a source looks for the device: HOST:PORT, or the path of a serial port.
 
-        Raises ``ValueError`` where there can be no emulator for such settings.
+        Raises ``ValueError`` if no emulator can stand in for a device with such settings.
         """
         if host := getattr(settings, "host", None):
             return f"{host}:{getattr(settings, 'port', None) or cls.usual_port}"
@@ -56,20 +56,20 @@ class Emulator(ABC):
 
     @classmethod
     def options_for(cls, sources: Sequence[Any]) -> dict[str, str]:
-        """Options that make it the device which sources with these settings read, all at one address.
+        """Options with which it emulates the device that sources with these settings read, all at one address.
 
-        Raises ``ValueError`` where it cannot be that device.
+        Raises ``ValueError`` if it cannot emulate that device.
         """
         return {}
 
     @classmethod
     def free_address(cls, settings: SourceSettings) -> str:
-        """An address for such a source at which nothing else listens."""
+        """An unused address for the emulator of such a source."""
         return "127.0.0.1:0" if getattr(settings, "host", None) else "pty"
 
     @classmethod
     def settings_at(cls, address: str, settings: SourceSettings) -> dict[str, Any]:
-        """Changed settings of a source, so that it reads the emulator at ``address``."""
+        """Settings of a source that must change so that it reads the emulator at ``address``."""
         if address.startswith("/"):
             return {cls.line: address}
         host, _, port = address.rpartition(":")
@@ -97,26 +97,26 @@ class Emulator(ABC):
 
     @property
     def on_terminal(self) -> bool:
-        """True where it listens at a pseudo-terminal."""
+        """True if it listens at a pseudo-terminal."""
         return self.address == "pty" or self.link is not None
 
     @property
     def link(self) -> Path | None:
-        """Symbolic link to its pseudo-terminal."""
+        """Symbolic link to its pseudo-terminal; None without one."""
         return Path(self.address) if self.address.startswith("/") else None
 
     @abstractmethod
     def set_up(self, options: Options) -> None:
-        """Take the emulator's own options and make what it needs. Raises ``ValueError`` for a wrong one."""
+        """Read the emulator's own options and create its state. Raises ``ValueError`` for a wrong option."""
 
     def inject(self, fault: Fault) -> None:
-        """Begin a fault; raises ``ValueError`` for a kind this device cannot have."""
+        """Begin a fault; raises ``ValueError`` for a kind that this device cannot have."""
         if fault.kind not in self.faults:
             raise ValueError(f"{self.title} cannot inject {fault.kind}; it can: {', '.join(self.faults)}")
         self.injector.inject(fault, time.monotonic())
 
     def disturb(self, change: Mapping[str, float | str]) -> None:
-        """Make changes of the device itself, or of the emulated world. Raises ``ValueError`` for an unknown one."""
+        """Change the device itself, or the emulated world. Raises ``ValueError`` for an unknown change."""
         own = [kind for kind in self.changes if kind in change]
         for kind in own:
             self.change(kind, change[kind])
@@ -129,15 +129,15 @@ class Emulator(ABC):
 
     @property
     def elapsed(self) -> float:
-        """Time of the signals' world, s."""
+        """Time since the epoch, s."""
         return time.time() - self.epoch
 
     def world(self) -> dict[str, float]:
-        """The signals as they are now."""
+        """Present values of the signals, by channel."""
         return {name: float(values[0]) for name, values in self.signals.at(np.array([self.elapsed])).items()}
 
     async def cycles(self, rate: float) -> AsyncIterator[tuple[int, int]]:
-        """Cycles of a device at ``rate`` Hz: the number of each since the epoch, and how many more are due with it."""
+        """Cycles of a device at ``rate`` Hz: the number of each since the epoch, and how many more are due now."""
         number = round(self.elapsed * rate)
         async with Ticker(rate) as ticker:
             async for beat in ticker:
@@ -147,7 +147,7 @@ class Emulator(ABC):
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """Frames truly made (``made``), put on the wire (``sent``), and each fault injected, by kind."""
+        """Numbers of frames computed (``made``) and sent (``sent``), and of faults injected, by kind."""
         return {**self.tally, **self.injector.counts}
 
     @abstractmethod

@@ -15,15 +15,15 @@ FaultKind = Literal[
 FAULT_KINDS: tuple[FaultKind, ...] = get_args(FaultKind)
 
 ONE_SHOT: frozenset[FaultKind] = frozenset({"stall", "disconnect", "clock_jump"})
-"""Happen once when injected; the others act on each frame with their probability until they end."""
+"""Kinds that strike once when injected; the others strike each frame with their probability until they end."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One thing to go wrong.
+    """A fault of an emulated device.
 
-    ``probability`` per frame (not used by one-shot kinds), ``seconds``: how long a delay, stall or
-    outage is, or how far the clock jumps; ``duration``: s after which the fault ends (0: stays).
+    ``probability`` per frame (not used by one-shot kinds); ``seconds``: length of a delay, stall or outage, or of the
+    clock's jump; ``duration``: s after which the fault ends (0: never).
     """
 
     kind: FaultKind
@@ -33,10 +33,9 @@ class Fault:
 
 
 class Injector:
-    """Decides frame by frame which faults strike, and counts each that did.
+    """Decides frame by frame which faults strike, and counts those that did.
 
-    ``counts`` is the truth that tests compare a driver's counters with. ``now`` is s of the
-    monotonic clock.
+    Tests compare a driver's counters with ``counts``. ``now`` is s of the monotonic clock.
     """
 
     def __init__(self, seed: int = 0) -> None:
@@ -56,7 +55,7 @@ class Injector:
             self._active[fault.kind] = (fault, end)
 
     def strikes(self, kind: FaultKind, now: float) -> Fault | None:
-        """The fault of this kind that hits the frame sent now, or ``None``; counted when it hits."""
+        """The fault of this kind that strikes a frame sent ``now``, or ``None``; a strike is counted."""
         entry = self._active.get(kind)
         if entry is None:
             return None
@@ -72,10 +71,10 @@ class Injector:
     def left_of(
         self, frame: bytes, cut: Callable[[bytes], int] = len, garbage: Callable[[bytes], bytes] = bytes
     ) -> tuple[list[bytes], bool, float]:
-        """What ``loss``, ``half_frame``, ``delay``, ``garbage`` and ``duplicate`` leave of a frame that is sent now.
+        """Apply ``loss``, ``half_frame``, ``delay``, ``garbage`` and ``duplicate`` to a frame that is sent now.
 
-        Its pieces in order, whether it is whole, and by how many s it is late. A half frame is shorter than ``cut``
-        says (than the whole); ``garbage`` makes random bytes, which go ahead, fit for the wire.
+        Returns the pieces in order, whether the frame is whole, and its delay, s. A half frame is shorter than ``cut``
+        of the frame (default: its length); ``garbage`` makes the random bytes that go first fit for the wire.
         """
         now = time.monotonic()
         if self.strikes("loss", now):
@@ -88,7 +87,7 @@ class Injector:
         return [*ahead, frame, *again], True, late.seconds if late else 0.0
 
     def once(self, kind: FaultKind) -> Fault | None:
-        """The next one-shot fault of this kind waiting to happen, or ``None``; counted when taken."""
+        """The next pending one-shot fault of this kind, or ``None``; counted when taken."""
         for i, fault in enumerate(self._once):
             if fault.kind == kind:
                 del self._once[i]
@@ -97,7 +96,7 @@ class Injector:
         return None
 
     def random_bytes(self, low: int, high: int) -> bytes:
-        """Between low and high bytes of garbage."""
+        """Between ``low`` and ``high`` bytes of garbage."""
         return self._random.randbytes(self._random.randint(low, high))
 
     def chance(self) -> float:

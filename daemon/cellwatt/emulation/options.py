@@ -1,4 +1,4 @@
-"""The options of an emulator: ``KEY=VALUE`` of the command line, read by type."""
+"""Options of an emulator: ``KEY=VALUE`` of the command line, converted by type."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ T = TypeVar("T", bound=str)
 
 
 class Options:
-    """Texts by name, each taken once; every method returns the default where the option is not given.
+    """Texts by name; every method returns the default if the option is not given.
 
     All raise ``ValueError`` for a text of the wrong type.
     """
@@ -55,7 +55,7 @@ class Options:
             raise ValueError(f"{name} is a number, or several with commas, not {text!r}") from None
 
     def refuse_rest(self) -> None:
-        """Raise ``ValueError`` if there are options that nobody took."""
+        """Raise ``ValueError`` if an option was never read."""
         if self._left:
             known = f"there are: {', '.join(self._known)}" if self._known else "there are none"
             raise ValueError(f"unknown options: {', '.join(self._left)}; {known}")

@@ -1,4 +1,4 @@
-"""Port of an emulated device, and the faults that strike its questions and answers."""
+"""Port of an emulated device, and the faults that strike its requests and responses."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cellwatt.emulation.relay import Talk, clients
 
 
 class Port(ABC):
-    """A port of an emulator at which clients ask and are answered."""
+    """A port at which an emulator responds to requests of clients."""
 
     def __init__(self, emulator: Emulator) -> None:
         self._injector = emulator.injector
@@ -23,24 +23,24 @@ class Port(ABC):
 
     @abstractmethod
     async def __aenter__(self) -> str:
-        """Open it; the real address. Raises ``OSError``."""
+        """Open the port; return its real address. Raises ``OSError``."""
 
     @abstractmethod
     async def __aexit__(self, *_: object) -> None:
-        """Hang up on all clients and close it."""
+        """Disconnect all clients and close the port."""
 
     @abstractmethod
     def interrupt(self, seconds: float) -> None:
-        """Hang up on all clients, and be gone for so long."""
+        """Disconnect all clients, and close the port for ``seconds`` s."""
 
     async def serve(self, ready: Callable[[str], None]) -> None:
-        """As ``Emulator.serve``, where nothing else is to be done meanwhile."""
+        """Like ``Emulator.serve``, for an emulator with no other work."""
         async with self as address:
             ready(address)
             await asyncio.Event().wait()
 
     async def asked(self) -> None:
-        """A question came: ``stall`` lets it wait, ``disconnect`` never return, as the asker is hung up on."""
+        """Handle a request: ``stall`` delays this call; ``disconnect`` hangs up, and this call never returns."""
         if outage := self._injector.once("disconnect"):
             self.interrupt(outage.seconds)
             await asyncio.Event().wait()
@@ -50,10 +50,10 @@ class Port(ABC):
     async def answer(
         self, frame: bytes, write: Callable[[bytes], object], garbage: Callable[[bytes], bytes] = bytes
     ) -> None:
-        """Write an answer, counted as ``made`` and, where it is whole, as ``sent``.
+        """Write a response; it counts as ``made`` and, if whole, as ``sent``.
 
-        ``loss`` and ``half_frame`` (cut, then silence) strike it, ``delay``, and ``garbage`` ahead of it: random bytes
-        as the function of that name makes them fit for the wire.
+        Faults: ``loss``, ``half_frame`` (cut, then silence), ``delay``, and ``garbage``: random bytes before the
+        response, which the function of that name makes fit for the wire.
         """
         self._tally["made"] += 1
         pieces, whole, late = self._injector.left_of(frame, _before_its_end, garbage)
@@ -69,7 +69,7 @@ def _before_its_end(frame: bytes) -> int:
 
 
 class PortEmulator(Emulator):
-    """An emulator that answers at one ``port``, which ``set_up`` makes, and has nothing else to do."""
+    """An emulator with one ``port``, which ``set_up`` creates, and no other work."""
 
     faults: ClassVar[tuple[FaultKind, ...]] = ("delay", "loss", "garbage", "half_frame", "stall", "disconnect")
     port: Port
@@ -80,7 +80,7 @@ class PortEmulator(Emulator):
 
 
 def host_and_port(address: str) -> tuple[str, int]:
-    """Split ``HOST:PORT``. Raises ``ValueError`` for another text."""
+    """Split ``HOST:PORT``. Raises ``ValueError`` for any other text."""
     host, colon, port = address.rpartition(":")
     if not (colon and port.isdecimal() and int(port) < 1 << 16):
         raise ValueError(f"the address is HOST:PORT, like 127.0.0.1:30004, not {address!r}")
@@ -88,7 +88,7 @@ def host_and_port(address: str) -> tuple[str, int]:
 
 
 class TcpPort(Port):
-    """Takes TCP clients at the emulator's address; ``talk`` serves each until it leaves or is hung up on."""
+    """Accepts TCP clients at the emulator's address; ``talk`` serves each until it disconnects or is disconnected."""
 
     def __init__(self, emulator: Emulator, talk: Talk, tls: ssl.SSLContext | None = None) -> None:
         super().__init__(emulator)
@@ -111,7 +111,7 @@ class TcpPort(Port):
         await self._open_now.aclose()
 
     def interrupt(self, seconds: float) -> None:
-        """See ``Port.interrupt``; one that lasts already goes on."""
+        """See ``Port.interrupt``; no effect during an interruption."""
         if self._outage is None or self._outage.done():
             self._outage = asyncio.create_task(self._be_gone(seconds))
 

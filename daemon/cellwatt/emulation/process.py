@@ -1,7 +1,7 @@
-"""An emulator in a process of its own, spoken to in JSON lines.
+"""An emulator in its own process, controlled by JSON lines.
 
 To the emulator: ``{"fault": {...}}`` or ``{"fault": "loss:probability=1%"}``, ``{"disturb": {...}}``,
-``{"counts": true}``, ``{"kept": true}``; end of input ends it.
+``{"counts": true}``, ``{"kept": true}``; end of input ends the process.
 From it: ``{"ready": address}`` once, then one answer a line: ``{"ok": true}``, ``{"counts": {...}}``,
 ``{"kept": s}`` or ``{"error": text}``.
 """
@@ -22,16 +22,16 @@ from cellwatt.emulation.faults import Fault
 from cellwatt.errors import CellwattError
 
 _PRIORITY = 5
-"""Below the daemon's own."""
+"""Real-time priority, below the daemon's own."""
 ANSWER = 60.0
-"""Longest time, s, for an answer, the first one after its start included."""
+"""Longest time, s, for an answer, including the first one after the start."""
 
 
 class EmulatorProcess:
     """``cellwatt emulate DRIVER …`` as a child; use as an async context manager.
 
-    ``arguments`` go on the command line after the driver's name. ``address`` is known inside the context.
-    Raises ``CellwattError`` when the child does not come up or answers with an error.
+    ``arguments`` follow the driver's name on the command line. ``address`` is set inside the context.
+    Raises ``CellwattError`` if the child does not start or answers with an error.
     """
 
     def __init__(self, driver: str, *arguments: str) -> None:
@@ -65,12 +65,12 @@ class EmulatorProcess:
 
     @property
     def pid(self) -> int:
-        """The child's process id, inside the context."""
+        """Process id of the child, inside the context."""
         assert self._child is not None
         return self._child.pid
 
     def be_punctual(self) -> None:
-        """Give it real-time scheduling, where that is allowed: a real device does not wait for this PC's other work."""
+        """Use real-time scheduling, if permitted: a real device does not wait for other work of this PC."""
         with contextlib.suppress(OSError):
             os.sched_setscheduler(self.pid, os.SCHED_RR, os.sched_param(_PRIORITY))
 
@@ -83,22 +83,22 @@ class EmulatorProcess:
         await self.ask({"disturb": change})
 
     async def counts(self) -> Mapping[str, int]:
-        """Samples and faults that it truly sent and injected so far."""
+        """Numbers of samples sent and faults injected so far."""
         answer = await self.ask({"counts": True})
         counts: Mapping[str, int] = answer["counts"]
         return counts
 
     async def kept(self) -> float:
-        """Time, s, for which other programs of this PC have kept it from running since the last call, or its start."""
+        """Time, s, for which other programs of this PC delayed the child since the last call, or since its start."""
         return float((await self.ask({"kept": True}))["kept"])
 
     async def ended(self) -> int:
-        """Wait for the child's end; return its exit code."""
+        """Wait for the child to end; return its exit code."""
         assert self._child is not None
         return await self._child.wait()
 
     async def ask(self, message: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Say something to the child, and return its answer. Raises ``CellwattError`` where that is an error."""
+        """Send a command to the child, and return its answer. Raises ``CellwattError`` if the answer is an error."""
         child = self._child
         if child is None or child.stdin is None:
             raise CellwattError(f"the {self.driver} emulator is not running")

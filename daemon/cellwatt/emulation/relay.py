@@ -1,4 +1,4 @@
-"""TCP clients that are served and hung up on, or passed on to a server so that somebody sees what is said."""
+"""TCP clients, served by a function or relayed to a server whose traffic is observed."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Talk = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
 See = Callable[[bytes], Awaitable[object]]
 
 MOST: Final = 1 << 16
-"""Bytes that are passed on at once."""
+"""Most bytes relayed at once."""
 
 
 async def _at_once(_: bytes) -> None:
@@ -23,9 +23,10 @@ async def _at_once(_: bytes) -> None:
 async def clients(
     talk: Talk, host: str = "127.0.0.1", port: int = 0, tls: ssl.SSLContext | None = None
 ) -> AsyncIterator[tuple[str, set[asyncio.Task[None]]]]:
-    """Take TCP clients at a port (0: any free one): its address, and the conversations, which may be cancelled.
+    """Accept TCP clients at a port (0: any free one); yields its address and the conversations' tasks.
 
-    All of them are hung up on at the end. Raises ``OSError`` where the port cannot be opened.
+    All clients are disconnected at the end; cancelling a task disconnects one. Raises ``OSError`` if the port cannot be
+    opened.
     """
     talking: set[asyncio.Task[None]] = set()
 
@@ -36,7 +37,7 @@ async def clients(
         try:
             await talk(reader, writer)
         except (OSError, asyncio.IncompleteReadError, asyncio.LimitOverrunError, asyncio.CancelledError):
-            pass  # one end is gone, sends what is no message, or is hung up on: nobody awaits this task
+            pass  # a peer left, sent an invalid message or was disconnected: no caller awaits this task
         finally:
             talking.discard(task)
             writer.close()
@@ -50,16 +51,16 @@ async def clients(
         for task in talking:
             task.cancel()
         await asyncio.gather(*talking, return_exceptions=True)
-        await asyncio.sleep(0)  # closed transports let go of their sockets at the loop's next turn
+        await asyncio.sleep(0)  # closed transports release their sockets at the loop's next turn
 
 
 async def pass_on(
     reader: asyncio.StreamReader, writer: asyncio.StreamWriter, address: str, up: See = _at_once, down: See = _at_once
 ) -> None:
-    """Pass on what a client and the server at ``address`` say until one of them leaves.
+    """Relay data between a client and the server at ``address`` until one of them disconnects.
 
-    ``up`` and ``down`` are awaited before what a client and what the server says goes on. Raises ``OSError`` where
-    nobody is at the address.
+    ``up`` and ``down`` are awaited before data of the client and of the server is relayed. Raises ``OSError`` if there
+    is no server at the address.
     """
     host, _, port = address.rpartition(":")
     there, onward = await asyncio.open_connection(host, int(port))

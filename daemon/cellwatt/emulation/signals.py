@@ -1,4 +1,4 @@
-"""Signals of an emulated device: a recording, or anything that gives channels as a function of time."""
+"""Signals of an emulated device: a recording, or any object that returns channels as a function of time."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ class Signals(Protocol):
         ...
 
     def disturb(self, change: Mapping[str, float | str]) -> None:
-        """Change the emulated world (e.g. ``{"spring": 3, …}``); raises ``ValueError`` on what it does not know."""
+        """Change the emulated world (e.g. ``{"spring": 3, …}``); raises ``ValueError`` for an unknown change."""
         ...
 
 
 def table_of(values: Mapping[str, Float], names: Sequence[str], n: int) -> Float:
-    """The channels ``names`` of n moments as columns (n, names); 0 for those that are lacking."""
+    """The channels ``names`` as columns (n, names); absent ones are 0."""
     zero = np.zeros(n)
     return np.stack([values.get(name, zero) for name in names], axis=1)
 
@@ -36,8 +36,8 @@ def table_of(values: Mapping[str, Float], names: Sequence[str], n: int) -> Float
 class RecordedSignals:
     """A recording as signals: ``time`` (n,) s, rising; ``columns`` name → (n,).
 
-    Emulators that can, send the rows themselves at their own times (``rows``); ``at`` interpolates linearly,
-    and starts again at the end when ``loop``.
+    Emulators that can do so send the recorded rows themselves at their own times; ``at`` interpolates linearly, and
+    with ``loop`` starts again at the end.
     """
 
     time: Float
@@ -50,9 +50,9 @@ class RecordedSignals:
         return float(self.time[-1] - self.time[0])
 
     def at(self, t: Float) -> Mapping[str, Float]:
-        """See ``Signals.at``; before the start and after the end the first and last row hold.
+        """See ``Signals.at``; the first row holds before the start, the last row after the end.
 
-        Cells without a finite number are bridged; a column that has none is left out.
+        Non-finite cells are interpolated; a column with no finite cell is omitted.
         """
         inside = np.mod(t, self.length) if self.loop and self.length > 0 else t
         when = self.time[0] + inside
@@ -69,9 +69,9 @@ class RecordedSignals:
 
 
 def load_signals(path: Path, *, loop: bool = False) -> RecordedSignals:
-    """A table or a recording as signals, by its columns' own names, in SI units where the file names units.
+    """Read a table or a recording as signals, named as its columns, in SI units if the file names units.
 
-    Raises ``RecordingError`` where it cannot be read, or has no time that rises.
+    Raises ``RecordingError`` if it cannot be read, or has no rising time.
     """
     table = read_table(path)
     time = table.rising_time()

@@ -1,4 +1,4 @@
-"""Pseudo-terminals, the serial lines of emulated devices, and a port on one."""
+"""Pseudo-terminals, the serial lines of emulated devices, and a port on a pseudo-terminal."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from cellwatt.emulation.port import Port, TcpPort
 
 @contextmanager
 def raw_terminal(link: Path | None = None) -> Iterator[tuple[int, str]]:
-    """Open a pseudo-terminal in raw mode: the descriptor of the device's end, non-blocking, and the path of the other.
+    """Open a raw pseudo-terminal; yields the non-blocking descriptor of the device's end, and the client's path.
 
-    Both are closed at the end. ``link`` is a symbolic link to put to the other end, whose path it is then. Raises
-    ``OSError`` where its place is taken.
+    Both ends are closed at exit. ``link`` is a symbolic link to create to the client's end; its path is then yielded.
+    Raises ``OSError`` if the link's path is in use.
     """
     near, far = pty.openpty()
     try:
@@ -40,9 +40,9 @@ def raw_terminal(link: Path | None = None) -> Iterator[tuple[int, str]]:
 
 
 def put_link(link: Path, terminal: str) -> None:
-    """Let a symbolic link lead to a pseudo-terminal, in place of one that an emulator left behind.
+    """Create a symbolic link to a pseudo-terminal; replaces a link that an emulator has left behind.
 
-    Raises ``FileExistsError`` where a device, a file or a link to another place is there.
+    Raises ``FileExistsError`` if the path is a device, a file or a link to any other target.
     """
     if link.is_symlink() and (not link.exists() or link.readlink().is_relative_to("/dev/pts")):
         link.unlink()
@@ -50,10 +50,10 @@ def put_link(link: Path, terminal: str) -> None:
 
 
 class Writer(Protocol):
-    """Takes answers."""
+    """Receives the emulator's answers."""
 
     def write(self, data: bytes, /) -> object:
-        """Send them."""
+        """Send data."""
         ...
 
 
@@ -68,7 +68,7 @@ class _Near:
 
 
 class PtyPort(Port):
-    """One client on a line that is always there; while it is interrupted, all bytes are lost."""
+    """A line with one client that is always connected; all bytes are lost during an interruption."""
 
     def __init__(self, emulator: Emulator, talk: Callable[[asyncio.StreamReader, Writer], Awaitable[None]]) -> None:
         super().__init__(emulator)
@@ -107,14 +107,14 @@ class PtyPort(Port):
             await _lose_bytes(reader, seconds)
 
     async def _converse(self, reader: asyncio.StreamReader, writer: Writer) -> None:
-        """Talk, and begin anew after a client that does not read, or says what is no message: the line stays."""
+        """Talk; restart after a client that does not read or sends an invalid message, because the line stays open."""
         while not reader.at_eof():
             with suppress(OSError, ValueError):
                 await self._talk(reader, writer)
 
 
 def port_of(emulator: Emulator, talk: Callable[[asyncio.StreamReader, Writer], Awaitable[None]]) -> Port:
-    """A serial line or a TCP port, as the emulator's address says."""
+    """A serial line or a TCP port, depending on the emulator's address."""
     return PtyPort(emulator, talk) if emulator.on_terminal else TcpPort(emulator, talk)
 
 
@@ -129,4 +129,4 @@ async def _lose_bytes(reader: asyncio.StreamReader, seconds: float) -> None:
             while True:
                 await reader.read(4096)
     except TimeoutError:
-        pass  # the cable is back
+        pass  # the cable is connected again

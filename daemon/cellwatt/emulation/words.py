@@ -45,12 +45,12 @@ KEYS: Final[Mapping[str, Callable[[str], float | str]]] = MappingProxyType(
         "to": str,
     }
 )
-"""Keys of all kinds, each with the function that reads its value."""
+"""Keys of all kinds, each with the function that parses its value."""
 
 WORLD: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
     {"spring": ("joint", "stiffness", "rest", "at", "for"), "encoder": ("joint", "offset", "at", "for")}
 )
-"""Changes of the world that all devices of a cell share, and their keys; the first one must be there."""
+"""Changes of the world that all devices of a cell share, with their keys; the first key is required."""
 
 _LATE: Final = frozenset({"delay", "stall", "disconnect", "clock_jump"})
 _SOURCE = re.compile(r"([\w.,-]+)/(.*)", re.DOTALL)
@@ -65,7 +65,7 @@ class Mishap:
 
 
 def keys_of(kind: str, emulator: type[Emulator]) -> tuple[str, ...]:
-    """Keys that a kind of fault takes at an emulator; a value of its own or of the world comes first."""
+    """Keys that a kind of fault takes at an emulator; for a change of the device or the world, its value is first."""
     if kind in WORLD:
         return WORLD[kind]
     if kind in emulator.changes:
@@ -75,12 +75,12 @@ def keys_of(kind: str, emulator: type[Emulator]) -> tuple[str, ...]:
 
 
 def kinds_of(emulator: type[Emulator]) -> tuple[str, ...]:
-    """Kinds of faults that an emulator knows."""
+    """Kinds of faults that an emulator supports."""
     return (*emulator.faults, *emulator.changes, *WORLD)
 
 
 def addressed(text: str) -> tuple[tuple[str, ...], str]:
-    """Split off the sources, separated by commas, that a fault is for; none where it names none."""
+    """Split off the comma-separated names of the sources that a fault strikes; none if it names none."""
     found = _SOURCE.fullmatch(text.partition(":")[0])
     return (tuple(found[1].split(",")), text[len(found[1]) + 1 :]) if found else ((), text)
 
@@ -91,7 +91,7 @@ def kind_of(text: str) -> str:
 
 
 def mishap(text: str, emulator: type[Emulator]) -> Mishap:
-    """Read a fault for an emulator, in words. Raises ``ValueError`` in one line with the nearest match."""
+    """Parse a fault for an emulator, in words. Raises ``ValueError`` in one line with the nearest match."""
     kind, rest = kind_of(text), text.partition(":")[2]
     _check_kind(kind, emulator)
     keys = keys_of(kind, emulator)
@@ -129,4 +129,4 @@ def _fault(kind: str, given: dict[str, Any]) -> Mishap:
     at = given.pop("at", 0.0)
     if "for" in given:
         given["duration"] = given.pop("for")
-    return Mishap(at, Fault(kind, **given))  # type: ignore[arg-type]  # the caller has looked it up
+    return Mishap(at, Fault(kind, **given))  # type: ignore[arg-type]  # the caller has checked the kind

@@ -1,4 +1,4 @@
-"""Files and folders at a URL, S3 by pyarrow, all else by fsspec: a copy on this disk for each version of them."""
+"""Files and folders at a URL, by pyarrow for S3 and fsspec otherwise: one local copy for each version."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ from cellwatt.outlets.historian.store import s3_options
 from cellwatt.progress import stage
 
 KEPT: Final = 30 * 86400.0
-"""s that a copy is kept after its last use."""
+"""Time in s for which a copy is stored after its last use."""
 _URL: Final = re.compile(r"[a-z][a-z0-9+.-]*(?:::|://)")
 _TAGS: Final = ("size", "ETag", "etag", "mtime", "LastModified", "last_modified", "updated", "created")
-"""Keys of fsspec's file systems for what tells two versions of a file apart."""
+"""Keys of fsspec's file information that distinguish versions of a file."""
 _REFUSED: Final = ("ACCESS_DENIED", "INVALID_ACCESS_KEY_ID", "SIGNATURE_DOES_NOT_MATCH", "NO_CREDENTIALS", "FORBIDDEN")
 _PIECE: Final = 8_000_000
 
 
 class MissingError(CellwattError):
-    """Nothing is at the URL."""
+    """There is no file or folder at the URL."""
 
 
 def is_url(text: str) -> bool:
-    """Tell a URL from a path."""
+    """True for a URL, false for a path."""
     return _URL.match(text) is not None
 
 
@@ -49,9 +49,10 @@ def copies() -> Path:
 
 
 def fetch(url: str) -> Path:
-    """Path of a copy of the file or folder at a URL, as it is now; a ``file://`` is its own copy.
+    """Path of a copy of the present file or folder at a URL; for ``file://`` the path itself.
 
-    Raises ``MissingError`` where there is none, ``ConfigError``, else ``CellwattError`` with the reason.
+    Raises ``MissingError`` if there is none, ``ConfigError`` for a wrong URL or a missing package, otherwise
+    ``CellwattError`` with the reason.
     """
     if url.startswith("file://"):
         return Path(url2pathname(urlsplit(url).path))
@@ -78,7 +79,7 @@ def fetch(url: str) -> Path:
 
 
 def _files(store: Any, root: str) -> dict[str, Mapping[str, Any]]:
-    """What the store says of the file (under ""), or of all in the folder and below, by their paths within it."""
+    """File information of the store for a file (under ""), or for all files in a folder and below, by relative path."""
     about = store.info(root)
     if about["type"] != "directory":
         return {"": {**about, "name": root}}
@@ -88,9 +89,9 @@ def _files(store: Any, root: str) -> dict[str, Mapping[str, Any]]:
 
 
 def _copy(url: str, store: Any, files: Mapping[str, Mapping[str, Any]], place: Path, name: str) -> None:
-    """Copy the files to ``place / name``: all of them or, where anything fails, none."""
+    """Copy the files to ``place / name``, all or none."""
     place.parent.mkdir(0o700, parents=True, exist_ok=True)
-    for old in place.parent.iterdir():  # of long ago, or of a process that was killed
+    for old in place.parent.iterdir():  # copies long unused, or of a killed process
         if old.stat().st_mtime < time.time() - KEPT:
             shutil.rmtree(old, ignore_errors=True)
     part = Path(tempfile.mkdtemp(prefix=".part-", dir=place.parent))
@@ -126,7 +127,7 @@ def _told(url: str) -> Iterator[None]:
     except ImportError as error:
         need = "pip install 'cellwatt[scale]'" if error.name == "fsspec" else str(error)
         raise ConfigError(f"{blank(url)} cannot be fetched: a package is missing: {need}") from error
-    except Exception as error:  # a file system of others may fail in any way
+    except Exception as error:  # a third-party file system may fail in any way
         refused = isinstance(error, PermissionError) or any(word in str(error) for word in _REFUSED)
         hint = "no access; are the credentials in the environment? " if refused else ""
         kind = ConfigError if isinstance(error, ValueError) else CellwattError
@@ -134,7 +135,7 @@ def _told(url: str) -> Iterator[None]:
 
 
 def _file_system(url: str) -> tuple[Any, str]:
-    """A file system as fsspec has them, and the path in it; for S3 with the variables of Amazon's own tools."""
+    """An fsspec file system and the path in it; for S3 configured by the environment variables of Amazon's tools."""
     from fsspec.core import url_to_fs  # type: ignore[import-untyped]
 
     if not url.startswith("s3://"):

@@ -1,4 +1,4 @@
-"""A first settings file: what was given, and every other key commented out with its default."""
+"""Writes a first settings file: the given settings, and every other key commented out with its default."""
 
 from __future__ import annotations
 
@@ -28,21 +28,21 @@ from cellwatt.runtime.assemble import Prepared, prepare
 from cellwatt.units import Units
 
 LISTEN = "tcp/127.0.0.1:7447"
-"""Where a cell is asked and watched from its own PC."""
+"""Endpoint at which programs on the same PC reach the cell."""
 RECORD = "recordings"
-"""Folder of the record, beside the settings file."""
+"""Folder of the recordings, beside the settings file."""
 
 _PLAIN = re.compile(r"[A-Za-z/][A-Za-z0-9_./+-]*(?: [A-Za-z0-9_./+-]+)*|[0-9]+(?:\.[0-9]+){3}")
 _WORDS = ("true", "false", "null")
 _COMMENT = 40
-"""Column at which comments begin, where the setting leaves room for them."""
+"""Column at which comments begin, unless the setting before them is longer."""
 _WIDTH = 120
 _HIDDEN = "*"
 
 
 @dataclass(frozen=True, slots=True)
 class SourcePlan:
-    """One device: the name of its source, its driver, and its settings as they are written in YAML."""
+    """One device: the name of its source, its driver, and its settings as YAML text."""
 
     name: str
     driver: str
@@ -50,7 +50,7 @@ class SourcePlan:
 
 
 def parse_source(text: str) -> SourcePlan:
-    """Read ``NAME=DRIVER:ADDRESS``. Raises ``ConfigError`` with the nearest driver where it is unknown."""
+    """Parse ``NAME=DRIVER:ADDRESS``. Raises ``ConfigError``; for an unknown driver it names the most similar one."""
     name, equals, rest = text.partition("=")
     kind, _, address = rest.partition(":")
     if not equals or not kind:
@@ -62,7 +62,7 @@ def parse_source(text: str) -> SourcePlan:
 
 
 def address_settings(model: type[SourceSettings], address: str) -> dict[str, str]:
-    """Settings that say where a device is: ``192.0.2.10``, ``192.0.2.10:30004`` or ``/dev/ttyUSB0``."""
+    """Settings for the address of a device: ``192.0.2.10``, ``192.0.2.10:30004`` or ``/dev/ttyUSB0``."""
     is_path = address.startswith("/")
     key = next((key for key in model.reached_by if (key != "host") == is_path), model.reached_by[0])
     host, colon, port = address.rpartition(":")
@@ -73,7 +73,7 @@ def address_settings(model: type[SourceSettings], address: str) -> dict[str, str
 
 
 def in_yaml(value: str) -> str:
-    """A text as it is written in YAML: in quotes where it would be read as something else."""
+    """A text as YAML, in quotes if it would otherwise be read as something else."""
     if _PLAIN.fullmatch(value) and value.lower() not in _WORDS:
         return value
     return json.dumps(value, ensure_ascii=False)
@@ -87,10 +87,10 @@ def write_cell(
     robot: str | None = None,
     record: str | None = RECORD,
 ) -> None:
-    """Write the settings file of a cell, once it is known to be right, whole or not at all.
+    """Validate the settings of a cell, then write the file atomically.
 
-    Without a ``record`` nothing is recorded. Raises ``ConfigError`` where the answers do not fit together,
-    ``CellwattError`` where it cannot be written.
+    Without a ``record`` nothing is recorded. Raises ``ConfigError`` if the settings are invalid, ``CellwattError`` if
+    the file cannot be written.
     """
     named = {"version": str(CellName.model_fields["version"].default), "site": in_yaml(site), "cell": in_yaml(cell)}
     named |= {"robot": in_yaml(robot)} if robot else {}
@@ -99,7 +99,7 @@ def write_cell(
         arms = arms_of(_checked(path, cell_text(named, sources, recorded, ())).streams)
         text = cell_text(named, sources, recorded, arms)
         _checked(path, text)
-    except ConfigError as error:  # there is no file whose lines its user knows
+    except ConfigError as error:  # line numbers are useless: the file does not exist yet
         texts = [f"{p.path}: {p.message}" if p.path else p.message for p in error.problems]
         raise ConfigError(f"{path} is not written: {'; '.join(texts)}") from error
     try:
@@ -113,14 +113,14 @@ def _checked(path: Path, text: str) -> Prepared:
 
 
 def arms_of(streams: Mapping[str, tuple[Stream, ...]]) -> tuple[str, ...]:
-    """Sources that measure positions of joints."""
+    """Names of the sources that measure joint positions."""
     return tuple(n for n, found in streams.items() if any("joint_1.position" in stream.names for stream in found))
 
 
 def cell_text(
     named: Mapping[str, str], sources: Sequence[SourcePlan], record: Mapping[str, str], arms: tuple[str, ...]
 ) -> str:
-    """The settings file; ``arms`` are the sources whose motion is cut into tasks."""
+    """Text of the settings file; ``arms`` are the sources whose motion is segmented into tasks."""
     lines = [
         "# Settings of a cell. A key behind '# ' is off and shows its default: take the '# ' away to change it.",
         "# All keys: docs/settings.md, or cellwatt drivers NAME. After a change: cellwatt check FILE",
@@ -149,13 +149,13 @@ def _source(source: SourcePlan) -> Iterator[str]:
 
 
 def _section(name: str, model: type[BaseModel], values: Mapping[str, str], about: str) -> Iterator[str]:
-    """A section with the values that were answered; commented out as a whole where there are none."""
+    """A section with the given values; commented out as a whole if there are none."""
     yield from _line("" if values else "# ", f"{name}:", about)
     yield from _keys(model, values, "  " if values else "#   ")
 
 
 def _keys(model: type[BaseModel], values: Mapping[str, str], indent: str = "") -> Iterator[str]:
-    """Keys of a settings class: those with values, then the others, commented out if ``indent`` does not do so."""
+    """Keys of a settings class: those with values, then the others, commented out unless ``indent`` does so."""
     fields = {f.key: f for f in reference(model) if "." not in f.key and "[]" not in f.key}
     for key, value in values.items():
         yield from _line(indent, f"{key}: {value}", _about(fields[key]) if key in fields else "")
@@ -170,7 +170,7 @@ def _about(field: Field) -> str:
 
 
 def _default(field: Field) -> str | None:
-    """The default as it is written; nothing for one that is to be chosen. ``None`` for settings within settings."""
+    """The default as YAML; ``""`` if the user must choose a value, ``None`` for nested settings."""
     if field.type == "settings" or field.default.startswith("{"):
         return None
     return "" if field.default.startswith(_HIDDEN) else field.default
@@ -202,7 +202,7 @@ def _outlets() -> Iterator[str]:
 
 
 def _line(indent: str, text: str, about: str) -> Iterator[str]:
-    """A line with its comment behind it, or above it where both are too long for one line."""
+    """A line with its comment after it, or above it if both are too long for one line."""
     line = f"{indent}{text}"
     behind = f"{line.ljust(_COMMENT)}  # {about}"
     if not about:

@@ -1,1 +1,1 @@
-"""A live cell for people: its state as messages tell it, and that state as lines of text."""
+"""A live cell for people: its state, assembled from its messages, and that state as lines of text."""

@@ -1,4 +1,4 @@
-"""A live cell as lines: each message as JSON, or plain lines for a log: what changed, now and then how it stands."""
+"""A live cell as lines of text: each message as JSON; or each change, and the state at regular times, as plain text."""
 
 from __future__ import annotations
 
@@ -17,13 +17,14 @@ from cellwatt.live.state import LiveCell
 from cellwatt.subscriber import Gap, Health, Message
 
 EVERY: Final = 10.0
-"""s between two lines of how the cell stands."""
+"""Interval, s, between two lines with the state of the cell."""
 
 
 def line_of(message: Message) -> dict[str, Any]:
-    """Message as a JSON-ready object, with the time of receipt, UTC ns.
+    """Message as an object ready for JSON, with the time of receipt, UTC ns.
 
-    Blocks are summarised as count and time span; measured power in frames is kept, to be compared with predictions.
+    Blocks of samples are reduced to count and time span; frames also keep their measured power, for comparison with
+    predictions.
     """
     kind, content = message.topic.split("/", 1)[0], message.content
     body: dict[str, Any]
@@ -46,7 +47,7 @@ def line_of(message: Message) -> dict[str, Any]:
 
 
 def _power(frames: Frames) -> dict[str, Any]:
-    """Power in frames: ``time`` ns and ``power`` W by channel, ``None`` where missing; empty without power channels."""
+    """Power in frames: ``time``, ns, and ``power``, W by channel, ``None`` if missing; empty without power channels."""
     power = {
         channel.name: [value if isfinite(value) else None for value in values.tolist()]
         for channel, values in zip(frames.layout.channels, frames.values.T, strict=True)
@@ -56,7 +57,7 @@ def _power(frames: Frames) -> dict[str, Any]:
 
 
 class Bulletin:
-    """Lines about what the messages of a cell change; ``now`` is monotonic."""
+    """Lines about changes in the messages of a cell; ``now`` is monotonic time, s."""
 
     def __init__(self) -> None:
         self.cell = LiveCell()
@@ -64,23 +65,23 @@ class Bulletin:
         self._stands_at = 0.0
 
     def of(self, message: Message) -> Iterator[str]:
-        """Lines about a message of a subscriber."""
+        """Lines about a message received by a subscriber."""
         return self._news(line_of(message), lambda: self.cell.take(message))
 
     def of_line(self, line: Mapping[str, Any]) -> Iterator[str]:
-        """Lines about a message as ``watch --json`` prints it."""
+        """Lines about a message in the form that ``watch --json`` prints."""
         return self._news(line, lambda: self.cell.add(line["kind"], line["content"]))
 
     def _news(self, line: Mapping[str, Any], take: Callable[[], list[Standing]]) -> Iterator[str]:
-        """Lines about what ``take``, which lets the cell take a message, has changed."""
+        """Lines about the changes that ``take`` makes; ``take`` gives a message to the cell."""
         if self._silent:
             self._silent = False
-            yield _line("messages again")
+            yield _line("receiving messages again")
         before, restarts = self.cell.status, self.cell.restarts
         alarms = take()
         if self.cell.restarts > restarts:
             before = {}
-            yield _line("the daemon was started again")
+            yield _line("the daemon was restarted")
         kind, content = line["kind"], line["content"]
         if kind == "health":
             yield from _changes(before, self.cell.status)
@@ -94,7 +95,7 @@ class Bulletin:
                 yield _line(f"{word}: {standing.message.statement}", standing.message.time)
 
     def stands(self, now: float) -> Iterator[str]:
-        """Lines that are due: the silence of the cell, or each ``EVERY`` s how it stands."""
+        """Lines due at ``now``: that the cell is silent, or every ``EVERY`` s the state of the cell."""
         cell = self.cell
         if (gone := cell.silent_for(now)) is not None:
             if not self._silent:
@@ -106,7 +107,7 @@ class Bulletin:
 
 
 def _changes(before: Mapping[str, Any], status: Mapping[str, Any]) -> Iterator[str]:
-    """Lines about the changes between two healths; empty is one that none was heard, or of another version."""
+    """Lines about changes between two health messages; empty: none received, or one of another version."""
     known, sources = before.get("sources", {}), status.get("sources", {})
     for name, source in sources.items():
         was, state = known.get(name, {}).get("state"), source["state"]
@@ -114,14 +115,14 @@ def _changes(before: Mapping[str, Any], status: Mapping[str, Any]) -> Iterator[s
             why = f": {source['error']}" if source["error"] else ""
             yield _line(f"source {name}: {f'{was}, now ' if was else ''}{state}{why}", status["time"])
     for name in known.keys() - sources.keys():
-        yield _line(f"source {name}: gone from the settings", status["time"])
+        yield _line(f"source {name}: removed from the settings", status["time"])
     for warning in status.get("warnings", ()):
         if warning not in before.get("warnings", ()):
             yield _line(f"warning: {warning}", status["time"])
 
 
 def _said(kind: str, content: Mapping[str, Any]) -> str:
-    """Words about a result or an event; empty for kinds that have no line."""
+    """Text for a result or an event; ``""`` for kinds that are not printed."""
     match kind:
         case "interval" if content["closed"]:
             joints = (

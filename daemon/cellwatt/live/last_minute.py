@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 SPAN: Final = 60 * 10**9
-"""ns that are kept."""
+"""Time span, ns, that is stored."""
 _MOST: Final = 2_000_000
-"""Values that are kept at most, so that a thousand channels at 1 kHz do not fill the memory."""
+"""Largest number of stored values, so that a thousand channels at 1 kHz do not fill the memory."""
 
 
 class LastMinute:
-    """The last ``SPAN`` of columns that share their times; less where that would be more than two million values."""
+    """Values of the last ``SPAN`` of columns with common times; less if they exceed two million values."""
 
     def __init__(self) -> None:
         self.names: tuple[str, ...] = ()
@@ -27,7 +27,10 @@ class LastMinute:
     def add(
         self, time: NDArray[np.int64], names: Sequence[str], units: Sequence[str], values: NDArray[np.float64]
     ) -> None:
-        """Append ``values`` (n, names) at ``time`` (n,) ns; other names begin anew, as do times that went back."""
+        """Append ``values`` (n, names) at ``time`` (n,), ns.
+
+        Different names discard all stored values; times that went back discard the stored values after them.
+        """
         if tuple(names) != self.names:
             self.names, self.units, self._rows = tuple(names), tuple(units), 0
             self._blocks.clear()
@@ -48,10 +51,10 @@ class LastMinute:
 
     @property
     def time(self) -> NDArray[np.int64]:
-        """Times (n,), ns, rising."""
+        """Times (n,), ns, increasing."""
         return np.concatenate([np.empty(0, np.int64), *(time for time, _ in self._blocks)])
 
     @property
     def values(self) -> NDArray[np.float64]:
-        """Values (n, names), NaN where missing."""
+        """Values (n, names), NaN if missing."""
         return np.concatenate([np.empty((0, len(self.names))), *(values for _, values in self._blocks)])

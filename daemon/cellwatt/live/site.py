@@ -1,4 +1,4 @@
-"""All cells of a site, in figures and as lines."""
+"""The state of each cell of a site, as figures and as text."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cellwatt.subscriber import Health
 
 
 def summary(name: str, health: Health | None) -> dict[str, Any]:
-    """A cell in figures, JSON-ready; ``state`` is ``None`` if it does not answer us."""
+    """Figures of a cell, ready for JSON; ``state`` is ``None`` if the cell did not answer."""
     status = health.status if health is not None else {}
     sources = status.get("sources", {}).values()
     return {
@@ -26,7 +26,7 @@ def summary(name: str, health: Health | None) -> dict[str, Any]:
 
 
 def stands(told: Mapping[str, Any]) -> str:
-    """The state and counts of a cell's ``summary`` in words."""
+    """State and counts of a cell's ``summary``, as text."""
     return (
         f"{told['cell']} is {told['state']}: {told['sources_ok']} of {told['sources']} sources ok, "
         f"{told['received']} samples received, {told['lost']} lost"
@@ -34,7 +34,7 @@ def stands(told: Mapping[str, Any]) -> str:
 
 
 def line(told: Mapping[str, Any]) -> str:
-    """A cell's ``summary`` as a line, with the gravest of its active alarms."""
+    """A cell's ``summary`` as a line, with its most severe active alarm."""
     if told["state"] is None:
         return f"{told['cell']}: heard, does not answer"
     grave = max(told["alarms"], key=lambda alarm: SEVERITIES.index(alarm["severity"]), default=None)

@@ -1,4 +1,4 @@
-"""The state of a cell as its messages tell it."""
+"""The state of a cell, assembled from its messages."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from cellwatt.results import Event
 from cellwatt.subscriber import Gap, Health, Message
 
 CLEARED: Final = 500
-"""Alarms that are remembered after they were cleared."""
+"""Number of cleared alarms that are stored."""
 REPETITIONS: Final = 100
-"""Repetitions of a task whose energies are remembered."""
+"""Number of cycles of a task whose energies are stored."""
 SILENT: Final = 5.0
-"""s without a message after which the cell counts as silent; health comes each second."""
+"""Time, s, without a message after which the cell counts as silent; it sends its health every second."""
 
 _TOLD: Final = {"site", "cell", "state", "time", "sources", "recorder", "frames", "results"}
 
@@ -31,10 +31,11 @@ Body = Mapping[str, Any]
 
 @dataclass
 class LiveCell:
-    """State of a cell; ``take`` and ``add`` take its messages in order of arrival.
+    """State of a cell, updated by ``take`` and ``add`` with its messages in order of arrival.
 
-    ``alarms`` is the cell's book as it was heard; ``cleared`` are those that are over, ``forgotten`` counts older ones.
-    ``predicted`` are the outputs of models, by model. ``heard`` is the monotonic time of the last message.
+    ``alarms``: the alarm book from received messages; ``cleared``: the last cleared alarms; ``forgotten``: number of
+    older cleared alarms, discarded; ``predicted``: outputs of models, by model; ``heard``: monotonic time, s, of the
+    last message.
     """
 
     status: Body = field(default_factory=dict)
@@ -53,7 +54,7 @@ class LiveCell:
     """UTC time of the last message, ns."""
 
     def take(self, message: Message) -> list[Standing]:
-        """Take a message of a subscriber; give the alarms of which it says something."""
+        """Update the state from a message of a subscriber; return the alarms that the message concerns."""
         content = message.content
         if isinstance(content, Gap):
             self._alive()
@@ -66,7 +67,7 @@ class LiveCell:
         return []
 
     def add(self, kind: str, body: Body) -> list[Standing]:
-        """Take a health message, a result or an event as its fields; give the alarms of which it says something."""
+        """Update the state from the fields of a health message, result or event; return the alarms it concerns."""
         self._alive()
         if kind == "health":
             return self._health(body)
@@ -85,16 +86,16 @@ class LiveCell:
         return []
 
     def add_frames(self, frames: Frames) -> None:
-        """Take frames."""
+        """Store the values of frames."""
         self._alive()
         units = [channel.unit for channel in frames.layout.channels]
         self.frames.add(frames.time, frames.layout.names, units, frames.values)
 
     @property
     def state(self) -> str:
-        """The worse of the daemon's own state and what alarms say, as the page has it.
+        """The worse of the daemon's own state and the state of its alarms, as on the page.
 
-        An error that nobody has acknowledged is ``red``, any other error or warning ``amber``; the shelf is silent.
+        An unacknowledged error is ``red``, any other error or warning ``amber``; shelved alarms do not count.
         """
         own = str(self.status["state"])
         grave = [standing for standing in self.alarms.up if standing.alarm.severity != "info"]
@@ -103,7 +104,7 @@ class LiveCell:
         return "amber" if grave else own
 
     def silent_for(self, now: float) -> float | None:
-        """Time in s since the last message, at monotonic time ``now``, once it is too long."""
+        """Time, s, from the last message to monotonic time ``now`` if it is at least ``SILENT``, else None."""
         gone = 0.0 if self.heard is None else now - self.heard
         return gone if gone >= SILENT else None
 
@@ -112,12 +113,12 @@ class LiveCell:
 
     def _health(self, status: Body) -> list[Standing]:
         if not status.keys() >= _TOLD:
-            return []  # a cell of another version, or none
+            return []  # not a health message, or one of another version
         self.status = status
         return self._over(self.alarms.agree(status))
 
     def _session(self, session: int) -> list[Standing]:
-        """Forget the alarms of a daemon that has ended: the new one raises again what still holds."""
+        """On a new session, clear the alarms of the ended daemon: the new daemon raises those that are still active."""
         before, self.session = self.session, session
         if before in (None, session):
             return []
@@ -128,7 +129,7 @@ class LiveCell:
         return self._over([left.hear(end) for end in ends])
 
     def _over(self, alarms: list[Standing]) -> list[Standing]:
-        """Remember those that are over; give all."""
+        """Store the cleared alarms among ``alarms``; return all ``alarms``."""
         for standing in alarms:
             if not standing.raised:
                 self.forgotten += len(self.cleared) == CLEARED

@@ -1,4 +1,4 @@
-"""Logs of other programs: ROS 2 bags, MCAP files of any writer, LeRobot data sets; joints are known by name.
+"""Logs of other programs: ROS 2 bags, MCAP files of any writer, LeRobot data sets; joints are identified by name.
 
-``opening`` reads them, ``recorded`` gives them as recordings, ``choice`` says which topic or episode is meant.
+``opening`` reads logs, ``recorded`` converts them to recordings, ``choice`` selects a topic or an episode.
 """

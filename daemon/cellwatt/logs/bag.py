@@ -1,4 +1,4 @@
-"""ROS 2 bags and MCAP files: joint states, and what ros2_control told its controllers."""
+"""ROS 2 bags and MCAP files: joint states, and the commands of ros2_control."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ _POINT: Final[tuple[tuple[Quantity, str], ...]] = (
     ("torque", "effort"),
 )
 _COMMANDS: Final = ("command", "cmd", "target", "desired", "goal", "reference")
-"""Words in the name of a topic of joint states that are what the controller was told."""
+"""Words in the name of a topic of joint states that mark it as commands to the controller."""
 
 
 def is_bag(path: Path) -> bool:
-    """True for a rosbag2 folder, with its metadata or without, and a file of SQLite's."""
+    """True for a rosbag2 folder, with or without metadata, and for an SQLite file."""
     if not path.is_dir():
         return path.suffix == ".db3"
     try:
@@ -47,29 +47,29 @@ def is_bag(path: Path) -> bool:
 
 @dataclass
 class Series:
-    """Samples of joints that were heard together, by the order of names in which they came."""
+    """Samples of joints that came in the same messages; ``joints`` in the order of the first message."""
 
     joints: tuple[str, ...]
     time: list[int] = field(default_factory=list)
     values: dict[Quantity, list[Float]] = field(default_factory=dict)
-    """(n,) a sample."""
+    """(n,) per sample."""
 
     def rows(self) -> tuple[np.ndarray[Any, np.dtype[np.int64]], dict[Quantity, Float]]:
-        """Times (N,) UTC ns, rising, and values (N, n): of messages with one stamp the first."""
+        """Times (N,) UTC ns, rising, and values (N, n); of messages with equal stamps the first."""
         time, first = np.unique(np.asarray(self.time, np.int64), return_index=True)
         return time, {quantity: np.stack(values)[first] for quantity, values in self.values.items()}
 
 
 @dataclass
 class Topic:
-    """Samples of one topic."""
+    """Measured and commanded samples of one topic, by set of joints."""
 
     name: str
     measured: dict[frozenset[str], Series] = field(default_factory=dict)
     told: dict[frozenset[str], Series] = field(default_factory=dict)
 
     def add(self, kind: str, time: int, content: Any) -> None:
-        """One message more. Raises ``ValueError`` where arrays do not go with the names."""
+        """Add a message. Raises ``ValueError`` if the lengths of its arrays differ from the number of names."""
         stamp = content.header.stamp
         seconds, ns = _either(stamp, "sec", "secs"), _either(stamp, "nanosec", "nsec", "nsecs")
         when = seconds * 1_000_000_000 + ns or time
@@ -83,7 +83,7 @@ class Topic:
 
 
 def read(path: Path, choice: Sequence[str] = ()) -> Log:
-    """A bag's joints; ``choice`` names topics where several tell the same. Raises ``RecordingError``."""
+    """Read the joints of a bag; ``choice`` selects topics if several have them. Raises ``RecordingError``."""
     bag = Bag(path)
     topics: dict[str, Topic] = {}
     states: set[str] = set()
@@ -108,7 +108,7 @@ def read(path: Path, choice: Sequence[str] = ()) -> Log:
             f"joints are read of {STATE} and {CONTROLLER}"
         )
     chosen = [topic for topic in measured if topic.name in choice] or measured
-    # A controller repeats the joint states; they are taken where both were recorded.
+    # A controller repeats the joint states, which are preferred if both were recorded.
     chosen = [topic for topic in chosen if topic.name in states] or chosen
     if len(chosen) > 1:
         raise RecordingError(f"{path}: joints under several topics: {how(path, sorted(t.name for t in chosen))}")
@@ -130,13 +130,13 @@ def _told(path: Path, measured: Topic, topics: Iterable[Topic], choice: Sequence
 
 
 def _apart(topics: Sequence[Topic]) -> bool:
-    """True where no joint is commanded under two topics: one controller an arm."""
+    """True if no joint is commanded under two topics: one controller per arm."""
     every = [joint for topic in topics for joint in frozenset().union(*topic.told)]
     return len(every) == len(set(every))
 
 
 def _log(path: Path, measured: Topic, told: Topic | None) -> Log:
-    """The samples on the times of the joints that were heard most; others are interpolated, commands held."""
+    """The samples at the times of the largest series; other series are interpolated, commands held."""
     series = sorted(
         measured.measured.values(), key=lambda each: (-len(each.joints), -len(each.time), sorted(each.joints))
     )
@@ -173,7 +173,7 @@ def _take(
     point: Any,
     fields: Sequence[tuple[Quantity, str]],
 ) -> None:
-    """The arrays of a message, in the order in which its joints came first; empty ones are missing."""
+    """Add the arrays of a message, ordered like the joints of the first message; empty arrays count as missing."""
     names = tuple(map(str, names))
     arrays = {quantity: np.asarray(getattr(point, name, ()), np.float64) for quantity, name in fields}
     if wrong := [len(each) for each in arrays.values() if len(each) not in (0, len(names))]:
@@ -191,5 +191,5 @@ def _take(
 
 
 def _either(content: Any, *names: str) -> Any:
-    """The first of these fields that a message has. Raises ``AttributeError`` where it has none."""
+    """The first of the fields ``names`` that a message has. Raises ``AttributeError`` if it has none."""
     return getattr(content, next((name for name in names if hasattr(content, name)), names[0]))

@@ -1,4 +1,4 @@
-"""Which part of a log is meant: ``BAG#/left/joint_states``, ``DATASET#12``."""
+"""Selection of a topic or an episode of a log: ``BAG#/left/joint_states``, ``DATASET#12``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ MARK: Final = "#"
 
 
 def chosen(path: Path) -> tuple[Path, tuple[str, ...]]:
-    """The file or folder, and what follows ``#`` behind its name, parted at commas; () where nothing does."""
+    """Split a path into the file or folder and the names after ``#``, separated by commas; () without ``#``."""
     text, at = str(path), 0
     while not Path(text).exists() and (at := text.find(MARK, at + 1)) > 0:
         if (place := Path(text[:at])).exists():
@@ -18,6 +18,6 @@ def chosen(path: Path) -> tuple[Path, tuple[str, ...]]:
 
 
 def how(path: Path, names: list[str]) -> str:
-    """For messages: the alternatives, and how one of them is chosen."""
+    """List the alternatives for a message, and how to choose one."""
     listed = ", ".join(names) if len(names) <= 6 else f"{', '.join(names[:3])}, … {names[-1]}"
     return f"{listed}; choose one as '{path}{MARK}{names[0]}'"

@@ -1,4 +1,4 @@
-"""LeRobot data sets (v2.1: a file an episode, v3: many in a file): state and action of one episode."""
+"""LeRobot data sets (v2.1: one episode per file, v3: several per file): state and action of one episode."""
 
 from __future__ import annotations
 
@@ -28,32 +28,32 @@ ENDINGS: Final[dict[str, Quantity]] = {
     ".effort": "torque",
 }
 GRIPPER: Final = "gripper"
-"""In the name of what opens and closes: stored as a share, and no joint of the arm."""
+"""Word in the name of a gripper, which is stored as a share of its opening and is not a joint of the arm."""
 TURN: Final = 2 * np.pi + 0.05
-"""Of angles none of which is beyond it (rad) it is taken that they are in rad."""
+"""Largest angle, rad, of positions that are assumed to be in rad."""
 FULL: Final = 100.0
-"""Where LeRobot cuts positions that it stores as a share of the joint's range, in %."""
+"""Limit, in %, of positions that LeRobot stores as shares of the joint's range."""
 UNITS: Final = ("deg", "rad")
 
 
 def root_of(path: Path) -> Path | None:
-    """The data set that a path is, or is a file of; None where it is none."""
+    """The folder of the data set that a path is or belongs to; None if there is none."""
     roots = (path,) if path.is_dir() else tuple(path.parents)[:3] if path.suffix == ".parquet" else ()
     return next((root for root in roots if (root / "meta" / "info.json").is_file()), None)
 
 
 @dataclass(frozen=True)
 class DataSet:
-    """What info.json says."""
+    """Content of info.json."""
 
     root: Path
     fps: float
     names: dict[str, tuple[str, ...]]
-    """Of the values of state and action."""
+    """Names of the values of state and action."""
 
     @classmethod
     def load(cls, root: Path) -> DataSet:
-        """Raises ``RecordingError`` where info.json is none of LeRobot's, or has no joints."""
+        """Read info.json. Raises ``RecordingError`` if it is not LeRobot's, or has no joints."""
         path = root / "meta" / "info.json"
         try:
             said = json.loads(read_bytes(path, COMPUTED))
@@ -73,7 +73,7 @@ class DataSet:
 
 
 def read(root: Path, place: Path, choice: Sequence[str] = ()) -> Log:
-    """One episode of a data set or of a file of it; ``choice`` is its number, and ``deg`` or ``rad``.
+    """Read one episode of a data set or of one of its files; ``choice`` is its number, and ``deg`` or ``rad``.
 
     Raises ``RecordingError``.
     """
@@ -160,7 +160,7 @@ def _log(root: Path, data: DataSet, state: Float, action: Float | None, time: Fl
 
 
 def _factor(root: Path, positions: Sequence[Float], unit: str) -> float:
-    """rad of one unit of the positions. Raises ``RecordingError`` where they are no angles."""
+    """Factor of the positions to rad. Raises ``RecordingError`` if they are not angles."""
     largest = float(np.nanmax(np.abs(np.stack(positions))))
     if unit == "rad" or (not unit and largest <= TURN):
         return 1.0
@@ -175,7 +175,7 @@ def _factor(root: Path, positions: Sequence[Float], unit: str) -> float:
 
 
 def _names(feature: dict[str, Any]) -> tuple[str, ...]:
-    """Names of a feature's values: a list, or lists by kind of motor; () where it names none."""
+    """Names of a feature's values, from a list or from lists by kind of motor; () without names."""
     names = feature.get("names")
     if isinstance(names, dict):
         names = [each for group in names.values() for each in (group if isinstance(group, list) else [group])]

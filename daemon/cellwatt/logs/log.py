@@ -1,4 +1,4 @@
-"""Content of a log: quantities of joints that have names, in an order that the log's own order does not touch."""
+"""Content of a log: quantities of named joints, in an order that does not depend on the log's."""
 
 from __future__ import annotations
 
@@ -16,29 +16,29 @@ from cellwatt.errors import RecordingError
 Quantity = Literal["position", "velocity", "torque", "command"]
 
 COLUMNS: Final[Mapping[Quantity, str]] = {"position": "q", "velocity": "qd", "torque": "tau", "command": "command"}
-"""What tables call the quantities, before the number or name of the joint."""
+"""Names of the quantities in tables, before the number or name of the joint."""
 UNITS: Final[Mapping[Quantity, str]] = {"position": "rad", "velocity": "rad/s", "torque": "Nm", "command": "rad"}
 
 
 @dataclass(frozen=True)
 class Log:
-    """N samples of n joints; joints are sorted by name, with numbers in names by their value."""
+    """N samples of n joints; joints are sorted by name, numbers in names by value."""
 
     path: Path
     joints: tuple[str, ...]
     time: Float
     """(N,) s from the first sample, rising."""
     quantities: Mapping[Quantity, Float]
-    """(N, n) in rad, rad/s, Nm (a linear axis: m, m/s, N); NaN where a joint was not heard."""
+    """(N, n) in rad, rad/s, Nm (linear axis: m, m/s, N); NaN where a joint has no sample."""
     start: int | None = None
-    """UTC ns of the first sample, where the log tells."""
+    """UTC ns of the first sample, if the log has it."""
 
     def columns(self, joints: Sequence[str] = ()) -> dict[str, Float]:
         """Columns ``q_1``, ``qd_1``, ``tau_1``, ``command_1``, … of ``joints``, which are matched by name.
 
-        Without ``joints``, names that differ in a number alone are in its order; all others stay in the columns'
-        names (``q_elbow``), since nothing says which joint is the first. Raises ``RecordingError`` where one of
-        ``joints`` is not in the log, or a name may stand for several.
+        Without ``joints``, names that differ only in a number are ordered by it; other names stay in the columns'
+        names (``q_elbow``), since the order of the joints is unknown. Raises ``RecordingError`` if one of
+        ``joints`` is not in the log, or matches several.
         """
         order = [self._place(name, joints) for name in joints] if joints else list(range(len(self.joints)))
         numbered = bool(joints) or _numbered(self.joints)
@@ -50,7 +50,7 @@ class Log:
         }
 
     def _place(self, name: str, wanted: Sequence[str]) -> int:
-        """Index of a robot's joint: its own name, else the only one that ends like it or is it but for an affix."""
+        """Index of a robot's joint: the same name, otherwise the only one that is ``alike``."""
         if name in self.joints:
             return self.joints.index(name)
         taken = {each for each in wanted if each in self.joints}
@@ -65,13 +65,13 @@ class Log:
 
 
 def natural(name: str) -> list[tuple[int, int, str]]:
-    """Sort key by which joint_10 comes behind joint_2."""
+    """Sort key by which joint_10 follows joint_2."""
     parts = re.split(r"(\d+)", name)
     return [(1, int(each), "") if each.isdigit() else (0, 0, each) for each in parts]
 
 
 def _numbered(names: Sequence[str]) -> bool:
-    """True for names that differ in one number alone, which counts on from 0 or 1."""
+    """True for names that differ only in one number, consecutive from 0 or 1."""
     parts = [re.split(r"(\d+)", name) for name in names]
     if len({len(each) for each in parts}) > 1:
         return False
@@ -86,12 +86,12 @@ def _numbered(names: Sequence[str]) -> bool:
 
 
 def alike(one: str, other: str) -> bool:
-    """True where two names may stand for one joint: but for capitals, namespaces, and ``joint`` at an end."""
+    """True if two names may mean one joint: equal except for case, namespaces, prefixes, and ``joint`` at an end."""
     a, b = _plain(one), _plain(other)
     return a == b or a.endswith(f"_{b}") or b.endswith(f"_{a}")
 
 
 def _plain(name: str) -> str:
-    """A name without capitals, namespaces and ``joint`` at its ends."""
+    """A name in lower case without namespaces and ``joint`` at its ends."""
     plain = re.sub(r"[^a-z0-9]+", "_", name.rsplit("/", 1)[-1].casefold())
     return re.sub(r"^joint_(?=[a-z])|(?<=[a-z0-9])_joint$", "", plain)

@@ -40,7 +40,7 @@ Decode = Callable[[bytes], Any]
 
 @dataclass(frozen=True)
 class Message:
-    """One message; ``time`` is that of its logging, UTC ns."""
+    """One message, logged at ``time``, UTC ns."""
 
     topic: str
     type: str
@@ -50,15 +50,15 @@ class Message:
 
 @dataclass
 class Bag:
-    """Messages of the two types in a bag; what else there is, is known once they have been read."""
+    """Messages of the two types in a bag; ``topics``, ``unread`` and ``cut`` are set once they have been read."""
 
     path: Path
     topics: dict[str, str] = field(default_factory=dict)
-    """What each topic has, for messages."""
+    """Description of each topic, for error messages."""
     unread: dict[str, int] = field(default_factory=dict)
-    """Messages that could not be decoded, by topic."""
+    """Number of messages that could not be decoded, by topic."""
     cut: str = ""
-    """Why the file could not be read up to its end."""
+    """Reason why the file could not be read up to its end."""
 
     def messages(self) -> Iterator[Message]:
         """The messages in the order of the file. Raises ``RecordingError``, and ``ConfigError`` without ``rosbags``."""
@@ -71,7 +71,7 @@ class Bag:
             raise RecordingError(f"{self.path}: cannot be read: {why(error)}") from error
 
     def _files(self) -> list[Path]:
-        """The files to read, in order; a folder whose files are not MCAP is read as a whole where it has metadata."""
+        """The files to read, in order; a folder without MCAP files but with metadata is read as a whole."""
         if not self.path.is_dir():
             return [self.path]
         files = sorted(self.path.iterdir(), key=lambda path: natural(path.name))
@@ -128,20 +128,20 @@ class Bag:
             content = decode(data)
         except ImportError:
             raise
-        except Exception:  # a definition that the data do not follow makes the decoder fail in any way
+        except Exception:  # data that contradict their definition make the decoder fail in any way
             self.unread[topic] = self.unread.get(topic, 0) + 1
             return
         yield Message(topic, kind, time, content)
 
 
 def _full(name: str) -> str:
-    """``sensor_msgs/msg/JointState`` also of ``sensor_msgs/JointState`` and ``sensor_msgs::msg::JointState``."""
+    """``sensor_msgs/msg/JointState`` for ``sensor_msgs/JointState`` and ``sensor_msgs::msg::JointState``."""
     parts = name.replace("::", "/").replace("dds_/", "").split("/")
     return f"{parts[0]}/msg/{parts[-1].removesuffix('_')}" if len(parts) > 1 else name
 
 
 def _decoder(encoding: str, schema: Schema | None, kind: str) -> Decode | None:
-    """Decoder of a channel; None where it is of no use here."""
+    """Decoder of a channel; None if it is not of the two types, or its encoding is unknown."""
     if schema is None or kind not in (STATE, CONTROLLER):
         return None
     if encoding == "json":
@@ -153,12 +153,12 @@ def _decoder(encoding: str, schema: Schema | None, kind: str) -> Decode | None:
 
 
 def _cdr(kind: str, text: str) -> Decode:
-    """Decoder by the definition that a file holds; without one, by those of ROS and of ros2_control, newest first."""
+    """Decoder by the file's own definition; without one, by those of ROS and of ros2_control, newest first."""
     definitions = [text] if text else [""] if kind == STATE else [_NEWER, _OLDER]
 
     def decode(data: bytes) -> Any:
         for definition in definitions[:-1]:
-            with suppress(Exception):  # what is wrong, the last one tells
+            with suppress(Exception):  # the last definition raises the error
                 return _store(kind, definition).deserialize_cdr(data, kind)
         return _store(kind, definitions[-1]).deserialize_cdr(data, kind)
 
@@ -173,14 +173,14 @@ _STORES: Final[dict[tuple[str, str], Any]] = {}
 
 
 def _store(kind: str, definition: str) -> Any:
-    """The types of ROS, with a definition of ``kind`` and what it names where one is given."""
+    """The types of ROS; with a ``definition`` also ``kind`` and the types that it names."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     if (kind, definition) not in _STORES:
         store = get_typestore(Stores.ROS2_HUMBLE)
         if definition:
             types: Mapping[str, Any] = get_types_from_msg(definition, kind)
-            # A file's own copies of ROS's types may differ in comments and constants: only what is new is added.
+            # A file's copies of ROS's types may differ in comments and constants: only new types are added.
             store.register({name: each for name, each in types.items() if name == kind or name not in store.fielddefs})
         _STORES[kind, definition] = store
     return _STORES[kind, definition]

@@ -1,4 +1,4 @@
-"""Logs on disk told from tables and recordings of cellwatt, and read."""
+"""Distinguishes logs from tables and recordings of cellwatt, and reads them."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ def is_log(path: Path) -> bool:
 
 
 def read_log(path: Path) -> Log:
-    """Content of a log; what is meant of several topics or episodes follows ``#`` behind the path.
+    """Read a log; of several topics or episodes, the choice follows ``#`` after the path.
 
-    Raises ``RecordingError`` where it holds no joints, or nothing says which of several is meant, and
-    ``ConfigError`` where a package is missing that reads it.
+    Raises ``RecordingError`` if the log holds no joints, or several topics or episodes without a choice, and
+    ``ConfigError`` if the package that reads it is missing.
     """
     place, choice = chosen(path)
     root = lerobot.root_of(place)

@@ -1,4 +1,4 @@
-"""Recordings of cellwatt, or logs of others as if cellwatt had recorded them."""
+"""Opens recordings of cellwatt, and logs of other programs as if cellwatt had recorded them."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ from cellwatt.tables.unwrap import unwrapped
 
 SOURCE = "log"
 CHANNELS = {"position": "position", "velocity": "velocity", "torque": "torque", "command": "target_position"}
-"""What a cell's channels call the quantities of a log."""
+"""Names of a log's quantities in the channels of a cell."""
 FASTEST = 10_000.0
-"""Hz of frames."""
+"""Largest rate of frames, Hz."""
 START = 1_000_000_000_000_000_000
-"""UTC ns at which the first log begins where it does not say."""
+"""Start of the first log, UTC ns, if the log has none."""
 PAUSE = 5_000_000_000
-"""ns between logs: long enough for the frames in between to be missing."""
+"""Pause between logs, ns: long enough for the frames in between to be missing."""
 BLOCK = 0.1
-"""s of samples in a block."""
+"""Length of a block of samples, s."""
 
 
 def open_recording(source: Places) -> Recording:
-    """``Recording.open`` of recordings; logs are written as one, in a folder that goes with the recording.
+    """Open recordings; logs are converted to one recording in a temporary folder, deleted with the recording.
 
-    Several logs are its parts. Raises ``RecordingError`` and ``ConfigError``.
+    Several logs follow one another in it. Raises ``RecordingError`` and ``ConfigError``.
     """
     paths = paths_of(source)
     logs = [path for path in paths if is_log(path)]
@@ -62,7 +62,7 @@ def open_recording(source: Places) -> Recording:
 
 
 class _TemporaryCopy:
-    """Goes with the last copy of a recording."""
+    """Owner of the temporary folder, which is deleted with the last copy of the recording."""
 
 
 def _write(folder: Path, cell: str, logs: Sequence[Log]) -> None:
@@ -90,7 +90,7 @@ def _items(logs: Sequence[Log], header: Header) -> Iterator[Item]:
 def _batches(log: Log, stream: Stream, start: int, sequence: int) -> Iterator[Batch]:
     values = np.hstack([*log.quantities.values()])
     for i, channel in enumerate(stream.channels):
-        if channel.unit == "rad" and "position" in channel.name:  # no frame between the ends of a turn
+        if channel.unit == "rad" and "position" in channel.name:  # no frame interpolates across a turn
             values[:, i] = unwrapped(values[:, i])
     since = log.time - log.time[0]
     time = start + np.round(since * 1e9).astype(np.int64)
@@ -108,7 +108,7 @@ def _stream(log: Log) -> Stream:
 
 
 def _rate(logs: Sequence[Log]) -> float:
-    """Hz of the frames."""
+    """Rate of the frames, Hz."""
     steps = np.concatenate([np.diff(log.time) for log in logs])
     if not len(steps):
         raise RecordingError(f"{logs[0].path}: a single sample, expected two or more")

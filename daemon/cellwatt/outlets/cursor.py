@@ -1,7 +1,7 @@
-"""How far a peer has what a cell made, and what it is owed: the only owner of that, in memory and in its file.
+"""The position up to which a peer has the cell's entries, and the spans owed to it; in memory and in a file.
 
-A moment is delivered, owed, or not made yet. What is owed stands in spans of time, and each span says how many entries
-were made in it while somebody counted: where the record has fewer when it is read, the others are lost, and counted.
+A moment is delivered, owed, or in the future. Owed entries are stored as spans of time, each with the number of
+entries known to have been made in it. If the record later has fewer, the difference is counted as lost.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from cellwatt.files import read_bytes, replace_bytes
 log = logging.getLogger(__name__)
 
 MOST: Final = 256
-"""Spans that are remembered apart; beyond that the nearest two become one, and what lies between is sent again."""
+"""Most owed spans. Beyond it, the two nearest spans are merged and the entries between them are sent again."""
 EVERY: Final = 1.0
-"""s between two writings of the file."""
+"""Shortest time between two writes of the file, s."""
 GONE: Final = "no longer in the record"
 
 Span = tuple[int, int]
-"""Times, UTC ns: after the first, up to and with the second."""
+"""Times (after, until], UTC ns."""
 
 
 class Owed(NamedTuple):
-    """A span that the peer lacks, and how many entries are known to have been made in it."""
+    """A span that the peer lacks, and the number of entries known to have been made in it."""
 
     after: int
     until: int
@@ -38,10 +38,10 @@ class Owed(NamedTuple):
 
 
 class Position(BaseModel):
-    """What the file holds. All up to ``reached``, UTC ns, is delivered or owed.
+    """Content of the file. Everything up to ``reached``, UTC ns, is delivered or owed.
 
-    ``place`` is the peer, ``births`` the number of Sparkplug's next connection, ``ended`` is true where nothing was
-    said after this was written; ``gaps`` have also the form of before.
+    ``place`` is the peer, ``births`` the birth number of the next Sparkplug connection. ``ended``: nothing was sent
+    after this was written. ``gaps`` may also be (after, until) pairs, as older versions wrote them.
     """
 
     model_config = ConfigDict(extra="ignore", populate_by_name=True)
@@ -55,55 +55,55 @@ class Position(BaseModel):
 
 
 class Cursor:
-    """Keeps the position of one peer in ``path``; in memory alone where that is ``None``. ``open`` comes first.
+    """The position of one peer, stored in ``path``; in memory only if that is ``None``. Call ``open`` first.
 
-    ``place`` tells peers apart: of another one nothing is known. ``problem`` is one line on why the file cannot be
-    written, or ``None``. ``account`` has its expected entries, those lost, and how many are owed.
+    ``place`` identifies the peer: a stored position of another peer is ignored. ``problem`` is one line on why the
+    file cannot be written, or ``None``. ``account`` counts expected, lost and owed entries.
     """
 
     def __init__(self, path: Path | None, account: Account, place: str = "") -> None:
         self.reached: int | None = None
         self.births = 0
         self.lost = 0
-        """Entries that the record did not have any more, ever."""
+        """Total of owed entries that were no longer in the record."""
         self.ended = False
-        """All that was said before this start is in the position."""
+        """The stored position includes everything that was sent before this start."""
         self.problem: str | None = None
         self.lacking = asyncio.Event()
-        """Something is owed."""
+        """Set while entries are owed."""
         self._path, self._account, self._place = path, account, place
         self._owed: list[Owed] = []
         self._counted = 0
-        """Entries owed as the account knows them."""
+        """Owed entries already counted in the account."""
         self._opened = False
         self._changed = asyncio.Event()
         self._writing = asyncio.Lock()
 
-    # what is known --------------------------------------------------------------------------------
+    # position -------------------------------------------------------------------------------------
 
     @property
     def owed(self) -> list[Span]:
-        """Disjoint spans in order."""
+        """Owed spans, disjoint and in order."""
         return [(o.after, o.until) for o in self._owed]
 
     @property
     def entries(self) -> int:
-        """Entries that are known to be owed."""
+        """Number of entries known to be owed."""
         return sum(o.entries for o in self._owed)
 
     @property
     def first(self) -> Span | None:
-        """The oldest span that is owed."""
+        """The oldest owed span."""
         return (self._owed[0].after, self._owed[0].until) if self._owed else None
 
     def deliver(self, time: int) -> None:
-        """Note that all up to ``time`` is delivered, or owed."""
+        """Note that everything up to ``time``, UTC ns, is delivered or owed."""
         if self.reached is None or time > self.reached:
             self.reached = time
             self._changed.set()
 
     def owe(self, after: int, until: int, entries: int = 0) -> None:
-        """Note what is not delivered; ``entries`` of it were made just now. What touches becomes one span."""
+        """Add an owed span with ``entries`` new entries. Spans that touch or overlap are merged."""
         if until <= after:
             return
         apart = [o for o in self._owed if o.until < after or o.after > until]
@@ -117,13 +117,13 @@ class Cursor:
         self._note()
 
     def owe_since(self, until: int) -> None:
-        """Note that what was made since the position up to ``until`` is not delivered; it goes on from there."""
+        """Owe everything between the position and ``until``, and move the position there."""
         if self.reached is not None:
             self.owe(self.reached, until)
         self.deliver(until)
 
     def pay(self, after: int, until: int, entries: int = 0) -> None:
-        """Note that a span is delivered out of the record, which had ``entries`` of it."""
+        """Note that a span was delivered from the record, which had ``entries`` entries in it."""
         left: list[Owed] = []
         for o in self._owed:
             if o.until <= after or o.after >= until:
@@ -138,7 +138,7 @@ class Cursor:
                 self.lost += known
                 self._account.miss(known, GONE)
             left += rest
-        self._account.expect(entries)  # nobody counted them when they were made
+        self._account.expect(entries)  # entries that were not counted when they were made
         self._owed = left
         self._note()
 
@@ -149,14 +149,14 @@ class Cursor:
         self._changed.set()
 
     def born(self, births: int) -> None:
-        """Note the number of the next connection."""
+        """Store the birth number of the next connection."""
         self.births = births
         self._changed.set()
 
     # the file -------------------------------------------------------------------------------------
 
     async def open(self) -> None:
-        """Read the file, once; what was owed meanwhile stays owed."""
+        """Read the file once; spans owed before this call remain owed."""
         if not self._opened:
             known = await asyncio.to_thread(load, self._path, self._place)
             since, self._opened = self._owed, True
@@ -169,7 +169,7 @@ class Cursor:
         self._note()
 
     def succeed(self, before: Cursor) -> None:
-        """Take over from the cursor before this one, which is closed."""
+        """Take over the position of ``before``, a closed cursor."""
         if before._path == self._path and before._place == self._place:
             self.reached, self.births, self.lost, self.ended = before.reached, before.births, before.lost, before.ended
             self._owed, self._opened = before._owed, before._opened
@@ -177,14 +177,14 @@ class Cursor:
             self._note()
 
     async def keep(self) -> None:
-        """Write what changes, until cancelled."""
+        """Write the file after changes, until cancelled."""
         while True:
             await self._changed.wait()
             await self.write()
             await asyncio.sleep(EVERY)
 
     async def write(self, *, ended: bool = False) -> None:
-        """Write the position as it is, if it changed since it was read; ``ended``: all that was said is in it."""
+        """Write the position if it has changed; ``ended``: it includes everything that was sent."""
         if ended:
             self.ended = True
             self._changed.set()
@@ -194,7 +194,7 @@ class Cursor:
         told = Position(
             place=self._place, reached=self.reached, gaps=self._owed, births=self.births, lost=self.lost, ended=ended
         )
-        # A cancelled write goes on in its thread; the next waits for it.
+        # A cancelled write continues in its thread; the next one waits for it.
         await asyncio.shield(asyncio.ensure_future(self._write(self._path, told.model_dump_json().encode())))
 
     async def _write(self, path: Path, content: bytes) -> None:
@@ -213,7 +213,7 @@ class Cursor:
 
 
 def load(path: Path | None, place: str = "") -> Position:
-    """The position in a file; a new one where there is none, it is damaged, or of another place."""
+    """The position in a file; a new one if the file is absent, damaged, or of another peer."""
     if path is None:
         return Position(place=place)
     try:

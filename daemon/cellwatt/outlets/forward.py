@@ -1,4 +1,4 @@
-"""Brings the rows and results of a cell to one peer, each at least once: what is new first, then what it missed."""
+"""Delivers the rows and results of a cell to one peer at least once: new ones first, then the back-fill."""
 
 from __future__ import annotations
 
@@ -32,28 +32,28 @@ from cellwatt.results import Alarm, Energy, Task
 log = logging.getLogger(__name__)
 
 BLOCKS: Final = 2048
-"""Items that may wait until they are put into messages."""
+"""Most items that wait to be converted into messages."""
 AT_ONCE: Final = 4
-"""Items that are put into messages before the loop may turn to something else."""
+"""Items converted into messages before the event loop may run other tasks."""
 MARGIN: Final = 60 * 10**9
-"""ns in front of the last row sent which are filled in again after a kill: results come later than their time."""
+"""Span before the last row sent, ns, that is back-filled again after a kill: results arrive after their time."""
 SETTLED: Final = 3 * 10**9
-"""ns after which all of a moment is in the record."""
+"""Time, ns, after which all entries of a moment are in the record."""
 ROWS: Final = 300
-"""Rows that are filled in with one reading of the record."""
+"""Most rows back-filled by one read of the record."""
 FIRST_PAUSE, LONGEST_PAUSE = 0.5, 30.0  # s
 LAST: Final = 2.0
-"""Longest time, s, of the last attempt when the outlet ends."""
+"""Longest time, s, of the final attempt when the outlet ends."""
 
 M = TypeVar("M")
 
 
 class Peer(ABC, Generic[M]):
-    """What is particular to one kind of peer: how entries become messages, and how these are sent."""
+    """The part specific to one kind of peer: how entries become messages, and how messages are sent."""
 
     @abstractmethod
     def row(self, row: Row, units: Mapping[str, str]) -> M | None:
-        """The message of a row; ``None`` where the peer has no use for it. Pure: called again for the past."""
+        """The message of a row; ``None`` if the peer has no use for the row. Pure: called again for back-fill."""
 
     def result(self, result: Archived) -> M | None:
         """The message of an alarm, task or energy, or ``None``."""
@@ -61,45 +61,45 @@ class Peer(ABC, Generic[M]):
 
     @abstractmethod
     async def send(self, messages: Sequence[M]) -> Mapping[str, int]:
-        """Return once the peer has the messages, with the number of those that it refuses for good, by reason.
+        """Return once the peer has the messages: the number of messages that it refuses for good, by reason.
 
-        Raises ``NotNowError`` where it takes nothing now: all of them are sent again.
+        Raises ``NotNowError`` if the peer accepts nothing now: all messages are sent again.
         """
 
 
 class Flow(Selection):
-    """What goes to a peer, and how fast."""
+    """What is sent to a peer, and how fast."""
 
     results: bool = True
-    """Send alarms, tasks and energies, too."""
+    """Also send alarms, tasks and energies."""
     batch: PositiveInt = Field(default=100, le=50_000)
-    """Most messages of one attempt."""
+    """Most messages in one attempt."""
     every: Seconds = Field(default=1.0, gt=0)
-    """Time between two attempts while all is well."""
+    """Time between two attempts while the peer accepts messages."""
     queue: PositiveInt = 10_000
-    """Messages that may wait; what is beyond is filled in from the record later."""
+    """Most messages that wait; further ones are back-filled from the record later."""
 
 
 class Forwarder(Generic[M]):
-    """The way to one peer, from what the cell offers and from its record.
+    """Delivers to one peer the items that the cell offers and the rows and results owed from its record.
 
-    ``record`` is the folder of the record, ``None`` where there is none; ``name`` begins what is counted and said.
+    ``record``: folder of the record, or ``None``; ``name`` prefixes counters and messages.
     """
 
     def __init__(
         self, name: str, peer: Peer[M], flow: Flow, cell: str, record: Path | None, cursor: Cursor, account: Account
     ) -> None:
         self.problem: str | None = None
-        """Reason why nothing can be sent now; ``None`` if all is well."""
+        """Reason why nothing can be sent now, or ``None``."""
         self.unread: str | None = None
-        """Reason why nothing can be filled in; ``None`` if all is well."""
+        """Reason why nothing can be back-filled, or ``None``."""
         self.cursor = cursor
         self.unmatched: tuple[str, ...] = ()
         self._name, self._peer, self._cell, self._record, self._account = name, peer, cell, record, account
         self._flow = flow
         self._items: deque[Frames | Archived] = deque()
         self._pending: deque[tuple[int, M, bool]] = deque()
-        """Times, UTC ns, messages, and whether these are rows."""
+        """(time in UTC ns, message, True if the message is a row)."""
         self._picker: Picker | None = None
         self._begun = False
         self._newest = 0
@@ -107,23 +107,23 @@ class Forwarder(Generic[M]):
 
     @property
     def troubles(self) -> Sequence[str | None]:
-        """Reasons why something is not sent, or ``None``."""
+        """Reasons why entries are not sent; ``None`` for each that does not apply."""
         return self.problem, self.unread, self.cursor.problem
 
     def offer(self, item: Item) -> None:
-        """Queue an item; beyond the room for them the oldest is filled in from the record later."""
+        """Queue an item; when the queue is full, the oldest item is back-filled from the record later."""
         if (isinstance(item, Frames) and len(item)) or (self._flow.results and isinstance(item, Alarm | Task | Energy)):
             self._items.append(item)
             if len(self._items) > BLOCKS:
                 self._forgo_item(self._items.popleft())
 
     def succeed(self, before: Forwarder[M]) -> None:
-        """Go on where the one before ended, with what it was offered since."""
+        """Continue from the position of ``before``, with the items that it still had queued."""
         self.cursor.succeed(before.cursor)
         self._items.extendleft(reversed(before._items))
 
     async def run(self) -> None:
-        """Send until cancelled, then once more, and keep what is left to be filled in."""
+        """Send until cancelled, then once more; store the remaining entries as owed."""
         await self.cursor.open()
         try:
             await until_one_ends(self._serve(), self.cursor.keep())
@@ -142,10 +142,10 @@ class Forwarder(Generic[M]):
                 filling = time.monotonic() >= self._not_before and self._due() is not None
                 await asyncio.sleep(0.0 if filling else min(self._flow.every, 1.0))
 
-    # what is new ----------------------------------------------------------------------------------
+    # new items -----------------------------------------------------------------------------------
 
     async def _collect(self) -> None:
-        """Put what was offered into messages, a few at a time: after an attempt that hung there are many."""
+        """Convert queued items into messages, a few at a time: after an attempt that hung there are many."""
         for n in range(1, len(self._items) + 1):
             item = self._items.popleft()
             if isinstance(item, Frames):
@@ -186,7 +186,7 @@ class Forwarder(Generic[M]):
             self._account.owed += 1
 
     def _begin(self, first: int, span: int) -> None:
-        """Leave the first row, of whose span we may have seen a part, and what came before it to the record."""
+        """Owe the first row, whose span may have begun before this start, and everything before it."""
         reached = self.cursor.reached
         since = first - span if reached is None else reached if self.cursor.ended else reached - MARGIN
         self.cursor.owe(min(since, first - span), first)
@@ -199,7 +199,7 @@ class Forwarder(Generic[M]):
             self._forgo(time_of(item), 0)
 
     def _forgo(self, end: int, entries: int, start: int | None = None) -> None:
-        """Leave what is not sent to the record, whole rows of it; without one it is lost."""
+        """Owe whole rows that are not sent, to be read from the record; without a record they are lost."""
         self._account.owed -= entries
         if self._record is None:
             self._account.expect(1 - entries)
@@ -223,14 +223,14 @@ class Forwarder(Generic[M]):
                 self._pending.extendleft(reversed(batch))
         if sent:
             self._account.owed -= len(batch)
-            # A result tells nothing of the rows before it: they may still be owed by an earlier start.
+            # A result does not prove that the rows before it were delivered: an earlier start may still owe them.
             for at in [at for at, _, is_row in batch if is_row][-1:]:
                 self.cursor.deliver(at)
 
-    # what was missed ------------------------------------------------------------------------------
+    # back-fill ------------------------------------------------------------------------------------
 
     def _due(self) -> tuple[int, int] | None:
-        """The next span that is to be filled in, as far as the record has it by now."""
+        """The next span to back-fill, as far as the record has it by now."""
         span = self.cursor.first
         if span is None or self._record is None or time.monotonic() < self._fill_from:
             return None
@@ -261,19 +261,19 @@ class Forwarder(Generic[M]):
             sent += len(batch)
             self._account.count(f"{self._name}: entries filled in", len(batch))
             left = entries[first + len(batch) :]
-            until = (left[0][0] - 1) // self._span * self._span if left else part.until  # whole rows alone are read
-            if until > after:  # at once: what is sent and what is paid go together
+            until = (left[0][0] - 1) // self._span * self._span if left else part.until  # only whole rows are read
+            if until > after:  # at once: the cursor never lags behind what was sent
                 self.cursor.pay(after, until, sent)
                 after, sent = until, 0
             await self._collect()
-            while self._pending and time.monotonic() >= self._not_before:  # what is new goes first
+            while self._pending and time.monotonic() >= self._not_before:  # new items first
                 await self._send_live()
         self.cursor.pay(after, part.until)
         if part.waits:
             self._fill_from = time.monotonic() + 1.0
 
     async def _send(self, messages: Sequence[M]) -> bool:
-        """Send messages; false where the peer takes nothing now."""
+        """Send messages; false if the peer accepts nothing now."""
         try:
             refused = await self._peer.send(messages)
         except NotNowError as error:
@@ -290,7 +290,7 @@ class Forwarder(Generic[M]):
         return True
 
     async def _end(self) -> None:
-        """Send what waits, once; leave the rest to the record."""
+        """Send the waiting messages once; owe the rest."""
         await self._collect()
         if self._pending and time.monotonic() >= self._not_before:
             try:
@@ -300,21 +300,21 @@ class Forwarder(Generic[M]):
                 self._account.count(f"{self._name}: last attempt given up")
         while self._pending:
             self._forgo(self._pending.popleft()[0], 1)
-        # Where not even a row came, what an earlier start did not say is still to be said.
+        # Without a single row in this start, the entries that an earlier start did not send are still owed.
         await self.cursor.write(ended=self._begun or self.cursor.ended)
 
 
 class ForwardSettings(OutletSettings, Flow):
-    """Settings of an outlet that forwards: derive yours, and add what your peer needs."""
+    """Settings of a forwarding outlet: derive your class and add the settings of your peer."""
 
 
 F = TypeVar("F", bound=ForwardSettings)
 
 
 class ForwardOutlet(Outlet[F], Peer[M], Generic[F, M]):
-    """An outlet that only says what a message is (``row``, ``result``) and how it is sent (``send``), see ``Peer``.
+    """An outlet that only defines messages (``row``, ``result``) and how they are sent (``send``), see ``Peer``.
 
-    It has what the record has: order, each at least once, what was missed beside what is new, limits, health, and an
+    The base class provides order, delivery at least once, back-fill beside new rows, limits, health, and an
     account whose residue is 0: expected = received + missed + owed.
     """
 
@@ -325,12 +325,12 @@ class ForwardOutlet(Outlet[F], Peer[M], Generic[F, M]):
 
     @property
     def place(self) -> str:
-        """The peer's address: to another one nothing that this one has is owed."""
+        """Address of the peer. A changed address starts with nothing owed."""
         return ""
 
     @asynccontextmanager
     async def opened(self) -> AsyncIterator[None]:
-        """Hold what ``send`` needs, such as a connection, while the outlet runs. Raises ``OutletError``."""
+        """Hold open what ``send`` needs, such as a connection, while the outlet runs. Raises ``OutletError``."""
         yield
 
     def offer(self, item: Item) -> None:
@@ -338,15 +338,15 @@ class ForwardOutlet(Outlet[F], Peer[M], Generic[F, M]):
         self._forwarder.offer(item)
 
     def health(self, status: Mapping[str, Any]) -> None:
-        """Nothing of it is sent."""
+        """Health is not sent."""
 
     def succeed(self, before: Outlet[Any]) -> None:
-        """Go on where the outlet before ended."""
+        """Continue from the position of the previous outlet."""
         if isinstance(before, ForwardOutlet):
             self._forwarder.succeed(before._forwarder)
 
     def trouble(self) -> str | None:
-        """Reason why the peer takes nothing, or nothing can be filled in."""
+        """Reason why the peer accepts nothing, or nothing can be back-filled."""
         return "; ".join(filter(None, self._forwarder.troubles)) or None
 
     async def run(self) -> None:
@@ -362,7 +362,7 @@ def framed_record(view: CellView) -> Path | None:
 
 
 def cursor_of(view: CellView, name: str, account: Account, place: str = "") -> Cursor:
-    """The cursor of the outlet of that name, in a file beside the record; in memory alone where that has no frames."""
+    """The cursor of an outlet, in a file beside the record; in memory only if the record has no frames."""
     record = framed_record(view)
     path = None if record is None else record / f"{plain_cell(view.cell)}.{plain_cell(name)}.json"
     return Cursor(path, account, place)

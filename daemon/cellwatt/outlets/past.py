@@ -1,4 +1,4 @@
-"""Rows and results of the past, out of the record. Blocks: never call it on an event loop."""
+"""Past rows and results, read from the record. Blocks: never call it on an event loop."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from cellwatt.record.survey import survey
 from cellwatt.results import Alarm, Energy, Task
 
 ARCHIVED: Final = {"alarms": Alarm, "tasks": Task, "energies": Energy}
-"""Results that are filled in, by table."""
+"""Types of the results that are back-filled, by table."""
 Archived = Alarm | Task | Energy
 LATE: Final = 3600 * 10**9
-"""ns by which the clock of a cell may have been set back between two recordings."""
+"""Largest step back, ns, of the cell's clock between two recordings."""
 BEYOND: Final = 2_000_000_000
-"""ns after a span in which a frame tells that the span is in the record as far as it ever will be."""
+"""A frame within this time, ns, after a span shows that the record of the span is complete."""
 PATIENCE: Final = 30_000_000_000
-"""ns after which a span that has not come to its end in the record never will."""
+"""Time after the end of a span, ns, from which the record of the span counts as complete."""
 WRITTEN: Final = 60.0
-"""s since the last change of an open recording in which it may be that it cannot be read just now."""
+"""Time since the last change of an open recording, s, within which it may be unreadable for a moment."""
 
 
 @dataclass(slots=True)
 class RecordedSpan:
-    """What the record has of a span up to ``until``, in order, its rows in ``units``.
+    """Content of the record from a span up to ``until``, in order, the rows in ``units``.
 
-    ``whole``: there is no more; ``waits``: the record has not got as far yet.
+    ``whole``: the span is complete; ``waits``: the record does not reach its end yet.
     """
 
     until: int
@@ -49,10 +49,10 @@ class RecordedSpan:
 def read(
     folder: Path, cell: str, selection: Selection, after: int, until: int, most: int, *, results: bool = False
 ) -> RecordedSpan:
-    """Rows after ``after`` up to ``until`` UTC ns, the first ``most`` of them, and the results up to the last.
+    """The first ``most`` rows after ``after`` up to ``until``, UTC ns, and the results up to the last row.
 
-    Raises ``OSError`` where the folder cannot be read, and ``RecordingError`` where that is so of the recording that is
-    being written; what else is damaged in it, or gone, is left out.
+    Raises ``OSError`` if the folder cannot be read, ``RecordingError`` if the recording being written cannot be read;
+    other damaged or deleted recordings are skipped.
     """
     recordings = list(_recordings(folder, cell, after, until))[::-1]
     part = _rows(recordings, selection, after, until, most)
@@ -91,7 +91,7 @@ def _rows(recordings: list[Recording], selection: Selection, after: int, until: 
 
 
 def _recordings(folder: Path, cell: str, after: int, until: int) -> Iterator[Recording]:
-    """Recordings in which there may be something of the span, the newest first."""
+    """Recordings that may overlap the span, the newest first."""
     for kept in reversed(listing(folder, cell)):
         if kept.name.session > until:
             continue
@@ -105,7 +105,7 @@ def _recordings(folder: Path, cell: str, after: int, until: int) -> Iterator[Rec
 
 
 def opened(path: Path) -> Recording | None:
-    """A recording as far as it is on disk; ``None`` where nothing can be read of it, or it is gone by now."""
+    """A recording as far as it is on disk; ``None`` if nothing in it can be read or the file no longer exists."""
     try:
         return Recording([survey(path, chunks=False)])
     except (RecordingError, FileNotFoundError):

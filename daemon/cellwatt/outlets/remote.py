@@ -1,4 +1,4 @@
-"""The server that an outlet sends to: whom we trust, why nothing came of it, and when it may be tried again."""
+"""The server that an outlet sends to: trusted authorities, reasons of failures, and when to try again."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from typing import Final
 from cellwatt.errors import OutletError, why
 
 LONGEST_WAIT: Final = 3600.0
-"""Most of what a server may ask us to wait, s."""
+"""Longest wait that a server may request, s."""
 
 
 class NotNowError(OutletError):
-    """The peer takes nothing now; ``wait`` is the time, s, after which to try again, where the peer says so."""
+    """The peer accepts nothing now; ``wait`` is the time, s, after which to try again, if the peer gives one."""
 
     def __init__(self, reason: str, wait: float | None = None) -> None:
         super().__init__(reason)
@@ -25,7 +25,7 @@ class NotNowError(OutletError):
 
 
 def trust(ca: Path | None) -> ssl.SSLContext:
-    """TLS that trusts an authority (PEM), or those of the system. Reads files. Raises ``NotNowError``."""
+    """A TLS context that trusts an authority (PEM), or those of the system. Reads files. Raises ``NotNowError``."""
     try:
         context = ssl.create_default_context(cafile=ca)
     except ssl.SSLError as error:
@@ -37,7 +37,7 @@ def trust(ca: Path | None) -> ssl.SSLContext:
 
 
 def unreached(error: Exception) -> str:
-    """Reason why a connection failed, in words. aiohttp's errors have the system's within them."""
+    """Reason why a connection failed, as text. aiohttp's errors contain the system's errors."""
     inner = getattr(error, "certificate_error", None) or getattr(error, "os_error", error)
     if isinstance(inner, socket.gaierror):
         return "the host name is not known"
@@ -49,7 +49,7 @@ def unreached(error: Exception) -> str:
 
 
 def wait_of(header: str | None, now: datetime) -> float | None:
-    """Time in s that a ``Retry-After`` asks for: seconds, or a date; ``None`` where it asks for none."""
+    """Wait in s that a ``Retry-After`` header requests as seconds or a date; ``None`` if absent or invalid."""
     if header is None:
         return None
     try:

@@ -1,4 +1,4 @@
-"""The part of a cell's frames that an outlet sends: its channels, rows a second, units and dead bands. Pure."""
+"""The data that an outlet sends from a cell's frames: channels, rows per second, units and dead bands. Pure."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ Flags = NDArray[np.bool_]
 
 
 class Selection(Section):
-    """Channels that an outlet sends, rows a second and units."""
+    """Channels that an outlet sends, rows per second and units."""
 
     channels: Annotated[tuple[str, ...], Field(min_length=1)] = ("*",)
     """Channels of the frames, by name or pattern: ``arm.*.current``."""
     rate: Hertz = 1.0
-    """Rows a second, at most the frames' rate: a row has the means of its span, and the last of what is no measure."""
+    """Rows per second, at most the frames' rate. A row has means over its span; states and counters, last values."""
     units: Units = Units()
-    """Units of what is sent; SI where nothing is said."""
+    """Units of the values sent; SI where no unit is set."""
     dead_band: Mapping[str, Annotated[float, Field(ge=0, allow_inf_nan=False)]] = {}
-    """Smallest change that is sent, in the unit that is sent, by channel or pattern; the first that fits counts."""
+    """Smallest change that is sent, in the unit sent, by channel or pattern; the first pattern that matches applies."""
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """Values of one span of the frames, in the units that are sent.
+    """Values of one span of the frames, in the units sent.
 
-    ``time`` ns UTC is the end of the span, a multiple of its length; ``sequence`` is that of the last frame in it.
-    ``quality`` has the worst ``Quality`` of each channel: ``MISSING`` where ``values`` has none for it, and at least
-    ``INTERPOLATED`` where it was missing for a part of the span.
+    ``time``, UTC ns, is the end of the span, a multiple of its length; ``sequence`` is that of its last frame.
+    ``quality`` has the worst ``Quality`` of each channel: ``MISSING`` if ``values`` lacks the channel, and at least
+    ``INTERPOLATED`` if it was missing during some of the span.
     """
 
     sequence: int
@@ -51,15 +51,15 @@ class Row:
 
     @property
     def worst(self) -> int:
-        """Worst quality of the values that are there; ``MISSING`` where none is."""
+        """Worst quality of the values present; ``MISSING`` if there are none."""
         return max((q for name, q in self.quality.items() if name in self.values), default=int(Quality.MISSING))
 
 
 class Picker:
-    """Makes rows of frames of one layout; the same frames give the same rows, in whatever blocks they come.
+    """Makes rows from frames of one layout; the same frames give the same rows, however they are split into blocks.
 
-    ``units`` are those of the rows by channel, ``unmatched`` the patterns of channels that fit none, ``span`` the time
-    between two rows, ns. A row is given out with the last frame of its span, or with the first after it.
+    ``units``: unit of each channel in the rows; ``unmatched``: patterns that match no channel; ``span``: time between
+    two rows, ns. A row is returned with the last frame of its span, or with the first frame after it.
     """
 
     def __init__(self, selection: Selection, layout: Layout) -> None:
@@ -79,11 +79,11 @@ class Picker:
         self._all = np.ones(len(chosen), bool)
         self._told = np.full(len(chosen), np.nan)
         self._known = np.zeros(len(chosen), bool)
-        """Channels of which anything was told."""
+        """Channels that were sent at least once."""
         self._begun: _Span | None = None
 
     def rows(self, frames: Frames) -> Iterator[Row]:
-        """Rows that are whole with these frames; spans with nothing to tell have none. The iterator must be used up."""
+        """Rows that these frames complete; a span in which no channel changed has none. Exhaust the iterator."""
         if not len(frames) or not len(self._columns):
             return
         number = -(-frames.time // self.span)
@@ -102,14 +102,14 @@ class Picker:
                 yield from self.rest()
 
     def rest(self) -> Iterator[Row]:
-        """The row that was begun, if there is one: for the end of a recording."""
+        """The unfinished row, if there is one: for the end of a recording."""
         span, self._begun = self._begun, None
         if span is not None:
             values = self._shown(np.where(self._mean, span.mean, span.last))
             yield from self._row(span.sequence, span.number, values, span.quality)
 
     def _each(self, frames: Frames, number: NDArray[np.int64]) -> Iterator[Row]:
-        """Rows of one frame each, as those of a ``_Span`` would be, without the sums."""
+        """Rows of one frame each, equal to those of ``_Span``, without its sums."""
         values, quality = frames.values[:, self._columns], frames.quality[:, self._columns]
         there = np.isfinite(values)
         sums = np.where(self._mean, 0.0 + values, values)
@@ -119,7 +119,7 @@ class Picker:
             yield from self._row(frames.sequence + n, of, shown[n], quality[n])
 
     def _shown(self, values: Floats) -> Floats:
-        """Values (…, channels) in the units that are sent."""
+        """Values (…, channels) in the units sent."""
         scaled = values / self._factor
         found: Floats = np.where(self._zero != 0.0, scaled + self._zero, scaled)
         return found
@@ -135,7 +135,7 @@ class Picker:
         yield Row(sequence, number * self.span, numbers, qualities)
 
     def _news(self, values: Floats) -> Flags:
-        """The channels that are to be told: without dead band, new, moved by it, or gone missing or come back."""
+        """Channels to send: without a dead band, new, changed by at least the band, or newly missing or present."""
         turned = np.isfinite(values) != np.isfinite(self._told)
         with np.errstate(invalid="ignore"):
             moved = np.abs(values - self._told) >= self._band
@@ -150,7 +150,7 @@ class Picker:
 
 
 class _Span:
-    """Sums of the frames of one span, each added in turn, so that blocks make no difference."""
+    """Sums over the frames of one span, added one by one, so that the split into blocks does not matter."""
 
     def __init__(self, number: int, channels: int) -> None:
         self.number = number
@@ -174,7 +174,7 @@ class _Span:
 
     @property
     def mean(self) -> Floats:
-        """Means (channels,), NaN where there is no value."""
+        """Means (channels,), NaN for a channel without a value."""
         with np.errstate(invalid="ignore"):
             found: Floats = self._total[0] / np.where(self._count, self._count, np.nan)
         return found
@@ -188,7 +188,7 @@ class _Span:
 
 
 def fits(name: str, patterns: Iterable[str]) -> bool:
-    """True if a name is among the patterns, or fits one."""
+    """True if a name matches one of the patterns."""
     return any(fnmatchcase(name, pattern) for pattern in patterns)
 
 

@@ -1,4 +1,4 @@
-"""Works that go on together until one of them ends."""
+"""Runs coroutines together until one of them ends."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 
 async def until_one_ends(*works: Coroutine[Any, Any, None]) -> None:
-    """Do works until the first ends, then cancel the others; raises what the first raised."""
+    """Run coroutines until the first ends, then cancel the others; raises the exception of the first."""
     tasks = [asyncio.create_task(work) for work in works]
     try:
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)

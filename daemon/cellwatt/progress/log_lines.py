@@ -1,4 +1,4 @@
-"""Lines of the log of a process: without secrets of addresses, and never a flood of the same."""
+"""Log lines of a process, without the secrets in addresses and with a limit on similar lines."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from typing import Final
 from cellwatt.host import blank
 
 SPAN: Final = 60.0
-"""s over which lines of a kind are counted."""
+"""Time, s, over which lines of one kind are counted."""
 MOST: Final = 20
-"""Lines of a kind within ``SPAN``; those beyond are counted, and told with the next one."""
+"""Largest number of lines of one kind within ``SPAN``; further ones are counted, and the count is logged later."""
 KINDS: Final = 500
-"""Kinds that are remembered; the oldest goes."""
+"""Largest number of kinds that are counted; the oldest is discarded."""
 
 
 class LogLines(logging.StreamHandler):  # type: ignore[type-arg]
-    """Writes to stderr. A kind is the logger, the level and the text before its parts are filled in.
+    """Writes to stderr. A kind is the logger, the level and the unformatted message.
 
-    Of a kind, the traceback is written once in ``SPAN``. Debug messages, which somebody asked for, all come.
+    A traceback is written once per kind and ``SPAN``. Debug messages are not limited, as a user enabled them.
     """
 
     def __init__(self) -> None:
@@ -30,7 +30,7 @@ class LogLines(logging.StreamHandler):  # type: ignore[type-arg]
         self._kinds: OrderedDict[tuple[str, int, str], tuple[float, int]] = OrderedDict()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Write a line, unless there were too many like it."""
+        """Write a line, unless the limit of its kind is reached."""
         if record.levelno <= logging.DEBUG:
             super().emit(record)
             return
@@ -59,5 +59,5 @@ class LogLines(logging.StreamHandler):  # type: ignore[type-arg]
 
 
 def log_to_stderr(level: int) -> None:
-    """Have what is logged in this process from a level on written to stderr."""
+    """Write the log messages of this process, from ``level`` on, to stderr."""
     logging.basicConfig(level=level, handlers=[LogLines()])

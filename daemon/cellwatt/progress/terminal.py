@@ -1,4 +1,4 @@
-"""Tables as aligned columns, or a paragraph a row where a terminal is too narrow for them."""
+"""Tables as aligned columns, or with one paragraph per row if the terminal is too narrow."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ NO_BREAK: Final = "\N{NO-BREAK SPACE}"
 
 
 def show_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Print a table on standard output; one too wide for the terminal has a paragraph for each row instead."""
+    """Print a table on standard output; if it is too wide for the terminal, print one paragraph per row."""
     table = [tuple(row) for row in rows]
     lines = aligned([header, *table])
     width = shutil.get_terminal_size().columns
@@ -23,7 +23,7 @@ def show_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
 
 
 def aligned(rows: Sequence[Sequence[str]], *, numbers: bool = False) -> list[str]:
-    """Rows as lines with columns; with ``numbers`` all columns but the first are set to the right."""
+    """Rows as lines with aligned columns; with ``numbers`` all columns but the first are right-aligned."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     right = [numbers and i > 0 for i in range(len(widths))]
     cells = ([c.rjust(w) if r else c.ljust(w) for c, w, r in zip(row, widths, right, strict=True)] for row in rows)
@@ -31,7 +31,7 @@ def aligned(rows: Sequence[Sequence[str]], *, numbers: bool = False) -> list[str
 
 
 def stacked(header: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> str:
-    """Return a paragraph for each row: its first value, then the others behind the names of their columns."""
+    """Return a paragraph per row: its first value, then each other value after the name of its column."""
     lines = []
     for first, *others in rows:
         pairs = zip(header[1:], others, strict=True)

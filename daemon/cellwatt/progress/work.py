@@ -1,8 +1,8 @@
-"""Stages of work inside one another, how far they are, and a bar or lines that say so.
+"""Nested stages of work, their progress, and a bar or lines that show it.
 
-The one that listens is a context variable, not a parameter: the loops that take long lie ten calls below a command, in
-functions that have nothing else to do with a terminal, and the daemon calls the same ones with nobody there. All is
-written to stderr, so that output can be piped.
+The active ``Work`` is a context variable, not a parameter: the long loops are ten calls below a command, in functions
+that have nothing else to do with a terminal, and the daemon calls the same functions without showing progress.
+Progress is written to stderr, so that the output can be piped.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _ERASE: Final = "\r\x1b[2K"
 
 @dataclass(eq=False)
 class Stage:
-    """A part of the work: ``done`` of ``total``, in any unit; a stage inside it does ``share`` of its outer one's."""
+    """A stage of the work: ``done`` of ``total``, in any unit; ``share``: its amount of the outer stage's ``total``."""
 
     name: str
     total: float | None = None
@@ -32,16 +32,16 @@ class Stage:
     began: float = 0.0
 
     def advance(self, amount: float = 1.0, name: str | None = None) -> None:
-        """Count what was done since the last call; from now on the stage is called ``name``."""
+        """Add the ``amount`` done since the last call; rename the stage to ``name``, if given."""
         self.done += amount
         self.name = self.name if name is None else name
 
 
 @dataclass(frozen=True)
 class WorkState:
-    """State of the work as it is shown: ``fraction`` of the outermost stage, and ``left`` s until that ends.
+    """Progress to show: ``fraction`` done of the outermost stage, and time ``left``, s, until it ends.
 
-    None where its total is not known.
+    Both are None if its total is unknown.
     """
 
     text: str
@@ -50,7 +50,7 @@ class WorkState:
 
     @property
     def figures(self) -> str:
-        """Share done and time left, as far as they are known."""
+        """Fraction done and time left as text, ``""`` if unknown."""
         if self.fraction is None:
             return ""
         share = f"{100 * self.fraction:.0f} %"
@@ -58,7 +58,7 @@ class WorkState:
 
 
 class Display:
-    """A line on ``stream`` for each ``show``: with ``live`` over the one before, else with the time since the start."""
+    """Writes a line to ``stream`` per ``show``: ``live`` overwrites the last line, else lines start with the time."""
 
     def __init__(self, stream: TextIO, clock: Callable[[], float] = time.monotonic, *, live: bool = False) -> None:
         self._stream, self._clock, self._live = stream, clock, live
@@ -67,7 +67,7 @@ class Display:
 
     @property
     def interval(self) -> float:
-        """s between two calls of ``show``."""
+        """Time, s, between two calls of ``show``."""
         return 0.2 if self._live else 5.0
 
     def show(self, told: WorkState) -> None:
@@ -82,10 +82,10 @@ class Display:
         self._stream.flush()
 
     def clear(self) -> None:
-        """Take the bar away; lines stay where they are."""
+        """Erase the bar; lines are not erased."""
         if self._drawn:
             self._drawn = False
-            with suppress(OSError, ValueError):  # nobody is there any more
+            with suppress(OSError, ValueError):  # the stream is closed
                 self._stream.write(_ERASE)
                 self._stream.flush()
 
@@ -97,10 +97,10 @@ class Display:
 
 
 class Work:
-    """The stages that are open, outermost first, and what shows them.
+    """The open stages, outermost first, and their display.
 
-    A thread looks at them now and then: a single long computation does not hold up what is shown. It begins with the
-    first stage, so that short commands have none, and ends with ``close``.
+    A thread updates the display at intervals, so that a long computation does not block it. The first stage starts the
+    thread, so that short commands do without; ``close`` ends it.
     """
 
     def __init__(
@@ -115,7 +115,7 @@ class Work:
         self._thread: Thread | None = None
 
     def enter(self, stage: Stage) -> None:
-        """Begin a stage inside the ones that are open."""
+        """Begin a stage inside the innermost open stage."""
         stage.began = self._clock()
         self._open = (*self._open, stage)
         if self._thread is None:
@@ -123,7 +123,7 @@ class Work:
             self._thread.start()
 
     def leave(self, stage: Stage, outer: Stage | None, before: float) -> None:
-        """End a stage and what was left open inside it; ``outer`` had done ``before`` when it began."""
+        """End a stage and all stages inside it; ``before`` is what ``outer`` had done when the stage began."""
         if stage not in self._open:
             return
         if outer is not None:
@@ -138,7 +138,7 @@ class Work:
         return self._open[-1] if self._open else None
 
     def told(self) -> WorkState | None:
-        """State of the work now; None where no stage is open."""
+        """Current progress; None if no stage is open."""
         stages = self._open
         if not stages:
             return None
@@ -151,13 +151,13 @@ class Work:
 
     @contextmanager
     def aside(self) -> Iterator[None]:
-        """Clear what is shown, until output of another kind is written."""
+        """Clear the display while other output is written."""
         with self._lock:
             self._display.clear()
             yield
 
     def close(self) -> None:
-        """End the thread and clear what is shown."""
+        """End the thread and clear the display."""
         self._over.set()
         if self._thread is not None:
             self._thread.join()
@@ -173,7 +173,7 @@ class Work:
                 try:
                     if (told := self.told()) is not None:
                         self._display.show(told)
-                except (OSError, ValueError):  # a pipe or a file that is closed: no reason to end the work
+                except (OSError, ValueError):  # a closed pipe or file must not end the work
                     return
 
 
@@ -182,7 +182,7 @@ _LISTENING: ContextVar[Work | None] = ContextVar("listening", default=None)
 
 @contextmanager
 def listening(work: Work) -> Iterator[Work]:
-    """Let ``work`` take the stages that are begun inside."""
+    """Make ``work`` receive the stages that begin inside the block."""
     token = _LISTENING.set(work)
     try:
         yield work
@@ -193,7 +193,7 @@ def listening(work: Work) -> Iterator[Work]:
 
 @contextmanager
 def show_progress(quiet: bool = False) -> Iterator[None]:
-    """Show the work that is done inside: a bar where stderr is a terminal, else a line every 5 s; none if ``quiet``.
+    """Show the progress of work in the block: a bar if stderr is a terminal, else a line every 5 s; not if ``quiet``.
 
     with cw.show_progress():
         found = cw.explain("runs", robot="robot.yaml")
@@ -205,7 +205,7 @@ def show_progress(quiet: bool = False) -> Iterator[None]:
 
 @contextmanager
 def stage(name: str, total: float | None = None, share: float = 1.0) -> Iterator[Stage]:
-    """Tell of a stage of the work; inside another one it does ``share`` of its total."""
+    """Show a stage of the work; inside another stage it accounts for ``share`` of that stage's total."""
     work, new = _LISTENING.get(), Stage(name, total, share)
     if work is None:
         yield new
@@ -225,7 +225,7 @@ def steps(
     label: Callable[[T], str] | None = None,
     share: float = 1.0,
 ) -> Iterator[T]:
-    """Iterate, telling ``name`` and the number of each item, e.g. "fold 3 of 5", or "``label`` (3 of 5)"."""
+    """Iterate and show ``name`` and the number of each item, e.g. "fold 3 of 5", or ``name`` and ``label``."""
     if _LISTENING.get() is None:
         yield from items
         return
@@ -245,7 +245,7 @@ def aside() -> AbstractContextManager[None]:
 
 
 def duration(seconds: float) -> str:
-    """A time as people say it: "25 s", "12 min", "2.5 h"."""
+    """A duration as text: "25 s", "12 min", "2.5 h"."""
     if seconds < 100:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"

@@ -1,8 +1,8 @@
-"""Recordings: written first, crash-safe, read back exactly.
+"""Recordings: crash-safe MCAP files, read back exactly.
 
 Recorder    takes items from the event loop and writes MCAP files
 Recording   reads files back, in the order and blocks in which they were recorded
-History     answers questions about the past while recording goes on
+History     answers questions about the past during recording
 """
 
 from cellwatt.record.header import Header

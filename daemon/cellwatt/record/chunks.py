@@ -1,4 +1,4 @@
-"""Reading MCAP records that may be damaged: everything raises ``ValueError`` in words, nothing else."""
+"""Reads MCAP records that may be damaged: every fault raises ``ValueError`` with a reason in words."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from mcap.records import Attachment, AttachmentIndex, Channel, McapRecord, Schem
 from cellwatt.record.container import CHUNK_HEAD, MAGIC, MESSAGE_HEAD, RECORD, TAIL, Contents, read_chunk_index
 
 LARGEST_CHUNK = 1 << 25
-"""Bytes; a chunk that unpacks to more is damaged or was made to fill the memory. The recorder's have some 2**20 and the
-last block put in, other writers' usually up to 2**23.
+"""Largest uncompressed size of a chunk in bytes; a larger one is damaged or made to fill the memory. Chunks of the
+recorder have some 2**20 plus the last block, those of other writers usually up to 2**23.
 """
 LARGEST_RECORD = LARGEST_CHUNK + (1 << 20)
-"""Bytes of any record of a file as it stands on disk."""
+"""Largest size of a record on disk in bytes."""
 
 LARGEST_SUMMARY = 1 << 28
-"""Bytes behind the data of a file: definitions, and some 300 for each chunk."""
+"""Largest size of a summary in bytes: definitions, and some 300 bytes for each chunk."""
 
 SHORTEST_MESSAGE = MESSAGE_HEAD.size + 8
-"""Bytes in front of a message's data; the publish time is the last of them."""
+"""Bytes before a message's data; the publish time is the last of them."""
 
 DEFINED: Final[Mapping[int, type[Schema | Channel]]] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel}
 
@@ -40,7 +40,7 @@ R = TypeVar("R", bound=McapRecord)
 
 
 def parse(kind: type[R], body: bytes) -> R:
-    """A schema, channel or entry of the summary from its body."""
+    """Decode a schema, channel or entry of the summary from its body."""
     reader: Any = kind
     try:
         record: R = reader.read(ReadDataStream(BytesIO(body)))
@@ -50,7 +50,7 @@ def parse(kind: type[R], body: bytes) -> R:
 
 
 def parse_attachment(body: bytes) -> Attachment:
-    """An attachment, its checksum compared."""
+    """Decode an attachment and compare its checksum."""
     if len(body) < 4 or zlib.crc32(body[:-4]) != struct.unpack("<I", body[-4:])[0]:
         raise ValueError("an attachment's checksum is wrong")
     return parse(Attachment, body)
@@ -66,7 +66,7 @@ class Opened(NamedTuple):
 
 
 def open_chunk(body: bytes) -> Opened:
-    """A chunk from the body of its record, its checksum compared."""
+    """Decode a chunk from the body of its record and compare its checksum."""
     try:
         start, end, size, crc = CHUNK_HEAD.unpack_from(body)
         at = CHUNK_HEAD.size
@@ -88,7 +88,7 @@ _threads = threading.local()
 
 
 def _decompressor() -> zstandard.ZstdDecompressor:
-    """One a thread: making them costs more than a small chunk, and they must not be shared."""
+    """One per thread: creating one costs more than a small chunk, and threads must not share one."""
     found: zstandard.ZstdDecompressor | None = getattr(_threads, "decompressor", None)
     if found is None:
         found = _threads.decompressor = zstandard.ZstdDecompressor()
@@ -101,7 +101,7 @@ def _decompress(packed: bytes, compression: bytes, size: int) -> bytes:
     if compression != b"zstd":
         raise ValueError(f"a chunk is compressed with {compression[:20]!r}, not zstd")
     try:
-        # A damaged frame may ask for any amount of memory: what it claims is compared first.
+        # A damaged frame may ask for any amount of memory: its declared size is compared first.
         if zstandard.get_frame_parameters(packed).content_size != size:
             raise ValueError("a chunk's size is wrong")
         return _decompressor().decompress(packed, max_output_size=size)
@@ -121,7 +121,7 @@ class Walk:
     last: dict[int, int] = field(default_factory=dict)
 
     def index(self) -> dict[int, bytes]:
-        """The pairs as message indexes hold them."""
+        """The pairs in the form of message indexes."""
         return {channel: np.asarray(pairs, "<u8").tobytes() for channel, pairs in self.pairs.items()}
 
     def counts(self) -> dict[int, int]:
@@ -162,19 +162,19 @@ def walk(data: bytes) -> Walk:
 
 
 def definitions(data: bytes) -> list[Schema | Channel]:
-    """Schema and channel records that stand one behind the other; others are passed over."""
+    """Schemas and channels of consecutive records; other records are ignored."""
     return [found for opcode, at, length in records_in(data) for found in definition(opcode, data[at : at + length])]
 
 
 def definition(opcode: int, body: bytes) -> list[Schema | Channel]:
-    """The schema or channel that a record holds; nothing of a record of another kind."""
+    """The schema or channel that a record holds; empty for records of other kinds."""
     return [parse(DEFINED[opcode], body)] if opcode in DEFINED else []
 
 
 def read_at(file: FileIO, length: int, offset: int) -> bytes:
-    """Up to ``length`` bytes, as far as the file goes; none where the disk cannot read them."""
+    """Up to ``length`` bytes, limited by the end of the file; empty if the disk cannot read them."""
     try:
-        # A damaged file may ask for any length: what is not there takes no memory.
+        # A damaged file may ask for any length: memory is allocated only for bytes that exist.
         there = os.fstat(file.fileno()).st_size - offset
         return os.pread(file.fileno(), min(length, there), offset) if there > 0 else b""
     except OSError:
@@ -182,7 +182,7 @@ def read_at(file: FileIO, length: int, offset: int) -> bytes:
 
 
 def read_summary(file: FileIO, *, chunks: bool = True) -> Contents | None:
-    """The summary at a file's end; ``None`` where there is none or its checksum is wrong. Raises ``OSError``."""
+    """The summary at a file's end; ``None`` if there is none or its checksum is wrong. Raises ``OSError``."""
     size = os.fstat(file.fileno()).st_size
     tail = read_at(file, TAIL, max(size - TAIL, 0))
     if len(tail) < TAIL or not tail.endswith(MAGIC) or tail[0] != Opcode.FOOTER:

@@ -1,7 +1,7 @@
 """The MCAP container as bytes: whole chunks with their indexes, and the end of a file.
 
-Written here rather than with ``mcap.writer.Writer``, which takes one message a call: blocks of records go
-in as they are, a chunk and its indexes leave in one piece, and a torn file can be closed behind its last
+Written here rather than with ``mcap.writer.Writer``, which takes one message a call: blocks of records are
+written as they are, a chunk and its indexes in one piece, and a torn file can be closed after its last
 whole chunk. Layout: https://mcap.dev/spec.
 """
 
@@ -34,7 +34,7 @@ from mcap.records import (
 
 MAGIC = b"\x89MCAP0\r\n"
 RECORD = struct.Struct("<BQ")
-"""Every record: opcode, length of what follows."""
+"""Head of every record: opcode, length of the body."""
 CHUNK_HEAD = struct.Struct("<QQQI")
 """Earliest and latest log time, uncompressed size, CRC-32 of the uncompressed records."""
 MESSAGE_HEAD = struct.Struct("<HIQ")
@@ -46,7 +46,7 @@ TAIL = 9 + 20 + len(MAGIC)
 
 
 class Chunk(NamedTuple):
-    """Place of a chunk in its file; ``indexes`` holds (channel, offset of its message index)."""
+    """Position of a chunk in its file; ``indexes`` holds (channel, offset of its message index)."""
 
     offset: int
     length: int
@@ -59,26 +59,26 @@ class Chunk(NamedTuple):
 
 
 class Chunks(Sequence[Chunk]):
-    """The chunks of a file in order, kept as the summary's records: a tenth of the memory that objects take."""
+    """The chunks of a file in order, stored as records of the summary: a tenth of the memory of objects."""
 
     def __init__(self) -> None:
         self._records: list[bytes] = []
         self._holding: dict[int, array[int]] = {}
 
     def append(self, chunk: Chunk) -> None:
-        """One more chunk behind the others; another thread may read meanwhile."""
+        """Append a chunk; another thread may read meanwhile."""
         self._records.append(chunk_index(chunk))
         for channel, _ in chunk.indexes:
             self._holding.setdefault(channel, array("L")).append(len(self._records) - 1)
 
     def holding(self, channel: int) -> Sequence[Chunk]:
-        """Those in which a channel has messages, as of now."""
+        """The present chunks in which a channel has messages."""
         found = Chunks()
         found._records = [self._records[at] for at in self._holding.get(channel, ())]
         return found
 
     def record(self) -> bytes:
-        """All of them as the summary holds them."""
+        """All chunks as bytes of the summary."""
         return b"".join(self._records)
 
     def __len__(self) -> int:
@@ -109,7 +109,7 @@ class Contents:
     end: int = 0
 
     def add_chunk(self, chunk: Chunk, counts: Mapping[int, int]) -> None:
-        """One more chunk at the end of the file."""
+        """Add a chunk at the end of the file."""
         self.start = min(self.start, chunk.start) if self.chunks else chunk.start
         self.end = max(self.end, chunk.end)
         self.chunks.append(chunk)
@@ -124,7 +124,7 @@ class Contents:
         return found
 
     def define(self, records: Iterable[Schema | Channel]) -> None:
-        """Schemas and channels found in a chunk."""
+        """Add schemas and channels found in a chunk."""
         for record in records:
             if isinstance(record, Schema):
                 self.schemas[record.id] = record
@@ -133,7 +133,7 @@ class Contents:
 
 
 def record_bytes(record: McapRecord) -> bytes:
-    """Any MCAP record as it stands in a file."""
+    """Encode an MCAP record."""
     builder: Any = RecordBuilder()
     record.write(builder)
     return bytes(builder.end())
@@ -144,7 +144,7 @@ PRELUDE = MAGIC + record_bytes(Header(profile="", library="cellwatt"))
 
 
 def framed(opcode: int, body: bytes) -> bytes:
-    """A record from its body."""
+    """Encode a record from its body."""
     return RECORD.pack(opcode, len(body)) + body
 
 
@@ -163,7 +163,7 @@ def attachment(name: str, media_type: str, time: int, data: bytes, offset: int) 
 
 
 def attachment_index(made: Attachment, offset: int, length: int) -> AttachmentIndex:
-    """The entry in the summary of an attachment, whose record of ``length`` bytes stands at ``offset``."""
+    """The summary's entry of an attachment whose record of ``length`` bytes is at ``offset``."""
     return AttachmentIndex(
         offset=offset,
         length=length,
@@ -194,7 +194,7 @@ def chunk_bytes(
 
 
 def message_indexes(index: Mapping[int, bytes], offset: int) -> tuple[bytes, tuple[tuple[int, int], ...]]:
-    """The message index records that follow a chunk, and where each stands."""
+    """The message index records that follow a chunk, and the offset of each by channel."""
     out, places = bytearray(), []
     for channel, pairs in index.items():
         places.append((channel, offset + len(out)))
@@ -214,7 +214,7 @@ def chunk_index(chunk: Chunk) -> bytes:
 
 
 def read_chunk_index(body: bytes) -> Chunk:
-    """A chunk's place back from its record in the summary; raises ``struct.error``."""
+    """Decode a chunk's position from its record in the summary; raises ``struct.error``."""
     start, end, offset, length, size = _CHUNK_INDEX.unpack_from(body)
     at = _CHUNK_INDEX.size
     places = tuple(struct.unpack_from("<HQ", body, p) for p in range(at, at + size, 10))
@@ -224,7 +224,7 @@ def read_chunk_index(body: bytes) -> Chunk:
 
 
 def closing(contents: Contents, offset: int) -> bytes:
-    """Everything from the end of the data section on, to be written at ``offset``."""
+    """The end of the data section, the summary and the footer, to be written at ``offset``."""
     data_end = record_bytes(DataEnd(0))
     start = offset + len(data_end)
     statistics = Statistics(

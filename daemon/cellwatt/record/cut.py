@@ -1,4 +1,4 @@
-"""Cutting a span of time out of the record into one file, also while the record is written."""
+"""Copies a span of time from the record into one file, also while the record is written."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from cellwatt.record.survey import utc
 
 @dataclass(frozen=True, slots=True)
 class Cut:
-    """File that was cut out: ``start`` and ``end`` (UTC ns) are those of what is in it.
+    """A file cut out of the record; ``start`` and ``end`` (UTC ns) are those of its contents.
 
-    ``sources`` are the files that it came from; ``lost`` says what of them could not be read, a line each.
+    ``sources`` are the files that it was cut from; ``lost`` has a line for each part of them that is unreadable.
     """
 
     path: Path
@@ -36,13 +36,13 @@ class Cut:
 
 
 def cut(folder: Path, cell: str, start: int, end: int, to: Path, *, reserve: float = 0.0) -> Cut:
-    """Write what a cell recorded into ``folder`` from ``start`` to ``end`` (UTC ns) to the file ``to``.
+    """Write the recordings of a cell in ``folder`` from ``start`` to ``end`` (UTC ns) to the file ``to``.
 
-    It holds everything that a recording does and opens as one. It appears under its name once it is whole; a file
-    that is there already is replaced. Its header is that of the newest file in the span. The caller may stop at any
-    time, for ``to`` with ``.part`` behind it is written anew. ``reserve`` bytes of the disk stay free.
+    The file is a complete recording. It appears under its name once it is whole, and replaces an existing file.
+    Its header is that of the newest file in the span. The caller may be interrupted at any time: a partial file
+    (suffix ``.part``) is overwritten by the next call. ``reserve`` bytes of the disk stay free.
 
-    Raises ``RecordingError`` where nothing was recorded in that span or the file cannot be written.
+    Raises ``RecordingError`` if nothing was recorded in that span or the file cannot be written.
     """
     files = [kept.path for kept in files_of(folder, cell)]
     if not files:
@@ -60,9 +60,9 @@ def cut(folder: Path, cell: str, start: int, end: int, to: Path, *, reserve: flo
 
 
 def write_file(to: Path, header: Header, items: Iterable[tuple[Header, Item]], reserve: float = 0.0) -> OpenFile:
-    """Write items, each with the header of its recording, to the file ``to``: there whole, or where it is empty not.
+    """Write items, each with the header of its recording, to the file ``to``, atomically; without items no file.
 
-    Raises ``RecordingError`` where it cannot be written.
+    Raises ``RecordingError`` if it cannot be written.
     """
     try:
         to.parent.mkdir(parents=True, exist_ok=True)
@@ -83,7 +83,7 @@ def write_file(to: Path, header: Header, items: Iterable[tuple[Header, Item]], r
 def _fill(file: OpenFile, items: Iterable[tuple[Header, Item]], reserve: float) -> None:
     session, encoder = -1, Encoder(file)
     for header, item in items:
-        if header.session != session:  # numbers of samples begin anew
+        if header.session != session:  # sample numbers restart
             session, encoder = header.session, Encoder(file)
         try:
             encoder.add(item)

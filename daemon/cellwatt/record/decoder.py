@@ -1,4 +1,4 @@
-"""Items back from the chunks of a file."""
+"""Decodes items from the chunks of a file."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from cellwatt.record.rows import FrameRows, SampleRows, declared_rows
 
 _KINDS = {topic: kind for kind, topic in messages.TOPICS.items()}
 _LATEST_FIRST = 1 << 62
-"""Numbers from here on would soon not fit 64 bits."""
-_LONGEST = 200  # characters of what is wrong with a declaration
+"""Upper limit of first numbers, so that later ones fit 64 bits."""
+_LONGEST = 200  # characters of the fault of a declaration
 
 
 @dataclass(frozen=True, slots=True)
 class Track:
     """Reader of one channel: ``rows`` of blocks that begin at sequence number ``first``, or JSON of a ``kind``.
 
-    ``series`` is what the numbers run over: the topic, of results and events their series; None: they have no numbers.
+    ``series`` is what the numbers count within: the topic, or the series of results and events; None: no numbers.
     """
 
     topic: str
@@ -35,7 +35,7 @@ class Track:
 
 
 def track_of(channel: Channel) -> Track | None:
-    """Return the reader of a channel; ``None`` if it is not one of ours. Raises ``ValueError`` if it is damaged."""
+    """Return the reader of a channel; ``None`` if it is not cellwatt's. Raises ``ValueError`` if it is damaged."""
     topic, said = channel.topic, channel.metadata
     kind = _KINDS.get(topic)
     if kind is None and "declaration" not in said:
@@ -58,7 +58,7 @@ def track_of(channel: Channel) -> Track | None:
 
 
 def tracks_of(channels: Mapping[int, Channel]) -> tuple[dict[int, Track], list[str]]:
-    """Return readers of all channels that are ours, by number, and the faults of those that are damaged."""
+    """Return readers of all channels of cellwatt, by number, and the faults of damaged channels."""
     found: dict[int, Track] = {}
     wrong: list[str] = []
     for number, channel in channels.items():
@@ -82,9 +82,9 @@ def streams_of(tracks: Iterable[Track]) -> dict[str, tuple[Stream, ...]]:
 
 
 def numbered(data: bytes, tracks: Mapping[int, Track], wanted: Container[int]) -> Iterator[tuple[int, Item]]:
-    """The items of a chunk's records in order, of the channels in ``wanted`` that ``tracks`` knows, with their numbers.
+    """Items of a chunk in order with their numbers, for the channels in ``wanted`` that ``tracks`` knows.
 
-    The number of a block is that of its first row. Raises ``ValueError`` where a record does not fit its channel.
+    The number of a block is that of its first row. Raises ``ValueError`` if a record does not fit its channel.
     """
     at, end = 0, len(data)
     while at + FRAMED_MESSAGE.size <= end:
@@ -101,5 +101,5 @@ def numbered(data: bytes, tracks: Mapping[int, Track], wanted: Container[int]) -
             assert track.kind is not None
             body = data[at + FRAMED_MESSAGE.size : at + 9 + length]
             at += 9 + length
-            # The file has the lowest 32 bits of a number.
+            # The file stores the lowest 32 bits of a number.
             yield track.first + (sequence - track.first & 0xFFFFFFFF), messages.decode(track.kind, body)

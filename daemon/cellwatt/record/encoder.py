@@ -24,16 +24,16 @@ PACKAGE = "cellwatt"
 
 
 class Redeclared(Exception):  # noqa: N818
-    """A topic now carries another stream or layout: it needs a new file."""
+    """The stream or layout of a topic has changed, which needs a new file."""
 
 
 def topic_of(source: str, stream: str) -> str:
-    """Topic under which samples of a stream are filed."""
+    """Topic of the samples of a stream."""
     return f"/raw/{source}/{stream}"
 
 
 def topic_of_block(block: Batch | Frames) -> str:
-    """Topic under which a block is filed."""
+    """Topic of a block."""
     return topic_of(block.source, block.stream.name) if isinstance(block, Batch) else FRAME_TOPIC
 
 
@@ -47,9 +47,9 @@ class Encoder:
         self._names: list[str] = []
 
     def add(self, item: Item, number: int | None = None) -> None:
-        """Take one item into the file's chunk, wholly or not at all; ``number`` is that of a result or event.
+        """Add one item to the file's chunk, wholly or not at all; ``number`` is that of a result or event.
 
-        Raises ``Redeclared``, or ``ValueError`` where its contents cannot be written.
+        Raises ``Redeclared``, or ``ValueError`` if its contents cannot be encoded.
         """
         if isinstance(item, Batch | Frames):
             self._add_block(item)
@@ -78,7 +78,7 @@ class Encoder:
         return self._file.define(topic, "protobuf", schema, {**rows.declaration, **about})
 
     def _add_message(self, message: messages.Message, given: int | None) -> None:
-        """Under its number; where it was given none, in a channel of its own, as the next of it."""
+        """Add a message under its number; without one, under the next number of a separate channel."""
         kind = type(message)
         topic, data, time = messages.TOPICS[kind], messages.encode(message), messages.time_of(message)
         series = series_of(message) if given is not None and isinstance(message, Result | Event) else None
@@ -95,7 +95,7 @@ class Encoder:
 def described(
     channels: Sequence[Channel | FrameChannel], fields: tuple[protobuf.Field, ...]
 ) -> dict[str, dict[str, Any]]:
-    """Field name → the channel's true name and unit, for people and other tools."""
+    """The channel's full name and unit by field name, for people and other tools."""
     return {
         field.name: {"channel": channel.name, "unit": channel.unit}
         for field, channel in zip(fields, channels, strict=True)

@@ -1,4 +1,4 @@
-"""The files of one session, one open at a time, and what happens when the disk refuses."""
+"""The files of one session, one open at a time, and the handling of disk errors."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ RETAIN_EVERY = 60.0
 
 
 class Entry(NamedTuple):
-    """An item on its way to disk: its ``size`` in memory, and the ``n`` messages it becomes under ``topic``.
+    """An item to be written: its ``size`` in memory, and the ``n`` messages it becomes under ``topic``.
 
     ``number`` is that of a result or event in its series.
-    A header stands for: what follows belongs into a new file under this header.
+    A header as item means that the following entries belong into a new file under this header.
     """
 
     item: Item | Header
@@ -52,13 +52,13 @@ class Files:
         self.samples: Counter[str] = Counter()
         self.refused: Counter[str] = Counter()
         self.displaced: dict[str, Any] = {"files": 0, "messages": 0, "reason": ""}
-        """Files that were removed or moved away while they were written, and what the record lacks for it."""
+        """Files that were removed or moved away while they were written, and the messages that the record lacks."""
         self.bytes = self.count = 0
         self.flushed_at = self.retry_at = self._synced_at = self._retained_at = time.monotonic()
         self._opened_at = 0.0
         self._of_file: Counter[str] = Counter()
         self.synced = True
-        """Everything written has been brought to disk."""
+        """All written data have been synced to disk."""
         self._settings = settings
         self._header = header
         self._upkeep = upkeep
@@ -66,7 +66,7 @@ class Files:
         self._encoder: Encoder | None = None
 
     def write(self, held: deque[Entry]) -> None:
-        """Write entries in order; those on disk (or that cannot be written at all) are taken off ``held``.
+        """Write entries in order; those written (or that cannot be encoded) are removed from ``held``.
 
         After a disk error the others stay, for a later call at or after ``retry_at``.
         """
@@ -84,7 +84,7 @@ class Files:
             self._fail(error)
 
     def look_after(self) -> None:
-        """Sync, rotate and remove what is due."""
+        """Sync, rotate and remove files when due."""
         now = time.monotonic()
         try:
             if self.open is not None and now - self._opened_at >= self._settings.file_age:
@@ -111,14 +111,14 @@ class Files:
         self._upkeep.publish(file)
 
     def close(self) -> None:
-        """End the open file; where the disk refuses, the next start repairs it."""
+        """End the open file; after a disk error the next start repairs it."""
         try:
             self.rotate()
         except OSError as error:
             self._fail(error)
 
     def _fill(self, held: deque[Entry]) -> tuple[int, Counter[str]]:
-        """Put entries into the open file's chunk; gives how many, and how many messages of them by topic."""
+        """Put entries into the open file's chunk; return their number, and their messages by topic."""
         taken, counts = 0, Counter[str]()
         for entry in held:
             if isinstance(entry.item, Header):
@@ -148,7 +148,7 @@ class Files:
         if self.open is None or self._encoder is None:
             if not self.count:
                 self._number = self._unused()
-            self._settings.folder.mkdir(parents=True, exist_ok=True)  # it may have been removed
+            self._settings.folder.mkdir(parents=True, exist_ok=True)  # the folder may have been removed
             header = replace(self._header, number=self._number)
             name = str(FileName(header.session, header.number, header.cell))
             try:
@@ -166,7 +166,7 @@ class Files:
         return self.open, self._encoder
 
     def _unused(self) -> int:
-        """The number after those that an earlier process of this session gave to files."""
+        """The first file number that no earlier process of this session has used."""
         names = (kept.name for kept in listing(self._settings.folder, self._header.cell))
         return 1 + max((name.number for name in names if name.session == self._header.session), default=0)
 
@@ -184,7 +184,7 @@ class Files:
             self._upkeep.repair_left()
 
     def _displaced(self, error: DisplacedError) -> None:
-        """Go on in a new file; what the record lacks now is counted as refused."""
+        """Continue in a new file; messages that the record lacks now are counted as refused."""
         file, self.open, self._encoder = self.open, None, None
         if file is not None:
             file.leave()
@@ -196,7 +196,7 @@ class Files:
             "messages": self.displaced["messages"] + lost,
             "reason": f"{error.strerror}: the record lacks its {lost} messages",
         }
-        log.error("%s; recording goes on in a new file", self.displaced["reason"])
+        log.error("%s; recording continues in a new file", self.displaced["reason"])
 
     def _fail(self, error: OSError) -> None:
         if isinstance(error, DisplacedError):

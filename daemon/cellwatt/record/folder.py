@@ -1,4 +1,4 @@
-"""A record folder: if it can be written, which daemon has it, its files, and which of them make room for new ones."""
+"""A record folder: whether it is writable, its lock, its files, and which of them are removed to make room."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ _ADVICE: Final = "choose another folder, or let that user write there"
 
 @dataclass(frozen=True, slots=True)
 class Obstacles:
-    """Obstacles to recording on this PC for the user who asks: one that keeps a daemon from starting, and warnings."""
+    """Obstacles to recording for the present user: one that prevents a daemon from starting, and warnings."""
 
     refusal: str = ""
     warnings: tuple[str, ...] = ()
 
 
 def obstacles(settings: RecordSettings) -> Obstacles:
-    """Try the folder of the record, or the nearest one above it, by a file without a name: it leaves no trace."""
+    """Test the folder of the record, or its nearest existing parent, with an unnamed file, which leaves no trace."""
     folder = settings.folder.absolute()
     there = next(parent for parent in (folder, *folder.parents) if os.access(parent, os.F_OK))
     if not there.is_dir():
@@ -47,7 +47,7 @@ def obstacles(settings: RecordSettings) -> Obstacles:
 
 
 def _tried(folder: Path) -> str:
-    """Reason for which a file cannot be made and written in a folder; empty if it can."""
+    """Reason why a file cannot be created and written in a folder; empty if it can."""
     try:
         with TemporaryFile(buffering=0, dir=folder) as file:
             file.write(bytes(4096))
@@ -79,16 +79,16 @@ def _user() -> str:
 log = logging.getLogger(__name__)
 
 LOCK: Final = ".cellwatt.lock"
-_LONGEST = 200  # bytes of what stands in the lock
+_LONGEST = 200  # bytes of the lock's text
 
 
 @contextmanager
 def claimed(folder: Path | None, cell: str) -> Iterator[None]:
-    """Hold a folder, made where it is missing, against others who would record into it; ``None`` holds nothing.
+    """Lock a folder, created if missing, against other daemons that would record into it; ``None`` locks nothing.
 
-    The lock belongs to the process that calls, not to those it forks: one of them may die and be begun again, and one
-    that outlives the caller holds up nobody. Raises ``RecordingError`` where another process has the folder. Where the
-    file system takes no lock, or is read-only or full, recording goes on without and the log says so.
+    The lock belongs to the calling process, not to its forks: a fork may die and be restarted, and one that outlives
+    the caller does not hold the lock. Raises ``RecordingError`` if another process has the folder. If the file system
+    supports no locks, or is read-only or full, recording continues without a lock and the log says so.
     """
     lock = None if folder is None else _lock(folder, cell)
     try:
@@ -101,7 +101,7 @@ def claimed(folder: Path | None, cell: str) -> Iterator[None]:
 def _lock(folder: Path, cell: str) -> int | None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        # Not by its name but as it is: a file that somebody put in its place must not be opened or changed.
+        # O_NOFOLLOW, O_NONBLOCK: a link or a FIFO put in its place must not be followed or waited for.
         flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
         lock = os.open(folder / LOCK, flags, 0o640)
         try:
@@ -110,7 +110,7 @@ def _lock(folder: Path, cell: str) -> int | None:
             os.close(lock)
             raise
     except OSError as error:
-        if folder.is_dir():  # otherwise the recorder says why it cannot be made
+        if folder.is_dir():  # otherwise the recorder reports why it cannot be created
             log.warning("%s cannot be locked against a second daemon: %s", folder, error.strerror)
         return None
     return lock
@@ -134,17 +134,17 @@ def _take(lock: int, folder: Path, cell: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Stored:
-    """A file that a budget counts, of ``size`` bytes, last changed at ``modified``, UTC s."""
+    """A file that counts towards a disk budget, of ``size`` bytes, last changed at ``modified``, UTC s."""
 
     path: Path
     size: int
     modified: float
     closed: bool
-    """True where it may be removed."""
+    """True if the file may be removed."""
 
     @property
     def beside(self) -> tuple[Path, ...]:
-        """Files that go with it: its seal."""
+        """Files that are removed with it: its seal."""
         return (seal_of(self.path),)
 
 
@@ -156,7 +156,7 @@ class RecordFile(Stored):
 
 
 def listing(folder: Path, cell: str) -> list[RecordFile]:
-    """The files of one cell, oldest first; files with other names are not ours and never touched."""
+    """The files of one cell, oldest first; files with other names are never touched."""
     found = []
     for path in folder.iterdir() if folder.is_dir() else ():
         name = FileName.parse(path.name)
@@ -178,9 +178,9 @@ S = TypeVar("S", bound=Stored)
 
 
 def surplus(files: Sequence[S], *, keep: float, age: float, now: float, reserve: float) -> list[S]:
-    """Files to remove, oldest first, so that all files and ``reserve`` bytes more fit into ``keep`` bytes.
+    """Files to remove, oldest first, so that the others and ``reserve`` bytes more fit into ``keep`` bytes.
 
-    Closed files last written more than ``age`` s before ``now`` (UTC s) go as well; 0 keeps them.
+    Closed files last written more than ``age`` s before ``now`` (UTC s) are included, unless ``age`` is 0.
     """
     total = sum(f.size for f in files) + reserve
     gone = []
@@ -194,14 +194,14 @@ def surplus(files: Sequence[S], *, keep: float, age: float, now: float, reserve:
 
 
 def remove(files: Iterable[Stored]) -> None:
-    """Delete files with what stands beside them. Raises ``OSError``."""
+    """Delete files together with the files ``beside`` them. Raises ``OSError``."""
     for file in files:
         for path in (*file.beside, file.path):
             path.unlink(missing_ok=True)
 
 
 def remove_oldest(folder: Path, cell: str) -> RecordFile | None:
-    """Delete the oldest closed file, whatever the budget says: the disk is full. Raises ``OSError``."""
+    """Delete the oldest closed file, regardless of the budget, because the disk is full. Raises ``OSError``."""
     oldest = next((f for f in listing(folder, cell) if f.closed), None)
     if oldest is not None:
         remove([oldest])

@@ -1,4 +1,4 @@
-"""MCAP files that cellwatt did not write: told apart, read record by record, and named with what they hold."""
+"""MCAP files that cellwatt did not write: recognised, read record by record, and described by their topics."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from cellwatt.record.decoder import tracks_of
 from cellwatt.record.header import Header
 
 LARGEST: Final = 1 << 28
-"""Bytes of a record, packed or not; one of some kB may claim any number."""
+"""Largest size of a record in bytes, compressed or not; a record of some kB may claim any size."""
 MOST: Final = 12
-"""Topics that a message lists."""
+"""Largest number of topics that a message lists."""
 
 
 class ForeignError(RecordingError):
@@ -31,7 +31,7 @@ class ForeignError(RecordingError):
 
 
 def is_foreign(file: FileIO, contents: Contents, header: Header | None) -> bool:
-    """True for an MCAP file in which nothing is cellwatt's: neither its first bytes, nor a header, nor a channel."""
+    """True for an MCAP file without anything of cellwatt: neither first bytes, nor header, nor channel."""
     first = read_at(file, len(PRELUDE), 0)
     if header is not None or first == PRELUDE or not first.startswith(MAGIC):
         return False
@@ -39,9 +39,9 @@ def is_foreign(file: FileIO, contents: Contents, header: Header | None) -> bool:
 
 
 def held(file: FileIO, contents: Contents) -> str:
-    """What an MCAP file of any writer has, for a message: ``/joint_states (ros2, cdr) of sensor_msgs/msg/JointState``.
+    """Topics of any MCAP file, for a message: ``/joint_states (ros2, cdr) of sensor_msgs/msg/JointState``.
 
-    A file without a summary is read up to its end, or to where it is cut off.
+    A file without a summary is read up to its end, or to the point where it is cut off.
     """
     profile, found = "", Contents(dict(contents.schemas), dict(contents.channels))
     with suppress(ValueError):
@@ -56,19 +56,19 @@ def held(file: FileIO, contents: Contents) -> str:
 
 
 def described(profile: str, channel: Channel, schema: Schema | None) -> str:
-    """A channel for a message."""
+    """Describe a channel for a message."""
     form = ", ".join(filter(None, (profile or (schema.encoding if schema else ""), channel.message_encoding)))
     return f"{channel.topic} ({form or 'no encoding'})" + (f" of {schema.name}" if schema else "")
 
 
 def listed(topics: Iterable[str]) -> str:
-    """Topics for a message, sorted, cut where they are many."""
+    """List topics for a message, sorted, at most ``MOST``."""
     told = sorted(set(topics))
     return "; ".join(told[:MOST]) + ("; …" if len(told) > MOST else "") or "no topics"
 
 
 def records(file: FileIO) -> Iterator[McapRecord]:
-    """The records of an MCAP file in order, those in chunks one by one. Raises ``ValueError`` where it is damaged."""
+    """The records of an MCAP file in order, also those in chunks. Raises ``ValueError`` if it is damaged."""
     buffered = _buffered(file)
     stream = StreamReader(buffered, emit_chunks=True, record_size_limit=LARGEST)
     try:
@@ -79,12 +79,12 @@ def records(file: FileIO) -> Iterator[McapRecord]:
                 yield from breakup_chunk(_unpacked(record), validate_crc=True)
     except ValueError:
         raise
-    except Exception as error:  # McapError, struct.error, and what lz4 and zstd raise
+    except Exception as error:  # McapError, struct.error, and errors of lz4 and zstd
         raise ValueError(str(error) or "it ends within a record") from error
 
 
 def _unpacked(chunk: Chunk) -> Chunk:
-    """A chunk whose data are not packed. Raises ``ValueError`` where they are more than it claims, or than may be."""
+    """Decompress a chunk. Raises ``ValueError`` if its data exceed the size that it claims, or ``LARGEST``."""
     size = chunk.uncompressed_size
     if size > LARGEST:
         raise ValueError(f"a chunk claims {size:,} bytes")
@@ -101,6 +101,6 @@ def _unpacked(chunk: Chunk) -> Chunk:
 
 
 def _buffered(file: FileIO) -> BufferedReader:
-    """The file from its beginning; mcap closes what it buffers itself."""
+    """A buffered reader from the start of the file; mcap would close the file if it buffered it itself."""
     file.seek(0)
     return open(file.fileno(), "rb", closefd=False)

@@ -20,9 +20,9 @@ from cellwatt.yaml_file import NotYamlError, parse_yaml
 Section = TypeVar("Section", bound=BaseModel)
 
 PART = ".part"
-"""Ends the name of a file that was not closed yet."""
+"""Suffix of a file that is not closed yet."""
 DAMAGED = ".damaged"
-"""Ends the name of bytes set aside because they could not be read."""
+"""Suffix of a file of unreadable bytes."""
 
 _NAME = re.compile(
     r"(?P<cell>.+)_(?P<second>\d{8}T\d{6})_(?P<ns>\d{9})Z_(?P<number>\d{6,})\.mcap(\.part)?(\.\d+)?(\.damaged)?"
@@ -34,7 +34,7 @@ class Header:
     """Origin of a recording.
 
     ``session`` is the UTC ns at which the daemon started, ``settings`` the text of its settings file with
-    secrets blanked, ``streams`` what each source declared. ``number`` counts the files of a session from 1.
+    secrets blanked, ``streams`` the declared streams by source. ``number`` counts the files of a session from 1.
     """
 
     site: str
@@ -52,7 +52,7 @@ class Header:
 
     @classmethod
     def from_json(cls, text: str | bytes) -> Header:
-        """The header back from its JSON; raises ``ValueError`` in one line where it is none."""
+        """Decode a header from JSON; raises ``ValueError`` in one line if it is none."""
         try:
             return _HEADER.validate_json(text)
         except ValueError as error:
@@ -77,9 +77,9 @@ class FileName:
         return f"{plain_cell(self.cell)}_{start}_{ns:09d}Z_{self.number:06d}.mcap"
 
     @classmethod
-    @lru_cache(maxsize=16_384)  # a folder of weeks is listed for every question about the past
+    @lru_cache(maxsize=16_384)  # weeks of files are listed for every question about the past
     def parse(cls, name: str) -> FileName | None:
-        """The parts of a file's name (also with ``.part`` or ``.damaged`` behind it), or ``None``."""
+        """Parse a file's name (also with the suffix ``.part`` or ``.damaged``); ``None`` if it is another name."""
         match = _NAME.fullmatch(name)
         if match is None:
             return None
@@ -91,7 +91,7 @@ class FileName:
 
 
 def plain_cell(cell: str) -> str:
-    """A cell's name as it stands in file names."""
+    """A cell's name as used in file names."""
     return re.sub(r"[^\w.-]+", "-", cell)
 
 

@@ -1,4 +1,4 @@
-"""Answers about the past while recording goes on: what a subscriber missed, and which files there are."""
+"""Answers about the past during recording: rows that a subscriber missed, and the list of files."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ from cellwatt.results import Event, Result
 FLUSH_TIMEOUT = 1.0
 """Longest wait for the newest samples to reach the file, s."""
 ATTEMPTS = 5
-"""Repetitions of a search if the files change under it."""
+"""Repetitions of a search if the files change meanwhile."""
 CACHED_FILES = 2
-"""Files whose list of chunks is kept in memory."""
+"""Number of files whose list of chunks is cached."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,16 +50,16 @@ class FileIndex:
     messages: int
     firsts: Mapping[str, tuple[int, int]]
     seal: Seal | None = None
-    """Signature of the cell for it, see ``record.seal``."""
+    """Signature of the file, see ``record.seal``."""
 
 
 def tracks_in(contents: Contents) -> dict[int, Track]:
-    """Readers of the channels; another thread may define more meanwhile."""
+    """Readers of the channels; another thread may define more channels meanwhile."""
     return tracks_of(dict(contents.channels))[0]
 
 
 def look_at(kept: RecordFile) -> FileIndex:
-    """Read what a file says of itself; one that its writer left open waits for its repair."""
+    """Index of a file on disk; a file that its writer left open is not read before its repair."""
     try:
         if kept.path.suffix == ".mcap":
             found: Survey = survey(kept.path, chunks=False)
@@ -86,7 +86,7 @@ Numbered = tuple[int, Item]
 
 
 class History:
-    """Serves what is in ``folder`` of the recorder's cell, and the file it is writing. Any thread may ask."""
+    """Serves the recordings of the recorder's cell in ``folder``, and the file being written. Thread-safe."""
 
     def __init__(self, folder: Path, recorder: Recorder) -> None:
         self._folder = folder
@@ -98,7 +98,7 @@ class History:
     def history(self, source: str, stream: str, session: int, first: int, count: int) -> list[Batch]:
         """Recorded samples ``first`` … ``first + count`` of a stream, in order.
 
-        If none is left of them, the first ``count`` after them.
+        If none of them is stored any more, the first ``count`` after them.
 
         Reads files and may wait for a flush: never call it on the event loop. Raises ``RepairingError``.
         """
@@ -115,7 +115,7 @@ class History:
         return [(number, item) for number, item in found if isinstance(item, Result | Event)]
 
     def recordings(self) -> list[dict[str, Any]]:
-        """The files kept, oldest first: file, session, start, end (UTC ns), bytes, messages, state; JSON-ready."""
+        """The stored files, oldest first: file, session, start, end (UTC ns), bytes, messages, state; JSON-ready."""
         with self._lock:
             return [
                 {
@@ -143,7 +143,7 @@ class History:
         return found
 
     def _files(self) -> list[FileIndex]:
-        """All files of the cell in order, read again only where they changed."""
+        """Indexes of all files of the cell in order; only changed files are read again."""
         live = self._recorder.live()
         fresh: dict[Path, FileIndex] = {}
         for kept in listing(self._folder, self._recorder.cell):
@@ -158,7 +158,7 @@ class History:
         return list(fresh.values())
 
     def _settled(self, look: Callable[[], T]) -> T:
-        """Look, and again where files were closed, renamed or removed meanwhile."""
+        """Call ``look``, and repeat it if files were closed, renamed or removed meanwhile."""
         for _ in range(ATTEMPTS):
             before = self._names()
             found = look()
@@ -168,13 +168,13 @@ class History:
 
     def _names(self) -> list[str]:
         try:
-            with os.scandir(self._folder) as entries:  # without the state of each: a folder of weeks has many
+            with os.scandir(self._folder) as entries:  # without a stat of each: weeks of recordings are many files
                 return sorted(entry.name for entry in entries)
         except FileNotFoundError:
             return []
 
     def _find(self, name: str, session: int, first: int, count: int) -> list[Numbered]:
-        """What is left of what is asked for; if nothing is, as many rows of those after it."""
+        """The stored rows of ``first`` … ``first + count``; if none is stored, the first ``count`` rows after them."""
         files = [f for f in self._files() if f.kept.name.session == session and name in f.firsts]
         files = files[max(bisect_right(files, first, key=lambda f: f.firsts[name][1]) - 1, 0) :]
         found = list(self._between(files, name, first, first + count))
@@ -183,7 +183,7 @@ class History:
         return found
 
     def _between(self, files: Iterable[FileIndex], name: str, first: int, stop: int) -> Iterator[Numbered]:
-        """What is left in some files of a topic or series from ``first`` to before ``stop``."""
+        """Stored items of a topic or series in ``files``, from number ``first`` to before ``stop``."""
         for known in takewhile(lambda f: f.firsts[name][1] < stop, files):
             channel = known.firsts[name][0]
             try:
@@ -193,10 +193,10 @@ class History:
                     for each in takewhile(lambda f: f[0] < stop, since):
                         yield from _part(each, first, stop)
             except (OSError, RecordingError):
-                continue  # renamed, which is noticed and tried again, or removed: what is left is asked for
+                continue  # renamed: the search is repeated; removed: the other files are read
 
     def _listed(self, known: FileIndex) -> tuple[Chunks, dict[int, Track]]:
-        """Chunks and tracks of a file; of closed ones the last few are kept."""
+        """Chunks and tracks of a file; those of the last few closed files are cached."""
         path = known.kept.path
         live = self._recorder.live()
         if live is not None and path == live[0]:
@@ -213,11 +213,11 @@ class History:
 def _since(
     first: int, file: FileIO, chunks: Sequence[Chunk], tracks: Mapping[int, Track], channel: int
 ) -> Iterator[Numbered]:
-    """What begins in the chunk, of those that have some of a channel, with the number ``first``, and all behind it."""
+    """Items of a channel from the chunk that holds the number ``first`` on; ``chunks`` are those with the channel."""
 
     def items(at: int) -> Iterator[Numbered]:
-        """What is in the chunks from ``at`` on; of a damaged chunk nothing."""
-        for place in range(at, len(chunks)):  # each made when it is needed: a slice would make them all
+        """Items of the chunks from ``at`` on, without damaged chunks."""
+        for place in range(at, len(chunks)):  # each is decoded when needed: a slice would decode all
             with suppress(ValueError):
                 yield from numbered_items(file, chunks[place], tracks, {channel})
 
@@ -227,7 +227,7 @@ def _since(
 
 
 def _part(each: Numbered, first: int, stop: int) -> Iterator[Numbered]:
-    """What of it has numbers from ``first`` to before ``stop``."""
+    """The rows of an item with numbers from ``first`` to before ``stop``."""
     number, item = each
     low, high = max(first - number, 0), min(stop - number, _length(item))
     if low < high:

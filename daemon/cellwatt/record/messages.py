@@ -1,4 +1,4 @@
-"""Everything that is recorded as JSON: ticks, events, results and health."""
+"""Messages recorded as JSON: ticks, events, results and health."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def schema(kind: type[Message]) -> bytes:
 
 
 def simple(schema: Any) -> Any:
-    """A JSON Schema in which a value that may be null is of its other type: readers of such files know no ``anyOf``."""
+    """Replace ``anyOf`` of a type and null by the type in a JSON Schema: readers of MCAP do not support ``anyOf``."""
     if isinstance(schema, list):
         return [simple(part) for part in schema]
     if not isinstance(schema, dict):
@@ -51,7 +51,7 @@ def simple(schema: Any) -> Any:
 
 
 def time_of(message: Message) -> int:
-    """The instant a message is filed under, UTC ns."""
+    """The time under which a message is recorded, UTC ns."""
     match message:
         case Interval() | Task() | Energy():
             return message.end
@@ -62,7 +62,7 @@ def time_of(message: Message) -> int:
 
 
 def _plain(value: object) -> object:
-    """numpy scalars and arrays inside free-form figures."""
+    """Convert numpy scalars and arrays in evidence and other free-form data."""
     tolist = getattr(value, "tolist", None)
     if tolist is None:
         raise TypeError(f"{type(value).__name__} cannot be recorded")
@@ -70,15 +70,15 @@ def _plain(value: object) -> object:
 
 
 def encode(message: Message) -> bytes:
-    """A message as JSON; numbers that JSON lacks become the texts NaN, Infinity and -Infinity.
+    """Encode a message as JSON; numbers that JSON lacks become the texts NaN, Infinity and -Infinity.
 
-    Raises ``ValueError`` where free-form figures hold what JSON cannot.
+    Raises ``ValueError`` if free-form data hold values that JSON cannot represent.
     """
     return pydantic_core.to_json(message, inf_nan_mode="strings", fallback=_plain)
 
 
 def decode(kind: type[Message], data: bytes) -> Message:
-    """A message back from its JSON; raises ``ValueError`` where it is none of that kind."""
+    """Decode a message from JSON; raises ``ValueError`` if it is not of that kind."""
     try:
         message: Message = _ADAPTERS[kind].validate_json(data)
     except ValidationError as error:

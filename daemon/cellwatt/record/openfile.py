@@ -29,25 +29,25 @@ from cellwatt.record.header import PART, Header
 
 HEADER = "header.json"
 DEFINITIONS = "definitions"
-"""Attachments: the origin of the file, and copies of the definitions that chunks bring."""
+"""Names of attachments: the origin of the file, and copies of the definitions in the chunks."""
 REPEAT_AFTER = 64
-"""Definitions are copied in front of their chunk and again so many chunks later, out of reach of one bad sector."""
+"""Definitions are copied before their chunk and again this many chunks later, so that one bad sector spares a copy."""
 
 _PAIR = struct.Struct("<QQ")
 """Log time and offset of a message, as its chunk's index holds them."""
 
 
 def create(path: Path) -> FileIO:
-    """A new file that only its writer may repair: it is locked until closed. Raises ``OSError``."""
+    """Create a file that is locked until closed, so that nobody repairs it meanwhile. Raises ``OSError``."""
     file = FileIO(path, "xb+")
     lock(file)
     return file
 
 
 def lock(file: FileIO) -> None:
-    """Take a file for oneself; raises ``BlockingIOError`` where another has it.
+    """Lock a file exclusively; raises ``BlockingIOError`` if another process has locked it.
 
-    On a file system without locks (some network shares) nothing happens: one daemon a folder there.
+    Does nothing on a file system without locks (some network shares): use one daemon per folder there.
     """
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -59,7 +59,7 @@ def lock(file: FileIO) -> None:
 
 
 class DisplacedError(OSError):
-    """The file that is being written is no longer where readers look for it; the text is the reason alone."""
+    """The file being written is no longer at the path where readers look for it; the text is the reason alone."""
 
     def __init__(self, reason: str) -> None:
         super().__init__(errno.ESTALE, reason)
@@ -73,7 +73,7 @@ def check_place(descriptor: int, path: Path) -> None:
     except (FileNotFoundError, NotADirectoryError):
         there = None
     except OSError:
-        return  # nobody may look any more: that says nothing about the file
+        return  # the folder cannot be read any more: that says nothing about the file
     if there is None or not os.path.samestat(there, mine):
         how = "moved away, or something is mounted over its folder," if mine.st_nlink else "removed"
         raise DisplacedError(f"{path.name} was {how} while it was written")
@@ -82,7 +82,7 @@ def check_place(descriptor: int, path: Path) -> None:
 class OpenFile:
     """An MCAP file being written; every method that writes raises ``OSError``.
 
-    After such an error only ``abandon`` may be called. ``size`` is the length of what is whole on disk.
+    After such an error only ``abandon`` may be called. ``size`` is the length in bytes of the whole records on disk.
     """
 
     def __init__(self, path: Path, header: Header) -> None:
@@ -112,7 +112,7 @@ class OpenFile:
 
     @property
     def waiting(self) -> int:
-        """Bytes of the chunk not yet written."""
+        """Bytes of the chunk in memory."""
         return self._filled
 
     @property
@@ -121,7 +121,7 @@ class OpenFile:
         return len(self.contents.channels) + 1
 
     def define(self, topic: str, encoding: str, schema: Schema, metadata: dict[str, str]) -> int:
-        """A new channel with a schema of its own (``schema.id`` is set here); gives the channel's number."""
+        """Define a channel with its own schema (``schema.id`` is set here); return the channel's number."""
         number = schema.id = self.next_channel
         channel = Channel(number, topic, encoding, metadata, number)
         for record in (schema, channel):
@@ -131,7 +131,7 @@ class OpenFile:
         return number
 
     def add_rows(self, channel: int, rows: NDArray[np.void]) -> None:
-        """A block of message records of equal length (see ``rows``) into the chunk."""
+        """Add a block of message records of equal length (see ``rows``) to the chunk."""
         if len(rows) == 1:
             pairs = _PAIR.pack(rows["log_time"][0], self._filled)
         else:
@@ -143,7 +143,7 @@ class OpenFile:
         self._index.setdefault(channel, []).append(pairs)
 
     def add_message(self, channel: int, sequence: int, time: int, data: bytes) -> None:
-        """One message into the chunk."""
+        """Add one message to the chunk."""
         pairs = _PAIR.pack(time & 0xFFFFFFFFFFFFFFFF, self._filled)
         self._put(message(channel, sequence, time, data))
         self._index.setdefault(channel, []).append(pairs)
@@ -153,7 +153,7 @@ class OpenFile:
         self._filled += len(piece)
 
     def write_chunk(self) -> None:
-        """Write what was added since the last chunk, in one piece."""
+        """Write the messages added since the last chunk, in one piece."""
         if not self._index:
             return
         front, indexed = b"", None
@@ -177,7 +177,7 @@ class OpenFile:
         self._write(closing(self.contents, self.size))
 
     def publish(self) -> None:
-        """Bring a finished file to disk and give it its final name."""
+        """Sync a finished file to disk and give it its final name."""
         os.fsync(self._file.fileno())
         self.part.rename(self.path)
         sync_folder(self.path.parent)
@@ -192,13 +192,13 @@ class OpenFile:
         check_place(self._file.fileno(), self.part)
 
     def leave(self) -> None:
-        """End the file where it is now: whoever moved it has a whole recording."""
+        """Finish the file at its present path: whoever moved it gets a whole recording."""
         with contextlib.suppress(OSError):
             self.finish()
         self.release()
 
     def abandon(self) -> None:
-        """Cut off what is not whole and let go of the file; a file without a chunk is removed."""
+        """Cut off an incomplete end and close the file; a file without a chunk is removed."""
         with contextlib.suppress(OSError):
             if self.contents.chunks:
                 self._file.truncate(self.size)
@@ -207,13 +207,13 @@ class OpenFile:
         self.release()
 
     def discard(self) -> None:
-        """Let go of the file and remove it, unless it has its final name."""
+        """Close the file and remove it, unless it has its final name."""
         self.release()
         with contextlib.suppress(OSError):
             self.part.unlink(missing_ok=True)
 
     def release(self) -> None:
-        """Let go of the file as it is."""
+        """Close the file as it is."""
         with contextlib.suppress(OSError):
             self._file.close()
 

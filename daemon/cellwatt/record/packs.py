@@ -1,8 +1,8 @@
-"""Evidence packs as files: their names, those that are due, those that are kept.
+"""Evidence packs as files: their names, the packs due, and the packs stored.
 
 A pack is ``<cell>_<time of the alarm, UTC>_<id of the alarm>.mcap`` in the folder ``evidence`` of the record, with a
-page (``.html``) beside it, and a seal where recordings are signed. One that is still to be cut is a file that ends in
-``.due``; so it is cut by the next daemon where this one is killed.
+page (``.html``) beside it, and a seal if recordings are signed. A pack that is due is noted in a file with the suffix
+``.due``, so that the next daemon cuts it if this one is killed.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ from cellwatt.results import Alarm
 FOLDER: Final = "evidence"
 DUE: Final = ".due"
 MOST_ALARMS: Final = 100
-"""Alarms that a pack lists; more are counted."""
+"""Largest number of alarms that a pack lists; more are counted."""
 _LONGEST: Final = 80
-"""Characters of an alarm's id in a file's name."""
+"""Largest number of characters of an alarm's id in a file's name."""
 _NAME = re.compile(r"(?P<cell>.+)_\d{8}T\d{6}_\d{3}Z_.+\.mcap")
 
 
 @dataclass(frozen=True, slots=True)
 class Due:
-    """A pack to be cut: ``name`` without ending, span in UTC ns, and the alarms it is for, first the one that named it.
+    """A pack to be cut: ``name`` without suffix, span in UTC ns, and its alarms; the first gave the name.
 
-    ``latest`` is the last end that it may come to have, ``more`` the count of alarms beyond those listed.
+    ``latest`` is the latest possible ``end``, ``more`` the number of alarms beyond those listed.
     """
 
     name: str
@@ -50,15 +50,15 @@ class Due:
 
     @classmethod
     def of(cls, cell: str, alarm: Alarm, settings: EvidenceSettings) -> Due:
-        """The pack of an alarm that was raised."""
+        """The pack for a raised alarm."""
         before, after = round(settings.before * 1e9), round(settings.after * 1e9)
-        # Evidence of long ago is not what the pack is for: it would be as long as the record.
+        # Evidence from long ago is left out, or the pack would be as long as the record.
         start = max(alarm.since, alarm.time - before) - before
         end = alarm.time + after
         return cls(name_of(cell, alarm), cell, start, end, end + before, (alarm,))
 
     def joined(self, alarm: Alarm, settings: EvidenceSettings) -> Due | None:
-        """The same pack for one more alarm, with its time after; ``None`` where the pack would become too long."""
+        """The pack extended by one more alarm and its time after; ``None`` if the pack would become too long."""
         end = max(self.end, alarm.time + round(settings.after * 1e9))
         if alarm.time < self.start or alarm.time > self.end or end > self.latest:
             return None
@@ -71,27 +71,27 @@ _DUE: TypeAdapter[Due] = TypeAdapter(Due)
 
 
 def name_of(cell: str, alarm: Alarm) -> str:
-    """A pack's name without ending: safe as a file's name whatever is in the alarm's id."""
+    """A pack's name without suffix, safe as a file name for any alarm id."""
     stamp = datetime.fromtimestamp(alarm.time // 1_000_000_000, UTC).strftime("%Y%m%dT%H%M%S")
     plain = re.sub(r"[^\w.-]+", "-", alarm.id, flags=re.ASCII)[:_LONGEST] or "alarm"
     return f"{plain_cell(cell)}_{stamp}_{alarm.time // 1_000_000 % 1000:03d}Z_{plain}"
 
 
 def wants(settings: EvidenceSettings, alarm: Alarm) -> bool:
-    """True for an alarm that is to have a pack."""
+    """True for an alarm that gets a pack."""
     if settings.severity == "none" or not alarm.active:
         return False
     return SEVERITIES.index(alarm.severity) >= SEVERITIES.index(settings.severity)
 
 
 def write_due(folder: Path, due: Due) -> None:
-    """Note a pack that is to be cut. Raises ``OSError``."""
+    """Write the note of a pack that is due. Raises ``OSError``."""
     folder.mkdir(parents=True, exist_ok=True)
     replace_bytes(due_path(folder, due), _DUE.dump_json(due, fallback=str))
 
 
 def read_due(path: Path) -> Due:
-    """A pack that is to be cut. Raises ``OSError``, and ``ValueError`` where the file is damaged."""
+    """Read the note of a pack that is due. Raises ``OSError``, and ``ValueError`` if the file is damaged."""
     due = _DUE.validate_json(read_bytes(path, WRITTEN))
     if Path(due.name).name != due.name or not due.alarms:
         raise ValueError(f"{path} does not name a pack")
@@ -99,12 +99,12 @@ def read_due(path: Path) -> Due:
 
 
 def due_path(folder: Path, due: Due) -> Path:
-    """The file that notes a pack to be cut."""
+    """Path of the note of a pack that is due."""
     return folder / f"{due.name}{DUE}"
 
 
 def all_due(folder: Path, cell: str) -> list[Due]:
-    """The packs of a cell still to be cut, oldest first; damaged notes are removed. Raises ``OSError``."""
+    """The packs of a cell that are due, oldest first; damaged notes are removed. Raises ``OSError``."""
     found = []
     for path in sorted(folder.glob(f"*{DUE}")):
         try:
@@ -119,7 +119,7 @@ def all_due(folder: Path, cell: str) -> list[Due]:
 
 @dataclass(frozen=True, slots=True)
 class Pack(Stored):
-    """A pack that is kept: ``size`` is that with all that stands beside it."""
+    """A stored pack; ``size`` includes page and seal."""
 
     @property
     def beside(self) -> tuple[Path, ...]:
@@ -133,7 +133,7 @@ def page_of(pack: Path) -> Path:
 
 
 def listing(folder: Path, cell: str) -> list[Pack]:
-    """The packs of one cell, oldest first; files with other names are not ours and never touched."""
+    """The packs of one cell, oldest first; files with other names are never touched."""
     found = []
     for path in folder.iterdir() if folder.is_dir() else ():
         match = _NAME.fullmatch(path.name)
@@ -148,7 +148,7 @@ def listing(folder: Path, cell: str) -> list[Pack]:
 
 
 def retain(folder: Path, cell: str, settings: EvidenceSettings, now: float) -> list[Pack]:
-    """Remove packs beyond budget and age; gives those that stay. ``now`` UTC s. Raises ``OSError``."""
+    """Remove packs beyond budget and age; return the others. ``now`` UTC s. Raises ``OSError``."""
     packs = listing(folder, cell)
     gone = surplus(packs, keep=settings.keep, age=settings.age, now=now, reserve=0.0)
     remove(gone)

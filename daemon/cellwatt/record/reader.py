@@ -1,4 +1,4 @@
-"""Reading recordings: the same items, in the same order and blocks, as they were recorded."""
+"""Reads recordings: the same items, in the same order and blocks, as they were recorded."""
 
 from __future__ import annotations
 
@@ -55,14 +55,14 @@ T = TypeVar("T")
 class Recording:
     """One or more files of a cell, read as one.
 
-    ``header`` is that of the first file; ``streams`` says what was recorded of each source; ``layout`` is
-    that of the frames, ``None`` where there are none; ``start`` and ``end`` are the earliest and latest time
-    in it, UTC ns. ``damage`` lists what could not be read; it grows as chunks are read. Damaged chunks are
-    passed over; the rest is exact. Files are open only while they are read.
+    ``header`` is that of the first file; ``streams`` are the recorded streams by source; ``layout`` is
+    that of the frames, ``None`` without frames; ``start`` and ``end`` are the earliest and latest time
+    in it, UTC ns. ``damage`` lists the parts that could not be read; it grows as chunks are read. Damaged chunks are
+    skipped; the others are exact. Files are open only while they are read.
 
-    The recording of a running cell ends with the last whole chunk at the moment in which it was opened, however
-    often it is read: ``unfinished`` names the files of which that is so. What retention removes before it is read
-    is in ``damage``. Both are logged as warnings.
+    The recording of a running cell ends with the last chunk that was whole when the recording was opened, however
+    often it is read: ``unfinished`` names these files. Files that retention removes before they are read are listed
+    in ``damage``. Both are logged as warnings.
     """
 
     def __init__(self, files: Sequence[Survey], damage: Iterable[Damage] = ()) -> None:
@@ -76,15 +76,15 @@ class Recording:
         self._unfinished = [f for f in self._files if not f.closed and f.path.name.endswith(PART)]
         self._span: tuple[int, int] | None = None
         self.keeps: object = None
-        """Lives as long as the recording or a copy of it: what its files go with."""
+        """An object that must live as long as the recording or a copy of it: the owner of temporary files."""
         self.layout = next((t.rows.layout for t in self._all_tracks() if isinstance(t.rows, FrameRows)), None)
 
     @classmethod
     def open(cls, source: Places) -> Recording:
         """Open a file, several, or all in a folder, in the order in which they were recorded.
 
-        Files still open or left open are read up to their last whole chunk; copies of a file are read once.
-        Raises ``RecordingError`` where there is no recording, or they are of several cells.
+        Files still being written or left open are read up to their last whole chunk; copies of a file are read once.
+        Raises ``RecordingError`` if there is no recording, or the recordings are of several cells.
         """
         given = paths_of(source)
         paths = [p for path in given for p in (in_folder(path) if path.is_dir() else [path])]
@@ -121,7 +121,7 @@ class Recording:
 
     @property
     def channels(self) -> dict[str, str]:
-        """Unit by channel (``source.channel``): of the frames, or of the raw streams where there are no frames."""
+        """Unit by channel (``source.channel``): of the frames, or of the raw streams if there are no frames."""
         if self.layout is not None:
             return {c.name: c.unit for c in self.layout.channels}
         raw = ((source, c) for source, streams in self.streams.items() for s in streams for c in s.channels)
@@ -140,13 +140,13 @@ class Recording:
         return self._of((Batch, Tick), lambda t: isinstance(t.rows, SampleRows) or t.kind is Tick)
 
     def items(self) -> Iterator[tuple[Header, Item]]:
-        """Everything as it was recorded, each item with the header of its file."""
+        """All items as they were recorded, each with the header of its file."""
         for file, tracks in zip(self._files, self._tracks, strict=True):
             for item in self._of_file(file, tracks, set(tracks)):
                 yield file.header, item
 
     def batches(self, source: str, stream: str) -> Samples:
-        """All samples of one stream. Raises ``RecordingError`` where there is no such stream."""
+        """All samples of one stream. Raises ``RecordingError`` for an unknown stream."""
         declared = next((s for s in self.streams.get(source, ()) if s.name == stream), None)
         if declared is None:
             there = ", ".join(f"{name}/{s.name}" for name, streams in self.streams.items() for s in streams)
@@ -159,7 +159,7 @@ class Recording:
         return self._of((Frames,), lambda t: t.topic == FRAME_TOPIC)
 
     def frames_table(self) -> Frames:
-        """All frames in one block. Raises ``RecordingError`` where there are none, or the layout changes."""
+        """All frames in one block. Raises ``RecordingError`` if there are none, or the layout changes."""
         blocks = list(self.frames())
         if not blocks or self.layout is None:
             raise self.lacks_frames()
@@ -169,11 +169,11 @@ class Recording:
 
     @property
     def has_samples(self) -> bool:
-        """True where samples of a source were recorded."""
+        """True if samples of a source were recorded."""
         return any(count for topic, count in self.counts.items() if topic.startswith(topic_of("", "")[:-1]))
 
     def lacks_frames(self) -> RecordingError:
-        """Return the error of a recording without frames: what it holds, and what can be done with it."""
+        """Return the error for a recording without frames: what it holds, and how to use it."""
         there = ", ".join(f"{topic} ({count})" for topic, count in sorted(self.counts.items()) if count)
         name = self.paths[0].name if len(self.paths) == 1 else f"{self.paths[0].name} and {len(self.paths) - 1} more"
         if self.has_samples:
@@ -193,11 +193,11 @@ class Recording:
         return self._of(kinds, lambda t: t.kind in kinds)
 
     def intervals(self) -> list[Interval]:
-        """All intervals that were closed."""
+        """All closed intervals."""
         return [i for i in self.results(Interval) if i.closed]
 
     def tasks(self) -> list[Task]:
-        """All tasks that were recognised."""
+        """All recognised tasks."""
         return list(self.results(Task))
 
     def alarms(self) -> list[Alarm]:
@@ -213,15 +213,15 @@ class Recording:
         return self._of((Health,), lambda t: t.topic == TOPICS[Health])
 
     def within(self, start: float | None = None, end: float | None = None) -> Recording:
-        """The same recording from ``start`` to ``end`` alone, s since ``self.start``, both included.
+        """The same recording restricted to ``start`` … ``end``, s since ``self.start``, both included.
 
-        ``streams``, ``counts``, ``start`` and ``end`` remain those of the whole.
+        ``streams``, ``counts``, ``start`` and ``end`` remain those of the whole recording.
         """
         first, last = (self.start + round(t * 1e9) if t is not None else None for t in (start, end))
         return self.between(-EVER if first is None else first, EVER if last is None else last)
 
     def between(self, start: int, end: int) -> Recording:
-        """The same as ``within``, from ``start`` to ``end`` UTC ns."""
+        """As ``within``, with ``start`` and ``end`` in UTC ns."""
         out = copy(self)
         out._span = (start, end)
         return out
@@ -237,15 +237,15 @@ class Recording:
     ) -> Any:
         """Frames as a data frame: ``t`` (s since ``self.start``), ``utc_ns``, one column a channel in its SI unit.
 
-        ``start`` and ``end`` as for ``within``. ``channels`` are names, short where only one source has them, or
+        ``start`` and ``end`` as for ``within``. ``channels`` are full names, short names that only one source has, or
         patterns (``*.position``). ``quality`` adds ``<channel>.quality`` (0 good to 4 missing) and
         ``<channel>.bound_ns``. ``library`` is ``pandas``, ``polars`` or ``arrow``; by default the first of them that
         is installed. Units are in ``attrs["units"]`` (pandas) or in the fields' metadata (Arrow).
 
-        Raises ``RecordingError`` as ``frames_table``, ``ConfigError`` for a channel that there is not,
-        ``CellwattError`` where ``library`` is not installed.
+        Raises ``RecordingError`` as ``frames_table``, ``ConfigError`` for an unknown channel,
+        ``CellwattError`` if ``library`` is not installed.
         """
-        # pyarrow is heavy, and the daemon's processes that read recordings need none of it.
+        # pyarrow is large, and the daemon's processes that read recordings do not need it.
         from cellwatt.record.tables import data_frame, frame_rows, of_channels
 
         frames = self.within(start, end).frames_table()
@@ -258,7 +258,7 @@ class Recording:
     ) -> Any:
         """Samples of a stream (``source/stream``) as a data frame, with the columns of ``cellwatt export``.
 
-        ``start``, ``end`` and ``library`` as for ``frame``. Raises ``RecordingError`` where there is no such stream.
+        ``start``, ``end`` and ``library`` as for ``frame``. Raises ``RecordingError`` for an unknown stream.
         """
         from cellwatt.record.tables import data_frame, sample_rows
 
@@ -269,7 +269,7 @@ class Recording:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Nothing is open between two reads."""
+        """Do nothing: no file is open between two reads."""
 
     def _of(self, kinds: tuple[type[T], ...], wanted: Callable[[Track], bool]) -> Iterator[T]:
         for file, tracks in steps(list(zip(self._files, self._tracks, strict=True)), "reading file"):
@@ -277,7 +277,7 @@ class Recording:
             yield from (item for item in self._of_file(file, tracks, numbers) if isinstance(item, kinds))
 
     def _of_file(self, file: Survey, tracks: dict[int, Track], numbers: set[int]) -> Iterator[Item]:
-        """The items of some channels of a file, as far as they are in the span."""
+        """The items of the channels ``numbers`` of a file that are within the span."""
         contents, span = file.contents, self._span
         if not numbers or (span is not None and (contents.start > span[1] or contents.end < span[0])):
             return
@@ -286,7 +286,7 @@ class Recording:
                 yield kept
 
     def _read(self, file: Survey, tracks: dict[int, Track], wanted: set[int]) -> Iterator[Item]:
-        """The wanted items of a file; a chunk is decoded as a whole, so that a damaged one gives nothing."""
+        """The wanted items of a file; a chunk is decoded as a whole, so that a damaged chunk yields no items."""
         span = self._span
         try:
             path, opened = open_recording(file.path)
@@ -322,7 +322,7 @@ class Recording:
 
 
 def chunk_data(file: FileIO, chunk: Chunk) -> bytes:
-    """The records of a chunk; raises ``ValueError`` where it is damaged."""
+    """The records of a chunk; raises ``ValueError`` if it is damaged."""
     if chunk.length > LARGEST_RECORD:
         raise ValueError("a chunk's length is wrong")
     return open_chunk(read_at(file, chunk.length, chunk.offset)[RECORD.size :]).data
@@ -331,12 +331,12 @@ def chunk_data(file: FileIO, chunk: Chunk) -> bytes:
 def numbered_items(
     file: FileIO, chunk: Chunk, tracks: Mapping[int, Track], wanted: Container[int]
 ) -> list[tuple[int, Item]]:
-    """The wanted items of a chunk with their numbers. Raises ``ValueError`` where it is damaged."""
+    """The wanted items of a chunk with their numbers. Raises ``ValueError`` if it is damaged."""
     return list(decoder.numbered(chunk_data(file, chunk), tracks, wanted))
 
 
 def _within(item: Any, span: tuple[int, int]) -> Any:
-    """An item, or those of its rows, whose time (UTC ns) is in ``span``; None where there are none."""
+    """An item, or the rows of a block, whose time (UTC ns) is in ``span``; None if there are none."""
     if not isinstance(item, Batch | Frames):
         return item if span[0] <= time_of(item) <= span[1] else None
     first, last = np.searchsorted(item.time, (span[0], span[1] + 1)).tolist()

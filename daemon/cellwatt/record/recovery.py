@@ -1,4 +1,4 @@
-"""Files left open by a crash, a power cut or a full disk become closed ones, and it is said what was lost."""
+"""Closes files left open by a crash, a power cut or a full disk, and reports what was lost."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ from cellwatt.results import Event, Result
 class Recovery:
     """Result of the recovery of one file that was left open.
 
-    ``result`` is the closed file, ``None`` where it held no message or could not be repaired (then
-    ``problem`` says why and it stays as it was). ``missing`` counts by topic the messages that the
-    numbering shows to be absent. ``aside`` holds the bytes that could not be read, where there were any.
+    ``result`` is the closed file, ``None`` if it held no message or could not be repaired (then
+    ``problem`` is the reason and the file is unchanged). ``missing`` counts by topic the messages that are absent
+    according to their numbers. ``aside`` is the file of the unreadable bytes, if there were any.
     """
 
     part: Path
@@ -66,11 +66,11 @@ def left_open(folder: Path, cell: str) -> list[Path]:
 
 
 def recover(part: Path) -> Recovery | None:
-    """Close one file that was left open; ``None`` where its writer is alive or it is gone.
+    """Close one file that was left open; ``None`` if its writer is alive or the file is gone.
 
-    Bytes that cannot be read are never thrown away: they are set aside under the name with ``.damaged``.
-    Raises nothing: what prevents the repair (a full or read-only disk) is told in ``problem``, and calling
-    again later is safe, also after a crash in the middle of it.
+    Unreadable bytes are never deleted: they are moved to a file with the suffix ``.damaged``.
+    Raises nothing: the reason that prevents the repair (a full or read-only disk) is in ``problem``, and calling
+    again later is safe, also after a crash during the repair.
     """
     try:
         with open_file(part, write=True) as file:
@@ -122,7 +122,7 @@ def _told(found: Scan, result: Path | None, aside: Path | None) -> Recovery:
 
 
 def _free_name(path: Path) -> Path:
-    """A name for bytes set aside that overwrites nothing."""
+    """An unused name for a file of unreadable bytes."""
     numbered = (path.with_suffix(f".{n}{DAMAGED}") for n in itertools.count(2))
     return path if not path.exists() else next(p for p in numbered if not p.exists())
 
@@ -134,7 +134,7 @@ def _set_aside_whole(part: Path) -> Path:
 
 
 def _set_aside(file: FileIO, found: Scan, target: Path) -> Path | None:
-    """Keep a torn tail, unless it holds nothing but zeros."""
+    """Copy an incomplete end to another file, unless it holds only zeros."""
     tail = read_at(file, found.size - found.end, found.end)
     if not tail.strip(b"\0"):
         return None
@@ -146,7 +146,7 @@ def _set_aside(file: FileIO, found: Scan, target: Path) -> Path | None:
 
 
 def _close_behind(file: FileIO, found: Scan) -> None:
-    """Cut the torn tail off and write the end of the file in its place."""
+    """Cut the incomplete end off and write the end of the file in its place."""
     file.truncate(found.end)
     file.seek(found.end)
     write_all(file, found.tail + closing(found.contents, found.end + len(found.tail)))
@@ -154,10 +154,10 @@ def _close_behind(file: FileIO, found: Scan) -> None:
 
 
 def _rewrite(file: FileIO, found: Scan, target: Path) -> None:
-    """Write all that can be read into a new file beside the old one; ``found`` then has what is in that."""
+    """Write all readable items into a new file beside the old one, and set ``found.contents`` to its contents."""
     tracks, _ = tracks_of(found.contents.channels)
     temporary = target.with_name(f".{target.name}.new")
-    temporary.with_name(temporary.name + PART).unlink(missing_ok=True)  # of a crash in the middle of it
+    temporary.with_name(temporary.name + PART).unlink(missing_ok=True)  # left by a crash during a rewrite
     out = OpenFile(temporary, found.header or guess_header(found.path, found.contents))
     try:
         encoder = Encoder(out)
@@ -180,7 +180,7 @@ def _rewrite(file: FileIO, found: Scan, target: Path) -> None:
 
 
 def _sound(file: FileIO, chunk: Chunk, tracks: Mapping[int, Track]) -> list[tuple[int, Item]]:
-    """The items, in order, of those channels of a chunk of which all can be read."""
+    """The items, in order, of the channels of a chunk that are fully readable."""
     sound = set[int]()
     for number in tracks:
         with contextlib.suppress(ValueError):

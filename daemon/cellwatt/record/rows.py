@@ -1,4 +1,4 @@
-"""Blocks of samples and frames as arrays of MCAP message records, encoded and decoded in one go.
+"""Blocks of samples and frames as arrays of MCAP message records, encoded and decoded as a whole.
 
 Every message of a channel has the same length, because a double field with a number from 16 to 2047
 always takes two bytes of tag and eight of value. A block of n messages, record framing included, is thus
@@ -26,7 +26,7 @@ Rows = NDArray[np.void]
 
 FIRST_VALUE = 16
 MOST_VALUES = 2048 - FIRST_VALUE
-"""Channels a stream or a frame may have: beyond them a tag would take three bytes."""
+"""Largest number of channels of a stream or a frame: with more, a tag would take three bytes."""
 
 OPCODE_MESSAGE = 5
 FRAMING: list[tuple[Any, ...]] = [
@@ -47,7 +47,7 @@ DEVICE_TIME = Field("device_time", 1, Kind.SFIXED64)
 BOUND = Field("bound", 2, Kind.SFIXED64)
 QUALITY = Field("quality", 3, Kind.FIXED32)
 LEFT = Field("block_left", 4, Kind.FIXED32)
-"""Samples of the same block that follow: tells where recorded blocks begin and end."""
+"""Number of following samples in the same block: marks where recorded blocks begin and end."""
 QUALITIES = Field("quality", 1, Kind.BYTES)
 BOUNDS = Field("bound", 2, Kind.SFIXED64, repeated=True)
 
@@ -93,7 +93,7 @@ class RowType:
         self._template = template.tobytes()
 
     def rows(self, n: int, channel: int, sequence: int) -> Rows:
-        """n records with everything that never changes filled in, numbered from ``sequence``."""
+        """n records with the constant fields filled in, numbered from ``sequence``."""
         # Repeating bytes is some twenty times as fast as numpy's copying of nested structs.
         rows = np.frombuffer(bytearray(self._template * n), self.dtype)
         rows["channel"] = channel
@@ -105,7 +105,7 @@ class RowType:
         return rows
 
     def block(self, data: bytes, offset: int) -> Rows:
-        """The records of the block that begins at ``offset``; ends early where other records stand between."""
+        """The records of the block that begins at ``offset``, up to the first record of another channel."""
         most = (len(data) - offset) // self.size
         rows: Rows = np.frombuffer(data, self.dtype, most, offset)
         n = min(int(rows[0]["block_left"]) + 1, most)
@@ -151,12 +151,12 @@ class BlockRows:
         return {"declaration": json.dumps(asdict(self._declared))}
 
     def fits(self, block: Batch | Frames) -> bool:
-        """Tell whether a block is of this kind; most often it has the same object, which spares comparing channels."""
+        """True if a block is of this kind; usually it has the same object, which avoids comparing channels."""
         declared = block.stream if isinstance(block, Batch) else block.layout
         return declared is self._declared or declared == self._declared
 
     def encode(self, block: Batch | Frames, channel: int) -> Rows:
-        """The records of a block; those it was read from, if it has them, differ in the channel alone."""
+        """The records of a block; if it has the rows that it was read from, only their channel is replaced."""
         of_device = None
         if isinstance(block, Batch):
             if block.rows is not None:
@@ -175,13 +175,13 @@ class BlockRows:
         return rows
 
     def _decoded(self, data: bytes, offset: int, length: int, first: int) -> tuple[Rows, dict[str, Any]]:
-        """The records of the block that begins at ``offset``, and what samples and frames have of them."""
+        """The records of the block that begins at ``offset``, and the fields common to batches and frames."""
         row_type = next((t for t in self._types if t.size - 9 == length), None)
         if row_type is None:
             raise ValueError(f"a message of {length} bytes does not fit {self._about}")
         rows = row_type.block(data, offset)
         return rows, {
-            # The record has the low 32 bits of a number.
+            # The record stores the low 32 bits of a number.
             "sequence": first + (int(rows["sequence"][0]) - first & 0xFFFFFFFF),
             "time": rows["log_time"].astype(np.int64),
             "bound": rows["bound"].astype(np.int64),
@@ -205,11 +205,11 @@ class SampleRows(BlockRows):
         return {"source": self.source, "stream": self.stream.name, **super().declaration}
 
     def decode(self, data: bytes, offset: int, length: int, first: int, *, keep: bool = False) -> tuple[Batch, int]:
-        """The batch whose records begin at ``offset``, and where they end.
+        """The batch whose records begin at ``offset``, and the offset of their end.
 
         ``length`` is the first record's, ``first`` the sequence number at which this file's stream begins. With
-        ``keep`` the batch has its rows, and with them all of ``data``.
-        Raises ``ValueError`` where the record is not of this stream.
+        ``keep`` the batch refers to its rows, and so holds all of ``data`` in memory.
+        Raises ``ValueError`` if the record is not of this stream.
         """
         rows, told = self._decoded(data, offset, length, first)
         arrival = int(rows["publish_time"][:1].astype(np.int64)[0])
@@ -230,18 +230,18 @@ class FrameRows(BlockRows):
         self.layout = layout
 
     def decode(self, data: bytes, offset: int, length: int, first: int) -> tuple[Frames, int]:
-        """The frames whose records begin at ``offset``, and where they end. Raises ``ValueError``."""
+        """The frames whose records begin at ``offset``, and the offset of their end. Raises ``ValueError``."""
         rows, told = self._decoded(data, offset, length, first)
         return Frames(self.layout, **told), offset + rows.nbytes
 
 
 def rows_of(block: Batch | Frames) -> SampleRows | FrameRows:
-    """The rows that a block, and others of its kind, are."""
+    """The rows for a block and others of its kind."""
     return SampleRows(block.source, block.stream) if isinstance(block, Batch) else FrameRows(block.layout)
 
 
 def declared_rows(declaration: Mapping[str, str]) -> SampleRows | FrameRows:
-    """The rows that a declaration tells of. Raises ``ValueError`` or ``KeyError`` where it is damaged."""
+    """The rows that a declaration describes. Raises ``ValueError`` or ``KeyError`` if it is damaged."""
     if "source" in declaration:
         return SampleRows(declaration["source"], _STREAM.validate_json(declaration["declaration"]))
     return FrameRows(_LAYOUT.validate_json(declaration["declaration"]))

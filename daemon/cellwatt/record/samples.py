@@ -17,7 +17,7 @@ from cellwatt.channel import Stream
 class Samples:
     """All samples of one stream: arrays (n,) as in ``Batch``, ``values`` (n, channels).
 
-    ``sequence`` and ``arrival`` are given for each sample; sequence numbers begin anew with each session.
+    ``sequence`` and ``arrival`` (n,) are those of each sample; sequence numbers restart with each session.
     """
 
     source: str
@@ -35,7 +35,7 @@ class Samples:
 
 
 def join(source: str, stream: Stream, batches: Sequence[Batch]) -> Samples:
-    """Batches of one stream in one piece; device times only where every batch has them."""
+    """Join batches of one stream; device times only if every batch has them."""
     times = [b.device_time for b in batches if b.device_time is not None]
     no_time = np.empty(0, np.int64)
     return Samples(

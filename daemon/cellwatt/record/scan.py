@@ -1,7 +1,7 @@
-"""Everything that can still be read of a file, whatever happened to it.
+"""Finds all readable records of a damaged file.
 
-Records are followed from the start; where that fails, the next chunk whose checksum is right is looked for
-byte by byte, and what lies between is reported.
+Records are followed from the start; where that fails, the scan searches byte by byte for the next chunk with a right
+checksum, and reports the bytes in between.
 """
 
 from __future__ import annotations
@@ -46,14 +46,14 @@ from cellwatt.record.openfile import DEFINITIONS, HEADER
 _WINDOW = 1 << 20
 _LAST_OPCODE = int(max(Opcode))
 _LOW = 0xFFFFFFFF
-"""Sequence numbers stand in messages with their low 32 bits."""
+"""Messages store the low 32 bits of sequence numbers."""
 _MARK = RECORD.size + CHUNK_HEAD.size
-"""From the start of a chunk record to the name of its compression, which is what is searched for."""
+"""Bytes from the start of a chunk record to the name of its compression, for which the scan searches."""
 
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """``length`` bytes at ``offset`` of a file that cannot be read, and why."""
+    """``length`` bytes at ``offset`` of a file that cannot be read; ``what`` is the reason."""
 
     path: Path
     offset: int
@@ -70,9 +70,9 @@ class Damage:
 class Scan:
     """Findings of a scan.
 
-    ``end`` is where the last whole record of the data ends and ``tail`` the message indexes missing there.
-    ``closed`` is true where the file has a valid end of its own. ``missing`` counts by topic the messages
-    that the numbering shows to be absent.
+    ``end`` is the end of the last whole record of the data, and ``tail`` the message indexes missing there.
+    ``closed`` is true if the file has a valid end. ``missing`` counts by topic the messages that are absent
+    according to their numbers.
     """
 
     path: Path
@@ -87,12 +87,12 @@ class Scan:
 
     @property
     def torn(self) -> bool:
-        """All damage lies behind the last whole record."""
+        """True if all damage lies after the last whole record."""
         return all(d.offset >= self.end for d in self.damage)
 
 
 def scan(file: FileIO, path: Path) -> Scan:
-    """Read a whole file, checking all there is to check. Never raises on what it finds in it."""
+    """Read a whole file and check every record. Never raises because of the file's content."""
     scanner = _Scanner(file, path)
     scanner.run()
     return scanner.found
@@ -117,7 +117,7 @@ class _Scanner:
         self._drop_undefined()
 
     def _drop_undefined(self) -> None:
-        """Chunks are no use where no copy of the definition of a channel in them is left."""
+        """Drop chunks with a channel of which no copy of the definition is readable."""
         old = self.found.contents
         undefined = old.counts.keys() - old.channels.keys()
         if not undefined:
@@ -135,7 +135,7 @@ class _Scanner:
         self.found.damage.append(Damage(self.found.path, offset, length, what))
 
     def _record(self, at: int) -> int:
-        """Read the record at ``at``; gives where to go on."""
+        """Read the record at ``at``; return the offset of the next."""
         head = read_at(self._file, RECORD.size, at)
         if len(head) < RECORD.size:
             return self._resync(at, "the file ends within a record")
@@ -209,7 +209,7 @@ class _Scanner:
             self._numbers.setdefault(channel, []).append((listed.first[channel], listed.last[channel], counted))
 
     def _count_missing(self) -> None:
-        """Compare the numbers seen with those that there should be."""
+        """Count the numbers that are missing between the messages found."""
         for channel, runs in self._numbers.items():
             definition = self.found.contents.channels.get(channel)
             if definition is None:
@@ -217,13 +217,13 @@ class _Scanner:
             expected = _first(definition) & _LOW
             for first, last, counted in runs:
                 absent = (last - expected + 1 & _LOW) - counted
-                # Numbers that run backwards are another matter than holes.
+                # Numbers that run backwards are not gaps.
                 if 0 < absent < 1 << 31 and first - expected & _LOW < 1 << 31:
                     self.found.missing[definition.topic] += absent
                 expected = last + 1
 
     def _resync(self, at: int, what: str) -> int:
-        """The next whole chunk behind ``at``, or the end of the file."""
+        """Offset of the next whole chunk after ``at``, or of the end of the file."""
         after = self._next_chunk(at + 1)
         self._damaged(at, after - at, what)
         return after
@@ -252,7 +252,7 @@ class _Scanner:
 
 
 def _first(definition: Channel) -> int:
-    """The number at which a channel begins; 0 where that is not told, or damaged."""
+    """The first number of a channel; 0 if the definition lacks it, or is damaged."""
     try:
         return int(definition.metadata.get("first", 0))
     except ValueError:

@@ -1,7 +1,7 @@
 """A signed digest beside each finished recording: ``NAME.mcap.sig``.
 
 It holds the file's name, size and SHA-256, how it was finished (``closed``, or ``repaired`` after a crash), and the
-cell's signature (Ed25519) of these four. The file itself says of which site, cell and session it is.
+cell's signature (Ed25519) of these four. Site, cell and session are in the header of the recording.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ SUFFIX: Final = ".sig"
 RECORDING: Final = "cellwatt: recording of a cell, version 1"
 State = Literal["closed", "repaired"]
 _LARGEST: Final = 4096
-"""Bytes of a seal that is read at all; ours have some 350."""
+"""Largest size in bytes of a seal that is read; ours have some 350."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class Seal:
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """Bytes that are signed."""
+        """The signed texts."""
         return (RECORDING, self.file, str(self.bytes), self.sha256, self.state)
 
 
@@ -52,7 +52,7 @@ def seal_of(recording: Path) -> Path:
 
 
 def write(recording: Path, state: State, signer: Signer) -> None:
-    """Sign a finished file; one that still has ``.part`` behind its name is signed under its final one.
+    """Sign a finished file; one that still has the suffix ``.part`` is signed under its final name.
 
     Reads the whole file. Raises ``OSError``.
     """
@@ -62,7 +62,7 @@ def write(recording: Path, state: State, signer: Signer) -> None:
 
 
 def read(recording: Path) -> Seal | None:
-    """A recording's seal, unchecked; ``None`` if there is none that can be read."""
+    """A recording's seal, unchecked; ``None`` if there is no readable one."""
     try:
         with seal_of(recording).open("rb") as file:
             return _SEAL.validate_json(file.read(_LARGEST))
@@ -71,10 +71,10 @@ def read(recording: Path) -> Seal | None:
 
 
 def verify(recordings: Iterable[Path], key: Path) -> Iterator[tuple[Path, State | None, str]]:
-    """Check files, and all files of folders: each with how it was finished, or ``None`` and what is wrong with it.
+    """Check files, and all files of folders: yield each with its state, or with ``None`` and what is wrong with it.
 
-    Files of a session that are missing between others are told, too. Raises ``ConfigError`` where ``key`` holds no
-    public key, ``RecordingError`` where there are no recordings.
+    Files missing between others of a session are reported, too. Raises ``ConfigError`` if ``key`` holds no
+    public key, ``RecordingError`` if there are no recordings.
     """
     verifier = Verifier(key)
     given = list(recordings)
@@ -91,7 +91,7 @@ def verify(recordings: Iterable[Path], key: Path) -> Iterator[tuple[Path, State 
 
 
 def _problem(file: Path, verifier: Verifier) -> str:
-    """Return the faults of a file; none if it is what its cell signed."""
+    """Return what is wrong with a file; empty if it is unchanged since its cell signed it."""
     seal = read(file)
     if seal is None:
         return "is not finished, so it is not signed yet" if file.name.endswith(PART) else "is not signed"
@@ -108,7 +108,7 @@ def _problem(file: Path, verifier: Verifier) -> str:
 
 
 def _missing(files: Iterable[Path]) -> Iterator[Path]:
-    """Files that the numbers of a session show to be absent."""
+    """Files that are absent according to the file numbers of a session."""
     there: dict[tuple[Path, int, str], set[int]] = {}
     for file in files:
         name = FileName.parse(file.name)

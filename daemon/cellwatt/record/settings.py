@@ -13,30 +13,30 @@ from cellwatt.results import Severity
 
 
 class EvidenceSettings(BaseModel):
-    """Evidence packs: what was recorded around an alarm, kept in files of their own, longer than the record."""
+    """Evidence packs: the recording around an alarm, stored in separate files, longer than the record."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     severity: Severity | Literal["none"] = "warning"
     """Least severity of the alarms that get a pack: info, warning or error; none for no packs."""
     before: Seconds = 120.0
-    """Time in front of the first evidence of the alarm."""
+    """Time before the first evidence of the alarm."""
     after: Seconds = 60.0
-    """Time behind the raise of the alarm."""
+    """Time after the raise of the alarm."""
     keep: Bytes = 2e9
-    """Disk budget of the packs, beside that of the record; the oldest go first."""
+    """Disk budget of the packs, in addition to that of the record; the oldest packs are removed first."""
     age: Seconds = 365 * 86400.0
-    """Remove packs older than this; 0 keeps them until the budget is spent."""
+    """Remove packs older than this; with 0 only the budget limits them."""
 
 
 ROOTS: Final = Path("/var/lib/cellwatt")
-"""Where root records, a folder for each cell."""
+"""Folder in which root records, with a subfolder for each cell."""
 
 
 def default_folder(cell: str) -> Path:
-    """Folder of a cell's recordings where the settings name none: one that this user can make.
+    """Default folder of a cell's recordings, which this user can create.
 
-    That of the systemd unit (``StateDirectory=``), for root ``/var/lib/cellwatt/CELL``, for others
+    The systemd unit's (``StateDirectory=``), for root ``/var/lib/cellwatt/CELL``, for others
     ``~/.local/state/cellwatt/CELL``, or below ``$XDG_STATE_HOME``. Raises ``ValueError`` for a user without a home.
     """
     if unit := os.environ.get("STATE_DIRECTORY"):
@@ -53,27 +53,27 @@ def default_folder(cell: str) -> Path:
 
 
 class RecordSettings(BaseModel):
-    """Folder of the record, and the space that it may take."""
+    """Folder and disk budget of the record."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     folder: Path = Field(default_factory=lambda: default_folder(""))
-    """Folder of the recordings; made when missing. Where absent: the ``StateDirectory`` of the systemd unit, for root
+    """Folder of the recordings; created if missing. Default: the ``StateDirectory`` of the systemd unit, for root
     ``/var/lib/cellwatt/CELL``, for others ``~/.local/state/cellwatt/CELL`` (``$XDG_STATE_HOME/cellwatt/CELL``)."""
     keep: Bytes = 20e9
-    """Disk budget of the folder; the oldest closed files go first."""
+    """Disk budget of the folder; the oldest closed files are removed first."""
     age: Seconds = 0.0
-    """Remove closed files older than this; 0 keeps them until the budget is spent."""
+    """Remove closed files older than this; with 0 only the budget limits them."""
     file_size: Bytes = 256e6
-    """A file is closed at this size, or at a quarter of ``keep`` where that is less …"""
+    """A file is closed at this size, or at a quarter of ``keep`` if that is less …"""
     file_age: Seconds = 600.0
     """… or after this time."""
     flush: Seconds = 0.05
-    """Longest time a sample waits in memory: what a killed daemon may lose."""
+    """Longest time that a sample waits in memory: a killed daemon loses at most this."""
     sync: Seconds = 1.0
-    """Longest time a sample waits for the disk itself: what a power cut may lose."""
+    """Longest time until a sample is synced to disk: a power cut loses at most this."""
     queue: Bytes = 64e6
-    """Memory for what waits while the disk is slow or full; what finds no room in it is dropped and counted."""
+    """Memory for samples that wait while the disk is slow or full; further samples are dropped and counted."""
     frames: bool = True
     """Record the aligned frames beside the raw samples."""
     sign: Path | None = None

@@ -1,4 +1,4 @@
-"""What a file holds, by its summary where that is sound, else by reading all of it; and the files of a recording.
+"""The contents of a file, from its summary if that is sound, else from a scan; and the files of a recording.
 
 Files may be written, closed, repaired and removed meanwhile.
 """
@@ -26,7 +26,7 @@ from cellwatt.record.scan import Damage, Scan, scan
 
 @dataclass(frozen=True, slots=True)
 class Survey:
-    """A file's header, contents and damage; ``closed`` where it has a valid end of its own."""
+    """A file's header, contents and damage; ``closed`` if the file has a valid end."""
 
     path: Path
     size: int
@@ -39,10 +39,10 @@ class Survey:
 
 
 def survey_open(file: FileIO, path: Path, *, chunks: bool = True) -> Survey:
-    """Content of an open file, damaged or not. Without ``chunks`` they may be left out, which is much faster.
+    """Survey an open file, damaged or not. Without ``chunks`` the list of chunks may be omitted: much faster.
 
-    A file that was not closed is read to its last whole chunk: what its writer is at there is no damage.
-    Raises ``OSError``, and ``RecordingError`` where nothing in it is a recording.
+    A file that was not closed is read to its last whole chunk: an incomplete chunk at its end is no damage.
+    Raises ``OSError``, and ``RecordingError`` if the file holds no recording.
     """
     status, summary = os.fstat(file.fileno()), read_summary(file, chunks=chunks)
     if summary is None:
@@ -56,7 +56,7 @@ def survey_open(file: FileIO, path: Path, *, chunks: bool = True) -> Survey:
         raise RecordingError(f"{path}: holds nothing that is a recording")
     header = found.header or guess_header(path, contents)
     sound = found.end if path.name.endswith(PART) else found.size + 1
-    # Of channels whose declaration is damaged nothing is read; the others are.
+    # Channels whose declaration is damaged are not read.
     undeclared = (Damage(path, 0, 0, wrong) for wrong in tracks_of(contents.channels)[1])
     damage = (*(d for d in found.damage if d.offset < sound), *undeclared)
     return Survey(path, found.size, header, contents, damage, found.closed, (status.st_dev, status.st_ino))
@@ -74,20 +74,20 @@ def _header(file: FileIO, contents: Contents) -> Header | None:
 
 
 def guess_header(path: Path, contents: Contents) -> Header:
-    """Header of a file that lost it: its name tells cell and session, its channels the streams."""
+    """Header for a file that lost it: cell and session from the file's name, streams from its channels."""
     streams = streams_of(tracks_of(contents.channels)[0].values())
     name = FileName.parse(path.name) or FileName(contents.start, 0, path.stem)
     return Header(site="", cell=name.cell, session=name.session, number=name.number, streams=streams)
 
 
 ATTEMPTS = 10
-"""Listings of a folder until two in a row name the same files."""
+"""Largest number of listings of a folder until two consecutive ones agree."""
 
 
 def open_recording(path: Path) -> tuple[Path, FileIO]:
-    """Open a file under its name, or the one that it has since its writer closed it. Raises ``OSError``.
+    """Open a file under its name, or under the name it got when it was closed. Raises ``OSError``.
 
-    A file loses ``.part`` behind its name when it is closed or repaired, and is never renamed back.
+    A file loses the suffix ``.part`` when it is closed or repaired, and never gets it back.
     """
     closed = path.with_name(path.name.removesuffix(PART))
     try:
@@ -99,9 +99,9 @@ def open_recording(path: Path) -> tuple[Path, FileIO]:
 
 
 def survey(path: Path, *, chunks: bool = True) -> Survey:
-    """Content of a file, damaged or not. Without ``chunks`` they may be left out, which is much faster.
+    """Survey a file, damaged or not. Without ``chunks`` the list of chunks may be omitted: much faster.
 
-    Raises ``RecordingError`` where the file cannot be opened or nothing in it is a recording.
+    Raises ``RecordingError`` if the file cannot be opened or holds no recording.
     """
     try:
         found, file = open_recording(path)
@@ -112,7 +112,7 @@ def survey(path: Path, *, chunks: bool = True) -> Survey:
 
 
 def in_folder(folder: Path) -> list[Path]:
-    """The recordings in a folder: a listing that no rename has disturbed, as far as that can be had."""
+    """The recordings in a folder, listed until two consecutive listings agree, because files may be renamed."""
     before = _listed(folder)
     for _ in range(ATTEMPTS):
         now = _listed(folder)
@@ -127,9 +127,9 @@ def _listed(folder: Path) -> list[Path]:
 
 
 def survey_all(paths: Iterable[Path]) -> tuple[list[Survey], list[Damage]]:
-    """Files that can be read, each once. One without anything readable is damage, if others have something.
+    """Surveys of the readable files, each once. Unreadable files are damage, as long as another is readable.
 
-    Raises ``RecordingError`` where none has.
+    Raises ``RecordingError`` if none is.
     """
     surveys: dict[tuple[int, int], Survey] = {}
     damage: list[Damage] = []
@@ -147,7 +147,7 @@ def survey_all(paths: Iterable[Path]) -> tuple[list[Survey], list[Damage]]:
 
 
 def _unread(path: Path, error: RecordingError) -> list[Damage]:
-    """What is lost with a file that could not be read: nothing where its writer has just made it."""
+    """Damage of a file that could not be read; none if its writer has only just created it."""
     if isinstance(error.__cause__, FileNotFoundError):
         return [Damage(path, 0, 0, "was removed before it could be read")]
     try:
@@ -159,7 +159,7 @@ def _unread(path: Path, error: RecordingError) -> list[Damage]:
 
 
 def in_order(surveys: Sequence[Survey], damage: list[Damage]) -> tuple[list[Survey], list[Damage]]:
-    """Files by session and number; of copies, the one that holds most."""
+    """Files ordered by session and number; of copies, the one with most messages."""
     kept: dict[tuple[int, ...], Survey] = {}
     for file in sorted(surveys, key=lambda f: (-f.contents.counts.total(), f.path.name)):
         header, contents = file.header, file.contents
@@ -172,13 +172,13 @@ def in_order(surveys: Sequence[Survey], damage: list[Damage]) -> tuple[list[Surv
 
 
 def removed(file: Survey) -> Damage:
-    """The loss of a file that was removed after it was opened."""
+    """Damage of a file that was removed after the recording was opened."""
     span = f"{utc(file.contents.start)} to {utc(file.contents.end)}"
     return Damage(file.path, 0, 0, f"was removed while the recording was read; what it held is missing: {span}")
 
 
 def open_until(file: Survey) -> str:
-    """The line about a file that was not closed when it was opened."""
+    """Warning about a file that was not closed when the recording was opened."""
     until = f"read up to {utc(file.contents.end)}" if file.contents.counts else "nothing is in it yet"
     return f"{file.path.name}: is still being written, or was left open: {until}"
 

@@ -1,4 +1,4 @@
-"""Recordings as tables for other tools: Parquet, CSV and JSON lines, written piece by piece, and data frames."""
+"""Recordings as tables for other tools: Parquet, CSV and JSON lines, written in blocks, and data frames."""
 
 from __future__ import annotations
 
@@ -28,14 +28,13 @@ from cellwatt.units import Units
 Channels = Sequence[Channel | FrameChannel]
 SI = Units()
 ROWS = 32768
-"""Rows held back before they are written together."""
+"""Rows that are collected and written together."""
 _UNITS = {"t": "s", "utc_ns": "ns", "arrival_ns": "ns", "device_time_ns": "ns", "bound_ns": "ns"}
 
 
 def sample_rows(samples: Samples, start: int, units: Units = SI) -> pa.RecordBatch:
-    """Raw samples as rows: ``t`` s since ``start`` (UTC ns), ``utc_ns``, one column a channel, then what is known of
-    each sample: sequence, arrival, device time, bound and quality. Values are in ``units``, named in the columns'
-    metadata.
+    """Raw samples as rows: ``t`` s since ``start`` (UTC ns), ``utc_ns``, one column a channel, then sequence, arrival,
+    device time, bound and quality of each sample. Values are in ``units``, named in the columns' metadata.
     """
     device_time = pa.nulls(len(samples), pa.int64()) if samples.device_time is None else samples.device_time
     known = {
@@ -49,7 +48,7 @@ def sample_rows(samples: Samples, start: int, units: Units = SI) -> pa.RecordBat
 
 
 def frame_rows(frames: Frames, start: int, units: Units = SI, *, known: bool = True) -> pa.RecordBatch:
-    """Frames as rows, as ``sample_rows``; ``known``: with sequence, and quality and bound of each channel."""
+    """Frames as rows, like ``sample_rows``; ``known`` adds sequence, and quality and bound of each channel."""
     columns: dict[str, Any] = {}
     if known:
         columns["sequence"] = np.arange(frames.sequence, frames.sequence + len(frames))
@@ -74,11 +73,11 @@ def _rows(
 
 
 class Table:
-    """A file of columns: ``t`` (s since ``start``, UTC ns), ``utc_ns``, one a channel, then what is known of them.
+    """A table file with columns ``t`` (s since ``start``, UTC ns), ``utc_ns``, one a channel, then bounds and the like.
 
-    Values are in ``units``. Their names stand in the columns' metadata (Parquet) or in a JSON file beside the table
-    (CSV), where a column that is not in the SI unit bears its unit in its name, too. Use as a context manager. Raises
-    ``RecordingError`` where the file cannot be written.
+    Values are in ``units``. The units are named in the columns' metadata (Parquet) or in a JSON file beside the table
+    (CSV); a CSV column that is not in the SI unit also has its unit in its heading. Use as a context manager. Raises
+    ``RecordingError`` if the file cannot be written.
     """
 
     def __init__(self, path: Path, channels: Channels, start: int, header: Header, units: Units = SI) -> None:
@@ -131,7 +130,7 @@ class Table:
 
     def _open(self, schema: Any) -> Any:
         if self.path.suffix == ".csv":
-            # pyarrow would put every name in quotes, which simple readers take for part of the name.
+            # pyarrow would quote every name, and simple readers take the quotes as part of the name.
             with self.path.open("w", newline="") as file:
                 csv.writer(file, lineterminator="\n").writerow(
                     [self._named.get(name, (name,))[0] for name in schema.names]
@@ -160,12 +159,12 @@ class Table:
 
 
 def about(header: Header, start: int) -> dict[str, Any]:
-    """Columns that every table has of its recording; ``start`` UTC ns."""
+    """Origin of a table: site, cell, session and ``start`` (UTC ns) of its recording."""
     return {"site": header.site, "cell": header.cell, "session": header.session, "start_utc_ns": start}
 
 
 def write_lines(path: Path, items: Iterable[bytes]) -> int:
-    """JSON lines; gives how many, and leaves no file where there are none. Raises ``RecordingError``."""
+    """Write JSON lines; return their number. Without lines no file is written. Raises ``RecordingError``."""
     lines = list(items)
     if lines:
         try:
@@ -181,8 +180,8 @@ Library = Literal["pandas", "polars", "arrow"]
 def data_frame(rows: pa.RecordBatch, header: Header, start: int, library: Library | None) -> Any:
     """A data frame of ``library``; by default of pandas, else polars, else Arrow, whichever is installed.
 
-    Units by column are in ``attrs["units"]`` (pandas) or in the fields' metadata (Arrow); polars keeps none.
-    Raises ``CellwattError`` where ``library`` is not installed.
+    Units by column are in ``attrs["units"]`` (pandas) or in the fields' metadata (Arrow); polars has no place for them.
+    Raises ``CellwattError`` if ``library`` is not installed.
     """
     library = library or next((name for name in ("pandas", "polars") if find_spec(name)), "arrow")
     table = pa.Table.from_batches([rows]).replace_schema_metadata({"cellwatt": json.dumps(about(header, start))})
@@ -202,7 +201,7 @@ def data_frame(rows: pa.RecordBatch, header: Header, start: int, library: Librar
 
 
 def of_channels(frames: Frames, wanted: Sequence[str]) -> Frames:
-    """Frames of the channels that are ``wanted`` by name or pattern. Raises ``ConfigError``."""
+    """Frames restricted to the channels ``wanted`` by name or pattern. Raises ``ConfigError``."""
     layout = frames.layout
     found = [[i for i, c in enumerate(layout.names) if fnmatchcase(c, n)] or [layout.index(n)] for n in wanted]
     columns = [i for each in found for i in each]

@@ -25,18 +25,18 @@ from cellwatt.record.settings import RecordSettings
 log = logging.getLogger(__name__)
 
 SHORT = 3600.0
-"""s for which it is told that recordings had to go because the disk was full."""
+"""s for which health reports that recordings were removed because the disk was full."""
 MOST_IN_VAIN = 8
-"""Recordings deleted on a full disk before it is clear that this does not help."""
+"""Recordings deleted on a full disk without effect before deleting stops."""
 
 
 def is_full(error: OSError) -> bool:
-    """Deleting recordings may help."""
+    """True if deleting recordings may help."""
     return error.errno in (errno.ENOSPC, errno.EDQUOT)
 
 
 class Upkeep:
-    """Runs slow file work for one recorder, one piece at a time, and repairs beside it."""
+    """Runs slow file work for one recorder, one job at a time, and repairs in parallel."""
 
     def __init__(self, settings: RecordSettings, cell: str) -> None:
         self._settings = settings
@@ -51,27 +51,27 @@ class Upkeep:
         self._removed_files = self._removed_bytes = 0
         self._in_vain = 0
         self._short: dict[str, Any] = {}
-        """Recordings that had to go though the budget would have kept them."""
+        """Figures of recordings removed because the disk was full, although the budget allowed them."""
         self._short_at = -SHORT
         self._problem = ""
 
     def start(self) -> None:
-        """Repair what an earlier run left open, newest first, and keep to the budget."""
+        """Repair files that an earlier run left open, newest first, and apply the budget."""
         self._repair(left_open(self._settings.folder, self._cell))
         self.retain()
 
     def close(self) -> None:
-        """Finish what was asked for; repairs not yet begun are left to the next start."""
+        """Finish the jobs; repairs not yet begun are left to the next start."""
         self._worker.shutdown(wait=True)
         self._repairs.shutdown(wait=True, cancel_futures=True)
 
     async def recovered(self) -> list[Recovery]:
-        """Return the recoveries of the files left open, once all are dealt with."""
+        """Return the recoveries of the files left open, once all are done."""
         await asyncio.gather(*map(asyncio.wrap_future, self._repairing), return_exceptions=True)
         return list(self._recovered)
 
     def repairing(self, session: int) -> bool:
-        """True while a recording of a session is being repaired, or is about to be."""
+        """True while a recording of a session is being repaired, or waits for its repair."""
         names = [FileName.parse(part.name) for done, part in list(self._repairing.items()) if not done.done()]
         return any(name is not None and name.session == session for name in names)
 
@@ -85,9 +85,9 @@ class Upkeep:
         }
 
     def sync(self, file: OpenFile) -> bool:
-        """Bring what was written to disk; ``False`` where the disk is still busy with the last call.
+        """Start syncing a file to disk; return ``False`` if the last sync is still running.
 
-        Raises the ``OSError`` that the last call met, ``DisplacedError`` where the file was not in its place.
+        Raises the ``OSError`` of the last sync, ``DisplacedError`` if the file was not at its path.
         """
         last, self._syncing = self._syncing, None
         if last is not None:
@@ -99,15 +99,15 @@ class Upkeep:
         return True
 
     def sync_folder(self) -> None:
-        """Bring the name of a new file to disk."""
+        """Sync the name of a new file to disk."""
         self._submit(sync_folder, self._settings.folder)
 
     def publish(self, file: OpenFile) -> None:
-        """Bring a finished file to disk under its final name, then keep to the budget."""
+        """Sync a finished file to disk under its final name, then apply the budget."""
         self._submit(self._publish, file)
 
     def retain(self) -> None:
-        """Remove what is too much or too old."""
+        """Remove closed files beyond the budget or the age."""
         self._submit(self._retain)
 
     def _submit(self, work: Callable[..., None], *arguments: object) -> None:
@@ -120,11 +120,11 @@ class Upkeep:
             self._problem = f"{self._settings.folder}: {error}"
 
     def leave(self, part: Path) -> None:
-        """A file had to be given up; it is repaired when the disk takes it."""
+        """Note a file abandoned after a disk error, to be repaired when the disk works."""
         self._left.add(part)
 
     def repair_left(self) -> None:
-        """The disk works again: repair what was given up."""
+        """Repair the abandoned files, because the disk works again."""
         self._in_vain = 0
         self._problem = ""
         left, self._left = self._left, set()
@@ -133,8 +133,8 @@ class Upkeep:
     def make_room(self) -> bool:
         """Delete the oldest closed recording, because the disk is full.
 
-        ``False`` where there is none, or where deleting several did not let a single write succeed: then
-        the room is taken by something else, and no more recordings are given for it.
+        Return ``False`` if there is none, or if no write succeeded after several were deleted: then other files
+        fill the disk, and no more recordings are deleted.
         """
         if self._in_vain >= MOST_IN_VAIN:
             self._problem = "the disk stays full although recordings were deleted; something else fills it"
@@ -161,7 +161,7 @@ class Upkeep:
         try:
             recovery = recover(part)
         except Exception as error:
-            # Whatever is in a file, it must stop neither the daemon nor the repair of the others.
+            # No content of a file may stop the daemon or the repair of other files.
             log.exception("%s cannot be repaired", part)
             recovery = Recovery(part, problem=f"cannot be repaired: {error}; it stays as it is")
         if recovery is not None and recovery.result is not None:
@@ -183,7 +183,7 @@ class Upkeep:
         self._retain()
 
     def _sign(self, recording: Path, state: seal.State) -> None:
-        """Sign a recording; if that fails it is kept unsigned, and the failure is reported."""
+        """Sign a recording; if that fails, it stays unsigned and the failure is reported."""
         if self._settings.sign is None:
             return
         try:

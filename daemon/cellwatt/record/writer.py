@@ -1,4 +1,4 @@
-"""The recorder: takes items from the event loop, writes them from a thread of its own."""
+"""The recorder: takes items from the event loop and writes them in its own thread."""
 
 from __future__ import annotations
 
@@ -23,27 +23,27 @@ from cellwatt.record.upkeep import Upkeep
 from cellwatt.results import Event, Result
 
 LOOK, IDLE = 0.5, 5.0
-"""Periods in s at which files are looked after while nothing arrives: until what was written is on disk, and then."""
+"""Periods in s of the upkeep of files while nothing arrives: before and after all written data are synced to disk."""
 OVERHEAD = 1000
-"""Bytes that a block takes in memory beside its numbers."""
+"""Bytes of memory of a block beside its arrays."""
 SIZES = {Tick: 300, Event: 1000}
-"""Bytes that a message of a kind takes; others take more."""
+"""Bytes of memory of a message by kind; other kinds need more."""
 
 
 class Recorder:
     """Writes everything of one session into ``settings.folder``.
 
-    ``put`` and ``health`` are called on the event loop, only enqueue, and return ``False`` where the item was refused
+    ``put`` and ``health`` are called on the event loop, only enqueue, and return ``False`` if the item was refused
     because the queue is full (or the recorder is not running); refused items are counted. A disk that is full,
-    read-only or broken stops the writing, never the daemon: what waits stays in memory up to ``settings.queue`` bytes,
-    room is made by deleting the oldest recordings, and writing goes on in a new file as soon as the disk takes it.
+    read-only or broken stops the writing, never the daemon: waiting items stay in memory up to ``settings.queue``
+    bytes, the oldest recordings are deleted to make room, and writing continues in a new file as soon as it can.
     """
 
     def __init__(self, settings: RecordSettings, header: Header) -> None:
         self.settings = settings
         self.cell, self.session = header.cell, header.session
         self.gathered = 0.0
-        """s that what is given has waited already: with it, nothing waits for longer than ``settings.flush``."""
+        """s that items have waited before ``put``, so that none waits for longer than ``settings.flush`` in total."""
         self.upkeep = Upkeep(settings, header.cell)
         self._files = Files(settings, header, self.upkeep)
         self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
@@ -52,17 +52,17 @@ class Recorder:
         self._queue: deque[Entry] = deque()
         self._bytes = 0
         self._first_at = float("inf")
-        """Since when the first of those in the queue that must be written soon has waited."""
+        """Monotonic s at which the first item in the queue that must be written soon was put."""
         self._accepted = self._settled = self._flush_to = 0
         self._running = False
         self._drops: Counter[str] = Counter()
-        # The thread's own: taken from the queue and not yet on disk.
+        # Used by the thread alone: items taken from the queue and not yet on disk.
         self._held: deque[Entry] = deque()
 
     def start(self) -> None:
-        """Begin to write; files left open by an earlier run are recovered meanwhile.
+        """Start writing; files left open by an earlier run are recovered in parallel.
 
-        Raises ``RecordingError`` where the folder cannot be made.
+        Raises ``RecordingError`` if the folder cannot be created.
         """
         try:
             self.settings.folder.mkdir(parents=True, exist_ok=True)
@@ -73,7 +73,7 @@ class Recorder:
         self._thread.start()
 
     async def close(self) -> None:
-        """Write all that waits, close the file, end."""
+        """Write all waiting items, close the file, and end the thread."""
         await asyncio.to_thread(self._close)
 
     def _close(self) -> None:
@@ -85,9 +85,9 @@ class Recorder:
             self.upkeep.close()
 
     def put(self, item: Batch | Frames | Tick | Event | Result, number: int | None = None) -> bool:
-        """Record an item, a result or event under its number; ``False`` where it was refused, for the caller to count.
+        """Record an item, a result or event under its number; return ``False`` if it was refused.
 
-        An empty block is nothing, and so are frames where the settings say not to record them.
+        Empty blocks are ignored, and so are frames if the settings exclude them.
         """
         if not isinstance(item, Batch | Frames):
             return self._put(item, SIZES.get(type(item), 2000), TOPICS[type(item)], number=number)
@@ -97,17 +97,17 @@ class Recorder:
         return self._put(item, item.values.nbytes + each + OVERHEAD, topic_of_block(item), len(item))
 
     def health(self, time: int, status: Mapping[str, Any]) -> bool:
-        """Record the daemon's health at ``time``, UTC ns, with what comes next, or after ``IDLE`` s."""
+        """Record the daemon's health at ``time``, UTC ns, together with the next item, or after ``IDLE`` s."""
         return self._put(Health(time, status), 8000, TOPICS[Health], soon=False)
 
     def redeclare(self, header: Header) -> None:
-        """The settings changed: go on in a new file under this header (of the same session)."""
+        """Continue in a new file under this header (of the same session), because the settings changed."""
         with self._wake:
             self._queue.append(Entry(header, 0, "", 0))
             self._accepted += 1
 
     def flush(self, timeout: float) -> bool:
-        """Wait until all taken so far is in the file; ``False`` where it is not. Never call it on the event loop."""
+        """Wait until all items taken so far are in the file; return whether they are. Never call on the event loop."""
         with self._wake:
             target = self._flush_to = self._accepted
             self._wake.notify_all()
@@ -115,11 +115,11 @@ class Recorder:
             return self._settled >= target
 
     def progress(self) -> tuple[int, int]:
-        """Count of the items taken so far, and of those, the first ones, that are dealt with."""
+        """Number of items taken so far, and how many of them, from the first on, are written or refused."""
         return self._accepted, self._settled
 
     def live(self) -> tuple[Path, Contents] | None:
-        """The file being written, and its contents as far as they are on disk; they grow in another thread."""
+        """The file being written, and its contents on disk so far; another thread extends them."""
         file = self._files.open
         return None if file is None else (file.part, file.contents)
 
@@ -152,7 +152,7 @@ class Recorder:
             self._queue.append(Entry(item, size, topic, n, number))
             self._bytes += size
             self._accepted += 1
-            # Woken for the first, to note when it must be written, and for a full chunk; not in between.
+            # Wake the thread for the first item, so that it notes the deadline, and for a full chunk; not in between.
             if first or self._bytes > CHUNK:
                 self._wake.notify_all()
         return True
@@ -171,7 +171,7 @@ class Recorder:
             self._wake.notify_all()
 
     def _wait(self) -> bool:
-        """Sleep until something is to be done, and take over what arrived; ``False`` at the end."""
+        """Sleep until there is work, and take over the queue; return ``False`` at the end."""
         with self._wake:
             end = time.monotonic() + (IDLE if self._files.synced else LOOK)
             while self._running and (pause := min(self._due(), end) - time.monotonic()) > 0:

@@ -1,4 +1,4 @@
-"""Report pages: one HTML file with figures, tables and text, in one look for every command.
+"""Report pages: one HTML file with figures, tables and text, in the same style for every command.
 
 A page is a ``Report`` of ``Section`` with blocks: texts, ``Figure``, ``Table``, ``Card``, ``Bars``, ``Notes`` …
 """

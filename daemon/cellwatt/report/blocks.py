@@ -1,4 +1,4 @@
-"""The parts of a page that are text, tables and bars; every text that is not markup is escaped here."""
+"""Blocks of a page: text, tables, bars, cards; every text that is not markup is escaped here."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from cellwatt.report.numbers import decimals_for, fixed, unit
 
 
 class Html(str):
-    """Markup that goes on the page as it is; any other text is escaped."""
+    """Markup that is put on the page unchanged; any other text is escaped."""
 
     __slots__ = ()
 
 
 class HtmlBlock(Protocol):
-    """A block with markup of its own."""
+    """A block that generates its own markup."""
 
     def html(self) -> Html:
         """Its markup."""
@@ -33,29 +33,29 @@ _NUMBER = re.compile(r"[(−<>×\s]*\d.{,30}$|–$|not told$")
 
 
 def markup(content: Block) -> Html:
-    """Any block within a line: text escaped."""
+    """Markup of a block within a line; text is escaped."""
     if isinstance(content, Html):
         return content
     return Html(escape(content)) if isinstance(content, str) else content.html()
 
 
 def joined(blocks: Sequence[Block]) -> Html:
-    """Blocks below each other; a text is a paragraph."""
+    """Markup of blocks below each other; a text becomes a paragraph."""
     return Html("".join(f"<p>{escape(b)}</p>" if type(b) is str else markup(b) for b in blocks))
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table whose first column names its rows; columns of numbers are set to the right.
+    """A table whose first column contains the names of the rows; columns of numbers are right-aligned.
 
-    ``label`` says what it holds to those who do not see it; without ``heads`` it is a list of names and values.
+    ``label`` describes the table for screen readers; without ``heads`` it is a list of names and values.
     """
 
     label: str
     heads: Sequence[str]
     rows: Sequence[Sequence[str]]
     kinds: Sequence[str] = ()
-    """Class of each row; none where left out."""
+    """CSS class of each row; empty: no classes."""
 
     def html(self) -> Html:
         """Its markup."""
@@ -79,13 +79,13 @@ class Table:
         return Html(f'<div class=wide><table aria-label="{label}">{head}<tbody>{body}</tbody></table></div>')
 
     def text(self) -> str:
-        """The same for a terminal: its label, then a line a row, numbers to the right."""
+        """The table for a terminal: its label, then one line per row, numbers right-aligned."""
         return "\n".join([self.label, *aligned([self.heads, *self.rows], numbers=True)])
 
 
 @dataclass(frozen=True)
 class Bars:
-    """Bars in one unit: label, role that gives the colour, and value of each; ``floor``: the noise, marked in all."""
+    """Bars in one unit: label, role (sets the colour) and value of each; ``floor``: noise floor, marked in all bars."""
 
     rows: Sequence[tuple[str, str, float]]
     unit: str
@@ -113,7 +113,7 @@ class Bars:
 
 @dataclass(frozen=True)
 class Card:
-    """A box about one thing: ``tag`` and ``aside`` stand beside its title; ``tone`` gives the colour of its edge."""
+    """A box with a title; ``tag`` and ``aside`` are beside the title, ``tone`` sets the colour of the edge."""
 
     title: str
     blocks: Sequence[Block]
@@ -143,7 +143,7 @@ class Columns:
 
 @dataclass(frozen=True)
 class Folded:
-    """Blocks below a line that shows and hides them."""
+    """Blocks below a title that expands and collapses them."""
 
     title: str
     blocks: Sequence[Block]
@@ -157,7 +157,7 @@ class Folded:
 
 @dataclass(frozen=True)
 class Switch:
-    """A choice of what is shown: figures with ``when`` of this name. Nothing where there is one choice only."""
+    """A selector of the figures shown, those with ``when`` of this name; empty if there is only one choice."""
 
     name: str
     choices: Sequence[str]
@@ -186,14 +186,14 @@ class Notes:
 
 
 def bar(share: float, role: str = "") -> Html:
-    """A bar of a ``share`` of the room it has."""
+    """A bar that fills a ``share`` of its track."""
     return Html(
         f'<div class=track><i class={role or "model"} style="width:{100 * min(max(share, 0), 1):.1f}%"></i></div>'
     )
 
 
 def inline(*parts: str) -> Html:
-    """Texts and markup in one line."""
+    """Texts and markup joined in one line."""
     return Html("".join(map(markup, parts)))
 
 

@@ -1,4 +1,4 @@
-"""Traces and marks of figures: curves, dots, bars, bands and cells, rounded and thinned so that a page stays small."""
+"""Traces and marks of figures: curves, dots, bars, bands and cells, rounded and thinned to limit the page size."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cellwatt.report.numbers import decimals_for
 from cellwatt.report.theme import HEAT
 
 MOST_POINTS, MOST_DOTS = 4000, 2000
-"""Of one curve, and of one cloud."""
+"""Largest number of points of one curve, and of one set of dots."""
 
 
 def curve(
@@ -56,7 +56,7 @@ def dots(
     symbol: str = "circle",
     hover: Sequence[str] = (),
 ) -> Json:
-    """Points (N,), of many a random part, so that no rhythm shows; ``hover``: what each says under the pointer."""
+    """Points (N,), more than ``MOST_DOTS`` sampled at random, to avoid aliasing; ``hover``: tooltip of each."""
     at, up = np.asarray(x, np.float64), np.asarray(y, np.float64)
     known = np.flatnonzero(np.isfinite(at) & np.isfinite(up))
     if len(known) > MOST_DOTS:
@@ -76,7 +76,7 @@ def ribbon(low: ArrayLike, high: ArrayLike, colour: str, start: float) -> list[J
 
 
 def bars(name: str, labels: Sequence[str], sizes: ArrayLike, colour: str, unit: str = "") -> Json:
-    """Horizontal bars, one a label; of several traces stacked."""
+    """Horizontal bars, one per label; several traces are stacked."""
     hover = f"%{{y}}, {escape(name)}: %{{x:.4g}} {escape(unit)}<extra></extra>"
     place = {"y": list(map(escape, labels)), "x": plain(sizes)}
     style = {"marker": {"color": colour}, "orientation": "h", "hovertemplate": hover}
@@ -84,7 +84,7 @@ def bars(name: str, labels: Sequence[str], sizes: ArrayLike, colour: str, unit: 
 
 
 def cells(x: ArrayLike, rows: Sequence[str], shade: Float, said: Sequence[Sequence[str]]) -> Json:
-    """Rows of cells coloured by ``shade`` (rows, cells); blank where it is NaN; ``said`` under the pointer."""
+    """Rows of cells coloured by ``shade`` (rows, cells), blank if NaN; ``said``: tooltip of each cell."""
     text = [[escape(each).replace("\n", "<br>") for each in row] for row in said]
     content = {"x": plain(x, 4), "y": list(map(escape, rows)), "z": [plain(row, 2) for row in shade], "text": text}
     hover = {"hovertemplate": "%{y}, %{text}<extra></extra>", "coloraxis": "coloraxis", "ygap": 2}
@@ -92,14 +92,14 @@ def cells(x: ArrayLike, rows: Sequence[str], shade: Float, said: Sequence[Sequen
 
 
 def colours(top: float, title: str, ticks: Sequence[float], texts: Sequence[str]) -> Json:
-    """Layout of the colours of ``cells``, from 0 to ``top``, with their bar."""
+    """Layout of the colour scale of ``cells``, from 0 to ``top``, with its colour bar."""
     bar: Json = {"title": {"text": title, "side": "right"}, "tickvals": list(ticks), "ticktext": list(texts)}
     bar |= {"thickness": 12, "outlinewidth": 0}
     return {"coloraxis": {"colorscale": HEAT, "cmin": 0, "cmax": top, "colorbar": bar}}
 
 
 def band(low: float, high: float, colour: str) -> list[Json]:
-    """A stripe over the whole width between two heights; none where they are not known."""
+    """A stripe over the whole width between two heights; [] if a height is not finite."""
     if not np.isfinite([low, high]).all():
         return []
     return [_box(("x domain", 0.0, 1.0), ("y", low, high), colour, 0.22)]
@@ -108,7 +108,7 @@ def band(low: float, high: float, colour: str) -> list[Json]:
 def stretch(
     start: float, end: float, colour: str, opacity: float = 0.13, ends: tuple[float, float] = (0.0, 1.0)
 ) -> Json:
-    """A stripe from ``start`` to ``end`` along the axis, over the whole height or the part between ``ends``."""
+    """A stripe from ``start`` to ``end`` on the x axis; ``ends``: its lower and upper end, as shares of the height."""
     return _box(("x", round(start, 3), round(end, 3)), ("y domain", *ends), colour, opacity)
 
 
@@ -119,14 +119,14 @@ def upright(x: float, colour: str) -> Json:
 
 
 def note(text: str, x: float, y: float, colour: str = "", *, up: str = "y domain") -> Json:
-    """A few words at a place; ``y`` as share of the height, or in the axis' unit where ``up`` is "y"."""
+    """A label at ``x``; ``y`` is a share of the height, or in the unit of the axis if ``up`` is "y"."""
     font = {"size": 10, **({"color": colour} if colour else {})}
     place = {"xref": "x", "yref": up, "x": x, "y": y, "yanchor": "bottom"}
     return {**place, "text": escape(text), "showarrow": False, "font": font}
 
 
 def plain(values: ArrayLike, decimals: int | None = None) -> list[Any]:
-    """Numbers (N,) for JSON: gaps as None, rounded to a part of their range that no eye sees unless told."""
+    """Numbers (N,) for JSON: gaps are None; rounded to ``decimals``, by default to 1/5000 of their range."""
     array = np.asarray(values, np.float64)
     known = array[np.isfinite(array)]
     if decimals is None:
@@ -137,10 +137,10 @@ def plain(values: ArrayLike, decimals: int | None = None) -> list[Any]:
 
 
 def thin(values: Float, most: int) -> tuple[Float, float]:
-    """At most ``most`` values that keep the extremes of (N,) ``values``, and how many samples apart they lie.
+    """Thin ``values`` (N,) to at most ``most``, preserving extremes; return them and their spacing in samples.
 
-    Each span gives its lowest and highest value in the order in which they came, so a peak is never lost and
-    lies at most half a span off its place. A span without a finite value stays a gap.
+    Each span yields its lowest and highest value in their original order, so a peak is never lost, and moves by at
+    most half a span. A span without a finite value remains a gap.
     """
     count = len(values)
     if count <= most:

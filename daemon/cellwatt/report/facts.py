@@ -1,4 +1,4 @@
-"""Facts that a page carries in its head for programs."""
+"""Machine-readable facts in the head of a page."""
 
 from __future__ import annotations
 
@@ -25,40 +25,40 @@ class Facts:
     """Facts about a page."""
 
     name: str
-    """Of the robot or the cell."""
+    """Name of the robot or the cell."""
     kind: str
-    """Subject of the page: all pages of a kind have the same."""
+    """Subject of the page, the same for all pages of a kind."""
     finding: str
     """The verdict, one sentence."""
     tone: str
     """``good``, ``found``, ``part`` or ``open``."""
     about: tuple[str, ...]
-    """What the page was made from, in a few words each, e.g. the number of recordings and their length."""
+    """Short texts about the input data, e.g. the number of recordings and their length."""
     files: Mapping[str, str]
-    """Path → SHA-256, hex, of what it was made from."""
+    """Input files: path → SHA-256, hex."""
     command: str
-    """As it was typed; empty where no command made the page."""
+    """Command line; empty if no command made the page."""
     made: str
-    """Time, ISO 8601, UTC."""
+    """Time of creation, ISO 8601, UTC."""
     version: str
-    """Of cellwatt."""
+    """Version of cellwatt."""
 
     def html(self) -> Html:
-        """Their place in the head of the page."""
+        """Markup for the head of the page."""
         return Html(f"{_OPEN}{json.dumps(asdict(self), ensure_ascii=False).replace('<', chr(92) + 'u003c')}</script>")
 
 
 class BrokenPageError(CellwattError):
-    """A page of cellwatt that is not whole."""
+    """A page of cellwatt that is truncated or unreadable."""
 
 
 _FACTS: TypeAdapter[Facts] = TypeAdapter(Facts)
 
 
 def facts_in(path: Path) -> Facts | None:
-    """Facts of a page; None where the file is no page of cellwatt.
+    """Facts of a page; None if the file is not a page of cellwatt.
 
-    Raises ``BrokenPageError`` where it is one, but not whole, and where the file cannot be read.
+    Raises ``BrokenPageError`` if the page is truncated or its facts are invalid, or if the file cannot be read.
     """
     try:
         text = read_bytes(path, COMPUTED).decode("utf-8", "replace")

@@ -1,4 +1,4 @@
-"""A figure of one or more panels as plotly draws it, without plotly's own classes: they check each of many numbers."""
+"""A figure of one or more panels for plotly, without plotly's own classes, which validate every number."""
 
 from __future__ import annotations
 
@@ -16,29 +16,29 @@ from cellwatt.report.theme import GRID, LAYOUT
 Json = dict[str, Any]
 
 GAP, TITLED_GAP, COLUMN_GAP = 16, 62, 0.035
-"""Between rows without and with a title of the upper axis, pixels; between columns, share of the width."""
+"""Gap between rows without and with an axis title, pixels; gap between columns, share of the width."""
 BOTTOM, TOP, LEGEND = 50, 14, 20
 """Margins, pixels."""
 OVER_TIME = 190
-"""Pixels of a panel of curves over time."""
+"""Height, pixels, of a panel of curves over time."""
 
 
 @dataclass(frozen=True)
 class Axis:
-    """An axis: its title with the unit, and what differs from plotly's choice."""
+    """An axis: its title with the unit, and deviations from plotly's defaults."""
 
     title: str = ""
     span: tuple[float, float] | None = None
     log: bool = False
     ticks: Mapping[float, str] | None = None
-    """Place → text."""
+    """Position → text."""
     grid: bool = True
     labels: bool = True
     names: bool = False
-    """Rows of names, the first on top."""
+    """True: a category axis of names, the first on top."""
 
     def layout(self) -> Json:
-        """This axis for plotly."""
+        """The axis for plotly."""
         out: Json = {**GRID, "ticks": "", "showgrid": self.grid, "zeroline": self.grid, "showticklabels": self.labels}
         out["title"] = {"text": escape(self.title), "standoff": 6}
         if self.log:
@@ -54,7 +54,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class Panel:
-    """One diagram: traces and marks of ``cellwatt.report.drawing`` on two axes."""
+    """One diagram: traces and marks from ``cellwatt.report.drawing`` on two axes."""
 
     traces: Sequence[Json]
     x: Axis = Axis()
@@ -65,9 +65,9 @@ class Panel:
 
 @dataclass(frozen=True)
 class Figure:
-    """Rows of panels, ``heights`` pixels each. ``label`` says what is drawn to those who do not see it.
+    """Rows of panels, ``heights`` pixels each. ``label`` describes the figure for screen readers.
 
-    A panel alone in its row takes the whole width. ``shared``: all panels have the last ``x`` or the first ``y`` axis.
+    A single panel in a row has the whole width. ``shared``: all panels use the last ``x`` or the first ``y`` axis.
     """
 
     label: str
@@ -76,21 +76,21 @@ class Figure:
     shared: Literal["", "x", "y"] = ""
     legend: bool = True
     own_legends: bool = False
-    """A legend beside each panel in place of one for all."""
+    """True: one legend beside each panel instead of one for all."""
     sides: tuple[int, int] = (64, 14)
     """Margins left and right, pixels."""
     layout: Json = field(default_factory=dict)
-    """Of plotly's, beside what all figures have."""
+    """Further entries of plotly's layout."""
     when: tuple[str, int] | None = None
-    """Shown while this choice of the switch of that name is taken; the first is at first."""
+    """Name of a ``Switch`` and index of the choice for which this figure is shown; the initial choice is 0."""
 
     @property
     def height(self) -> int:
-        """Pixels."""
+        """Height, pixels."""
         return self._top + sum(self.heights) + sum(self._gaps) + BOTTOM
 
     def plotly(self) -> Json:
-        """``data`` and ``layout`` as plotly takes them."""
+        """``data`` and ``layout`` for plotly."""
         data: list[Json] = []
         layout: Json = {**LAYOUT, "height": self.height, "margin": self._margin(), "shapes": [], "annotations": []}
         layout |= {"showlegend": self.legend, "legend": {"orientation": "h", "x": 0, "y": 1, "yanchor": "bottom"}}
@@ -116,7 +116,7 @@ class Figure:
         return {"data": data, "layout": layout | self.layout}
 
     def html(self) -> Html:
-        """Packed where it stands; page.js draws it when it is first seen."""
+        """Markup with the packed figure; page.js draws it when it first becomes visible."""
         text = pack(json.dumps(self.plotly(), allow_nan=False, separators=(",", ":")))
         state = "" if self.when is None else f" data-{self.when[0]}={self.when[1]}" + " hidden" * (self.when[1] > 0)
         return Html(
@@ -131,7 +131,7 @@ class Figure:
 
     @property
     def _gaps(self) -> list[int]:
-        """Pixels below each row but the last."""
+        """Gap, pixels, below each row but the last."""
         gaps = []
         for upper, lower in zip(self.rows, self.rows[1:], strict=False):
             labelled = self.shared != "x" and any(panel.x.labels for panel in upper)
@@ -143,7 +143,7 @@ class Figure:
         return {"l": self.sides[0], "r": self.sides[1], "t": self._top, "b": BOTTOM}
 
     def _domain(self, row: int, column: int, columns: int) -> tuple[list[float], list[float]]:
-        """Ends of a panel along and up, as shares of the figure within its margins."""
+        """Horizontal and vertical extent of a panel, as shares of the figure within its margins."""
         inner = sum(self.heights) + sum(self._gaps)
         top = inner - sum(self.heights[:row]) - sum(self._gaps[:row])
         width = (1 - COLUMN_GAP * (columns - 1)) / columns
@@ -161,13 +161,13 @@ class Figure:
 
 
 def over_time(label: str, rows: Sequence[Sequence[Panel]]) -> Figure:
-    """Panels one below the other on one axis of time, each with its legend beside it."""
+    """Panels one below the other on a common time axis, each with its own legend."""
     heights = [OVER_TIME] * len(rows)
     return Figure(label, rows, heights, "x", own_legends=True, sides=(70, 190), layout={"hovermode": "x unified"})
 
 
 def pack(text: str) -> str:
-    """Gzip in base64, which page.js unpacks: a third of the size."""
+    """Text as gzip in base64, a third of the size; page.js unpacks it."""
     return base64.b64encode(gzip.compress(text.encode(), 6, mtime=0)).decode()
 
 

@@ -1,4 +1,4 @@
-"""Numbers and units as printed: rounded to what is known of them."""
+"""Numbers and units as text, rounded to their significant digits."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def unit(text: str) -> str:
 
 
 def fixed(value: float | None, decimals: int) -> str:
-    """``decimals`` decimals, with a true minus sign; a dash where not known or not finite."""
+    """A number with ``decimals`` decimals and a true minus sign; a dash if None or not finite."""
     if value is None or not math.isfinite(value):
         return "–"
     text = f"{round(value, decimals) + 0.0:.{max(decimals, 0)}f}"
@@ -24,14 +24,14 @@ def fixed(value: float | None, decimals: int) -> str:
 
 
 def decimals_for(scale: float, digits: int = 2) -> int:
-    """Decimals that show ``digits`` digits of ``scale``; 2 where it is no size at all."""
+    """Number of decimals that show ``digits`` digits of ``scale``; 2 if ``scale`` is not positive and finite."""
     if not math.isfinite(scale) or scale <= 0:
         return 2
     return digits - 1 - math.floor(math.log10(scale))
 
 
 def number(value: float, digits: int = 3) -> str:
-    """A number alone, to that many digits."""
+    """A number with ``digits`` significant digits."""
     if not math.isfinite(value):
         return "–"
     if value == 0:
@@ -43,7 +43,7 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def measured(value: float, std: float) -> str:
-    """``4.1 ± 0.2``: the deviation to one digit (two where it starts with 1), the value to the same place."""
+    """``4.1 ± 0.2``: the deviation with one digit (two if it starts with 1), the value with the same decimals."""
     if not math.isfinite(value) or not math.isfinite(std) or std <= 0:
         return number(value)
     power = math.floor(math.log10(max(abs(value), std)))

@@ -1,4 +1,4 @@
-"""A report put together: one file that needs no network."""
+"""A complete report: one HTML file that needs no network."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from cellwatt.report.theme import custom_properties
 from cellwatt.version import __version__
 
 PAGE = "Page to write: pictures, tables and what they were made from, as one HTML file."
-"""Help of ``--report``."""
+"""Help text of ``--report``."""
 Tone = Literal["good", "found", "part", "open"]
 
 
 @dataclass(frozen=True)
 class Section:
-    """A heading, a line that says how to read what follows, and the blocks; left out where there are none."""
+    """A heading, a line ``lead`` on how to read the section, and blocks; omitted if the blocks are empty."""
 
     title: str
     blocks: Sequence[Block]
@@ -41,7 +41,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Tile:
-    """A figure beside the verdict; ``role`` gives its colour."""
+    """A value beside the verdict; ``role`` sets its colour."""
 
     label: str
     value: str
@@ -51,14 +51,14 @@ class Tile:
 
 @dataclass(frozen=True)
 class Report:
-    """One page: the verdict in one sentence, then sections, then what it was made from."""
+    """One page: the verdict in one sentence, then sections, then the provenance."""
 
     name: str
-    """Of the robot or the cell."""
+    """Name of the robot or the cell."""
     subject: str
-    """Subject of the page, for its title; the same for all pages of a kind, by which an index groups them."""
+    """Subject of the page, for its title; the same for all pages of a kind, as an index groups pages by it."""
     facts: Sequence[str]
-    """Beside the name, on top."""
+    """Short texts beside the name, at the top."""
     verdict: str
     sections: Sequence[Section]
     tone: Tone = "found"
@@ -66,15 +66,15 @@ class Report:
     tiles: Sequence[Tile] = ()
     tiles_remark: str = ""
     beside: Block = ""
-    """About files beside the page."""
+    """Block about files beside the page."""
     provenance: Provenance = field(default_factory=Provenance.here)
 
     def write(self, path: Path) -> None:
-        """Write the page to ``path``. Raises ``CellwattError`` where that fails or plotly is missing."""
+        """Write the page to ``path``. Raises ``CellwattError`` if that fails or plotly is missing."""
         write_file(path, self.html())
 
     def html(self) -> str:
-        """The page. Raises ``CellwattError`` where plotly is not installed."""
+        """The page. Raises ``CellwattError`` if plotly is needed but not installed."""
         body = "".join(section.html() for section in self.sections)
         engine = _engine() if "<figure" in body else ""
         footer = f"<footer>{joined([self.beside] if self.beside else [])}{self.provenance.html()}</footer>"
@@ -87,7 +87,7 @@ class Report:
 
     @property
     def about(self) -> Facts:
-        """Facts about the page for programs."""
+        """Machine-readable facts about the page."""
         origin = self.provenance
         return Facts(
             name=self.name,

@@ -1,4 +1,4 @@
-"""Origin of a page: files with their digests, version, command line and settings."""
+"""Provenance of a page: input files with their digests, version, command line and settings."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from cellwatt.version import __version__
 
 @dataclass(frozen=True)
 class Provenance:
-    """Origin of a page."""
+    """Provenance of a page."""
 
     files: Mapping[str, str]
     """Path → SHA-256, hex."""
     command: str
-    """As it was typed; empty where no command made the page."""
+    """Command line; empty if no command made the page."""
     settings: Mapping[str, str]
-    """All options of the command, those left at their defaults too."""
+    """All options of the command, including defaults."""
     made: datetime = field(default_factory=lambda: datetime.now(UTC))
 
     @classmethod
     def here(cls, files: Iterable[Path] = ()) -> Provenance:
-        """Of the command that runs, made from ``files`` (folders: all that is in them). Raises ``OSError``."""
+        """Provenance of the running command with its input ``files`` (folder: all files in it). Raises ``OSError``."""
         context = click.get_current_context(silent=True)
         digests = {str(file): _digest(file) for path in files for file in _within(path)}
         if context is None:
@@ -44,7 +44,7 @@ class Provenance:
         return cls(digests, shlex.join([*context.command_path.split(), *words]), settings)
 
     def html(self) -> Html:
-        """Its markup: one line, with the rest folded."""
+        """Its markup: one line, with the details folded."""
         command = Html(f"<p><code>{escape(self.command)}</code></p>") if self.command else ""
         files = Table("Files", ("File", "SHA-256"), [(name, digest) for name, digest in self.files.items()])
         settings = Table("Settings", ("Setting", "Value"), list(self.settings.items()))
@@ -56,7 +56,7 @@ class Provenance:
 
 
 def _within(path: Path) -> Iterator[Path]:
-    """The file itself, or the files of a folder in order."""
+    """The file itself, or the files of a folder, sorted."""
     if path.is_dir():
         yield from (file for file in sorted(path.rglob("*")) if file.is_file() or not file.exists())
     elif path.exists():
@@ -64,7 +64,7 @@ def _within(path: Path) -> Iterator[Path]:
 
 
 def _digest(path: Path) -> str:
-    """SHA-256, hex; a recording that was closed meanwhile has another name by now, or may have been removed."""
+    """SHA-256, hex; a recording may have been closed, and thereby renamed, or removed since it was read."""
     for name in (path, path.with_name(path.name.removesuffix(".part"))):
         try:
             with name.open("rb") as file:
@@ -81,7 +81,7 @@ def _shown(value: Any) -> str:
 
 
 def _words(parameter: click.Parameter, value: Any) -> Sequence[str]:
-    """A parameter as it stands on a command line."""
+    """A parameter as words of a command line."""
     values = list(map(str, value)) if isinstance(value, tuple) else [str(value)]
     if isinstance(parameter, click.Argument):
         return values

@@ -1,4 +1,4 @@
-"""A figure of curves drawn as SVG, where a page is to need no plotly: small, and the same without a script."""
+"""Draws a figure of curves as SVG, for pages without plotly: small, and visible without scripts."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from cellwatt.report.drawing import plain
 from cellwatt.report.figure import Figure, Json, Panel
 
 WIDTH = 1070
-"""Pixels of a figure."""
+"""Width of a figure, pixels."""
 _GAP, _TITLE, _FOOT = 14, 20, 40
-"""Between panels, above a panel with a title, below the last."""
+"""Space, pixels, between panels, above a panel with a title, and below the last panel."""
 _LINE = 15
 """Height of a line of the legend, pixels."""
 _DASHES = {"dot": "2 3", "dash": "6 4"}
@@ -24,12 +24,12 @@ Span = tuple[float, float]
 
 @dataclass(frozen=True)
 class Drawn:
-    """A figure with one column of panels of lines, stripes, upright lines and notes; the legend stands beside."""
+    """A figure with one column of panels of lines, stripes, vertical lines and labels; the legend is beside it."""
 
     figure: Figure
 
     def html(self) -> Html:
-        """Its markup; names of traces and notes are escaped already."""
+        """Its markup; names of traces and labels are escaped already."""
         panels = [row[0] for row in self.figure.rows]
         left, right = self.figure.sides
         top, parts = 4.0, list[str]()
@@ -44,7 +44,7 @@ class Drawn:
 
 
 def _panel(panel: Panel, wide: Span, high: Span, *, last: bool) -> Iterator[str]:
-    """One panel between pixels; the last one names the axis."""
+    """One panel within ``wide`` and ``high``, pixels; the last panel shows the axis title."""
     (left, right), (top, bottom) = wide, high
     lines = [_points(trace) for trace in panel.traces]
     x = panel.x.span or _padded([at for points in lines for at, _ in points], 0.0)
@@ -106,7 +106,7 @@ def _stroke(style: Json) -> str:
 
 
 def _points(trace: Json) -> list[tuple[float, float | None]]:
-    """The places of a line; ``None`` is a gap."""
+    """The points of a line; ``None`` is a gap."""
     y: Sequence[float | None] = trace["y"]
     x = trace["x"] if "x" in trace else (trace["x0"] + trace["dx"] * i for i in range(len(y)))
     return list(zip(x, y, strict=True))
@@ -122,14 +122,14 @@ def _path(points: Sequence[tuple[float, float | None]]) -> str:
 
 
 def _padded(values: Sequence[float], share: float) -> Span:
-    """Ends of an axis for these values."""
+    """Limits of an axis for ``values``, with a margin of ``share`` of their range."""
     low, high = min(values, default=0.0), max(values, default=1.0)
     room = (high - low) * share or max(abs(high), 1e-9) * 0.1 * (high == low)
     return low - room, high + room
 
 
 def _ticks(low: float, high: float, about: int) -> Iterator[tuple[float, str]]:
-    """Round places on an axis, and their texts."""
+    """Round positions on an axis, and their texts."""
     rough = (high - low) / about
     power = 10.0 ** math.floor(math.log10(rough))
     step = next(power * m for m in (1, 2, 5, 10) if power * m >= rough * 0.999)

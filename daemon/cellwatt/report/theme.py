@@ -1,6 +1,6 @@
 """Colours and fonts of every page and figure.
 
-Text in figures takes the page's colour by style sheet, so that light and dark need one drawing.
+Text in figures takes the page's colour from the style sheet, so that one drawing serves light and dark mode.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ MEASURED, SIMULATION, REFIT, MODEL = "#7d8794", "#e07b39", "#9a6fc4", "#2f86d1"
 NOISE, FOUND, CURVE = "#8a939e", "#d9a400", "#b3123f"
 GOOD, BAD, PALE = "#2b8a57", "#c0392b", "#7fb2dd"
 SERIES: Final = (MODEL, SIMULATION, GOOD, BAD, "#3aa5a0", REFIT, "#d0699a", "#9d755d")
-"""Of curves that differ in nothing but their number."""
+"""Colours of curves that differ only in their number."""
 ROLES: Final = {
     "measured": MEASURED,
     "simulation": SIMULATION,
@@ -20,7 +20,7 @@ ROLES: Final = {
     "good": GOOD,
     "bad": BAD,
 }
-"""Names of these colours in the style sheet: ``--model``, and ``i.model`` for its mark."""
+"""Names of colours in the style sheet: ``--model``, and ``i.model`` for its mark."""
 HEAT: Final = (
     (0.0, "rgba(128,140,150,0.16)"),
     (0.12, "rgba(150,150,140,0.28)"),
@@ -28,7 +28,7 @@ HEAT: Final = (
     (0.65, "rgba(226,98,60,0.95)"),
     (1.0, "rgba(150,20,60,1)"),
 )
-"""From nothing to much."""
+"""Colour scale, from 0 to the largest value."""
 CLEAR: Final = "rgba(0,0,0,0)"
 LAYOUT: Final[dict[str, Any]] = {
     "template": "none",
@@ -41,6 +41,6 @@ GRID: Final[dict[str, Any]] = {"gridcolor": "rgba(128,128,128,0.2)", "zerolineco
 
 
 def custom_properties() -> str:
-    """The roles as custom properties of the style sheet, and their marks."""
+    """Style sheet text: the roles as custom properties, and their marks."""
     colours = "".join(f"--{name}:{colour};" for name, colour in ROLES.items())
     return f":root{{{colours}}}" + "".join(f"i.{name}{{background:var(--{name})}}" for name in ROLES)

@@ -1,4 +1,4 @@
-"""The daemon's items in a ring: samples and frames as the rows of the record, all else as JSON."""
+"""The daemon's items in a ring: samples and frames as rows of the record, others as JSON."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _TYPES = {number: kind for kind, number in _KINDS.items()}
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """Figures of the process that writes, for health: nobody wakes for them."""
+    """Figures of the writing process for health; they wake no reader."""
 
     figures: Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """Marks the place from which on the settings numbered ``generation`` are in force."""
+    """Marks the position from which the settings numbered ``generation`` apply."""
 
     generation: int
 
@@ -42,13 +42,13 @@ def kind_of(kind: type[messages.Message]) -> int:
 
 
 class ItemWriter:
-    """Puts items into a ring; a writer continues the numbering of the one before it."""
+    """Puts items into a ring; a writer continues the numbering of its predecessor."""
 
     def __init__(self, ring: Ring) -> None:
         self._ring = ring
         self._rows: dict[tuple[str, str], tuple[int, BlockRows]] = {}
         self._count = _FIRST_MESSAGE + len(_KINDS)
-        """Channels below this number are those of kinds without rows."""
+        """Number of the next channel of rows; lower numbers belong to kinds without rows."""
         for line in ring.declared()[0]:
             self._know(*_read_declaration(line))
 
@@ -119,32 +119,32 @@ class ItemReader:
         self.reader = reader
         self.position = ring.position(reader)
         self.count = 0
-        """Items read, without figures."""
+        """Items read, without ``Status``."""
         self.skipped = 0
-        """Bytes that were written over before they were read."""
+        """Bytes that were overwritten before they were read."""
         self._rows: dict[int, SampleRows | FrameRows] = {}
         self._declared = 0
         self._channel = 0
         self.sequence = 0
-        """Number of the item that was read last, in its channel."""
+        """Number, within its channel, of the item read last."""
 
     @property
     def bell(self) -> int:
-        """A descriptor that can be read once there is something new, if this reader listens."""
+        """A descriptor that becomes readable when there is a new item, if this reader listens."""
         return self.ring.bell(self.reader)
 
     def listen(self) -> bool:
-        """Have ``bell`` rung at each new item; return True if there is one already."""
+        """Have ``bell`` rung at each new item; return True if an unread item is present."""
         self.ring.listen(self.reader)
         return self.ring.head > self.position
 
     def quiet(self) -> None:
-        """Reset ``bell``, and have it rung no more."""
+        """Reset ``bell`` and stop listening."""
         self.ring.listen(self.reader, False)
         self.ring.quiet(self.reader)
 
     def items(self) -> Iterator[Item]:
-        """Read all present items in order; those that come meanwhile are for the next call, so that it has an end."""
+        """Read all items present at the call, in order; later ones are left for the next call, so that it ends."""
         end = self.ring.head
         while self.position < end:
             record, following = self.ring.read(self.position)
@@ -163,7 +163,7 @@ class ItemReader:
         self.ring.settle(self.reader, self.position)
 
     def newest(self) -> int:
-        """Next sequence number of the channel that was read last."""
+        """Next sequence number of the channel read last."""
         return self.ring.following(self._channel)
 
     @property
@@ -193,7 +193,7 @@ class ItemReader:
 
 
 def _key(of: Batch | Frames | SampleRows | FrameRows) -> tuple[str, str]:
-    """Source and stream; of frames neither."""
+    """Source and stream; empty for frames."""
     return (of.source, of.stream.name) if isinstance(of, Batch | SampleRows) else _FRAMES
 
 

@@ -12,9 +12,9 @@ from cellwatt.ring.memory import Ring
 
 
 class RingJournal:
-    """Numbers items by series and keeps the last ones; alarms and events apart from the many other results.
+    """Numbers items by series and stores the last ones: alarms and events in ``rare``, other results in ``frequent``.
 
-    Each series is a channel of its ring, which declares it by its name.
+    Each series is a channel of its ring, declared by its name.
     """
 
     def __init__(self, rare: Ring, frequent: Ring) -> None:
@@ -23,9 +23,9 @@ class RingJournal:
         self._last: tuple[Result | Event, int] | None = None
 
     def put(self, item: Result | Event) -> int:
-        """Add an item; return its number in its series. The item that was added last keeps its number.
+        """Add an item; return its number in its series. Adding the last item again returns the same number.
 
-        Raises ``ValueError`` where it holds what JSON cannot, or is too large.
+        Raises ``ValueError`` if the item cannot be encoded as JSON or is too large.
         """
         if self._last is None or self._last[0] is not item:
             lane = 0 if isinstance(item, Alarm | Event) else 1
@@ -36,7 +36,7 @@ class RingJournal:
         return self._last[1]
 
     def past(self) -> Iterator[tuple[int, Result | Event]]:
-        """Kept items with their numbers, each series in order."""
+        """Stored items with their numbers, each series in order."""
         for ring in self._rings:
             reader = ItemReader(ring, 0)
             for item in reader.items():

@@ -1,16 +1,16 @@
 """Records in shared memory: one process writes, several read, the oldest are overwritten.
 
 The memory has no file and no name; forked processes share it, and it lasts as long as one of them. The writer never
-waits. A reader that falls behind by more than the ring holds learns how many bytes it lost and goes on with the
+waits. A reader that falls behind by more than the ring holds learns how many bytes it lost and continues with the
 oldest record that is still whole.
 
 Layout: first native 64-bit words: number of bytes ever written (*head*), position of the oldest byte still whole
-(*tail*), 1 once no more will come, length of the declarations, a note of the writer, 1 while somebody awaits the
+(*tail*), 1 once the writer has ended, length of the declarations, a note of the writer, 1 while a consumer awaits the
 records; then the settled position of each reader, the next sequence number of each channel, and 1 for each reader
-that looks by itself. Declarations follow, to which lines are only ever added, then the records, each with a header of
-32 bytes and a length that is a multiple of 32. A record becomes visible when *head* moves past it, so a writer that
-is killed leaves no half record. A record that was overwritten while it was copied is detected by *tail*, and by its
-checksum on machines that reorder stores.
+that polls instead of listening. Declarations follow, to which lines are only appended, then the records, each with a
+header of 32 bytes and a length that is a multiple of 32. A record becomes visible when *head* moves past it, so a
+writer that is killed leaves no half record. A record that was overwritten while it was copied is detected by *tail*,
+and by its checksum on machines that reorder stores.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from typing import Final, NamedTuple
 READERS: Final = 32
 CHANNELS: Final = 4096
 DECLARATIONS: Final = 16 << 20
-"""Room for what channels are; only what is used takes memory."""
+"""Bytes reserved for declarations of channels; only used pages take memory."""
 
 _HEAD, _TAIL, _ENDED, _DECLARED, _NOTE, _AWAITED, _POSITIONS = 0, 1, 2, 3, 4, 5, 8
 _COUNTS = _POSITIONS + READERS
@@ -48,7 +48,7 @@ class Record(NamedTuple):
 
 
 class Ring:
-    """``size`` bytes of records for ``readers`` readers; made before the processes that use it are forked."""
+    """``size`` bytes of records for ``readers`` readers; created before the processes that use it are forked."""
 
     def __init__(self, size: int, readers: int) -> None:
         if not 0 < readers <= READERS:
@@ -64,7 +64,7 @@ class Ring:
 
     @property
     def largest(self) -> int:
-        """Bytes that a record may hold at most."""
+        """Largest length of a record's body in bytes."""
         return self.size // 4 - _STEP
 
     # writer ---------------------------------------------------------------------------------------
@@ -79,8 +79,8 @@ class Ring:
         note: int | None = None,
         silent: bool = False,
     ) -> None:
-        """Add a record of ``count`` items of its channel, numbered from ``sequence`` on; unless ``silent``, wake
-        who listens.
+        """Add a record of ``count`` items of its channel, numbered from ``sequence``; unless ``silent``, wake
+        the listening readers.
 
         ``note`` is for the next writer. Raises ``ValueError`` if the body is longer than ``largest``.
         """
@@ -97,7 +97,7 @@ class Ring:
             at = 0
         _RECORD.pack_into(data, at, length, zlib.crc32(body), kind, channel, len(body), sequence, 0)
         data[at + _STEP : at + _STEP + len(body)] = body
-        # In this order a kill in between leaves a hole in the numbers, not a number given twice.
+        # In this order a kill in between leaves a gap in the numbers, not a number used twice.
         words[_COUNTS + channel] = sequence + count
         if note is not None:
             words[_NOTE] = note
@@ -106,7 +106,7 @@ class Ring:
             self._ring()
 
     def following(self, channel: int) -> int:
-        """Next sequence number of a channel, also if another process wrote the one before."""
+        """Next sequence number of a channel, whichever process wrote the last one."""
         return self._words[_COUNTS + channel]
 
     @property
@@ -148,18 +148,18 @@ class Ring:
     # readers --------------------------------------------------------------------------------------
 
     def bell(self, reader: int) -> int:
-        """A descriptor that can be read once there is something new; ``quiet`` takes that back."""
+        """A descriptor that becomes readable when there is a new record; ``quiet`` resets it."""
         return self._bells[reader]
 
     def listen(self, reader: int, wanted: bool = True) -> None:
-        """Have ``bell`` rung at each record, as at first, or not; look for records after this call, not before.
+        """Have ``bell`` rung at each record (the default), or not; check for records after this call, not before.
 
-        A record put at the very same moment may go unheard until the next one.
+        A record put at the same moment may ring the bell only with the next one.
         """
         self._words[_DEAF + reader] = not wanted
 
     def quiet(self, reader: int) -> None:
-        """Reset ``bell``; look for records after this call, not before."""
+        """Reset ``bell``; check for records after this call, not before."""
         with contextlib.suppress(BlockingIOError):
             os.eventfd_read(self._bells[reader])
 
@@ -181,7 +181,7 @@ class Ring:
     def read(self, position: int) -> tuple[Record | None, int]:
         """The record at ``position`` and the position of the next one.
 
-        ``None`` with the same position: there is none yet. ``None`` with a later one: the record was overwritten.
+        ``None`` with the same position: no record yet. ``None`` with a later position: the record was overwritten.
         """
         while True:
             if position < self.tail:
@@ -201,7 +201,7 @@ class Ring:
 
     @property
     def awaited(self) -> bool:
-        """True while somebody awaits the records: a reader sets it, for the writer."""
+        """True while a consumer awaits the records: set by a reader, read by the writer."""
         return bool(self._words[_AWAITED])
 
     @awaited.setter
@@ -213,7 +213,7 @@ class Ring:
         return self._words[_POSITIONS + reader]
 
     def crowded(self, reader: int) -> bool:
-        """True if what a reader has not settled fills more than half."""
+        """True if the records that a reader has not settled fill more than half of the ring."""
         return 2 * (self._words[_HEAD] - self._words[_POSITIONS + reader]) > self.size
 
     def settle(self, reader: int, position: int) -> None:
@@ -221,7 +221,7 @@ class Ring:
         self._words[_POSITIONS + reader] = position
 
     def declared(self, after: int = 0) -> tuple[list[bytes], int]:
-        """Lines declared after byte ``known``, and the present number of bytes."""
+        """Lines declared after byte ``after``, and the present length of the declarations in bytes."""
         end = self._words[_DECLARED]
         return bytes(self._declarations[after:end]).splitlines(), end
 

@@ -1,7 +1,7 @@
-"""The word of people about alarms: acknowledged, shelved, taken off the shelf. It outlives the process, and the daemon.
+"""Actions of people on alarms: acknowledge, shelve, unshelve. They outlast the process and the daemon.
 
-Each word is an event, so the record and the journal have it. What both lack, changes of an alarm while nothing of it is
-published, is in the file ``alarms.json`` beside the recordings, with all words that hold.
+Each action is an event, so the record and the journal have it. The file ``alarms.json`` beside the recordings holds
+the state of all acknowledged and shelved alarms, including changes that were not published.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ log = logging.getLogger(__name__)
 
 FILE: Final = "alarms.json"
 AGAIN: Final = 600 * 10**9
-"""Time, ns, after the start of the daemon in which an alarm that is raised again is the one that was acknowledged."""
+"""Time, ns, after the start of the daemon in which an alarm that is raised again is still acknowledged."""
 LONGEST_SHELF: Final = 31 * 86_400 * 10**9
-"""ns."""
+"""Longest time, ns, for which an alarm can be shelved."""
 LONGEST_NAME, LONGEST_NOTE = 100, 2000  # characters
 
 
-class _Kept(BaseModel):
+class _Saved(BaseModel):
     session: int
     alarms: list[Any]
 
 
 class Acknowledgements:
-    """Takes the word of people and puts it into the alarm book.
+    """Applies the actions of people to the alarm book.
 
-    ``say`` records and publishes an event, ``publish`` the messages of the book. Words that nobody lets ``keep`` write
-    end with the daemon.
+    ``say`` records and publishes an event, ``publish`` the messages of the book. Without calls of ``keep`` the
+    acknowledgements and shelves end with the daemon.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class Acknowledgements:
     ) -> None:
         self._book, self._session, self._now, self._say, self._publish = book, session, now, say, publish
         self.said = asyncio.Event()
-        """Somebody said something that ``keep`` has not looked at."""
+        """Set by an action of a person until ``keep`` runs."""
         self._written: list[Any] = []
 
     def acknowledge(self, alarm_id: str, name: str, note: str) -> None:
@@ -86,10 +86,10 @@ class Acknowledgements:
     # the file -------------------------------------------------------------------------------------
 
     def read(self, folder: Path) -> None:
-        """Take up the words that hold. A file that cannot be read is told in the log and left out."""
+        """Restore acknowledgements and shelves from the file. An unreadable file is logged and ignored."""
         path = folder / FILE
         try:
-            kept = _Kept.model_validate_json(read_bytes(path))
+            kept = _Saved.model_validate_json(read_bytes(path))
             if kept.session == self._session:
                 self._book.adopt(standing for standing in kept.alarms if standing["shelf"])
             else:
@@ -101,12 +101,12 @@ class Acknowledgements:
             log.warning("%s cannot be read, acknowledged and shelved alarms are forgotten: %s", path, reason)
 
     def write_again(self) -> None:
-        """Have ``keep`` write all words: the file is gone."""
+        """Have ``keep`` write the file again, because it is gone."""
         self._written = []
         self.said.set()
 
     async def keep(self, folder: Path) -> str | None:
-        """Write the words that hold, if they have changed; return the reason where they cannot be written."""
+        """Write acknowledgements and shelves if they have changed; return the reason if that fails."""
         self.said.clear()
         words = self._book.words()
         if words == self._written:

@@ -1,4 +1,4 @@
-"""Limits of one source: samples beyond its declared rate and events that repeat are counted, not passed on."""
+"""Limits of one source: samples beyond its declared rate and repeated events are counted, not passed on."""
 
 from __future__ import annotations
 
@@ -7,27 +7,27 @@ from typing import Final
 
 SECOND: Final = 1_000_000_000
 MULTIPLE: Final = 4.0
-"""Times its declared rate that a stream may bring samples for as long as it likes …"""
+"""Largest continuous rate of a stream, in multiples of its declared rate …"""
 BACKLOG: Final = 30.0
-"""… and s of its declared rate at once: what waited in a device or network that stood still comes in one block."""
+"""… and largest burst, in s of its declared rate: after a stall, a device or network delivers its backlog at once."""
 UNDECLARED: Final = 1000.0
-"""Hz that a stream without a declared rate counts as declaring."""
+"""Rate in Hz assumed for a stream that declares none."""
 SHARE, BURST, USUAL = 1.1, 2.0, 100.0
-"""The same while the ring to the other processes is crowded: what it has room for. No rate declared is ``USUAL``."""
+"""The same three limits while the ring to the other processes is crowded; ``USUAL`` Hz is the assumed rate then."""
 
 MINUTE: Final = 60 * SECOND
 MOST: Final = 100
-"""Events of a kind in a minute that are told one by one."""
+"""Largest number of events of a kind in a minute that are reported one by one."""
 ONCE: Final = frozenset({"clock_reset", "clock_step", "beyond_rate", "counter_misread"})
-"""Kinds of which one a minute is told: health has counts of its own for them."""
+"""Kinds of which one event a minute is reported: health counts them separately."""
 LONGEST: Final = 600
-"""Characters of an event's text, which may be a device's own."""
+"""Largest length in characters of an event's text, which may come from a device."""
 
 
 class Allowance:
     """Limits of the samples of one stream; ``rate`` Hz as declared. ``now`` is the cell's clock, ns.
 
-    ``crowded`` says whether what one stream brings beyond its rate would cost others their samples.
+    ``crowded`` returns whether samples of this stream beyond its rate would displace those of others.
     """
 
     __slots__ = ("_crowded", "_share", "_usual")
@@ -39,15 +39,15 @@ class Allowance:
         self._crowded = crowded
 
     def take(self, n: int) -> int:
-        """Number of the next ``n`` samples that may come."""
+        """Return how many of the next ``n`` samples are allowed."""
         allowed = self._usual.take(n)
         return self._share.take(allowed) if self._crowded() else allowed
 
 
 class _Bucket:
-    """A token bucket: ``most`` at once, ``rate`` Hz for ever.
+    """A token bucket: ``most`` at once, ``rate`` Hz continuously.
 
-    It is filled up only once it is empty, so that a sample costs a subtraction.
+    It is refilled only when it is empty, so that a sample costs a subtraction.
     """
 
     __slots__ = ("_fill", "_filled", "_left", "_most", "_now")
@@ -59,7 +59,7 @@ class _Bucket:
         self._filled = now()
 
     def take(self, n: int) -> int:
-        """Number of the next ``n`` samples that may come."""
+        """Return how many of the next ``n`` samples are allowed."""
         self._left -= n
         return n if self._left >= 0 else self._refill(n)
 
@@ -73,14 +73,14 @@ class _Bucket:
 
 
 class Repeats:
-    """Lets through ``MOST`` events of a kind in a minute, one of those in ``ONCE``; the others it counts."""
+    """Passes ``MOST`` events of a kind in a minute, or one for kinds in ``ONCE``, and counts the others."""
 
     def __init__(self) -> None:
         self._minutes: dict[str, list[int]] = {}
-        """End of the running minute, ns, events told in it, and events held back, by kind."""
+        """End of the running minute, ns, events passed in it, and events held back, by kind."""
 
     def tell(self, kind: str, now: int) -> bool:
-        """True if an event is to be told now; a kind whose minute is over is looked at in ``over`` first."""
+        """True if an event passes now; call ``over`` first, which ends the minutes that are over."""
         minute = self._minutes.get(kind)
         if minute is None:
             minute = self._minutes[kind] = [now + MINUTE, 0, 0]
@@ -91,7 +91,7 @@ class Repeats:
         return False
 
     def over(self, now: int) -> list[tuple[str, int]]:
-        """Kinds whose minute is over, with how many events of it were held back, where any were."""
+        """Kinds whose minute is over and had events held back, with their number."""
         ended = {kind: minute for kind, minute in self._minutes.items() if now >= minute[0]}
         for kind in ended:
             del self._minutes[kind]
@@ -99,7 +99,7 @@ class Repeats:
 
 
 def one_line(text: str) -> str:
-    """A text that may be a device's own as a line of the log: no control characters, not too long."""
+    """Make a text, possibly from a device, a line of the log: no control characters, limited length."""
     if len(text) > LONGEST:
         text = f"{text[:LONGEST]} …"
     return text if text.isprintable() else "".join(c if c.isprintable() else " " for c in text)

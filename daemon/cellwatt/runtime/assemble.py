@@ -1,4 +1,4 @@
-"""Parts that a cell will consist of, known from its settings without connecting to anything."""
+"""Streams, frames and stages of a cell, built from its settings without connecting to any device."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from cellwatt.runtime.chain import Chain, group_by_needs
 from cellwatt.stage import CellInfo, Stage
 
 TYPICAL = {"host": "192.0.2.10", "port": "/dev/ttyUSB0"}
-"""Stands for the address that nearly every driver requires."""
+"""Placeholder addresses for the settings that most drivers require."""
 
 T = TypeVar("T")
 Made = TypeVar("Made")
@@ -42,15 +42,15 @@ class Prepared:
 
     @property
     def stages(self) -> dict[str, Stage[Any]]:
-        """All stages by name, in an order in which needs come first."""
+        """All stages by name; each comes after the stages that it needs."""
         return {name: stage for chain in self.chains for name, stage in chain.stages.items()}
 
 
 def prepare(config: CellConfig) -> Prepared:
-    """Make everything that a cell needs short of opening a device.
+    """Build streams, layout and stages of a cell without opening a device.
 
-    Raises ``ConfigError`` with every source and stage whose settings do not fit the cell: a channel given
-    twice, a model of another robot or with other units, a file that is damaged.
+    Raises ``ConfigError`` with every source and stage whose settings do not fit the cell: a channel declared
+    twice, a model of another robot or with other units, a damaged file.
     """
     streams, layout = declared(config)
     return Prepared(streams, layout, make_chains(config, layout))
@@ -66,7 +66,7 @@ def declared(config: CellConfig) -> tuple[dict[str, tuple[Stream, ...]], Layout]
 
 
 def streams_of(source: SourceConfig) -> tuple[Stream, ...]:
-    """Streams that a source will deliver. Raises ``ConfigError`` where its settings do not fit together."""
+    """Streams that a source will deliver. Raises ``ConfigError`` if its settings contradict each other."""
     with _placed(source.place, f"sources.{source.name}"):
         streams = find_driver(source.driver)(source.name, source.settings, cast("Inlet", _Unconnected())).streams
         counts = Counter(name for stream in streams for name in stream.names)
@@ -77,7 +77,7 @@ def streams_of(source: SourceConfig) -> tuple[Stream, ...]:
 
 
 def typical_streams(part: Installed) -> tuple[Stream, ...]:
-    """Streams of an installed driver with default settings; empty where these alone do not make a source."""
+    """Streams of an installed driver with default settings; empty if it requires further settings."""
     if part.kind != "driver" or part.settings is None:
         return ()
     try:
@@ -92,7 +92,7 @@ def _required(settings: type[BaseModel]) -> set[str]:
 
 
 def layout_of(streams: Mapping[str, tuple[Stream, ...]], frames: FrameSettings) -> Layout:
-    """The columns of the frames, with the method in force for each. Raises ``ConfigError`` as ``Aligner`` does."""
+    """The columns of the frames, with the method of each. Raises ``ConfigError`` as ``Aligner`` does."""
     return Aligner(streams, frames.rate, frames.latency).layout
 
 
@@ -106,9 +106,9 @@ def make_chains(config: CellConfig, layout: Layout) -> list[Chain]:
 
 
 def chain_names(config: CellConfig, most: int | None = None) -> list[list[str]]:
-    """The stages of a cell by name, in chains that share no results, each in the order in which they run.
+    """Stage names of a cell in chains that share no results, each in running order.
 
-    Where there are more than ``most``, the shortest are joined.
+    If there are more than ``most`` chains, the shortest are joined.
     """
     kinds = {name: stage.kind for name, stage in config.stages.items()}
     chains = group_by_needs({name: find_stage(kind) for name, kind in kinds.items()}, kinds)
@@ -119,9 +119,9 @@ def chain_names(config: CellConfig, most: int | None = None) -> list[list[str]]:
 
 
 def make_chain(config: CellConfig, layout: Layout, names: Sequence[str]) -> Chain:
-    """Stages that hand results to each other, ready to run.
+    """The stages ``names`` as one chain, ready to run.
 
-    Raises ``ConfigError`` with every one of them whose settings do not fit the layout.
+    Raises ``ConfigError`` with every stage whose settings do not fit the layout.
     """
     known = stage_makers(config, layout)
     makers = {name: known[name] for name in names}
@@ -129,7 +129,7 @@ def make_chain(config: CellConfig, layout: Layout, names: Sequence[str]) -> Chai
 
 
 def stage_makers(config: CellConfig, layout: Layout) -> dict[str, StageMaker]:
-    """A function for each stage that makes it anew; each raises ``ConfigError`` with the stage's place."""
+    """A function for each stage that creates it; each raises ``ConfigError`` with the stage's position in the file."""
     cell = CellInfo(config.site, config.cell, config.robot, config.folder)
 
     def maker(stage: StageConfig) -> StageMaker:
@@ -144,7 +144,7 @@ def stage_makers(config: CellConfig, layout: Layout) -> dict[str, StageMaker]:
 
 @contextmanager
 def _placed(place: str, path: str) -> Iterator[None]:
-    """Give errors of a driver or stage under construction their place in the settings file."""
+    """Add the position in the settings file to errors of a driver or stage under construction."""
     try:
         yield
     except ConfigError as error:
@@ -156,7 +156,7 @@ def _placed(place: str, path: str) -> Iterator[None]:
 
 
 def _each(make: Callable[[T], Made], given: Mapping[str, T]) -> dict[str, Made]:
-    """What is made of each of the given. Raises ``ConfigError`` with the problems of all."""
+    """Apply ``make`` to each value of ``given``. Raises ``ConfigError`` with the problems of all."""
     problems: list[Problem] = []
     made: dict[str, Made] = {}
     for name, one in given.items():
@@ -170,7 +170,7 @@ def _each(make: Callable[[T], Made], given: Mapping[str, T]) -> dict[str, Made]:
 
 
 class _Unconnected:
-    """The inlet of a driver that is only asked for its streams."""
+    """The inlet of a driver that is created only for its list of streams."""
 
     def __init__(self) -> None:
         self.account = Account()

@@ -1,4 +1,4 @@
-"""Stages in their order, each contained: a broken one is made anew, the others go on."""
+"""Runs stages in order, each isolated: a stage that fails is created again, the others continue."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ log = logging.getLogger(__name__)
 
 FIRST_PAUSE, LONGEST_PAUSE = 1.0, 60.0  # s of frames
 BEGINS_ANEW: Final = "begins anew"
-"""Why the alarms of a stage that was broken, or replaced, are withdrawn."""
+"""Reason given when the alarms of a failed or replaced stage are withdrawn."""
 
 
 @dataclass(slots=True)
 class _Slot:
-    """One stage and what became of it."""
+    """One stage, its state and its figures."""
 
     name: str
     make: Callable[[], Stage[Any]]
@@ -39,7 +39,7 @@ class _Slot:
     alarms: AlarmBook = field(default_factory=AlarmBook)
 
     def named(self, results: Sequence[Result]) -> Sequence[Result]:
-        """Note the alarms among results and say in them which stage they are of."""
+        """Set the stage's name in the alarms among ``results``, and note these alarms."""
         if not any(isinstance(result, Alarm) for result in results):
             return results
         named = [replace(r, stage=self.name) if isinstance(r, Alarm) else r for r in results]
@@ -49,13 +49,13 @@ class _Slot:
         return named
 
     def take_back(self, time: int) -> list[Result]:
-        """Clears, at ``time`` ns, for the alarms that the stage has left active: the next knows nothing of them."""
+        """Clears, at ``time`` ns, for the active alarms of the stage: its successor does not know them."""
         before, self.alarms = self.alarms, AlarmBook()
         return [*withdrawn((standing.alarm for standing in before.raised), time, BEGINS_ANEW)]
 
 
 def group_by_needs(stages: Mapping[str, type[Stage[Any]]], kinds: Mapping[str, str]) -> list[list[str]]:
-    """Names of stages in groups that share no results, each in an order in which needs come first.
+    """Names of stages in groups that share no results, each ordered so that a stage follows those it needs.
 
     ``kinds`` maps a stage's name to its kind; a stage needs every stage of the kinds in its ``needs``.
     """
@@ -81,9 +81,9 @@ def group_by_needs(stages: Mapping[str, type[Stage[Any]]], kinds: Mapping[str, s
 
 
 class Chain:
-    """Stages that hand results to each other, run one after another on each block of frames.
+    """Stages that pass results to each other, run one after another on each block of frames.
 
-    Used as it is by replay and the offline commands, and in a worker thread by the daemon.
+    Replay and the offline commands call it directly, the daemon in a process of its own.
     """
 
     def __init__(self, makers: Mapping[str, Callable[[], Stage[Any]]], stages: Mapping[str, Stage[Any]]) -> None:
@@ -92,7 +92,7 @@ class Chain:
 
     @property
     def stages(self) -> dict[str, Stage[Any]]:
-        """Its stages by name, in the order in which they run."""
+        """The stages by name, in running order."""
         return {slot.name: slot.stage for slot in self._slots}
 
     def process(self, frames: Frames) -> list[Result]:
@@ -103,7 +103,7 @@ class Chain:
         return results
 
     def close(self) -> list[Result]:
-        """Results that the end of the data settles, in stage order."""
+        """Results that the end of the data completes, in stage order."""
         results: list[Result] = []
         for slot in self._slots:
             try:
@@ -114,7 +114,7 @@ class Chain:
         return results
 
     def take_back(self, time: int) -> list[Result]:
-        """Clears for all alarms of its stages: others take over."""
+        """Clears for all alarms of the stages, because successors replace them."""
         return [clear for slot in self._slots for clear in slot.take_back(time)]
 
     def _guard(self, slot: _Slot, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:

@@ -12,7 +12,10 @@ from cellwatt.errors import CellwattError
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """Names of the parts that were added, removed or differ; ``frames`` where frames or stages begin anew."""
+    """Names of the sources, outlets and stages that were added, removed or changed.
+
+    ``frames``: frames and stages restart.
+    """
 
     sources: Sequence[str]
     outlets: Sequence[str]
@@ -21,7 +24,7 @@ class Change:
 
     @classmethod
     def between(cls, old: CellConfig, new: CellConfig) -> Change:
-        """Parts to begin, end or change for the new settings.
+        """Compare two settings of a cell.
 
         Raises ``CellwattError`` for changes that need a restart: site, cell, latency, record.
         """
@@ -43,5 +46,5 @@ class Change:
 
 
 def _changed(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
-    """Names that were added, removed or differ."""
+    """Names that were added, removed or whose values differ."""
     return [n for n in dict.fromkeys([*old, *new]) if old.get(n) != new.get(n)]

@@ -1,4 +1,4 @@
-"""The part that collects: sources, the cell's clock, and ticks while no source speaks."""
+"""Collection: the sources, the cell's clock, and ticks while no source delivers."""
 
 from __future__ import annotations
 
@@ -23,27 +23,27 @@ from cellwatt.runtime.tasks import Tasks
 log = logging.getLogger(__name__)
 
 AFTER: Final = 0.0005
-"""s after the moments at which drivers read, for the question whether any of them spoke."""
+"""Delay in s, after the times at which drivers read, of the check whether any of them delivered."""
 RESTS, PERIODS = 70.0, 4.0
-"""s without a sample, and periods of the slowest stream, after which ticks and frames stop until one comes: all of a
-frame is missing by then."""
+"""s without a sample, and periods of the slowest stream, after which ticks and frames pause until the next sample: all
+values of a frame are missing by then."""
 Entry = Batch | Tick | Event
-"""Items that a collector gives."""
+"""Items that a collector passes on."""
 
 
 def load_libraries(config: CellConfig) -> None:
-    """Import what the drivers of a cell need, as far as it is installed; takes up to a second."""
+    """Import the installed libraries that the drivers of a cell need; takes up to a second."""
     for source in config.sources.values():
         for module in find_driver(source.driver).libraries:
-            with contextlib.suppress(ImportError):  # the driver says what to install
+            with contextlib.suppress(ImportError):  # the driver reports which package to install
                 importlib.import_module(module)
 
 
 class Collector:
-    """Runs the sources of a cell; ``give`` gets every batch, event and tick in order, on the event loop.
+    """Runs the sources of a cell; ``give`` is called with every batch, event and tick in order, on the event loop.
 
-    ``awaited`` says whether somebody waits for samples, which then gather for less long; ``crowded`` whether sources
-    may bring no more than they declare.
+    ``awaited`` returns whether a consumer waits for samples, which then gather for a shorter time; ``crowded`` whether
+    sources are limited to their declared rates.
     """
 
     def __init__(
@@ -61,16 +61,16 @@ class Collector:
         self._awaited, self._crowded = awaited, crowded
         self._fresh = False
         self._speaks = asyncio.Event()
-        """Set from a first sample until all sources have been silent for long."""
+        """Set by a sample, cleared when all sources have been silent for long."""
 
     def start(self, tasks: Tasks, sequences: Mapping[str, Mapping[str, int]] | None = None) -> None:
-        """Begin to read all sources; ``sequences`` says where the numbering of a source's streams goes on."""
+        """Start reading all sources; ``sequences`` holds the next number of each stream by source."""
         for source in self._config.sources.values():
             self._start_source(tasks, source, (sequences or {}).get(source.name))
         tasks.spawn("ticks", self._ticks())
 
     def change(self, tasks: Tasks, config: CellConfig, names: Iterable[str]) -> None:
-        """Begin anew, or leave out, the sources ``names``, whose devices were let go of."""
+        """Restart those of the stopped sources ``names`` that the new settings still contain."""
         self._config = config
         for name in names:
             before = self.sources.pop(name, None)
@@ -78,15 +78,15 @@ class Collector:
                 self._start_source(tasks, config.sources[name], before.sequence if before is not None else None)
 
     async def stop(self, tasks: Tasks, names: Iterable[str]) -> None:
-        """Let go of the devices of some sources."""
+        """Stop the sources ``names`` and release their devices."""
         await tasks.end(f"source {name}" for name in names)
 
     async def close(self, tasks: Tasks) -> None:
-        """Let go of all devices."""
+        """Stop all sources and release their devices."""
         await tasks.end(["ticks", *(f"source {name}" for name in self.sources)])
 
     def keep_time(self) -> None:
-        """Compare the clock with the host's, and let sources say what they held back; to be called once a second."""
+        """Compare the clock with the host's, and let sources report held-back events; call once a second."""
         for source in self.sources.values():
             source.settle()
         step = self.clock.discipline() * 1e-9

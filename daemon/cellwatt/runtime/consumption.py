@@ -1,4 +1,4 @@
-"""The power that a cell draws now, and its energy since midnight, from the frames; for health."""
+"""Present power of a cell, and its energy since midnight, from the frames; for health."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ log = logging.getLogger(__name__)
 
 FILE: Final = "energy.json"
 MEASURED: Final = ("supply.power", "bus.power")
-"""Channels that tell what an arm draws; the first that any source has counts, of all sources that have it."""
+"""Channels with the power of an arm, by preference; the first that any source has is summed over all sources."""
 PERIOD: Final = 10.0
-"""s, at which the energy of today is written."""
+"""Period in s at which today's energy is written."""
 SPAN: Final = 10**9
-"""ns over which the power of now is a mean."""
+"""Time in ns over which the present power is averaged."""
 
 
 class _Saved(BaseModel):
@@ -38,9 +38,9 @@ class _Saved(BaseModel):
 
 
 class Consumption:
-    """Power and energy of a cell; a value that is missing counts as none, so the energy is the least that it took.
+    """Power and energy of a cell; a missing value counts as 0 W, so the energy is a lower limit.
 
-    Where no channel tells what it draws, the energies of its tasks count.
+    Without a power channel, the energies of the tasks are summed.
     """
 
     def __init__(self) -> None:
@@ -51,17 +51,17 @@ class Consumption:
         self._joule = 0.0
         self._time = self._written = 0
         self.task: str | None = None
-        """The task that ended last."""
+        """Name of the task that ended last."""
 
     def end(self, energy: Energy) -> None:
-        """Take the energy of a task that has ended."""
+        """Add the energy of a task that has ended."""
         self.task = energy.task
         if not self._columns and math.isfinite(energy.total):
             self._date(energy.end)
             self._joule += energy.total
 
     def add(self, frames: Frames) -> None:
-        """Add frames, in order; those that were added before are left out."""
+        """Add frames, in order; frames that were added before are ignored."""
         if frames.layout is not self._layout:
             self._layout, self._columns = frames.layout, _columns(frames.layout)
             self._recent.clear()
@@ -80,7 +80,7 @@ class Consumption:
             self._recent.popleft()
 
     def _date(self, time: int) -> None:
-        """Begin anew with another day, which may come at each quarter of an hour: zones differ by these."""
+        """Reset the energy at midnight, checked each quarter of an hour, as time zones differ by these."""
         if self._day is None or time // _QUARTER != self._time // _QUARTER:
             day = datetime.fromtimestamp(time * 1e-9).astimezone().date()
             if day != self._day:
@@ -88,7 +88,7 @@ class Consumption:
         self._time = time
 
     def told(self) -> dict[str, Any]:
-        """``power_W`` of now and ``energy_today_J``, ``None`` where nothing measures it."""
+        """Present ``power_W`` and ``energy_today_J``, ``None`` if not measured."""
         watts = [watts for _, watts in self._recent]
         return {
             "power_W": round(sum(watts) / len(watts), 1) if watts else None,
@@ -98,7 +98,7 @@ class Consumption:
     # over a restart -------------------------------------------------------------------------------
 
     def read(self, folder: Path, now: int) -> None:
-        """Go on with the energy of today as an earlier process has written it; ``now`` is the cell's time, ns."""
+        """Continue with today's energy as an earlier process wrote it; ``now`` is the cell's time, ns."""
         try:
             kept = _Saved.model_validate_json(read_bytes(folder / FILE))
         except FileNotFoundError:
@@ -111,16 +111,16 @@ class Consumption:
         self._time = kept.time if kept.time <= now else 0  # the PC's clock has been set back since
 
     async def keep(self, folder: Path) -> None:
-        """Write the energy of today again and again, for ``read``."""
+        """Write today's energy periodically, for ``read``."""
         while True:
             await asyncio.sleep(PERIOD)
             await self.write(folder)
 
     async def write(self, folder: Path) -> None:
-        """Write the energy of today, if anything was measured since it was written last."""
+        """Write today's energy if it has changed since the last write."""
         if self._day is not None and (time := self._time) != self._written:
             text = json.dumps({"day": self._day.isoformat(), "joule": self._joule, "time": time})
-            with contextlib.suppress(OSError):  # the recorder tells of a disk that refuses
+            with contextlib.suppress(OSError):  # the recorder reports disk errors
                 await asyncio.to_thread(replace_text, folder / FILE, text)
                 self._written = time
 

@@ -1,4 +1,4 @@
-"""One outlet at run time: run again when it ends, and contained where it breaks."""
+"""One outlet at run time: restarted when it ends, and isolated when it fails."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cellwatt.errors import OutletError
 from cellwatt.host import blank
 from cellwatt.outlet import Item, Outlet
 from cellwatt.runtime.allowance import one_line
-from cellwatt.runtime.source import asked_to_end
+from cellwatt.runtime.tasks import end_of
 
 log = logging.getLogger(__name__)
 
@@ -20,27 +20,27 @@ T = TypeVar("T")
 
 FIRST_PAUSE, LONGEST_PAUSE = 0.5, 30.0  # s
 STEADY = 15.0
-"""A run that lasted this long, s, counts as one that serves: a session may take 10 s to be refused."""
+"""A run that lasted this long, s, counts as working: a peer may take 10 s to refuse a session."""
 
 
 class Delivery:
-    """The daemon's side of one outlet: what it raises reaches neither the sources nor the other sinks."""
+    """The daemon's side of one outlet: its exceptions reach neither the sources nor other outlets."""
 
     def __init__(self, name: str, outlet: Outlet[Any]) -> None:
         self.name = name
         self._outlet = outlet
         self._ended: str | None = None
         self._serves_from = 0.0
-        """When, monotonic s, a run that goes on until then takes back why the one before ended."""
+        """Monotonic s from which the present run counts as working, and the reason of the last end is dropped."""
         self._broke: str | None = None
         self._told: str | None = None
 
     def succeed(self, before: Delivery) -> None:
-        """Take over from the outlet that new settings have ended."""
+        """Take over from the outlet that new settings have replaced."""
         self._contained("predecessors lost", lambda: self._outlet.succeed(before._outlet))
 
     def offer(self, item: Item) -> None:
-        """Hand over one item; where the outlet breaks at it, it is lost and counted."""
+        """Pass on one item; if the outlet fails with it, the item is lost and counted."""
         self._contained("items lost", lambda: self._outlet.offer(item))
 
     @property
@@ -49,7 +49,7 @@ class Delivery:
         return bool(self._contained("looks lost", lambda: self._outlet.awaited))
 
     def health(self, status: Mapping[str, Any]) -> None:
-        """Hand over the cell's health."""
+        """Pass on the cell's health."""
         self._contained("health lost", lambda: self._outlet.health(status))
 
     def _contained(self, what: str, work: Callable[[], T]) -> T | None:
@@ -64,12 +64,13 @@ class Delivery:
             return None
 
     async def run(self) -> None:
-        """Run the outlet until cancelled, again after each end."""
+        """Run the outlet until cancelled; restart it after each end."""
         pause = FIRST_PAUSE / 2
         while True:
             began = time.monotonic()
             self._serves_from = began + STEADY
-            error = await self._once()
+            end = await end_of(self._outlet.run, OutletError, f"outlet {self.name} broke")
+            error = OutletError("it ended though nobody stopped it") if end is None else end
             if time.monotonic() - began > STEADY:
                 pause = FIRST_PAUSE / 2
             pause = min(2 * pause, LONGEST_PAUSE)
@@ -79,20 +80,8 @@ class Delivery:
             log.warning("outlet %s: %s; trying again in %.1f s", self.name, self._ended, pause)
             await asyncio.sleep(pause)
 
-    async def _once(self) -> BaseException:
-        try:
-            await self._outlet.run()
-        except OutletError as error:
-            return error
-        except (Exception, asyncio.CancelledError) as error:
-            if asked_to_end(error):
-                raise
-            log.exception("outlet %s broke", self.name)
-            return error
-        return OutletError("it ended though nobody stopped it")
-
     def status(self) -> dict[str, Any]:
-        """Figures for health, JSON-ready; each look also forgets where the outlet broke since the one before."""
+        """Figures for health, JSON-ready; each call resets the failure noted since the last call."""
         trouble = self._contained("looks lost", self._outlet.trouble)
         broke, self._broke = self._broke, None
         if time.monotonic() > self._serves_from:

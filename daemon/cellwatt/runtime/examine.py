@@ -1,4 +1,4 @@
-"""Looks at one source for a while and says what works: the maths and I/O behind ``cellwatt doctor``."""
+"""Reads one source for some seconds and reports what works: the maths and I/O behind ``cellwatt doctor``."""
 
 from __future__ import annotations
 
@@ -28,22 +28,22 @@ from cellwatt.stage import CellInfo
 log = logging.getLogger(__name__)
 
 RATE_TOLERANCE = 0.02
-"""A measured rate this close to the declared one is as declared."""
+"""Largest relative deviation of the measured rate from the declared one."""
 CLOCK_TOLERANCE = 0.1
-"""s: a bound above this, and above half the time between two samples, is told."""
+"""Largest bound in s; a bound above this, and above half the time between two samples, is reported."""
 SETTLING = 15.0
-"""s that are waited longer for a device's clock to be learned."""
+"""Longest additional time in s until a device's clock is learned."""
 MOST_EVENTS = 8
-"""Kinds of events of one source that are told; the rest are counted."""
+"""Kinds of events of one source that are reported; the others are counted."""
 HARMLESS = frozenset(
     {"message", "mode", "rate", "state", "controller_alarm_cleared", "counter_wrapped", "energy_valid"}
 )
-"""Kinds of events that are told but are no warning, beside those that end in ``_state``."""
+"""Kinds of events that are reported without a warning, beside those that end in ``_state``."""
 
 
 @dataclass
 class ChannelCheck:
-    """Values that one channel gave: finite share of samples, range, unit."""
+    """Values of one channel: finite share of its samples, range, unit."""
 
     name: str
     unit: str
@@ -65,9 +65,9 @@ class Examination:
 
 
 async def examine(config: SourceConfig, seconds: float, patience: float, batches: list[Batch]) -> Examination:
-    """Ask a device who it is, read it for ``seconds``, and judge. Opens it read-only.
+    """Identify a device, read it for ``seconds``, and judge it. Opens it read-only.
 
-    ``patience`` s is how long it may take to answer. What was read is appended to ``batches``, which must be empty.
+    The device must answer within ``patience`` s. The samples are appended to ``batches``, which must be empty.
     """
     clock = CellClock()
     events: list[Event] = []
@@ -109,7 +109,7 @@ async def examine(config: SourceConfig, seconds: float, patience: float, batches
 
 
 async def _settle(source: Source, reading: asyncio.Task[None]) -> set[asyncio.Task[None]]:
-    """Read on while the bound of a device's clock is still too wide to mean anything; the task, should it end."""
+    """Continue reading while the bound of a device's clock is too wide; return the task if it ends."""
     loop = asyncio.get_running_loop()
     until = loop.time() + SETTLING
     while loop.time() < until and any(
@@ -122,7 +122,7 @@ async def _settle(source: Source, reading: asyncio.Task[None]) -> set[asyncio.Ta
 
 
 def _bound(stream: str, source: Source, batches: list[Batch]) -> float | None:
-    """Error of a stamp of this stream, ms, at most: now where the device has a clock, else in 99 of 100 samples."""
+    """Largest error of this stream's stamps, ms: at present if the device has a clock, else of 99 % of the samples."""
     mine = [b.bound for b in batches if b.stream.name == stream]
     if not mine:
         return None
@@ -181,7 +181,7 @@ def _warn(result: Examination, text: str) -> None:
 
 
 def _tell_events(result: Examination, events: list[Event]) -> None:
-    """Add what the source said while it was read: it is the reason for what is missing above."""
+    """Add the events of the source during the reading: they explain missing samples."""
     told: dict[str, list[Event]] = {}
     for event in events:
         if event.kind not in ("connected", "reconnected"):
@@ -198,14 +198,14 @@ def _tell_events(result: Examination, events: list[Event]) -> None:
 
 
 STAGE = "meter"
-"""The stage that finds it."""
+"""Stage that finds the timing of a slow meter."""
 
 
 def examine_meters(config: CellConfig, found: Sequence[Examination], read: Mapping[str, Sequence[Batch]]) -> None:
-    """Add to the findings of each source with a slow meter what its values stand for, as the stage says.
+    """Add the statement of the meter stage, on averaging and delay, to the findings of each source with a slow meter.
 
-    The settings are those of the cell's own stage, where it has one. A cell without a slow meter or an arm has nothing
-    to be found.
+    The settings are those of the cell's own meter stage, if it has one. Without a slow meter or an arm, nothing is
+    added.
     """
     streams = {name: tuple({b.stream.name: b.stream for b in batches}.values()) for name, batches in read.items()}
     settings = next((s.settings for s in config.stages.values() if s.kind == STAGE), None)

@@ -1,4 +1,4 @@
-"""Frames of all sources, numbered on when the settings change."""
+"""Frames of all sources, with numbers that continue when the settings change."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from cellwatt.frames import Frames, cut
 
 
 class Framer:
-    """An aligner, and after a change of the settings the next one; frames are numbered on from ``sequence``.
+    """An aligner, replaced when the settings change; frames are numbered from ``sequence`` throughout.
 
-    Frames up to time ``after``, ns, were given out already and are left out.
+    Frames up to time ``after``, ns, were emitted before and are left out.
     """
 
     def __init__(
@@ -33,15 +33,15 @@ class Framer:
         return self._numbered(self._aligner.tick(entry) if isinstance(entry, Tick) else self._aligner.add(entry))
 
     def flush(self) -> Iterator[Frames]:
-        """The frames up to the newest sample: the data end here."""
+        """The frames up to the newest sample, at the end of the data."""
         return self._numbered(self._aligner.flush())
 
     def change(self, streams: Mapping[str, tuple[Stream, ...]], settings: FrameSettings) -> None:
-        """Begin anew with other streams or another grid."""
+        """Restart with other streams or another grid."""
         self._aligner = Aligner(streams, settings.rate, settings.latency)
 
     def status(self) -> dict[str, Any]:
-        """Frames given, samples that did not make it into theirs, by stream, and frames left out; JSON-ready."""
+        """Counts of emitted frames, of samples that missed theirs by stream, and of skipped frames; JSON-ready."""
         counts = self._aligner.counts.items()
         streams = {f"{source}/{stream}": asdict(found) for (source, stream), found in counts}
         return {"count": self.sequence, "streams": streams | {"cell": {"skipped": self._aligner.skipped}}}

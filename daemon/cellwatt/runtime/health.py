@@ -1,4 +1,4 @@
-"""The cell's health and schema as figures that a message can carry."""
+"""The cell's health and schema as JSON-ready figures."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def describe(layout: Layout, streams: Mapping[str, tuple[Stream, ...]]) -> dict[
 
 
 def colour(status: Mapping[str, Any], troubles: Sequence[Trouble]) -> str:
-    """``green``: all is well; ``amber``: something is not; ``red``: no source delivers, or nothing can be recorded."""
+    """``green``: no troubles; ``amber``: some; ``red``: no source delivers, or samples cannot be recorded."""
     sources = [s["state"] for s in status["sources"].values()]
     recorder = status["recorder"]
     if (sources and all(s == "retrying" for s in sources)) or (recorder and recorder["state"] != "ok"):

@@ -1,4 +1,4 @@
-"""The page of ``cellwatt plot``: a recording as it was."""
+"""The page of ``cellwatt plot``: channels, alarms and tasks of a recording."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ LEAD = (
 
 
 def report(recording: Recording, start: float | None, end: float | None, wanted: Sequence[str], units: Units) -> Report:
-    """The page. Raises ``RecordingError`` where there is nothing to draw.
+    """Make the page. Raises ``RecordingError`` if there is nothing to draw.
 
-    ``start`` and ``end`` s from the recording's start; ``wanted``: parts of channel names, all where empty; values are
+    ``start`` and ``end`` s from the recording's start; ``wanted``: parts of channel names, empty for all; values are
     shown in ``units``.
     """
     frames = recording.frames_table()
@@ -71,10 +71,10 @@ def channels_over_time(
     since: tuple[int, str] | None = None,
     most: int = MOST_POINTS * 2,
 ) -> Figure:
-    """Frames ``first`` to before ``last`` of a recording by quantity, with its intervals and alarms marked.
+    """Draw frames ``first`` to before ``last`` of a recording by quantity, with its intervals and alarms marked.
 
-    ``since`` is the zero of the time axis, UTC ns, and its name: the first frame unless told. Raises
-    ``RecordingError`` where there is nothing to draw.
+    ``since`` is the zero of the time axis, UTC ns, and its name; by default the first frame. Raises
+    ``RecordingError`` if there is nothing to draw.
     """
     groups = _groups(frames, wanted, units)
     if not groups or first >= last:
@@ -109,7 +109,7 @@ def _tasks(tasks: Sequence[Task]) -> list[str]:
 
 
 def _groups(frames: Frames, wanted: Sequence[str], units: Units) -> list[tuple[str, list[int]]]:
-    """Curves that belong into one diagram: same source, same last part of the name, same unit."""
+    """Titles and columns of the diagrams: channels of one source, one last part of the name and one unit."""
     groups: dict[str, list[int]] = {}
     for i, channel in enumerate(frames.layout.channels):
         if wanted and not any(w in channel.name for w in wanted):
@@ -140,7 +140,7 @@ def _curves(frames: Frames, columns: Sequence[int], values: NDArray[np.float64],
 
 
 def _segment(frames: Frames) -> list[Interval]:
-    """Intervals found now, where there are joints to find them in."""
+    """Find intervals in the frames, if these have joints."""
     found = find_stage("segment")
     try:
         stage = found("segment", found.Settings(), frames.layout, CellInfo("", "", None, Path()))
@@ -151,7 +151,7 @@ def _segment(frames: Frames) -> list[Interval]:
 
 
 def _bands(intervals: Sequence[Interval], origin: int, span: tuple[float, float]) -> tuple[list[Json], list[Json]]:
-    """Marks and labels of the intervals in which something moves."""
+    """Marks and labels of the intervals in which joints move."""
     sets = sorted({i.moving for i in intervals if i.moving})
     bands, labels = [], []
     for interval in intervals:
@@ -165,12 +165,12 @@ def _bands(intervals: Sequence[Interval], origin: int, span: tuple[float, float]
 
 
 def _without_updates(alarms: Sequence[Alarm]) -> list[Alarm]:
-    """Alarms as they were raised and cleared: the first message of each, and its last."""
+    """The raise and the clear of each alarm, without updates."""
     first = {(a.id, a.since): a for a in reversed(alarms) if a.active}
     return [a for a in alarms if not a.active or first[a.id, a.since] is a]
 
 
 def _lines(alarms: Sequence[Alarm], origin: int, span: tuple[float, float]) -> list[Json]:
-    """Upright lines where alarms were raised (red) and cleared (green)."""
+    """Vertical lines where alarms were raised (red) and cleared (green)."""
     told = [(a, (a.time - origin) * 1e-9) for a in alarms if a.severity != "info"]
     return [upright(at, BAD if a.active else GOOD) for a, at in told if span[0] <= at <= span[1]]

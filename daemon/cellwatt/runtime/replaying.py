@@ -1,4 +1,4 @@
-"""A recording run through the same aligner and stages as live data."""
+"""Runs a recording through the same aligner and stages as live data."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Entry = Batch | Tick
 def replay_frames(
     entries: Iterable[Entry], streams: Mapping[str, tuple[Stream, ...]], settings: FrameSettings
 ) -> Iterator[Frames]:
-    """The frames that these entries made, or would make with other settings of the grid."""
+    """Align recorded entries to frames again, by the same or other settings of the grid."""
     aligner = Aligner(streams, settings.rate, settings.latency)
     for entry in entries:
         yield from aligner.tick(entry) if isinstance(entry, Tick) else aligner.add(entry)
@@ -30,7 +30,7 @@ def replay_frames(
 
 
 def run_stages(frames: Iterable[Frames], chains: list[Chain]) -> Iterator[Frames | Result]:
-    """Each block of frames followed by the results it gave; at the end what the chains still held."""
+    """Yield each block of frames and its results; at the end the results that the chains still hold."""
     for block in frames:
         yield block
         for chain in chains:
@@ -40,10 +40,10 @@ def run_stages(frames: Iterable[Frames], chains: list[Chain]) -> Iterator[Frames
 
 @dataclass(slots=True)
 class Comparison:
-    """Frames of a replay held against those that were recorded, by time of the grid point.
+    """Comparison of the frames of a replay with the recorded ones, by time of the grid point.
 
     ``equal`` counts points that agree in every bit of values, quality and bounds; ``first_difference`` is the
-    time, ns, of the earliest that does not. ``only_recorded`` and ``only_replayed`` were in one of the two.
+    time, ns, of the earliest that does not. ``only_recorded`` and ``only_replayed`` count points in one of the two.
     """
 
     equal: int = 0
@@ -59,7 +59,7 @@ class Comparison:
 
 
 def compare(recorded: Iterable[Frames], replayed: Iterable[Frames]) -> Comparison:
-    """Hold two runs of frames against each other, bit by bit."""
+    """Compare two runs of frames bit by bit."""
     ours, theirs = _rows(recorded), _rows(replayed)
     found = Comparison(only_recorded=len(ours.keys() - theirs.keys()), only_replayed=len(theirs.keys() - ours.keys()))
     for at in sorted(ours.keys() & theirs.keys()):

@@ -21,6 +21,7 @@ from cellwatt.driver import Driver, Identity
 from cellwatt.errors import SourceError, WrongDeviceError
 from cellwatt.results import Event
 from cellwatt.runtime.allowance import MULTIPLE, ONCE, Allowance, Repeats, one_line
+from cellwatt.runtime.tasks import end_of
 
 log = logging.getLogger(__name__)
 
@@ -28,19 +29,13 @@ FIRST_PAUSE, LONGEST_PAUSE, WRONG_DEVICE_PAUSE = 0.5, 10.0, 10.0  # s
 STEADY = 5.0
 """A connection that lasted this long, s, resets the back-off."""
 LOOK, LEAST_SAMPLES = 60.0, 3
-"""s, and samples, after which a channel that gave no number in them counts as one that gives none."""
+"""Period in s and smallest number of samples of a check for blank channels, which had no values in all of them."""
 
 
 def next_pause(pause: float, error: BaseException, jitter: float) -> float:
     """Seconds to wait before the next try: doubled each time, capped, spread by ``jitter`` in 0 … 1."""
     longer = WRONG_DEVICE_PAUSE if isinstance(error, WrongDeviceError) else min(2 * pause, LONGEST_PAUSE)
     return longer * (0.8 + 0.4 * jitter)
-
-
-def asked_to_end(error: BaseException) -> bool:
-    """True if an error is the end that was asked of this task, not one that a library cancelled by itself."""
-    task = asyncio.current_task()
-    return isinstance(error, asyncio.CancelledError) and task is not None and task.cancelling() > 0
 
 
 def _first(reading: Reading, n: int) -> Reading:
@@ -51,9 +46,9 @@ def _first(reading: Reading, n: int) -> Reading:
 class Source:
     """The daemon's side of one driver; implements ``cellwatt.driver.Inlet``.
 
-    ``take`` gets every batch and ``tell`` every event, on the event loop. ``now`` is the cell's clock.
-    ``sequence`` continues the numbering of a source of the same name that a reload replaced. ``crowded`` says whether
-    only what streams declare may come.
+    ``take`` is called with every batch and ``tell`` with every event, on the event loop. ``now`` is the cell's clock.
+    ``sequence`` continues the numbering of a source of the same name that a reload replaced. ``crowded`` returns
+    whether streams are limited to their declared rates.
     """
 
     def __init__(
@@ -87,11 +82,11 @@ class Source:
         self._allowances = {s.name: Allowance(s.rate, now, crowded) for s in self.driver.streams}
         self._repeats = Repeats()
         self._blank: dict[str, NDArray[np.bool_]] = {}
-        """Channels, by stream, that gave no number since this look at them began; no stream of which all have."""
+        """Channels, by stream, without a value since the present check began; streams without such are left out."""
         self._gone: dict[str, NDArray[np.bool_]] = {}
-        """Those of the look before, once there was one."""
+        """Channels without a value in the previous check."""
         self._looks = (time.monotonic(), dict(self.sequence))
-        """s at which this look began, and the number of the next sample then, by stream."""
+        """Monotonic s at which the present check began, and the next sample number at that time, by stream."""
 
     # Inlet ---------------------------------------------------------------------------------------
 
@@ -163,7 +158,7 @@ class Source:
             self.account.anomaly("events held back")
 
     def settle(self) -> None:
-        """Say what the minute that is over has shown, of events held back and channels; to be called once a second."""
+        """Report events held back in past minutes, and check for blank channels; call once a second."""
         now = self.now()
         for kind, n in self._repeats.over(now):
             self._say(now, kind, f"{self.name}: {n} more events {kind!r} within a minute were counted, not told", {})
@@ -175,7 +170,7 @@ class Source:
         self._tell(Event(now, self.name, kind, text, data))
 
     def _refuse(self, stream: Stream, n: int) -> None:
-        """Drop what comes beyond what a stream of this rate may bring."""
+        """Count ``n`` samples dropped because the stream exceeds its allowed rate."""
         self.account.drop(n, "beyond its rate")
         self.event(
             "beyond_rate",
@@ -184,12 +179,12 @@ class Source:
         )
 
     def _look(self, streams: Iterable[Stream]) -> None:
-        """Look anew for channels of some streams that give no number."""
+        """Begin a new check of some streams for channels without values."""
         self._blank |= {s.name: np.ones(len(s.channels), bool) for s in streams}
         self._looks = time.monotonic(), dict(self.sequence)
 
     def _look_again(self) -> None:
-        """End a look after ``LOOK`` s and begin the next: a sensor may die. What comes on change may rest for long."""
+        """End a check after ``LOOK`` s and begin the next, as a sensor may fail; not for streams sent on change."""
         began, numbers = self._looks
         if self.state != "ok" or time.monotonic() - began < LOOK:
             return
@@ -207,7 +202,7 @@ class Source:
             del self._blank[stream]
 
     def _without_number(self, stream: Stream) -> list[str]:
-        """Channels without a number in a look and since; states may be unknown, and what is left out was told."""
+        """Channels without a value in the last check and since, except states and channels reported as left out."""
         blank = self._blank.get(stream.name)
         if blank is None:
             return []
@@ -217,7 +212,7 @@ class Source:
     # supervision ----------------------------------------------------------------------------------
 
     async def run(self) -> None:
-        """Run the driver until cancelled, again after each failure."""
+        """Run the driver until cancelled; restart it after each failure."""
         pause = FIRST_PAUSE / 2
         while True:
             self._connected_at = None
@@ -229,17 +224,13 @@ class Source:
             await asyncio.sleep(pause)
 
     async def _once(self) -> Exception | asyncio.CancelledError:
-        try:
-            await self.driver.run()
-        except SourceError as error:
-            return error
-        except (Exception, asyncio.CancelledError) as error:
-            if asked_to_end(error):
-                raise
-            log.exception("%s: the %s driver broke", self.name, type(self.driver).__name__)
+        broke = f"{self.name}: the {type(self.driver).__name__} driver broke"
+        error = await end_of(self.driver.run, SourceError, broke)
+        if error is None:
+            return SourceError(f"{self.name}: the driver ended though nobody stopped it")
+        if not isinstance(error, SourceError):
             self.account.count("driver bugs")
-            return error
-        return SourceError(f"{self.name}: the driver ended though nobody stopped it")
+        return error
 
     def _fail(self, error: BaseException, pause: float) -> None:
         self.account.count("restarts")
@@ -270,11 +261,11 @@ class Source:
 
 
 KEPT = 4096
-"""Samples looked at: enough for 8 s at 500 Hz."""
+"""Number of samples that a rate is measured over: 8 s at 500 Hz."""
 
 
 class RateMeter:
-    """Rate and jitter over the last samples; ``nominal`` in Hz, 0 where the source sends on change."""
+    """Rate and jitter over the last samples; ``nominal`` in Hz, 0 if the source sends on change."""
 
     def __init__(self, nominal: float) -> None:
         self.nominal = nominal

@@ -1,6 +1,6 @@
 """Messages to systemd from a ``Type=notify`` service, as sd_notify(3) describes them, without its library.
 
-Everything here does nothing where systemd did not start the process (no ``NOTIFY_SOCKET``).
+The functions do nothing if systemd did not start the process (no ``NOTIFY_SOCKET``).
 """
 
 from __future__ import annotations
@@ -15,11 +15,10 @@ log = logging.getLogger(__name__)
 
 
 def notify(**fields: str) -> bool:
-    """Tell systemd ``FIELD=value`` for each field, in one message; whether it was sent.
+    """Send systemd ``FIELD=value`` for each field, in one message; return whether it was sent.
 
-    E.g. ``notify(READY="1", STATUS="4 of 4 sources up")``. Never blocks and never raises for a supervisor
-    that does not listen: the daemon's work goes on. Raises ``ValueError`` for a value with a line break,
-    which would be a field of its own.
+    E.g. ``notify(READY="1", STATUS="4 of 4 sources up")``. Never blocks, and never raises if systemd
+    does not listen. Raises ``ValueError`` for a value with a line break, which would start another field.
     """
     if any("\n" in value for value in fields.values()):
         raise ValueError("a value told to systemd must be one line")
@@ -40,10 +39,10 @@ def notify(**fields: str) -> bool:
 
 @functools.cache
 def _warn_once(text: str) -> None:
-    """The daemon reports once a second; the log says it once."""
+    """Log a warning once, although the daemon notifies once a second."""
     log.warning("%s", text)
 
 
 def reloading() -> bool:
-    """Tell systemd that the settings are being read again; ``notify(READY="1")`` tells that it is over."""
+    """Notify systemd that a reload begins; ``notify(READY="1")`` ends it."""
     return notify(RELOADING="1", MONOTONIC_USEC=str(time.clock_gettime_ns(time.CLOCK_MONOTONIC) // 1000))

@@ -1,11 +1,11 @@
-"""Named tasks that are begun and ended one by one."""
+"""Named tasks that are started and ended one by one."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 import logging
-from collections.abc import Coroutine, Iterable, Iterator
+from collections.abc import Callable, Coroutine, Iterable, Iterator
 from typing import Any
 
 from cellwatt.errors import CellwattError
@@ -13,12 +13,12 @@ from cellwatt.errors import CellwattError
 log = logging.getLogger(__name__)
 
 DRAIN = 5.0
-"""Longest time, s, that a stop waits for a part to finish what is queued."""
+"""Longest time, s, that a stop waits for a task to finish its queue."""
 
 
 @contextlib.contextmanager
 def plain_errors() -> Iterator[None]:
-    """Raise by itself the first error of a group of tasks, however deep, where all are meant for a person."""
+    """Raise the first error of a group of tasks, however deep, on its own if all of them are ``CellwattError``."""
     try:
         yield
     except ExceptionGroup as failures:
@@ -35,6 +35,26 @@ def _leaves(failure: Exception) -> Iterator[Exception]:
         yield failure
 
 
+async def end_of(
+    work: Callable[[], Coroutine[Any, Any, None]], expected: type[Exception], broke: str
+) -> Exception | asyncio.CancelledError | None:
+    """Run ``work``; return the exception that ended it, or None. An exception not ``expected`` is logged as ``broke``.
+
+    A cancellation of this task is raised; one that comes from within a library counts as an unexpected exception.
+    """
+    try:
+        await work()
+    except expected as error:
+        return error
+    except (Exception, asyncio.CancelledError) as error:
+        task = asyncio.current_task()
+        if isinstance(error, asyncio.CancelledError) and task is not None and task.cancelling() > 0:
+            raise
+        log.exception("%s", broke)
+        return error
+    return None
+
+
 class Tasks:
     """Tasks of a group by name."""
 
@@ -43,11 +63,11 @@ class Tasks:
         self._tasks: dict[str, asyncio.Task[None]] = {}
 
     def spawn(self, name: str, work: Coroutine[Any, Any, None]) -> None:
-        """Begin a task."""
+        """Start a task."""
         self._tasks[name] = self._group.create_task(work, name=name)
 
     async def end(self, names: Iterable[str]) -> None:
-        """Cancel tasks and wait for them; one that does not let go within ``DRAIN`` is told and left."""
+        """Cancel tasks and wait for them; one that does not end within ``DRAIN`` s is logged and abandoned."""
         tasks = [self._tasks.pop(name) for name in list(names) if name in self._tasks]
         for task in tasks:
             task.cancel()

@@ -1,4 +1,4 @@
-"""The part that tells: the record, outlets, health and alarms about the daemon, and what outlets may ask."""
+"""Recording and publication: the record, outlets, health, alarms about the daemon, and answers to outlets."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ Item = Batch | Tick | Event | Frames | Result
 class Teller:
     """Records and publishes what it is given, judges the daemon's health, and answers outlets (``CellView``).
 
-    ``now`` is the cell's clock. ``journal`` holds what another process told before this one. ``on_health`` is called
-    after each look with what was found.
+    ``now`` is the cell's clock. ``journal`` holds the results and events that a previous process published.
+    ``on_health`` is called with the new status after each check of the health.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class Teller:
         self._results = 0
         self.journal = journal
         self.behind = False
-        """The record lacks some of what the journal has: results and events wait there until ``catch_up``."""
+        """The record lacks items that the journal holds: results and events wait in the journal until ``catch_up``."""
         self.alarms = AlarmBook(Damping())
         self.record_folder = None if config.record is None else config.record.folder
         self._consumption = Consumption()
@@ -72,7 +72,7 @@ class Teller:
     # life -----------------------------------------------------------------------------------------
 
     async def start(self, tasks: Tasks, streams: Mapping[str, tuple[Stream, ...]], layout: Layout) -> None:
-        """Begin to record and to publish. Raises ``CellwattError`` where a part cannot be started."""
+        """Start the recorder and the outlets. Raises ``CellwattError`` if one of them cannot be started."""
         self._streams, self._layout = streams, layout
         if self._config.record is not None:
             self.recorder = Recorder(self._config.record, self._header())
@@ -91,11 +91,11 @@ class Teller:
             self._start_outlet(tasks, outlet)
 
     async def stop(self, tasks: Tasks, names: Iterable[str]) -> None:
-        """End some outlets."""
+        """Stop the outlets ``names``."""
         await tasks.end(f"outlet {name}" for name in names)
 
     def change(self, tasks: Tasks, config: CellConfig, names: Iterable[str]) -> None:
-        """Take other settings: the outlets ``names``, which have ended, begin anew or are left out."""
+        """Apply new settings: of the stopped outlets ``names``, start those that the settings still contain."""
         self._config, self._warnings = config, config.warnings
         stages = {s.alarm.stage for s in self.alarms.raised if s.alarm.stage is not None}
         self.withdraw(stages - config.stages.keys(), "is no longer part of the cell")
@@ -105,7 +105,7 @@ class Teller:
                 self._start_outlet(tasks, config.outlets[name], before)
 
     def redeclare(self, streams: Mapping[str, tuple[Stream, ...]], layout: Layout) -> None:
-        """Begin a new file: what follows comes from other streams, or is laid out otherwise."""
+        """Begin a new file, because the streams or the layout of the frames change."""
         self._streams, self._layout = streams, layout
         if self.recorder is not None:
             self.recorder.redeclare(self._header())
@@ -131,7 +131,7 @@ class Teller:
             self.take(Event(self._now(), None, "recovered", str(recovery)))
 
     async def _keep_words(self, folder: Path) -> None:
-        """Keep on disk what people said of alarms; a disk that refuses is told once, until it takes them again."""
+        """Save acknowledgements and shelves to disk on each change; a disk error is logged once until it is over."""
         told = None
         while True:
             problem = await self._words.keep(folder)
@@ -154,31 +154,31 @@ class Teller:
     def take(self, item: Item) -> None:
         """Record one item and hand it to the outlets; never blocks."""
         number = None
-        if isinstance(item, Result | Event) and not isinstance(item, Alarm):  # of alarms what the book makes of them
+        if isinstance(item, Result | Event) and not isinstance(item, Alarm):  # alarms are numbered when published
             number = self._number(item)
         self.record(item, number)
         if not isinstance(item, Tick):
             self.tell(item)
 
     def record(self, item: Item, number: int | None = None) -> None:
-        """Record one item, where anything is recorded; a result or event under its number."""
+        """Record one item if the cell has a record; a result or event under its number."""
         if self.recorder is not None and (number is None or not self.behind):
             self.recorder.put(item, number)
 
     def told(self) -> Iterator[tuple[int, Result | Event]]:
-        """What the journal has and the record should have, with its numbers, each series in order."""
+        """Results and events of the journal that belong into the record, with their numbers, each series in order."""
         for number, item in self.journal.past() if self.journal is not None else ():
             if not isinstance(item, Alarm):
                 yield number, item
 
     def catch_up(self, items: Iterable[tuple[int, Result | Event]]) -> None:
-        """Record what the record lacks of what is told by now, and go on."""
+        """Record ``items``, which are published and missing in the record, and record new ones directly again."""
         self.behind = False
         for number, item in items:
             self.record(item, number)
 
     def _number(self, item: Result | Event) -> int | None:
-        """The number under which an item is told and recorded; None where there is no journal, or it cannot hold it."""
+        """The number under which an item is published and recorded; None without a journal, or if it does not fit."""
         try:
             return None if self.journal is None else self.journal.put(item)
         except ValueError as error:
@@ -186,7 +186,7 @@ class Teller:
             return None
 
     def tell(self, item: Batch | Event | Frames | Result) -> None:
-        """Hand one item to the outlets; of an alarm what the alarm book makes of it."""
+        """Hand one item to the outlets; for an alarm, the messages that the alarm book returns."""
         if not isinstance(item, Batch | Frames | Event):
             self._results += 1
         if isinstance(item, Alarm):
@@ -201,11 +201,11 @@ class Teller:
 
     @property
     def awaited(self) -> bool:
-        """True if somebody waits for samples or frames."""
+        """True if a consumer waits for samples or frames."""
         return any(outlet.awaited for outlet in self.outlets.values())
 
     def withdraw(self, stages: Collection[str], why: str) -> None:
-        """Clear the alarms that stages have left active, with the reason."""
+        """Clear the active alarms of ``stages``, with the reason."""
         left = [s.alarm for s in self.alarms.raised if s.holds and s.alarm.stage in stages]
         for clear in withdrawn(left, self._now(), why):
             self.take(clear)
@@ -227,13 +227,13 @@ class Teller:
     # health ---------------------------------------------------------------------------------------
 
     def look(self, parts: Mapping[str, Any]) -> None:
-        """Judge the daemon's health by the figures of its parts, and tell it."""
+        """Judge the daemon's health by the figures ``parts`` of its processes, and publish it."""
         now = self._now()
         status = self._status = self._measure(now, parts)
         for alarm in self._watch.look(status, now):
             self.take(alarm)
         self._publish(self.alarms.look(now))
-        self._words.said.set()  # an alarm about which people said something may have changed
+        self._words.said.set()  # an acknowledged or shelved alarm may have changed
         status["results"] = self._results
         status["state"] = colour(status, self._watch.troubles)
         status["reasons"] = [trouble.statement for trouble in self._watch.troubles]
@@ -263,7 +263,7 @@ class Teller:
             "evidence": self.evidence.stats() if self.evidence is not None else None,
         }
 
-    # what outlets may ask (cellwatt.outlet.CellView) -----------------------------------------------------
+    # answers to outlets (cellwatt.outlet.CellView) -------------------------------------------------------
 
     def status(self) -> Mapping[str, Any]:
         """See ``CellView.status``."""

@@ -1,4 +1,4 @@
-"""One function over many items: one after the other, or in processes of this machine."""
+"""Applies one function to many items: one after the other, or in processes on this machine."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ R = TypeVar("R")
 
 
 class Pool:
-    """Processes that the first ``run`` starts, and that end with the context, whatever they are at."""
+    """Worker processes: the first ``run`` starts them, and ``end`` kills them even in mid-work."""
 
     def __init__(self, count: int | None) -> None:
         self._count = count or len(os.sched_getaffinity(0))
         self._pool: ProcessPoolExecutor | None = None
 
     def run(self, function: Callable[..., Any], items: Sequence[Any], shared: Any, told: Stage) -> list[Any]:
-        """Results in the order of the items. Raises as ``spread``; ``CellwattError`` where a worker is killed."""
+        """Results in the order of the items. Raises as ``spread``; ``CellwattError`` if a worker is killed."""
         if self._pool is None:
             context = multiprocessing.get_context("spawn")
             self._pool = ProcessPoolExecutor(self._count, context, initializer=_begin, initargs=(os.getpid(),))
@@ -54,12 +54,12 @@ class Pool:
                 why = "a worker process was killed: is there enough memory?"
                 raise CellwattError(f"{told.name}, at {item} or later: {why}") from error
             except BaseException:
-                self.end()  # what has begun is needed by nobody
+                self.end()  # the running items are not needed any more
                 raise
         return results
 
     def end(self) -> None:
-        """Kill the processes; the next ``run`` starts others."""
+        """Kill the processes; the next ``run`` starts new ones."""
         if self._pool is None:
             return
         for process in list(self._pool._processes.values()):  # kill_workers() of Python 3.14
@@ -72,12 +72,12 @@ _WORKERS: ContextVar[Pool | None] = ContextVar("workers", default=None)
 
 
 def workers() -> Pool | None:
-    """The workers of the innermost ``scheduled``; None outside, and for an item that is on a worker."""
+    """The workers of the innermost ``scheduled``; None outside of it, and on a worker."""
     return _WORKERS.get()
 
 
 def parse_place(text: str) -> int | None:
-    """Number of workers that ``local`` or ``local:2`` asks for, None for one a core. Raises ``ConfigError``."""
+    """Parse ``local`` (None: one worker per core) or ``local:2`` (two workers). Raises ``ConfigError``."""
     if (local := re.fullmatch(r"local(?::([1-9]\d{0,2}))?", text)) is None:
         raise ConfigError(f"{text!r} names no scheduler: expected local, or local:2 (that many workers)")
     return None if local[1] is None else int(local[1])
@@ -85,10 +85,10 @@ def parse_place(text: str) -> int | None:
 
 @contextmanager
 def scheduled(place: str | None) -> Iterator[None]:
-    """Let ``spread`` give its items to workers inside.
+    """Within the context, ``spread`` distributes its items to workers.
 
-    ``place`` is ``local`` for a process a core of this machine (``local:2``: two); None changes nothing. Raises
-    ``ConfigError`` where it is neither.
+    ``place`` is ``local`` for one process per core of this machine (``local:2``: two); None changes nothing. Raises
+    ``ConfigError`` for other texts.
     """
     if place is None:
         yield
@@ -109,13 +109,13 @@ def spread(function: Callable[[T, S], R], items: Sequence[T], what: str, shared:
 def spread(function: Callable[..., R], items: Sequence[T], what: str, shared: Any = None) -> list[R]:
     """Results of ``function(item)`` in the order of the items; ``what`` names the stage of the work.
 
-    Where ``shared`` is given it is ``function(item, shared)``: each worker gets that once. All of them must be
-    picklable, and a result must depend on its item and ``shared`` alone, which no call may change. Raises what the
-    function raises for the first of the items that it fails for.
+    With ``shared`` the call is ``function(item, shared)``; each worker gets ``shared`` once. Function, items,
+    ``shared`` and results must be picklable, and a result must depend on its item and ``shared`` alone, which no call
+    may change. Raises the exception of the first item for which the function fails.
     """
     found = workers()
     with stage(what, total=len(items)) as told:
-        if found is not None and len(items) > 1:  # what a single one spreads in turn is for the workers
+        if found is not None and len(items) > 1:  # a single item may spread its own items to the workers
             return found.run(function, items, shared, told)
         results = []
         for i, item in enumerate(items):
@@ -128,19 +128,19 @@ def spread(function: Callable[..., R], items: Sequence[T], what: str, shared: An
 # on a worker -----------------------------------------------------------------------------------------------------
 
 _held: tuple[str, Any] | None = None
-"""What the items of the present work share: its file, and the value."""
+"""File and value of ``shared`` of the present call of ``spread``."""
 
 
 def _begin(parent: int) -> None:
-    """Leave Ctrl-C to the command, and end with it even where it is killed."""
+    """Ignore Ctrl-C, which the command handles, and end with the command even if it is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     end_with(parent, signal.SIGKILL)
 
 
 def _call(function: Callable[..., Any], folder: Path, shared: str | None, item: Any) -> Any:
-    """Call the function in ``folder``, where the command runs, so that a relative path means the same."""
-    global _held  # one value a worker, however many items
-    with suppress(OSError):  # not there: a relative path is not either, which the function tells
+    """Call the function in ``folder``, where the command runs, so that relative paths have the same meaning."""
+    global _held  # one value per worker for all items
+    with suppress(OSError):  # without the folder, the function reports which relative path is missing
         os.chdir(folder)
     if shared is not None and (_held is None or _held[0] != shared):
         _held = shared, pickle.loads(Path(shared).read_bytes())
@@ -156,17 +156,17 @@ def _call(function: Callable[..., Any], folder: Path, shared: str | None, item: 
 def _can_be_sent(error: Exception) -> bool:
     try:
         return isinstance(pickle.loads(pickle.dumps(error)), type(error))
-    except Exception:  # an exception class of others may fail in any way
+    except Exception:  # a third-party exception class may fail in any way
         return False
 
 
 _known: tuple[int, Any] = (-1, None)
-"""Number of modules that were loaded when the libraries were looked for, and what limits those."""
+"""Number of modules loaded at the last search for libraries of linear algebra, and the controller of their threads."""
 
 
 def _one_thread() -> AbstractContextManager[object]:
-    """Linear algebra in one thread, where threadpoolctl is installed: the same numbers wherever an item is done."""
-    global _known  # looking for the libraries takes 5 ms, which is long beside a small item
+    """Run linear algebra in one thread, if threadpoolctl is installed: results do not depend on where an item runs."""
+    global _known  # the search for the libraries takes 5 ms, long beside a small item
     if len(sys.modules) != _known[0]:
         try:
             from threadpoolctl import ThreadpoolController

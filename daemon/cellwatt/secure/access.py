@@ -1,8 +1,8 @@
 """Zenoh's ``access_control``: rules for publishing, asking and seeing. Pure.
 
-Everything that is not allowed is denied. Zenoh checks both directions of each link: ``ingress`` comes from the other
-side, ``egress`` goes to it. A cell may publish and answer questions under its own key and nothing else; a viewer may
-subscribe and ask, and publish nothing.
+Everything that is not allowed is denied. Zenoh checks both directions of each link: ``ingress`` is received from the
+other end, ``egress`` is sent to it. A cell may only publish and answer questions under its own key; a viewer may only
+subscribe and ask.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _ASKS: Final = ("query",)
 
 @dataclass(frozen=True, slots=True)
 class Viewer:
-    """A member that may see the named cells, or all of the site if none is named, and with ``asks`` ask questions."""
+    """A member that may see ``cells``, or all cells of the site if empty; with ``asks``, it may ask questions."""
 
     name: str
     cells: tuple[str, ...] = ()
@@ -31,7 +31,7 @@ class Viewer:
 
 @dataclass(frozen=True, slots=True)
 class _Grant:
-    """Rules for links with these names in their certificates."""
+    """Rules for links whose certificate has one of these names."""
 
     names: tuple[str, ...]
     rules: tuple[dict[str, Any], ...]
@@ -44,13 +44,13 @@ def for_router(site: str, cells: Sequence[str], viewers: Sequence[Viewer]) -> di
 
 
 def for_cell(site: str, cell: str, viewers: Sequence[Viewer]) -> dict[str, Any]:
-    """Rules of a cell that viewers connect to themselves."""
+    """Rules of a cell to which viewers connect directly."""
     mine = [replace(v, cells=(cell,)) for v in viewers if not v.cells or cell in v.cells]
     return _control(_seeing(site, [_itself(cell), *mine]))
 
 
 def _itself(cell: str) -> Viewer:
-    """Grant for ``cellwatt watch`` on the cell's own PC, which uses the cell's certificate."""
+    """The cell as its own viewer: ``cellwatt watch`` on the cell's PC uses the cell's certificate."""
     return Viewer(cell, (cell,))
 
 
@@ -76,7 +76,7 @@ def _control(grants: Iterable[_Grant]) -> dict[str, Any]:
         "enabled": True,
         "default_permission": "deny",
         "rules": [rule for grant in found for rule in grant.rules],
-        # Each name of a certificate is a subject of its own.
+        # Each certificate name is a separate subject.
         "subjects": [
             {"id": name, "cert_common_names": [name]} for name in dict.fromkeys(n for g in found for n in g.names)
         ],

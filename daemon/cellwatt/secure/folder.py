@@ -1,4 +1,4 @@
-"""The folder of a site's authority: its members, and a folder of files for each.
+"""The folder of a site's authority: the members, and a folder of files for each.
 
     access.yaml                      members and rights; written by the commands, readable by people
     private/ca.pem, ca.key           the authority that signs
@@ -6,7 +6,7 @@
     CELL/sign.key, sign.pub          a cell's key for signatures; viewers have sign.pub as CELL.pub
     NAME/zenoh.yaml                  settings of a cell or viewer; a router has zenohd.json5
 
-Private keys are readable by their owner alone from the moment they are made, and never shown.
+Private keys are readable only by their owner from the moment they are made, and never shown.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ Role = Literal["router", "cell", "viewer"]
 PORT: Final = 7447
 _REGISTER: Final = "access.yaml"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
-"""A name is a certificate's common name (at most 64 characters), a part of a Zenoh key, and a folder."""
+"""A name is a certificate's common name (at most 64 characters), a chunk of a Zenoh key, and a folder."""
 _KEEP_OPEN: Final = {"transport/link/tls/close_link_on_expiration": True}
-"""Zenoh ends a link when the other side's certificate ends, not only at the next connection."""
+"""Zenoh closes a link when the peer's certificate expires, not only at the next connection."""
 
 
 @dataclass(frozen=True, slots=True)
 class Member:
-    """A holder of a certificate; listens at ``hosts``. A viewer sees ``cells`` (none: all) and ``asks`` questions."""
+    """A certificate holder that listens on ``hosts``. A viewer sees ``cells`` (empty: all) and may ask if ``asks``."""
 
     name: str
     role: Role
@@ -50,7 +50,7 @@ class Member:
 
 @dataclass(slots=True)
 class Folder:
-    """An opened folder. Methods that write raise ``CellwattError`` if the disk refuses."""
+    """An opened folder. Methods that write raise ``CellwattError`` if writing fails."""
 
     path: Path
     site: str
@@ -71,7 +71,7 @@ class Folder:
 
     @classmethod
     def open(cls, path: Path) -> Folder:
-        """Open the folder. Raises ``ConfigError`` if there is no authority in it."""
+        """Open the folder. Raises ``ConfigError`` if it has no authority."""
         try:
             plain = yaml.safe_load((path / _REGISTER).read_text())
             members = [
@@ -107,7 +107,7 @@ class Folder:
         return self.write()
 
     def remove(self, name: str) -> list[str]:
-        """Take a member out of the rules; return the members whose folders changed. Its own folder stays."""
+        """Remove a member from the rules, not its folder; return the members whose folders changed."""
         if name not in self.members:
             raise ConfigError(f"there is no member {name!r}; there are: {', '.join(self.members) or 'none'}")
         del self.members[name]
@@ -160,13 +160,13 @@ class Folder:
         return _end(self.path / "private" / "ca.pem")
 
     def authority_due(self) -> bool:
-        """True if the authority should be renewed, because new certificates would soon be cut short by its expiry."""
+        """True if the authority should be renewed, because its expiry would soon shorten new certificates."""
         return self.authority_ends() < _now() + timedelta(days=2 * MEMBER_DAYS)
 
     def _issue(self, member: Member) -> None:
         private = self.path / "private"
         authority = Pair(_read(private / "ca.pem"), _read(private / "ca.key"))
-        # A cell behind a router listens nowhere, and its certificate does not allow it to.
+        # A cell behind a router does not listen, and its certificate does not allow it to.
         hosts = () if member.role == "cell" and self.router is not None else member.hosts
         pair = issue(authority, member.name, hosts, _now())
         _write(self.path / member.name / "key.pem", pair.key, 0o600)
@@ -253,10 +253,10 @@ def _read(path: Path) -> bytes:
 
 
 def _write(path: Path, data: bytes, mode: int) -> None:
-    """Replace a file atomically; nobody but the owner can ever read a private key."""
+    """Replace a file atomically; only the owner can ever read a private key."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        path.with_name(f"{path.name}.part").unlink(missing_ok=True)  # the new one must not have its rights
+        path.with_name(f"{path.name}.part").unlink(missing_ok=True)  # the new file must not inherit its permissions
         replace_bytes(path, data, mode)
     except OSError as error:
         raise CellwattError(f"{path} cannot be written: {why(error)}") from None

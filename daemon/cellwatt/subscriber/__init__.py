@@ -1,11 +1,11 @@
-"""Takes the data of one cell from the bus: each topic in order, each sample exactly once.
+"""Receives the data of one cell from the bus: each topic in order, each sample exactly once.
 
     async with Subscriber("plant-1", "weld-3", LinkSettings(mode="client", connect=("tcp/router:7447",))) as cell:
         async for message in cell:
             print(message.topic, message.sequence, message.content)
 
-Holes, which an interrupted link leaves, are filled from the cell's record before later messages are delivered; such
-messages have ``backfilled`` set. Messages that the cell no longer has are delivered as a ``Gap``.
+After an interrupted link, missing messages are requested from the cell's record and delivered, with ``backfilled``
+set, before later ones. Messages that the cell no longer has are delivered as a ``Gap``.
 """
 
 from cellwatt.outlets.zenoh.link import LinkSettings

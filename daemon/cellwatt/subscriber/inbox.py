@@ -1,7 +1,6 @@
-"""Live messages and answers of one cell, put in order for the consumer.
+"""Puts the live messages and answers of one cell in order for the consumer.
 
-Zenoh calls back in threads of its own. One of them at a time works here, as quickly as decoding allows, and never
-calls Zenoh.
+Zenoh calls back in its own threads. One of them at a time runs this code; it only decodes, and never calls Zenoh.
 """
 
 from __future__ import annotations
@@ -48,17 +47,17 @@ log = logging.getLogger("cellwatt.subscriber")
 EVERYTHING: Final = KINDS
 """All topics of a cell."""
 _MOST: Final = 1000
-"""Topics of which the last schema is known."""
+"""Most topics whose last schema is stored."""
 _QUEUE_BYTES: Final = 256 * 1024 * 1024  # of messages that wait for the consumer
 _QUIET: Final = 10.0  # s, least time between two log lines about bad messages
 
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """A message of the cell with its place in the order.
+    """A message of the cell with its position.
 
     ``sequence`` is the number of the first sample (raw, frame) or of the result within ``topic`` and ``session``.
-    ``backfilled`` if it was asked for later, because it was missed or happened before the subscription began.
+    ``backfilled``: it was requested later, because it was missed or is older than the subscription.
     """
 
     topic: str
@@ -77,10 +76,10 @@ class Message:
 
 
 class Mailbox:
-    """A queue from threads to other threads and event loops: first in, first out; ``take`` waits while it is empty.
+    """A FIFO queue from threads to other threads and event loops; ``take`` waits while it is empty.
 
-    ``put`` never waits: who puts looks at ``full`` first, which is true from ``limit`` items or 256 MB on.
-    After ``end`` nothing can be put; takers get what is left and then ``None``, or the error it was ended with.
+    ``put`` never waits: callers check ``full`` first, which is true from ``limit`` items or 256 MB on.
+    After ``end`` nothing can be put; takers receive the remaining items, then ``None`` or the error given to ``end``.
     """
 
     def __init__(self, limit: int) -> None:
@@ -94,7 +93,7 @@ class Mailbox:
 
     @property
     def full(self) -> bool:
-        """True if there is no room."""
+        """True at or beyond the limit of items or bytes."""
         return len(self._items) >= self._limit or self._bytes >= _QUEUE_BYTES
 
     def put(self, item: Message, size: int = 0) -> None:
@@ -107,7 +106,7 @@ class Mailbox:
         self._wake()
 
     def end(self, error: BaseException | None = None) -> None:
-        """End the mailbox; the reason of the first call counts."""
+        """End the mailbox; the error of the first call applies."""
         with self._lock:
             if not self._ended:
                 self._ended, self._error = True, error
@@ -132,7 +131,7 @@ class Mailbox:
         return found
 
     def _next(self) -> Message | Future[None] | None:
-        """The next item, ``None`` at the end, or what is done once there may be one."""
+        """The next item; ``None`` at the end; or a future that completes once there may be an item."""
         with self._lock:
             if self._items:
                 item, size = self._items.popleft()
@@ -151,14 +150,14 @@ class Mailbox:
             with self._lock:
                 waiters, self._waiters = self._waiters, []
             for waiter in waiters:
-                with contextlib.suppress(InvalidStateError):  # it was given up
+                with contextlib.suppress(InvalidStateError):  # the waiter was cancelled
                     waiter.set_result(None)
 
 
 class Inbox:
-    """Puts messages that ``witness`` accepts in order and into ``mailbox``, and sets ``look`` if some may be missing.
+    """Puts messages that ``witness`` accepts into ``mailbox`` in order, and sets ``look`` if some may be missing.
 
-    ``following`` is to be used under ``lock``. ``queue_size`` messages may wait; beyond that, live ones are let go.
+    Use ``following`` under ``lock``. At most ``queue_size`` messages wait; beyond that, live ones are discarded.
     Health is delivered if ``health`` is set.
     """
 
@@ -179,7 +178,7 @@ class Inbox:
 
     @contextlib.contextmanager
     def guarded(self) -> Iterator[None]:
-        """Let one thread at a time in, and pass errors on to the consumer, since Zenoh would swallow them."""
+        """Admit one thread at a time, and pass errors to the consumer, because Zenoh would discard them."""
         with self.lock:
             try:
                 with self._counted():
@@ -190,7 +189,7 @@ class Inbox:
     # live messages ----------------------------------------------------------------------------------
 
     def on_sample(self, sample: zenoh.Sample) -> None:
-        """Take a live message."""
+        """Process a live message."""
         with self.guarded():
             if self.mailbox.full:
                 self.counts["let go"] += 1
@@ -209,7 +208,7 @@ class Inbox:
         topic = address.topic
         try:
             mark, content = read_message(sample, address.kind, self._schemas.get(topic, {}))
-        except UnknownSchemaError:  # it is on its way; then this message is asked for again
+        except UnknownSchemaError:  # the schema is in transit; then this message is requested again
             self.counts["let go"] += 1
             return
         room = topic in self._schemas or len(self._schemas) < _MOST
@@ -223,7 +222,7 @@ class Inbox:
 
     def _on_health(self, mark: Mark, health: Health) -> None:
         self.following.hinted(health.session, health.positions)
-        if self.following.cell in (None, health.session):  # else once the cell has confirmed that it began anew
+        if self.following.cell in (None, health.session):  # else after the cell has confirmed its new session
             self._health_reached = mark.session, mark.sequence
             if self._wants_health:
                 self.mailbox.put(Message(HEALTH, mark.session, mark.sequence, False, health))
@@ -232,7 +231,7 @@ class Inbox:
     # answers, under ``guarded`` ---------------------------------------------------------------------
 
     def on_status(self, replies: list[zenoh.Reply]) -> None:
-        """Take the answers to ``@/status``."""
+        """Process the answers to ``@/status``."""
         now, refused = time.monotonic(), self.following.counts["refused"]
         told: Health | None = None
         for reply in replies:
@@ -248,7 +247,7 @@ class Inbox:
             self._warn(f"refused {lies} claims that the cell does not know of: who else publishes under its name?")
 
     def on_standing(self, replies: list[zenoh.Reply]) -> None:
-        """Take the alarms that are active now."""
+        """Process the active alarms."""
         for reply in replies:
             if reply.ok is not None:
                 with self._counted():
@@ -257,12 +256,12 @@ class Inbox:
                     self._deliver(ALARM, self.following.standing(mark, alarm))
 
     def on_recordings(self, replies: list[zenoh.Reply]) -> None:
-        """Take the answers to ``@/recordings``."""
+        """Process the answers to ``@/recordings``."""
         answers = [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
         self.following.sessions(read_sessions(answers[0]) if answers else None, time.monotonic())
 
     def on_answer(self, question: Question, replies: list[zenoh.Reply]) -> None:
-        """Take the answers to a question about missing messages."""
+        """Process the answers to a question about missing messages."""
         now, topic = time.monotonic(), question.topic
         problem: ProtocolError | None = None
         for reply in replies:
@@ -292,7 +291,7 @@ class Inbox:
 
     @contextlib.contextmanager
     def _counted(self) -> Iterator[None]:
-        """Count unreadable messages and go on."""
+        """Count unreadable messages and continue."""
         try:
             yield
         except ProtocolError as error:
@@ -300,7 +299,7 @@ class Inbox:
             self._warn(str(error))
 
     def _warn(self, text: str) -> None:
-        """Log a bad message, at most once in ``_QUIET`` s: a stranger may send thousands a second."""
+        """Log a bad message, at most once in ``_QUIET`` s: a stranger may send thousands per second."""
         now = time.monotonic()
         if now - self._warned_at > _QUIET:
             self._warned_at = now

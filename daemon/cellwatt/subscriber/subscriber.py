@@ -1,4 +1,4 @@
-"""The public subscriber: opens the link, asks for what is missing, hands out messages and keeps the positions."""
+"""The public subscriber: opens the link, requests missing messages, delivers messages and tracks the positions."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ if TYPE_CHECKING:
     import zenoh
 
 
-_TICK: Final = 0.05  # s, between two looks at what is missing
-_TIMEOUT: Final = 5.0  # s, for the answer to one question
+_TICK: Final = 0.05  # s, between two checks for missing messages
+_TIMEOUT: Final = 5.0  # s, for the answer to a question
 
 
 class Subscriber:
     """A consumer of one cell.
 
-    ``link`` is the Zenoh session to open; ``want`` are topics or first parts of topics, like ``raw/arm``. ``resume``
-    continues at the ``positions`` of an earlier run. ``patience`` is the time in s to wait for missing messages that
-    the cell should have, before they become a gap. ``queue_size`` messages may wait for the consumer; further ones
-    are let go and asked for again. ``verify`` is the public key of a cell that signs, or a certificate with it (PEM);
-    messages that the cell has not signed are then left out and counted as ``unsigned``, repeated health messages as
-    ``replayed``. Raises ``ConfigError`` for topics that no cell has. Use it with ``with`` or ``async with``; opening
-    raises ``OutletError`` if the link cannot be opened.
+    ``link`` is the Zenoh session to open; ``want`` are topics or prefixes of topics, like ``raw/arm``. ``resume``
+    continues at the ``positions`` of an earlier run. ``patience`` is the time, s, to wait for missing messages that
+    the cell should have, before they become a gap. At most ``queue_size`` messages wait for the consumer; further ones
+    are discarded and requested again. ``verify`` is the public key of a cell that signs, or a certificate with it
+    (PEM); messages that the cell has not signed are then discarded and counted as ``unsigned``, repeated health
+    messages as ``replayed``. Raises ``ConfigError`` for topics that no cell has. Use it with ``with`` or ``async
+    with``; opening raises ``OutletError`` if the link cannot be opened.
 
-    Leave the context before the interpreter ends: an open Zenoh session keeps it from exiting.
+    Leave the context before the interpreter ends: an open Zenoh session prevents its exit.
     """
 
     def __init__(
@@ -66,12 +66,12 @@ class Subscriber:
         self._stopped = threading.Event()
         self._session: zenoh.Session | None = None
         self._standing_asked = following.joined
-        # No daemon thread: the threads in which Zenoh calls back inherit that, and one of them inside Zenoh
-        # while the interpreter ends aborts the process.
+        # Not a daemon thread: Zenoh's callback threads would inherit that, and one that runs inside Zenoh while the
+        # interpreter ends aborts the process.
         self._asking = threading.Thread(target=self._work, name="cellwatt subscriber", daemon=False)
 
     def receive(self, timeout: float | None = None) -> Message:
-        """Take the next message. Raises ``TimeoutError``, or ``OutletError`` after ``close``."""
+        """Return the next message. Raises ``TimeoutError``, or ``OutletError`` after ``close``."""
         message = self._inbox.mailbox.take(timeout)
         if message is None:
             raise OutletError("the subscriber was closed")
@@ -87,15 +87,16 @@ class Subscriber:
 
     @property
     def positions(self) -> dict[str, tuple[int, int]]:
-        """Session and number of the next message to hand out, by topic; ``resume`` of another run continues there."""
+        """Session and number of the next message to deliver, by topic; pass them as ``resume`` to continue there."""
         return {**self._inbox.following.begun, **self._reached}
 
     @property
     def counts(self) -> dict[str, int]:
         """Number of samples and results ``live``, ``backfilled``, ``lost`` and ``duplicates``, and of bad messages.
 
-        ``unreadable`` messages were not a cell's, ``let go`` ones found no room or came before their schema, and
-        ``refused`` are claims that the cell did not confirm; true messages among these are asked for again.
+        ``unreadable`` messages are not valid messages of a cell, ``let go`` ones were discarded because the queue was
+        full or their schema was missing, and ``refused`` are claims that the cell did not confirm; true messages among
+        these are requested again.
         """
         following = self._inbox.following
         return {**(following.counts + self._inbox.counts), "duplicates": following.duplicates}
@@ -119,7 +120,7 @@ class Subscriber:
         self._asking.start()
 
     def close(self) -> None:
-        """Close the session; consumers that wait for messages return."""
+        """Close the session; consumers waiting for messages return."""
         self._stopped.set()
         self._inbox.look.set()
         self._inbox.mailbox.end()
@@ -129,7 +130,7 @@ class Subscriber:
             self._asking.join()
 
     def _work(self) -> None:
-        """Ask the cell for everything that is missing, until ``close``."""
+        """Request missing messages from the cell, until ``close``."""
         import pyarrow  # noqa: F401  # so that the first message does not wait for it
         import zenoh
 
@@ -170,7 +171,7 @@ class Subscriber:
 
         replies: list[zenoh.Reply] = []
         witness = self._inbox.witness
-        if witness.asks_for_proof:  # so that no older answer can be passed off as this one
+        if witness.asks_for_proof:  # so that an older answer is not accepted as this one
             selector += f"{';' if '?' in selector else '?'}nonce={secrets.token_hex(8)}"
 
         def done() -> None:

@@ -1,4 +1,4 @@
-"""The one reader of tables: every command that takes a file of samples opens it here, with the same names and units."""
+"""Reads tables: every command that takes a file of samples opens it here, with the same names and units."""
 
 from cellwatt.tables.files import is_table, read_table, write_table
 from cellwatt.tables.names import usual

@@ -19,7 +19,7 @@ MISSING: Final = (
     *("", "nan", "-nan", "null", "none", "na", "n/a", "<na>", "nat", "1.#ind", "-1.#ind", "1.#qnan", "-1.#qnan"),
     *("#n/a", "#n/a n/a", "#na", "#div/0!", "#value!", "#ref!", "#num!", "#name?", "#null!"),
 )
-"""What stands for no value, in small letters; the last are a spreadsheet's errors."""
+"""Texts that mean a missing value, in small letters; the last are errors of spreadsheets."""
 
 _END: Final = r"(?:[eE][+-]?\d+)?$"
 _POINT: Final = rf"^[+-]?(?:\d+\.?\d*|\.\d+){_END}|^(?i:[+-]?inf(?:inity)?)$"
@@ -32,16 +32,16 @@ _TRIMMED: Final = ' \t\u00a0\ufeff"'
 
 @dataclass(frozen=True)
 class Cells:
-    """Content of a column: ``values``, or where there are none the first cell that is no number, and why it is none."""
+    """Content of a column: ``values``, or the first cell that is not a number and its fault."""
 
     values: Float | None
     """(N,); NaN where a cell is empty."""
     kind: times.Kind | None = None
-    """Where the cells were dates or times of day."""
+    """Kind of dates or times of day, if the cells are such."""
     row: int = 0
-    """Index of that first cell."""
+    """Index of the first cell that is not a number."""
     fault: str = ""
-    """``holds text``, or what else keeps the column from being read."""
+    """``holds text``, or another reason why the column cannot be read."""
     commas: bool = False
     """True for decimal commas."""
 
@@ -56,7 +56,7 @@ def cells_of(column: Any, separator: str) -> Cells:
     except pa.ArrowInvalid:
         pass
     if separator != "," and not pc.any(pc.match_substring(column, ".")).as_py():
-        with suppress(pa.ArrowInvalid):  # at once, as long as nothing else is odd
+        with suppress(pa.ArrowInvalid):  # fast path, if the column holds only plain numbers
             return Cells(_values(pc.replace_substring(column, ",", ".")), commas=True)
     column = pc.utf8_trim(column, characters=_TRIMMED)
     missing = pc.is_in(pc.utf8_lower(column), pa.array(MISSING))
@@ -67,7 +67,7 @@ def cells_of(column: Any, separator: str) -> Cells:
 
 
 def grouped(column: Any) -> int | None:
-    """Index of a cell like ``1.234``, where every cell with a point is like it: thousands, if decimals have commas."""
+    """Index of a cell like ``1.234``, if all cells with a point are such: thousands, if decimals have commas."""
     import pyarrow.compute as pc
 
     pointed = pc.match_substring(column, ".")
@@ -94,7 +94,7 @@ def _truths(column: Any) -> Cells | None:
 
 
 def _numbers(column: Any, separator: str) -> Cells | None:
-    """Numbers with decimal points or commas; None where a cell is none of either."""
+    """Numbers with decimal points or commas; None if a cell is neither."""
     import pyarrow.compute as pc
 
     def like(pattern: str) -> Any:

@@ -1,4 +1,4 @@
-"""Bytes of a text file as text, whatever program wrote it."""
+"""Decodes text files of any program."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Final
 
 _MARKS: Final = (
     (codecs.BOM_UTF8, "utf-8"),
-    (codecs.BOM_UTF32_LE, "utf-32-le"),  # begins like UTF-16's
+    (codecs.BOM_UTF32_LE, "utf-32-le"),  # starts with the mark of UTF-16
     (codecs.BOM_UTF32_BE, "utf-32-be"),
     (codecs.BOM_UTF16_LE, "utf-16-le"),
     (codecs.BOM_UTF16_BE, "utf-16-be"),
@@ -20,13 +20,13 @@ _OTHERS: Final = (
     (b"\x89HDF", "an HDF5 file, no text: save the table as CSV or Parquet"),
 )
 _LOOKED_AT: Final = 512
-"""Bytes that show whether every other one is 0, as in UTF-16 without a mark."""
+"""Number of bytes that are checked for a 0 in every other byte, as in UTF-16 without a mark."""
 
 
 def text_of(content: bytes) -> str:
-    """Text with ``\\n`` at the ends of lines: UTF-8, UTF-16, UTF-32, else Windows-1252.
+    """Decode UTF-8, UTF-16 or UTF-32, otherwise Windows-1252; lines end with ``\\n``.
 
-    Raises ``ValueError`` where the bytes are no text.
+    Raises ``ValueError`` if the bytes are not text.
     """
     for start, kind in _OTHERS:
         if content.startswith(start):

@@ -29,22 +29,22 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 LARGEST: Final = 4_000_000_000
-"""Bytes of a Parquet file in memory; one of some kB may unpack to any number."""
+"""Largest size of a Parquet file in memory in bytes; a file of some kB may unpack to any size."""
 LARGEST_TEXT: Final = 1_000_000_000
-"""Bytes of text of a Parquet file in memory."""
+"""Largest size of the texts of a Parquet file in memory in bytes."""
 MOST_COLUMNS: Final = 5_000
-"""Columns of a table; some kB may claim any number."""
+"""Largest number of columns of a table; a file of some kB may claim any number."""
 _LONGEST: Final = 40
-"""Characters of a cell that a message repeats."""
+"""Largest number of characters of a cell that a message quotes."""
 
 
 def read_table(path: Path, joints: Sequence[str] = ()) -> Table:
-    """A Parquet or CSV file, the frames of a recording, whose time ``t`` counts from the first, or a log of others.
+    """Read a Parquet or CSV file, the frames of a recording (``t`` from the first frame), or a log of other programs.
 
-    ``joints`` are a robot's by name, in its order: the columns of a log that names its joints follow it.
+    ``joints`` are the robot's joint names in order, by which the columns of a log with named joints are ordered.
 
     CSV: any separator, decimal mark and encoding that spreadsheets and loggers write. A column that cannot be read is
-    refused when it is asked for. Raises ``RecordingError`` where the file cannot be read, or has no names or no rows.
+    refused when it is used. Raises ``RecordingError`` if the file cannot be read, or has no names or no rows.
     """
     from cellwatt.logs.opening import is_log, read_log
 
@@ -59,17 +59,17 @@ def read_table(path: Path, joints: Sequence[str] = ()) -> Table:
         return _arrow(path, _parquet(path)) if path.suffix == ".parquet" else _csv(path)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {_line(why(error))}") from error
-    except (pa.ArrowException, ValueError) as error:  # the latter: names that are not UTF-8
+    except (pa.ArrowException, ValueError) as error:  # ValueError: names that are not UTF-8
         raise RecordingError(f"{path}: cannot be read as a table: {_line(error)}") from error
 
 
 def is_table(path: Path) -> bool:
-    """True for what is neither a recording of cellwatt nor a folder, nor a bag: CSV, Parquet, or any other text."""
+    """True unless the path is a recording of cellwatt, a folder or a bag: CSV, Parquet, or another text."""
     return not path.is_dir() and ".mcap" not in path.suffixes and path.suffix != ".db3"
 
 
 def write_table(path: Path, columns: Mapping[str, Any]) -> None:
-    """Write columns as Parquet, or CSV where the name says so. Raises ``RecordingError`` where that cannot be."""
+    """Write columns as CSV if the name ends in ``.csv``, otherwise as Parquet. Raises ``RecordingError``."""
     import pyarrow as pa
     import pyarrow.csv
     import pyarrow.parquet
@@ -101,7 +101,7 @@ def _parquet(path: Path) -> pa.Table:
         raise UnfitFileError(f"would take more than {LARGEST:,} bytes of memory")
     _check_columns(about.num_columns)
     columns = [about.schema.column(i) for i in range(about.num_columns)]
-    # As a dictionary a text is in memory once, as in the file; only then is it known how often it comes.
+    # A dictionary holds each text once, as the file does; then the number of its occurrences is known.
     texts = [c.path for c in columns if c.physical_type == "BYTE_ARRAY" and not c.max_repetition_level]
     return _without_dictionaries(pq.read_table(path, read_dictionary=texts))
 
@@ -112,7 +112,7 @@ def _check_columns(number: int) -> None:
 
 
 def _without_dictionaries(table: pa.Table) -> pa.Table:
-    """A table whose texts stand in each row. Raises ``UnfitFileError`` where they would fill the memory."""
+    """Replace dictionary columns by plain texts. Raises ``UnfitFileError`` if these would fill the memory."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
@@ -131,7 +131,7 @@ def _without_dictionaries(table: pa.Table) -> pa.Table:
 
 
 def _csv(path: Path) -> Table:
-    """A text table. Raises ``ValueError`` where it is none."""
+    """Read a text table. Raises ``ValueError`` if it is none."""
     import pyarrow as pa
     import pyarrow.csv
 
@@ -157,7 +157,7 @@ def _csv(path: Path) -> Table:
 
 
 def _units(rows: Rows) -> tuple[Mapping[str, str], Sequence[str], Sequence[int]]:
-    """Units in the row below the names, where it holds nothing else, and the rows behind it."""
+    """Units in the row below the names, if it holds units only, and the rows after it with their numbers."""
     first = cells_in(rows.records[0], rows.separator) if rows.records else []
     found = {name: cell.strip(" \t[]()") for name, cell in zip(rows.names, first, strict=False) if name}
     written = {name: unit for name, unit in found.items() if unit and unit != "-"}
@@ -167,7 +167,7 @@ def _units(rows: Rows) -> tuple[Mapping[str, str], Sequence[str], Sequence[int]]
 
 
 def _without_groups(found: Sequence[Cells], columns: Sequence[Any]) -> Sequence[Cells]:
-    """Refuse columns of thousands like 1.234 beside others with decimal commas: they may be either."""
+    """Refuse columns with numbers like 1.234 beside columns with decimal commas: the point may group thousands."""
     if not any(cells.commas for cells in found):
         return found
     fault = "may have decimal points or digits in groups of three, as other columns have decimal commas"
@@ -184,7 +184,7 @@ def _placed(
     units: Mapping[str, str],
     numbers: Sequence[int] | None = None,
 ) -> Table:
-    """The named columns as a table, without the rows that have no time; ``numbers`` are those of a text's rows."""
+    """Make a table of the named columns, without rows that lack a time; ``numbers``: row numbers in a text file."""
     values: dict[str, NDArray[np.float64]] = {}
     unfit: dict[str, str] = {}
     names = [name or _of_index(cells, written) for name, cells in zip(written, found, strict=True)]
@@ -207,12 +207,12 @@ def _placed(
 
 
 def _of_index(cells: Cells, names: Sequence[str]) -> str:
-    """The name of a column without one: pandas writes the times of an index under none."""
+    """The name for a column without one: pandas writes the times of an index without a name."""
     return "time" if cells.kind in CLOCKS and "time" not in names else ""
 
 
 def timed(table: Table) -> Table:
-    """The rows that have a time, where the table has any; the others are counted in a warning."""
+    """The rows that have a time; a warning counts the others. A table without times is returned unchanged."""
     time = None if table.clock is None else table.columns.get(table.clock)
     if time is None or np.isfinite(time).all() or not np.isfinite(time).any():
         return table
@@ -225,7 +225,7 @@ def timed(table: Table) -> Table:
 
 
 def letters_of(column: int) -> str:
-    """What a spreadsheet calls a column: A, B, …, Z, AA; ``column`` counts from 0."""
+    """Letters of a column in a spreadsheet: A, B, …, Z, AA; ``column`` counts from 0."""
     out = ""
     while column >= 0:
         out = chr(ord("A") + column % 26) + out
@@ -234,7 +234,7 @@ def letters_of(column: int) -> str:
 
 
 def _arrow(path: Path, table: pa.Table) -> Table:
-    """Columns of a Parquet file."""
+    """Make a table of the columns of a Parquet file."""
     names = [name.strip() for name in table.column_names]
     if not table.num_rows:
         raise RecordingError(f"{path}: has no rows")
@@ -244,7 +244,7 @@ def _arrow(path: Path, table: pa.Table) -> Table:
 
 
 def _typed(column: Any) -> Cells:
-    """Content of a column that has a type; texts are read as those of a text table."""
+    """Content of a typed column; texts are read like those of a text table."""
     import pyarrow as pa
 
     kind = column.type

@@ -1,4 +1,4 @@
-"""Columns under names that nobody knows: what they look like, from their content."""
+"""Guesses the quantities of columns with unknown names from their values."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from cellwatt.tables.names import understood, usual
 from cellwatt.tables.table import Table
 
 ALIKE: Final = 0.9
-"""Correlation of a velocity with the slope of its position, at least."""
+"""Smallest correlation of a velocity with the derivative of its position."""
 FOLLOWS: Final = 0.5
-"""Share of a torque's variance that goes with the motion of the joints, at least."""
+"""Smallest share of a torque's variance that the motion of the joints explains."""
 MOST: Final = 20_000
-"""Rows that are looked at."""
+"""Largest number of rows that are used."""
 _NUMBERED: Final = re.compile(r"(?P<before>.*?\D)(?P<number>\d+)(?P<after>\D*)")
 
 
 @dataclass(frozen=True)
 class Likely:
-    """Columns that look like a quantity of all joints: their names with ``{}`` for the number."""
+    """Columns that look like a quantity of all joints; ``pattern`` is their name with ``{}`` for the number."""
 
     quantity: str
     pattern: str
@@ -39,11 +39,11 @@ class Likely:
 
 
 def likely(table: Table) -> list[Likely]:
-    """What columns with unknown names look like: positions with their velocities, and torques that go with them."""
+    """Guesses for columns with unknown names: positions with their velocities, and torques explained by them."""
     rows = slice(0, MOST)
     time, unknown = table.time[rows], dict(_families(table))
     if len(time) < 2 or not np.all(np.diff(time) > 0):
-        return []  # no slopes
+        return []  # no derivatives
     values = {pattern: np.column_stack([table.columns[n][rows] for n in names]) for pattern, names in unknown.items()}
     found: dict[str, str] = {}
     known = table.joints("position")
@@ -65,12 +65,12 @@ def likely(table: Table) -> list[Likely]:
 
 
 def hint(table: Table) -> str:
-    """The same as the end of a message; empty where nothing looks like anything."""
+    """The guesses as the end of a message; empty without any."""
     return "".join(f"; {each}" for each in likely(table))
 
 
 def _families(table: Table) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Columns of numbers with unknown names that differ by one running number, by their pattern."""
+    """Numeric columns with unknown names that differ in one consecutive number, by their pattern."""
     by_pattern: dict[str, dict[int, str]] = {}
     for name in table.columns:
         match = _NUMBERED.fullmatch(name)
@@ -83,7 +83,7 @@ def _families(table: Table) -> Iterator[tuple[str, tuple[str, ...]]]:
 
 
 def _is_slope(time: Float, position: Float, velocity: Float) -> bool:
-    """True if each joint that moves has its slope in ``velocity``, (N, n) both."""
+    """True if ``velocity`` (N, n) is the derivative of ``position`` (N, n) for each joint that moves."""
     slope = np.gradient(position, time, axis=0)
     moving = np.std(slope, axis=0) > 1e-3
     pairs = [(slope[:, j], velocity[:, j]) for j in np.flatnonzero(moving)]
@@ -91,7 +91,7 @@ def _is_slope(time: Float, position: Float, velocity: Float) -> bool:
 
 
 def _share(time: Float, position: Float, values: Float) -> float:
-    """Median share of the variance of ``values`` (N, n) that goes with what joints feel: weight, friction, inertia."""
+    """Median share of the variance of ``values`` (N, n) that terms of gravity, friction and inertia explain."""
     qd = np.gradient(position, time, axis=0)
     sums = np.cumsum(position, axis=1)
     columns = [np.ones(len(time)), *qd.T, *np.tanh(qd / 0.02).T, *np.gradient(qd, time, axis=0).T]

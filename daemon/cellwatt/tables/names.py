@@ -1,4 +1,4 @@
-"""The dialect of tables: which quantity of which joint a column's name stands for, and in which unit.
+"""Names of table columns: the quantity, joint and unit that a name means.
 
 Seven families of names are known: this project's tables (``q_1``, ``tau_1``, ``power``), Universal Robots' RTDE records
 (``actual_q_0``, ``target_qd_0``), MuJoCo's arrays (``qpos0``, ``ctrl0``), ROS's joint states (``position[0]``,
@@ -47,7 +47,7 @@ WHOLE: Final[Mapping[str, tuple[str, ...]]] = {
     "bus.power": ("bus_power",),
     "tool.payload": ("payload",),
 }
-"""Names of what belongs to no joint, likewise; those with a dot may have a source before them."""
+"""Names of quantities without a joint, likewise; names with a dot may follow the name of a source."""
 
 _STEMS: Final = {**JOINT, **WHOLE}
 _DEGREE: Final = TABLE["angle"]["deg"]
@@ -81,7 +81,7 @@ _UNITS: Final[Mapping[str, Mapping[str, Unit]]] = {
     **dict.fromkeys(("supply.power", "bus.power"), TABLE["power"]),
     "tool.payload": TABLE["mass"],
 }
-"""Units of each quantity by the names that they may be written with, the SI unit first."""
+"""Units of each quantity by their spellings, the SI unit first."""
 
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*[\[(]\s*(?P<unit>[^\[\]()]*?)\s*[\])]")
 _CHANNEL = re.compile(r"(?:(?P<source>.+)\.)?joint_?(?P<number>\d+)[._](?P<stem>\w+)")
@@ -92,20 +92,20 @@ _NUMBERED = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class Name:
-    """A column's name taken apart."""
+    """A parsed column name."""
 
     quantity: str
     """A key of ``JOINT`` or ``WHOLE``."""
     family: str
-    """Name that columns numbered together share: the stem, or the source and a dot."""
+    """Common name of columns numbered together: the stem, or the source and a dot."""
     number: int | None
-    """The joint's, as written; None where the quantity belongs to none."""
+    """Joint number as written; None for a quantity without a joint."""
     unit: str | None
-    """As written, None where none is."""
+    """Unit as written, None without one."""
 
     @property
     def rank(self) -> int:
-        """Place among the names of its quantity; channels of a source come last."""
+        """Position among the names of its quantity; channels of a source come last."""
         stems = _STEMS[self.quantity]
         return stems.index(self.family) if self.family in stems else len(stems)
 
@@ -115,9 +115,9 @@ _OF_THE_USER: ContextVar[tuple[tuple[str, re.Pattern[str]], ...]] = ContextVar("
 
 @contextmanager
 def called(names: Mapping[str, str]) -> Iterator[None]:
-    """Within the block columns may have a user's names, too: ``{"tau": "Moment{}"}`` takes ``Moment1`` for ``tau_1``.
+    """Within the context also accept a user's names of columns: ``{"tau": "Moment{}"}`` reads ``Moment1`` as ``tau_1``.
 
-    Raises ``ConfigError`` where a key is no name of the dialect.
+    Raises ``ConfigError`` if a key is not a known name.
     """
     patterns = []
     for stem, written in names.items():
@@ -134,7 +134,7 @@ def called(names: Mapping[str, str]) -> Iterator[None]:
 
 
 def understood(written: str) -> Name | None:
-    """Take a column's name apart; None where it is none of the dialect."""
+    """Parse a column's name; None if it is unknown."""
     for stem, pattern in _OF_THE_USER.get():
         if (match := pattern.fullmatch(written.strip())) is not None:
             return _named(f"{stem}_{match['number']}" if "number" in pattern.groupindex else stem, None)
@@ -144,9 +144,9 @@ def understood(written: str) -> Name | None:
 
 
 def scale(quantity: str, unit: str | None) -> tuple[float, float] | None:
-    """Factor and summand that bring a value in ``unit`` to the SI unit of its quantity; None where it has no such unit.
+    """Factor and offset that convert a value in ``unit`` to the SI unit of its quantity; None for an unknown unit.
 
-    Capitals do not matter: no two units of a quantity differ by them alone.
+    Case is ignored: no two units of a quantity differ by case alone.
     """
     if unit is None:
         return 1.0, 0.0
@@ -159,7 +159,7 @@ def scale(quantity: str, unit: str | None) -> tuple[float, float] | None:
 
 
 def along(unit: str | None) -> bool | None:
-    """True for a unit of a linear axis, False for one of a turning joint, None where it does not tell."""
+    """True for a unit of a linear axis, False for one of a revolute joint, None for other units."""
     kind = None if unit is None else kind_of(unit)
     if kind in ("length", "velocity", "force"):
         return True
@@ -205,7 +205,7 @@ def _named(text: str, unit: str | None) -> Name | None:
 
 
 def _with_ending(text: str) -> Iterator[Name]:
-    """The name before each unit that ``text`` may end with: ``q_1_deg``, ``velocity_2_deg_s``."""
+    """The names before the units that ``text`` may end with: ``q_1_deg``, ``velocity_2_deg_s``."""
     for units in _UNITS.values():
         for unit in units:
             ending = "_" + unit.replace("/", "_").replace("^", "")

@@ -1,4 +1,4 @@
-"""The page of ``cellwatt plot`` for tables: every column that holds numbers, over time."""
+"""The page of ``cellwatt plot`` for tables: every numeric column over time."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from cellwatt.tables.files import read_table
 from cellwatt.tables.table import Table, listed
 
 MOST: Final = 24
-"""Diagrams of a table."""
+"""Largest number of diagrams of a table."""
 FINEST: Final = 4
-"""Grid steps to a row: rows that lie unevenly are drawn within a quarter of their mean distance."""
+"""Largest number of grid steps per row: uneven rows are drawn within a quarter of their mean distance."""
 _UNIT: Final = re.compile(r"\s*[\[(]\D.*$")
 _NUMBER: Final = re.compile(r"[\s_.\[]*\d+\]?(?=\D*$)")
 
 
 def report(paths: Sequence[Path], start: float | None, end: float | None, wanted: Sequence[str]) -> Report:
-    """The page of tables; ``start`` and ``end`` s from the first row, ``wanted`` parts of names of columns.
+    """Make the page of tables; ``start`` and ``end`` s from the first row, ``wanted`` parts of column names.
 
-    Raises ``RecordingError`` where a file is no table, or has nothing to draw.
+    Raises ``RecordingError`` if a file is not a table, or has nothing to draw.
     """
     tables = [read_table(path) for path in paths]
     sections = [section for table in tables for section in _sections(table, start, end, wanted)]
@@ -60,7 +60,7 @@ def _sections(table: Table, start: float | None, end: float | None, wanted: Sequ
 
 
 def _time(table: Table) -> tuple[NDArray[np.float64], str]:
-    """Place of each row (N,) along the axis, and the axis's title: rows where no time rises."""
+    """Position of each row (N,) along the axis, and the axis's title: row numbers without a rising time."""
     if table.clock is not None and table.clock not in table.unfit:
         time = table.time - table.time[0]
         if len(time) > 1 and np.all(np.diff(time) > 0):
@@ -69,7 +69,7 @@ def _time(table: Table) -> tuple[NDArray[np.float64], str]:
 
 
 def _groups(table: Table, wanted: Sequence[str]) -> Mapping[str, list[str]]:
-    """Columns that belong into one diagram: names that differ in their last number alone."""
+    """Columns of each diagram by title: names that differ only in their last number."""
     groups: dict[str, list[str]] = {}
     for name in table.columns:
         if name == table.clock or (wanted and not any(part in name for part in wanted)):
@@ -81,7 +81,7 @@ def _groups(table: Table, wanted: Sequence[str]) -> Mapping[str, list[str]]:
 
 
 def _curve(table: Table, name: str, x: NDArray[np.float64], shown: NDArray[np.bool_], number: int) -> Json:
-    """One column on an even grid, a gap where rows are missing."""
+    """A column as a curve on an even grid, with gaps where rows are missing."""
     at, values = x[shown], table.columns[name][shown]
     step = float(np.median(np.diff(at))) if len(at) > 1 else 1.0
     step = max(step, (at[-1] - at[0]) / (FINEST * len(at)))

@@ -9,17 +9,17 @@ from dataclasses import dataclass
 from typing import Final
 
 SEPARATORS: Final = (";", "\t", "|", ",", " ")
-"""In the order in which they are preferred; a blank stands for any number of them."""
+"""In order of preference; a blank stands for any number of blanks."""
 ALONE: Final = "\x1f"
-"""Separator of a table of one column: none that a text holds."""
+"""Separator of a table of one column: a character that texts do not contain."""
 _LOOKED_AT: Final = 100
-"""Rows that show the separator."""
+"""Number of rows from which the separator is found."""
 _COMMENT: Final = re.compile(r"\s*(#(?!N/A|NA\b|DIV/0|VALUE!|REF!|NUM!|NAME\?|NULL!)|%|//)")
 _DIRECTIVE: Final = re.compile(r'"?sep=(.)"?', re.IGNORECASE)
 _NUMBER: Final = re.compile(
     r"[-+\u2212]?(?=[.,]?\d)[\d.,'’\xa0\u202f]*(e[+-]?\d+)?|nan|\d+[-./:][-\d./:T ,]*Z?", re.IGNORECASE
 )
-"""A number, a date or a time: no name."""
+"""A number, a date or a time, which is not a name."""
 _BLANK: Final = ' \t\xa0,;|"'
 _OPENED: Final = re.compile(r'(?:^|[,;\t|])\s*"(?:[^"]|"")*$')
 """A line that ends within quotes."""
@@ -27,19 +27,19 @@ _OPENED: Final = re.compile(r'(?:^|[,;\t|])\s*"(?:[^"]|"")*$')
 
 @dataclass(frozen=True)
 class Rows:
-    """Rows of a text, without what holds nothing."""
+    """Rows of a text, without empty rows and comments."""
 
     separator: str
     names: tuple[str, ...]
-    """Of all columns, empty where the file names none."""
+    """Names of all columns; "" for a column without a name."""
     records: tuple[str, ...]
-    """Each data row, with as many cells as there are names."""
+    """Data rows, each with as many cells as names."""
     numbers: tuple[int, ...]
     """Number of each row in the file, from 1, as a spreadsheet shows it."""
 
 
 def rows_of(text: str) -> Rows:
-    """Take a text apart. Raises ``ValueError`` that names the row where it is no table."""
+    """Split a text into rows. Raises ``ValueError``, with the row, if it is not a table."""
     every = [(number, record) for number, record in enumerate(_records(text), start=1) if record.strip(_BLANK)]
     told = _DIRECTIVE.fullmatch(every[0][1].strip(" ")) if every else None
     every = every[1:] if told else every
@@ -65,7 +65,7 @@ def rows_of(text: str) -> Rows:
 
 
 def _records(text: str) -> list[str]:
-    """Lines; those that quotes hold together are one. Raises ``ValueError`` where quotes are not closed."""
+    """Lines; lines within one pair of quotes are joined. Raises ``ValueError`` if quotes are not closed."""
     lines = text.split("\n")
     if '"' not in text:
         return lines
@@ -101,12 +101,12 @@ def cells_in(record: str, separator: str) -> list[str]:
 
 
 def _filled(cells: Sequence[str]) -> int:
-    """Cells up to the last that holds something."""
+    """Number of cells up to the last non-empty one."""
     return max((i for i, cell in enumerate(cells, start=1) if cell.strip()), default=0)
 
 
 def _separator(records: Sequence[str]) -> str:
-    """The separator by which most rows have as many cells as the names."""
+    """The separator with which most rows fit the row of names."""
     best, separator = 0, ALONE
     for each in SEPARATORS:
         first, *below = records[_first_of_names(records, each) :]
@@ -114,18 +114,18 @@ def _separator(records: Sequence[str]) -> str:
         names = _names(first, each, max(map(_filled, rows), default=0))
         if len(names) > 1 and (fit := sum(_fits(row, names) for row in rows) or not rows) > best:
             best, separator = fit, each
-    if not best and records:  # none fits: the rows are told from the names by the first that these have
+    if not best and records:  # none fits: the first separator in the row of names
         separator = next((each for each in SEPARATORS[:-1] if each in records[0]), ALONE)
     return separator
 
 
 def _fits(cells: Sequence[str], names: Sequence[str]) -> bool:
-    """True unless cells lack a name, or names their cells."""
+    """True if each filled cell has a name and each name a cell."""
     return _filled(cells) <= len(names) and not any(names[len(cells) :])
 
 
 def _first_of_names(records: Sequence[str], separator: str) -> int:
-    """Index of the row of names: the first, or the first that has several names where titles stand above it."""
+    """Index of the row of names: the first with several cells if it has no numbers, otherwise 0."""
     for i, record in enumerate(records[:_LOOKED_AT]):
         filled = [cell for cell in cells_in(record, separator) if cell.strip()]
         if len(filled) > 1:
@@ -134,7 +134,7 @@ def _first_of_names(records: Sequence[str], separator: str) -> int:
 
 
 def _names(record: str, separator: str, width: int) -> list[str]:
-    """Names in a row; a separator within brackets is part of a name where the rows below have fewer cells."""
+    """Names in a row; if the rows below have fewer cells, separators within brackets belong to names."""
     cells = cells_in(record, separator)
     if _filled(cells) > width:
         joined: list[str] = []
@@ -152,7 +152,7 @@ def _open(name: str) -> bool:
 
 
 def _commented(comments: Sequence[str], records: Sequence[str], separator: str) -> tuple[str, list[str]]:
-    """Separator, and the names in the last comment that has as many as the rows have cells; none where none has."""
+    """Separator, and names from the last comment with as many words as the rows have cells; empty without one."""
     best = separator or ALONE, list[str]()
     for comment in reversed(comments):
         each = separator or _separator([comment, *records])
@@ -169,12 +169,12 @@ def _width(records: Sequence[str], separator: str) -> int:
 
 
 def _all_numbers(words: Sequence[str]) -> bool:
-    """True where nothing of it can be a name."""
+    """True if none of the words can be a name."""
     return all(_NUMBER.fullmatch(word) for word in words if word)
 
 
 def _fitted(record: str, number: int, names: Sequence[str], separator: str) -> str:
-    """The row with as many cells as there are names. Raises ``ValueError`` where others than empty ones differ."""
+    """The row padded or cut to the number of names. Raises ``ValueError`` if non-empty cells lack a name."""
     plain, expected = '"' not in record, len(names)
     if plain and separator == " ":
         record = separator.join(cells_in(record, separator))

@@ -1,4 +1,4 @@
-"""A file as a table: its columns by name, and by what they stand for."""
+"""A file as a table: its columns by name and by quantity."""
 
 from __future__ import annotations
 
@@ -20,50 +20,50 @@ from cellwatt.tables.unwrap import unwrapped, wraps
 from cellwatt.units import named
 
 ANGLES: Final = ("position", "target_position")
-"""Quantities that some devices count modulo a turn."""
+"""Quantities that some devices report modulo a turn."""
 FOLLOWED: Final = 0.5
-"""s between rows of a log up to which a joint is known not to have turned by half a turn from one row to the next."""
+"""Longest time in s between rows of a log in which no joint can turn by half a turn."""
 MOST_NAMES: Final = 12
-"""Columns that a message lists."""
+"""Largest number of columns that a message lists."""
 
 
 @dataclass(frozen=True)
 class Table:
-    """N rows of a file. Columns that the dialect knows are given in SI units, all others as they stand there."""
+    """N rows of a file. Columns with known names are given in SI units, others as they are in the file."""
 
     path: Path
     columns: Mapping[str, Float]
-    """(N,) each as it stands in the file, by its own name; NaN where a cell is empty."""
+    """(N,) values as in the file, by the file's column name; NaN where a cell is empty."""
     unfit: Mapping[str, str] = field(default_factory=dict)
-    """Columns that cannot be read, and why: they hold text, or several have the name."""
+    """Columns that cannot be read, and the reason: they hold text, or several have the name."""
     units: Mapping[str, str] = field(default_factory=dict)
-    """Units that the file states beside the names, by column."""
+    """Units that the file states separately from the names, by column."""
     rows: NDArray[np.int64] | None = None
-    """(N,) number of each row in the file, from 1, where it is a text; None where rows count from the first value."""
+    """(N,) number of each row in a text file, from 1; None if rows count from the first value."""
     letters: Mapping[str, str] = field(default_factory=dict)
-    """What a spreadsheet calls each column."""
+    """Letters of each column in a spreadsheet."""
     clocks: tuple[str, ...] = ()
     """Columns that hold times of day."""
     named: tuple[str, ...] = ()
-    """Names of the joints, in the order of the columns, where the file names them."""
+    """Names of the joints, in the order of the columns, if the file names them."""
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Names of all columns beside the time."""
+        """Names of all columns except the time."""
         return tuple(name for name in (*self.columns, *self.unfit) if name != self.clock)
 
     @cached_property
     def clock(self) -> str | None:
-        """Name of the time column, None where there is none; the only one of times of day may have any name."""
+        """Name of the time column, None if there is none; a single column of times of day may have any name."""
         only = self.clocks[0] if len(self.clocks) == 1 else None
         return self._whole("time") or only
 
     @cached_property
     def time(self) -> Float:
-        """Time (N,) s, as the file counts it. Raises ``RecordingError`` where there is none."""
+        """Time (N,) s, from the origin of the file. Raises ``RecordingError`` without a time column."""
         return self._values(self._clock())
 
     def _clock(self) -> str:
@@ -72,7 +72,7 @@ class Table:
         return self.clock
 
     def rising_time(self, least: int = 2) -> Float:
-        """``time``. Raises ``RecordingError`` where it has fewer than ``least`` rows or does not rise in each."""
+        """``time``. Raises ``RecordingError`` if it has fewer than ``least`` rows or does not rise with each row."""
         time = self.time
         if len(time) < least:
             raise RecordingError(f"{self.path}: {len(time)} rows, expected at least {least}")
@@ -89,22 +89,22 @@ class Table:
         return index + 1 if self.rows is None else int(self.rows[index])
 
     def place(self, name: str, index: int) -> str:
-        """A cell for a message, as a spreadsheet shows it."""
+        """Row and column of a cell for a message, as in a spreadsheet."""
         letters = f", column {self.letters[name]}" if name in self.letters else ""
         return f"row {self.row(index)}{letters}"
 
     def at(self, rows: NDArray[np.bool_]) -> Table:
-        """The same with some of its rows (N,)."""
+        """The table restricted to the rows where ``rows`` (N,) is true."""
         columns = {name: values[rows] for name, values in self.columns.items()}
         return replace(
             self, columns=columns, rows=np.arange(1, len(rows) + 1)[rows] if self.rows is None else self.rows[rows]
         )
 
     def joints(self, quantity: str) -> Float | None:
-        """A quantity of ``JOINT`` of all n joints that the file has, (N, n) in its SI unit; None where it has none.
+        """A quantity of ``JOINT`` for all n joints in the file, (N, n) in its SI unit; None if the file lacks it.
 
-        Raises ``RecordingError`` where a joint between them is missing, several sources give the quantity, a unit is
-        not known, or a column holds text.
+        Raises ``RecordingError`` if a joint in between is missing, several sources have the quantity, a unit is
+        unknown, or a column holds text.
         """
         names = self.joint_names(quantity)
         return np.column_stack([self._values(name) for name in names]) if names else None
@@ -122,9 +122,9 @@ class Table:
         return tuple(family[number] for number in numbers)
 
     def some_joint_names(self, quantity: str, joints: int, like: str) -> tuple[str, ...]:
-        """Names of the columns of a quantity that may lack some of ``joints``: "" for those; () where it lacks all.
+        """Names of the columns of a quantity for ``joints`` joints: "" for joints without it; () if all lack it.
 
-        Where its own numbers do not tell whether they begin with 0 or 1, those of the quantity ``like`` do. Raises
+        If its own numbers do not show whether they begin with 0 or 1, those of the quantity ``like`` decide. Raises
         ``RecordingError`` as ``joints``.
         """
         family = self._family(quantity)
@@ -134,7 +134,7 @@ class Table:
         return tuple(family.get(first + i, "") for i in range(max(joints, 1 + max(family) - first)))
 
     def needed(self, quantity: str, joints: int) -> Float:
-        """``joints`` of the first n joints, (N, n). Raises ``RecordingError`` where one is missing."""
+        """A quantity of the first ``joints`` joints, (N, joints). Raises ``RecordingError`` if one is missing."""
         found = self.joints(quantity)
         if found is None or found.shape[1] < joints:
             first = usual(quantity, 1 if found is None else found.shape[1] + 1)
@@ -142,14 +142,14 @@ class Table:
         return found[:, :joints]
 
     def whole(self, quantity: str) -> Float | None:
-        """A quantity of ``WHOLE`` (N,) in its SI unit, None where the file has none. Raises ``RecordingError``."""
+        """A quantity of ``WHOLE`` (N,) in its SI unit, None if the file lacks it. Raises ``RecordingError``."""
         name = self._whole(quantity)
         return None if name is None else self._values(name)
 
     def channel(self, name: str) -> Float | None:
-        """Column (N,) of a cell's channel, under its own name, with a source before it, or as tables name it.
+        """Column (N,) of a cell's channel: by its own name, by a name of tables, or by its name after a source.
 
-        None where there is none. Raises ``RecordingError`` where several sources give it.
+        None if there is none. Raises ``RecordingError`` if several sources have it.
         """
         if name in self.columns or name in self.unfit:
             return self._values(name)
@@ -165,39 +165,39 @@ class Table:
         return self._values(found[0]) if found else None
 
     def wraps(self, name: str) -> int:
-        """How often the angles of a column jump by a turn; they are given counted on across it."""
+        """Number of jumps by a turn in the angles of a column, which are unwrapped when the column is read."""
         return len(wraps(self._scaled(name))) if self._counted_on(name) else 0
 
     def along(self, name: str) -> bool | None:
-        """True where the unit stated of a column is a linear axis's (m, N), False a turning one's, None without one."""
+        """True if a column's unit is one of a linear axis (m, N), False for a revolute joint, None without a unit."""
         known = self._understood.get(name)
         return along((known and known.unit) or self.units.get(name))
 
     def plain(self, name: str) -> Float:
-        """Column (N,) by its own name; in the SI unit where the file holds its unit beside it."""
+        """Column (N,) by its own name; in the SI unit if the file states its unit separately."""
         unit = named(self.units.get(name, ""))
         return self.columns[name] if unit is None else unit.si(self.columns[name])
 
     def lacks(self, wanted: str) -> RecordingError:
-        """Return the error of a missing column: it names the nearest that is not understood, and all that there are."""
+        """Return the error of a missing column, with the nearest unknown name and a list of the columns."""
         strange = [name for name in self.names if understood(name) is None]
         near = did_you_mean(re.split(r"[ ,]", wanted)[0], strange)
         return RecordingError(f"{self.path}: no column {wanted}{near}; {self.there()}")
 
     def there(self) -> str:
-        """The columns for a message."""
+        """List the columns for a message."""
         return f"there are: {listed(self.names) or 'none'}"
 
     @cached_property
     def _found(self) -> Mapping[str, Mapping[str, Mapping[int, str]]]:
-        """Columns by quantity, family and joint number, 0 for what belongs to no joint."""
+        """Columns by quantity, family and joint number; 0 for quantities without a joint."""
         out: dict[str, dict[str, dict[int, str]]] = {}
         for written, name in self._understood.items():
             out.setdefault(name.quantity, {}).setdefault(name.family, {}).setdefault(name.number or 0, written)
         return out
 
     def _refuse_twins(self, family: Mapping[int, str]) -> None:
-        """Raise ``RecordingError`` where two columns of a family have the same number."""
+        """Raise ``RecordingError`` if two columns of a family have the same number."""
         same = {(name.quantity, name.family, name.number): written for written, name in self._understood.items()}
         for written in family.values():
             name = self._understood[written]
@@ -243,7 +243,7 @@ class Table:
 
     @cached_property
     def _follows_motion(self) -> bool:
-        """True of a log of a motion; rows of held poses, further apart or without a time, may lie anywhere."""
+        """True for a log of a motion, false for rows of separate poses: rows far apart in time or without a time."""
         if self.clock is None or self.clock in self.unfit or len(self) < 2:
             return False
         return bool(np.nanmedian(np.diff(self.time)) <= FOLLOWED)
@@ -267,7 +267,7 @@ class Table:
 
 
 def listed(names: tuple[str, ...] | list[str], most: int = MOST_NAMES) -> str:
-    """Names for a message, cut where they are many."""
+    """List names for a message, at most ``most``."""
     return ", ".join(names[:most]) + (" …" if len(names) > most else "")
 
 

@@ -16,7 +16,7 @@ Kind = Literal["date", "clock", "moment"]
 """A day, a time of day, or both."""
 
 CLOCKS: Final = ("clock", "moment")
-"""Kinds that tell a time of day."""
+"""Kinds with a time of day."""
 DAY: Final = 86_400.0
 EPOCH: Final = date(1970, 1, 1).toordinal()
 _TIME: Final = re.compile(
@@ -28,16 +28,16 @@ _TIME: Final = re.compile(
 
 @dataclass(frozen=True)
 class Times:
-    """Times (N,) in s since 1970 in UTC, also of cells without a zone, or since midnight; NaN where a cell is empty."""
+    """Times (N,) in s since 1970 UTC (assumed for cells without a zone), or since midnight; NaN for empty cells."""
 
     seconds: Float
     kind: Kind
 
 
 def times_of(column: Any) -> Times | None:
-    """The times of a column of strings; None where a cell is none.
+    """Parse the times of a column of strings; None if a cell is not a time.
 
-    Raises ``ValueError`` where it cannot be told day from month.
+    Raises ``ValueError`` if day and month cannot be distinguished.
     """
     import pyarrow as pa
 
@@ -68,7 +68,7 @@ def times_of(column: Any) -> Times | None:
 
 
 def unwrapped(seconds: Float) -> Float:
-    """Times of day (N,) that go on behind midnight."""
+    """Times of day (N,), continued past midnight."""
     known = np.flatnonzero(np.isfinite(seconds))
     past = np.cumsum(np.diff(seconds[known], prepend=seconds[known[:1]]) < -DAY / 2)
     out = seconds.copy()
@@ -79,7 +79,7 @@ def unwrapped(seconds: Float) -> Float:
 def _of_day(match: re.Match[str]) -> float:
     hour, minute, second = int(match["hour"]), int(match["minute"]), match["second"]
     fraction = float(f"0.{match['fraction'] or 0}")
-    if second is None and match["fraction"] is not None:  # minutes and seconds, as spreadsheets show short times
+    if second is None and match["fraction"] is not None:  # minutes and seconds: the short format of spreadsheets
         return 60.0 * hour + minute + fraction
     if match["half"] is not None:
         hour = hour % 12 + (12 if match["half"][0] in "pP" else 0)
@@ -94,7 +94,7 @@ def _offset(zone: str | None) -> float:
 
 
 def _days(matches: Sequence[re.Match[str] | None]) -> Float | None:
-    """Midnights (N,) in s since 1970; None where a date is of no day."""
+    """Midnights (N,) in s since 1970; None if a date does not exist."""
     written = {match["date"] for match in matches if match is not None}
     day_first = _day_first(written)
     days: dict[str, float] = {}
@@ -109,7 +109,7 @@ def _days(matches: Sequence[re.Match[str] | None]) -> Float | None:
 
 
 def _day_first(written: Iterable[str]) -> bool:
-    """True for 31.12.2026, false for 12/31/2026. Raises ``ValueError`` where neither is sure."""
+    """True for 31.12.2026, false for 12/31/2026. Raises ``ValueError`` if the order is ambiguous."""
     parts = [tuple(int(part) for part in re.split(r"[-./]", text)) for text in written]
     short = [part for part in parts if part[0] <= 31]
     if not short or any("." in text for text in written) or any(part[0] > 12 for part in short):

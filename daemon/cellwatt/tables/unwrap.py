@@ -1,4 +1,4 @@
-"""Angles that a device counts modulo a turn, continued across the turn."""
+"""Unwraps angles that a device reports modulo a turn."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from cellwatt.arrays import Float
 
 TURN = 2 * np.pi
 SLACK = 0.05
-"""rad by which angles modulo a turn may leave that turn."""
+"""rad by which the range of angles modulo a turn may exceed a turn."""
 SMALL = np.pi / 4
-"""rad: nine in ten steps of a motion that can be followed are no larger."""
+"""Largest 90th percentile of the steps of a motion that can be unwrapped, rad."""
 ALIKE = 5.0
-"""Times the largest usual step, or ``SLACK``, that is left of a step once a whole turn is taken off."""
+"""Largest remainder of a jump minus a turn, in multiples of the 99th percentile of the steps; at least ``SLACK``."""
 
 
 def wraps(angles: Float) -> NDArray[np.intp]:
-    """Rows of ``angles`` (N,) rad, NaN where unknown, in which they have jumped by a turn since the row before.
+    """Rows of ``angles`` (N,) rad, NaN where unknown, at which they jump by a turn.
 
-    Only of a motion: angles that stay within one turn, whose other steps are small, and whose jumps are turns.
+    Empty unless the angles stay within one turn, their other steps are small, and all their jumps are turns.
     """
     rows = np.flatnonzero(np.isfinite(angles))
     known = angles[rows]
@@ -37,7 +37,7 @@ def wraps(angles: Float) -> NDArray[np.intp]:
 
 
 def unwrapped(angles: Float) -> Float:
-    """The ``angles`` (N,) rad, continued by whole turns where they jump by one; the middle one is within ±π."""
+    """The ``angles`` (N,) rad, continued across jumps by a turn; their median is within ±π."""
     at = wraps(angles)
     if not len(at):
         return angles

@@ -34,7 +34,7 @@ _SUITES = {"DriverConformance": "cellwatt.testing.suite", "OutletConformance": "
 
 
 def __getattr__(name: str) -> Any:
-    """Load pytest only with a suite."""
+    """Import pytest only with a suite."""
     if name not in _SUITES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(_SUITES[name]), name)

@@ -1,4 +1,4 @@
-"""Runs a driver's emulator on its own loop and thread, so that a driver that blocks does not stop it."""
+"""Runs a driver's emulator on its own loop and thread, so that a blocking driver does not stop it."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from cellwatt.testing.rig import NotConformingError, Rig
 T = TypeVar("T")
 
 _TURN = 2.0
-"""s for one turn of the emulator's loop."""
+"""Longest time for one turn of the emulator's loop, s."""
 _LAST_TURNS = 3
-"""Turns of the emulator's loop in which connections taken just before its end come to know of it."""
+"""Turns of the emulator's loop until connections accepted just before its end are closed."""
 
 
 class EmulatedDevice:
-    """The emulated device; use as an async context manager, inside which it is switched on.
+    """The emulated device, an async context manager; the device is on inside the context.
 
-    ``signals`` are measured (default: the emulated arm). ``folder`` is for files that its options name.
+    It measures ``signals`` (default: the emulated arm). ``folder`` is for files that its options name.
     """
 
     def __init__(self, rig: Rig, folder: Path, signals: Signals | None = None) -> None:
@@ -36,7 +36,7 @@ class EmulatedDevice:
         self._emulator: Emulator | None = None
         self._failure: NotConformingError | None = None
         self.address = ""
-        """Address at which it listens, also while it is off."""
+        """Address at which it listens; unchanged while it is off."""
 
     async def __aenter__(self) -> EmulatedDevice:
         await self.switch_on()
@@ -61,16 +61,16 @@ class EmulatedDevice:
         self.address = self._kept(address) if address.startswith("/") else address
 
     async def switch_off(self) -> None:
-        """Stop the emulator; its connections end and its port becomes free."""
+        """Stop the emulator: its connections end and its port is freed."""
         thread, self._thread = self._thread, None
         if thread is None or self._loop is None or self._serving is None:
             return
         if thread.is_alive():
-            # A turn of its loop first: asyncio forgets a connection that is taken just as its server closes.
+            # Run one turn of its loop first: asyncio forgets a connection that is accepted just as its server closes.
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(_TURN):
                     await self._ask(lambda _: None)
-            with contextlib.suppress(RuntimeError):  # it has ended by itself meanwhile
+            with contextlib.suppress(RuntimeError):  # the loop has ended in the meantime
                 self._loop.call_soon_threadsafe(self._serving.cancel)
         await asyncio.to_thread(thread.join, self._rig.patience)
         if thread.is_alive():
@@ -83,11 +83,11 @@ class EmulatedDevice:
         await self._ask(lambda emulator: emulator.inject(fault))
 
     async def counts(self) -> Mapping[str, int]:
-        """Counts of samples sent and faults injected since it was switched on."""
+        """Numbers of samples sent and faults injected since it was switched on."""
         return await self._ask(lambda emulator: dict(emulator.counts))
 
     def _kept(self, port: str) -> str:
-        """A stable path for a serial port that returns under another name."""
+        """A stable path for a serial port whose name changes."""
         link = self._folder / "device"
         link.unlink(missing_ok=True)
         link.symlink_to(port)
@@ -105,7 +105,7 @@ class EmulatedDevice:
         home = ready.get_loop()
 
         def tell(answer: str | NotConformingError) -> None:
-            with contextlib.suppress(RuntimeError):  # nobody waits any more
+            with contextlib.suppress(RuntimeError):  # the waiting loop has ended
                 home.call_soon_threadsafe(_settle, ready, answer)
 
         async def serve() -> None:

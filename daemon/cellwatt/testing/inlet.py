@@ -16,15 +16,15 @@ from cellwatt.channel import Stream
 from cellwatt.driver import Identity
 
 _LOOK = 0.02
-"""s between looks at a condition while nothing arrives."""
+"""Interval at which a condition is checked while nothing arrives, s."""
 
 
 class CollectingInlet:
-    """Keeps readings, events, brackets and resets in order; counts what is emitted as received.
+    """Stores readings, events, brackets and resets in order; counts emitted samples as received.
 
-    ``residues`` are the account's residues at the loop's turn after each reading, all 0 if the driver counts right.
-    ``early`` counts readings before ``connected``; ``begin`` resets that state. ``epochs`` numbers the time base of
-    each reading's stream: 0, and 1 more after each ``clock_reset``.
+    ``residues`` are the account's residues one turn of the loop after each reading, all 0 if the driver counts
+    correctly. ``early`` counts readings before ``connected``; ``begin`` starts a new run. ``epochs`` numbers the time
+    base of each reading's stream: 0, plus 1 for each ``clock_reset``.
     """
 
     def __init__(self) -> None:
@@ -94,7 +94,7 @@ class CollectingInlet:
         return np.concatenate(found) if found else np.empty(0)
 
     async def until(self, condition: Callable[[], object], seconds: float = 20.0) -> None:
-        """Wait until a condition holds, checked after each reading and event and at intervals.
+        """Wait until a condition holds; it is checked after each reading and event, and at intervals.
 
         Raises ``TimeoutError`` after ``seconds``.
         """

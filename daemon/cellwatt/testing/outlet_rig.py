@@ -1,4 +1,4 @@
-"""What the outlet suite needs to know: the outlet, its settings, and a peer that the suite can make a bad one."""
+"""Description of an outlet for the suite: the outlet, its settings, and a peer that the suite can make faulty."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ State = Literal["well", "cut", "silent", "lies"]
 
 
 class FarEnd(Protocol):
-    """The other side, as its author writes it for the suite: it takes what the outlet sends, and remembers."""
+    """The peer, written by the outlet's author: it receives and stores the outlet's rows."""
 
     address: str
-    """``host:port`` where it listens."""
+    """``host:port`` at which it listens."""
     got: Sequence[int]
-    """Times, UTC ns, of the rows that it has said to have, as they came."""
+    """Times, UTC ns, of the rows that it has acknowledged, in order of arrival."""
     refuse: bool
-    """It is to refuse all for good."""
+    """Refuse every row permanently."""
 
 
 class Line:
-    """A TCP relay to a peer that is ``well``, away (``cut``), ``silent``, or ``lies``: sends garbage."""
+    """A TCP relay to a peer that is ``well``, disconnected (``cut``), ``silent``, or ``lies``: sends garbage."""
 
     def __init__(self, target: str) -> None:
         self.address = ""
@@ -36,7 +36,7 @@ class Line:
         self._state: State = "well"
 
     def be(self, state: State) -> None:
-        """Be that from now on; connections that are open end."""
+        """Change to this state; open connections end."""
         self._state = state
         for task in self.talking:
             task.cancel()
@@ -54,7 +54,7 @@ class Line:
 
 @asynccontextmanager
 async def line_to(peer: FarEnd) -> AsyncIterator[Line]:
-    """A line to a peer, well at first."""
+    """A line to a peer, initially ``well``."""
     line = Line(peer.address)
     async with clients(line.talk) as (line.address, line.talking):
         yield line
@@ -62,9 +62,9 @@ async def line_to(peer: FarEnd) -> AsyncIterator[Line]:
 
 @dataclass(frozen=True)
 class OutletRig:
-    """An ``outlet`` with ``settings``, and ``at``, which makes of an address the settings that say where it is.
+    """An ``outlet`` with ``settings``, and ``at``, which converts an address to the settings that contain it.
 
-    The settings ask for 10 rows a second, often, and for short waits.
+    The settings should have 10 rows a second, frequent sending and short waits.
     """
 
     outlet: type[Outlet[Any]]
@@ -72,18 +72,18 @@ class OutletRig:
     peer: Callable[[], AbstractAsyncContextManager[FarEnd]]
     at: Callable[[str], Mapping[str, Any]]
     position: str = "*.peer.json"
-    """Pattern of the file, beside the recordings, in which the outlet keeps its position."""
+    """Pattern of the file, beside the recordings, in which the outlet stores its position."""
     patience: float = 60.0
-    """s in which things must come."""
+    """Time limit, s, for anything awaited."""
 
     def make(self, address: str, view: CellView) -> Outlet[Any]:
-        """The outlet, called ``peer``."""
+        """Create the outlet, named ``peer``."""
         return self.outlet("peer", self.outlet.Settings.model_validate({**self.settings, **self.at(address)}), view)
 
 
 @dataclass
 class RunningOutlet:
-    """An outlet that runs as the daemon runs it: again when it raised ``OutletError``."""
+    """An outlet run as by the daemon: again after each ``OutletError``."""
 
     outlet: Outlet[Any]
     ends: list[str] = field(default_factory=list)

@@ -1,4 +1,4 @@
-"""The conformance suite of outlets as a pytest class: peers that are cut off, silent, refusing, lying, and restarts."""
+"""The conformance suite of outlets as a pytest class: peers that disconnect, stay silent, refuse or lie; restarts."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from cellwatt.testing.recorded_cell import LAYOUT, RecordedCell
 from cellwatt.testing.rig import NotConformingError, require
 
 _ROW = 5
-"""Frames of a row."""
+"""Frames per row."""
 _SETTLES = 40
-"""Rows after which all before are settled in the record."""
+"""Rows after which all earlier ones are settled in the recording."""
 _STILL = 0.5
-"""s for which the event loop may stand still."""
+"""Longest time for which the event loop may be blocked, s."""
 
 
 class _Trial:
-    """A cell, its record, and a peer behind a line, for one check."""
+    """A cell, its recording, and a peer behind a line, for one check."""
 
     def __init__(self, rig: OutletRig, folder: Path, peer: FarEnd, line: Line) -> None:
         self.rig, self.folder, self.peer, self.line = rig, folder, peer, line
@@ -35,7 +35,7 @@ class _Trial:
         return self.rig.make(self.line.address, self.cell)
 
     def rows(self, count: int, *outlets: Outlet[Any]) -> None:
-        """Make rows, one block each, and offer them."""
+        """Make rows, one block each, and offer them to the outlets."""
         for _ in range(count):
             block = self.cell.frames(_ROW)
             for outlet in outlets:
@@ -57,7 +57,7 @@ class _Trial:
             await asyncio.sleep(0.01)
 
     async def all_there(self, outlet: Outlet[Any]) -> None:
-        """Wait until the peer has every row, and the account says so."""
+        """Wait until the peer has every row and the account confirms it."""
         await self.until(lambda: set(self.times) <= set(self.peer.got), "all rows", outlet)
         require(set(self.peer.got) == set(self.times), "the peer has rows that nobody made")
         await self.until(lambda: not outlet.account.owed, "an account in which nothing is owed", outlet)
@@ -76,7 +76,7 @@ async def _trial(rig: OutletRig, folder: Path) -> AsyncIterator[_Trial]:
 
 
 async def arrives(trial: _Trial) -> None:
-    """Require that each row arrives, in order, but for the first, of which the outlet may have seen a part."""
+    """Require that all rows arrive in order, except the first, of which the outlet may have missed frames."""
     outlet = trial.make()
     async with running_outlet(outlet):
         trial.rows(60, outlet)
@@ -86,7 +86,7 @@ async def arrives(trial: _Trial) -> None:
 
 
 async def survives_a_cut(trial: _Trial) -> None:
-    """Require that what was made while the peer was away comes later, beside what is new."""
+    """Require that rows made while the peer was disconnected arrive later, along with new ones."""
     outlet = trial.make()
     async with running_outlet(outlet) as run:
         trial.rows(20, outlet)
@@ -100,7 +100,7 @@ async def survives_a_cut(trial: _Trial) -> None:
 
 
 async def goes_on_after_a_restart(trial: _Trial) -> None:
-    """Require that what the record got while no outlet ran comes later, and nothing twice after a clean end."""
+    """Require that rows recorded while no outlet ran arrive later, and none twice after a clean end."""
     first, second = trial.make(), trial.make()
     async with running_outlet(first):
         trial.rows(60, first)
@@ -115,7 +115,7 @@ async def goes_on_after_a_restart(trial: _Trial) -> None:
 
 
 async def loses_nothing_when_killed(trial: _Trial) -> None:
-    """Require that a position from before the kill leads to all rows, some of them twice."""
+    """Require that a position saved before the kill leads to all rows, some of them twice."""
     first, second = trial.make(), trial.make()
     async with running_outlet(first):
         trial.rows(20, first)
@@ -131,7 +131,7 @@ async def loses_nothing_when_killed(trial: _Trial) -> None:
 
 
 async def is_owed_from_its_first_start(trial: _Trial) -> None:
-    """Require that rows of a start that never reached its peer come after the next, also those of between."""
+    """Require that rows of a start that never reached its peer arrive after the next start, with those in between."""
     first, second = trial.make(), trial.make()
     trial.line.be("cut")
     async with running_outlet(first) as run:
@@ -145,7 +145,7 @@ async def is_owed_from_its_first_start(trial: _Trial) -> None:
 
 
 async def is_not_held_up_by_silence(trial: _Trial) -> None:
-    """Require that a peer that takes everything and says nothing is told, and holds up neither loop nor rows."""
+    """Require that a peer that accepts data but never answers is reported, and blocks neither loop nor rows."""
     outlet = trial.make()
     trial.line.be("silent")
     async with running_outlet(outlet) as run:
@@ -162,7 +162,7 @@ async def is_not_held_up_by_silence(trial: _Trial) -> None:
 
 
 async def believes_no_garbage(trial: _Trial) -> None:
-    """Require that an answer that is none is trouble, and no confirmation."""
+    """Require that an invalid answer is reported, and confirms nothing."""
     outlet = trial.make()
     trial.line.be("lies")
     async with running_outlet(outlet) as run:
@@ -175,7 +175,7 @@ async def believes_no_garbage(trial: _Trial) -> None:
 
 
 async def counts_what_is_refused(trial: _Trial) -> None:
-    """Require that what the peer refuses for good is counted and not sent for ever."""
+    """Require that rows refused permanently are counted and not sent for ever."""
     outlet = trial.make()
     trial.peer.refuse = True
     async with running_outlet(outlet):
@@ -200,7 +200,7 @@ CHECKS = (
 
 
 class OutletConformance:
-    """Derive from it, name the outlets, and each check of each outlet is a test."""
+    """Derive from it and set ``rigs``: each check of each outlet is a test."""
 
     rigs: ClassVar[Sequence[OutletRig]] = ()
 
@@ -214,7 +214,7 @@ class OutletConformance:
         metafunc.parametrize(("rig", "check"), cases)
 
     def test_outlet(self, rig: OutletRig, check: Any, tmp_path: Path) -> None:
-        """The outlet keeps this part of the contract."""
+        """The outlet passes this check of the contract."""
 
         async def run() -> None:
             async with _trial(rig, tmp_path) as trial:

@@ -1,4 +1,4 @@
-"""A cell without a daemon: it records frames whose values say which they are, and is what an outlet sees of it."""
+"""A cell without a daemon: it records frames with known values, and is the ``CellView`` of an outlet."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ LAYOUT: Final = Layout(
 
 
 class RecordedCell:
-    """A ``CellView`` of ten minutes ago; frame n has the values n and 10 n, and its grid point's time."""
+    """A ``CellView`` of ten minutes ago; frame n has the values n and 10 n, and the time of its grid point."""
 
     def __init__(self, folder: Path, site: str = "plant-1", cell: str = "weld-3") -> None:
         self.site, self.cell, self.folder = site, cell, folder
@@ -40,7 +40,7 @@ class RecordedCell:
         self._encoder = Encoder(self._file)
 
     def frames(self, count: int) -> Frames:
-        """The next frames, recorded."""
+        """Make and record the next frames."""
         n = np.arange(self.made, self.made + count)
         self.made += count
         values = n[:, None] * np.array([1.0, 10.0])
@@ -52,7 +52,7 @@ class RecordedCell:
         return made
 
     def alarm(self, name: str) -> Alarm:
-        """An alarm of now, recorded."""
+        """Raise and record an alarm now."""
         at = self.session + self.made * LAYOUT.step
         made = Alarm(name, "joint_fault", "error", True, at, at, f"{name} is up.")
         self._encoder.add(made)
@@ -60,7 +60,7 @@ class RecordedCell:
         return made
 
     def close(self) -> None:
-        """Let go of the record as a crash does."""
+        """Release the recording without finishing it, as a crash does."""
         self._file.release()
 
     def status(self) -> Mapping[str, Any]:
@@ -80,7 +80,7 @@ class RecordedCell:
         return []
 
     def history(self, *_: Any) -> Sequence[Any]:
-        """See ``CellView``: nothing is left in memory."""
+        """See ``CellView``: nothing is in memory."""
         return []
 
     frame_history = result_history = history

@@ -1,4 +1,4 @@
-"""Description of a driver that lets the suite run it against its emulator."""
+"""Description of a driver with which the suite runs it against its emulator."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ USUAL_FAULTS: dict[FaultKind, Fault] = {
 
 
 class NotConformingError(AssertionError):
-    """A driver breaks the contract; the text says which part, what was seen and what is expected."""
+    """A driver violates the contract; the text names the rule, the observation and the expectation."""
 
 
 def require(condition: object, message: str) -> None:
@@ -46,13 +46,13 @@ def place_of(address: str) -> dict[str, Any]:
 class Rig:
     """A driver with the settings to test it.
 
-    ``settings`` as in a settings file (``{"rate": "20 Hz"}``), without the device's address: ``place`` turns the
-    emulator's address into settings. ``address`` and ``options`` are the emulator's (``{folder}`` in an option stands
-    for a folder of the test). ``transport`` is the kind that the emulator listens on, so that the suite can capture
-    it; ``None`` if it cannot (a CAN bus, several connections). ``may_send`` tells whether bytes that the driver wrote
-    are allowed: those of a whole TCP connection, of one UDP datagram, of a serial port while open; by default nothing
-    may be sent. ``warm_up`` is the number of samples before faults begin; ``faults`` replace the usual ones of their
-    kind; ``accuracy`` is the largest relative error of a value, ``patience`` the time limit in s for anything awaited.
+    ``settings`` as in a settings file (``{"rate": "20 Hz"}``), without the device's address: ``place`` converts the
+    emulator's address to settings. ``address`` and ``options`` are the emulator's (``{folder}`` in an option stands for
+    a folder of the test). ``transport`` is the kind at which the emulator listens, so that the suite can capture it;
+    ``None`` if it cannot (a CAN bus, several connections). ``may_send`` returns whether bytes sent by the driver are
+    allowed: those of a whole TCP connection, of one UDP datagram, of a serial port while open; by default nothing may
+    be sent. ``warm_up`` is the number of samples before faults begin; ``faults`` replace the usual ones of their kind;
+    ``accuracy`` is the largest relative error of a value, ``patience`` the time limit in s for anything awaited.
     """
 
     driver: type[Driver[Any]]
@@ -99,5 +99,5 @@ class Rig:
         return {**self.settings, **self.place(address)}
 
     def make(self, address: str, inlet: Inlet) -> Driver[Any]:
-        """Make a driver of the device at ``address``."""
+        """Create a driver for the device at ``address``."""
         return self.driver("device", self.driver.Settings.model_validate(self.written(address)), inlet)

@@ -44,7 +44,7 @@ class Running:
             self.verdict()
 
     async def samples(self, more: int, when: str) -> None:
-        """Wait for ``count`` more samples."""
+        """Wait for ``more`` samples."""
         goal = self.inlet.samples + more
         await self.until(lambda: self.inlet.samples >= goal, f"{more} samples {when}")
 
@@ -76,7 +76,7 @@ class Running:
         return self.task.done()
 
     async def supervise(self) -> None:
-        """Run the driver, again after each ``SourceError``."""
+        """Run the driver, and again after each ``SourceError``."""
         while True:
             self.inlet.begin()
             try:
@@ -102,7 +102,7 @@ async def ended(task: asyncio.Task[Any], patience: float) -> None:
 
 @asynccontextmanager
 async def running(rig: Rig, address: str) -> AsyncIterator[Running]:
-    """Run a driver, again after each failure, until the end of the context, then give the verdict."""
+    """Run a driver, again after each failure, until the end of the context; then check the outcome."""
     inlet = CollectingInlet()
     found = Running(rig, rig.make(address, inlet), inlet)
     found.start()

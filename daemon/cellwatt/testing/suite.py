@@ -14,7 +14,7 @@ from cellwatt.testing.rig import Rig
 
 
 class DriverConformance:
-    """Derive from it, name the drivers, and each check of each driver is a test::
+    """Derive from it and set ``rigs``: each check of each driver is a test::
 
     class TestConformance(DriverConformance):
         rigs = (Rig(MyDriver, {"rate": "20 Hz"}, may_send=re.compile(rb"(READ\\n)*").fullmatch),)
@@ -32,7 +32,7 @@ class DriverConformance:
         metafunc.parametrize(("rig", "check"), cases)
 
     def test_driver(self, rig: Rig, check: Check, tmp_path: Path) -> None:
-        """The driver keeps this part of the contract."""
+        """The driver passes this check of the contract."""
         asyncio.run(_run(check, rig, tmp_path))
 
 

@@ -14,7 +14,7 @@ from cellwatt.testing.rig import Transport
 
 @asynccontextmanager
 async def tapped(address: str, transport: Transport) -> AsyncIterator[tuple[str, list[bytearray]]]:
-    """A relay to ``address``: its own address, and the bytes that the driver sent.
+    """A relay to ``address``: yields its own address, and the bytes that the driver sent.
 
     There is one entry per TCP connection or UDP datagram, or a single one for a serial port.
     """
@@ -84,7 +84,7 @@ async def _pty(address: str, sent: list[bytearray]) -> AsyncIterator[str]:
     device = os.open(address, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
 
     def move(source: int, target: int, see: Callable[[bytes], None]) -> None:
-        with suppress(OSError):  # one end is gone; the driver sees it by itself
+        with suppress(OSError):  # one end is closed; the driver detects it
             data = os.read(source, MOST)
             see(data)
             os.write(target, data)

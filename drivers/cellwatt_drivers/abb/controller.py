@@ -1,4 +1,4 @@
-"""Polls a controller's pages: states and energy, each as a stream; pauses where the controller does not answer."""
+"""Polls a controller's pages: states and energy, a stream each; the caller pauses after a failure."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ STATE_CHANNELS = tuple(
 
 
 def state_stream(rate: float) -> Stream:
-    """Motors, program, mode and speed override."""
+    """Stream of motors, program, mode and speed override."""
     return Stream("controller", STATE_CHANNELS, rate, "host")
 
 
 def energy_stream(axes: int) -> Stream:
-    """The controller's energy measurement; it sends a new one when it has one."""
+    """Stream of the controller's energy measurement; a sample is due only when there is a new measurement."""
     return Stream(
         "energy",
         (
@@ -44,9 +44,9 @@ def energy_stream(axes: int) -> Stream:
 
 
 class Controller:
-    """Polls the pages of a controller, as far as its settings want them.
+    """Polls those pages of a controller that its settings select.
 
-    A poll reads the pages of both streams one after the other. Energy is handed over when the controller has made a new
+    A poll reads the pages of both streams one after the other. Energy is handed over when the controller has a new
     measurement. ``taken`` counts polls.
     """
 
@@ -63,11 +63,11 @@ class Controller:
 
     @property
     def streams(self) -> list[Stream]:
-        """``controller`` and ``energy``, as far as they are read."""
+        """``controller`` and ``energy``, if selected."""
         return [stream for stream in (self._state, self._energy) if stream is not None]
 
     async def identify(self, web: Web) -> Identity:
-        """Name and version of the system."""
+        """Read name and version of the system."""
         values: dict[str, str] = {}
         for item in rws.items(await web.get(rws.SYSTEM)):
             values = {**item.values, **values}
@@ -80,7 +80,7 @@ class Controller:
         )
 
     async def poll(self, web: Web) -> None:
-        """Read the pages of each slot until one cannot be read (``SourceError``)."""
+        """Read the pages in each slot until one cannot be read (``SourceError``)."""
         energy = self._energy
         async with self._slots as slots:
             async for _ in slots:
@@ -117,7 +117,7 @@ class Controller:
         deliver(self._inlet, stream, np.array(values), asked, asked + time.monotonic_ns() - since)
 
     async def _has_energy(self, web: Web, stream: Stream) -> bool:
-        """Read the energy page; a controller that has none keeps its other pages."""
+        """Read the energy page; if the controller has none, return false: its other pages are still read."""
         try:
             await self._read_energy(web, stream)
         except (DeviceError, ProtocolError, WrongDeviceError) as error:
@@ -156,7 +156,7 @@ class Controller:
         return np.insert(given * self._settings.energy_unit, 2, found.interval)
 
     def _tell(self, words: dict[str, str]) -> None:
-        """Report states that are others than before."""
+        """Report changed states."""
         for what, word in words.items():
             before = self._before.get(what, word)
             self._before[what] = word

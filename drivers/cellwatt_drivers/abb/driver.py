@@ -18,12 +18,12 @@ from cellwatt_drivers.abb.web import session
 from cellwatt_drivers.shared.requirements import require
 
 _INSTALL = "pip install 'cellwatt[abb]'"
-_LONGEST_PAUSE = 30.0  # s between tries of web pages that cannot be read
-_CHECK = 0.25  # s between looks at whether anything comes
+_LONGEST_PAUSE = 30.0  # s between attempts to read web pages after a failure
+_CHECK = 0.25  # s between checks for incoming data
 
 
 class AbbDriver(Driver[AbbSettings]):
-    """One robot. EGM and the web pages go on without each other; the source is down when neither answers."""
+    """One robot. EGM and the web pages work independently; the source is down when neither answers."""
 
     Settings = AbbSettings
     libraries = ("aiohttp", "google.protobuf.message_factory")
@@ -32,7 +32,7 @@ class AbbDriver(Driver[AbbSettings]):
     least_delay: ClassVar[tuple[float, float]] = (
         0.0,
         0.02,
-    )  # how long a measurement stays in a controller is not known
+    )  # the delay of a measurement in the controller is unknown
     writes = (
         "UDP: nothing, ever; the socket only receives",
         "HTTP GET, with user and password: /rw/system, /rw/panel/ctrlstate or ctrl-state, /rw/panel/opmode, "
@@ -64,11 +64,11 @@ class AbbDriver(Driver[AbbSettings]):
 
     @property
     def streams(self) -> tuple[Stream, ...]:
-        """``egm``, ``controller`` and ``energy``, as far as they are read."""
+        """``egm``, ``controller`` and ``energy``, if selected."""
         return self._streams
 
     async def identify(self) -> Identity:
-        """Identify the controller by its pages or, where they are not read, by the EGM packets that come."""
+        """Identify the controller by its pages or, if they are not read, by received EGM packets."""
         if self._controller is not None:
             async with session(self.settings) as web:
                 return await self._controller.identify(web)
@@ -87,8 +87,8 @@ class AbbDriver(Driver[AbbSettings]):
         self._heard = time.monotonic()
         self._greeted = False
         self._trouble = None
-        # In a task of its own: of Python 3.11.2 (Debian 12) a group leaves the task in which it failed marked as being
-        # cancelled, and the next time limit in that task would end as a cancellation.
+        # In its own task: a TaskGroup of Python 3.11.2 (Debian 12) leaves the task in which it fails marked cancelled,
+        # and the next time limit in that task would end as a cancellation.
         await asyncio.create_task(self._read())
 
     async def _read(self) -> None:
@@ -102,7 +102,7 @@ class AbbDriver(Driver[AbbSettings]):
                 tasks.create_task(self._watch())
         except* SourceError as failures:
             failure = next(e for e in failures.exceptions if isinstance(e, SourceError))
-        if failure is not None:  # raised above, Python 3.11.2 would wrap it
+        if failure is not None:  # Python 3.11.2 would wrap an error raised above
             raise failure
 
     async def _listen(self, intake: Intake) -> None:
@@ -112,7 +112,7 @@ class AbbDriver(Driver[AbbSettings]):
             await asyncio.get_running_loop().create_future()
 
     async def _ask(self, controller: Controller) -> None:
-        """Read pages; after a failure try again, later each time, as long as EGM goes on."""
+        """Read pages; after a failure retry at growing intervals, as long as EGM delivers."""
         pause = 1.0
         while True:
             before = controller.taken

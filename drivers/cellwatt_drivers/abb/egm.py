@@ -1,4 +1,4 @@
-"""Listens for a controller's EGM packets; never sends."""
+"""Receives a controller's EGM packets; never sends."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from cellwatt.errors import ConnectError, why
 from cellwatt.receipt import receive, stamp_receipts
 from cellwatt_drivers.abb.wire import LARGEST
 
-_BUFFER = 1 << 20  # bytes; some seconds of packets while this process is held up
-_MOST = 64  # datagrams taken at once
+_BUFFER = 1 << 20  # bytes; some seconds of packets while this process is delayed
+_MOST = 64  # datagrams read at once
 
 Take = Callable[[list[bytes], int], None]
-"""Takes packets in order, and for how long, ns, the last of them has waited here."""
+"""Takes packets in order, and the time, ns, for which the last of them has waited in this PC."""
 
 
 @asynccontextmanager
 async def listening(host: str, bind: str, port: int, account: Account, take: Take) -> AsyncIterator[None]:
-    """Give ``take`` the packets that ``host`` sends to UDP ``bind``:``port``; others' are counted as ``strangers``.
+    """Pass packets that ``host`` sends to UDP ``bind``:``port`` to ``take``; other senders' count as ``strangers``.
 
-    Raises ``ConnectError`` where the port is taken or the name of the host is unknown.
+    Raises ``ConnectError`` if the port is in use or the host's name is unknown.
     """
     loop = asyncio.get_running_loop()
     try:
@@ -57,7 +57,7 @@ def _receive(opened: socket.socket, senders: set[str], account: Account, take: T
             datagram, sender, age = receive(opened, LARGEST)
         except (BlockingIOError, InterruptedError):
             break
-        except OSError:  # the network's word on a port that never sent: nothing to do with what comes in
+        except OSError:  # a network error on a socket that never sends: received packets are unaffected
             account.count("socket errors")
             break
         if sender[0] in senders:

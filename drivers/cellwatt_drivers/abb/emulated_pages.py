@@ -17,14 +17,14 @@ from cellwatt_drivers.abb.rws import Entry, RobotWare
 
 REALM = "validusers@robapi.abb"
 SESSIONS = 70
-"""Sessions that a controller has."""
+"""Most sessions that a controller opens."""
 _LOCK = Entry("pnl-opmode-lockstate-li", "lock-state", {"lockstate": "unlocked"})
-"""RobotWare 7 lists more than the mode: ``rws2`` takes the first of several; what else, is not documented."""
+"""RobotWare 7 lists more entries than the mode; ``rws2`` reads the first. The others are undocumented."""
 Answer = tuple[int, dict[str, str], bytes]
 
 
 class Pages:
-    """Answers requests for pages; ``asked`` counts them by method and path, ``sessions`` are the open ones."""
+    """Answers requests for pages; ``asked`` counts them by method and path, ``sessions`` are the open sessions."""
 
     def __init__(
         self,
@@ -45,7 +45,7 @@ class Pages:
         self._nonce = secrets.token_hex(8)
 
     def answer(self, method: str, target: str, fields: Mapping[str, str]) -> Answer:
-        """Status, headers and body for a request; ``fields`` are its headers, in lower case."""
+        """Status, headers and body for a request; ``fields`` are its headers, names in lower case."""
         path = target.partition("?")[0]
         cookie, authorization = fields.get("cookie", ""), fields.get("authorization", "")
         self.asked[f"{method} {path}"] += 1
@@ -139,7 +139,7 @@ class Pages:
 
 
 def tls(certificate: str) -> ssl.SSLContext:
-    """The server's side of TLS with a file that holds key and certificate."""
+    """TLS context of the server, from a file with key and certificate."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.load_cert_chain(certificate)
     return context

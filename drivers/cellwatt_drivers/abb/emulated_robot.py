@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import struct
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,23 +15,14 @@ from cellwatt_drivers.abb.rws import RobotWare
 from cellwatt_drivers.abb.wire import DATA
 
 _BLOCK = 50
-"""Packets computed at once; a disturbance of the world shows after them."""
+"""Packets computed at once; a disturbance of the world takes effect after them."""
 _DEGREES = math.degrees(1.0)
 _PLACE = ("tool.x", "tool.y", "tool.z")
 _WRENCH = tuple(f"tool.{kind}_{axis}" for kind in ("force", "torque") for axis in "xyz")
 
 
-@dataclass(frozen=True, slots=True)
-class Stamp:
-    """Number of a packet, the controller's time in s since 1970, and whether the packet states that time."""
-
-    number: int
-    time: float
-    clocked: bool
-
-
 class EmulatedRobot:
-    """Makes the packets of a robot with ``axes`` joints, ``period`` s apart; what the signals lack is 0."""
+    """Creates the packets of a robot with ``axes`` joints, ``period`` s apart; absent signals are 0."""
 
     def __init__(self, signals: Signals, robotware: RobotWare, axes: int, period: float) -> None:
         self.motors_on = True
@@ -43,14 +33,17 @@ class EmulatedRobot:
         scales = np.array([_DEGREES] * axes + [1e3] * len(_PLACE) + [1.0] * len(_WRENCH))
         self._blocks = Blocks(lambda t: table_of(signals.at(t), names, len(t)) * scales, period, _BLOCK)
 
-    def packet(self, index: int, stamp: Stamp) -> bytes:
-        """The packet of ``index`` periods after the epoch."""
+    def packet(self, index: int, number: int, time: float, clocked: bool) -> bytes:
+        """Packet ``number`` with the values at ``index`` periods after the epoch.
+
+        ``time`` is the controller's time, s since 1970; ``clocked``: the packet includes it.
+        """
         table, row = self._blocks.at(index)
         values: list[float] = table[row].tolist()
         joints, place, wrench = values[: self._axes], values[self._axes : -len(_WRENCH)], values[-len(_WRENCH) :]
         message = MESSAGES.classes["EgmRobot"]()
-        message.header.seqno = stamp.number & 0xFFFFFFFF
-        message.header.tm = round(stamp.time * 1e3) & 0xFFFFFFFF
+        message.header.seqno = number & 0xFFFFFFFF
+        message.header.tm = round(time * 1e3) & 0xFFFFFFFF
         message.header.mtype = DATA
         message.feedBack.joints.joints.extend(joints)
         message.planned.joints.joints.extend(joints)
@@ -58,9 +51,9 @@ class EmulatedRobot:
         at.x, at.y, at.z = place
         orient = message.feedBack.cartesian.orient
         orient.u0, orient.u1, orient.u2, orient.u3 = 0.0, 0.0, 1.0, 0.0
-        if stamp.clocked:
+        if clocked:
             for part in (message.feedBack, message.planned):
-                part.time.sec, part.time.usec = divmod(round(stamp.time * 1e6), 1_000_000)
+                part.time.sec, part.time.usec = divmod(round(time * 1e6), 1_000_000)
         message.motorState.state = 1 if self.motors_on else 2
         message.mciState.state = 3 if self.motors_on else 2
         message.mciConvergenceMet = False
@@ -75,7 +68,7 @@ class EmulatedRobot:
 
 
 def _force6(wrench: list[float]) -> bytes:
-    """Field 9 of the robot's message as RobotWare 6 writes it: unpacked doubles of number 1."""
+    """Field 9 of the robot's message in the encoding of RobotWare 6: unpacked doubles of field number 1."""
     inside = b"".join(b"\x09" + struct.pack("<d", value) for value in wrench)
     return b"\x4a" + bytes([len(inside)]) + inside
 
@@ -92,7 +85,7 @@ class EnergyMeter:
         self._signals = signals
 
     def advance(self, t: float) -> None:
-        """Take in the intervals that ended before t s; after a pause of minutes only the last ones."""
+        """Add the intervals that ended before t s; after a pause of minutes only the last 60."""
         ended = math.floor(t / self.length)
         for interval in range(max(self.count, ended - 60), ended):
             self._take(interval)

@@ -13,7 +13,7 @@ from cellwatt.emulation.faults import FAULT_KINDS
 from cellwatt.emulation.port import host_and_port
 from cellwatt_drivers.abb import emulated_pages
 from cellwatt_drivers.abb.emulated_pages import Pages
-from cellwatt_drivers.abb.emulated_robot import EmulatedRobot, EnergyMeter, Stamp
+from cellwatt_drivers.abb.emulated_robot import EmulatedRobot, EnergyMeter
 from cellwatt_drivers.abb.rws import RobotWare
 from cellwatt_drivers.abb.wire import CYCLE, PORT
 
@@ -22,20 +22,20 @@ _LONGEST_HEAD = 16384
 
 
 class AbbEmulator(Emulator):
-    """One robot: EGM packets to a port of the listener's, and the controller's web pages.
+    """One robot: EGM packets to a listener's port, and the controller's web pages.
 
-    The address is that of the pages (127.0.0.1:8080 unless told otherwise). Options: ``egm`` (where packets go:
-    127.0.0.1:6510), ``robotware`` (7, or 6), ``rate`` (250 Hz, or a whole part, as a number), ``axes`` (6), ``clock``
-    (1; 0 leaves the controller's time out), ``user`` and ``password`` (Default User, robotics; an
-    empty password: any), ``certificate`` (file with key and certificate: pages over HTTPS), ``energy`` (yes; no: there
-    is no page of energy). A disturbance ``motors=off``, ``program=off`` (or ``on``) or ``session=1`` (numbering begins
-    anew) is the controller's; all others are the signals'.
+    The address is that of the pages (127.0.0.1:8080 by default). Options: ``egm`` (receiver of packets:
+    127.0.0.1:6510), ``robotware`` (7, or 6), ``rate`` (a number: 250 Hz, or 250 Hz divided by a whole number), ``axes``
+    (6), ``clock`` (1; 0 omits the controller's time), ``user`` and ``password`` (Default User, robotics; an empty
+    password: any is accepted), ``certificate`` (file with key and certificate: pages over HTTPS), ``energy`` (yes; no:
+    there is no page of energy). A disturbance ``motors=off``, ``program=off`` (or ``on``) or ``session=1`` (packet
+    numbers restart) changes the controller; all others change the signals.
 
     Faults on EGM packets: ``loss``, ``duplicate``, ``reorder`` (held back until after the next), ``delay`` (sent
-    ``seconds`` late), ``half_frame`` (cut), ``garbage`` (a datagram of random bytes ahead), ``stall`` (nothing leaves
-    for ``seconds``, then all at once), ``disconnect`` (nothing is made for ``seconds``, pages are refused),
-    ``clock_jump`` (the controller's time jumps). ``made`` counts packets, ``sent`` whole ones; ``heard`` counts
-    datagrams that came back, which a monitor never sends.
+    ``seconds`` late), ``half_frame`` (cut), ``garbage`` (a datagram of random bytes first), ``stall`` (nothing is sent
+    for ``seconds``, then all at once), ``disconnect`` (no packets for ``seconds``, pages are refused), ``clock_jump``
+    (the controller's time jumps). ``made`` counts packets, ``sent`` whole ones; ``heard`` counts datagrams received
+    from the listener, which a monitor never sends.
     """
 
     title: ClassVar[str] = "ABB controller (EGM and Robot Web Services)"
@@ -60,7 +60,7 @@ class AbbEmulator(Emulator):
             "rate": f"{settings.rate!r}",
             "axes": str(settings.axes),
             "user": settings.user,
-            "password": "",  # a command line is no place for the settings' own
+            "password": "",  # the settings' password must not appear on a command line
         }
 
     @classmethod
@@ -90,7 +90,7 @@ class AbbEmulator(Emulator):
         self._port = TcpPort(self, self._talk, emulated_pages.tls(certificate) if certificate else None)
 
     def change(self, kind: str, value: float | str) -> None:
-        """Set motors or program, or number packets from 0 again."""
+        """Set motors or program, or restart packet numbers at 0."""
         if kind == "motors":
             self.robot.motors_on = value == "on"
         elif kind == "program":
@@ -118,8 +118,8 @@ class AbbEmulator(Emulator):
             self._shift += jump.seconds
         self.tally["made"] += 1
         self._number += 1
-        stamp = Stamp(self._number, self.epoch + index / self._rate + self._shift, self._clocked)
-        self._packets.put(self.robot.packet(index, stamp))
+        controllers_time = self.epoch + index / self._rate + self._shift
+        self._packets.put(self.robot.packet(index, self._number, controllers_time, self._clocked))
 
     async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         while await self._exchange(reader, writer):
@@ -142,10 +142,10 @@ class AbbEmulator(Emulator):
 
 
 def _header(packet: bytes) -> int:
-    """A half packet ends in the header: one cut between two later fields would be a shorter, good one."""
+    """Cut a half packet within its header: a packet cut between two later fields would be valid."""
     return packet[1] + 2
 
 
 def _no_message(garbage: bytes) -> bytes:
-    """With a wire type ahead that protobuf does not have, so that no random datagram is a message by chance."""
+    """Prefix a wire type that protobuf does not have, so that no random datagram is a valid message."""
     return b"\x07" + garbage

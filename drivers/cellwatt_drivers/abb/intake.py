@@ -14,21 +14,21 @@ from cellwatt_drivers.abb.wire import Columns, Packet, decode
 from cellwatt_drivers.shared.rows import Row, Rows
 
 _RECENT = 1000
-"""A packet at most this far behind the newest came late or twice; further behind, numbering has begun anew."""
+"""Largest distance of a late or repeated packet behind the newest; further behind, numbering has restarted."""
 _LONGEST_GAP = 1_000_000
-"""More missing numbers than this are no loss but another numbering."""
+"""More missing numbers than this mean a new numbering, not a loss."""
 _FASTEST = 4_000_000
-"""ns between two packets at least: numbers that run ahead of the controller's own time are no loss either."""
+"""Shortest time between two packets, ns: numbers that run ahead of the controller's time are no loss either."""
 _STEP = 200_000_000
-"""ns by which the controller's time must leave both the numbering and this PC's time to count as set anew."""
+"""Deviation, ns, of the controller's time from both the numbering and this PC's time that means a new time base."""
 _WRAP = 1 << 32
 
 
 class Intake:
-    """Takes the datagrams of one robot in order, over all connections to it, and keeps its account.
+    """Takes the datagrams of one robot in order, over all its connections, and counts them in its account.
 
-    ``expect`` follows the packets' own numbers. Times are the controller's clock (µs), or, where it sends none, the
-    milliseconds of the header, which are unwrapped.
+    ``expect`` follows the packets' own numbers. Times are the controller's clock (µs) or, if it sends none, the
+    unwrapped milliseconds of the header.
     """
 
     def __init__(self, inlet: Inlet, stream: Stream, columns: Columns, delivers: Callable[[], None]) -> None:
@@ -48,11 +48,11 @@ class Intake:
         self._rows = Rows()
 
     def opened(self) -> None:
-        """Losses before the next packet are those of an outage."""
+        """Mark that losses before the next packet belong to an outage."""
         self._losses.resumed = True
 
     def take(self, datagrams: list[bytes], waited: int = 0) -> None:
-        """Decode and hand over what came ``waited`` ns ago; what is not EGM is counted as ``malformed``."""
+        """Decode and hand over datagrams that arrived ``waited`` ns ago; invalid ones are counted as ``malformed``."""
         arrival = self._inlet.now() - waited
         for datagram in datagrams:
             try:
@@ -69,7 +69,7 @@ class Intake:
         self._rows.hand_over(self._inlet, self.stream, arrival)
 
     def _continue(self, packet: Packet, arrival: int) -> None:
-        """Take a packet unless it is to be left out; counts what is missing before it."""
+        """Take a packet unless it is a repeat; count the packets missing before it."""
         clocked = packet.clock is not None
         time = packet.clock if packet.clock is not None else self._unwrapped(packet.sent)
         account = self._inlet.account
@@ -95,14 +95,14 @@ class Intake:
         self._rows.append(Row(time, row, Quality.MISSING if all(map(math.isnan, row)) else Quality.GOOD))
 
     def _repeated(self, packet: Packet, ahead: int) -> None:
-        """Count a packet whose number has been taken, or passed by."""
+        """Count a packet whose number was already received or skipped."""
         if ahead == 0 and packet != self._newest:
             self._inlet.account.forgery("contradicting packets")
         else:
             self._inlet.account.anomaly("duplicates" if ahead == 0 else "late packets")
 
     def _broken(self, clocked: bool, time: int, steps: int, arrival: int) -> str | None:
-        """Return why the controller's time has a new base since the packets before, or ``None``."""
+        """Return why the controller's time has a new base since the last packet, or ``None``."""
         if clocked != self._clocked:
             return "the controller's clock came or went"
         passed = time - self._time
@@ -112,6 +112,6 @@ class Intake:
         return "the controller's time jumped" if strange else None
 
     def _unwrapped(self, sent: int) -> int:
-        """Return the header's time, ns, continued over its wrap at 2³² ms."""
+        """Return the header's time, ns, unwrapped at 2³² ms."""
         self._sent = sent if self._sent is None else unwrapped(sent, _WRAP, self._sent)
         return self._sent * 1_000_000

@@ -1,7 +1,7 @@
-"""The messages of EGM as protobuf classes, made from a table.
+"""The messages of EGM as protobuf classes, built from a table.
 
 Names and numbers are those of ABB's egm.proto (RobotWare 7.7; 3HAC073318 and the public abb_libegm). Every field is
-optional here, also those that ABB requires, so that what a controller leaves out is seen and not refused.
+optional here, even if ABB requires it, so that a message without it is parsed and not refused.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _TABLE: Table = {
     "EgmTimestamp": {"sec": (1, "uint64"), "nsec": (2, "uint64")},
     "EgmPose": {"pos": (1, "EgmCartesian"), "orient": (2, "EgmQuaternion"), "euler": (3, "EgmEuler")},
     "EgmJoints": {"joints": (1, "double*")},
-    "EgmMotion": {  # EgmFeedBack and EgmPlanned are alike
+    "EgmMotion": {  # EgmFeedBack and EgmPlanned have the same fields
         "joints": (1, "EgmJoints"),
         "cartesian": (2, "EgmPose"),
         "externalJoints": (3, "EgmJoints"),
@@ -51,5 +51,5 @@ MESSAGES: Final = Messages("abb.egm", _TABLE)
 
 
 def parse(datagram: bytes) -> Any:
-    """A robot's message. Raises ``ProtocolError`` where the bytes are none."""
+    """Parse a robot's message. Raises ``ProtocolError`` if the bytes are not one."""
     return MESSAGES.parse("EgmRobot", datagram, "EGM")

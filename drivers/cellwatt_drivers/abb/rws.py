@@ -1,4 +1,4 @@
-"""Pages of Robot Web Services ⇄ what they say; pure functions.
+"""Pages of Robot Web Services ⇄ values; pure functions.
 
 Source: Robot Web Services, 3HAC050973: a page is XHTML whose ``<li class=…>`` hold ``<span class=NAME>VALUE</span>``.
 """
@@ -39,9 +39,9 @@ class Item:
 
 @dataclass(frozen=True, slots=True)
 class Energy:
-    """The controller's own energy measurement, in its own unit; ``interval`` in s, ``joints`` of the last interval.
+    """The controller's energy measurement in its own unit; ``interval`` in s, ``joints`` of the last interval.
 
-    ``valid`` is what the controller says of the measurement; ``count`` rises with each new one.
+    ``valid`` is the controller's validity flag of the measurement; ``count`` rises with each new one.
     """
 
     valid: bool
@@ -54,10 +54,10 @@ class Energy:
 
 
 def items(page: bytes) -> list[Item]:
-    """All ``<li>`` of a page in order. Raises ``ProtocolError`` where it is not XHTML."""
+    """All ``<li>`` of a page in order. Raises ``ProtocolError`` if it is not XHTML."""
     try:
         root = ElementTree.fromstring(page)
-    except (ElementTree.ParseError, ValueError, LookupError) as error:  # the last: an encoding that there is not
+    except (ElementTree.ParseError, ValueError, LookupError) as error:  # LookupError: an unknown encoding
         raise ProtocolError(f"a page of Robot Web Services is no XHTML: {error}") from error
     return [
         Item(
@@ -70,7 +70,7 @@ def items(page: bytes) -> list[Item]:
 
 
 def value(page: bytes, name: str) -> str:
-    """The one value of a page, e.g. ``ctrlstate``. Raises ``ProtocolError`` where it is not there."""
+    """The first value of this name in a page, e.g. ``ctrlstate``. Raises ``ProtocolError`` if there is none."""
     for item in items(page):
         if name in item.values:
             return item.values[name]
@@ -84,7 +84,7 @@ def ratio(page: bytes) -> float:
 
 
 def energy(page: bytes, unit: str) -> Energy:
-    """The energy page; ``joints`` are those of the mechanical unit with this name. Raises ``ProtocolError``."""
+    """Parse the energy page; ``joints`` are those of the mechanical unit named ``unit``. Raises ``ProtocolError``."""
     found = items(page)
     state = next((i.values for i in found if i.kind.startswith("sys-energy-state")), None)
     if state is None:
@@ -121,7 +121,7 @@ def _number(text: str) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """An ``<li>`` as a controller writes it; ``inside`` are those of a list of its own."""
+    """An ``<li>`` as a controller writes it; ``inside`` are the entries of its own list."""
 
     kind: str
     title: str

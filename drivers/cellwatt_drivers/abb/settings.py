@@ -22,39 +22,39 @@ class AbbSettings(SourceSettings):
     host: Host
     """Address of the controller."""
     port: int | None = Field(None, ge=1, le=65535)
-    """TCP port of Robot Web Services; without it 80 (RobotWare 6) or 443 (RobotWare 7)."""
+    """TCP port of Robot Web Services; default 80 (RobotWare 6) or 443 (RobotWare 7)."""
     robotware: RobotWare = 7
     """Generation of the controller: 6 for IRC5, 7 for OmniCore."""
     egm: EachOnce[wire.Group] = ("joints", "planned", "state")
-    """Groups to take from the EGM stream; ``[]`` does not listen to it."""
+    """Groups to read from the EGM stream; ``[]`` does not listen to it."""
     egm_port: int = Field(wire.PORT, ge=1, le=65535)
-    """UDP port of this PC to which the controller sends; each robot of a PC needs one of its own."""
+    """UDP port of this PC to which the controller sends; each robot of a PC needs its own port."""
     bind: Host = "0.0.0.0"
     """Address of this PC at which to listen."""
     rate: Annotated[Hertz, whole_part_of(1 / wire.CYCLE)] = 250.0
-    """Packets a second as the RAPID program asks for with ``\\SampleRate``: 250 Hz or a whole part of it."""
+    """Packets per second, as set in the RAPID program with ``\\SampleRate``: 250 Hz divided by a whole number."""
     axes: int = Field(6, ge=1, le=6)
     """Joints of the robot."""
     linear: tuple[Annotated[int, Field(ge=1, le=6)], ...] = ()
-    """Joints of the robot that go along a line, ``[3]`` of a SCARA: their channels are in m and N."""
+    """Linear joints of the robot, ``[3]`` for a SCARA: their channels are in m and N."""
     external: tuple[wire.External, ...] = Field((), max_length=6)
     """External axes, in the controller's order; the seventh joint of a 7-axis arm is one."""
     web: EachOnce[Page] = ("state", "energy")
-    """Groups to read from Robot Web Services; ``[]`` does not ask it."""
+    """Groups to read from Robot Web Services; ``[]`` does not connect to it."""
     web_rate: Hertz = Field(2.0, le=10)
-    """Polls of the pages, at most 10 Hz; more often than the controller makes a new energy figure."""
+    """Polls of the pages, at most 10 Hz; must be above the rate of the controller's energy measurements."""
     user: str = "Default User"
-    """User of Robot Web Services; one that may only read is best."""
+    """User of Robot Web Services; preferably a user with read access only."""
     password: SecretStr = SecretStr("robotics")
-    """Its password, best as ``${ABB_PASSWORD}``; ``robotics`` where none is given."""
+    """Password of ``user``, best as ``${ABB_PASSWORD}``; default ``robotics``."""
     tls: bool | None = None
-    """HTTPS; without it yes on RobotWare 7, no on RobotWare 6."""
+    """HTTPS; default: yes on RobotWare 7, no on RobotWare 6."""
     certificate: str | None = None
-    """File with the certificate to trust; without it the controller's own is not checked."""
+    """File with the certificate to trust; without it, the controller's certificate is not checked."""
     mechanical_unit: str = "ROB_1"
-    """The robot whose joints' energy is taken."""
+    """Mechanical unit whose joints' energy is read."""
     energy_unit: float = Field(1.0, gt=0, allow_inf_nan=False)
-    """J per unit of the controller's energy figures; the manual does not name the unit."""
+    """J per unit of the controller's energy values; the manual does not name the unit."""
     timeout: Seconds = Field(2.0, gt=0)
     """Silence after which the source is down, and longest wait for a page."""
 
@@ -78,5 +78,5 @@ class AbbSettings(SourceSettings):
 
     @property
     def url(self) -> str:
-        """Start of each page's address."""
+        """Scheme, host and port of the pages' URLs."""
         return f"{'https' if self.encrypted else 'http'}://{self.host}:{self.web_port}"

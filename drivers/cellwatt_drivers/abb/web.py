@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class Web:
-    """Reads pages with GET in one session of the controller, whose cookie it keeps: sessions are few."""
+    """Reads pages with GET in one session of the controller, whose cookie it reuses: sessions are limited."""
 
     def __init__(self, session: aiohttp.ClientSession, settings: AbbSettings, tls: ssl.SSLContext | bool) -> None:
         self._session = session
@@ -28,9 +28,9 @@ class Web:
         self._tls = tls
 
     async def get(self, path: str) -> bytes:
-        """A page.
+        """Read a page.
 
-        Raises ``ConnectError`` (nobody answers), ``WrongDeviceError`` (something else, or another RobotWare, does),
+        Raises ``ConnectError`` (no answer), ``WrongDeviceError`` (another device or another RobotWare answers),
         ``DeviceError`` (user or password refused, or an error of the controller) and ``ProtocolError``.
         """
         import aiohttp
@@ -69,10 +69,10 @@ class Web:
 
 @asynccontextmanager
 async def session(settings: AbbSettings) -> AsyncIterator[Web]:
-    """Open a session (nothing is sent before the first page) and log out of it at the end."""
+    """Open a session (nothing is sent before the first page) and log out at the end."""
     import aiohttp
 
-    jar = aiohttp.CookieJar(unsafe=True)  # controllers are addressed by number, and their cookies are for that
+    jar = aiohttp.CookieJar(unsafe=True)  # controllers have numeric addresses; by default the jar refuses their cookies
     timeout = aiohttp.ClientTimeout(total=settings.timeout)
     connector = aiohttp.TCPConnector(limit=1)
     middlewares: tuple[aiohttp.ClientMiddlewareType, ...] = ()

@@ -1,4 +1,4 @@
-"""EGM datagrams ⇄ what they say, in SI units; pure functions."""
+"""EGM datagrams ⇄ values in SI units; pure functions."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from cellwatt_drivers.abb.messages import MESSAGES, parse
 
 PORT = 6510
 CYCLE = 0.004
-"""s; a controller sends every cycle, or every so many."""
+"""Controller cycle, s; it sends every cycle, or every n-th."""
 DATA = 2
-"""``mtype`` of what a robot sends."""
+"""``mtype`` of a robot's messages."""
 LARGEST = 4096
-"""Bytes of a datagram that is still taken for EGM; a full one has some 600."""
+"""Largest datagram accepted as EGM, bytes; a full one has some 600."""
 
 Group = Literal["joints", "planned", "tool", "state", "force", "torque", "collision"]
 External = Literal["rotary", "linear"]
@@ -35,7 +35,7 @@ _LAST_SECOND = 9_000_000_000
 @dataclass(frozen=True, slots=True)
 class Packet:
     """One datagram: ``sequence`` and ``sent`` (ms, wraps at 2³²) of its header, ``clock`` the controller's time (ns
-    since 1970) of the measured position, ``None`` where it is not given, and the ``message`` itself.
+    since 1970) of the measured position, ``None`` if absent, and the ``message`` itself.
     """
 
     sequence: int
@@ -45,7 +45,7 @@ class Packet:
 
 
 def decode(datagram: bytes) -> Packet:
-    """Decode a datagram. Raises ``ProtocolError`` where it is not one of a robot's."""
+    """Decode a datagram. Raises ``ProtocolError`` if it is not a robot's message."""
     message = parse(datagram)
     header = message.header
     if not header.HasField("seqno") or header.mtype != DATA:
@@ -61,18 +61,18 @@ def decode(datagram: bytes) -> Packet:
 
 _Kinds = tuple[External, ...]
 _Read = Callable[[Any, _Kinds, _Kinds], Sequence[float]]
-"""Values of a group in a message, of the robot's joints and of external axes of these kinds."""
+"""Reads the values of a group from a message, for robot joints and external axes of these kinds."""
 
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """The channels of some groups, and how each group gets its values from a message; NaN for what is not there."""
+    """The channels of some groups, and the functions that read them from a message; NaN for absent values."""
 
     channels: tuple[Channel, ...]
     arm: _Kinds
     external: _Kinds
     readers: tuple[tuple[_Read, int], ...]
-    """With the number of values that count."""
+    """Functions, each with the number of its values to use."""
 
     def row(self, message: Any) -> list[float]:
         """Values in the order of ``channels``."""
@@ -89,9 +89,9 @@ def columns(
     robotware: int = 7,
     linear: Sequence[int] = (),
 ) -> Columns:
-    """The columns for a robot with ``axes`` joints and ``external`` axes; no RobotWare 6 has a ``move_index``.
+    """Columns for a robot with ``axes`` joints and ``external`` axes; RobotWare 6 has no ``move_index``.
 
-    ``linear``: the numbers of joints that go along a line.
+    ``linear``: the numbers of linear joints.
     """
     arm: _Kinds = tuple("linear" if i in linear else "rotary" for i in range(1, axes + 1))
     states = _STATES if robotware > 6 else _STATES[:-1]
@@ -113,7 +113,7 @@ def columns(
 
 
 _STATES = ("motors_on", "program_running", "egm_state", "move_index")
-# A quaternion and its negative are one orientation: a value between two samples would be wrong at a change.
+# A quaternion and its negative are the same orientation: interpolation between the two is wrong.
 _TOOL = (
     *(Channel(f"tool.{axis}", "m") for axis in "xyz"),
     *(Channel(f"tool.q{axis}", "1", align="hold") for axis in "wxyz"),
@@ -129,13 +129,13 @@ def _axes(quantity: str, arm: _Kinds, external: Sequence[External]) -> list[Chan
 
 
 def _fit(values: Sequence[float], factors: Sequence[float]) -> list[float]:
-    """Values × factors; NaN where there are too few values, surplus ones are left out."""
+    """Values × factors; missing values are NaN, surplus ones are ignored."""
     found = [value * factor for value, factor in zip(values, factors, strict=False)]
     return found + [_NAN] * (len(factors) - len(found))
 
 
 def _angles(motion: Any, arm: _Kinds, external: _Kinds) -> list[float]:
-    # A linear joint's way in m is sent as if it were an angle in rad: in degrees.
+    # The position of a linear joint, in m, is sent like an angle in rad: converted to degrees.
     found = _fit(motion.joints.joints, [_RAD] * len(arm))
     return found + _fit(motion.externalJoints.joints, [_FACTOR[kind] for kind in external]) if external else found
 
@@ -163,7 +163,7 @@ def _collision(message: Any, arm: _Kinds, external: _Kinds) -> list[float]:
 def force(message: Any) -> Sequence[float]:
     """The measured force, N and Nm.
 
-    RobotWare 6 sends it as field 1, where RobotWare 7 has a yes or no: its values are then among the unknown fields.
+    RobotWare 6 sends it as field 1, which is a bool in RobotWare 7: its values are then among the unknown fields.
     """
     if not message.HasField("measuredForce"):
         return ()
@@ -175,6 +175,6 @@ def force(message: Any) -> Sequence[float]:
     older = MESSAGES.classes["EgmMeasuredForce6"]()
     try:
         older.ParseFromString(measured.SerializeToString())
-    except DecodeError:  # unknown fields are whatever was sent: here, half a number
+    except DecodeError:  # unknown fields hold any bytes: here, an incomplete number
         return ()
     return list(older.force)

@@ -29,7 +29,7 @@ _ACTIVE = 0x40
 
 @dataclass(frozen=True, slots=True)
 class BusError:
-    """The classes of one error frame, the controller's state as far as the frame tells it, and overflow."""
+    """The classes of one error frame, the controller's state if the frame reports it, and overflow."""
 
     names: tuple[str, ...]
     state: BusState | None
@@ -37,7 +37,7 @@ class BusError:
 
 
 def decode_error(identifier: int, data: bytes) -> BusError:
-    """An error frame: its classes are bits of the identifier, details of the controller are in byte 1."""
+    """Decode an error frame: its classes are bits of the identifier, details of the controller are in byte 1."""
     names = tuple(name for bit, name in _NAMES.items() if identifier & bit)
     controller = data[1] if identifier & CONTROLLER and len(data) > 1 else 0
     state: BusState | None = None

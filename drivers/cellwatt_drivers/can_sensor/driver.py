@@ -28,30 +28,30 @@ _EXTRAS = {"can": "python-can", "cantools": "cantools"}
 
 
 class CanSensorSettings(SourceSettings):
-    """A sensor on a CAN bus: one of the packaged ones, or any with a DBC file and a map of one's own."""
+    """A sensor on a CAN bus: one of the packaged ones, or any other with a DBC file and your own map."""
 
     reached_by: ClassVar[tuple[str, ...]] = ("channel",)
 
     sensor: SensorName | None = None
-    """Make of the sensor: one of the packaged maps."""
+    """Model of the sensor: one of the packaged maps."""
     map: FilePath | None = None
-    """File with a map of one's own instead of ``sensor``."""
+    """File with your own map instead of ``sensor``."""
     interface: Interface = "socketcan"
-    """Interface by which python-can reaches the bus."""
+    """Interface through which python-can accesses the bus."""
     channel: str = "can0"
     """Network interface (``can0``), or serial port of an slcan adapter."""
     bitrate: int | None = None
-    """Bit/s that an slcan adapter is told; left out: as it is set. SocketCAN's is set with ``ip link``."""
+    """Bit rate, bit/s, to set at an slcan adapter; omitted: unchanged. SocketCAN's rate is set with ``ip link``."""
     listen_only: bool = False
-    """Tell an slcan adapter not even to acknowledge; then another node must do so."""
+    """Set an slcan adapter not to acknowledge frames; another node must then do so."""
     settle: Seconds = Field(0.0, ge=0, le=10)
-    """Wait this long after opening an slcan adapter; those that restart then need 2 s."""
+    """Pause after opening an slcan adapter; adapters that restart when opened need 2 s."""
     read: Chosen[str] | None = None
-    """Streams to read; left out: those of the map that are not optional."""
+    """Streams to read; omitted: those of the map that are not optional."""
     rates: dict[str, Hertz] = Field(default_factory=dict)
-    """Messages a second, by stream, where the sensor is set otherwise than the map says."""
+    """Messages per second, by stream, if the sensor's settings differ from the map."""
     silence: Seconds = Field(2.0, gt=0)
-    """Not one frame of the sensor for this long: the bus is closed and opened again."""
+    """Longest time without a frame of the sensor: after it the bus is closed and opened again."""
 
     @field_validator("bitrate")
     @classmethod
@@ -72,10 +72,10 @@ class CanSensorSettings(SourceSettings):
 
 
 class CanSensorDriver(Driver[CanSensorSettings]):
-    """One sensor; several may listen to one bus. Nothing is ever sent to the bus.
+    """One sensor; several sensors may share a bus. The driver never sends a frame to the bus.
 
-    Samples carry the time at which the PC received the frame, so each stream has a clock model of its own. What is
-    known of a message's counter outlives the connection.
+    Samples carry the time at which the PC received the frame, so each stream has its own clock model. The state of a
+    message's counter outlives the connection.
     """
 
     Settings = CanSensorSettings
@@ -107,11 +107,11 @@ class CanSensorDriver(Driver[CanSensorSettings]):
 
     @property
     def streams(self) -> tuple[Stream, ...]:
-        """One for each message that is read, or for each page of it."""
+        """One stream per message that is read, or per page of it."""
         return tuple(i.stream for i in self._intakes)
 
     async def identify(self) -> Identity:
-        """The map's sensor, once one of its frames was heard. Raises ``SourceError``."""
+        """Identity of the map's sensor, after one of its frames was received. Raises ``SourceError``."""
         async with self._open() as listening:
             return await self._first(listening)
 
@@ -165,7 +165,7 @@ class CanSensorDriver(Driver[CanSensorSettings]):
         return Identity(self._map.maker, self._map.model, notes={"messages": heard, "map": self._map.source})
 
     def _take(self, frame: Message) -> bool:
-        """Take a frame; true if it is one of the sensor's."""
+        """Handle a frame; true if it is one of the sensor's."""
         if frame.is_error_frame:
             self._note_error(frame)
             return False
@@ -194,7 +194,7 @@ class CanSensorDriver(Driver[CanSensorSettings]):
             self.inlet.event(kind[error.state], f"{self.name}: {self.settings.channel}: {text}")
 
     def _hand_over(self, listening: Listening) -> None:
-        since = asyncio.get_running_loop().time() - listening.latest  # read ahead of the cell's time: never too early
+        since = asyncio.get_running_loop().time() - listening.latest  # read before the cell's time: never too early
         arrival = self.inlet.now() - round(since * 1e9)
         for intake in self._intakes:
             intake.flush(arrival)
@@ -203,7 +203,7 @@ class CanSensorDriver(Driver[CanSensorSettings]):
         self._dropped, self._malformed = listening.dropped, listening.malformed
 
     def _verdict(self, place: BusPlace) -> SourceError:
-        """Return the error that says why nothing of the sensor was heard."""
+        """Return the error that explains why no frame of the sensor was received."""
         where = f"{place}: in {self.settings.silence:g} s"
         if self._state == "off":
             return ConnectError(
@@ -227,7 +227,7 @@ _STATES: dict[BusState, str] = {
 
 
 def _chosen(made: SensorMap, settings: CanSensorSettings) -> tuple[str, ...]:
-    """Streams to read. Raises ``ConfigError`` where the map lacks one."""
+    """Streams to read. Raises ``ConfigError`` if the map lacks one."""
     names = settings.read
     if names is None:
         names = tuple(n for n, s in made.streams.items() if not s.optional) or tuple(made.streams)

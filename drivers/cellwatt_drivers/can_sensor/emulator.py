@@ -29,14 +29,14 @@ class CanSensorEmulator(Emulator):
     """An IVT-S that measures ``bus.current`` and ``bus.voltage``, and sends each result in its cycle.
 
     The address is ``pty`` or the path of a link to it: an slcan adapter. Options: ``cycles`` (stream=ms,
-    comma-separated: results that are sent, and how often; current=20,voltage_1=60,voltage_2=60,voltage_3=60),
+    comma-separated: the results to send, with their cycles; current=20,voltage_1=60,voltage_2=60,voltage_3=60),
     ``status`` (hex digit of the error flags in byte 1).
 
-    Faults strike frames. ``loss``: not sent, its number is used; ``duplicate``: sent twice; ``garbage``: random bytes
-    before it; ``half_frame``: cut; ``stall``: nothing is sent for a while, then all that was due; ``disconnect``: the
-    bus is off for ``seconds``, and what falls due is lost. ``made`` counts results, ``sent`` those that reached a
-    client whole, ``unheard`` those made while no client had the adapter open, ``disconnected`` those lost in a
-    disconnect.
+    Faults strike frames. ``loss``: not sent, but counted by the message counter; ``duplicate``: sent twice;
+    ``garbage``: random bytes before it; ``half_frame``: cut; ``stall``: nothing is sent for a time, then all that was
+    due; ``disconnect``: the bus is off for ``seconds``, and results due are lost. ``made`` counts results, ``sent``
+    those that a client received whole, ``unheard`` those made while no client had the adapter open, ``disconnected``
+    those lost in a disconnect.
     """
 
     title: ClassVar[str] = "Isabellenhütte IVT-S current sensor (CAN)"
@@ -46,12 +46,12 @@ class CanSensorEmulator(Emulator):
 
     @classmethod
     def address_in(cls, settings: Any) -> str:
-        """See ``Emulator.address_in``; a bus of this PC's kernel is no address of an emulator's."""
+        """See ``Emulator.address_in``; an emulator cannot listen at a bus of this PC's kernel."""
         return str(settings.channel) if settings.interface == "slcan" else f"{settings.interface}:{settings.channel}"
 
     @classmethod
     def options_for(cls, sources: Sequence[Any]) -> dict[str, str]:
-        """See ``Emulator.options_for``: the streams that are read, as often as they are said to come."""
+        """See ``Emulator.options_for``: the streams that are read, at their rates in the settings."""
         settings = sources[0]
         if settings.sensor != "ivt_s" or len(sources) > 1:
             raise ValueError("the emulated sensor is one IVT-S, the only one on its bus")
@@ -94,7 +94,7 @@ class CanSensorEmulator(Emulator):
                 loop.remove_reader(self._line)
 
     def _obey(self) -> None:
-        """Obey O, L, C and S, as an adapter does that sends frames while it is open."""
+        """Execute O, L, C and S like an adapter that sends frames while it is open."""
         try:
             *commands, self._partial = (self._partial + os.read(self._line, CHUNK)).split(b"\r")
         except BlockingIOError:
@@ -111,7 +111,7 @@ class CanSensorEmulator(Emulator):
             return False
 
     def _send(self, identifier: int, data: bytes) -> bool:
-        """Send a standard frame to the client; true if it was taken."""
+        """Send a standard frame to the client; true if the client accepted it."""
         return self._open and self.write(f"t{identifier:03X}{len(data)}{data.hex().upper()}\r".encode())
 
     async def _measure(self) -> None:
@@ -129,7 +129,7 @@ class CanSensorEmulator(Emulator):
                         self._result(name, now)
 
     def _break_off(self, now: float) -> None:
-        """Begin what makes the bus silent."""
+        """Begin a fault that silences the bus."""
         if stall := self.injector.once("stall"):
             self._blocked = now + stall.seconds
         if outage := self.injector.once("disconnect"):
@@ -180,6 +180,6 @@ class CanSensorEmulator(Emulator):
 
 
 def _cycles(text: str) -> dict[str, float]:
-    """Cycles in s by stream."""
+    """Parse cycles in s by stream."""
     pairs = (pair.partition("=") for pair in text.split(","))
     return {name: float(milliseconds) * 1e-3 for name, _, milliseconds in pairs}

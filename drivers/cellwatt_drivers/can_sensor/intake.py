@@ -1,4 +1,4 @@
-"""One message's frames on their way to samples."""
+"""From one message's frames to samples."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ if TYPE_CHECKING:
 
 DUPLICATE = -1
 _WINDOW = 16
-"""Messages in a row that must be behind before a loss that only the time shows is believed."""
+"""Consecutive messages that must be behind before a loss visible only in the time is counted."""
 _CREEP = 0.02
-"""Share of a cycle by which messages may fall behind from one to the next without a loss: a slow sensor clock."""
+"""Share of a cycle by which a message may fall behind its predecessor without a loss: the sensor's clock is slow."""
 
 
 class Cycle:
-    """Watches one message: ``period`` s from one to the next (0: unknown), its counter runs 0 … ``counts_to`` - 1.
+    """Detects losses of one message with period ``period`` s (0: unknown) and a counter of 0 … ``counts_to`` - 1.
 
-    The counter tells at once how many were lost, except for whole rounds of it. Those, and all losses of a message
-    without a counter, show in the time: what comes after stays behind. What was only late (an adapter or a PC that
-    stalled) catches up, and is no loss.
+    The counter shows at once how many messages were lost, except for whole rounds of it. Those, and all losses of a
+    message without a counter, show in the time: later messages stay behind. Messages that were only late (a stalled
+    adapter or PC) catch up, and are not counted as lost.
     """
 
     def __init__(self, period: float, counts_to: int | None) -> None:
@@ -41,13 +41,13 @@ class Cycle:
         self._count = 0
         self._number = 0
         self._earliest = 0.0
-        self._behind: deque[tuple[float, float]] = deque(maxlen=_WINDOW)  # when, and by how much; cycles
+        self._behind: deque[tuple[float, float]] = deque(maxlen=_WINDOW)  # (time, amount behind), cycles
 
     def lost(self, time: float, count: int, resumed: bool = False) -> int:
-        """Messages newly known as lost when one made at ``time`` s came with the counter at ``count``.
+        """Return how many messages were lost before one made at ``time`` s with its counter at ``count``.
 
-        ``resumed``: nobody listened since the last one, so that the time between them is believed at once.
-        ``DUPLICATE`` where it is the last one once more.
+        ``resumed``: the bus was closed since the last message, so the time between the two counts at once.
+        Returns ``DUPLICATE`` if the message repeats the last one.
         """
         if self._start is None:
             self._start = self._time = time
@@ -66,7 +66,7 @@ class Cycle:
         return step - 1 + self._rounds(time - self._start, resumed)
 
     def _rounds(self, elapsed: float, resumed: bool) -> int:
-        """Messages in whole rounds of the counter that the time shows to be lost."""
+        """Return the messages in whole rounds of the counter that were lost, as the time shows."""
         if not self._period:
             return 0
         now = elapsed / self._period
@@ -77,7 +77,7 @@ class Cycle:
         self._earliest = min(offset, self._earliest + _CREEP)
         self._behind.append((now, offset - self._earliest))
         if len(self._behind) < _WINDOW or now - self._behind[0][0] < _WINDOW / 2:
-            return 0  # too few, or they come so fast that they are catching up
+            return 0  # too few messages, or so fast that they are catching up
         lost = self._round * round(min(behind for _, behind in self._behind) / self._round)
         if lost:
             self._number += lost
@@ -87,13 +87,13 @@ class Cycle:
 
 _QUALITY = {"clipped": Quality.CLIPPED, "missing": Quality.MISSING, "told": Quality.GOOD}
 _BACK = 0.5
-"""s that time stamps may step back, or the PC's clock run on ahead of the cell's, before that counts as set."""
+"""Step back of time stamps, or forward of the PC's clock against the cell's, s, that counts as a new time base."""
 _BRACKET_EVERY = 1_000_000_000
-"""ns between two comparisons of the PC's clock with the cell's."""
+"""Time between two comparisons of the PC's clock with the cell's, ns."""
 
 
 class Intake:
-    """Decodes the frames of one stream, counts those that never came, and tells flags when they change."""
+    """Decodes the frames of one stream, counts lost ones, and reports flags when they change."""
 
     def __init__(self, name: str, decoding: Decoding, period: float, inlet: Inlet) -> None:
         self.stream = Stream(decoding.name, decoding.channels, 1 / period if period else 0.0, "device")
@@ -107,21 +107,21 @@ class Intake:
         self._losses = Losses(inlet.account, "disconnected")
         self._bracketed = 0
         self._ahead: int | None = None
-        """ns by which the PC's clock is ahead of the cell's time."""
+        """Lead of the PC's clock over the cell's time, ns."""
         self._flags: frozenset[str] = frozenset()
         self._rows = Rows()
 
     @property
     def identifier(self) -> tuple[int, bool]:
-        """The frame's identifier, and whether it is an extended one."""
+        """The frame's identifier, and whether it is extended."""
         return self._decoding.message.frame_id, self._decoding.message.is_extended_frame
 
     def resume(self) -> None:
-        """The bus was opened anew: what is missing now was lost while it was closed."""
+        """Mark that the bus was opened again: frames missing now were lost while it was closed."""
         self._losses.resumed = True
 
     def take(self, frame: Message) -> None:
-        """A frame of this message came."""
+        """Take a received frame of this message."""
         try:
             signals = self._decoding.decode(bytes(frame.data))
         except ValueError as error:
@@ -129,7 +129,7 @@ class Intake:
             if self._inlet.account.counters["malformed"] == 1:
                 self._inlet.event("malformed_frame", f"{self._name}: {error}")
             return
-        if not signals:  # a multiplexed message that carries others this time
+        if not signals:  # a multiplexed message with another page
             self._inlet.account.count("frames without the signals")
             return
         wanted = self._decoding.wanted
@@ -166,17 +166,17 @@ class Intake:
             self._flags = flags
 
     def flush(self, arrival: int) -> None:
-        """Hand over the samples since the last time, all read by the cell's time ``arrival``, ns."""
+        """Hand over the samples since the last call, all received by the cell's time ``arrival``, ns."""
         if self._rows:
             self._compare()
         self._rows.hand_over(self._inlet, self.stream, arrival)
 
     def _compare(self) -> None:
-        """Frames are stamped by this PC's own clock: what it says now is made no earlier than now."""
+        """Bracket the PC's clock, which stamps the frames: a stamp read now is no earlier than the cell's time now."""
         not_before, stamp = self._inlet.now(), time.time_ns()
         before, self._ahead = self._ahead, stamp - not_before
         if before is not None and self._ahead - before > _BACK * 1e9:
-            self._cycle = Cycle(self._period, self._decoding.counts_to)  # or all that comes would seem to be behind
+            self._cycle = Cycle(self._period, self._decoding.counts_to)  # the old one would see all messages as behind
             self._inlet.clock_reset(self.stream, f"the PC's clock was set on by {(self._ahead - before) / 1e9:.3f} s")
         if not_before - self._bracketed >= _BRACKET_EVERY:
             self._bracketed = not_before

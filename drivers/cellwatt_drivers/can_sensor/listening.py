@@ -18,16 +18,16 @@ if TYPE_CHECKING:
 Interface = Literal["socketcan", "slcan"]
 
 BLOCK = 0.005
-"""s that frames wait for others, to be handed on together."""
+"""Time, s, for which frames wait to be handed over in one block."""
 MOST_WAITING = 20_000
-"""Frames that wait for the driver; the oldest are dropped beyond it."""
+"""Most frames queued for the driver; the oldest of more are dropped."""
 _MOST_AT_ONCE = 256
-"""Frames dealt with in one turn of the loop, so that other sources have theirs."""
+"""Most frames handled in one turn of the loop, so that other sources get their turn."""
 
 
 @dataclass(frozen=True, slots=True)
 class BusPlace:
-    """A bus and what python-can wants to know to open it."""
+    """A bus and python-can's options to open it."""
 
     interface: Interface
     channel: str
@@ -38,7 +38,7 @@ class BusPlace:
 
 
 class Listening(Mailbox["Message"]):
-    """Frames of an open bus. ``latest`` is when the newest came, s of the loop's clock."""
+    """Frames of an open bus. ``latest``: arrival of the newest frame, s of the loop's clock."""
 
     def __init__(self, place: BusPlace, bus: BusABC) -> None:
         super().__init__(MOST_WAITING)
@@ -48,16 +48,16 @@ class Listening(Mailbox["Message"]):
         self._loop = asyncio.get_running_loop()
 
     async def frames(self, seconds: float) -> list[Message]:
-        """Return frames in order; after at most ``seconds``, then perhaps none. Raises ``ConnectError``."""
+        """Return frames in order; empty if none arrives within ``seconds``. Raises ``ConnectError``."""
         return await self.given(seconds, _MOST_AT_ONCE, BLOCK)
 
     @property
     def malformed(self) -> int:
-        """Lines of a serial adapter that were no frames."""
+        """Number of invalid lines from a serial adapter."""
         return int(getattr(self._bus, "malformed", 0))
 
     def drain(self) -> None:
-        """Take what the bus holds; called by the loop when its descriptor can be read."""
+        """Queue the frames that the bus holds; the loop calls this when the bus's descriptor is readable."""
         try:
             for _ in range(_MOST_AT_ONCE):
                 message = self._bus.recv(0)
@@ -65,14 +65,14 @@ class Listening(Mailbox["Message"]):
                     return
                 self.take(message)
                 self.latest = self._loop.time()
-        except Exception as error:  # python-can, pyserial and the system each have their own
+        except Exception as error:  # python-can, pyserial and the system raise different exceptions
             self._loop.remove_reader(self._bus.fileno())
             self.fail(ConnectError(f"{self.place}: {error}"))
 
 
 @asynccontextmanager
 async def open_listening(place: BusPlace) -> AsyncIterator[Listening]:
-    """Open a bus, in a thread because some adapters take their time. Raises ``ConnectError``."""
+    """Open a bus in a thread, because some adapters are slow to open. Raises ``ConnectError``."""
     async with opened_aside(lambda: _open(place), _close) as bus:
         listening, descriptor = Listening(place, bus), bus.fileno()
         loop = asyncio.get_running_loop()
@@ -105,5 +105,5 @@ def _advice(interface: Interface) -> str:
 def _close(bus: BusABC) -> None:
     try:
         bus.shutdown()
-    except Exception:  # an adapter that was unplugged cannot be closed in order
+    except Exception:  # an unplugged adapter cannot be closed properly
         return

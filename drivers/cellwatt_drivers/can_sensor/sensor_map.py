@@ -1,4 +1,4 @@
-"""Sensor maps: a YAML file that says which channels a DBC file's messages feed."""
+"""Sensor maps: YAML files that assign the signals of a DBC file to channels."""
 
 from __future__ import annotations
 
@@ -35,44 +35,44 @@ _SI = SCALED | {
     for unit, aliases in {"1": ("", "-"), "deg": ("°",), "rpm": ("1/min",), "degC": ("°C", "C")}.items()
     for alias in aliases
 }
-"""Units as DBC files write them, and SI units per such a unit."""
+"""Units as written in DBC files, with SI units per such a unit."""
 
 
 class SensorSignal(MapPart):
-    """A signal whose unit the DBC file does not give as it should, or a counter."""
+    """A signal whose unit is missing or wrong in the DBC file, or a counter."""
 
     channel: ChannelName
-    """Channel that it feeds."""
+    """Channel of the signal."""
     unit: str | None = None
-    """Unit in place of the DBC file's."""
+    """Unit, instead of the DBC file's."""
     counter: bool = False
-    """It only counts up: held, not interpolated."""
+    """The value only rises: it is held, not interpolated."""
 
 
 class SensorStream(MapPart):
-    """One message and what is taken from it."""
+    """One message and the signals read from it."""
 
     message: str
-    """Its name in the DBC file."""
+    """Name of the message in the DBC file."""
     cycle: Seconds = Field(0.0, ge=0)
-    """It comes this often; 0 s: when something changes, so that none can be missed."""
+    """Time between two messages; 0 s: sent on change, so losses cannot be detected."""
     counter: str | None = None
-    """Signal that counts the messages, so that every one that is lost is known."""
+    """Signal that counts the messages, so that every lost one is known."""
     flags: dict[str, Flag] = Field(default_factory=dict)
-    """Signals that are 1 when something is wrong: the sample is ``clipped``, ``missing``, or it is only ``told``."""
+    """Signals that are 1 on a fault: the sample is ``clipped`` or ``missing``; ``told``: the flag is only reported."""
     signals: dict[str, ChannelName | SensorSignal] = Field(min_length=1)
     """Channels by signal."""
     optional: bool = False
-    """Read only where the settings name it."""
+    """Read only if the settings name it."""
 
     @cached_property
     def needed(self) -> frozenset[str]:
-        """All signals that a sample is made of."""
+        """All signals that a sample needs."""
         return frozenset((*self.signals, *self.flags, *([self.counter] if self.counter else [])))
 
 
 class SensorMap(MapPart):
-    """A make of sensor."""
+    """A model of sensor."""
 
     maker: str
     """Maker of the sensor."""
@@ -83,7 +83,7 @@ class SensorMap(MapPart):
     dbc: Path
     """DBC file; a relative path starts at the map's folder."""
     streams: dict[StreamName, SensorStream] = Field(min_length=1)
-    """By name."""
+    """Streams by name."""
 
     @model_validator(mode="after")
     def _one_each(self) -> SensorMap:
@@ -99,7 +99,7 @@ class SensorMap(MapPart):
 
 @dataclass(frozen=True)
 class Decoding:
-    """A stream's message as the DBC file has it, and how its signals become channels, in their order."""
+    """A stream's message from the DBC file, and the conversion of its signals to channels, in order."""
 
     name: str
     wanted: SensorStream
@@ -107,11 +107,11 @@ class Decoding:
     channels: tuple[Channel, ...]
     factors: tuple[float, ...]
     pages: Mapping[str, frozenset[int]]
-    """Values of each multiplexer with which a frame carries the signals."""
+    """Values of each multiplexer at which a frame carries the signals."""
 
     @property
     def counts_to(self) -> int | None:
-        """Number of values that the message's counter has before it begins anew."""
+        """Number of values of the message's counter before it restarts."""
         return None if self.wanted.counter is None else 1 << _signal(self.message, self.wanted.counter).length
 
     @cached_property
@@ -126,7 +126,7 @@ class Decoding:
         """Decode the signals, by name, in the DBC file's units.
 
         Signals of ``wanted.signals`` that lie beyond a short frame are left out; a frame with another page has none.
-        Raises ``ValueError`` where there are too few bytes for any of them, or for a flag, counter or multiplexer.
+        Raises ``ValueError`` if the frame is too short for all of them, or for a flag, the counter or a multiplexer.
         """
         if self.pages:
             selected = _numbers(self._multiplexers, data, scaling=False)
@@ -151,7 +151,7 @@ def _numbers(message: Message, data: bytes, *, scaling: bool = True) -> Mapping[
 
 
 def _without_pages(message: Message, names: Iterable[str]) -> Message:
-    """Return the message with some of its signals, in every frame, whatever page it carries."""
+    """Return the message with the named signals only, decoded in every frame, whatever its page."""
     from cantools.database.can import Message
 
     signals = [copy(_signal(message, name)) for name in names]
@@ -175,7 +175,7 @@ def load_map(path: Path) -> SensorMap:
 
 
 def load_decodings(sensor: SensorName | None, path: Path | None) -> tuple[SensorMap, dict[str, Decoding]]:
-    """Read a packaged map, or one's own, with its DBC file. Raises ``ConfigError``."""
+    """Read the packaged map, or the one at ``path``, with its DBC file. Raises ``ConfigError``."""
     if path is not None:
         made = load_map(path)
         return made, _decodings(made)
@@ -223,9 +223,9 @@ def _decoding(name: str, wanted: SensorStream, message: Message) -> Decoding:
 
 
 def _pages(name: str, wanted: SensorStream, message: Message) -> Mapping[str, frozenset[int]]:
-    """Return the values of each multiplexer with which a frame carries all signals of a stream.
+    """Return the values of each multiplexer at which a frame carries all signals of a stream.
 
-    Raises ``ConfigError`` where no frame can carry all of them.
+    Raises ``ConfigError`` if no frame can carry all of them.
     """
     pages: dict[str, frozenset[int]] = {}
     by: dict[str, str] = {}

@@ -1,4 +1,4 @@
-"""python-can's bus on a serial adapter, which also tells of lines that are no frames."""
+"""python-can's bus on a serial adapter, with a count of invalid lines."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _LINE = re.compile(r"(?:[tTxrRdDbBVNF][0-9A-Fa-f]*|[zZ])?[\r\a]")
 
 
 class CountingSlcanBus(slcanBus):
-    """Lines that were damaged on the serial port are left out and counted in ``malformed``."""
+    """Leaves out lines that were damaged on the serial port, and counts them in ``malformed``."""
 
     malformed = 0
 
@@ -32,6 +32,6 @@ class CountingSlcanBus(slcanBus):
     def _recv_internal(self, timeout: float | None) -> tuple[Message | None, bool]:
         try:
             return super()._recv_internal(timeout)
-        except (ValueError, IndexError):  # a line of the right characters that was cut
+        except (ValueError, IndexError):  # a truncated line of valid characters
             self.malformed += 1
             return None, False

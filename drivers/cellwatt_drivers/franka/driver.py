@@ -26,20 +26,20 @@ class FrankaSettings(SourceSettings):
     host: Host
     """Address of the robot (its control unit)."""
     read: Chosen[Group] = ("joints", "motors", "external", "state")
-    """Groups to keep of each state."""
+    """Groups of each state to read."""
     rate: Annotated[Hertz, whole_part_of(FASTEST)] = FASTEST
-    """States a second to keep: 1 kHz or a whole part of it."""
+    """States per second to read: 1 kHz divided by a whole number."""
     timeout: Seconds = Field(2.0, gt=0)
-    """Silence after which the connection is given up and made anew."""
+    """Silence after which the connection is closed and opened again."""
 
 
 class FrankaDriver(Driver[FrankaSettings]):
-    """One robot's states as one stream on the robot's clock; the library reads in a process of its own."""
+    """One robot's states as one stream on the robot's clock; the library runs in its own process."""
 
     Settings = FrankaSettings
     title = "Franka robots over FCI (Research 3, Panda), through pylibfranka"
     emulator = "cellwatt_drivers.franka.emulator:FrankaEmulator"
-    least_delay: ClassVar[tuple[float, float]] = (0.0, 0.002)  # a cycle of the robot, and the way between two processes
+    least_delay: ClassVar[tuple[float, float]] = (0.0, 0.002)  # a robot's cycle, and the transfer between processes
     writes = (
         "what pylibfranka's constructor sends over TCP 1337: connect (command 0) and getRobotModel (command 11)",
         "UDP: nothing; no control loop is ever started",
@@ -74,7 +74,7 @@ class FrankaDriver(Driver[FrankaSettings]):
                 self._intake.settle()
 
     async def identify(self) -> Identity:
-        """See ``Driver.identify``: the library does not tell the robot's name, only that its states come."""
+        """See ``Driver.identify``: the library does not give the robot's name, only its states."""
         s = self.settings
         async with library.reading(s.host, self._every, self._selection, s.timeout) as reader:
             await reader.block()

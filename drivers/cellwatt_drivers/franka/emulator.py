@@ -25,27 +25,26 @@ from cellwatt.emulation.signals import table_of
 from cellwatt_drivers.franka import fci
 
 _RATE = 1000.0
-_AHEAD = 50  # states made at once; a disturbance of the world shows after them
+_AHEAD = 50  # states computed at once; a disturbance of the world takes effect after them
 _PRIORITY = 10
 _LONGEST = 1 << 16  # bytes of a client's message
-_APART = 0.0004  # s between states that fell due together: a client keeps but the newest of those that wait
-_MOST_APART, _MOST_APART_REALTIME = 20, 500  # of them; those before leave in one burst, or it would never catch up
+_APART = 0.0004  # s between states due together: a client reads only the newest waiting state
+_MOST_APART, _MOST_APART_REALTIME = 20, 500  # most states sent apart; earlier ones are sent in one burst to catch up
 
 
 class FrankaEmulator(Emulator):
     """FCI version 10 for one client at a time, as on a robot: states at 1 kHz from its connection on.
 
-    Listens on 127.0.0.1:1337 unless told otherwise (the library knows no other port, but any address). Answers
-    connect and getRobotModel; every other command is answered with success and counted as ``commanded``, which a
-    monitor never causes. Joint 7 stands still where the signals lack it. Options: ``version`` (10), ``realtime`` (1:
-    real-time priority for this process where it is allowed, so that states leave one by one also on a busy PC; clients
-    keep but the newest of those that come together). Disturbances, beside those of the signals: ``mode=NUMBER`` and
-    ``error=0`` or ``1``.
+    Listens on 127.0.0.1:1337 by default (the library supports no other port, but any address). Answers connect and
+    getRobotModel; every other command is answered with success and counted as ``commanded``; a monitor never sends one.
+    Joint 7 stands still if the signals lack it. Options: ``version`` (10), ``realtime`` (1: real-time priority for this
+    process, if permitted, so that states are sent one by one also on a busy PC; clients read only the newest of those
+    that arrive together). Disturbances, beside those of the signals: ``mode=NUMBER`` and ``error=0`` or ``1``.
 
     Faults on states: ``loss``, ``duplicate``, ``reorder`` (held back until after the next), ``delay`` (sent
-    ``seconds`` late), ``half_frame`` (cut: the library gives up), ``stall`` (nothing leaves for ``seconds``, then all
-    at once), ``disconnect`` (the connection ends, none is taken for ``seconds``), ``clock_jump`` (the robot's time
-    jumps ahead). ``made`` counts states for a client, ``sent`` whole ones that left.
+    ``seconds`` late), ``half_frame`` (cut: the library ends the connection), ``stall`` (nothing is sent for
+    ``seconds``, then all at once), ``disconnect`` (the connection ends, none is accepted for ``seconds``),
+    ``clock_jump`` (the robot's time jumps ahead). ``made`` counts states for a client, ``sent`` whole ones sent.
     """
 
     title: ClassVar[str] = "Franka robot (FCI)"
@@ -56,12 +55,12 @@ class FrankaEmulator(Emulator):
 
     @classmethod
     def options_for(cls, sources: Sequence[Any]) -> dict[str, str]:
-        """See ``Emulator.options_for``: the library loses states that come together."""
+        """See ``Emulator.options_for``: the library loses states that arrive together."""
         return {"realtime": "1"}
 
     @classmethod
     def free_address(cls, settings: SourceSettings) -> str:
-        """See ``Emulator.free_address``: the library knows one port, so each robot has a loopback address."""
+        """See ``Emulator.free_address``: the library supports one port, so each robot has its own loopback address."""
         for last in range(2, 255):
             with socket.socket() as probe, suppress(OSError):
                 probe.bind((f"127.0.77.{last}", fci.PORT))
@@ -99,7 +98,7 @@ class FrankaEmulator(Emulator):
         """See ``Emulator.serve``."""
         async with self._port as address:
             if self._realtime:
-                with suppress(OSError):  # not everybody may
+                with suppress(OSError):  # not every user is permitted
                     os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
                     self._most_apart = _MOST_APART_REALTIME
             with self._states.opened(address.rpartition(":")[0]):
@@ -116,10 +115,10 @@ class FrankaEmulator(Emulator):
             self._left = time.monotonic()
 
     def _keep_apart(self) -> None:
-        """Let no state leave right behind another, also when several fell due together."""
+        """Send no state immediately after another, even if several fell due together."""
         left = self._left + _APART - time.monotonic()
         if left > 0 and self._states.to is not None:
-            time.sleep(left)  # the loop's own timers are coarser than this
+            time.sleep(left)  # the loop's timers are coarser than this
 
     async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         if self._taken:
@@ -130,7 +129,7 @@ class FrankaEmulator(Emulator):
                 command, number, size = fci.HEAD.unpack(await reader.readexactly(fci.HEAD.size))
                 payload = await reader.readexactly(min(max(size - fci.HEAD.size, 0), _LONGEST))
                 peer = writer.get_extra_info("peername")[0]
-                writer.write(self._answer(fci.Command(command, number, payload), peer))
+                writer.write(self._answer(command, number, payload, peer))
                 await writer.drain()
         except struct.error:
             pass  # the client does not speak FCI
@@ -138,17 +137,17 @@ class FrankaEmulator(Emulator):
             self._taken = False
             self._states.to = None
 
-    def _answer(self, said: fci.Command, peer: str) -> bytes:
-        if said.command == fci.CONNECT:
-            version, port = fci.decode_connect(said.payload)
+    def _answer(self, command: int, number: int, payload: bytes, peer: str) -> bytes:
+        if command == fci.CONNECT:
+            version, port = fci.decode_connect(payload)
             if version != self._version:
-                return fci.connect_reply(said.number, fci.INCOMPATIBLE)
+                return fci.connect_reply(number, fci.INCOMPATIBLE)
             self._states.to = (peer, port)
-            return fci.connect_reply(said.number, fci.SUCCESS)
-        if said.command == fci.GET_ROBOT_MODEL:
-            return fci.reply(said.command, said.number, fci.SUCCESS, fci.model())
+            return fci.connect_reply(number, fci.SUCCESS)
+        if command == fci.GET_ROBOT_MODEL:
+            return fci.reply(command, number, fci.SUCCESS, fci.model())
         self.tally["commanded"] += 1
-        return fci.reply(said.command, said.number, fci.SUCCESS)
+        return fci.reply(command, number, fci.SUCCESS)
 
     def _cycle(self, index: int, passed: int) -> None:
         if jump := self.injector.once("clock_jump"):
@@ -162,7 +161,7 @@ class FrankaEmulator(Emulator):
 
 
 class EmulatedRobot:
-    """Signals as the states of a robot; what the signals lack is 0."""
+    """Signals as the states of a robot; absent signals are 0."""
 
     def __init__(self, signals: Signals) -> None:
         self.mode, self.error = 2, 0
@@ -170,7 +169,7 @@ class EmulatedRobot:
         self._blocks = Blocks(self._compute, 1 / _RATE, _AHEAD)
 
     def forget(self) -> None:
-        """Make the states anew that were made ahead."""
+        """Discard states computed ahead."""
         self._blocks.forget()
 
     def state(self, index: int, time: int) -> bytes:

@@ -7,7 +7,6 @@ little-endian, without padding.
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -38,17 +37,8 @@ STATE = np.dtype(
 """One datagram, 1377 bytes."""
 
 
-@dataclass(frozen=True, slots=True)
-class Command:
-    """A client's message: ``command``, its ``number`` and what follows."""
-
-    command: int
-    number: int
-    payload: bytes
-
-
 def decode_connect(payload: bytes) -> tuple[int, int]:
-    """Version and UDP port of a client that connects; raises ``struct.error`` where the payload is too short."""
+    """Version and UDP port of a connecting client; raises ``struct.error`` if the payload is too short."""
     version, port = struct.unpack_from("<HH", payload)
     return version, port
 
@@ -64,7 +54,7 @@ def reply(command: int, number: int, status: int, payload: bytes = b"") -> bytes
 
 
 def model(names: str = "fr3") -> bytes:
-    """A robot description with the joint limits that the client's library insists on."""
+    """A robot description with the joint limits that the client's library requires."""
     joints = "".join(
         f'<joint name="{names}_joint{i}" type="revolute"><parent link="{names}_link{i - 1}"/>'
         f'<child link="{names}_link{i}"/><axis xyz="0 0 1"/>'

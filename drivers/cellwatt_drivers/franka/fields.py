@@ -1,6 +1,6 @@
-"""Attributes of a robot's state, as the library names them, and the channels made of them.
+"""Attributes of a robot's state, by the library's names, and their channels.
 
-Source: libfranka's ``robot_state.h``. Poses are 4×4, column by column.
+Source: libfranka's ``robot_state.h``. Poses are 4×4, in column-major order.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ MODE = "robot.mode"
 
 @dataclass(frozen=True, slots=True)
 class Attribute:
-    """One attribute of a state: its ``width``, and its channels as place → (name, unit, kind)."""
+    """One attribute of a state: its ``width``, and its channels as index → (name, unit, kind)."""
 
     name: str
     width: int
@@ -86,7 +86,7 @@ GROUPS: Mapping[Group, tuple[Attribute, ...]] = {
 
 @dataclass(frozen=True)
 class Selection:
-    """The attributes of some groups in order, their channels, and where in a row of all values these are."""
+    """The attributes of some groups in order, their channels, and the channels' columns in a row of all values."""
 
     attributes: tuple[str, ...]
     channels: tuple[Channel, ...]

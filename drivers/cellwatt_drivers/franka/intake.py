@@ -1,4 +1,4 @@
-"""From states to the daemon: losses by the robot's own milliseconds and what they are due to, its clock, its mode."""
+"""From states to the daemon: losses by the robot's milliseconds and their causes, its clock, its mode."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from cellwatt_drivers.franka.fields import MODE, MODES
 from cellwatt_drivers.shared.states import State, StateWatch
 
 _SETTLED, _FORGOTTEN = 100, 1000
-"""ms without a loss after which what was lost is told, and after which what kept the reader no longer counts: the
-kernel counts in steps of 10 ms, and a tick late.
+"""Time without a loss, ms, after which losses are counted, and after which the reader's delays are discarded: the
+kernel counts delays in steps of 10 ms, and a tick late.
 """
 _STRANGE = 500.0
-"""ms by which the robot's time and this PC's may run apart between two blocks before it counts as set anew."""
+"""Deviation of the robot's time from this PC's between two blocks, ms, that means a new time base."""
 
 
 class Intake:
-    """Takes the states of one robot in order, over all connections, and keeps its account.
+    """Takes the states of one robot in order, over all connections, and counts them in its account.
 
-    ``every`` is the step in ms between two states that are kept. The robot's time counts ms since its start.
+    ``every`` is the step in ms between two states that are read. The robot's time counts ms since its start.
     """
 
     def __init__(self, inlet: Inlet, stream: Stream, every: int) -> None:
@@ -41,14 +41,14 @@ class Intake:
         self._states = StateWatch(inlet, stream, {MODE: State("mode", "robot mode", MODES)})
 
     def opened(self) -> None:
-        """Losses before the next state are those of an outage."""
+        """Mark that losses before the next state belong to an outage."""
         self.settle()
         self._losses.resumed = True
 
     def take(self, stamps: NDArray[np.int64], held: Float, values: Float) -> None:
-        """States with the robot's times (n,) ms and values (n, channels).
+        """Take states with the robot's times (n,) ms and values (n, channels).
 
-        ``held`` (n,) ms: for how long the reader was kept from running since the state before.
+        ``held`` (n,) ms: delay of the reader by the host since the state before.
         """
         steps = np.diff(stamps)
         breaks = [0, *(np.flatnonzero((steps <= 0) | (steps > _STRANGE)) + 1).tolist(), len(stamps)]
@@ -56,7 +56,7 @@ class Intake:
             self._take(stamps[start:end], held[start:end], values[start:end])
 
     def _take(self, stamps: NDArray[np.int64], held: Float, values: Float) -> None:
-        """States of one time base, rising."""
+        """Take states of one time base, with rising times."""
         arrival = self._inlet.now()
         first = int(stamps[0])
         if self._last is not None and self._strange(first, arrival):
@@ -75,7 +75,7 @@ class Intake:
         self._states.see(values)
 
     def _tell(self, missing: NDArray[np.int64], held: Float, stamps: NDArray[np.int64]) -> None:
-        """Note what is missing before each state, and say what it is due to once nothing more is lost."""
+        """Add the states missing before each state, and count them by cause once no more are lost."""
         self._held += float(held.sum())
         if missing.any():
             self._missing += int(missing.sum())
@@ -85,7 +85,7 @@ class Intake:
             self._since = int(stamps[-1])
 
     def settle(self) -> None:
-        """Count what is missing: as many states as the reader was kept from are the host's."""
+        """Count missing states: as many as the reader's delay explains as the host's, the rest as gaps."""
         host = min(self._missing, round(self._held / self._every))
         self._inlet.account.lose(host, HOST)
         self._inlet.account.lose(self._missing - host, "gap")

@@ -1,4 +1,4 @@
-"""pylibfranka as the client, in a process of its own: its reads hold the GIL and may block for ever."""
+"""pylibfranka as the client, in its own process: its reads hold the GIL and may block for ever."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from cellwatt_drivers.franka.fields import Selection
 
 _CHUNK = 1 << 16
 _START_TIME = 10.0
-"""s, at the least, that the library has from its start to its first state."""
+"""Shortest time limit for the library from its start to its first state, s."""
 
 
 class Reader:
-    """The library's process with one robot's states; see ``reading``."""
+    """The library's process and the states of one robot; see ``reading``."""
 
     def __init__(self, process: Process, host: str, selection: Selection, timeout: float) -> None:
         self._process = process
@@ -37,16 +37,16 @@ class Reader:
 
     @property
     def real_time(self) -> bool:
-        """True if the system gave it real-time priority: without it, a busy PC loses states."""
+        """True if the system granted it real-time priority: without it, a busy PC loses states."""
         try:
             return os.sched_getscheduler(self._process.pid) == os.SCHED_FIFO
-        except OSError:  # it just ended, or nobody may ask
+        except OSError:  # the process has just ended, or the call is not permitted
             return False
 
     async def block(self) -> Float:
-        """Return the states (n, 2 + channels) that came; first the robot's time, then how long the reader was kept, ms.
+        """Return the received states (n, 2 + channels): the robot's time, ms, the reader's delay, ms, and the values.
 
-        Raises ``ConnectError`` after ``timeout`` s without any, and at the process's end what its last words mean.
+        Raises ``ConnectError`` after ``timeout`` s without a state, and the library's error when the process ends.
         """
         size = 8 * self._width
         while len(self._rest) < size:
@@ -74,7 +74,7 @@ class Reader:
         return chunk
 
     def _failure(self, said: str) -> SourceError:
-        """Return the error that the library's last words mean."""
+        """Return the error for the library's last line of output."""
         host = self._host
         kind, _, text = said.partition(": ")
         if "version" in text.lower() and "incompatible" in text.lower():
@@ -89,11 +89,11 @@ class Reader:
 
 @contextlib.asynccontextmanager
 async def reading(host: str, every: int, selection: Selection, timeout: float) -> AsyncIterator[Reader]:
-    """Run the library; of all states those count whose time in ms is a whole multiple of ``every``."""
+    """Run the library; it returns the states whose time in ms is a multiple of ``every``."""
     arguments = (receive.__file__, host, str(every), *selection.attributes)
     process = await asyncio.create_subprocess_exec(
         sys.executable,
-        "-P",  # no module of this folder hides one of the library's
+        "-P",  # no module of this folder may shadow one of the library's
         *arguments,
         stdout=PIPE,
         stderr=PIPE,

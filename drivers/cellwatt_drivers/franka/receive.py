@@ -1,8 +1,8 @@
-"""pylibfranka in a process of its own: ``python receive.py HOST EVERY ATTRIBUTE …`` (see ``library``).
+"""pylibfranka in its own process: ``python receive.py HOST EVERY ATTRIBUTE …`` (see ``library``).
 
-Its reads block and hold the GIL, so it cannot live in the daemon. Writes each state whose time in ms is a whole
-multiple of EVERY to standard output as float64: that time, for how many ms this process was kept from running since
-the last state, then the attributes' values. Ends with a line on standard error when the library fails.
+Its reads block and hold the GIL, so it cannot run in the daemon. Writes each state whose time in ms is a multiple of
+EVERY to standard output as float64: that time, the delay of this process by the host since the last state, ms, then
+the attributes' values. Ends with a line on standard error when the library fails.
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ from typing import Any
 from cellwatt.processor import RunDelay
 
 _SHORTEST = 0.004
-"""s between two writes: the daemon is woken for a handful of states, not for each."""
+"""Shortest time between two writes, s: the daemon wakes for several states, not for each."""
 _PRIORITY = 11
-"""Above the daemon's own, which may compute for longer than a state lasts."""
+"""Above the daemon's priority, which may compute for longer than a state lasts."""
 _PIPE = 1 << 20
-"""Bytes that may wait for the daemon, some 2 s of states: a full pipe would hold up the library's reads."""
+"""Bytes that the pipe to the daemon holds, some 2 s of states: a full pipe would block the library's reads."""
 
 
 def main(host: str, every: int, attributes: Sequence[str]) -> None:
-    """Pass on the robot's states until the connection is gone."""
+    """Forward the robot's states until the connection ends."""
     import pylibfranka
 
-    pipe = os.dup(1)  # what the library prints goes to standard error
+    pipe = os.dup(1)  # the library's own output goes to standard error
     os.dup2(2, 1)
-    with contextlib.suppress(OSError):  # beyond what the system allows; then it stays as it is
+    with contextlib.suppress(OSError):  # above the system's limit: the pipe's size is unchanged
         fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, _PIPE)
-    gc.disable()  # states make no cycles, and a collection may last longer than a state
+    gc.disable()  # states create no reference cycles, and a collection may last longer than a state
     robot = pylibfranka.Robot(host, pylibfranka.RealtimeConfig.kIgnore)
-    # The library keeps but the newest state: whoever is not there within a millisecond loses one.
+    # The library holds only the newest state: a reader that is a millisecond late loses one.
     with contextlib.suppress(OSError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
     waiting = b""
@@ -80,5 +80,5 @@ if __name__ == "__main__":
         main(sys.argv[1], int(sys.argv[2]), sys.argv[3:])
     except BrokenPipeError:
         sys.exit(0)
-    except Exception as error:  # the library's own exceptions have no common class but this
+    except Exception as error:  # the library's exceptions have no other common class
         sys.exit(f"{type(error).__name__}: {' '.join(str(error).split())}")

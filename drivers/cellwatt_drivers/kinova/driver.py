@@ -33,15 +33,15 @@ class KinovaSettings(SourceSettings):
     port: int = Field(registers.PORT, ge=1, le=65535)
     """TCP port."""
     unit: int = Field(1, ge=0, le=255)
-    """Modbus unit to ask."""
+    """Modbus unit number of the arm."""
     axes: int = Field(7, ge=6, le=7)
-    """Joints of the arm."""
+    """Number of joints of the arm."""
     read: Chosen[Block] = ("arm", "joints")
-    """Groups to read: ``arm`` (supply, temperatures, state), ``joints``, ``tool``; two requests in all."""
+    """Groups to read: ``arm`` (supply, temperatures, state), ``joints``, ``tool``; at most two requests per poll."""
     rate: Hertz = Field(40.0, le=500)
-    """Polls a second, at most 500."""
+    """Polls per second, at most 500."""
     timeout: Seconds = Field(0.5, gt=0)
-    """Wait this long for an answer, then open the connection anew."""
+    """Longest wait for an answer; after it the connection is opened again."""
 
     @field_validator("read")
     @classmethod
@@ -52,7 +52,7 @@ class KinovaSettings(SourceSettings):
 
 
 class KinovaDriver(Driver[KinovaSettings]):
-    """One arm. A slot falls due ``rate`` times a second; in it each block is read with one request."""
+    """One arm. A slot falls due ``rate`` times a second; one request per slot reads each block."""
 
     Settings = KinovaSettings
     libraries = ("pymodbus.client",)
@@ -75,16 +75,16 @@ class KinovaDriver(Driver[KinovaSettings]):
 
     @property
     def streams(self) -> tuple[Stream, ...]:
-        """``arm`` and ``motion``, as far as they are read."""
+        """``arm`` and ``motion``, if selected."""
         return tuple(read.stream for read in self._reads)
 
     async def identify(self) -> Identity:
-        """Identify the arm by its registers, as Modbus has no name of it. Raises ``SourceError``."""
+        """Identify the arm by its registers, because Modbus gives no name. Raises ``SourceError``."""
         async with self._open() as modbus:
             return await self._greet(modbus)
 
     async def run(self) -> None:
-        """See ``Driver.run``. A connection that had delivered is opened anew at once, any other is given up."""
+        """See ``Driver.run``. A connection that has delivered samples is reopened at once, any other raises."""
         await keep_conversing(self, self._converse)
 
     @asynccontextmanager
@@ -106,7 +106,7 @@ class KinovaDriver(Driver[KinovaSettings]):
         return Identity("Kinova", f"Gen3, {self.settings.axes} joints as set")
 
     async def _converse(self) -> None:
-        """One connection, from the greeting on."""
+        """Run one connection, from the greeting on."""
         async with self._open() as modbus:
             self.inlet.connected(await self._greet(modbus))
             self._turns = Turns()
@@ -119,7 +119,7 @@ class KinovaDriver(Driver[KinovaSettings]):
         self.inlet.account.lose(slots * len(self._reads), reason)
 
     async def _serve(self, modbus: Modbus, read: Read, left: int) -> None:
-        """One request; where it fails, the ``left`` ones of this slot are missed."""
+        """Send one request; if it fails, the ``left`` requests of this slot are counted as missed."""
         asked = self.inlet.now()
         try:
             answer = await modbus.read("input", read.first, read.count, self.settings.unit)
@@ -144,7 +144,7 @@ class KinovaDriver(Driver[KinovaSettings]):
         self._watches[name].see(values.reshape(1, -1))
 
     def _report_flags(self, values: Float) -> None:
-        """Report faults and warnings that are others than before."""
+        """Report changed fault and warning flags."""
         for kind in ("fault", "warning"):
             flags = int(values[_NUMBER[f"robot.{kind}_flags"]])
             before = self._flags.get(kind, flags)

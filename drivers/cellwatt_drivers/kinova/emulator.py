@@ -21,22 +21,22 @@ from cellwatt_drivers.shared.modbus_server import modbus_port, refusal
 
 _READ_INPUT = 4
 _MOST = 125
-_CYCLE = 0.001  # s; an answer holds what the arm knew at its last cycle
+_CYCLE = 0.001  # s; an answer holds the values of the arm's last cycle
 _BLOCK = 100  # cycles computed at once
 _DEG = math.degrees(1.0)
 
 
 class KinovaEmulator(PortEmulator):
-    """A Gen3 with 7 joints: registers 0 to 13 and 34 to 139 as its published map says; any other read is an error.
+    """A Gen3 with 7 joints: registers 0 to 13 and 34 to 139 as in its published map; any other read is an error.
 
-    Listens on 127.0.0.1:5020 unless told otherwise. Options: ``wrap`` (1: positions are 0 … 360 degrees, as real arms
-    give them; 0: as in the signals). Disturbances, beside those of the signals: ``state=NUMBER``,
-    ``fault_flags=NUMBER`` and ``warning_flags=NUMBER``. Supply is what ``bus.current`` and ``bus.voltage`` say.
+    Listens on 127.0.0.1:5020 by default. Options: ``wrap`` (1: positions are 0 … 360 degrees, as from real arms; 0: as
+    in the signals). Disturbances, beside those of the signals: ``state=NUMBER``, ``fault_flags=NUMBER`` and
+    ``warning_flags=NUMBER``. The supply has the values of ``bus.current`` and ``bus.voltage``.
 
     Faults on answers: ``loss`` (not sent), ``half_frame`` (cut, then silence), ``delay`` (late by ``seconds``),
-    ``garbage`` (random bytes ahead of it). At the next request, ``stall`` leaves the asker waiting for ``seconds``;
+    ``garbage`` (random bytes before it). At the next request, ``stall`` delays the answer by ``seconds``;
     ``disconnect`` closes the port for ``seconds``. ``made`` counts answers, ``sent`` whole ones, ``refused`` requests
-    that are answered with an error; ``written`` any request but reads of input registers, which a monitor never sends.
+    answered with an error; ``written`` all requests except reads of input registers, which a monitor never sends.
     """
 
     title: ClassVar[str] = "Kinova Gen3 (Modbus TCP)"
@@ -79,7 +79,7 @@ _SCALES = np.array([_DEG if channel.unit.startswith("rad") else 1.0 for channel 
 
 
 class EmulatedArm:
-    """Signals as the registers of an arm; what the signals lack is 0."""
+    """Signals as the registers of an arm; absent signals are 0."""
 
     def __init__(self, signals: Signals, wrap: bool) -> None:
         self.state, self.fault_flags, self.warning_flags = 7, 0, 0

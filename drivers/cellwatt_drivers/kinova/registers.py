@@ -1,6 +1,7 @@
-"""The arm's input registers: where each quantity is, and registers ⇄ SI values.
+"""The arm's input registers: the registers of each quantity, and registers ⇄ SI values.
 
-Source: the Modbus ICD that Kinova publishes with its Kortex API: 32 bits are two registers, the low one first.
+Source: the Modbus ICD that Kinova publishes with its Kortex API. A value of 32 bits has two registers, the low word
+first.
 """
 
 from __future__ import annotations
@@ -20,13 +21,13 @@ MOST_JOINTS = 7
 Block = Literal["arm", "joints", "tool"]
 
 ARM = (0, 14)
-"""First register and number of the arm's block."""
+"""First register and number of registers of the arm's block."""
 JOINTS, JOINTS_AND_TOOL = (34, 70), (34, 106)
 
 _RAD = math.radians(1.0)
 _JOINT_ROWS = (("position", "rad", _RAD), ("velocity", "rad/s", _RAD), ("torque", "Nm", 1.0), ("current", "A", 1.0),
                ("temperature", "degC", 1.0))  # fmt: skip
-# Angles wrap at 180 degrees: a value between two samples would be wrong there, so they are held.
+# Angles wrap at 180 degrees, where interpolation between two samples is wrong: they are held.
 _TOOL = (
     *((Channel(f"tool.{axis}", "m"), 1.0) for axis in "xyz"),
     *((Channel(f"tool.r{axis}", "rad", align="hold"), _RAD) for axis in "xyz"),
@@ -49,12 +50,12 @@ STATES: Mapping[int, str] = {
     0: "unspecified", 1: "base initialising", 2: "idle", 3: "initialising", 4: "fault", 5: "maintenance",
     6: "low-level servoing", 7: "ready", 8: "running a sequence", 9: "guided by hand",
 }  # fmt: skip
-"""Names of the numbers in ``robot.state``."""
+"""Names of the values of ``robot.state``."""
 
 
 @dataclass(frozen=True, slots=True)
 class Read:
-    """One request: ``count`` registers from ``first`` on, and the stream they feed."""
+    """One request: ``count`` registers from ``first`` on, and the stream of its values."""
 
     stream: Stream
     first: int
@@ -62,12 +63,12 @@ class Read:
 
 
 def arm(rate: float) -> Read:
-    """Supply, temperatures and state."""
+    """Request for supply, temperatures and state."""
     return Read(Stream("arm", ARM_CHANNELS, rate, "host"), *ARM)
 
 
 def joints(rate: float, axes: int, tool: bool) -> Read:
-    """All that is measured at the joints, and at the tool where wanted, in one request."""
+    """One request for all values of the joints, and of the tool with ``tool``."""
     channels = [Channel(f"joint_{i}.{q}", unit) for q, unit, _ in _JOINT_ROWS for i in range(1, axes + 1)]
     if tool:
         channels += [channel for channel, _ in _TOOL]
@@ -82,12 +83,12 @@ def arm_values(registers: Sequence[int]) -> Float:
 
 
 def state_of(mask: int) -> float:
-    """The number of the one state in a mask; NaN where it is none."""
+    """The number of the only state in a mask; NaN if it has none or several."""
     return float(mask.bit_length() - 1) if mask > 0 and mask & (mask - 1) == 0 else float("nan")
 
 
 def motion_values(registers: Sequence[int], axes: int) -> Float:
-    """Values of the ``motion`` stream from its block; positions as the arm gives them, rad."""
+    """Values of the ``motion`` stream from its block, in SI units; positions are not unwrapped, rad."""
     found = _floats(registers)
     joints = found[:35].reshape(5, MOST_JOINTS)[:, :axes] * np.array([[s] for _, _, s in _JOINT_ROWS])
     tool = found[35:] * np.array([s for _, s in _TOOL]) if len(found) > 35 else found[35:]
@@ -101,21 +102,21 @@ def _floats(registers: Sequence[int]) -> Float:
 
 
 def encode(values: Sequence[float] | Float) -> list[int]:
-    """Values as the registers that hold them."""
+    """Encode values as registers."""
     words: list[int] = np.array(values, dtype="<f4").view("<u2").tolist()
     return words
 
 
 class Turns:
-    """Makes angles that jump by a turn continuous; starts within ± half a turn."""
+    """Makes angles that jump by a turn continuous; the first ones are within ± half a turn."""
 
     def __init__(self) -> None:
         self._last: Float | None = None
 
     def unwrap(self, angles: Float) -> Float:
-        """Angles (axes,), rad, each less than half a turn from the ones before."""
+        """Angles (axes,), rad, each within half a turn of the previous ones."""
         before = np.zeros_like(angles) if self._last is None else self._last
         step = angles - before
         found: Float = before + step - np.round(step / (2 * math.pi)) * 2 * math.pi
-        self._last = np.where(np.isnan(found), before, found)  # or one that is no number would end a joint's for good
+        self._last = np.where(np.isnan(found), before, found)  # a NaN must not stay in a joint's angle for good
         return found

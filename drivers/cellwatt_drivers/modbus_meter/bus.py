@@ -1,4 +1,4 @@
-"""Requests to meters through pymodbus; meters on one line share it."""
+"""Requests to meters through pymodbus; meters on one line share its connection."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class TcpPlace:
 
 @dataclass(frozen=True, slots=True)
 class SerialPlace:
-    """A serial line and how it is set."""
+    """A serial line and its settings."""
 
     path: str
     baud: int
@@ -50,7 +50,7 @@ Place = TcpPlace | SerialPlace
 
 
 class Bus(Modbus):
-    """An open line. Whoever holds ``turn`` has it alone; ``settle`` s pass after a request nobody answered."""
+    """An open line. The holder of ``turn`` uses it alone; it rests ``settle`` s after a request without an answer."""
 
     def __init__(self, client: Client, place: Place, numbering: Numbering, settle: float) -> None:
         super().__init__(client, str(place), numbering)
@@ -67,7 +67,7 @@ class Bus(Modbus):
             raise
 
     def close(self) -> None:
-        """Let go of the line."""
+        """Close the line."""
         self._client.close()
 
 
@@ -77,7 +77,7 @@ _OPENING: dict[tuple[asyncio.AbstractEventLoop, Place], asyncio.Lock] = {}
 
 @asynccontextmanager
 async def open_bus(place: Place, timeout: float) -> AsyncIterator[Bus]:
-    """Use the line at a place; open it where it is not open yet. Raises ``ConnectError`` that says what to check."""
+    """Use the line at a place; open it first if it is not open. Raises ``ConnectError`` that says what to check."""
     key = (asyncio.get_running_loop(), place)
     async with _OPENING.setdefault(key, asyncio.Lock()):
         bus = _OPEN.get(key)
@@ -105,7 +105,7 @@ async def _connect(place: Place, timeout: float) -> Bus:
         raise
     except (OSError, ValueError, termios.error) as error:
         raise ConnectError(f"{place} cannot be opened: {error}") from error
-    # Answers on RTU carry no number: a late one must not be taken for that of the next request.
+    # Answers on RTU carry no number: a late answer must not be mistaken for that of the next request.
     return Bus(client, place, numbering, 0.0 if numbered else timeout)
 
 

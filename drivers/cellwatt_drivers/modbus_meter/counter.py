@@ -1,4 +1,4 @@
-"""Counters that wrap, are set back or misread now and then, as ones that only rise."""
+"""Makes counters that wrap, are reset or are misread into counters that only rise."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from typing import Final, Literal, NamedTuple
 Change = Literal["wrapped", "reset", "misread"]
 
 _NEAR: Final = 0.1
-"""Share of a counter's range, from either end, within which a fall across the end is taken for a wrap."""
+"""Share of a counter's range, from either end, within which a fall across the end counts as a wrap."""
 _FASTER: Final = 10.0
-"""Times the fastest rise so far, beyond which a rise waits for the next readings."""
+"""Multiple of the fastest rise so far, above which a rise must be confirmed by the next values."""
 _SURE: Final = 3
-"""Readings that a new level needs, or rises where the counter fell."""
+"""Number of values that confirm a new level, or of rises after a fall."""
 _STANDS: Final = 60.0
-"""s for which a counter that was set back to near 0 may stand still there until that is believed."""
+"""s for which a counter at rest near 0 confirms that it was reset."""
 _REGAINED: Final = 0.1
-"""Share of a fall; a reading that regains more at once does not count on from the reading before."""
+"""Share of a fall; a value that regains more at once does not continue from the value before."""
 _ALIKE: Final = 0.001
-"""Share of the value by which the first two readings may differ."""
+"""Share of the value by which the first two values may differ."""
 
 
 class _Point(NamedTuple):
@@ -30,40 +30,41 @@ class _Point(NamedTuple):
 
 
 class Counted(NamedTuple):
-    """The value of a counter. ``held``: the last good value, as the reading is not believed yet."""
+    """The value of a counter. ``held``: the last good value, because the new one is not confirmed yet."""
 
     value: float
     held: bool = False
     change: Change | None = None
     misread: int = 0
-    """Number of readings before this one that turned out to be false."""
+    """Number of earlier values that proved to be misread."""
 
 
 @dataclass(slots=True)
 class _Level:
-    """Readings elsewhere than the counter should be, which may be its new level or false."""
+    """Values off the counter's course, which are either its new level or misread."""
 
     base: float
     last: _Point
     since: float
     pace: float
-    """Rise in 1/s up to which a reading counts on from the one before."""
+    """Rise in 1/s up to which a value continues from the one before."""
     slack: float
-    """Rise up to which it counts on, however soon."""
+    """Rise up to which a value continues, at any rate."""
     readings: int = 1
     rises: int = 0
     fastest: float = 0.0
 
 
 class RisingCounter:
-    """Adds up what a counter counted; ``wraps_at`` is the value at which it begins anew, ``period`` s between polls.
+    """Adds up a counter's rises; ``wraps_at`` is the value at which it restarts from 0, ``period`` s between polls.
 
-    ``plausible`` is a rise in 1/s that the first readings may show without a third one that agrees.
+    ``plausible`` is the rise in 1/s up to which two first values suffice, without a third one that agrees.
 
-    A reading that falls, or rises out of proportion, is not believed before the next ones count on from it: the value
-    holds until then. What comes back to where it was has been misread and changes nothing. A fall that stays is a wrap
-    (from near ``wraps_at`` to near 0: nothing is lost) or a reset: counting goes on from the last value, and what was
-    counted between the two readings is lost. Values never fall; they are NaN until the first readings agree.
+    A value that falls, or rises out of proportion, is confirmed only when the next ones continue from it: until then
+    the last value holds. A value that returns to the old course proves the others misread; they change nothing. A fall
+    that stays is a wrap (from near ``wraps_at`` to near 0: nothing is lost) or a reset: counting continues from the
+    last value, and counts between the two values are lost. Values never fall; they are NaN until the first values
+    agree.
     """
 
     def __init__(self, wraps_at: float | None, period: float, plausible: float = 0.0) -> None:
@@ -77,14 +78,14 @@ class RisingCounter:
         self._fastest = 0.0
         self._level: _Level | None = None
         self._doubted = 0
-        """Readings since the last that was believed."""
+        """Number of values since the last confirmed one."""
         self._highest = -math.inf
-        """Highest of these and of that one: a counter may wrap while its rise is not believed yet."""
+        """Highest of these values and the confirmed one: a counter may wrap while its rise is not confirmed yet."""
         self._former: tuple[_Point, float] | None = None
-        """Where the counter was before its last change of level, and what was added there."""
+        """Last value before the latest change of level, and the amount added then."""
 
     def take(self, reading: float, time: float) -> Counted:
-        """Return the value after a ``reading`` at ``time`` s; NaN passes through."""
+        """Return the value after a ``reading`` at ``time`` s; NaN is returned unchanged."""
         if math.isnan(reading):
             return Counted(math.nan)
         point = _Point(time, reading)
@@ -97,7 +98,7 @@ class RisingCounter:
         return Counted(self._top, held, change, readings)
 
     def _begin(self, point: _Point) -> Counted:
-        """Wait for two readings that rise plausibly or are nearly equal, or three that rise evenly."""
+        """Wait for two values that rise plausibly or are nearly equal, or three that rise evenly."""
         self._seen.append(point)
         paces = [self._pace(a, b) for a, b in itertools.pairwise(self._seen)]
         plausible = bool(paces) and 0 <= paces[-1] <= self._plausible
@@ -111,7 +112,7 @@ class RisingCounter:
         return Counted(point.reading)
 
     def _place(self, point: _Point) -> tuple[Change | None, int]:
-        """Believe a reading, or hold it as a level; return what changed, and how many readings were false."""
+        """Confirm a value, or hold it as a level; return the change, and how many values were misread."""
         false = self._doubted
         if self._follows(self._seen[-1], point):
             if len(self._seen) > 1:
@@ -119,7 +120,7 @@ class RisingCounter:
             self._believe(point)
             return ("misread" if false else None), false
         for n, earlier in enumerate(reversed(self._seen)):
-            if self._follows(earlier, point):  # those after it were too high
+            if self._follows(earlier, point):  # the values after it were too high
                 self._seen = deque([earlier], _SURE)
                 self._believe(point)
                 return "misread", false + n
@@ -145,7 +146,7 @@ class RisingCounter:
             self._former = None
 
     def _extend(self, point: _Point) -> None:
-        """Add a reading to the level that is held, or begin one with it."""
+        """Add a value to the unconfirmed level, or begin a level with it."""
         level, last = self._level, self._seen[-1]
         self._doubted += 1
         self._highest = max(self._highest, point.reading)
@@ -164,7 +165,7 @@ class RisingCounter:
         self._level = _Level(point.reading, point, point.time, _FASTER * pace, slack)
 
     def _adopt(self) -> tuple[Change | None, int]:
-        """Go on from the level that is held, once that is sure; return as ``_place`` does."""
+        """Continue from the unconfirmed level if it is confirmed; returns the same as ``_place``."""
         level, last, added, former = self._level, self._seen[-1], self._added, self._former
         assert level is not None
         change: Change | None = None
@@ -172,7 +173,7 @@ class RisingCounter:
             if level.readings < _SURE:
                 return None, 0
             self._former = None
-            if former and level.base >= former[0].reading:  # the fall before is taken back
+            if former and level.base >= former[0].reading:  # the earlier fall was a misread
                 change, self._added = "misread", former[1]
             elif not self._fastest and last.reading > 0:
                 self._learn(self._pace(last, level.last))
@@ -189,7 +190,7 @@ class RisingCounter:
         return change, false
 
     def _fall(self, level: _Level, last: _Point) -> Change | None:
-        """Return what a fall to this level is, once that is sure."""
+        """Return the kind of a fall to this level; None while it is not confirmed."""
         full, counts_on = self._range, level.rises >= _SURE
         if full is not None and (1 - _NEAR) * full < self._highest <= full and level.base < _NEAR * full:
             return "wrapped" if counts_on or (level.readings >= _SURE and level.base > 0) else None

@@ -37,9 +37,9 @@ from cellwatt_drivers.shared.requirements import require
 PORT = 502
 
 _USUAL = {"timeouts", "retries", "refused reads"}
-"""Counts that also grow on a good line."""
+"""Counts that also rise on a good line."""
 _PLAUSIBLE = {"J": 1e6}
-"""Rise of a counter a second, by unit, that no two first readings of a cell's meter exceed."""
+"""Rise of a counter per second, by unit, that the first two values of a cell's meter do not exceed."""
 _CHANGES = {
     "wrapped": "began anew at its end",
     "reset": "was set back; what is given goes on rising",
@@ -54,15 +54,15 @@ class ModbusMeterSettings(SourceSettings):
     device_parts: ClassVar[tuple[str, ...]] = ("unit",)
 
     meter: MeterName | None = None
-    """Make of the meter: one of the packaged maps."""
+    """Model of the meter: one of the packaged maps."""
     map: FilePath | None = None
-    """File with a map of one's own instead of ``meter``."""
+    """File with your own map instead of ``meter``."""
     host: Host | None = None
-    """Address of the meter, or of the gateway before it."""
+    """Address of the meter, or of the gateway in front of it."""
     port: int = Field(PORT, ge=1, le=65535)
     """TCP port."""
     framing: Framing = "tcp"
-    """``rtu`` where ``host`` is a serial device server that passes bytes on as they are."""
+    """``rtu`` if ``host`` is a serial device server that passes bytes on unchanged."""
     line: SerialPath | None = None
     """Serial port instead of ``host``, e.g. ``/dev/serial/by-id/usb-…``; several sources may share one."""
     baud: int = Field(9600, ge=300, le=1_000_000)
@@ -72,21 +72,21 @@ class ModbusMeterSettings(SourceSettings):
     stop_bits: Literal[1, 2] = 1
     """Stop bits of the serial line."""
     unit: int = Field(1, ge=0, le=255)
-    """Number of the meter on its line (also called address, slave or station)."""
+    """Unit number of the meter on its line (also called address, slave or station)."""
     read: Chosen[str] | None = None
-    """Channels to read; left out: all of the map. Fewer are faster."""
+    """Channels to read; omitted: all of the map. Fewer channels are read faster."""
     rate: Hertz = 1.0
     """Polls a second."""
     window: Seconds | None = Field(None, gt=0)
-    """Window that each power is a mean over, by the meter's data sheet; left out: as the map says."""
+    """Averaging window of each power, from the meter's data sheet; omitted: the map's value."""
     timeout: Seconds = Field(1.0, gt=0)
-    """Wait this long for an answer."""
+    """Longest wait for an answer."""
     retries: int = Field(1, ge=0, le=10)
-    """Ask again at most this often within one poll."""
+    """Most repeated requests within one poll."""
     mains_may_be_off: bool = False
-    """The meter has a supply of its own, and what it measures may be off: 0 V and 0 Hz do not mean a wrong meter."""
+    """The meter has its own supply, and the measured mains may be off: 0 V and 0 Hz do not mean a wrong meter."""
     silence: Seconds = Field(5.0, gt=0)
-    """No good answer for this long: the source is down and is opened again."""
+    """Longest time without a good answer: after it the source is down and is opened again."""
 
     @model_validator(mode="after")
     def _fits(self) -> ModbusMeterSettings:
@@ -98,10 +98,10 @@ class ModbusMeterSettings(SourceSettings):
 
 
 class ModbusMeterDriver(Driver[ModbusMeterSettings]):
-    """One meter. Every poll due is delivered, or missed with its reason.
+    """One meter. Every due poll is delivered, or counted as missed with its reason.
 
-    Registers that the meter refuses to read together are asked for apart from then on; a value that it does not
-    have at all is told once and stays NaN.
+    Registers that the meter refuses to read together are then requested separately; a value that the meter does not
+    have is reported once and stays NaN.
     """
 
     Settings = ModbusMeterSettings
@@ -140,11 +140,11 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
 
     @property
     def streams(self) -> tuple[Stream, ...]:
-        """One: ``measured``."""
+        """The one stream, ``measured``."""
         return (self._stream,)
 
     async def identify(self) -> Identity:
-        """The map's meter, once its registers were read. Raises ``SourceError``."""
+        """Identity of the map's meter, after its registers were read. Raises ``SourceError``."""
         async with self._open() as bus:
             return await self._greet(bus)
 
@@ -183,7 +183,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
             values, _ = self._in_si(raw)
             found = {n: float(v) for n, v in zip(self._names, raw, strict=True) if n not in self._reader.left_out}
             await likeness.examine(bus, unit, meter, found, self.settings.mains_may_be_off)
-        self._count_on(values, arrival)  # counters begin with two readings that agree
+        self._count_on(values, arrival)  # a counter needs two first values that agree
         notes = {"map": meter.source, "requests a poll": str(len(self._reader.blocks))}
         return Identity(meter.maker, meter.model, notes=notes)
 
@@ -215,7 +215,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
             deliver(self.inlet, self._stream, values, asked, arrival, quality)
 
     def _endure(self, error: SourceError) -> None:
-        """Go on after a failed poll, unless there has been no good one for long."""
+        """Continue after a failed poll, unless the last good one is older than ``silence``."""
         silence = (time.monotonic_ns() - self._heard) * 1e-9
         if silence > self.settings.silence:
             kind = DeviceError if isinstance(error, RefusedError) else ConnectError
@@ -227,7 +227,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
             self.inlet.event(kind, f"{self.name}: {text}")
 
     def _measured(self, raw: NDArray[np.float64], arrival: int) -> tuple[NDArray[np.float64], Quality]:
-        """Return the values in SI units and their quality from the numbers in the registers, read at ``arrival`` ns."""
+        """Convert register numbers, read at ``arrival`` ns, to SI units; return the values and their quality."""
         row, over = self._in_si(raw)
         quality = Quality.INTERPOLATED if self._count_on(row, arrival) else Quality.GOOD
         if np.isnan(row).all():
@@ -239,9 +239,9 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         return row, quality
 
     def _in_si(self, raw: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Return the values in SI units, NaN where there is none, and which are beyond what the meter can measure.
+        """Return the values in SI units, NaN for no value, and the flags of those beyond the meter's range.
 
-        ``raw`` is NaN afterwards where its number stands for no value.
+        Sets ``raw`` to NaN at numbers that mean "no value".
         """
         for column, mark in self._missing:
             if raw[column] == mark:
@@ -250,7 +250,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         return np.where(over | ~np.isfinite(raw), np.nan, raw) * self._factor, over
 
     def _count_on(self, row: NDArray[np.float64], arrival: int) -> bool:
-        """Replace the readings of counters by values that only rise; return whether any is held."""
+        """Replace counters by values that only rise; return whether any value is held."""
         held = False
         for column, counter in self._counters.items():
             counted = counter.take(float(row[column]), arrival * 1e-9)
@@ -275,7 +275,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
 
 
 def _chosen(meter: MeterMap, read: tuple[str, ...] | None) -> tuple[str, ...]:
-    """The channels to read. Raises ``ConfigError`` where the map lacks one."""
+    """The channels to read. Raises ``ConfigError`` if the map lacks one."""
     names = tuple(meter.values) if read is None else read
     if unknown := [n for n in names if n not in meter.values]:
         raise ConfigError(f"read: a {meter.model} gives no {', '.join(unknown)}; it gives: {', '.join(meter.values)}")

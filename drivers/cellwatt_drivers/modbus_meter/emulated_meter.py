@@ -1,4 +1,4 @@
-"""The meter behind the emulator: what it measures, and its registers."""
+"""The meter behind the emulator: its measured values and its registers."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from cellwatt_drivers.modbus_meter.registers import Block, Slot
 
 FREQUENCY = 50.0
 _SHARES = (0.5, 0.3, 0.2)
-"""Of the current and power that each phase carries."""
+"""Share of the current and power that each phase carries."""
 
 
 class EmulatedMeter:
-    """A meter of one make on the mains of ``supply.power``, ``.voltage`` and ``.current``.
+    """A meter of one model on the mains of ``supply.power``, ``.voltage`` and ``.current``.
 
-    ``energy`` is what its import counter says, J; it counts from the first time the meter is looked at.
+    ``energy`` is the value of its import counter, J; it counts from the first read on.
     """
 
     def __init__(self, signals: Signals, made: MeterMap, energy: float = 0.0) -> None:
@@ -33,15 +33,15 @@ class EmulatedMeter:
         self._factors = [v.factor for v in made.values.values()]
 
     def has(self, address: int, count: int) -> bool:
-        """True if a read lies between the first and the last of its registers."""
+        """True if all requested registers lie between the first and the last of the meter."""
         return self._first <= address and address + count <= self._end
 
     def cuts(self, address: int, count: int) -> bool:
-        """True if a read holds a part of a value, or registers without one."""
+        """True if a read covers only a share of a value's registers, or registers without a value."""
         return sum(s.end - s.address for s in self._slots if address <= s.address and s.end <= address + count) < count
 
     def read(self, t: float, address: int, count: int) -> list[int]:
-        """Registers ``address`` … at t s; 0 between the values."""
+        """Read ``count`` registers from ``address`` on at t s; registers between values are 0."""
         values, registers = self._measured(t), [0] * (self._end - self._first)
         for slot in self._slots:
             if address < slot.end and slot.address < address + count:

@@ -1,4 +1,4 @@
-"""Energy meters of one make at a Modbus address."""
+"""Emulates energy meters of one model at a Modbus address."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ _FUNCTIONS = {"holding": 3, "input": 4}
 
 
 class ModbusMeterEmulator(PortEmulator):
-    """Meters of one make on one TCP port, or on a serial line (``pty`` or the path of a link to it).
+    """Meters of one model on one TCP port, or on a serial line (``pty`` or the path of a link to it).
 
-    Listens on 127.0.0.1:5020 unless told otherwise; a pseudo-terminal knows no parity. Options: ``meter`` (a packaged
-    map, ``eastron_sdm630``) or ``map`` (a file), ``unit`` (numbers on the line, comma-separated, 1; others are not
-    answered), ``framing`` (``rtu``: RTU frames over TCP), ``energy`` (kWh that the import counter begins with),
-    ``strict`` (``yes``: registers between values and cut values are refused).
+    Listens on 127.0.0.1:5020 by default; a pseudo-terminal has no parity. Options: ``meter`` (a packaged map,
+    ``eastron_sdm630``) or ``map`` (a file), ``unit`` (unit numbers on the line, comma-separated, 1; others are not
+    answered), ``framing`` (``rtu``: RTU frames over TCP), ``energy`` (kWh at which the import counter starts),
+    ``strict`` (``yes``: registers between values and partial values are refused).
 
-    Faults strike answers. ``loss``: not sent; ``half_frame``: cut; ``garbage``: random bytes ahead of it; ``delay``:
-    late by ``seconds``. At the next request, ``stall`` leaves the asker waiting for ``seconds``; ``disconnect`` closes
-    the port for ``seconds``, on a serial line it lets all bytes be lost. ``made`` counts answers, ``sent`` whole ones,
-    ``refused`` those that are exceptions.
+    Faults strike answers. ``loss``: not sent; ``half_frame``: cut; ``garbage``: random bytes before it; ``delay``: late
+    by ``seconds``. At the next request, ``stall`` delays the answer by ``seconds``; ``disconnect`` closes the port for
+    ``seconds``, on a serial line all bytes are then lost. ``made`` counts answers, ``sent`` whole ones, ``refused``
+    those that are exceptions.
     """
 
     title: ClassVar[str] = "Modbus energy meter"
@@ -36,7 +36,7 @@ class ModbusMeterEmulator(PortEmulator):
 
     @classmethod
     def options_for(cls, sources: Sequence[Any]) -> dict[str, str]:
-        """See ``Emulator.options_for``: one meter a source, all of one make."""
+        """See ``Emulator.options_for``: one meter per source, all of one model."""
         first = sources[0]
         if len({(s.meter, s.map, s.framing) for s in sources}) > 1:
             raise ValueError("an emulated gateway has meters of one make")
@@ -68,7 +68,7 @@ class ModbusMeterEmulator(PortEmulator):
         return struct.pack(f">BB{count}H", function, 2 * count, *registers)
 
     def _refusal(self, meter: EmulatedMeter, function: int, body: bytes) -> int:
-        """Code with which a meter refuses a request; 0 where it answers."""
+        """Exception code with which a meter refuses a request; 0 if it answers."""
         known = set(_FUNCTIONS.values()) if self._map.both_functions else {_FUNCTIONS[self._map.function]}
         if function not in known or len(body) != 4:
             return ILLEGAL_FUNCTION

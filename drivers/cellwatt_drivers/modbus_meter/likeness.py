@@ -1,4 +1,4 @@
-"""Tells a meter from another make's by what several of its registers say together."""
+"""Distinguishes a meter from another model by the values of several registers."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from cellwatt_drivers.modbus_meter.reader import Reader
 from cellwatt_drivers.shared.modbus import ILLEGAL_FUNCTION, RefusedError
 
 _LOOKS = 3
-"""Readings in a row that must contradict themselves."""
+"""Consecutive reads that must contain a contradiction."""
 _LOADED = 10.0
-"""VA of a phase, from which its power factor means anything."""
+"""Smallest apparent power of a phase, VA, at which its power factor is checked."""
 _BELOW = 0.2
-"""By how much a power factor may be below power over voltage times current."""
+"""Largest amount by which a power factor may be below power over voltage times current."""
 
 
 def doubt(meter: MeterMap, found: Mapping[str, float], may_be_off: bool) -> str:
-    """Return why these first values, as they stand in the registers, are not this meter's; empty if they may be.
+    """Return why these first register numbers are not from this meter; empty if they may be.
 
-    A mains meter has a frequency, and a voltage on at least one phase: 0 and NaN there are another meter's, unless
-    the mains ``may_be_off``. What the map gives no range for is not looked at.
+    A mains meter measures a frequency, and a voltage on at least one phase: 0 or NaN means another meter, unless the
+    mains ``may_be_off``. Values without a range in the map are not checked.
     """
     values = {n: number * meter.values[n].scale for n, number in found.items() if meter.values[n].between}
     silent = [n for n, value in values.items() if value == 0 or math.isnan(value)]
@@ -44,10 +44,10 @@ def doubt(meter: MeterMap, found: Mapping[str, float], may_be_off: bool) -> str:
 
 
 def contradiction(meter: MeterMap, found: Mapping[str, float]) -> str:
-    """Return which of these values, as they stand in the registers, contradict each other; empty if none do.
+    """Return which of these register numbers contradict each other; empty if none do.
 
-    A phase's power factor is its power over voltage times current, or the cosine of its angle, which is above that
-    where the current has harmonics: one that is clearly below is another meter's register.
+    A phase's power factor is its power over voltage times current, or the cosine of its angle, which is higher if the
+    current has harmonics: one that is clearly lower comes from another meter's register.
     """
     values = {n: number * meter.values[n].factor for n, number in found.items()}
     for name in meter.factors:
@@ -61,16 +61,16 @@ def contradiction(meter: MeterMap, found: Mapping[str, float]) -> str:
 
 
 async def examine(bus: Bus, unit: int, meter: MeterMap, found: Mapping[str, float], may_be_off: bool) -> None:
-    """Raise ``WrongDeviceError`` where the meter is another one than the map is for, and say which, if that shows.
+    """Raise ``WrongDeviceError`` if the meter is not the map's model; it names the actual model if possible.
 
-    ``found`` are values that were read already; where there is no voltage or no frequency among them, it is read here.
+    ``found`` are values already read; if it has no voltage or no frequency, they are read here.
     """
     known = {_quantity(meter, name) for name in found}
     left = [name for name in meter.checked if _quantity(meter, name) not in known]
     found = {**found, **await _numbers(bus, unit, meter, left)}
     if reason := doubt(meter, found, may_be_off):
         raise await wrong(bus, unit, meter, reason)
-    for _ in range(_LOOKS):  # a load may change from one register to the next
+    for _ in range(_LOOKS):  # the load may change between the reads of two registers
         found = await _numbers(bus, unit, meter, meter.related)
         reason = contradiction(meter, found)
         if not reason:
@@ -83,14 +83,14 @@ def _quantity(meter: MeterMap, name: str) -> str:
 
 
 async def wrong(bus: Bus, unit: int, meter: MeterMap, reason: str) -> WrongDeviceError:
-    """Return the error that says what was expected, why it is not that, and what it probably is."""
+    """Return the error with the expected meter, the contradiction, and the probable model."""
     like = await _like(bus, unit, meter)
     hint = f"it answers like {' or '.join(like)}" if like else "check meter, map, unit and word order"
     return WrongDeviceError(f"unit {unit} at {bus.place} is not a {meter.model}: {reason}; {hint}")
 
 
 async def _like(bus: Bus, unit: int, but: MeterMap) -> list[str]:
-    """Return the packaged maps whose voltages, frequency and power factors are all there and plausible."""
+    """Return the packaged maps for which voltages, frequency and power factors are all present and plausible."""
     fitting = []
     for name, meter in (await asyncio.to_thread(_packaged)).items():
         if meter == but:
@@ -102,7 +102,7 @@ async def _like(bus: Bus, unit: int, but: MeterMap) -> list[str]:
                 fitting.append(f"{meter.maker} {meter.model} (meter: {name})")
         except ConnectError:
             break
-        except (DeviceError, ProtocolError):  # of a meter that is another one anyway: no reason to say something else
+        except (DeviceError, ProtocolError):  # this map does not fit; the meter is wrong in any case
             continue
     return fitting
 
@@ -113,7 +113,7 @@ def _packaged() -> dict[MeterName, MeterMap]:
 
 
 async def _numbers(bus: Bus, unit: int, meter: MeterMap, names: Sequence[str]) -> dict[str, float]:
-    """Read those of these values that the meter has, as they stand in the registers."""
+    """Read the register numbers of those values that the meter has."""
     if not names:
         return {}
     reader = Reader(meter, names, unit)

@@ -1,4 +1,4 @@
-"""A meter's registers as a YAML file."""
+"""A meter's registers, described in a YAML file."""
 
 from __future__ import annotations
 
@@ -30,25 +30,24 @@ class MeterValue(MapPart):
     """One value of a meter."""
 
     address: int = Field(ge=0, le=65535)
-    """Address of its first register on the wire, from 0; manuals that count from 1 or 40001 say one more."""
+    """Address of its first register on the wire, from 0; manuals that count from 1 or 40001 give one more."""
     unit: ScaledUnit
-    """Unit of the number, after ``scale``."""
+    """Unit of the register number times ``scale``."""
     type: RegisterType | None = None
-    """Type in which it is written; left out: the map's ``type``."""
+    """Type of the number; omitted: the map's ``type``."""
     scale: float = Field(1.0, allow_inf_nan=False)
-    """The number in the registers times this is in ``unit``."""
+    """Factor from the register number to ``unit``."""
     counter: bool | None = None
-    """Counts up: what falls is a wrap or a reset. Left out: yes for an energy."""
+    """The value only rises: a fall is a wrap or a reset. Omitted: yes for an energy."""
     wraps_at: float | None = Field(None, gt=0, allow_inf_nan=False)
-    """A counter begins anew at this, in ``unit``; left out: where an unsigned type ends."""
+    """Value, in ``unit``, at which the counter restarts from 0; omitted: the end of an unsigned type."""
     missing: tuple[int, ...] | None = None
-    """Numbers in the registers that stand for no value. Left out: the lowest of a signed integer, the highest of an
-    unsigned one."""
+    """Register numbers that mean "no value". Omitted: the lowest of a signed, the highest of an unsigned integer."""
     largest: float | None = None
-    """A number in the registers beyond this (up or down) stands for an overload."""
+    """A register number beyond this, positive or negative, means an overload."""
     between: tuple[float, float] | None = None
-    """In ``unit``: outside of it, the first answer shows that this is another meter or word order. 0 and NaN show it
-    for a frequency, and for voltages where no phase has one."""
+    """Range in ``unit``: a first answer outside of it means another meter or word order. So do 0 and NaN for a
+    frequency, and for voltages if no phase has one."""
 
     @property
     def factor(self) -> float:
@@ -61,7 +60,7 @@ class MeterValue(MapPart):
         return self.unit in {"J", "Wh", "kWh", "MWh"} if self.counter is None else self.counter
 
     def channel(self, name: str, window: float = 0.0) -> Channel:
-        """The channel it feeds; what is an energy but no counter is held, not interpolated.
+        """Channel for the value; an energy that is not a counter is held, not interpolated.
 
         Powers are means over ``window`` s.
         """
@@ -73,32 +72,32 @@ class MeterValue(MapPart):
 
 
 class MeterMap(MapPart):
-    """A make of meter: how its registers are read, and what stands in them."""
+    """A model of meter: how its registers are read, and their contents."""
 
     maker: str
     """Maker of the meter."""
     model: str
     """Model of the meter."""
     source: str = ""
-    """Source of the addresses, and the ones that are not sure."""
+    """Source of the addresses, and which addresses are unconfirmed."""
     function: Literal["input", "holding"]
-    """Read by function code 4 (``input``) or 3 (``holding``)."""
+    """Function code: 4 (``input``) or 3 (``holding``)."""
     both_functions: bool = False
     """The other function reads the same registers."""
     delivered: str = ""
-    """Unit, speed and parity that it has at delivery."""
+    """Unit number, speed and parity at delivery."""
     type: RegisterType
-    """Type in which most values are written."""
+    """Type of most values."""
     word_order: WordOrder = "big"
-    """Which word of a value comes first: the high one (``big``) or the low one (``little``)."""
+    """First word of a value: the high one (``big``) or the low one (``little``)."""
     longest_read: int = Field(LONGEST, ge=4, le=LONGEST)
-    """Registers that it gives in one answer."""
+    """Most registers in one answer."""
     gap: int = Field(0, ge=0, le=LONGEST)
-    """Registers between two values that may be read with them, to save a request."""
+    """Most registers between two values that are read in one request."""
     window: float = Field(0.0, ge=0)
-    """Window in s that each power is a mean over; 0: not known."""
+    """Averaging window of each power, s; 0: unknown."""
     values: dict[ChannelName, MeterValue] = Field(min_length=1)
-    """By channel."""
+    """Values by channel."""
 
     @model_validator(mode="after")
     def _apart(self) -> MeterMap:
@@ -112,7 +111,7 @@ class MeterMap(MapPart):
         return self
 
     def slots(self, names: tuple[str, ...]) -> list[Slot]:
-        """The named values' places; columns are in the order of ``names``."""
+        """Register slots of the named values; columns are in the order of ``names``."""
         found = []
         for column, name in enumerate(names):
             value = self.values[name]
@@ -121,23 +120,23 @@ class MeterMap(MapPart):
 
     @property
     def checked(self) -> tuple[str, ...]:
-        """Values that tell whether this is the meter."""
+        """Values that show whether the meter is this model."""
         return tuple(name for name, value in self.values.items() if value.between is not None)
 
     @property
     def factors(self) -> tuple[str, ...]:
-        """Power factors of phases, by which it is told whether this is the meter."""
+        """Power factors of phases, used to check whether the meter is this model."""
         return tuple(n for n in self.checked if n.startswith("phase_") and n.endswith(".power_factor"))
 
     @property
     def related(self) -> tuple[str, ...]:
-        """Values that the ``factors`` must agree with, and these."""
+        """Values with which the ``factors`` must agree, and the ``factors`` themselves."""
         phases = [name.removesuffix("power_factor") for name in self.factors]
         wanted = (f"{p}{q}" for p in phases for q in ("voltage", "current", "power", "power_factor"))
         return tuple(name for name in wanted if name in self.values)
 
     def marks(self, name: str) -> tuple[int, ...]:
-        """Return the numbers in the registers that stand for no value."""
+        """Return the register numbers that mean "no value"."""
         value = self.values[name]
         kind = value.type or self.type
         if value.missing is not None:
@@ -148,7 +147,7 @@ class MeterMap(MapPart):
         return (-(2 ** (bits - 1)),) if kind.startswith("int") else ()
 
     def wrap(self, name: str) -> float | None:
-        """Return the value at which a counter begins anew, in SI units; ``None`` if that is not known."""
+        """Return the value at which a counter restarts from 0, in SI units; ``None`` if unknown."""
         value = self.values[name]
         if value.wraps_at is not None:
             return value.wraps_at * SCALED[value.unit][1]
@@ -162,7 +161,7 @@ def load_map(path: Path) -> MeterMap:
 
 
 def chosen_map(name: MeterName | None, path: Path | None) -> MeterMap:
-    """Read a map of one's own, or else a packaged one."""
+    """Read the map at ``path``, or else the packaged one."""
     if path is not None:
         return load_map(path)
     assert name is not None

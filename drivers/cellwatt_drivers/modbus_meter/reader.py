@@ -1,4 +1,4 @@
-"""Reads chosen values of a meter: which registers are asked for together, and which apart."""
+"""Reads chosen values of a meter: groups registers into requests."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from cellwatt_drivers.shared.polling import NoAnswerError
 
 
 class Reader:
-    """Values ``names`` of the meter ``unit``; ``left_out`` are those that it does not have.
+    """Values ``names`` of the meter ``unit``; ``left_out`` are those that the meter does not have.
 
-    Registers that the meter refuses to read together are asked for apart from then on. ``count`` is told what
-    happened, ``refused`` which value is left out and why.
+    Registers that the meter refuses to read together are then requested separately. ``count`` receives the name of each
+    event to count, ``refused`` each value that is left out and the refusal.
     """
 
     def __init__(
@@ -42,9 +42,9 @@ class Reader:
         self._refused = refused
 
     async def read(self, bus: Bus) -> NDArray[np.float64]:
-        """Read all values (names,) as they stand in the registers; NaN for those that the meter does not have.
+        """Read the register numbers of all values (names,); NaN for those that the meter does not have.
 
-        Raises ``WrongDeviceError`` where it has none of them, and what ``Bus.read`` raises.
+        Raises ``WrongDeviceError`` if it has none of them, and what ``Bus.read`` raises.
         """
         row = np.full(len(self.names), np.nan)
         left, kept = deque(self.blocks), []
@@ -67,7 +67,7 @@ class Reader:
         return row
 
     def _apart(self, block: Block, error: RefusedError) -> tuple[Block, ...]:
-        """Return the blocks to ask instead of one that is refused."""
+        """Return the blocks that replace a refused one."""
         self._count("refused reads")
         parts = block.split()
         if not parts:

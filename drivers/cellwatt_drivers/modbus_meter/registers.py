@@ -1,4 +1,4 @@
-"""Places of values among a meter's registers, and the requests that read them. Pure functions."""
+"""Registers of a meter's values, and the requests that read them. Pure functions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ RegisterType = Literal["int16", "uint16", "int32", "uint32", "int64", "uint64", 
 WordOrder = Literal["big", "little"]
 
 LONGEST = 125
-"""Registers that one request may ask for (Modbus Application Protocol V1.1b3, 6.3 and 6.4)."""
+"""Most registers in one request (Modbus Application Protocol V1.1b3, 6.3 and 6.4)."""
 
 _FORMAT: dict[RegisterType, str] = {
     "int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "int64": "q", "uint64": "Q", "float32": "f",
@@ -22,13 +22,13 @@ _FORMAT: dict[RegisterType, str] = {
 
 
 def width(kind: RegisterType) -> int:
-    """Return the number of registers that a value takes."""
+    """Return the number of registers of a value."""
     return struct.calcsize(_FORMAT[kind]) // 2
 
 
 @dataclass(frozen=True, slots=True)
 class Slot:
-    """One value: the ``address`` of its first register, as on the wire, and the ``column`` it fills."""
+    """One value: the ``address`` of its first register, as on the wire, and its ``column``."""
 
     address: int
     kind: RegisterType
@@ -42,7 +42,7 @@ class Slot:
 
 @dataclass(frozen=True)
 class Block:
-    """Slots that one request reads; ``order`` is that of the words within a value."""
+    """Slots that one request reads; ``order`` is the word order within a value."""
 
     slots: tuple[Slot, ...]
     order: WordOrder
@@ -71,19 +71,19 @@ class Block:
             object.__setattr__(self, name, value)
 
     def decode(self, registers: Sequence[int]) -> tuple[float, ...]:
-        """The slots' numbers, as the meter writes them. Raises ``ProtocolError`` where there are not ``count``."""
+        """Decode the slots' register numbers. Raises ``ProtocolError`` unless there are ``count`` registers."""
         if len(registers) != self.count:
             raise ProtocolError(f"{len(registers)} registers from {self.address}; expected {self.count}")
         return self._values.unpack(self._packed.pack(*[registers[i] for i in self._words]))
 
     def encode(self, numbers: Sequence[float], registers: list[int], start: int) -> None:
-        """Write the slots' numbers into ``registers``, whose first has the address ``start``."""
+        """Encode the slots' numbers into ``registers``, whose first has the address ``start``."""
         words = self._packed.unpack(self._values.pack(*numbers))
         for i, word in zip(self._words, words, strict=True):
             registers[self.address - start + i] = word
 
     def split(self) -> tuple[Block, ...]:
-        """Smaller blocks: without registers between values, or else value by value; none from a single value."""
+        """Smaller blocks: without registers between values, or else value by value; none for a single value."""
         if len(self.slots) == 1:
             return ()
         whole = plan(self.slots, LONGEST, 0, self.order)
@@ -91,7 +91,7 @@ class Block:
 
 
 def plan(slots: Iterable[Slot], longest: int, gap: int, order: WordOrder) -> tuple[Block, ...]:
-    """Fewest requests of at most ``longest`` registers that read all slots, over at most ``gap`` registers between."""
+    """Fewest requests of at most ``longest`` registers that read all slots, with gaps of at most ``gap`` registers."""
     blocks: list[list[Slot]] = []
     for slot in sorted(slots, key=lambda s: s.address):
         last = blocks[-1] if blocks else []

@@ -1,4 +1,4 @@
-"""Browse paths: how they are written, and which child a step means."""
+"""Browse paths: their notation, and the children that match a step."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _PREFIXED = re.compile(r"([a-z][a-z0-9_]*|[0-9]+):(.+)", re.DOTALL)
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One step down: a child's name, with the prefix or number of its namespace; or any child, the ``nth`` or 0."""
+    """One step down: a child's name, with prefix or number of its namespace; or ``any`` child, the ``nth``, 0: each."""
 
     name: str
     prefix: str = ""
@@ -37,7 +37,7 @@ class Child:
 
 
 def parsed(path: str) -> tuple[Step, ...]:
-    """Split a path below Objects into steps; ``&`` takes the meaning from the character after it.
+    """Split a path below Objects into steps; ``&`` makes the next character literal.
 
     Raises ``ValueError`` for a path with an empty step.
     """
@@ -63,7 +63,7 @@ def _step(text: str) -> Step:
 
 
 def chosen(step: Step, children: Sequence[Child], namespace: int | None) -> list[Child]:
-    """Return the children that a step may mean, in the order in which to try them.
+    """Return the children that match a step, in the order in which to try them.
 
     ``namespace`` is the number of the step's namespace; ``None`` for any.
     """
@@ -74,5 +74,5 @@ def chosen(step: Step, children: Sequence[Child], namespace: int | None) -> list
 
 
 def _natural(name: str) -> list[tuple[int, str]]:
-    """Key that puts Axis_2 ahead of Axis_10."""
+    """Sort key that puts Axis_2 before Axis_10."""
     return [(int(part), "") if part.isdecimal() else (0, part.casefold()) for part in re.split(r"(\d+)", name)]

@@ -34,7 +34,7 @@ def key_of(path: Path, password: SecretStr | None) -> Any:
 
 
 def application_uri(path: Path, certificate: Any) -> str:
-    """The application URI of the certificate in this file, which a server compares. Raises ``DeviceError``."""
+    """Application URI of the certificate in this file, which a server compares. Raises ``DeviceError``."""
     from cryptography import x509
 
     try:

@@ -1,4 +1,4 @@
-"""What a server or the library complains of, as errors for the person at the cell."""
+"""Errors of a server or of the library, as errors for the person at the cell."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _ENDED: Final = ("BadSessionClosed", "BadSessionIdInvalid", "BadSecureChannelClo
 
 
 class Complaints:
-    """Translates errors of one connection; ``certificate`` is the thumbprint of this PC's, empty without one."""
+    """Translates errors of one connection; ``certificate`` is the thumbprint of this PC's certificate, or empty."""
 
     def __init__(self, url: str, user: str) -> None:
         self.certificate = ""
@@ -31,16 +31,16 @@ class Complaints:
         self._user = user
 
     def gone(self) -> ConnectError:
-        """Return the error of a connection that the server, or the network, ended."""
+        """Return the error of a connection that the server or the network closed."""
         return ConnectError(f"{self._url}: the server closed the connection")
 
     def strange(self, what: str) -> ProtocolError:
-        """Return the error of an answer that is none."""
+        """Return the error of an invalid answer."""
         return ProtocolError(f"{self._url}: {what}")
 
     @contextmanager
     def about(self, doing: str) -> Iterator[None]:
-        """Raise whatever comes out as a ``SourceError`` that says what was being done."""
+        """Raise every exception of the body as a ``SourceError`` that names the action ``doing``."""
         from asyncua import ua
 
         doubt = " (does it trust this PC's certificate, is the pinned one its own?)"
@@ -58,9 +58,9 @@ class Complaints:
             raise ConnectError(f"{self._url}: {reason} while {doing}{hint}") from error
         except OSError as error:
             raise ConnectError(f"{self._url}: {why(error)} while {doing}") from error
-        except AssertionError as error:  # the library got a fault where it expects an answer
+        except AssertionError as error:  # the library received a fault instead of an answer
             raise DeviceError(f"{self._url}: the server refuses {doing}{hint}") from error
-        except Exception as error:  # the library passes on what its parsers and cryptography raise
+        except Exception as error:  # the library lets exceptions of its parsers and cryptography through
             text = " ".join(str(error).split()) or type(error).__name__
             raise ProtocolError(f"{self._url}: {text} while {doing}") from error
         else:

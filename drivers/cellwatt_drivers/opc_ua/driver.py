@@ -17,13 +17,13 @@ from cellwatt_drivers.opc_ua.subscribing import Subscribed, subscribe
 from cellwatt_drivers.shared.requirements import require
 
 _WAY = 0.005
-"""s that a message takes at most from the server to here, where nothing is in the way."""
+"""Longest delay, s, of a message from the server to the daemon on a free network."""
 
 
 class OpcUaDriver(Driver[OpcUaSettings]):
     """One server. It samples each tag ``rate`` times a second and publishes a tag when its value changes.
 
-    Samples carry the source's time stamps. A sample in which nothing changed repeats the values before it.
+    Samples carry the source's time stamps. A sample in which no tag changed repeats the previous values.
     """
 
     Settings = OpcUaSettings
@@ -44,16 +44,16 @@ class OpcUaDriver(Driver[OpcUaSettings]):
         channels = tuple(tag.channel(channel) for channel, tag in self._tags.items())
         self._stream = Stream("tags", channels, settings.rate, "device")
         self._intake = Intake(name, inlet, self._stream, messages.status_name)
-        # The newest sample of a message is this old at most, and always so where sampling and sending beat together.
+        # The newest sample of a message is at most this old, and always this old if sampling and sending run in step.
         vars(self)["least_delay"] = (0.0, min(settings.publish, 1 / settings.rate) + _WAY)
 
     @property
     def streams(self) -> tuple[Stream, ...]:
-        """One: ``tags``."""
+        """The one stream, ``tags``."""
         return (self._stream,)
 
     async def identify(self) -> Identity:
-        """See ``Driver.identify``: the server's build information, once all tags were found."""
+        """See ``Driver.identify``: the server's build information, after all tags were found."""
         async with open_session(self.settings) as session:
             sources, lacking = await self._find(session)
             return await self._identity(session, sources, lacking)

@@ -1,4 +1,4 @@
-"""An OPC UA server with the nodes of a tag map, whose values are set from outside."""
+"""An OPC UA server with the nodes of a tag map; the emulator sets their values."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ _POLICIES = {
 }
 _TURNS = 3
 OVERFLOW = 0x0480
-"""Info bits of a value whose queue overflowed."""
+"""Info bits of a value whose queue has overflowed."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """Who may come in: security modes, the server's files, the one client's certificate it trusts, and a user."""
+    """Access: security modes, the server's files, the only trusted client's certificate, and a user."""
 
     modes: tuple[str, ...] = ("none",)
     certificate: Path | None = None
@@ -49,13 +49,13 @@ class Entry:
 
 @dataclass
 class Variable:
-    """A variable and the channels that it holds, with factor and zero of each from SI units to the node's value."""
+    """A variable and its channels, with factor and zero of each from SI units to the node's value."""
 
     node: Node
     parts: list[tuple[str, float, float, tuple[int, ...]]] = field(default_factory=list)
 
     def value(self, world: Mapping[str, float]) -> float | list[Any]:
-        """Return its value; 0 for what the world lacks."""
+        """Return its value; 0 for channels that the world lacks."""
         found = {index: (world.get(name, 0.0) + zero) / factor for name, factor, zero, index in self.parts}
         return _nested(found, tuple(max(along) + 1 for along in zip(*found, strict=True)))
 
@@ -63,25 +63,25 @@ class Variable:
 def _nested(
     found: Mapping[tuple[int, ...], float], shape: tuple[int, ...], at: tuple[int, ...] = ()
 ) -> float | list[Any]:
-    """Return the values by their indices as arrays within each other; 0 where there is none."""
+    """Return the values by their indices as nested arrays; 0 for an index without a value."""
     if len(at) == len(shape):
         return found.get(at, 0.0)
     return [_nested(found, shape, (*at, i)) for i in range(shape[len(at)])]
 
 
 class EmulatedServer:
-    """The server; ``open`` makes it."""
+    """The server; ``open`` starts it."""
 
     def __init__(self, made: TagMap, entry: Entry) -> None:
         self.port = 0
         self.variables: dict[str, Variable] = {}
-        """By the text of their node ids."""
+        """Variables by the text of their node ids."""
         self._map = made
         self._entry = entry
         self._server = Server(_Internal(user_manager=_Users(entry)))
 
     async def open(self) -> None:
-        """Make the nodes and listen at a free port of this host."""
+        """Create the nodes and listen at a free port of this host."""
         logging.getLogger("asyncua").setLevel(logging.CRITICAL + 1)
         server, entry = self._server, self._entry
         await server.init()
@@ -107,13 +107,13 @@ class EmulatedServer:
         self.port = int(server.bserver.port)
 
     async def close(self) -> None:
-        """Hang up on all clients and free the port."""
+        """Disconnect all clients and free the port."""
         await self.forget()
         await self._server.stop()
         await asyncio.sleep(0)
 
     async def forget(self) -> None:
-        """Hang up on all clients and end their sessions, which the library would keep for them otherwise."""
+        """Disconnect all clients and end their sessions, which the library would otherwise retain."""
         for transport in list(self._server.iserver.asyncio_transports):
             transport.abort()
         for _ in range(_TURNS):
@@ -122,7 +122,7 @@ class EmulatedServer:
             await session.close_session(True)
 
     async def set(self, world: Mapping[str, float], stamp: int, status: int) -> None:
-        """Give all variables their values in a world in SI units, with a time stamp, ns UTC, and a status."""
+        """Set all variables from a world in SI units, with a time stamp, ns UTC, and a status."""
         moment = _EPOCH + timedelta(microseconds=stamp // 1000)
         for variable in self.variables.values():
             value = ua.DataValue(
@@ -156,7 +156,7 @@ class EmulatedServer:
         await node.write_value(ua.Variant(variable.value({}), ua.VariantType.Double))
 
     async def _with_id(self, tag: Tag) -> Node:
-        """Return the variable with a tag's node id, made below Objects."""
+        """Return the variable with a tag's node id, created below Objects."""
         server, text = self._server, tag.node or ""
         rest = text.partition(";")[2] or text
         if (prefix := prefix_of(text)) is not None:
@@ -172,7 +172,7 @@ class EmulatedServer:
         return await server.nodes.objects.add_variable(wanted, name, 0.0)
 
     async def _at_path(self, tag: Tag) -> Node:
-        """Return the variable at a tag's path, made with the objects on the way; any child is one of its own."""
+        """Return the variable at a tag's path; creates it, the objects above it and a child for each ``*``."""
         node = self._server.nodes.objects
         steps = tag.steps
         for depth, step in enumerate(steps):
@@ -194,7 +194,7 @@ class EmulatedServer:
 
 
 class _Users(UserManager):  # type: ignore[misc]
-    """Lets in whom ``entry`` names."""
+    """Accepts the user that ``entry`` names."""
 
     def __init__(self, entry: Entry) -> None:
         self._entry = entry
@@ -202,13 +202,13 @@ class _Users(UserManager):  # type: ignore[misc]
     def get_user(
         self, iserver: Any, username: str | None = None, password: str | None = None, certificate: Any = None
     ) -> User | None:
-        """Return the user, or ``None`` for one who may not come in."""
+        """Return the user, or ``None`` if access is denied."""
         e = self._entry
         return User(role=UserRole.User) if not e.user or (username, password) == (e.user, e.password) else None
 
 
 class _Internal(InternalServer):  # type: ignore[misc]
-    """Takes the standard's nodes from one copy for all servers of this process, as making them takes 2 s."""
+    """Copies the standard's nodes from one set for all servers of this process: creating them takes 2 s."""
 
     async def load_standard_address_space(self, shelf_file: Path | None = None) -> None:
         """See ``InternalServer``."""
@@ -225,7 +225,7 @@ def _standard() -> dict[ua.NodeId, NodeData]:
 
 
 class _Copies(MutableMapping[ua.NodeId, NodeData]):
-    """Nodes of one's own, and of others a copy once it is asked for."""
+    """The server's own nodes; nodes of ``others`` are copied on first use."""
 
     def __init__(self, others: Mapping[ua.NodeId, NodeData]) -> None:
         self._others = dict(others)

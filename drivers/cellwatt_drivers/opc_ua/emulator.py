@@ -1,4 +1,4 @@
-"""A controller with an OPC UA server that plays an arm."""
+"""A controller with an OPC UA server that emulates an arm."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ _BAD = 0x808C_0000  # BadSensorFailure
 
 
 class OpcUaEmulator(Emulator):
-    """A server with the nodes of OPC 40010-1, or of other tags, which it samples and stamps by its own clock.
+    """A server with the nodes of OPC 40010-1, or of other tags; it samples them and stamps them with its own clock.
 
-    Options: ``rate`` (samples a second; 10), ``map`` (file of a map whose nodes it has), ``tags`` and ``namespaces``
+    Options: ``rate`` (samples a second; 10), ``map`` (file of the map whose nodes it has), ``tags`` and ``namespaces``
     (the same as JSON), ``security`` (``none``, ``sign``, ``encrypt``, several with commas), ``certificate`` and ``key``
-    (PEM files of the server's), ``trusted`` (PEM file of the only client's certificate that is not refused), ``user``
-    and ``password``.
+    (PEM files of the server), ``trusted`` (PEM file of the only client certificate that it accepts), ``user`` and
+    ``password``.
 
-    Faults strike samples of all tags. ``loss``: its values are overwritten in the queue, the next carry the overflow
-    bit; ``duplicate``: its values carry the time stamps of the sample before; ``garbage``: its status is
-    BadSensorFailure; ``stall``: nothing is published for ``seconds``, then all that was due; ``disconnect``: the
-    server restarts and is gone for ``seconds``; its sessions and subscriptions are forgotten; ``clock_jump``: its
-    clock jumps by ``seconds``. ``made`` counts samples, ``sent`` those that were not lost.
+    Faults strike samples of all tags. ``loss``: the values are overwritten in the queue, the next ones carry the
+    overflow bit; ``duplicate``: the values carry the time stamps of the previous sample; ``garbage``: their status is
+    BadSensorFailure; ``stall``: nothing is published for ``seconds``, then all that was due; ``disconnect``: the server
+    restarts after ``seconds`` without its sessions and subscriptions; ``clock_jump``: its clock jumps by ``seconds``.
+    ``made`` counts samples, ``sent`` those that were not lost.
     """
 
     title: ClassVar[str] = "Controller with an OPC UA server"
@@ -42,7 +42,7 @@ class OpcUaEmulator(Emulator):
 
     @classmethod
     def options_for(cls, sources: Sequence[Any]) -> dict[str, str]:
-        """See ``Emulator.options_for``: the tags that are read, and who reads them."""
+        """See ``Emulator.options_for``: the tags of all sources, and their user."""
         tags: dict[str, Any] = {}
         namespaces: dict[str, str] = {}
         for s in sources:
@@ -87,7 +87,7 @@ class OpcUaEmulator(Emulator):
             await self._server.close()
 
     async def _sample(self, now: float) -> None:
-        """One cycle of the controller."""
+        """Run one cycle of the controller."""
         once, strikes = self.injector.once, self.injector.strikes
         if outage := once("disconnect"):
             self._port.interrupt(outage.seconds)
@@ -110,7 +110,7 @@ class OpcUaEmulator(Emulator):
         self.tally["sent"] += 1
 
     async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Pass on what a client and the server say, but in a stall."""
+        """Relay data between a client and the server, except during a stall."""
         await pass_on(reader, writer, f"127.0.0.1:{self._server.port}", down=lambda _: self._flows.wait())
 
 

@@ -1,4 +1,4 @@
-"""From published messages to samples: rows by time stamps, what did not change between them, and what was lost."""
+"""From published messages to samples: rows by time stamp, unchanged samples between them, and losses."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from cellwatt_drivers.shared.rows import Row, Rows
 
 _SECOND = 1_000_000_000
 _BACK = 1 * _SECOND
-"""ns that a value's time stamp may step back before the source's clock counts as set."""
+"""Step back of a value's time stamp, ns, from which on the source's clock counts as reset."""
 _STRANGE = 1 * _SECOND
-"""ns by which the source's time may run ahead of this PC's between two messages before its clock counts as set."""
+"""Lead of the source's time over this PC's between two messages, ns, from which on its clock counts as reset."""
 _MOST_HELD = 1000
-"""Unchanged samples told at once; more are counted as lost."""
+"""Most unchanged samples filled in at once; more are counted as lost."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Base:
-    """A time of the source, the server's time when it was published, and the cell's when it came, ns."""
+    """A time of the source, the server's time of its publication, and the cell's time of its arrival, ns."""
 
     time: int
     published: int
@@ -31,11 +31,11 @@ class _Base:
 
 
 class Intake:
-    """Takes the messages of one source in order, over all its connections, and keeps its account.
+    """Takes the messages of one source in order, over all its connections, and counts them in its account.
 
-    A server tells a value when it changes. So a sample that nobody told and that no sign of loss concerns is one
-    whose values are those before: it is handed over as such, up to the time of the last message, with the source's
-    clock carried on by the server's. ``status_name`` gives the name of a status code.
+    A server publishes a value when it changes. So a sample that was not published, without any sign of a loss, has the
+    previous values: it is filled in with them, up to the time of the last message, with the source's clock extrapolated
+    by the server's. ``status_name`` returns the name of a status code.
     """
 
     def __init__(self, name: str, inlet: Inlet, stream: Stream, status_name: Callable[[int], str]) -> None:
@@ -59,7 +59,7 @@ class Intake:
         self._rows = Rows()
 
     def resume(self, sampling: float, publishing: float) -> None:
-        """A subscription was made anew, with these intervals in s: all values are told again."""
+        """Begin a new subscription, with these intervals in s: the server publishes all values again."""
         self._period = max(round(_SECOND / self.stream.rate), round(sampling * _SECOND))
         self._publishing = max(self._period, round(publishing * _SECOND))
         self._losses.resumed = self._last is not None
@@ -68,9 +68,9 @@ class Intake:
         self._first = True
 
     def take(self, message: Message, arrival: int) -> None:
-        """Take a message that was read at the cell's time ``arrival``, ns."""
+        """Take a message that arrived at the cell's time ``arrival``, ns."""
         self._now = arrival
-        if not message.published:  # some servers leave it out, at least in the first
+        if not message.published:  # some servers omit the time, at least in the first message
             message = replace(message, published=arrival)
         lost = self._skipped(message)
         if not message.items:
@@ -83,20 +83,20 @@ class Intake:
         self._rows.hand_over(self._inlet, self.stream, arrival)
 
     def _skipped(self, message: Message) -> bool:
-        """True if messages before this one never came."""
+        """True if messages before this one are missing."""
         expected = None if self._sequence is None else self._sequence % 0xFFFF_FFFF + 1
         missing = 0 if expected is None else (message.sequence - expected) % 0xFFFF_FFFF
         if message.items:
             self._sequence = message.sequence
         elif expected is None or missing:
-            self._sequence = message.sequence - 1 or 0xFFFF_FFFF  # a sign of life has the number of the next one
+            self._sequence = message.sequence - 1 or 0xFFFF_FFFF  # a keep-alive has the number of the next message
         if not 0 < missing < 1 << 31:
             return False
         self._inlet.account.anomaly("lost messages", missing)
         return True
 
     def _begin(self, message: Message) -> None:
-        """Take the first values: those that have not changed for long may carry an old time stamp."""
+        """Take the first values; values that have not changed for long may carry an old time stamp."""
         self._first = False
         time = max(i.stamp for i in message.items)
         if abs(message.published - time) > _STRANGE + 2 * self._publishing:
@@ -120,9 +120,9 @@ class Intake:
         self._stale = bool(stale)
 
     def _sorted(self, items: Sequence[Item]) -> tuple[list[Item], list[Item]]:
-        """Return items by time stamps, and those whose time stamp is of no use: it is not newer than the value's last.
+        """Return items by time stamp, and items with a useless stamp: one that is not newer than the tag's last stamp.
 
-        One that steps back by much is that of a clock that was set.
+        A stamp that steps back by more than ``_BACK`` is valid: the source's clock was reset.
         """
         newest = list(self._stamps)
         fresh, stale = [], []
@@ -136,7 +136,7 @@ class Intake:
         return sorted(fresh, key=lambda i: i.stamp), stale
 
     def _together(self, items: Sequence[Item]) -> list[Item]:
-        """Return the first of these that make one sample: within half a period, each column once."""
+        """Return the first items that make one sample: within half a period, each column once."""
         columns: set[int] = set()
         found = []
         for item in items:
@@ -147,7 +147,7 @@ class Intake:
         return found
 
     def _row(self, time: int, items: Sequence[Item], reason: str) -> None:
-        """Take the values of one moment, after the samples before it that no message has."""
+        """Take the values of one time, after filling in or counting the samples before it."""
         if self._last is not None and self._jumped(time - self._last):
             self._rows.hand_over(self._inlet, self.stream, self._now)
             self._inlet.clock_reset(self.stream, f"its time stamps jumped by {(time - self._last) / 1e9:+.3f} s")
@@ -166,11 +166,11 @@ class Intake:
         self._add(time)
 
     def _jumped(self, passed: int) -> bool:
-        """True if the source's clock was set, where its time stamps went on by ``passed`` ns."""
+        """True if the source's clock was reset, given that its time stamps advanced by ``passed`` ns."""
         return passed < -_BACK or passed - (self._now - self._arrival) > _STRANGE + 2 * self._publishing
 
     def _between(self, time: int, reason: str) -> None:
-        """Samples between the last one and ``time``: lost for a reason, or unchanged."""
+        """Handle the samples between the last one and ``time``: lost for a reason, or unchanged."""
         assert self._last is not None
         start, missing = self._last, round((time - self._last) / self._period) - 1
         if self._losses.resumed:
@@ -183,7 +183,7 @@ class Intake:
                 self._add(start + round(k * (time - start) / (missing + 1)))
 
     def _carry_on(self, published: int) -> None:
-        """Nothing changed up to a sign of life."""
+        """Fill in unchanged samples up to a keep-alive message."""
         if self._last is None or self._first or (until := self._until(published)) is None:
             return
         held = (until - self._last) // self._period
@@ -193,7 +193,7 @@ class Intake:
             self._last, self._arrival = last, self._now
 
     def _until(self, published: int) -> int | None:
-        """Carry the source's clock on by the server's; ``None`` where that was set."""
+        """Extrapolate the source's clock by the server's; ``None`` if the server's clock was reset."""
         assert self._last is not None
         passed = published - self._base.published
         if abs(passed - (self._now - self._base.arrival)) > _STRANGE + 2 * self._publishing:
@@ -203,7 +203,7 @@ class Intake:
         return self._base.time
 
     def _take_stale(self, items: Sequence[Item], published: int) -> None:
-        """Take values whose time stamps did not rise as of the time of their publication."""
+        """Take values whose time stamps did not rise; they get the time of their publication."""
         assert self._last is not None
         self._inlet.account.anomaly("stale time stamps", len(items))
         if not self._stale:
@@ -226,7 +226,7 @@ class Intake:
         self._last, self._arrival = time, self._now
 
     def _tell(self, items: Sequence[Item]) -> None:
-        """Count what the server says of its values, and report each change of what is bad."""
+        """Count the statuses of the values, and report each change of the set of bad ones."""
         account = self._inlet.account
         account.anomaly("bad status", sum(i.bad for i in items))
         account.anomaly("malformed", sum(i.malformed for i in items))

@@ -1,4 +1,4 @@
-"""Published messages as plain numbers."""
+"""Converts published messages to plain numbers."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ if TYPE_CHECKING:
 
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 _NEVER: Final = 2200
-"""Year from which on a time is none: ns of 64 bits end in 2262."""
+"""Year from which on a time means "no time": ns of 64 bits end in 2262."""
 _SEVERITY: Final = 0xC000_0000
 _UNCERTAIN: Final = 0x4000_0000
 _OVERFLOW: Final = 0x0480
-"""Info bits of a data value whose queue overflowed: type DataValue and the overflow bit."""
+"""Info bits of a data value whose queue has overflowed: type DataValue and the overflow bit."""
 
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """A value of one column in SI units; NaN with a bad ``status``. ``stamp`` ns UTC of the source, 0 without one."""
+    """A value of one column in SI units; NaN with a bad ``status``. ``stamp``: the source's, ns UTC; 0 without one."""
 
     column: int
     stamp: int
@@ -33,33 +33,33 @@ class Item:
 
     @property
     def bad(self) -> bool:
-        """True where the server says that the value is of no use."""
+        """True if the server marks the value as unusable."""
         return bool(self.status & 0x8000_0000)
 
     @property
     def uncertain(self) -> bool:
-        """True where the server doubts the value."""
+        """True if the server marks the value as uncertain."""
         return self.status & _SEVERITY == _UNCERTAIN
 
     @property
     def overflow(self) -> bool:
-        """True where values before or after this one were lost in the server's queue."""
+        """True if the server's queue lost values before or after this one."""
         return self.status & _OVERFLOW == _OVERFLOW
 
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """One published message: its number, and the server's time when it left, ns UTC; a sign of life without items."""
+    """One published message: its number, and the server's time of publication, ns UTC; a keep-alive has no items."""
 
     sequence: int
     published: int
     items: tuple[Item, ...]
     ended: str = ""
-    """Status with which the server ended the subscription."""
+    """Status with which the server ended the subscription; empty while it lasts."""
 
 
 def read(result: ua.PublishResult, sources: Mapping[int, Sequence[TagPlace]], server_time: bool) -> Message:
-    """Return what a message says; ``sources`` by client handle, ``server_time``: by the server's time stamps."""
+    """Convert a message; ``sources`` by client handle, ``server_time``: use the server's time stamps."""
     message = result.NotificationMessage
     items: list[Item] = []
     ended = ""
@@ -90,7 +90,7 @@ def _items(
 
 
 def nanoseconds(moment: datetime | None) -> int:
-    """Return UTC ns of a time; 0 for none, for OPC UA's zero in 1601, and for its end of all times."""
+    """Return UTC ns of a time; 0 for none, and for OPC UA's smallest (1601) and largest times."""
     if moment is None or moment.year >= _NEVER:
         return 0
     aware = moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)

@@ -1,4 +1,4 @@
-"""Finds the nodes of a map at a server and checks what they give."""
+"""Finds the nodes of a map at a server and checks their values."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ NUMBERS: Final = range(1, 12)
 
 @dataclass(frozen=True, slots=True)
 class TagPlace:
-    """Place of one channel's values: its column, its node, the element, and from the value to SI units."""
+    """Source of one channel: its column, its node, the element, and the conversion to SI units."""
 
     column: int
     node: ua.NodeId
@@ -35,7 +35,7 @@ class TagPlace:
     zero: float
 
     def si(self, value: Any) -> float:
-        """Return a value of the node in SI units. Raises ``ValueError`` or ``TypeError`` where it is no number."""
+        """Return a value of the node in SI units. Raises ``ValueError`` or ``TypeError`` if it is not a number."""
         found = float(reduce(getitem, self.index, value)) * self.factor - self.zero
         if math.isinf(found):
             raise ValueError("an infinite value")
@@ -43,7 +43,7 @@ class TagPlace:
 
 
 class Search:
-    """Finds tags at one server; what was browsed is kept for the others."""
+    """Finds tags at one server; browse results are cached for all tags."""
 
     def __init__(self, session: Session, where: str, namespaces: Mapping[str, str]) -> None:
         self._session = session
@@ -53,9 +53,9 @@ class Search:
         self._children: dict[str, list[Child]] = {}
 
     async def find(self, tags: Mapping[str, Tag]) -> tuple[list[TagPlace], list[str]]:
-        """Return the sources of all channels, in columns of their order, and the optional channels that are not there.
+        """Return the sources of all channels, in column order, and the optional channels that the server lacks.
 
-        Raises ``WrongDeviceError`` for the first tag that is not there or gives no number.
+        Raises ``WrongDeviceError`` for the first required tag that is absent or is not a number.
         """
         from asyncua import ua
 
@@ -84,7 +84,7 @@ class Search:
         return found, lacking
 
     async def _placed(self, name: str, tag: Tag) -> ua.NodeId | None:
-        """Return the node of a tag; ``None`` for an optional one that has none."""
+        """Return the node of a tag; ``None`` for an optional tag without a node."""
         from asyncua import ua
 
         try:
@@ -99,7 +99,7 @@ class Search:
             raise WrongDeviceError(f"{name}: {tag.place!r} is no node id") from error
 
     def _numbered(self, name: str, node: str) -> str:
-        """Return a node id with its namespace's number."""
+        """Return a node id with the number of its namespace."""
         prefix = prefix_of(node)
         rest = node.partition(";")[2]
         if prefix is not None:
@@ -118,7 +118,7 @@ class Search:
         return self._uris.index(uri)
 
     async def _walked(self, name: str, steps: Sequence[Step]) -> str:
-        """Return the node at the end of a browse path; the error names where the longest attempt ended."""
+        """Return the node at the end of a browse path; the error names the step at which the longest attempt failed."""
         numbers = [self._namespace(name, step) for step in steps]
         furthest: tuple[int, list[Child]] = (-1, [])
 
@@ -152,7 +152,7 @@ class Search:
         return self._children[node]
 
     def _check(self, name: str, tag: Tag, value: ua.DataValue, kind: ua.DataValue) -> None:
-        """Raise ``WrongDeviceError`` unless the node gives a number, or an array of them with such an element."""
+        """Raise ``WrongDeviceError`` unless the value is a number, or an array of numbers with that element."""
         told = f"{self._where}: {tag.place!r} ({name})"
         status = value.StatusCode.name if value.StatusCode is not None else "Good"
         if status in ("BadUserAccessDenied", "BadNotReadable", "BadAttributeIdInvalid"):
@@ -170,7 +170,7 @@ class Search:
             raise WrongDeviceError(f"{told} {wrong}")
 
     def _scale(self, name: str, tag: Tag, told: Any) -> tuple[float, float]:
-        """Return factor and zero to SI units; the server's own unit decides where the tag says so."""
+        """Return factor and zero to SI units; the server's own unit applies if the tag has ``server_unit``."""
         si, unit = KNOWN[tag.unit]
         given = None
         if told is not None:
@@ -188,7 +188,7 @@ class Search:
 
 
 def misplaced(value: Any, index: tuple[int, ...]) -> str:
-    """Return why an index does not lead to a number of a value; empty if it does."""
+    """Return why an index does not select a number of a value; empty if it does."""
     shape = _shape(value)
     size = " × ".join(map(str, shape))
     if not shape and index:
@@ -204,7 +204,7 @@ def misplaced(value: Any, index: tuple[int, ...]) -> str:
 
 
 def _shape(value: Any) -> tuple[int, ...]:
-    """Lengths of the arrays within each other, by the first of each."""
+    """Lengths of nested arrays, from the first element of each."""
     if not isinstance(value, list):
         return ()
     return (len(value), *(_shape(value[0]) if value else ()))

@@ -1,4 +1,4 @@
-"""A session with an OPC UA server, by which only is read: opened, kept alive and closed."""
+"""A read-only session with an OPC UA server: opened, kept alive and closed."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 _AT_ONCE: Final = 100
-"""Nodes asked for in one request."""
+"""Nodes per request."""
 _MOST_WAITING: Final = 1000
-"""Published messages that wait for the driver."""
+"""Most published messages queued for the driver."""
 _FAREWELL: Final = 0.5
-"""s that the end of a session may take."""
+"""Longest time to close a session, s."""
 _RENEWED_AFTER: Final = 0.75
-"""Share of a channel's life after which its keys are renewed."""
+"""Share of a channel's lifetime after which its keys are renewed."""
 _LIFE_OF_SESSION: Final = 60_000
-"""ms after which a server may forget a client that says nothing."""
+"""Time-out, ms, after which a server may end the session of a silent client."""
 
 
 class Session:
-    """An open session; ``open_session`` makes it. All methods raise ``SourceError``."""
+    """An open session; ``open_session`` creates it. All methods raise ``SourceError``."""
 
     def __init__(self, client: Client, complaints: Complaints) -> None:
         self.complaints = complaints
@@ -44,7 +44,7 @@ class Session:
 
     @property
     def thumbprint(self) -> str:
-        """SHA-256 of the server's certificate; empty where it has none."""
+        """SHA-256 of the server's certificate; empty without one."""
         import hashlib
 
         certificate = self._client.security_policy.peer_certificate
@@ -56,14 +56,14 @@ class Session:
         return await self._in_parts("reading", nodes, lambda part: ask(part, attribute))
 
     async def value(self, number: int) -> Any:
-        """Value of a standard node; ``None`` where it has none."""
+        """Value of a standard node; ``None`` if it has no value."""
         from asyncua import ua
 
         (found,) = await self.read([ua.NodeId(number)], ua.AttributeIds.Value)
         return found.Value.Value if found.Value is not None else None
 
     async def children(self, node: str) -> list[Child]:
-        """Return what is below a node."""
+        """Return the children of a node."""
         from asyncua import ua
 
         with self.complaints.about(f"browsing {node}"):
@@ -81,7 +81,7 @@ class Session:
         ]
 
     async def properties(self, nodes: Sequence[ua.NodeId], name: str) -> list[Any]:
-        """Read the property with this name of each node; ``None`` where there is none."""
+        """Read the property with this name of each node; ``None`` for nodes without it."""
         from asyncua import ua
 
         paths = [_property_path(node, name) for node in nodes]
@@ -94,7 +94,7 @@ class Session:
         return [v.Value.Value if v is not None and v.Value is not None else None for v in found]
 
     async def subscribe(self, wanted: ua.CreateSubscriptionParameters) -> ua.CreateSubscriptionResult:
-        """Create a subscription, whose messages come to ``feed``."""
+        """Create a subscription; its messages go to ``feed``."""
         with self.complaints.about("subscribing"):
             return await self._client.uaclient.create_subscription(wanted, self.feed.take)
 
@@ -111,7 +111,7 @@ class Session:
     async def _in_parts(
         self, doing: str, items: Sequence[T], ask: Callable[[list[T]], Awaitable[Sequence[R]]]
     ) -> list[R]:
-        """One answer for each item, asked for in requests that every server grants."""
+        """Return one answer per item, requested in batches of ``_AT_ONCE``, which every server accepts."""
         found: list[R] = []
         for start in range(0, len(items), _AT_ONCE):
             part = list(items[start : start + _AT_ONCE])
@@ -123,7 +123,7 @@ class Session:
         return found
 
     async def renew(self) -> None:
-        """Renew the channel's keys for as long as it is open; what fails is told by ``feed``."""
+        """Renew the channel's keys as long as it is open; a failure is passed to ``feed``."""
         while True:
             await asyncio.sleep(self._client.secure_channel_timeout * 1e-3 * _RENEWED_AFTER)
             try:
@@ -143,7 +143,7 @@ async def open_session(settings: OpcUaSettings) -> AsyncIterator[Session]:
     from cellwatt.outlets.opc_ua.arrays import bound_arrays
 
     bound_arrays()
-    logging.getLogger("asyncua").setLevel(logging.CRITICAL + 1)  # it logs what is raised here
+    logging.getLogger("asyncua").setLevel(logging.CRITICAL + 1)  # it logs errors that are raised here
     client = Client(settings.url, timeout=settings.timeout)
     client.name = client.description = "cellwatt"
     client.session_timeout = _LIFE_OF_SESSION
@@ -187,7 +187,7 @@ async def _connect(client: Client, settings: OpcUaSettings, complaints: Complain
 
 
 async def _secure(client: Client, settings: OpcUaSettings, complaints: Complaints) -> None:
-    """Set policy and certificates; the server's is asked for where it is not pinned."""
+    """Set policy and certificates; requests the server's certificate unless it is pinned."""
     from asyncua import ua
     from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256 as Policy
     from asyncua.crypto.uacrypto import x509_from_der
@@ -216,7 +216,7 @@ async def _secure(client: Client, settings: OpcUaSettings, complaints: Complaint
 
 
 def _refuse_unencrypted(client: Client, settings: OpcUaSettings) -> None:
-    """Raise ``DeviceError`` where the server would get the password readable for everybody on the way."""
+    """Raise ``DeviceError`` if the password would be sent in plain text."""
     from asyncua import ua
 
     policy = client.server_policy(ua.UserTokenType.UserName).SecurityPolicyUri or ""
@@ -229,7 +229,7 @@ def _refuse_unencrypted(client: Client, settings: OpcUaSettings) -> None:
 
 
 def _watch(client: Client, session: Session) -> None:
-    """Tell the session's feed when the connection is gone."""
+    """Notify the session's feed when the connection is lost."""
     protocol = client.uaclient.protocol
     if protocol is None:
         raise session.complaints.gone()
@@ -246,9 +246,9 @@ def _watch(client: Client, session: Session) -> None:
 
 
 async def _farewell(client: Client) -> None:
-    """Close session, channel and socket, however far they were opened."""
+    """Close session, channel and socket, as far as they were opened."""
     protocol = client.uaclient.protocol
-    with suppress(Exception):  # whatever is wrong with the connection, it is given up
+    with suppress(Exception):  # the connection is closed whatever fails
         async with asyncio.timeout(_FAREWELL):
             await client.close_session()
             await client.close_secure_channel()

@@ -22,7 +22,7 @@ SecurityMode = Literal["none", "sign", "encrypt"]
 
 
 class OpcUaSettings(SourceSettings):
-    """A PLC or robot controller with an OPC UA server. It is read by a subscription; nothing is written."""
+    """A PLC or robot controller with an OPC UA server. A subscription reads it; nothing is written."""
 
     device_parts: ClassVar[tuple[str, ...]] = ("path",)
 
@@ -31,27 +31,27 @@ class OpcUaSettings(SourceSettings):
     port: int = Field(PORT, ge=1, le=65535)
     """TCP port."""
     path: str = ""
-    """Path of the endpoint's URL, for servers that have one: ``/UA/Server``."""
+    """Path in the endpoint's URL, if the server requires one: ``/UA/Server``."""
     model: ModelName | None = None
     """A packaged map of tags: ``opc_40010`` for any robot with the types of OPC UA for Robotics."""
     map: FilePath | None = None
-    """File with a map of one's own instead of ``model``."""
+    """File with your own map instead of ``model``."""
     tags: dict[ChannelName, Tag] = Field(default_factory=dict)
-    """Tags by channel, in place of a map or beside it."""
+    """Tags by channel, instead of a map or in addition to it."""
     namespaces: dict[Prefix, str] = Field(default_factory=dict)
-    """Namespace URIs by the prefix that ``tags`` use."""
+    """Namespace URIs by the prefix used in ``tags``."""
     read: Chosen[str] | None = None
-    """Channels to read; left out: all."""
+    """Channels to read; omitted: all."""
     rate: Hertz = Field(10.0, gt=0, le=1000)
-    """Samples a second that the server shall take."""
+    """Samples per second that the server is to take."""
     publish: Seconds = Field(0.1, gt=0)
-    """The server sends what changed this often."""
+    """Interval at which the server sends changed values."""
     queue: int | None = Field(None, ge=1, le=10_000)
-    """Values of each tag that the server keeps until it sends them; left out: those of 2 s, at least 10."""
+    """Values of each tag that the server queues between messages; omitted: 2 s of values, at least 10."""
     every_sample: bool = False
-    """Have also unchanged values sent, by their time stamps; not every server can."""
+    """Request unchanged values, too, by their time stamps; not every server supports this."""
     time: Literal["source", "server"] = "source"
-    """Time stamps to use: the ``source``'s, or the ``server``'s where the source gives none."""
+    """Time stamps to use: the ``source``'s, or the ``server``'s if the source sends none."""
     security: SecurityMode = "none"
     """Policy Basic256Sha256 with messages that are signed (``sign``), or signed and encrypted (``encrypt``)."""
     certificate: FilePath | None = None
@@ -61,23 +61,23 @@ class OpcUaSettings(SourceSettings):
     key_password: SecretStr | None = None
     """Password of ``key``."""
     server_certificate: FilePath | None = None
-    """Certificate that the server must have; left out: the one that it shows is taken."""
+    """Certificate that the server must have; omitted: any certificate is accepted."""
     user: str | None = None
-    """User to log in; left out: none."""
+    """User to log in; omitted: none."""
     password: SecretStr = SecretStr("")
     """Its password, best as ``${OPC_UA_PASSWORD}``."""
     user_certificate: FilePath | None = None
-    """Certificate (PEM or DER) of the user to log in, in place of ``user``; the server must know it."""
+    """Certificate (PEM or DER) of the user to log in, instead of ``user``; the server must know it."""
     user_key: FilePath | None = None
     """Private key of ``user_certificate``."""
     user_key_password: SecretStr | None = None
     """Password of ``user_key``."""
     unencrypted: bool = False
-    """Send the password even where nothing encrypts it."""
+    """Send the password even if it is not encrypted."""
     timeout: Seconds = Field(4.0, gt=0)
-    """Wait this long for an answer."""
+    """Longest wait for an answer."""
     silence: Seconds = Field(5.0, gt=0)
-    """No message for this long, not even a sign of life: the session is opened anew."""
+    """Longest time without a message or keep-alive: after it the session is opened again."""
 
     @model_validator(mode="after")
     def _fits(self) -> OpcUaSettings:
@@ -102,7 +102,7 @@ class OpcUaSettings(SourceSettings):
 
     @property
     def queue_size(self) -> int:
-        """Values of each tag that the server is asked to keep."""
+        """Values of each tag that the server is asked to queue."""
         return self.queue or max(10, math.ceil(2.0 * self.rate))
 
     @property
@@ -122,7 +122,7 @@ class OpcUaSettings(SourceSettings):
 
 
 def tags_to_read(made: TagMap, read: tuple[str, ...] | None) -> Mapping[str, Tag]:
-    """Tags to read, by channel. Raises ``ConfigError`` where there is no such channel."""
+    """Tags to read, by channel. Raises ``ConfigError`` for an unknown channel."""
     if read is None:
         return made.values
     for name in read:

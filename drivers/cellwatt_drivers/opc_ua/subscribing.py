@@ -1,4 +1,4 @@
-"""Makes the subscription by which a server is read."""
+"""Creates the subscription that reads a server."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ if TYPE_CHECKING:
     from asyncua import ua
 
 _LIVES: Final = 3
-"""Signs of life that may be missed before the server gives the subscription up, by the standard's rule."""
+"""Number of missed keep-alives after which the server ends the subscription, by the standard's rule."""
 
 
 @dataclass(frozen=True, slots=True)
 class Subscribed:
-    """A subscription as the server made it: intervals in s, and the sources by the handle of their item."""
+    """A subscription as the server made it: intervals in s, and the sources by the handle of their monitored item."""
 
     sampling: float
     publishing: float
@@ -29,7 +29,7 @@ class Subscribed:
     sources: Mapping[int, Sequence[TagPlace]]
 
     def revised(self, asked: OpcUaSettings) -> list[str]:
-        """What the server does less well than it was asked for."""
+        """Settings that the server revised for the worse, in words."""
         found = []
         if self.sampling > 1.01 / asked.rate:
             found.append(f"samples every {self.sampling:g} s instead of every {1 / asked.rate:g} s")
@@ -41,11 +41,11 @@ class Subscribed:
 
 
 async def subscribe(session: Session, asked: OpcUaSettings, found: Sequence[TagPlace]) -> Subscribed:
-    """Subscribe to all sources. Raises ``SourceError``, ``DeviceError`` where an item is refused."""
+    """Subscribe to all sources. Raises ``SourceError``, and ``DeviceError`` if an item is refused."""
     from asyncua import ua
 
     life = max(_LIVES, int(2 * asked.silence / asked.publish))
-    # A sign of life each time that nothing changed: only then frames go on in time.
+    # A keep-alive in each interval without a change: frames continue in time only with it.
     wanted = ua.CreateSubscriptionParameters(
         asked.publish * 1e3, life, RequestedMaxKeepAliveCount=1, PublishingEnabled=True
     )

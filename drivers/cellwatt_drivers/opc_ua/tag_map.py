@@ -1,4 +1,4 @@
-"""A controller's tags as a YAML file: which node feeds which channel."""
+"""A controller's tags as a YAML file: the node of each channel."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _CODES: Final = {
     "KWH": "kWh", "MWH": "MWh", "HTZ": "Hz", "KHZ": "kHz", "SEC": "s", "C26": "ms", "MIN": "min", "HUR": "h",
     "P1": "%", "C62": "1",
 }  # fmt: skip
-"""By common code of UN/CEFACT recommendation 20, which OPC UA writes as a number."""
+"""Units by common code of UN/CEFACT recommendation 20, which OPC UA writes as a number."""
 _BY_NUMBER: Final = {int.from_bytes(code.encode(), "big"): name for code, name in _CODES.items()}
 
 
@@ -40,22 +40,22 @@ class Tag(MapPart):
     node: str | None = None
     """Node id: ``ns=4;s=Robot.Power``, ``nsu=URI;i=12``, or ``ns=PREFIX;…`` with a prefix of ``namespaces``."""
     path: str | None = None
-    """Browse path below Objects instead of ``node``: ``di:DeviceSet/*/rob:Axes/*2/…``; ``*`` is the first child that
-    leads on, ``*2`` the second object by name."""
+    """Browse path below Objects instead of ``node``: ``di:DeviceSet/*/rob:Axes/*2/…``; ``*`` is the first child from
+    which the rest of the path exists, ``*2`` the second object by name."""
     index: Index | Annotated[tuple[Index, ...], Field(min_length=2, max_length=4)] | None = None
-    """Element of an array, from 0; of an array of arrays a list, like ``[1, 0]``."""
+    """Index of the element in an array, from 0; in an array of arrays a list, like ``[1, 0]``."""
     unit: AnyUnit
-    """Unit of the value, after ``scale``."""
+    """Unit of the value times ``scale``."""
     server_unit: bool = False
-    """Take the unit that the server gives (EngineeringUnits), where it is one of the same quantity, instead."""
+    """Use the server's unit (EngineeringUnits) instead of ``unit``, if it is a unit of the same quantity."""
     scale: float = Field(1.0, allow_inf_nan=False)
-    """The value times this is in ``unit``."""
+    """Factor from the node's value to ``unit``."""
     kind: Kind = "continuous"
-    """``discrete`` for states, ``counter`` for what only counts up."""
+    """``discrete`` for states, ``counter`` for values that only rise."""
     window: Seconds = Field(0.0, ge=0)
-    """Time that the controller averages each value over."""
+    """Averaging window of each value in the controller."""
     optional: bool = False
-    """A server without it is read all the same."""
+    """If the server lacks the tag, the other tags are read without it."""
 
     @model_validator(mode="after")
     def _one_place(self) -> Tag:
@@ -69,7 +69,7 @@ class Tag(MapPart):
 
     @property
     def indices(self) -> tuple[int, ...]:
-        """Index in each of the arrays within each other; empty for a value that is none."""
+        """Index in each of the nested arrays; empty for a value that is not an array."""
         if self.index is None:
             return ()
         return self.index if isinstance(self.index, tuple) else (self.index,)
@@ -81,11 +81,11 @@ class Tag(MapPart):
 
     @property
     def place(self) -> str:
-        """Place as written, for messages."""
+        """Node id or browse path as written, for messages."""
         return self.node or self.path or ""
 
     def channel(self, name: str) -> Channel:
-        """Return the channel it feeds; energies are held, not interpolated."""
+        """Channel for the tag; energies are held, not interpolated."""
         unit = KNOWN[self.unit][0]
         return Channel(name, unit, self.kind, "hold" if unit == "J" else None, self.window)
 
@@ -94,13 +94,13 @@ class TagMap(MapPart):
     """Tags of a controller."""
 
     maker: str = ""
-    """Maker of the controller; left out: as the server says."""
+    """Maker of the controller; omitted: as the server reports."""
     model: str = ""
-    """Model of the controller; left out: as the server says."""
+    """Model of the controller; omitted: as the server reports."""
     source: str = ""
     """Source of the nodes."""
     namespaces: dict[Prefix, str] = Field(default_factory=dict)
-    """Namespace URIs by the prefix that node ids and paths use; their numbers may change when a server restarts."""
+    """Namespace URIs by the prefix used in node ids and paths; their numbers may change when a server restarts."""
     values: dict[ChannelName, Tag] = Field(min_length=1)
     """Tags by channel."""
 
@@ -111,7 +111,7 @@ class TagMap(MapPart):
 
 
 def prefix_of(node: str) -> str | None:
-    """Return the prefix of ``ns=PREFIX;…``; ``None`` for a number, a URI, or none."""
+    """Return the prefix of ``ns=PREFIX;…``; ``None`` for a number, a URI, or no namespace."""
     first = node.partition(";")[0].strip()
     name = first.removeprefix("ns=")
     return name if name != first and not name.isdecimal() else None
@@ -138,6 +138,6 @@ def packaged_map(name: ModelName) -> TagMap:
 
 
 def unit_named(unit_id: int, text: str) -> str | None:
-    """Return the unit that an EUInformation means by its number or its text; ``None`` for one that is not known."""
+    """Return the unit of an EUInformation by its number or its text; ``None`` if unknown."""
     written = text.strip().replace("°C", "degC").replace("°", "deg").replace("·", "").replace("²", "^2")
     return _BY_NUMBER.get(unit_id) or (written if written in KNOWN else None)

@@ -1,4 +1,4 @@
-"""One board's packets become readings of one stream, with an account of what came and what did not."""
+"""From one board's packets to samples of one stream, with counts of received and lost samples."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ _QUANTITIES = (("voltage", "V"), ("current", "A"), ("power", "W"))
 
 
 def board_stream(phases: int, rate: float, board: int | None = None) -> Stream:
-    """The stream of a board: the supply as a whole, then each phase.
+    """Stream of a board: the supply as a whole, then each phase.
 
     ``supply.power`` is the sum over the phases, ``supply.voltage`` their mean, ``supply.current`` their sum.
-    With ``board`` its number goes before every name, for ports that several boards share.
+    With ``board``, every name begins with that number, for ports that several boards share.
     """
     prefix, name = ("", "power") if board is None else (f"board_{board}.", f"power_{board}")
     places = ["supply", *(f"phase_{n}" for n in range(1, phases + 1))]
@@ -25,9 +25,9 @@ def board_stream(phases: int, rate: float, board: int | None = None) -> Stream:
 
 
 class Board:
-    """Takes one board's packets and emits what they say, in the board's order.
+    """Takes one board's packets and emits their samples in the board's order.
 
-    ``label`` names it in messages; ``window`` ns as in ``Resequencer``.
+    ``label`` names the board in messages; ``window`` ns as in ``Resequencer``.
     """
 
     def __init__(self, label: str, stream: Stream, phases: int, window: int, inlet: Inlet) -> None:
@@ -42,11 +42,11 @@ class Board:
 
     @property
     def deadline(self) -> int | None:
-        """The cell's time, ns, at which ``release`` has something to do though nothing came."""
+        """The cell's time, ns, at which ``release`` must be called even if no packet arrives."""
         return self._order.deadline
 
     def take(self, packet: Packet, arrival: int) -> None:
-        """Take a packet that came at the cell's time ``arrival``, ns; ``release`` then gives what is due."""
+        """Take a packet that arrived at the cell's time ``arrival``, ns; ``release`` then emits due samples."""
         self._heard = arrival
         place = self._clock.place(packet, arrival)
         if place.verdict == "stale":
@@ -67,7 +67,7 @@ class Board:
             self._inlet.account.anomaly(outcome)
 
     def watch(self, now: int, since: int, silence: int) -> None:
-        """Report when nothing came for ``silence`` ns, at the earliest after ``since``, and when it comes back."""
+        """Report when no packet has come for ``silence`` ns, counted from ``since`` on, and when packets resume."""
         silent = now - max(self._heard, since) > silence
         if silent != self._silent:
             self._silent = silent
@@ -75,7 +75,7 @@ class Board:
             self._inlet.event(f"board {what}", f"{self._label}: {what}")
 
     def release(self, now: int, *, everything: bool = False) -> None:
-        """Emit what is in order, and with ``everything`` also what waits for overtaken packets.
+        """Emit packets that are in order, and with ``everything`` also those waiting for overtaken packets.
 
         ``now`` is the cell's time, ns.
         """
@@ -90,12 +90,5 @@ class Board:
         total = np.stack([values[..., 0].mean(axis=1), values[..., 1].sum(axis=1), values[..., 2].sum(axis=1)], axis=1)
         rows = np.concatenate([total, values.reshape(len(values), -1)], axis=1)
         times = [p.time + i * p.packet.step for _, p in released for i in range(p.packet.samples)]
-        self._inlet.emit(
-            Reading(
-                self.stream,
-                rows,
-                arrival=now,
-                device_time=np.array(times, dtype=np.int64) * 1000,
-                quality=quality,
-            )
-        )
+        device_time = np.array(times, dtype=np.int64) * 1000
+        self._inlet.emit(Reading(self.stream, rows, now, device_time, quality=quality))

@@ -1,8 +1,8 @@
-"""Puts a board's 16-bit sequence numbers and 32-bit microseconds on lines that never wrap.
+"""Unwraps a board's 16-bit sequence numbers and its 32-bit clock of microseconds.
 
-At 123 Hz the sequence wraps every 532 s and the clock every 71.6 min, so either alone is ambiguous after an
-outage. Together with the cell's time they are not: the cell's time says which turn of the clock it is, the
-clock says which turn of the sequence. What fits neither line is a clock that jumped or a board that restarted.
+At 123 Hz the sequence wraps every 532 s and the clock every 71.6 min, so each alone is ambiguous after an outage.
+Together with the cell's time they are unique: the cell's time gives the turn of the clock, the clock gives the turn of
+the sequence. A packet that fits neither means that the clock jumped or the board restarted.
 """
 
 from __future__ import annotations
@@ -14,28 +14,28 @@ from cellwatt.clock import unwrapped
 from cellwatt_drivers.power_board.payload import SEQUENCE_WRAP, TIME_WRAP, Packet
 
 EARLY = 1e6
-"""µs by which a packet may be ahead of the least delayed one so far: more is another time base."""
+"""Most by which a packet may be ahead of the least delayed one so far, µs: more means a new time base."""
 DRIFT = 1e-3
-"""Most the board's clock may gain or lose against the cell's while nothing is heard; crystals stay far below."""
+"""Largest rate difference between the board's and the cell's clock during silence; crystals are far better."""
 OLDEST = 60e6
-"""µs that a packet may be on its way (stalled link, waiting bytes) before it counts as another time base."""
+"""Longest delay of a packet, µs (stalled link, buffered bytes); a longer one means a new time base."""
 RECENT = 1024
-"""Samples by which a packet may be behind and still be a duplicate or overtaken."""
+"""Samples by which a duplicate or overtaken packet may be behind."""
 OVERTAKEN = 64
-"""Samples by which a packet may be behind where the clock jumped meanwhile."""
+"""Samples by which a packet may be behind if the clock jumped in between."""
 MOST_BEHIND = 32
-"""Packets behind in a row after which the board must have restarted shortly after its last start."""
+"""Consecutive packets behind that mean the board restarted shortly after its last start."""
 
 Verdict = Literal["follows", "behind", "stale", "jumped", "restarted"]
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
-    """Place of a packet on the board's lines: unwrapped ``sequence`` and ``time`` (µs) of its first sample.
+class PacketPosition:
+    """Position of a packet on the unwrapped scales: ``sequence`` and ``time`` (µs) of its first sample.
 
-    ``follows`` the newest, or comes from ``behind`` it; ``stale``: from behind, on a time base that is gone;
-    ``jumped``: next in sequence, but the clock was set, by ``jump`` µs; ``restarted``: sequence and clock
-    both begin anew.
+    ``follows``: after the newest packet; ``behind``: before it; ``stale``: before it, on a former time base;
+    ``jumped``: next in sequence, but the clock was set, by ``jump`` µs; ``restarted``: sequence and clock both
+    restarted.
     """
 
     sequence: int
@@ -45,7 +45,7 @@ class Place:
 
 
 class BoardClock:
-    """The lines of one board; ``rate`` (Hz) is used until two packets have told the true one."""
+    """Sequence and clock of one board; ``rate`` (Hz) is used until two packets show the actual one."""
 
     def __init__(self, rate: float) -> None:
         self._nominal = 1e6 / rate
@@ -56,8 +56,8 @@ class BoardClock:
         self._ahead = 0.0
         self._behind = 0
 
-    def place(self, packet: Packet, arrival: int) -> Place:
-        """Return the place of a packet that came at the cell's time ``arrival``, ns."""
+    def place(self, packet: Packet, arrival: int) -> PacketPosition:
+        """Return the position of a packet that arrived at the cell's time ``arrival``, ns."""
         now = arrival / 1e3
         if self._sequence is None:
             return self._start(packet, now, "follows")
@@ -69,10 +69,10 @@ class BoardClock:
         if -EARLY - DRIFT * elapsed <= expected - time <= OLDEST and self._fits(steps, span):
             if steps > 0:
                 return self._advance(packet, steps, time, now)
-            return self._fall_behind(packet, Place(self._sequence + steps, time, "behind"), now)
+            return self._fall_behind(packet, PacketPosition(self._sequence + steps, time, "behind"), now)
         steps = self._steps(packet, elapsed)
         if -OVERTAKEN <= steps <= 0:
-            return self._fall_behind(packet, Place(self._sequence + steps, time, "stale"), now)
+            return self._fall_behind(packet, PacketPosition(self._sequence + steps, time, "stale"), now)
         if (
             steps > 0
             and not self._fresh(packet)
@@ -92,7 +92,7 @@ class BoardClock:
         return unwrapped(packet.sequence, SEQUENCE_WRAP, self._sequence + span / self._step) - self._sequence
 
     def _fits(self, steps: int, span: float) -> bool:
-        """True if ``steps`` samples take ``span`` µs; until the period is known, if they could."""
+        """True if ``steps`` samples take ``span`` µs; while the period is unknown, if they could."""
         if steps < -RECENT or (steps > 0) != (span > 0) or (steps < 0) != (span < 0):
             return False
         if self._period is None:
@@ -100,7 +100,7 @@ class BoardClock:
         return abs(span - steps * self._period) <= 20e3 + 2 * self._period + 0.02 * abs(steps) * self._period
 
     def _fresh(self, packet: Packet) -> bool:
-        """True if both counters went back, to those of a board that was switched on within the last minute."""
+        """True if both counters went back to values of a board switched on within the last minute."""
         assert self._sequence is not None
         went_back = packet.time < self._time and packet.sequence < self._sequence
         return (
@@ -109,7 +109,7 @@ class BoardClock:
             and (abs(packet.time - packet.sequence * self._step) <= 20e3 + 2 * self._step + 0.02 * packet.time)
         )
 
-    def _advance(self, packet: Packet, steps: int, time: int, now: float) -> Place:
+    def _advance(self, packet: Packet, steps: int, time: int, now: float) -> PacketPosition:
         assert self._sequence is not None
         if packet.step:
             self._period = float(packet.step)
@@ -119,18 +119,18 @@ class BoardClock:
         self._ahead = max(self._ahead - DRIFT * (now - self._arrival), time - now)
         self._sequence += steps
         self._time, self._arrival, self._behind = time, now, 0
-        return Place(self._sequence, time, "follows")
+        return PacketPosition(self._sequence, time, "follows")
 
-    def _fall_behind(self, packet: Packet, place: Place, now: float) -> Place:
+    def _fall_behind(self, packet: Packet, place: PacketPosition, now: float) -> PacketPosition:
         self._behind += 1
         return place if self._behind < MOST_BEHIND else self._start(packet, now, "restarted")
 
     def _start(
         self, packet: Packet, now: float, verdict: Verdict, sequence: int | None = None, jump: float = 0.0
-    ) -> Place:
-        """Take this packet as the new origin of the clock, and of the sequence unless that goes on."""
+    ) -> PacketPosition:
+        """Make this packet the new origin of the clock, and of the sequence unless that continues."""
         self._sequence = packet.sequence if sequence is None else sequence
         self._time, self._arrival, self._ahead = packet.time, now, packet.time - now
         self._period = float(packet.step) if packet.step else None
         self._behind = 0
-        return Place(self._sequence, self._time, verdict, jump)
+        return PacketPosition(self._sequence, self._time, verdict, jump)

@@ -27,7 +27,7 @@ from cellwatt_drivers.power_board.port import ListeningPort, listening_port
 from cellwatt_drivers.shared.choice import Chosen, SerialPath
 
 EVIDENCE = 4096
-"""Newest bytes kept, until a wanted packet is heard, to say what they look like."""
+"""Newest bytes retained for a diagnosis until a wanted packet is received."""
 
 _GARBLED = frozenset({"checksum", "garbage bytes", "foreign payloads"})
 BoardNumber = Annotated[StrictInt, Field(ge=0, le=255)]
@@ -49,22 +49,22 @@ class PowerBoardSettings(SourceSettings):
     mode: wire.Mode = "api"
     """Mode of the receiver: api (AP=1), api_escaped (AP=2) or transparent (AP=0)."""
     boards: Annotated[Chosen[BoardNumber] | None, BeforeValidator(_listed)] = None
-    """Number of the board, or a list of numbers; left out: the first one heard."""
+    """Number of the board, or a list of numbers; omitted: the first board received."""
     phases: StrictInt = Field(3, ge=1, le=3)
     """Phases that the board measures."""
     rate: Hertz = 123.0
-    """Nominal samples a second; the board's own clock and counter say what is true."""
+    """Nominal samples per second; the board's clock and counter give the actual rate."""
     reorder: Seconds = Field(0.04, ge=0, le=10)
-    """Longest time that a sample waits for one that it overtook; what comes later is counted as late."""
+    """Longest wait of a sample for one that it overtook; later ones are counted as late."""
     silence: Seconds = Field(5.0, gt=0)
-    """Without a valid sample for this time the port is closed and opened anew."""
+    """Time without a valid sample after which the port is closed and opened again."""
 
 
 class PowerBoardDriver(Driver[PowerBoardSettings]):
     """Listens to one or several power boards on one serial port; never writes to it.
 
-    What is known of a board outlives the connection, so that after a port vanished and came back the
-    board's own numbering still tells exactly what was lost.
+    The state of each board outlives the connection, so that after a port has disappeared and returned, the board's own
+    numbering still gives the exact number of lost samples.
     """
 
     Settings = PowerBoardSettings
@@ -79,7 +79,7 @@ class PowerBoardDriver(Driver[PowerBoardSettings]):
 
     @property
     def streams(self) -> tuple[Stream, ...]:
-        """One per board; called ``power`` where there is only one."""
+        """One stream per board; named ``power`` if there is only one."""
         s = self.settings
         if s.boards is None or len(s.boards) == 1:
             return (board_stream(s.phases, s.rate),)
@@ -102,7 +102,7 @@ class PowerBoardDriver(Driver[PowerBoardSettings]):
                     board.release(self.inlet.now(), everything=True)
 
     async def identify(self) -> Identity:
-        """See ``Driver.identify``; a board says who it is with every packet."""
+        """See ``Driver.identify``; every packet contains the board's number."""
         async with listening_port(self.settings.port, self.settings.baud) as port:
             listening = self._listening(port)
             while not (heard := await listening.packets(self.settings.silence)):
@@ -121,19 +121,14 @@ class PowerBoardDriver(Driver[PowerBoardSettings]):
                 board.watch(now, opened, round(self.settings.silence * 1e9))
 
     def _board(self, number: int, stream: Stream) -> Board:
-        return Board(
-            f"{self.name}: board {number}",
-            stream,
-            self.settings.phases,
-            round(self.settings.reorder * 1e9),
-            self.inlet,
-        )
+        s = self.settings
+        return Board(f"{self.name}: board {number}", stream, s.phases, round(s.reorder * 1e9), self.inlet)
 
     def _listening(self, port: ListeningPort) -> Listening:
         return Listening(port, self.settings, tuple(self._boards), self.inlet, self.gather)
 
     def _wait(self) -> float:
-        """Time in s until a board gives up a gap."""
+        """Time, s, until a board skips a gap."""
         deadlines = [b.deadline for b in self._boards.values() if b.deadline is not None]
         return max(0.0, (min(deadlines) - self.inlet.now()) / 1e9) if deadlines else self.settings.silence
 
@@ -149,9 +144,9 @@ def _identity(packet: Packet, port: ListeningPort) -> Identity:
 
 
 class Listening:
-    """From an open port to packets of wanted boards, read each ``gather()`` s; what else comes is counted.
+    """From an open port to packets of wanted boards, read each ``gather()`` s; all other data is counted.
 
-    ``boards`` may be empty: then the first one heard is the one wanted.
+    ``boards`` may be empty: then the first board received is the wanted one.
     """
 
     def __init__(
@@ -175,10 +170,10 @@ class Listening:
         self._others: set[int] = set()
 
     async def packets(self, seconds: float) -> list[tuple[Packet, int]]:
-        """Packets in order, each with its time of arrival, ns; after at most ``seconds``, then perhaps none.
+        """Return packets in order, each with its arrival, ns; empty if none arrives within ``seconds``.
 
-        Raises ``ConnectError`` when the port is gone or silent, ``ProtocolError`` when what comes is not
-        what was configured, ``WrongDeviceError`` when it is other boards, or a board with other phases.
+        Raises ``ConnectError`` when the port is gone or silent, ``ProtocolError`` when the data do not match the
+        settings, ``WrongDeviceError`` for other boards, or a board with another number of phases.
         """
         loop = asyncio.get_running_loop()
         end = self._heard + self._settings.silence
@@ -217,7 +212,7 @@ class Listening:
         return True
 
     def _verdict(self) -> SourceError:
-        """Return the error that says why nothing wanted was heard."""
+        """Return the error that explains why no wanted packet was received."""
         s = self._settings
         where, span = f"{s.port}: in {s.silence:g} s", f"at {s.baud} baud"
         if self._others:

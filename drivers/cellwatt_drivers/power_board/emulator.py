@@ -31,7 +31,7 @@ JOINED = bytes([xbee.MODEM_STATUS, 2])
 
 
 class Modem:
-    """A receiver in API mode, a coordinator; ``feed`` takes what a client wrote and gives the answers."""
+    """A receiver in API mode, a coordinator; ``feed`` takes a client's bytes and returns the responses."""
 
     def __init__(self, *, escaped: bool) -> None:
         self._escaped = escaped
@@ -40,7 +40,7 @@ class Modem:
         self._answers = b""
 
     def feed(self, data: bytes) -> bytes:
-        """Answer frames to the commands completed by these bytes; other frames are not answered."""
+        """Response frames to the commands completed by these bytes; other frames get no response."""
         self._answers = b""
         self._frames.scan(data)
         return self._answers
@@ -58,19 +58,19 @@ class Modem:
 SENDER, NETWORK = 0x0013A20040401122, 0x1A2B
 TICK = 0.004
 SETTLE = 0.3
-"""s after which a client that has the port open counts as listening, though it never flushed the port."""
+"""Time, s, after which a client that has the port open counts as listening even if it never flushed the port."""
 LINGER = (0.05, 1.0)
-"""Shortest and longest time in s that a vanishing port waits for its last bytes to be read."""
+"""Shortest and longest time, s, for which a disappearing port waits for its last bytes to be read."""
 AHEAD = 12
-"""Samples made at once, at the least: made one by one they cost so much that on a busy PC the board falls behind."""
+"""Fewest samples computed at once: computed one by one, they are so slow that the board lags on a busy PC."""
 MOST_WAITING = 10_000
-"""Packets that wait for a reader who does not read; beyond it the oldest are lost."""
+"""Most packets queued for a client that does not read; the oldest of more are lost."""
 
 _ROUNDING = 1e-6  # of a sample
 
 
 class _Item(NamedTuple):
-    """Bytes for the serial line, when they may leave (s, monotonic), and how many whole samples they hold."""
+    """Bytes for the serial line, when they may be sent (s, monotonic), and their number of whole samples."""
 
     due: float
     data: bytes
@@ -78,22 +78,21 @@ class _Item(NamedTuple):
 
 
 class PowerBoardEmulator(Emulator):
-    """A board that measures ``supply.power``, ``.voltage`` and ``.current``, shared evenly by its phases.
+    """A board that measures ``supply.power``, ``.voltage`` and ``.current``, divided evenly among its phases.
 
-    The address is ``pty``, or the path of a symbolic link to it, which stays the same when the port comes back. The
-    board wakes up when somebody first opens the port, so every sample it makes is one that could be read; a sample made
-    while nobody has the port open counts as ``unheard``.
+    The address is ``pty``, or the path of a symbolic link to it, which stays the same when the port returns. The board
+    starts when a client first opens the port, so every sample it makes could be read; a sample made while no client has
+    the port open counts as ``unheard``.
 
-    Options: ``mode`` (api, api_escaped, transparent), ``board`` (0–255), ``phases`` (1–3), ``rate`` (Hz),
-    ``batch`` (samples a radio packet), ``explicit`` (yes: frame type 0x91 in place of 0x90), ``link`` (that
-    path, as an option).
+    Options: ``mode`` (api, api_escaped, transparent), ``board`` (0–255), ``phases`` (1–3), ``rate`` (Hz), ``batch``
+    (samples per radio packet), ``explicit`` (yes: frame type 0x91 in place of 0x90), ``link`` (the link's path, as an
+    option).
 
-    Faults strike radio packets. ``loss``; ``half_frame``: cut off; ``garbage``: random bytes before it;
-    ``duplicate``: sent twice; ``reorder``: overtaken by the next one; ``delay``: it and all behind it wait;
-    ``stall``: nothing leaves for a while, then everything does; ``disconnect``: the port vanishes (needs
-    a link); ``clock_jump``: the board's clock is set on by ``seconds``. ``made``, ``sent`` (whole, to an
-    open port) and ``unheard`` count samples, the faults and ``packets`` count packets, ``heard`` bytes
-    that a client wrote.
+    Faults strike radio packets. ``loss``; ``half_frame``: cut off; ``garbage``: random bytes before it; ``duplicate``:
+    sent twice; ``reorder``: overtaken by the next one; ``delay``: it and all behind it wait; ``stall``: nothing is sent
+    for a time, then everything is; ``disconnect``: the port disappears (needs a link); ``clock_jump``: the board's
+    clock jumps ahead by ``seconds``. ``made``, ``sent`` (whole, to an open port) and ``unheard`` count samples, the
+    faults and ``packets`` count packets, ``heard`` bytes from a client.
     """
 
     title: ClassVar[str] = "Power board behind an XBee receiver"
@@ -121,13 +120,13 @@ class PowerBoardEmulator(Emulator):
         self._blocks = Blocks(self._phase_values, 1 / self._rate, self._batch * -(-AHEAD // self._batch))
         self._began: float | None = None
         self._woke = 0.0  # UTC of the first sample, s
-        self._clock = 0.0  # s that jumps have added to the board's clock
-        self._opened: float | None = None  # since when somebody has the port open
+        self._clock = 0.0  # s added to the board's clock by jumps
+        self._opened: float | None = None  # when a client opened the port
         self._listened = False
-        self._leaving: float | None = None  # s that the port will be away once it has been read empty
-        self._left = 0.0  # when it began to leave
-        self._away = 0.0  # until when it is away
-        self._blocked = 0.0  # until when nothing leaves
+        self._leaving: float | None = None  # s for which the port will be gone once all bytes are read
+        self._left = 0.0  # when the disconnect began
+        self._away = 0.0  # when the port returns
+        self._blocked = 0.0  # when sending resumes
         self._line: deque[_Item] = deque()
         self._overtaken: list[_Item] = []
 
@@ -146,7 +145,7 @@ class PowerBoardEmulator(Emulator):
 
     @property
     def _step(self) -> int:
-        """µs between the samples of a packet; 0 where it holds one."""
+        """µs between the samples of a packet; 0 for packets of one sample."""
         return round(1e6 / self._rate) if self._batch > 1 else 0
 
     def inject(self, fault: Fault) -> None:
@@ -182,7 +181,7 @@ class PowerBoardEmulator(Emulator):
         self._send(port, now)
 
     def _plug(self, port: VirtualPort, now: float) -> None:
-        """Let the port vanish, once what was sent has been read, and come back."""
+        """Remove the port, once sent bytes have been read, and restore it."""
         if not port.plugged:
             if now >= self._away:
                 port.plug()
@@ -196,7 +195,7 @@ class PowerBoardEmulator(Emulator):
             self._overtaken.clear()
 
     def _listen(self, port: VirtualPort, now: float) -> None:
-        """Notice who opens the port and what they write."""
+        """Check whether a client has opened the port, and read its bytes."""
         if not port.opened or self._leaving is not None:
             self._opened, self._listened = None, False
             return
@@ -238,17 +237,11 @@ class PowerBoardEmulator(Emulator):
         microseconds = round((first / self._rate + self._clock) * 1e6)
         values, row = self._blocks.at(first)
         raw = payload.raw(values[row : row + self._batch])
-        return payload.Packet(
-            self._board,
-            first % payload.SEQUENCE_WRAP,
-            microseconds % payload.TIME_WRAP,
-            self._step,
-            self._phases,
-            raw,
-        )
+        sequence, stamp = first % payload.SEQUENCE_WRAP, microseconds % payload.TIME_WRAP
+        return payload.Packet(self._board, sequence, stamp, self._step, self._phases, raw)
 
     def _phase_values(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n, phases, 3) V, A, W t (n,) s after the first sample: an even share of the supply for each phase."""
+        """(n, phases, 3) V, A, W at t (n,) s after the first sample: an equal share of the supply for each phase."""
         signals = self.signals.at(self._woke - self.epoch + t)
         power = signals.get("supply.power", np.zeros_like(t))
         voltage = signals.get("supply.voltage", np.full_like(t, 230.0))
@@ -258,7 +251,7 @@ class PowerBoardEmulator(Emulator):
         return np.repeat(share[:, None, :], self._phases, axis=1)
 
     def _transmit(self, frame: bytes, now: float) -> None:
-        """Bring a packet over the radio, or what the faults leave of it."""
+        """Send a packet over the radio, subject to the faults."""
         pieces, whole, late = self.injector.left_of(frame, _into_its_crc)
         if not pieces:
             return
@@ -272,7 +265,7 @@ class PowerBoardEmulator(Emulator):
         self._overtaken.clear()
 
     def _send(self, port: VirtualPort, now: float) -> None:
-        """Write what is due as far as the line takes it; what nobody listens to is lost."""
+        """Write data that is due, as far as the line accepts it; without a listener it is lost."""
         while self._line and (self._line[0].due <= now or len(self._line) > MOST_WAITING):
             item = self._line[0]
             listening = self._opened is not None and len(self._line) <= MOST_WAITING
@@ -285,5 +278,5 @@ class PowerBoardEmulator(Emulator):
 
 
 def _into_its_crc(frame: bytes) -> int:
-    """A half frame lacks two bytes, so that no chance byte completes it."""
+    """Cut two bytes off a half frame, so that no chance byte completes it."""
     return len(frame) - 2

@@ -1,4 +1,4 @@
-"""The board's payload: one sample, or several that share a header, under a CRC. See docs/drivers/power_board.md.
+"""The board's payload: one sample, or several with one header, under a CRC. See docs/drivers/power_board.md.
 
 All fields are little-endian. Version 1 carries one sample, version 2 several at an even step:
 
@@ -40,9 +40,9 @@ _SINGLE = {10 + 8 * n: (n, struct.Struct("<BBHI" + _MEASURED * n)) for n in rang
 class Packet(NamedTuple):
     """Content of one radio packet.
 
-    ``sequence`` (u16) and ``time`` (u32 µs of the board's clock) are those of the first sample; ``step``
-    is µs from sample to sample, 0 where there is one. ``raw`` is sample by sample, phase by phase U, I, P
-    in device units, for ``measured``.
+    ``sequence`` (u16) and ``time`` (u32 µs of the board's clock) are those of the first sample; ``step`` is µs from
+    sample to sample, 0 for one sample. ``raw`` holds, sample by sample and phase by phase, U, I, P in device units, for
+    ``measured``.
     """
 
     board: int
@@ -64,7 +64,7 @@ def _fields(n: int) -> struct.Struct:
 
 
 def parse(data: bytes) -> Packet | None:
-    """The packet in ``data``, or ``None`` where the CRC, version or length is not that of a board's payload."""
+    """The packet in ``data``, or ``None`` if CRC, version or length do not match a board's payload."""
     if len(data) < SHORTEST or crc_hqx(data[:-2], 0xFFFF) != data[-2] | data[-1] << 8:
         return None
     version = data[0]
@@ -87,9 +87,9 @@ def _parse_batch(data: bytes) -> Packet | None:
 
 
 def build(packet: Packet) -> bytes:
-    """The payload of a packet: version 1 where it holds one sample without a step, else version 2.
+    """The payload of a packet: version 1 for one sample without a step, else version 2.
 
-    Raises ``ValueError`` where a field is out of its range or the payload would pass 255 bytes.
+    Raises ``ValueError`` if a field is out of range or the payload would exceed 255 bytes.
     """
     count = len(packet.raw) // 3
     version = 2 if packet.step else 1
@@ -110,7 +110,7 @@ def build(packet: Packet) -> bytes:
 
 
 def raw(measured: NDArray[np.float64]) -> tuple[int, ...]:
-    """Device units of ``measured`` (samples, phases, 3) in V, A, W; what does not fit saturates."""
+    """Convert ``measured`` (samples, phases, 3) in V, A, W to device units; values out of range saturate."""
     rounded = np.rint(measured * _PER_SI)
     limited = np.clip(rounded, np.array([0, 0, -0x8000_0000]), _TOP)
     return tuple(int(x) for x in limited.ravel())

@@ -1,4 +1,4 @@
-"""A serial port that is only listened to; the one place that does I/O for this driver."""
+"""A serial port that is only read; the only module of this driver with I/O."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from cellwatt.gather import next_moment
 from cellwatt_drivers.shared.aside import opened_aside
 
 MOST_READ = 4096
-"""Bytes dealt with in one turn of the loop, so that other sources have theirs."""
+"""Most bytes handled in one turn of the loop, so that other sources get their turn."""
 BY_ID = Path("/dev/serial/by-id")
 ADAPTERS = Path("/sys/bus/usb-serial/devices")
 
 
 class ListeningPort:
-    """An open port; made by ``listening_port``. It has no way to write.
+    """An open port, created by ``listening_port``. It has no way to write.
 
-    ``latency`` is how long, in ms, the adapter keeps bytes before it hands them over, where it says so.
+    ``latency``: time, ms, for which the adapter buffers bytes; None if unknown.
     """
 
     def __init__(self, device: serial.Serial) -> None:
@@ -34,13 +34,13 @@ class ListeningPort:
         self.latency = _latency_timer(self._path)
 
     def close(self) -> None:
-        """Let go of the port; blocks."""
+        """Close the port; blocks."""
         self._device.close()
 
     async def read(self, seconds: float, now: Callable[[], int], gather: float) -> list[tuple[bytes, int]]:
-        """Return what came until the next moment of ``gather`` s: bytes, and the time by ``now`` at which they came.
+        """Return bytes received until the next gather time of ``gather`` s, in pieces with their arrival by ``now``.
 
-        Empty when nothing came within ``seconds``. Raises ``ConnectError`` when the port is gone.
+        Empty if nothing arrives within ``seconds``. Raises ``ConnectError`` when the port is gone.
         """
         loop = asyncio.get_running_loop()
         descriptor = self._device.fileno()
@@ -52,7 +52,7 @@ class ListeningPort:
                 came.append((self._read(descriptor), now()))
             except BlockingIOError:
                 return
-            except ConnectError as error:  # bytes before it are given first: the next call meets it again
+            except ConnectError as error:  # earlier bytes are returned first: the next call raises the error
                 loop.remove_reader(descriptor)
                 if not came:
                     done.set_exception(error)
@@ -65,7 +65,7 @@ class ListeningPort:
             async with asyncio.timeout(seconds):
                 await done
         except TimeoutError:
-            pass  # what came until then is given
+            pass  # bytes received until then are returned
         finally:
             loop.remove_reader(descriptor)
         return came
@@ -91,7 +91,7 @@ def _finish(done: asyncio.Future[None]) -> None:
 
 
 def listening_port(path: str, baud: int) -> AbstractAsyncContextManager[ListeningPort]:
-    """Open a port for this process alone and close it at the end. Raises ``ConnectError`` that says why it cannot."""
+    """Open a port exclusively and close it at the end. Raises ``ConnectError`` with the reason."""
     return opened_aside(lambda: _open(path, baud), ListeningPort.close)
 
 
@@ -103,7 +103,7 @@ def _open(path: str, baud: int) -> ListeningPort:
 
 
 def _why(error: Exception, baud: int) -> str:
-    # pyserial keeps the number only for a failed open; a failed lock or set-up has it in the text.
+    # pyserial sets errno only for a failed open; after a failed lock or set-up the text contains it.
     number = getattr(error, "errno", None)
     text = str(error)
     if number == errno.ENOENT:
@@ -128,7 +128,7 @@ def _present() -> str:
 
 
 def _latency_timer(path: str) -> int | None:
-    """Only the FTDI driver has one."""
+    """The adapter's latency timer, ms; only the FTDI driver has one."""
     name = Path(path).resolve().name
     try:
         return int((ADAPTERS / name / "latency_timer").read_text())

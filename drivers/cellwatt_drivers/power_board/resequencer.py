@@ -1,4 +1,4 @@
-"""Brings packets back into the order in which the board made them, and says what is lost."""
+"""Restores the order in which the board made the packets, and counts lost samples."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Literal
 from cellwatt_drivers.power_board.payload import Packet
 
 MOST_HELD = 64
-"""Packets that wait for an overtaken one; beyond it the gap is given up, so that memory is bounded."""
+"""Most packets that wait for an overtaken one; with more, the gap is skipped, so that memory is bounded."""
 
 
 @dataclass(frozen=True, slots=True)
 class Placed:
-    """A packet with its never-wrapping ``sequence`` and board ``time`` (µs), and the cell's ``arrival`` (ns)."""
+    """A packet with its unwrapped ``sequence`` and board ``time`` (µs), and the cell's ``arrival`` (ns)."""
 
     packet: Packet
     sequence: int
@@ -23,7 +23,7 @@ class Placed:
 
 
 class Resequencer:
-    """Holds packets that overtook others for at most ``window`` ns; the first packet put sets the start."""
+    """Holds packets that overtook others for at most ``window`` ns; the first packet defines the start."""
 
     def __init__(self, window: int) -> None:
         self._window = window
@@ -32,7 +32,7 @@ class Resequencer:
         self._given_up: deque[range] = deque(maxlen=MOST_HELD)
 
     def put(self, placed: Placed) -> Literal["", "reordered", "duplicates", "late"]:
-        """Take a packet, unless it came before (``duplicates``) or was given up already (``late``)."""
+        """Add a packet, unless it was received before (``duplicates``) or its gap was skipped (``late``)."""
         number = placed.sequence
         if self._next is None:
             self._next = number
@@ -46,13 +46,13 @@ class Resequencer:
 
     @property
     def deadline(self) -> int | None:
-        """The cell's time, ns, at which the gap that packets wait behind is given up; ``None``: none wait."""
+        """The cell's time, ns, at which the gap before the waiting packets is skipped; ``None``: none wait."""
         return min(p.arrival for p in self._held.values()) + self._window if self._held else None
 
     def release(self, now: int, *, everything: bool = False) -> list[tuple[int, Placed]]:
         """Packets in order, each with the number of samples missing before it.
 
-        Those next in line at once; those behind a gap once its time is up, or with ``everything``.
+        Packets next in sequence are released at once; those behind a gap at its deadline, or with ``everything``.
         """
         if not self._held or self._next is None:
             return []
@@ -71,7 +71,7 @@ class Resequencer:
         return out
 
     def restart(self) -> None:
-        """Forget the numbering: the next packet put sets the start."""
+        """Discard the numbering: the next packet defines the start."""
         self._next = None
         self._held.clear()
         self._given_up.clear()

@@ -1,4 +1,4 @@
-"""Finds frames in bytes that come in pieces of any size."""
+"""Finds frames in bytes that arrive in pieces of any size."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ T = TypeVar("T")
 
 
 class FrameScanner:
-    """Frames that begin with ``start``; ``length`` tells from the first four bytes how long one is, 0 where it is none.
+    """Frames that begin with ``start``; ``length`` computes a frame's length from its first four bytes, 0 if invalid.
 
-    A start may be data, and a checksum is right by chance now and then. So a frame is taken off only when ``take`` says
-    that it is one; otherwise the scan goes on one byte past the start, in the same bytes. What waits for more bytes is
-    never longer than one frame.
+    A start sequence may occur in data, and a checksum may match by chance. So a frame is consumed only if ``take``
+    accepts it; otherwise the scan continues one byte after the start, in the same bytes. An incomplete rest is never
+    longer than one frame.
     """
 
     def __init__(
@@ -27,7 +27,7 @@ class FrameScanner:
         self._rest = b""
 
     def scan(self, data: bytes) -> None:
-        """Take all frames completed by these bytes, in order."""
+        """Process all frames completed by these bytes, in order."""
         buffer = self._rest + data
         end, taken = len(buffer), 0
         at = buffer.find(self._start)
@@ -52,9 +52,9 @@ class FrameScanner:
 
 
 class Decoder(Generic[T]):
-    """Gives what ``parse`` made of payloads, ``None`` for what is none, in the frames of a mode, which ``scan`` finds.
+    """Returns payloads parsed by ``parse`` (``None``: invalid) from the frames of a mode, which ``scan`` finds.
 
-    Bytes come in pieces of any size. ``counts`` is what was seen besides good payloads; whoever reads it clears it.
+    Bytes arrive in pieces of any size. ``counts`` counts everything except valid payloads; its reader clears it.
     """
 
     scan: Callable[[bytes], None]
@@ -71,7 +71,7 @@ class Decoder(Generic[T]):
         return self._found
 
     def _take(self, payload: bytes, otherwise: str) -> bool:
-        """Keep what is made of a payload; where it is none, count that as ``otherwise``."""
+        """Store a parsed payload; count an invalid one as ``otherwise``."""
         if (result := self._parse(payload)) is None:
             self.counts[otherwise] += 1
             return False

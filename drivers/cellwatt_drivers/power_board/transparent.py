@@ -1,9 +1,9 @@
-"""Our framing for the receiver's transparent mode (AP=0), where bytes in are bytes out.
+"""Our framing for the receiver's transparent mode (AP=0), which passes bytes unchanged.
 
     0xA5 0x5A · length u8 · length XOR 0xFF · payload (length bytes)
 
-The radio may split and merge what it is given, and a lost radio packet takes bytes out of the middle. So the
-length is sent twice (a false start is seen at once and holds nothing up) and the payload's CRC decides.
+The radio may split and merge data, and a lost radio packet removes bytes from the middle. So the length is sent twice
+(a false start is detected at once and delays nothing) and the payload's CRC decides.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The device's end of a serial port that vanishes and comes back: a pseudo-terminal behind a symbolic link."""
+"""The device's end of a serial port that disappears and returns: a pseudo-terminal behind a symbolic link."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from cellwatt.emulation.terminal import put_link
 
 
 class VirtualPort:
-    """A pseudo-terminal in raw mode; ``link``, where given, points to it while it is plugged in.
+    """A pseudo-terminal in raw mode; ``link``, if given, points to it while it is plugged in.
 
-    Whoever opens ``path`` sees a port that ends when ``unplug`` is called, as a USB adapter's does.
-    ``flushed``: whoever has it open has thrown away what waited in it, as serial libraries do when they open.
+    A client that has ``path`` open sees the port end when ``unplug`` is called, as with a USB adapter. ``flushed``: the
+    client has discarded the buffered bytes, as serial libraries do when they open a port.
     """
 
     def __init__(self, link: Path | None = None) -> None:
@@ -36,11 +36,11 @@ class VirtualPort:
 
     @property
     def plugged(self) -> bool:
-        """True while the port is there."""
+        """True while the port exists."""
         return self._master >= 0
 
     def plug(self) -> None:
-        """Make the port appear. Raises ``OSError`` where the link's place is taken by something else."""
+        """Create the port. Raises ``OSError`` if the link's path is in use."""
         master, slave = pty.openpty()
         try:
             tty.setraw(slave)
@@ -48,13 +48,13 @@ class VirtualPort:
         finally:
             os.close(slave)
         os.set_blocking(master, False)
-        fcntl.ioctl(master, termios.TIOCPKT, struct.pack("i", 1))  # to be told of flushes
+        fcntl.ioctl(master, termios.TIOCPKT, struct.pack("i", 1))  # to receive flush events
         self._master = master
         if self._link is not None:
             put_link(self._link, self._slave)
 
     def unplug(self) -> None:
-        """Make the port vanish: who has it open gets end of file or an I/O error."""
+        """Remove the port: a client that has it open gets end of file or an I/O error."""
         if self.plugged:
             if self._link is not None:
                 with contextlib.suppress(OSError):
@@ -64,7 +64,7 @@ class VirtualPort:
 
     @property
     def opened(self) -> bool:
-        """True while somebody has the port open."""
+        """True while a client has the port open."""
         if not self.plugged:
             return False
         poll = select.poll()
@@ -75,7 +75,7 @@ class VirtualPort:
 
     @property
     def unread(self) -> int:
-        """Bytes that wait for whoever has the port open."""
+        """Number of bytes that the client has not read."""
         if not self.opened:
             return 0
         slave = os.open(self._slave, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
@@ -86,17 +86,17 @@ class VirtualPort:
             os.close(slave)
 
     def write(self, data: bytes) -> int:
-        """Send what the line takes without blocking; return how many bytes that was."""
+        """Send as many bytes as the line accepts without blocking; return their number."""
         try:
             return os.write(self._master, data)
         except BlockingIOError:
             return 0
 
     def read(self) -> bytes:
-        """Return the bytes that the other side wrote, without blocking."""
+        """Return bytes written by the client, without blocking."""
         try:
             told = os.read(self._master, 4096)
-        except OSError:  # nothing there, or nobody at the other end
+        except OSError:  # no data, or no client
             return b""
         event, data = told[0], told[1:]
         self.flushed = self.flushed or bool(event & termios.TIOCPKT_FLUSHREAD)

@@ -19,14 +19,14 @@ _SEEN = {
 
 
 def decoder(mode: Mode) -> Decoder[Packet]:
-    """A fresh decoder for the receiver's mode."""
+    """A new decoder for the receiver's mode."""
     if mode == "transparent":
         return transparent.TransparentDecoder(parse)
     return xbee.ApiDecoder(parse, escaped=mode == "api_escaped")
 
 
 def wrap(payload: bytes, mode: Mode, *, sender: int = 0, network: int = 0xFFFE, explicit: bool = False) -> bytes:
-    """Return the bytes that the receiver sends for a payload; ``explicit``: frame type 0x91 in place of 0x90."""
+    """Return the receiver's bytes for a payload; ``explicit``: frame type 0x91 in place of 0x90."""
     if mode == "transparent":
         return transparent.frame(payload)
     data = (xbee.receive_explicit_data if explicit else xbee.receive_data)(payload, sender, network)
@@ -34,7 +34,7 @@ def wrap(payload: bytes, mode: Mode, *, sender: int = 0, network: int = 0xFFFE, 
 
 
 def diagnose(data: bytes, mode: Mode) -> str:
-    """Say what ``data`` looks like, in which ``mode`` found no packet, and what to do."""
+    """Describe ``data`` in which ``mode`` found no packet, and what to do."""
     for other in MODES:
         if other != mode and decoder(other).feed(data):
             return f"these are {_SEEN[other]}: set mode: {other}, or set the receiver to {_AP[mode]}"

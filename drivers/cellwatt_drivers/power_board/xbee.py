@@ -1,9 +1,9 @@
-"""XBee API frames, without (AP=1) and with escaping (AP=2), as Digi's ZigBee user guides describe them.
+"""XBee API frames, without (AP=1) and with escaping (AP=2), as described in Digi's ZigBee user guides.
 
     0x7E · length u16 big-endian · frame data (type … last byte) · checksum
 
-The length counts the frame data only; frame data and checksum add up to 0xFF in the low byte. With AP=2
-each of 0x7E 0x7D 0x11 0x13 after the first 0x7E travels as 0x7D and the byte XOR 0x20.
+The length counts the frame data only; frame data and checksum add up to 0xFF in the low byte. With AP=2 each of 0x7E
+0x7D 0x11 0x13 after the first 0x7E is sent as 0x7D and the byte XOR 0x20.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def receive_explicit_data(payload: bytes, sender: int, network: int, options: in
 
 
 def api_frames(accept: Callable[[bytes], bool], counts: Counter[str]) -> FrameScanner:
-    """Finds AP=1 frames and offers each one's data to ``accept``; ``counts`` gets what was damaged."""
+    """Finds AP=1 frames and passes the data of each to ``accept``; ``counts`` counts damage."""
 
     def take(frame: bytes) -> bool:
         if sum(frame[3:]) & 0xFF != 0xFF:
@@ -78,7 +78,7 @@ def _length(head: bytes) -> int:
 
 
 class EscapedApiFrames:
-    """As ``api_frames``, for AP=2, where every 0x7E is a start."""
+    """Like ``api_frames``, for AP=2, where every 0x7E is a start."""
 
     def __init__(self, accept: Callable[[bytes], bool], counts: Counter[str]) -> None:
         self._accept = accept
@@ -86,7 +86,7 @@ class EscapedApiFrames:
         self._rest = b""
 
     def scan(self, data: bytes) -> None:
-        """Offer all frames completed by these bytes, in order."""
+        """Process all frames completed by these bytes, in order."""
         before, *pieces = (self._rest + data).split(START)
         self._rest = b""
         if before:
@@ -98,7 +98,7 @@ class EscapedApiFrames:
             self._rest = START + pieces[-1]
 
     def _take(self, piece: bytes) -> bool:
-        """Take what follows a 0x7E; false where it is not complete."""
+        """Process the bytes after a 0x7E; false if they are incomplete."""
         body = _unescape(piece) if ESCAPE in piece else piece
         size = body[0] << 8 | body[1] if len(body) >= 2 else 1
         stop = size + 3
@@ -119,15 +119,15 @@ class EscapedApiFrames:
 
 
 def _unescape(piece: bytes) -> bytes:
-    """The bytes meant; a lone escape at the end waits for its byte."""
+    """The unescaped bytes; a lone escape at the end is dropped until its byte arrives."""
     first, *rest = piece.split(ESCAPE)
     return first + b"".join(bytes([part[0] ^ 0x20]) + part[1:] for part in rest if part)
 
 
 def _well_escaped(piece: bytes, body: bytes) -> bool:
-    """True if the bytes that ``body`` was made of have an escape for each byte that needs one.
+    """True if the bytes of ``body`` in ``piece`` have an escape for each byte that needs one.
 
-    Without this most AP=1 frames would pass for AP=2, and a quarter of them vanish without a hint.
+    Without this check most AP=1 frames would pass as AP=2, and a quarter of them would be lost without a hint.
     """
     special = len(body) - len(body.translate(None, _SPECIAL))
     return piece.count(ESCAPE, 0, len(body) + special) == special
@@ -141,7 +141,7 @@ class ApiDecoder(Decoder[T]):
         self.scan = (EscapedApiFrames if escaped else api_frames)(self._open, self.counts).scan
 
     def _open(self, data: bytes) -> bool:
-        """False where frame data may yet be a chance hit: its payload does not parse, or its type is unknown."""
+        """Return false if frame data may be a chance hit: its payload does not parse, or its type is unknown."""
         payload_at = _PAYLOAD_AT.get(data[0])
         if payload_at is not None:
             return self._take(data[payload_at:], "foreign payloads")

@@ -1,4 +1,4 @@
-"""Power analyzers that speak SCPI: R&S HMC8015, Yokogawa WT300, ZES Zimmer LMG600."""
+"""Power analyzers with SCPI commands: R&S HMC8015, Yokogawa WT300, ZES Zimmer LMG600."""
 
 from cellwatt_drivers.scpi_analyzer.driver import ScpiAnalyzerDriver, ScpiAnalyzerSettings
 

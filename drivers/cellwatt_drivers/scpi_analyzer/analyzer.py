@@ -1,4 +1,4 @@
-"""Questions to an analyzer in the words of its dialect."""
+"""Requests to an analyzer in the commands of its dialect."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _DEEPEST_QUEUE = 50
 
 
 class Analyzer:
-    """An analyzer at the end of a ``line``; waits ``timeout`` s for each answer. All methods raise ``SourceError``."""
+    """An analyzer on a ``line``; waits ``timeout`` s for each answer. All methods raise ``SourceError``."""
 
     def __init__(self, line: Line, dialect: Dialect, timeout: float) -> None:
         self._line = line
@@ -22,9 +22,9 @@ class Analyzer:
         self._timeout = timeout
 
     async def identify(self) -> Identification:
-        """Ask who answers; pass over answers to earlier queries that come first.
+        """Ask for the identification; skip answers to earlier queries that arrive first.
 
-        Raises ``WrongDeviceError`` where something else than the dialect's model answers.
+        Raises ``WrongDeviceError`` if a device other than the dialect's model answers.
         """
         loop = asyncio.get_running_loop()
         end = loop.time() + self._timeout
@@ -49,12 +49,12 @@ class Analyzer:
             heard = heard or text
 
     def tell(self, commands: Iterable[str]) -> None:
-        """Send commands that have no answers."""
+        """Send commands without an answer."""
         for command in commands:
             self._line.tell(command)
 
     async def selected(self, wanted: Sequence[str]) -> tuple[str, ...]:
-        """Ask for the items that ``read`` answers, in order; ``wanted`` where the query itself names them."""
+        """Ask for the items that ``read`` returns, in order; ``wanted`` if the query itself names them."""
         dialect = self._dialect
         if not dialect.selected:
             return tuple(wanted)
@@ -69,7 +69,7 @@ class Analyzer:
         return tuple(found)
 
     async def choose(self, items: Sequence[str]) -> None:
-        """Choose and order what ``read`` answers. Raises ``DeviceError`` with what the analyzer says against it."""
+        """Choose and order the items that ``read`` returns. Raises ``DeviceError`` with the analyzer's error."""
         self.tell(self._dialect.selection(items))
         errors = await self.errors()
         if errors:
@@ -90,10 +90,10 @@ class Analyzer:
         return found
 
     async def read(self, items: Sequence[str]) -> Answer:
-        """Ask for one line of measured values."""
+        """Request one line of measured values."""
         return await self._line.ask(self._dialect.query(items), self._timeout)
 
 
 def _article(model: str) -> str:
-    """``a`` or ``an``, as the model's first letter is spoken."""
+    """``a`` or ``an``, by the pronunciation of the model's first letter."""
     return "an" if model[0] in "AEFHILMNORSX" else "a"

@@ -1,4 +1,4 @@
-"""Commands and functions of each make of analyzer, as data."""
+"""Commands and functions of each family of analyzers, as data."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ Element = Literal["1", "2", "3", "4", "5", "6", "7", "sigma"]
 
 @dataclass(frozen=True, slots=True)
 class Function:
-    """One measured function: the ``channel`` it feeds, SI units per unit of the answer, and its long spelling.
+    """One measured function: its ``channel``, SI units per unit of the answer, and its long spelling.
 
-    ``word`` is the analyzer's short spelling where that is not the name used in the settings.
+    ``word`` is the analyzer's short spelling, if it differs from the name used in the settings.
     """
 
     channel: Channel
@@ -29,16 +29,17 @@ class Function:
 class Dialect:
     """One family of analyzers.
 
-    ``known`` must occur in the answer to ``*IDN?``; left out, ``model`` must. ``functions`` is by the names used in
-    the settings. An ``item`` is a function as the analyzer wants it written, at an ``{element}`` where it has several.
+    ``known`` must occur in the answer to ``*IDN?``; if empty, ``model`` must. ``functions`` is by the names used in the
+    settings. An ``item`` is a function in the analyzer's notation, with ``{element}`` if the analyzer has several
+    inputs.
 
     ``prepare`` are lines sent on connecting. ``select`` are the lines that choose the items of the answer to ``read``
     and their order: ``{functions}`` in them is the list (joined by ``separator``), ``{count}`` its length, and a line
-    with ``{number}`` is sent once for each ``{item}``. ``selected`` asks for that list, or where it has ``{number}``
-    for one item, and ``count`` for how many there are. Where ``selected`` is empty, ``read`` itself holds
-    ``{functions}``. ``integrate`` starts the integrator. ``errors`` takes one entry off the error queue, between
-    the lines ``before_errors`` and ``after_errors``. ``window`` s is what each value is a mean over, 0 where that is
-    set at the analyzer.
+    with ``{number}`` is sent once for each ``{item}``. ``selected`` asks for that list, or with ``{number}`` for one
+    item, and ``count`` for the number of items. If ``selected`` is empty, ``read`` itself holds ``{functions}``.
+    ``integrate`` starts the integrator. ``errors`` takes one entry off the error queue, between the lines
+    ``before_errors`` and ``after_errors``. ``window`` is the averaging window of each value, s, 0 if it is set at the
+    analyzer.
     """
 
     maker: str
@@ -70,12 +71,12 @@ class Dialect:
         return upper
 
     def items(self, functions: Sequence[str], element: Element) -> tuple[str, ...]:
-        """The items of functions named as in the settings."""
+        """Items of functions that are named as in the settings."""
         words = [self.functions[name].word or name for name in functions]
         return tuple(self.item.format(function=word, element=element.upper()) for word in words)
 
     def found(self, item: str) -> str:
-        """An item as the analyzer tells it, in the form of ``items``: without a header, in short spelling."""
+        """Convert an item from the analyzer to the notation of ``items``: without a header, in short spelling."""
         function, comma, element = item.strip().split(" ")[-1].partition(",")
         return self.short(function) + comma + element.strip().upper()
 
@@ -123,7 +124,7 @@ HMC8015 = Dialect(
     integrate=("INT:MODE MAN", "INT:STAT ON", "INT:STAR"),
     window=0.1,
 )
-"""Firmware 1.403 and newer; from the vendor's own examples and a public C++ driver."""
+"""Firmware 1.403 and newer; from the vendor's examples and a public C++ driver."""
 
 WT300 = Dialect(
     maker="Yokogawa",
@@ -169,4 +170,4 @@ LMG600 = Dialect(
 
 Model = Literal["hmc8015", "wt300", "lmg600"]
 DIALECTS: Mapping[Model, Dialect] = {"hmc8015": HMC8015, "wt300": WT300, "lmg600": LMG600}
-"""By ``model`` of the settings."""
+"""Dialects by ``model`` of the settings."""

@@ -29,7 +29,7 @@ FunctionName = Literal["URMS", "IRMS", "P", "S", "Q", "LAMB", "PHI", "FU", "WH"]
 
 
 def _written(element: object) -> object:
-    """A bare 2 is a number in YAML, and the name of an input here."""
+    """Convert a bare 2, a number in YAML, to the name of an input."""
     return str(element) if type(element) is int else element
 
 
@@ -53,17 +53,17 @@ class ScpiAnalyzerSettings(SourceSettings):
     functions: Chosen[FunctionName] = ("URMS", "IRMS", "P", "S", "Q", "LAMB")
     """Quantities to read; WH counts only while the integrator runs (not on an LMG600)."""
     rate: Hertz = 10.0
-    """Polls a second; the HMC8015 makes 10 readings a second, the others as many as they are set to."""
+    """Polls per second; the HMC8015 makes 10 measurements a second, the others as many as set at the analyzer."""
     window: Seconds | None = Field(None, gt=0)
-    """Window that each value is a mean over, as set at the analyzer; left out: 0.1 s for an HMC8015, else unknown."""
+    """Averaging window of each value, as set at the analyzer; omitted: 0.1 s for an HMC8015, otherwise unknown."""
     timeout: Seconds = Field(1.0, gt=0)
-    """Wait this long for an answer, then open the connection anew."""
+    """Longest wait for an answer; after it the connection is opened again."""
     select: bool = True
-    """Choose ``functions`` at the analyzer; ``false`` takes them from the list that is set there already."""
+    """Choose ``functions`` at the analyzer; ``false`` reads them from the list already set there."""
     integrate: bool = False
     """Start the analyzer's integrator (it is not stopped afterwards)."""
     error_check: Seconds = Field(10.0, gt=0)
-    """Read the analyzer's error queue this often."""
+    """Interval at which the analyzer's error queue is read."""
 
     @model_validator(mode="after")
     def _fits(self) -> ScpiAnalyzerSettings:
@@ -80,8 +80,8 @@ class ScpiAnalyzerSettings(SourceSettings):
 
 
 class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
-    """One analyzer. After an answer that is late, cut or not understood the connection is opened anew, because
-    every later answer would be taken for that of the query before it.
+    """One analyzer. After a late, cut or invalid answer the connection is opened again, because every later answer
+    would be mistaken for that of the query before it.
     """
 
     Settings = ScpiAnalyzerSettings
@@ -115,7 +115,7 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
 
     @property
     def streams(self) -> tuple[Stream, ...]:
-        """One: ``measured``."""
+        """The one stream, ``measured``."""
         return (self._stream,)
 
     async def identify(self) -> Identity:
@@ -124,7 +124,7 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
             return await self._greet(self._analyzer(line))
 
     async def run(self) -> None:
-        """See ``Driver.run``. A connection that had delivered is opened anew at once, any other is given up."""
+        """See ``Driver.run``. A connection that has delivered samples is reopened at once, any other raises."""
         await keep_conversing(self, self._converse)
 
     def _open(self) -> AbstractAsyncContextManager[Line]:
@@ -142,7 +142,7 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
         return Identity(self._dialect.maker, found.model, found.serial, found.firmware)
 
     async def _converse(self) -> None:
-        """One connection, from the greeting on."""
+        """Run one connection, from the greeting on."""
         try:
             await self._use_line()
         except (NoAnswerError, ProtocolError) as error:
@@ -159,14 +159,14 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
                 self.inlet.connected(identity)
                 await self._poll(analyzer, order)
             except asyncio.CancelledError:
-                # Only in order: on a connection that failed the analyzer might obey late, after the next set-up.
+                # On a proper close only: after a failure the analyzer might execute this late, after the next set-up.
                 if self._before:
                     with suppress(ConnectError):
                         analyzer.tell(self._dialect.selection(self._before))
                 raise
 
     async def _set_up(self, analyzer: Analyzer) -> tuple[str, ...]:
-        """Make the analyzer answer the functions; gives all that it answers, in order."""
+        """Make the analyzer return the functions; returns all items of its answers, in order."""
         wanted = self._items
         analyzer.tell(self._dialect.prepare)
         order = await analyzer.selected(wanted)

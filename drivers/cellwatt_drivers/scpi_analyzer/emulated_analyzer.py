@@ -14,23 +14,23 @@ import numpy as np
 from cellwatt.emulation import Signals
 
 UPDATE = 0.1
-"""s between two measurements; asking more often gives the same one again."""
+"""Time between two measurements, s; queries in between return the same one."""
 NOT_A_NUMBER = 9.91e37
 OVERFLOW = 9.9e37
 FREQUENCY = 50.0
 AFTER_RESET = ("URMS", "IRMS", "P", "FPLL", "URAN", "IRAN", "S", "Q", "LAMB", "PHI")
 
 _FUNCTIONS = frozenset(AFTER_RESET) | {"FU", "FI", "WH", "TIME"}
-_SAMPLES = 20  # of the signals within one update
-_MOST_SAMPLES = 2000  # when catching up after nobody asked for long
+_SAMPLES = 20  # samples of the signals per update
+_MOST_SAMPLES = 2000  # most samples of a longer update, after a long time without a query
 _QUEUE = 16
 SCPI_VERSION = "1999.0"
 _COMPLETE, _DEVICE, _EXECUTION, _COMMAND = 1, 8, 16, 32
 """Bits of the event status register, IEEE 488.2, 11.5.1."""
 _EVENTS = {1: _COMMAND, 2: _EXECUTION, 3: _DEVICE}
-"""By the hundreds of an error's number (SCPI-99, 21.8)."""
+"""Event bits by the hundreds of an error's number (SCPI-99, 21.8)."""
 _QUEUED, _SUMMARY, _REQUEST = 4, 32, 64
-"""Bits of the status byte: an error waits, an enabled event happened, service is requested."""
+"""Bits of the status byte: an error is queued, an enabled event is set, service is requested."""
 
 NO_HEADER = (-113, "Undefined header")
 NO_PARAMETER = (-109, "Missing parameter")
@@ -40,7 +40,7 @@ OVERRUN = (-350, "Queue overflow")
 
 @dataclass(frozen=True, slots=True)
 class _Electric:
-    """Means over one update: V, A, W."""
+    """Values of one update: rms voltage V, rms current A, mean power W."""
 
     voltage: float
     current: float
@@ -50,7 +50,7 @@ class _Electric:
 class EmulatedAnalyzer:
     """Executes lines of SCPI. ``overload`` names the functions whose input is too large for the range.
 
-    ``data_query`` occurs in every line that asks for measured values.
+    ``data_query`` occurs in every line that requests measured values.
     """
 
     data_query: ClassVar[str] = "DATA?"
@@ -72,7 +72,7 @@ class EmulatedAnalyzer:
         self._tree = [(_pattern(notation), action) for notation, action in self._commands().items()]
 
     def execute(self, line: str, t: float) -> str | None:
-        """The answer to one line at t s, ``None`` where nothing in it asks."""
+        """Execute one line at t s; return its answer, ``None`` if it has no query."""
         self._advance(t)
         answers: list[str] = []
         path = ""
@@ -114,7 +114,7 @@ class EmulatedAnalyzer:
         }
 
     def _status_commands(self) -> Mapping[str, Callable[[str], str | None]]:
-        """Return the commands that every instrument has by IEEE 488.2."""
+        """Return the commands that IEEE 488.2 requires of every instrument."""
         return {
             "*CLS": lambda _: self._clear_status(),
             "*STB?": lambda _: str(self._status_byte()),
@@ -161,7 +161,7 @@ class EmulatedAnalyzer:
         return f'{code},"{text}"'
 
     def _all_errors(self) -> str:
-        """All of the queue, which is empty then."""
+        """Return and clear the whole queue."""
         return ",".join(self._next_error() for _ in range(max(1, len(self.errors))))
 
     def _one_of(self, parameter: str, known: set[str]) -> None:
@@ -184,7 +184,7 @@ class EmulatedAnalyzer:
         self._energy = self._seconds = 0.0
 
     def _advance(self, t: float) -> None:
-        """Bring the measurement and the integrator up to the last update before t."""
+        """Advance the measurement and the integrator to the last update before t."""
         update = math.floor(t / UPDATE)
         if update <= self._update:
             return
@@ -197,7 +197,7 @@ class EmulatedAnalyzer:
             self._seconds += passed * UPDATE
 
     def _mean(self, update: int, updates: int) -> _Electric:
-        """Root mean squares and mean power over the ``updates`` that end with this one."""
+        """Root mean squares and mean power over the ``updates`` updates up to this one."""
         n = min(_SAMPLES * updates, _MOST_SAMPLES)
         t = (update - updates + (np.arange(n) + 0.5) / n * updates) * UPDATE
         values = self._signals.at(t)
@@ -235,7 +235,7 @@ def _functions(electric: _Electric) -> dict[str, float]:
 
 
 def _pattern(notation: str) -> re.Pattern[str]:
-    """``CHANnel1:DATA?`` as a pattern: each word in its short or its full form, a final 1 may be left out."""
+    """``CHANnel1:DATA?`` as a pattern: each word in its short or its full form, a final 1 is optional."""
     body, query = (notation[:-1], r"\?") if notation.endswith("?") else (notation, "")
     return re.compile(":".join(_word(w) for w in body.split(":")) + query)
 
@@ -248,5 +248,5 @@ def _word(word: str) -> str:
 
 
 def known_functions(names: Iterable[str]) -> set[str]:
-    """Those of the names that the analyzer measures."""
+    """The subset of the names that the analyzer measures."""
     return set(_FUNCTIONS.intersection(names))

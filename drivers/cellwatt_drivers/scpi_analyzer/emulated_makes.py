@@ -1,4 +1,4 @@
-"""The instruments of other makes behind the emulator: a Yokogawa WT310 and a ZES LMG670."""
+"""The instruments of other makers behind the emulator: a Yokogawa WT310 and a ZES LMG670."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _LMG600_VALUE = re.compile(r"([A-Z]+?)([1-7])\?")
 
 
 class EmulatedWt310(EmulatedAnalyzer):
-    """A WT310: items are chosen one by one, answers to settings come without a header."""
+    """A WT310: items are chosen one by one, answers to settings have no header."""
 
     data_query: ClassVar[str] = "VAL?"
 
@@ -82,7 +82,7 @@ class EmulatedWt310(EmulatedAnalyzer):
 
 
 class EmulatedLmg670(EmulatedAnalyzer):
-    """An LMG670: after ``*ZLANG SHORT`` each value has a query of its own, and ``INIM`` takes over the newest."""
+    """An LMG670: after ``*ZLANG SHORT`` each value has its own query, and ``INIM`` latches the newest values."""
 
     data_query: ClassVar[str] = "INIM"
 
@@ -105,7 +105,7 @@ class EmulatedLmg670(EmulatedAnalyzer):
                 name = _LMG600_WORDS[value[1]]
                 return "9.900000E+37" if name in self.overload else f"{self._values()[name]:.6E}"
             if not header.startswith("*"):
-                header = ""  # SCPI is not understood in the short language
+                header = ""  # SCPI commands are invalid in the short language
         return super()._run(header, parameter)
 
     def _set_language(self, parameter: str) -> None:

@@ -18,22 +18,20 @@ _MAKES: Mapping[str, tuple[type[EmulatedAnalyzer], str]] = {
     "wt300": (EmulatedWt310, "YOKOGAWA,WT310E,C2XX00001V,F1.03"),
     "lmg600": (EmulatedLmg670, "ZES ZIMMER Electronic Systems GmbH,LMG670,00000001,7.134"),
 }
-"""By the name of the driver's ``model``: the instrument, and its answer to ``*IDN?``."""
+"""Instrument and answer to ``*IDN?``, by the driver's ``model``."""
 
 
 class ScpiAnalyzerEmulator(PortEmulator):
     """One analyzer on the mains of ``supply.power``, ``supply.voltage`` and ``supply.current``.
 
-    Listens on 127.0.0.1:5025 unless told otherwise; ``pty``, or the path of a link to it, makes it a serial
-    port. Options: ``model``
-    (``hmc8015``, ``wt300``: a WT310E, ``lmg600``: an LMG670), ``idn`` (the answer to ``*IDN?``), ``overload``
+    Listens on 127.0.0.1:5025 by default; ``pty``, or the path of a link to it, makes it a serial port. Options:
+    ``model`` (``hmc8015``, ``wt300``: a WT310E, ``lmg600``: an LMG670), ``idn`` (the answer to ``*IDN?``), ``overload``
     (functions, comma-separated, whose input is too large from the start).
 
-    Faults on measured values (answers to ``DATA?``, ``VAL?`` or ``INIM``): ``loss`` (not sent), ``half_frame``
-    (cut, without its end), ``delay`` (late by ``seconds``), ``garbage`` (a line of random bytes ahead of it). At the
-    next line received, ``stall`` leaves the asker waiting for ``seconds``; ``disconnect`` closes the port for
-    ``seconds``, on a pseudo-terminal it lets all bytes be lost. ``made`` counts queries for data, ``sent`` whole
-    answers to them.
+    Faults on measured values (answers to ``DATA?``, ``VAL?`` or ``INIM``): ``loss`` (not sent), ``half_frame`` (cut,
+    without its end), ``delay`` (late by ``seconds``), ``garbage`` (a line of random bytes before it). At the next line
+    received, ``stall`` delays the answer by ``seconds``; ``disconnect`` closes the port for ``seconds``, on a
+    pseudo-terminal all bytes are then lost. ``made`` counts queries for data, ``sent`` whole answers to them.
     """
 
     title: ClassVar[str] = "Power analyzer (SCPI: R&S HMC8015, Yokogawa WT310E, ZES LMG670)"

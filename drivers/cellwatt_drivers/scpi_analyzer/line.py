@@ -18,12 +18,12 @@ from cellwatt_drivers.shared.polling import NoAnswerError
 
 _MOST_LINES = 16
 _CLOSING = 1.0
-"""s to wait for a connection to close; it goes on by itself after that."""
+"""Longest wait for a connection to close, s; after it the connection closes in the background."""
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """One line with the cell's times (ns) at which its query left and it came back."""
+    """One line with the cell's times (ns) of its query and of its arrival."""
 
     text: str
     asked: int
@@ -31,10 +31,10 @@ class Answer:
 
 
 class Line(asyncio.Protocol):
-    """The text side of an open connection; ``write`` is set by whoever opened it, ``closed`` once it is closed.
+    """The text side of an open connection; its opener sets ``write``; ``closed`` is set once it is closed.
 
-    ``now`` gives the cell's time, ns. Over-long lines, or lines nobody reads, end the conversation, so that
-    nothing grows without bound.
+    ``now`` returns the cell's time, ns. Over-long lines and too many unread lines end the conversation, so that memory
+    is bounded.
     """
 
     def __init__(self, place: str, now: Callable[[], int]) -> None:
@@ -49,21 +49,21 @@ class Line(asyncio.Protocol):
 
     @property
     def unread(self) -> bool:
-        """True if something has come that nobody asked for."""
+        """True if unrequested data has arrived."""
         return bool(self._lines or self._partial)
 
     def tell(self, command: str) -> None:
-        """Send a command that has no answer. Raises ``ConnectError``."""
+        """Send a command without an answer. Raises ``ConnectError``."""
         try:
             self.write(command.encode("ascii") + b"\n")
         except OSError as error:
             raise ConnectError(f"{self.place}: {error.strerror or error}") from error
 
     async def ask(self, query: str, timeout: float) -> Answer:
-        """Ask, and return the answer.
+        """Send a query and return its answer.
 
-        Raises ``NoAnswerError``, ``ConnectError`` where the connection is gone, and ``ProtocolError`` where the answer
-        is not text or something unasked came before the query: answers would be shifted from then on.
+        Raises ``NoAnswerError``, ``ConnectError`` if the connection is lost, and ``ProtocolError`` if the answer is not
+        text or unrequested data came before the query: later answers would then be shifted.
         """
         if self.unread:
             raise ProtocolError(f"{self.place} sent what nobody had asked for")
@@ -73,7 +73,7 @@ class Line(asyncio.Protocol):
         return Answer(text, asked, arrival)
 
     async def read(self, timeout: float) -> tuple[str, int]:
-        """Return the next line and when it came, ns of the cell's time. Raises as ``ask``."""
+        """Return the next line and its arrival, ns of the cell's time. Raises the same as ``ask``."""
         try:
             async with asyncio.timeout(timeout):
                 while not self._lines:
@@ -87,7 +87,7 @@ class Line(asyncio.Protocol):
         return decode_line(data), arrival
 
     def data_received(self, data: bytes) -> None:
-        """Called by the loop."""
+        """Split received data into lines; called by the loop."""
         arrival = self._now()
         *lines, rest = (bytes(self._partial) + data).split(b"\n")
         self._lines.extend((line, arrival) for line in lines)
@@ -99,7 +99,7 @@ class Line(asyncio.Protocol):
         self._news.set()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Called by the loop."""
+        """Mark the connection as lost; called by the loop."""
         why = getattr(exc, "strerror", None) or exc or "closed by the analyzer"
         self._broken = self._broken or ConnectError(f"{self.place}: the connection is gone ({why})")
         self._news.set()
@@ -130,7 +130,7 @@ async def open_tcp(host: str, port: int, timeout: float, now: Callable[[], int])
 
 @asynccontextmanager
 async def open_serial(path: str, baud: int, now: Callable[[], int]) -> AsyncIterator[Line]:
-    """Open a line over a serial port, for this process alone. Raises ``ConnectError``."""
+    """Open a line over a serial port, exclusively. Raises ``ConnectError``."""
     line = Line(path, now)
 
     def open_port() -> serial.Serial:
@@ -151,7 +151,7 @@ async def open_serial(path: str, baud: int, now: Callable[[], int]) -> AsyncIter
 
 
 async def _close(transport: asyncio.BaseTransport, line: Line) -> None:
-    """Close, and wait until what was told has left and the port is free again."""
+    """Close, and wait until pending commands are sent and the port is free again."""
     transport.close()
     with suppress(TimeoutError):
         async with asyncio.timeout(_CLOSING):

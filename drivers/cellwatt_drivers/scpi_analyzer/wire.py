@@ -1,4 +1,4 @@
-"""Lines of text from an analyzer and what they mean. Pure functions; see ``dialect`` for the commands."""
+"""Parses lines of text from an analyzer. Pure functions; see ``dialect`` for the commands."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cellwatt.errors import ProtocolError
 
 PORT = 5025
 LONGEST = 4096
-"""Bytes of the longest line taken; measured values of every function fit in a tenth of it."""
+"""Longest accepted line, bytes; the measured values of all functions fit in a tenth of it."""
 
 _MOST_VALUES = 255
 _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
@@ -23,7 +23,7 @@ _ERROR = re.compile(r"([-+]?[0-9]+)\s*,\s*\"?([^\"]*)\"?")
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """One value of an answer: NaN where the analyzer has none, and then whether the input was overloaded."""
+    """One value of an answer; NaN if the analyzer has none, with ``overload`` if its input was overloaded."""
 
     number: float
     overload: bool = False
@@ -31,7 +31,7 @@ class Value:
 
 @dataclass(frozen=True, slots=True)
 class Identification:
-    """The fields of an answer to ``*IDN?``; those left out are empty."""
+    """The fields of an answer to ``*IDN?``; absent ones are empty."""
 
     maker: str
     model: str
@@ -58,7 +58,7 @@ def parse_value(text: str) -> Value:
 
 
 def parse_values(line: str, count: int, separator: str = ",") -> tuple[Value, ...]:
-    """Parse the values of one answer. Raises ``ProtocolError`` where there are not ``count`` of them."""
+    """Parse the values of one answer. Raises ``ProtocolError`` unless there are ``count`` values."""
     tokens = line.split(separator)
     if len(tokens) != count:
         raise ProtocolError(f"{len(tokens)} values in {line[:60]!r}; expected {count}")
@@ -66,7 +66,7 @@ def parse_values(line: str, count: int, separator: str = ",") -> tuple[Value, ..
 
 
 def parse_error(line: str) -> tuple[int, str]:
-    """Parse code and text of an entry of the error queue; code 0 where it is empty. Raises ``ProtocolError``."""
+    """Parse code and text of an entry of the error queue; code 0: the queue is empty. Raises ``ProtocolError``."""
     found = _ERROR.fullmatch(line.strip())
     if not found:
         raise ProtocolError(f"{line[:60]!r} is not an entry of the error queue")
@@ -74,7 +74,7 @@ def parse_error(line: str) -> tuple[int, str]:
 
 
 def parse_count(line: str) -> int:
-    """Parse the number of values that an analyzer answers, with or without a header. Raises ``ProtocolError``."""
+    """Parse the number of values in an analyzer's answers, with or without a header. Raises ``ProtocolError``."""
     text = line.strip().split(" ")[-1]
     if not text.isascii() or not text.isdigit() or int(text) > _MOST_VALUES:
         raise ProtocolError(f"{line[:40]!r} is not a number of values")
@@ -89,7 +89,7 @@ def parse_identification(line: str) -> Identification:
 
 
 def decode_line(data: bytes) -> str:
-    """Decode a line without its end, LF or CR LF. Raises ``ProtocolError`` where it is not printable ASCII."""
+    """Decode a line without its end, LF or CR LF. Raises ``ProtocolError`` if it is not printable ASCII."""
     text = data.rstrip(b"\r\n").decode("ascii", "replace")
     if not text.isprintable() or "\ufffd" in text:
         raise ProtocolError(f"{data[:40]!r} is not a line of text")

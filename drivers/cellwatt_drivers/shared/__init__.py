@@ -1,1 +1,1 @@
-"""The room that all drivers share: each thing that several need, once. It knows none of them."""
+"""Code that several drivers share; it depends on none of them."""

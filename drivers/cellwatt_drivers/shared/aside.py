@@ -1,4 +1,4 @@
-"""Devices that block while they are opened and closed, and libraries that forget cancellations."""
+"""Devices that block while they open and close, and libraries that lose cancellations."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ T = TypeVar("T")
 
 @asynccontextmanager
 async def opened_aside(open_device: Callable[[], T], close: Callable[[T], object]) -> AsyncIterator[T]:
-    """Open in a thread and close in one at the end. Raises what ``open_device`` raises.
+    """Open a device in a thread, and close it in a thread at the end. Raises what ``open_device`` raises.
 
-    A device that nobody waits for any more is closed as soon as it is open.
+    If the task is cancelled while the device opens, the device is closed as soon as it is open.
     """
 
     def discard(opening: asyncio.Future[T]) -> None:
@@ -36,7 +36,7 @@ async def opened_aside(open_device: Callable[[], T], close: Callable[[T], object
 def obey_cancellation() -> None:
     """Raise ``asyncio.CancelledError`` if the task is cancelled.
 
-    Libraries wait by ``asyncio.wait_for``, which up to Python 3.11 forgets a cancellation that meets the answer.
+    Libraries use ``asyncio.wait_for``, which up to Python 3.11 loses a cancellation that coincides with the answer.
     """
     task = asyncio.current_task()
     if task is not None and task.cancelling():

@@ -1,4 +1,4 @@
-"""Types of settings that several drivers have."""
+"""Types of settings that several drivers share."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Chosen = Annotated[tuple[T, ...], AfterValidator(_some), AfterValidator(_each_on
 
 
 def whole_part_of(fastest: float) -> AfterValidator:
-    """A rate that is this one, Hz, or a whole part of it."""
+    """A rate that is ``fastest``, Hz, divided by a whole number."""
 
     def check(rate: float) -> float:
         every = fastest / rate

@@ -1,4 +1,4 @@
-"""What a device sends by itself, on its way from a callback to the driver."""
+"""Messages that a device sends unasked, queued between a callback and the driver."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ T = TypeVar("T")
 
 
 class Mailbox(Generic[T]):
-    """Keeps ``most`` messages in order; ``dropped`` counts older ones that nobody took in time."""
+    """Queues at most ``most`` messages in order; ``dropped`` counts older messages that were discarded unread."""
 
     def __init__(self, most: int) -> None:
         self.dropped = 0
@@ -22,7 +22,7 @@ class Mailbox(Generic[T]):
         self._news = asyncio.Event()
 
     def take(self, message: T) -> None:
-        """A message came."""
+        """Add a received message."""
         if len(self._messages) >= self._most:
             self._messages.popleft()
             self.dropped += 1
@@ -30,15 +30,15 @@ class Mailbox(Generic[T]):
         self._news.set()
 
     def fail(self, error: SourceError) -> None:
-        """Nothing more will come, for this reason."""
+        """End the mailbox with an error: no further message will arrive."""
         self._failure = self._failure or error
         self._news.set()
 
     async def given(self, seconds: float, at_once: int | None = None, gather: float = 0.0) -> list[T]:
-        """Messages in order, at most ``at_once``; none where none came within ``seconds``.
+        """Messages in order, at most ``at_once``; empty if none arrives within ``seconds``.
 
-        ``gather`` s after the first they are taken, with those that came meanwhile. Raises what ``fail`` was given once
-        all messages are taken.
+        Waits ``gather`` s after the first message to return later ones with it. Raises the error given to ``fail`` once
+        all messages are returned.
         """
         try:
             async with asyncio.timeout(seconds):

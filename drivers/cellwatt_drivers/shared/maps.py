@@ -1,4 +1,4 @@
-"""Parts of a YAML file that says which value of a device feeds which channel, and in which unit."""
+"""Building blocks of YAML files that assign a device's values to channels, with their units."""
 
 from __future__ import annotations
 
@@ -31,19 +31,19 @@ KNOWN: Final[dict[str, tuple[str, Unit]]] = {
         for name, factor in names.items()
     },
 }
-"""Units in which devices give values: the SI unit of each, and the unit itself."""
+"""Units in which devices deliver values: the SI unit of each, and the unit itself."""
 SCALED: Final = {name: (si, unit.factor) for name, (si, unit) in KNOWN.items() if not unit.zero}
-"""Those whose zero is SI's, with SI units per unit."""
+"""Units of ``KNOWN`` with the same zero as SI: the SI unit, and SI units per unit."""
 
 
 class MapPart(BaseModel):
-    """A mapping of such a file: no other key, and nothing is changed later."""
+    """A mapping of such a file: unknown keys are refused, and values are immutable."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
 
 def _written(unit: object) -> object:
-    """A bare 1 is a number in YAML, and the unit of a ratio here."""
+    """Convert a bare 1, a number in YAML, to the unit of a ratio."""
     return "1" if type(unit) is int and unit == 1 else unit
 
 

@@ -1,4 +1,4 @@
-"""Reads over Modbus through pymodbus, with errors that tell a lost connection from a refusal and from silence."""
+"""Reads over Modbus through pymodbus; errors distinguish a lost connection, a refusal and a timeout."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Function = Literal["input", "holding"]
 
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE = 1, 2, 3
 _HEADER = 6
-"""Bytes of a frame's header up to its length."""
+"""Bytes of a frame's header up to and including the length."""
 _WORDS = {
     ILLEGAL_FUNCTION: "it does not know the function",
     ILLEGAL_ADDRESS: "it has no such register",
@@ -35,7 +35,7 @@ _WORDS = {
 
 
 class RefusedError(DeviceError):
-    """The device, or the gateway before it, answered with an exception ``code``."""
+    """The device, or the gateway in front of it, answered with an exception ``code``."""
 
     def __init__(self, message: str, code: int) -> None:
         super().__init__(message)
@@ -43,22 +43,22 @@ class RefusedError(DeviceError):
 
 
 class OtherNumberError(NoAnswerError):
-    """What came bears a transaction number that was not asked with: another request's answer, or a faulty gateway's."""
+    """An answer with a transaction number that no pending request has: another client's answer, or a faulty gateway."""
 
     reason = "other transaction number"
 
 
 class Numbering:
-    """Transaction numbers of Modbus TCP, which pymodbus passes over in silence; ``trace`` is its ``trace_packet``."""
+    """Transaction numbers of Modbus TCP, which pymodbus ignores if wrong; ``trace`` is its ``trace_packet``."""
 
     def __init__(self) -> None:
         self._unanswered: set[int] = set()
         self._asked = 0
         self.strange: int | None = None
-        """Number of an answer since the last request that no unanswered request bears."""
+        """Transaction number of an answer since the last request that no pending request has; None without one."""
 
     def trace(self, sending: bool, data: bytes) -> bytes:
-        """Take the frames that are sent, or that came; return them as they are."""
+        """Record the numbers of sent or received frames; return the frames unchanged."""
         if sending:
             self._asked, self.strange = int.from_bytes(data[:2], "big"), None
             self._unanswered.add(self._asked)
@@ -66,13 +66,13 @@ class Numbering:
         rest = data
         while len(rest) >= _HEADER and len(rest) >= (end := _HEADER + int.from_bytes(rest[4:6], "big")):
             number, rest = int.from_bytes(rest[:2], "big"), rest[end:]
-            if number and number not in self._unanswered:  # pymodbus takes 0 for the number asked with
+            if number and number not in self._unanswered:  # pymodbus accepts 0 as the number of any request
                 self.strange = number
             self._unanswered.discard(number or self._asked)
         return data
 
     def of(self, unanswered: NoAnswerError) -> NoAnswerError:
-        """Return the error that says why the last request is unanswered."""
+        """Return the error that explains why the last request has no answer."""
         if self.strange is None:
             return unanswered
         where = str(unanswered).removesuffix(" gave no answer")
@@ -83,10 +83,10 @@ class Numbering:
 
 
 class Modbus:
-    """Requests over an open connection; ``place`` names it in errors, ``numbering`` follows what passes on it.
+    """Requests over an open connection; ``place`` names it in errors, ``numbering`` checks its transaction numbers.
 
-    All raise ``NoAnswerError``, ``RefusedError``, ``ProtocolError`` where the answer is another one than asked for,
-    and ``ConnectError`` where the connection is gone.
+    All raise ``NoAnswerError``, ``RefusedError``, ``ProtocolError`` if the answer does not match the request, and
+    ``ConnectError`` if the connection is lost.
     """
 
     def __init__(self, client: Client, place: str, numbering: Numbering) -> None:
@@ -96,11 +96,11 @@ class Modbus:
 
     @property
     def alive(self) -> bool:
-        """True while the connection stands."""
+        """True while the connection is open."""
         return bool(self._client.connected)
 
     async def read(self, function: Function, address: int, count: int, unit: int) -> list[int]:
-        """Return the registers ``address`` … of a unit."""
+        """Read ``count`` registers of a unit, from ``address`` on."""
         client = self._client
         ask = client.read_input_registers if function == "input" else client.read_holding_registers
         answer = await self._exchange(lambda: ask(address, count=count, device_id=unit), unit)
@@ -120,7 +120,7 @@ class Modbus:
     async def _exchange(self, ask: Callable[[], Awaitable[Any]], unit: int) -> Any:
         from pymodbus.exceptions import ModbusException
 
-        if not self.alive:  # the library would open it anew by itself
+        if not self.alive:  # pymodbus would reconnect without notice
             raise ConnectError(f"{self.place}: the connection is gone")
         try:
             answer = await ask()
@@ -135,7 +135,7 @@ class Modbus:
 
         text = str(error)
         if isinstance(error, ConnectionException) or not self.alive:
-            # pymodbus closes it after a few requests that nobody answered
+            # pymodbus closes the connection after a few unanswered requests
             reason = "no answer any more" if "No response" in text else "the connection is gone"
             return ConnectError(f"unit {unit} at {self.place}: {reason}")
         if isinstance(error, ModbusIOException) and ("received" not in text or "No response" in text):
@@ -144,7 +144,7 @@ class Modbus:
 
 
 def tcp_client(host: str, port: int, timeout: float, numbering: Numbering | None) -> AsyncModbusTcpClient:
-    """A client for TCP; without ``numbering`` with frames as on a serial line."""
+    """A client for TCP; without ``numbering`` it uses RTU frames, as on a serial line."""
     from pymodbus import FramerType
     from pymodbus.client import AsyncModbusTcpClient
 
@@ -155,12 +155,12 @@ def tcp_client(host: str, port: int, timeout: float, numbering: Numbering | None
 
 
 async def connect(client: Client, timeout: float, unreachable: Callable[[], str]) -> None:
-    """Connect a client, or close it.
+    """Connect a client; close it on failure.
 
-    Raises ``ConnectError`` with the text of ``unreachable`` where that does not succeed within ``timeout`` s; whatever
-    else the system raises passes.
+    Raises ``ConnectError`` with the text of ``unreachable`` if it does not connect within ``timeout`` s; other
+    exceptions of the system pass through.
     """
-    logging.getLogger("pymodbus").setLevel(logging.CRITICAL)  # it logs what is raised here, and each strange frame
+    logging.getLogger("pymodbus").setLevel(logging.CRITICAL)  # it logs errors raised here, and each invalid frame
     try:
         async with asyncio.timeout(timeout):
             opened = await client.connect()

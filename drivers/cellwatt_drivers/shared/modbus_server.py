@@ -11,18 +11,18 @@ from cellwatt.emulation import Emulator, Port
 from cellwatt.emulation.terminal import Writer, port_of
 
 _HEAD: Final = struct.Struct(">HHHBB")
-"""Transaction, protocol, length of what follows, unit, function."""
+"""Transaction, protocol, number of bytes that follow, unit, function."""
 _READ: Final = 8
 """Bytes of a request for registers in RTU framing: unit, function, address, count, checksum."""
 
 Answer = Callable[[int, int, bytes], bytes | None]
-"""From unit, function and body of a request to function and body of the answer; ``None`` where nobody has that unit."""
+"""From unit, function and body of a request to function and body of the answer; ``None`` for an unknown unit."""
 
 
 def modbus_port(emulator: Emulator, answer: Answer, *, rtu: bool = False) -> Port:
-    """Port at an emulator's address where requests are answered; ``rtu``: frames as on a serial line, also over TCP.
+    """Port at an emulator's address that answers requests; ``rtu``: RTU frames as on a serial line, also over TCP.
 
-    In RTU framing only requests for registers are understood; whatever else comes is passed over in silence.
+    In RTU framing only requests for registers are parsed; all other bytes are ignored.
     """
 
     async def talk_tcp(reader: asyncio.StreamReader, writer: Writer) -> None:

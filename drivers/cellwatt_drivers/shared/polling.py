@@ -1,4 +1,4 @@
-"""Polls of a device that answers one question at a time: what one gave, why one gave nothing, when to connect anew."""
+"""Polls of a device that answers one request at a time: delivered samples, failure reasons, reconnecting."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cellwatt.errors import ConnectError, DeviceError, ProtocolError, SourceErro
 
 
 class NoAnswerError(ConnectError):
-    """No answer came in time; a late one could be taken for that of the next question."""
+    """No answer arrived in time; a late one could be mistaken for the answer to the next request."""
 
     reason: ClassVar[str] = "timeout"
     """Reason under which the account counts the poll."""
@@ -33,14 +33,14 @@ def reason_of(error: SourceError) -> str:
 def deliver(
     inlet: Inlet, stream: Stream, values: Float, asked: int, arrival: int, quality: Quality = Quality.GOOD
 ) -> None:
-    """Count and hand over one sample (channels,), asked for and read at these times of the cell, ns."""
+    """Count and hand over one sample (channels,), requested and received at these times of the cell, ns."""
     inlet.account.expect()
     flags = np.array([quality], dtype=np.uint8)
     inlet.emit(Reading(stream, values.reshape(1, -1), arrival, asked=asked, quality=flags))
 
 
 async def keep_conversing(driver: Driver[Any], converse: Callable[[], Awaitable[None]]) -> NoReturn:
-    """Converse over one connection after the other, as long as each one delivers.
+    """Open one connection after the other, as long as each one delivers samples.
 
     Raises the ``ConnectError`` or ``ProtocolError`` that ended a connection without a sample, and every other error.
     """

@@ -1,4 +1,4 @@
-"""Packages that a driver needs and that are installed as an extra."""
+"""Packages that a driver needs and that an extra installs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cellwatt.errors import ConfigError
 def require(source: str, what: str, packages: Mapping[str, str], how: str) -> None:
     """Raise ``ConfigError`` if a package of ``packages`` (module → package) is not installed.
 
-    The message says that ``what`` of the source needs it and ``how`` to get it.
+    The message names the source and ``what`` needs the package, and ends with ``how`` to install it.
     """
     if missing := [package for module, package in packages.items() if not _is_present(module)]:
         raise ConfigError(f"source {source}: {what} needs {' and '.join(missing)}: {how}")
@@ -20,7 +20,7 @@ def require(source: str, what: str, packages: Mapping[str, str], how: str) -> No
 def _is_present(module: str) -> bool:
     try:
         return find_spec(module) is not None
-    except ModuleNotFoundError:  # of the package that the module is in
+    except ModuleNotFoundError:  # the module's parent package is missing
         return False
-    except ValueError:  # it is loaded, and was not found in a file
+    except ValueError:  # the module is loaded, but has no spec
         return True

@@ -1,4 +1,4 @@
-"""Samples that a device stamps, gathered until they are handed over together."""
+"""Samples with device time stamps, collected and handed over together."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Rows(list[Row]):
     """Samples of a stream that are not handed over yet, in order."""
 
     def hand_over(self, inlet: Inlet, stream: Stream, arrival: int) -> None:
-        """Count and emit all of them, the newest of which came at the cell's time ``arrival``, ns."""
+        """Count and emit all samples; the newest one arrived at the cell's time ``arrival``, ns."""
         if not self:
             return
         times, values, quality = zip(*self, strict=True)

@@ -1,4 +1,4 @@
-"""States of a robot that are told when they change."""
+"""States of a robot, reported on change."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cellwatt.driver import Inlet
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """A channel whose values have ``names``; a change is an event of this ``kind``, ``title`` begins its text."""
+    """A channel whose values have ``names``; a change is an event of this ``kind``, its text begins with ``title``."""
 
     kind: str
     title: str
@@ -27,7 +27,7 @@ class State:
 
 
 class StateWatch:
-    """Reports each change of the ``states`` (by channel) that a stream has."""
+    """Reports each change of the stream's ``states`` (by channel)."""
 
     def __init__(self, inlet: Inlet, stream: Stream, states: Mapping[str, State]) -> None:
         self._inlet = inlet
@@ -36,7 +36,7 @@ class StateWatch:
         self._before: Float | None = None
 
     def see(self, values: Float) -> None:
-        """Compare the next samples (n, channels) of the stream, each with the one before it."""
+        """Compare the next samples (n, channels) of the stream, each with its predecessor."""
         if not len(self._columns):
             return
         found = values.take(self._columns, axis=1)

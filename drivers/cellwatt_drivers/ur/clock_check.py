@@ -1,9 +1,9 @@
-"""Compares the controller's clock with the cell's now and then, over a short connection of its own.
+"""Compares the controller's clock with the cell's clock at intervals, over a short extra connection.
 
-No document says in which order a controller answers a question and sends packages, so an answer between packages tells
-nothing about when these were made. The RTDE guide does say that a controller sends the most recent data, and nothing to
-a connection that has not asked for it. So the first package of a connection was made after that connection asked, give
-or take a cycle.
+No document defines the order in which a controller answers a request and sends packages, so an answer between packages
+does not bound the time at which they were made. The RTDE guide does state that a controller sends the most recent data,
+and sends none to a connection that has not requested it. So the controller made the first package of a connection after
+the request, within one cycle.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from cellwatt_drivers.ur.intake import Intake, refuse_strange
 from cellwatt_drivers.ur.recipe import Selection
 
 FIRST, USUAL = 1.0, 10.0
-"""s until the first comparison; each pause is twice as long as the one before, up to the usual one."""
+"""s until the first comparison, and longest pause; each pause is twice as long as the one before, up to the latter."""
 _NOTHING: Final = Selection((), (), False)
-"""Only the timestamp."""
+"""The timestamp alone."""
 
 
 async def compare(
     host: str, port: int, rate: float, timeout: float, now: Callable[[], int], account: Account, intake: Intake
 ) -> NoReturn:
-    """Tell the intake again and again what a new connection shows; where it shows nothing, that is counted."""
+    """Pass the first package of a new connection to the intake, again and again; failed comparisons are counted."""
     pause = FIRST
     while True:
-        # At uneven times: in step with the controller's cycle, every comparison would be as loose as the last.
+        # At uneven intervals: in step with the controller's cycle, every comparison would give the same loose bound.
         await asyncio.sleep(pause * random.uniform(0.7, 1.3))
         pause = min(2 * pause, USUAL)
         base = intake.resets

@@ -1,4 +1,4 @@
-"""Finds by the controller's timestamps packages that never came and a time base that changed."""
+"""Finds missing packages and changes of the time base from the controller's timestamps."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ Steps = NDArray[np.int64]
 Policy = Literal["auto", "requested", "off"]
 
 WINDOW = 50
-"""Steps from which a grid is learned."""
+"""Number of steps from which a grid is learned."""
 SHARE = 0.9
-"""Part of the steps of a window that must be whole multiples of the grid's step."""
+"""Share of the steps of a window that must be whole multiples of the grid's step."""
 OFF_GRID = 0.1
-"""Distance of a step from a whole multiple, in steps of the grid …"""
+"""Largest distance of a step from a whole multiple, in steps of the grid …"""
 SLACK = 1e-4
-"""… and how much further for each step it spans."""
+"""… and the further distance allowed per grid step that it spans."""
 RESOLUTION = 100_000
-"""Steps are taken for the same within this, ns; recordings often have milliseconds."""
+"""Steps that differ by less are equal, ns; recordings often have a resolution of milliseconds."""
 
 TOLERANCE = 20_000_000
-"""Time bases are told apart beyond this, ns: more than a controller's own delay between stamp and wire."""
+"""Contradiction of the bounds, ns, that proves a new time base; more than a controller's delay from stamp to wire."""
 DRIFT = 1e-3
-"""The two times run apart by less than this; the cell's own may be slewed by half of it."""
+"""Largest rate difference of the two clocks; the cell's clock alone may be slewed by half of it."""
 
 
 class Grid:
-    """Counts the packages missing between those that came, from the steps of the controller's time.
+    """Counts the packages missing between received ones, from the steps of the controller's time.
 
-    ``requested`` trusts the step that was asked for, ``off`` counts nothing, ``auto`` learns:
-    the grid's step is the most common one of ``WINDOW`` steps, believed while ``SHARE`` of the steps are
-    whole multiples of it. So a controller that delivers less than asked for, and a recording with uneven
-    times, are told apart from one that loses packages.
+    ``requested`` uses the requested step, ``off`` counts nothing, ``auto`` learns: the grid's step is the most common
+    one of ``WINDOW`` steps, and is valid while ``SHARE`` of the steps are whole multiples of it. This distinguishes a
+    controller that delivers less than requested, and a recording with uneven times, from a controller that loses
+    packages.
     """
 
     def __init__(self, policy: Policy) -> None:
@@ -45,12 +45,12 @@ class Grid:
         self._seen = 0
 
     def ask(self, period: float) -> None:
-        """The step asked of the controller is ``period`` ns."""
+        """Set the step requested from the controller, ns."""
         if self.policy == "requested":
             self.step = period
 
     def keeps(self, step: int) -> bool:
-        """True if a step of this many ns is one step of the grid in force, so that nothing is missing."""
+        """True if a step of this many ns is one step of the grid in force, so that no package is missing."""
         return self.step is not None and abs(step - self.step) <= OFF_GRID * self.step
 
     def missing(self, steps: Steps) -> int:
@@ -84,7 +84,7 @@ class Grid:
         return int((np.rint(window[fits] / step) - 1).sum())
 
     def _review(self, seen: int, strange: int) -> None:
-        """Give up a grid that steps no longer keep."""
+        """Discard a grid that the steps no longer fit."""
         self._seen += seen
         self._strange += strange
         if self._seen >= WINDOW:
@@ -94,14 +94,14 @@ class Grid:
 
 
 def _most_common(steps: Steps) -> float:
-    """Mean of the steps that are, within the resolution, the most common one."""
+    """Mean of the most common step, within the resolution."""
     rounded = np.rint(steps / RESOLUTION).astype(np.int64)
     values, counts = np.unique(rounded, return_counts=True)
     return float(steps[rounded == values[counts.argmax()]].mean())
 
 
 def _fit(steps: Steps, step: float) -> NDArray[np.bool_]:
-    """Mark the steps that are whole multiples, at least one, of ``step``."""
+    """Mark the steps that are whole multiples of ``step``, at least one of it."""
     cycles = steps / step
     nearest = np.rint(cycles)
     fits: NDArray[np.bool_] = (nearest >= 1) & (np.abs(cycles - nearest) <= OFF_GRID + SLACK * nearest)
@@ -109,24 +109,24 @@ def _fit(steps: Steps, step: float) -> NDArray[np.bool_]:
 
 
 class TimeBase:
-    """Notices that the controller's time base moved against the cell's time.
+    """Detects that the controller's time base moved against the cell's time.
 
-    The offset (cell's time − controller's time) is at most what an arrival shows, since nothing arrives before
-    it is made, and at least what an answered question shows, since what follows the answer was made after the
-    question. Bounds that contradict each other mean a new base. All times ns.
+    The offset (cell's time − controller's time) is at most that of an arrival, because a package arrives after it is
+    made, and at least that of an answered request, because packages after the answer were made after the request.
+    Bounds that contradict each other mean a new base. All times in ns.
     """
 
     def __init__(self) -> None:
         self.forget()
 
     def forget(self) -> None:
-        """Start anew."""
+        """Discard both bounds."""
         self._upper: float | None = None
         self._lower: float | None = None
         self._upper_at = self._lower_at = 0
 
     def arrived(self, device: int, now: int) -> bool:
-        """A package with this controller time arrived now; false where that cannot be on the known base."""
+        """Add a package that arrived now with this controller time; false if it contradicts the known base."""
         offset = now - device
         if self._lower is not None:
             lower = self._lower - DRIFT * (now - self._lower_at)
@@ -137,7 +137,7 @@ class TimeBase:
         return True
 
     def made_after(self, device: int, not_before: int) -> bool:
-        """A package was made no earlier than the cell's time; false where that cannot be on the known base."""
+        """Add a package made no earlier than ``not_before``, cell's time; false if it contradicts the known base."""
         offset = not_before - device
         if self._upper is not None:
             upper = self._upper + DRIFT * max(not_before - self._upper_at, 0)

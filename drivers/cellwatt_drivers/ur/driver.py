@@ -45,21 +45,21 @@ DEFAULT_CHANNELS = (
 
 
 class UrSettings(SourceSettings):
-    """A Universal Robots arm: CB3, e-Series or newer, over RTDE (switch it on under Security → Services)."""
+    """A Universal Robots arm: CB3, e-Series or newer, over RTDE (enable it under Security → Services)."""
 
     host: Host
     """Address or name of the controller."""
     port: int = Field(PORT, ge=1, le=65535)
     """TCP port of RTDE."""
     rate: Hertz = Field(FASTEST, ge=1, le=FASTEST)
-    """Packages a second: up to 500 Hz, on CB3 up to 125 Hz (more is cut to that)."""
+    """Packages a second: up to 500 Hz, on CB3 up to 125 Hz (a higher rate is reduced to that)."""
     channels: tuple[str, ...] = DEFAULT_CHANNELS
     """RTDE fields (``actual_q``) or single channels (``joint_1.position``, ``bus.power``)."""
     gaps: Policy = "auto"
-    """Counting of lost packages: ``auto`` on the grid the controller is seen to keep, ``requested`` on the
-    one asked for, ``off`` not at all."""
+    """Counting of lost packages: ``auto`` on the grid observed in the controller's timestamps, ``requested`` on the
+    requested grid, ``off`` not at all."""
     timeout: Seconds = Field(2.0, gt=0)
-    """Silence after which the connection is given up and made anew."""
+    """Silence, s, after which the connection is closed and opened again."""
 
     @field_validator("channels")
     @classmethod
@@ -121,7 +121,7 @@ class UrDriver(Driver[UrSettings]):
         return rtde.connect(s.host, s.port, s.timeout, self.inlet.now, account, self.gather)
 
     def _open(self, version: ControllerVersion) -> float:
-        """Tell the intake who is there; returns the rate in Hz that such a controller gives."""
+        """Report the controller to the intake; returns the rate in Hz at which such a controller sends."""
         loop, wanted = cycle_rate(version), self.settings.rate
         rate = loop / decimation(loop, wanted)
         if abs(rate / wanted - 1) > 1e-6:

@@ -14,14 +14,14 @@ from cellwatt_drivers.ur.fields import FIELDS
 from cellwatt_drivers.ur.wire import ControllerVersion, Kind
 
 OUTPUTS = 1
-"""Id of the one output recipe of a connection."""
+"""Id of the only output recipe of a connection."""
 
 
 @dataclass(slots=True)
-class Place:
-    """A listener's place in what the controller makes; it outlives the connection, so that losses are counted.
+class Listener:
+    """A listener's state in the sequence of packages; it outlives the connection, so that losses are counted.
 
-    ``next`` is the number of the next package, every ``stride``-th is this listener's.
+    ``next`` is the number of the next package; every ``stride``-th package is for this listener.
     """
 
     next: int
@@ -32,16 +32,16 @@ class Place:
 
     @property
     def lost(self) -> bool:
-        """True if nobody hears what is made for this place."""
+        """True if no client receives this listener's packages."""
         return self.client is None or not self.client.listening
 
     def forget(self) -> None:
-        """Packages made ahead are no longer true."""
+        """Discard packages made ahead, which are out of date."""
         self.made = b""
 
 
 class Controller(Protocol):
-    """The emulated controller as its connections see it."""
+    """The emulated controller as its connections use it."""
 
     version: ControllerVersion
     clients: set[EmulatedClient]
@@ -61,7 +61,7 @@ class Controller(Protocol):
         ...
 
     def lost(self, client: EmulatedClient) -> None:
-        """Forget a client whose connection is gone."""
+        """Remove a client whose connection is closed."""
         ...
 
 
@@ -78,13 +78,13 @@ class EmulatedClient(asyncio.Protocol):
         self.held_until = 0.0
         self.rate = 1.0
         self.encoder = Encoder(OUTPUTS, ())
-        self.place: Place | None = None
+        self.place: Listener | None = None
         self.listening = True
         self.compares = False
-        """It asks for nothing but the timestamp: what it gets is not counted."""
+        """The client requests only the timestamp: packages sent to it are not counted."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Take the connection, or refuse it while the controller is away."""
+        """Accept the connection, or abort it while the controller is down."""
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
         if self._controller.down:
@@ -93,11 +93,11 @@ class EmulatedClient(asyncio.Protocol):
             self._controller.clients.add(self)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """The client left."""
+        """Remove the client."""
         self._controller.lost(self)
 
     def data_received(self, data: bytes) -> None:
-        """Answer all whole requests; a client that does not speak RTDE is thrown out."""
+        """Answer all complete requests; disconnect a client that does not speak RTDE."""
         self._rest += data
         end = 0
         try:
@@ -144,11 +144,11 @@ class EmulatedClient(asyncio.Protocol):
 
     @property
     def unread(self) -> int:
-        """Bytes that the client has left in the controller's own buffer."""
+        """Bytes that the client has not read, in the controller's send buffer."""
         return self._transport.get_write_buffer_size() if self._transport is not None else 0
 
     def put(self, data: bytes, packages: int = 0) -> int:
-        """Write, or keep while held; returns the number of packages written now."""
+        """Write, or queue during a hold; returns the number of packages written now."""
         if not data or self._transport is None or self._transport.is_closing() or self._ending:
             return 0
         if self.held_until:
@@ -158,11 +158,11 @@ class EmulatedClient(asyncio.Protocol):
         return packages
 
     def hold(self, until: float) -> None:
-        """Let nothing through until then (monotonic s)."""
+        """Send nothing until then (monotonic s)."""
         self.held_until = max(self.held_until, until)
 
     def release(self, now: float) -> int:
-        """Let through what is held when its time has come; returns the number of packages written."""
+        """Send the queued data if the hold is over; returns the number of packages written."""
         if not self.held_until or now < self.held_until:
             return 0
         self.held_until = 0.0
@@ -170,7 +170,7 @@ class EmulatedClient(asyncio.Protocol):
         return sum(self.put(data, packages) for data, packages in held)
 
     def end(self) -> None:
-        """Close in an orderly way: what was written arrives, then the end; a reset could overtake it."""
+        """Close with a FIN, so that data already written arrives; a reset could overtake it."""
         self.listening = False
         if self._transport is None or self._ending:
             return
@@ -181,6 +181,6 @@ class EmulatedClient(asyncio.Protocol):
             asyncio.get_running_loop().call_later(1.0, self.abort)
 
     def abort(self) -> None:
-        """Drop the connection at once."""
+        """Close the connection at once."""
         if self._transport is not None:
             self._transport.abort()

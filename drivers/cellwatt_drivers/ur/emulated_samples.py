@@ -16,9 +16,9 @@ from cellwatt_drivers.ur.wire import ELEMENTS, Kind
 Numbers = NDArray[np.int64]
 
 PUNCTUAL = 1e-3
-"""Part of a cycle by which a timer's rounding may call early."""
+"""Share of a cycle by which a timer may fire early because of rounding."""
 BOOTED = 60.0
-"""Controller time in s at the start of an emulation without a recording."""
+"""Controller time, s, at the start of an emulation without a recording."""
 
 STAND_INS: Mapping[str, str] = {
     "target_q": "actual_q",
@@ -27,7 +27,7 @@ STAND_INS: Mapping[str, str] = {
     "joint_control_output": "actual_current",
     "target_moment": "actual_current_as_torque",
 }
-"""Fields that, where the signals lack them, show another field's values."""
+"""Fields that use another field's values if the signals lack them."""
 
 CONSTANTS: Mapping[str, float | Sequence[float]] = {
     "robot_mode": 7,
@@ -52,14 +52,14 @@ CONSTANTS: Mapping[str, float | Sequence[float]] = {
     "actual_execution_time": 0.2,
     "payload": 1.0,
 }
-"""Values of other fields that the signals lack; a field not named here shows 0."""
+"""Values of other fields that the signals lack; a field not listed here is 0."""
 
 
 class Cycles:
     """A controller at ``rate`` Hz in a world whose time is ``offset`` s at the start.
 
-    Samples are numbered 0, 1, 2 …; times are s since the start of the emulation. ``end`` is the number of samples where
-    they end; ``rate`` is ``None`` where every client gets all of them, whatever it asks for.
+    Samples are numbered 0, 1, 2 …; times are s since the start of the emulation. ``end`` is the number of samples if
+    they end; ``rate`` is ``None`` if every client gets all samples, whatever rate it requests.
     """
 
     def __init__(self, signals: Signals, rate: float, offset: float) -> None:
@@ -83,10 +83,10 @@ class Cycles:
 
 
 class Rows:
-    """The rows of a recording at their own times with their own timestamps.
+    """The rows of a recording at their recorded times with their recorded timestamps.
 
-    Looped, the timestamps rise on by the recording's length and one usual step; with ``hold`` the last row
-    is repeated for ever at the usual step.
+    In a loop, each lap's timestamps are later by the recording's length and one median step; with ``hold`` the last row
+    is repeated for ever at the median step.
     """
 
     def __init__(self, recording: RecordedSignals, hold: bool) -> None:
@@ -111,7 +111,7 @@ class Rows:
         return int(self._offsets.searchsorted(elapsed, side="right"))
 
     def next(self, elapsed: float) -> float:
-        """Return when the first row that is not due yet after ``elapsed`` s will be, s since the start; inf: none."""
+        """Return when the next row falls due after ``elapsed`` s, s since the start; inf: no further row."""
         due = self.due(elapsed)
         return math.inf if due == self.end else float(self.stamps(np.array([due]))[0] - self._time[0])
 
@@ -126,7 +126,7 @@ class Rows:
         return {name: values[row] for name, values in self._table.items()}
 
     def _place(self, numbers: Numbers) -> tuple[Numbers, Numbers, Numbers]:
-        """Lap, row, and steps beyond the last row."""
+        """Lap, row, and number of steps beyond the last row."""
         if self._loop:
             return numbers // self._rows, numbers % self._rows, np.zeros_like(numbers)
         return np.zeros_like(numbers), np.minimum(numbers, self._rows - 1), np.maximum(numbers - self._rows + 1, 0)
@@ -136,7 +136,7 @@ Samples = Cycles | Rows
 
 
 class Encoder:
-    """Data packages of one recipe from columns, many at once."""
+    """Encodes data packages of one recipe from columns, many at once."""
 
     def __init__(self, recipe: int, names: Sequence[str]) -> None:
         self._names = names
@@ -147,7 +147,7 @@ class Encoder:
         self.size = self._dtype.itemsize
 
     def encode(self, stamps: Float, columns: Mapping[str, Float]) -> bytes:
-        """Packages (n,) one after the other for controller times (n,) s."""
+        """Encode packages (n,), one after the other, for controller times (n,) s."""
         packages = np.zeros(len(stamps), self._dtype)
         packages["size"] = self.size
         packages["kind"] = Kind.DATA_PACKAGE
@@ -170,13 +170,13 @@ def _values(field: Field, columns: Mapping[str, Float], n: int) -> Float:
     constant = np.broadcast_to(np.asarray(CONSTANTS.get(field.name, 0.0), dtype=np.float64), (n, field.width))
     table = constant if found is None else found
     if not ELEMENTS[field.type][0].endswith("f8"):
-        # Integers have no NaN: where a recording has none, it was as usual.
+        # Integers have no NaN: a NaN of a recording becomes the usual value.
         table = np.where(np.isfinite(table), table, constant)
     return table[:, 0] if field.width == 1 else table
 
 
 def _served(field: Field, columns: Mapping[str, Float]) -> Float | None:
-    """Values (n, width) from columns named as RTDE records or as channels; ``None`` where one is lacking."""
+    """Values (n, width) from columns named as RTDE records or as channels; ``None`` if a column is lacking."""
     raw = [field.name] if field.width == 1 else [f"{field.name}_{i}" for i in range(field.width)]
     if all(name in columns for name in raw):
         return np.column_stack([columns[name] for name in raw])

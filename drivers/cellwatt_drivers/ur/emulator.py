@@ -16,40 +16,38 @@ from cellwatt.emulation import Emulator, Injector, Options, RecordedSignals
 from cellwatt.emulation.port import host_and_port
 from cellwatt.ticker import Ticker
 from cellwatt_drivers.ur import wire
-from cellwatt_drivers.ur.emulated_client import EmulatedClient, Place
+from cellwatt_drivers.ur.emulated_client import EmulatedClient, Listener
 from cellwatt_drivers.ur.emulated_samples import Cycles, Encoder, Rows, Samples
 from cellwatt_drivers.ur.fields import cycle_rate, decimation
 from cellwatt_drivers.ur.wire import ControllerVersion
 
 AHEAD = 0.05
-"""Seconds of packages made at once; a disturbance of the world makes them anew."""
+"""s of packages made at once; a disturbance of the world discards them."""
 UNREAD = 10.0
-"""Seconds of packages a client may leave unread before the controller closes, as a real one does."""
-AT_END = ("pause", "hold")
+"""s of packages that a client may leave unread before the controller closes the connection, as a real one does."""
 LOOKS = 500.0
-"""Hz at which it is looked, beside the times of a recording's rows, which faults strike and end."""
+"""Rate, Hz, at which faults are checked between the rows of a recording."""
 
 
 class UrEmulator(Emulator):
     """RTDE version 2 over TCP for several clients, e-Series or CB3.
 
-    Serves channels (``joint_1.position``) or RTDE columns (``actual_q_0``) of its signals; a recording is sent
-    row by row at its own times with its own timestamps, whatever rate a client asks for, from the first
-    client's start on. All fields not in the signals have plausible constants. Protocol version 1 is refused.
+    Serves channels (``joint_1.position``) or RTDE columns (``actual_q_0``) of its signals; a recording is sent row by
+    row at its recorded times with its recorded timestamps, whatever rate a client requests, from the first client's
+    start on. All fields not in the signals have plausible constants. Protocol version 1 is refused.
 
-    Options: ``polyscope`` (``5.12.0``; 3.x is a CB3 with 125 Hz) · ``at_end`` of a recording: ``pause`` sends no
-    more, ``hold`` repeats the last row · ``start`` of a recording: ``client`` with the first client, ``epoch`` at the
-    epoch.
+    Options: ``polyscope`` (``5.12.0``; 3.x is a CB3 with 125 Hz) · ``at_end`` of a recording: ``pause`` stops sending,
+    ``hold`` repeats the last row · ``start`` of a recording: ``client`` with the first client, ``epoch`` at the epoch.
 
-    Faults: ``loss`` a package is never sent · ``delay`` a package and all behind it wait, as on a stalled
-    network · ``stall`` the same once · ``disconnect`` all connections end, none is taken for so long ·
-    ``half_frame`` half a package, then the end · ``garbage`` bytes that are not RTDE, then silence until the
-    client leaves · ``clock_jump`` the timestamps shift. Disturbances, beside those of the signals: ``reboot=S``
-    (gone for S seconds, timestamps start from 0) and ``message=TEXT`` (a text message to all clients).
+    Faults: ``loss`` a package is never sent · ``delay`` a package and all after it wait, as on a stalled network ·
+    ``stall`` the same once · ``disconnect`` all connections end, and new ones are refused for that time ·
+    ``half_frame`` half a package, then the end · ``garbage`` bytes that are not RTDE, then silence until the client
+    disconnects · ``clock_jump`` the timestamps shift. Disturbances, beside those of the signals: ``reboot=S`` (down for
+    S seconds, timestamps start from 0) and ``message=TEXT`` (a text message to all clients).
 
-    Counts: ``made`` is what listeners should have got since their start, also while their connection was gone;
-    ``sent`` what was written to a connection. A client that asks for nothing but the timestamp compares clocks: what
-    it gets is not counted, and no fault of single packages strikes it.
+    Counts: ``made`` is the number of packages due to listeners since their start, including while they were
+    disconnected; ``sent`` the number written to a connection. A client that requests only the timestamp compares
+    clocks: its packages are not counted, and no fault of single packages strikes them.
     """
 
     title = "Universal Robots controller (RTDE)"
@@ -60,13 +58,12 @@ class UrEmulator(Emulator):
     def set_up(self, options: Options) -> None:
         """See ``Emulator.set_up``."""
         self.version = _version(options.text("polyscope", "5.12.0"))
-        self._at_end = options.choice("at_end", "pause", AT_END)
+        hold = options.choice("at_end", "pause", ("pause", "hold")) == "hold"
         self._start = options.choice("start", "client", ("client", "epoch"))
         self._place = host_and_port(self.address)
-        held = self._at_end == "hold"
-        self._rows = Rows(self.signals, held) if isinstance(self.signals, RecordedSignals) else None
+        self._rows = Rows(self.signals, hold) if isinstance(self.signals, RecordedSignals) else None
         self.clients: set[EmulatedClient] = set()
-        self._places: list[Place] = []
+        self._places: list[Listener] = []
         self._samples: Samples | None = None
         self._began = 0.0  # monotonic time of the samples' start
         self._shift = 0.0  # of the timestamps, s
@@ -79,7 +76,7 @@ class UrEmulator(Emulator):
         return super().counts
 
     def disturb(self, change: Mapping[str, float | str]) -> None:
-        """See ``Emulator.disturb``: packages made ahead are no longer true."""
+        """See ``Emulator.disturb``; also discards packages made ahead."""
         super().disturb(change)
         for place in self._places:
             place.forget()
@@ -117,27 +114,27 @@ class UrEmulator(Emulator):
                 client.abort()
 
     def _next_look(self, rows: Rows) -> int:
-        """The next row's own time, or that of a look before it, ns of the monotonic clock."""
+        """The next row's time, or an earlier check for faults, ns of the monotonic clock."""
         now = time.monotonic()
         row = math.inf if self._samples is None else self._began + rows.next(now - self._began)
         return round(min(row, now + 1 / LOOKS) * 1e9)
 
     def _begin(self, elapsed: float) -> None:
-        """Start the recording, elapsed s ago."""
+        """Start the recording as of ``elapsed`` s ago."""
         self._began = time.monotonic() - elapsed
         self._samples = self._rows
 
     def start(self, client: EmulatedClient) -> None:
-        """A client wants its packages from now on; it takes the place that one before it lost."""
+        """Send a client its packages from now on; it takes over the state of a listener that lost its connection."""
         if begins := self._samples is None:
             self._begin(0.0)
         assert self._samples is not None
-        now = time.monotonic()  # one for both, or a row that falls due between is nobody's
+        now = time.monotonic()  # one time for both calls of advance, or a row due in between is not counted
         self.advance(now)
         stride = decimation(self._samples.rate, client.rate) if self._samples.rate else 1
         place = None if client.compares else next((p for p in self._places if p.lost), None)
         if place is None:
-            place = Place(0, stride, client)
+            place = Listener(0, stride, client)
             self._places.append(place)
         if place.client is not None:
             place.client.place = None
@@ -149,14 +146,14 @@ class UrEmulator(Emulator):
         self.advance(now)
 
     def stop(self, client: EmulatedClient) -> None:
-        """A client wants no more packages."""
+        """Send a client no more packages."""
         self.advance()
         if client.place is not None:
             self._places.remove(client.place)
             client.place = None
 
     def lost(self, client: EmulatedClient) -> None:
-        """A connection is gone; what its listener misses from now on is counted."""
+        """Remove a client whose connection is closed; packages that its listener misses from now on are counted."""
         self.advance()
         self.clients.discard(client)
         place, client.place = client.place, None
@@ -171,7 +168,7 @@ class UrEmulator(Emulator):
         return time.monotonic() < self._down_until
 
     def _reboot(self, seconds: float) -> None:
-        """Go away for a time; all timestamps start from 0 then, and nobody's losses are counted."""
+        """Go down for ``seconds`` s; timestamps then start from 0, and lost packages are no longer counted."""
         self.advance()
         self.tally["reboot"] += 1
         self._leave_all(seconds)
@@ -190,7 +187,7 @@ class UrEmulator(Emulator):
             client.end()
 
     def advance(self, now: float | None = None) -> None:
-        """Let happen what is due: holds end, one-shot faults strike, packages are made and sent."""
+        """Do what is due: end holds, strike one-shot faults, make and send packages."""
         now = time.monotonic() if now is None else now
         for client in list(self.clients):
             released = client.release(now)
@@ -216,8 +213,8 @@ class UrEmulator(Emulator):
         if fault := self.injector.once("disconnect"):
             self._leave_all(fault.seconds)
 
-    def _serve(self, place: Place, due: int, now: float) -> None:
-        """Make and send what is due in one place, all in one write; nothing strikes a client that compares clocks."""
+    def _serve(self, place: Listener, due: int, now: float) -> None:
+        """Make and send one listener's due packages in one write; no fault strikes a client that compares clocks."""
         ready: list[bytes] = []
         client = place.client
         apart = client is not None and client.compares
@@ -257,7 +254,7 @@ class UrEmulator(Emulator):
             self.tally["unread"] += 1
             client.abort()
 
-    def _package(self, place: Place, number: int, encoder: Encoder) -> bytes:
+    def _package(self, place: Listener, number: int, encoder: Encoder) -> bytes:
         """One package, from those made ahead."""
         assert self._samples is not None
         at = (number - place.first) // place.stride * encoder.size
@@ -274,7 +271,7 @@ class UrEmulator(Emulator):
         return place.made[at : at + encoder.size]
 
     def _garbage(self, package: bytes) -> bytes:
-        """Bytes that no client may take for RTDE: a strange kind, a size too short, too long, or another recipe."""
+        """Bytes that are no valid RTDE: an unknown kind, a size too short or too long, or another recipe."""
         forms = (
             b"\x00\x40\x7f" + self.injector.random_bytes(1, 60),
             b"\x00\x02U" + self.injector.random_bytes(1, 60),

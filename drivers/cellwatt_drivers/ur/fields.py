@@ -1,7 +1,7 @@
-"""Output fields of an RTDE controller: the type of each, and the channels made of it.
+"""Output fields of an RTDE controller: the type of each, and its channels.
 
-Source: the field table of the RTDE guide. A field without channels is known (the emulator serves it) but not
-offered by the driver, because its unit depends on the controller's set-up, is not documented, or has no name here.
+Source: the field table of the RTDE guide. The emulator serves a field without channels, but the driver does not offer
+it, because its unit depends on the controller's set-up, is not documented, or has no name here.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from cellwatt_drivers.ur.wire import ELEMENTS, ControllerVersion
 JOINTS = 6
 
 Since = tuple[tuple[int, int, int], ...]
-"""First version of each PolyScope generation that has a field; a generation not named never has it."""
+"""First version that has a field, for each PolyScope generation; a generation not listed never has it."""
 
 EVER: Since = ((3, 0, 0), (5, 0, 0), (10, 0, 0))
 
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One output field: element × ``scale`` is the value of its channel in the channel's unit."""
+    """One output field: element × ``scale`` is the value of the channel in the channel's unit."""
 
     name: str
     type: str
@@ -36,13 +36,13 @@ class Field:
         return ELEMENTS[self.type][1]
 
     def served_by(self, version: ControllerVersion) -> bool:
-        """True if a controller of this version knows the field."""
+        """True if a controller of this version has the field."""
         now = (version.major, version.minor, version.bugfix)
         return any(version.major == first[0] and now >= first for first in self.since)
 
     @property
     def needs(self) -> str:
-        """The versions that know it, in words."""
+        """First versions that have the field, in words."""
         return " or ".join(".".join(map(str, first)) for first in self.since)
 
 
@@ -187,5 +187,5 @@ def cycle_rate(version: ControllerVersion) -> float:
 
 
 def decimation(loop: float, rate: float) -> int:
-    """Every how many cycles of the loop (Hz) a client that asked for rate (Hz) gets a package."""
+    """Number of cycles of the loop (Hz) per package, for a client that requests ``rate`` (Hz)."""
     return max(1, int(loop / rate + 1e-9))

@@ -20,9 +20,9 @@ from cellwatt_drivers.ur.fields import ROBOT_MODES, RUNTIME_STATES, SAFETY_MODES
 from cellwatt_drivers.ur.wire import TextMessage
 
 LATEST = 9e9
-"""A controller time beyond this many seconds is garbage (and would not fit 64 bits of ns)."""
+"""Controller times from this on, s, are garbage (and do not fit 64 bits of ns)."""
 QUIET = 0.25
-"""Seconds without a package, at the least, after which a stream is said to have stopped."""
+"""Shortest time without a package, s, after which a stream is reported as stopped."""
 
 _STATES = {
     "robot.mode": State("robot mode", "robot mode", ROBOT_MODES),
@@ -33,16 +33,16 @@ _LEVELS = ("exception", "error", "warning", "info")
 
 
 def refuse_strange(time: Float) -> None:
-    """Raise ``ProtocolError`` where one of the controller times (n,) s cannot be one."""
+    """Raise ``ProtocolError`` if one of the controller times (n,) s is impossible."""
     if not (time.min() >= 0 and time.max() < LATEST):
         raise ProtocolError(f"controller time {time.min():g} … {time.max():g} s is no time since its start")
 
 
 class Intake:
-    """Takes the packages of one robot in order, over all connections to it, and keeps its account.
+    """Takes the packages of one robot in order, over all its connections, and counts them in the account.
 
-    ``expect`` follows the controller's timestamps: one for each step of its grid, or for each package where
-    there is no grid. A package with the timestamp of the one before is dropped.
+    ``expect`` follows the controller's timestamps: one package for each step of the grid, or one for each received
+    package if there is no grid. A package that repeats the previous timestamp is dropped.
     """
 
     def __init__(self, inlet: Inlet, stream: Stream, gaps: Policy) -> None:
@@ -52,19 +52,19 @@ class Intake:
         self._cycle = 0  # of the controller's loop, ns
         self._grid = Grid(gaps)
         self._base = TimeBase()
-        self._last: int | None = None  # controller time of the last package taken, ns
+        self._last: int | None = None  # controller time of the last package, ns
         self._losses = Losses(inlet.account)
         self._identity: Identity | None = None
         self._heard = 0.0  # monotonic, s
         self._quiet = False
         self._states = StateWatch(inlet, stream, _STATES)
         self.resets = 0
-        """Count of the controller's new time bases."""
+        """Number of new time bases of the controller."""
 
     def opened(self, identity: Identity, loop: float, rate: float) -> None:
-        """A connection to a controller that runs at ``loop`` Hz and was asked for ``rate`` Hz stands.
+        """Begin a connection to a controller that runs at ``loop`` Hz and sends at ``rate`` Hz.
 
-        Its first package makes it known to the daemon.
+        The daemon is notified of the connection with its first package.
         """
         self._identity = identity
         self._cycle = round(1e9 / loop)
@@ -75,11 +75,11 @@ class Intake:
         self._quiet = False
 
     def take(self, time: Float, values: Float, not_before: int | None = None, arrival: int | None = None) -> None:
-        """The next packages: controller time (n,) s and values (n, channels).
+        """Take the next packages: controller time (n,) s and values (n, channels).
 
-        ``not_before``: the first of them was asked for then (cell's time, ns), so it was made after that, give or
-        take a cycle of the controller. ``arrival`` of the last one, cell's time, ns; by default now. Raises
-        ``ProtocolError`` where a time cannot be one.
+        ``not_before``: cell's time, ns, at which the first package was requested; it was made after that, within one
+        cycle of the controller. ``arrival``: cell's time, ns, of the last package; default: now. Raises
+        ``ProtocolError`` if a controller time is impossible.
         """
         arrival = self._inlet.now() if arrival is None else arrival
         if len(time) == 1 and not_before is None and self._next(time.item(), values, arrival):
@@ -101,7 +101,7 @@ class Intake:
             self._untangle(device, values, steps, arrival)
 
     def _next(self, time: float, values: Float, arrival: int) -> bool:
-        """Take one package one step after the last: nearly all of them, without the cost of arrays."""
+        """Take one package that is one step after the last: the usual case, without the cost of arrays."""
         if self._last is None or self._losses.resumed or not 0 <= time < LATEST:
             return False
         device = round(time * 1e9)
@@ -113,18 +113,18 @@ class Intake:
         return True
 
     def compared(self, device: int, not_before: int) -> None:
-        """Another connection was shown the controller time ``device`` (ns), made as ``take`` says of the first."""
+        """Take the controller time ``device`` (ns) from another connection; ``not_before`` as in ``take``."""
         if self._last is not None:
             self._bracket(device, not_before - self._cycle)
 
     def message(self, message: TextMessage) -> None:
-        """The controller says something."""
+        """Report a text message of the controller."""
         level = _LEVELS[message.level] if message.level < len(_LEVELS) else str(message.level)
         text = f"controller {level} from {message.source or 'itself'}: {message.text}"
         self._inlet.event("message", text, level=level, source=message.source)
 
     def watch(self, timeout: float) -> bool:
-        """Report a stream that stopped; true when nothing has come for timeout s."""
+        """Report a stream that stopped; true if no package has arrived for ``timeout`` s."""
         silence = clock.monotonic() - self._heard
         if not self._quiet and silence > max(QUIET, 10 / self._rate):
             self._quiet = True
@@ -132,7 +132,7 @@ class Intake:
         return silence > timeout
 
     def _speak(self) -> None:
-        """Say what the arrival of a package tells."""
+        """Report a new connection or a resumed stream when a package arrives."""
         if self._identity is not None:
             self._inlet.connected(self._identity)
             self._identity = None
@@ -150,7 +150,7 @@ class Intake:
         self._inlet.bracket(self._stream, device, not_before)
 
     def _untangle(self, device: NDArray[np.int64], values: Float, steps: NDArray[np.int64], arrival: int) -> None:
-        """Take a block in which time stands still, goes back, or jumps ahead of what has arrived."""
+        """Take a block in which the time repeats, goes back, or jumps ahead of the arrival."""
         fresh = steps != 0
         repeated = len(steps) - int(np.count_nonzero(fresh))
         self._inlet.account.expect(repeated)
@@ -172,7 +172,7 @@ class Intake:
             self._emit(device[start:end], values[start:end], steps[start:end], arrival)
 
     def _reset(self, device: int) -> None:
-        """The controller's time has a new base: what was lost between the two nobody can know."""
+        """Report a new time base; losses between the two bases are unknown."""
         before = "" if self._last is None else f" from {self._last / 1e9:.3f} s"
         reason = f"controller time jumped{before} to {device / 1e9:.3f} s: it restarted or its clock was set"
         self.resets += 1
@@ -194,7 +194,7 @@ class Intake:
         self._states.see(values)
 
     def _count(self, steps: NDArray[np.int64]) -> None:
-        """Count losses before and between the packages; the first step after a reconnection is an outage's."""
+        """Count losses before and between the packages; the first step after a reconnection belongs to the outage."""
         before = self._grid.step
         if self._losses.resumed:
             self._losses.before_next(self._grid.missing(steps[:1]))
@@ -205,7 +205,7 @@ class Intake:
             self._tell_grid()
 
     def _tell_grid(self) -> None:
-        """Say when packages do not come on the grid that was asked for."""
+        """Report packages that are not on the requested grid."""
         step = self._grid.step
         if step is None:
             self._inlet.event("uneven timestamps", "packages keep no grid any more: losses cannot be counted")

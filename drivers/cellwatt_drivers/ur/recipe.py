@@ -1,4 +1,4 @@
-"""From what the user wants to what is asked of the controller, and from its data packages to columns."""
+"""From the settings' channels to a recipe for the controller, and from its data packages to columns."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ _OFFERED = {c.name: (f, i) for f in FIELDS.values() for i, c in enumerate(f.chan
 
 @dataclass(frozen=True)
 class Selection:
-    """Fields to ask for, and the channels to deliver of them.
+    """Fields to request, and the channels to deliver from them.
 
-    ``fields`` in the order of the recipe (the timestamp comes before them), ``picks`` the elements of each
-    that become channels, ``power`` whether ``bus.power`` comes last.
+    ``fields`` in the order of the recipe (the timestamp comes before them), ``picks`` the elements of each field that
+    become channels, ``power`` whether ``bus.power`` is the last channel.
     """
 
     fields: tuple[Field, ...]
@@ -35,7 +35,7 @@ class Selection:
 
     @classmethod
     def of(cls, wanted: Sequence[str]) -> Selection:
-        """Selection of RTDE fields and single channels by name. Raises ``ValueError`` that says which is wrong."""
+        """Select RTDE fields and single channels by name. Raises ``ValueError`` that names the wrong one."""
         chosen: dict[str, list[int]] = {}
         power = False
         for name in wanted:
@@ -57,7 +57,7 @@ class Selection:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The fields to ask the controller for, timestamp first."""
+        """The fields to request from the controller, timestamp first."""
         return ("timestamp", *(f.name for f in self.fields))
 
     @property
@@ -68,7 +68,7 @@ class Selection:
 
 
 def _lookup(name: str) -> tuple[Field, Sequence[int]]:
-    """The field that gives a field's or channel's name, and which of its elements are meant."""
+    """The field for the name of a field or channel, and the indices of the elements meant."""
     if name in _OFFERED:
         field, element = _OFFERED[name]
         return field, (element,)
@@ -84,10 +84,10 @@ def _lookup(name: str) -> tuple[Field, Sequence[int]]:
 
 
 class Decoder:
-    """Turns runs of data packages into columns: many packages at once, neighbouring fields of a type as one block.
+    """Decodes runs of data packages into columns: many packages at once, adjacent fields of one type as one block.
 
-    ``types`` are what the controller answered for ``selection.names``. Raises ``ProtocolError`` where they are
-    not as many, or not as wide, as what was asked for.
+    ``types`` are the controller's answer for ``selection.names``. Raises ``ProtocolError`` if their number or widths do
+    not match the requested fields.
     """
 
     def __init__(self, selection: Selection, recipe: int, types: Sequence[str]) -> None:
@@ -98,7 +98,7 @@ class Decoder:
         places = self._lay_out(types)
         self.package = Package(recipe, self._dtype.itemsize)
         self._copies: list[tuple[str, slice | list[int], slice]] = []
-        """Segment, its elements, and the columns to which they go."""
+        """Segment, indices of its elements, and the columns to which they are copied."""
         self._scales: list[tuple[slice, float]] = []
         at = 0
         for field, picks, (segment, start) in zip(selection.fields, selection.picks, places[1:], strict=True):
@@ -112,7 +112,7 @@ class Decoder:
             self._factors = tuple(places[selection.names.index(f.name)] for f in (_VOLTAGE, _CURRENT))
 
     def _lay_out(self, types: Sequence[str]) -> list[tuple[str, int]]:
-        """Make the numpy type of a package; returns segment and first element of each field."""
+        """Set the numpy type of a package; returns segment and first element of each field."""
         segments: list[tuple[str, int]] = []
         places = []
         for name in types:
@@ -127,7 +127,7 @@ class Decoder:
         return places
 
     def _copy(self, source: list[int], segment: str, target: slice) -> None:
-        """Note what to copy; what stands side by side in package and columns goes in one."""
+        """Add a copy; elements adjacent in both package and columns are copied as one slice."""
         if not source:
             return
         if source != list(range(source[0], source[0] + len(source))):
@@ -142,7 +142,7 @@ class Decoder:
         self._copies.append((segment, whole, target))
 
     def decode(self, data: memoryview, count: int) -> tuple[Float, Float]:
-        """Controller time (count,) s and values (count, channels) in SI units, both copies."""
+        """Controller time (count,) s and values (count, channels) in SI units; neither is a view of ``data``."""
         packages = np.frombuffer(data, self._dtype, count)
         time = packages["s0"][:, 0].astype(np.float64)
         values = np.empty((count, self.columns))

@@ -19,13 +19,13 @@ from cellwatt_drivers.ur.transport import GatheringTransport
 from cellwatt_drivers.ur.wire import ControllerVersion, Kind, TextMessage
 
 BUFFER = 1 << 18
-"""Bytes taken from the socket at most in one pass of the loop."""
+"""Most bytes read from the socket in one pass of the loop."""
 AT_ONCE = 128
-"""Packages and other frames dealt with at most in one turn of the loop, so that other sources have theirs."""
+"""Most packages and other frames handled in one turn of the loop, so that other sources get their turn."""
 SOCKET_BUFFER = 1 << 20
-"""Asked of the kernel (which may give less, see net.core.rmem_max) for times when the loop is late."""
+"""Receive buffer, bytes, requested from the kernel for late loops (it may grant less, see net.core.rmem_max)."""
 TICK = 0.1
-"""Seconds between looks at a stream's silence."""
+"""Time between checks for a silent stream, s."""
 
 
 Take = Callable[[Float, Float, int | None, int], None]
@@ -33,11 +33,11 @@ Take = Callable[[Float, Float, int | None, int], None]
 
 
 class Session:
-    """Frames in and out of one connection. ``where`` names it in errors, ``now`` is the cell's time, ns.
+    """Frames in and out of one connection. ``where`` names it in errors; ``now`` returns the cell's time, ns.
 
-    With ``decoder`` and ``take`` set, data packages go to ``take`` as they are read, those of one gather together;
-    while more than ``AT_ONCE`` wait, no more is read. What the controller says in words goes to ``say``. ``closed`` is
-    done once the connection is gone, with the error if there is one.
+    With ``decoder`` and ``take`` set, data packages go to ``take`` as they are read, those of one gather interval
+    together; while more than ``AT_ONCE`` wait, reading pauses. Text messages of the controller go to ``say``.
+    ``closed`` is done when the connection is closed, with the error if there is one.
     """
 
     def __init__(self, where: str, now: Callable[[], int], account: Account) -> None:
@@ -50,32 +50,32 @@ class Session:
         self._account = account
         self._view = memoryview(bytearray(BUFFER))
         self._filled = 0
-        self._arrival = 0  # of the newest bytes, ns
+        self._arrival = 0  # arrival of the newest bytes, ns
         self._transport: asyncio.Transport | None = None
-        self._asked: Kind | None = None  # the outstanding question
+        self._asked: Kind | None = None  # kind of the pending request
         self._answer: asyncio.Future[bytes] | None = None
         self._not_before: int | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:
-        """Keep the transport."""
+        """Store the transport."""
         self._transport = transport
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Tell everyone who waits."""
+        """Fail the pending request and ``closed``."""
         self._fail(ConnectError(f"{self.where}: the connection broke: {exc or 'closed by the controller'}"))
 
     def eof_received(self) -> None:
-        """The controller closed; what is left of an unfinished frame is lost."""
+        """The controller closed the connection; an unfinished frame is counted."""
         if self._filled:
             self._account.anomaly("half frame")
         self._fail(ConnectError(f"{self.where}: the controller closed the connection"))
 
     def get_buffer(self, sizehint: int) -> memoryview:
-        """The room behind what is not used yet; never empty, as no frame is as long as the buffer."""
+        """Free space behind the unprocessed bytes; never empty, because every frame is shorter than the buffer."""
         return self._view[self._filled :]
 
     def buffer_updated(self, nbytes: int, waited: int = 0) -> None:
-        """Take whole frames, keep the rest; the newest bytes had ``waited`` ns in this PC."""
+        """Handle complete frames and retain the rest; the newest bytes have waited in this PC for ``waited`` ns."""
         self._arrival = self._now() - waited
         self._filled += nbytes
         if self._take() and self._transport is not None:
@@ -83,7 +83,7 @@ class Session:
             asyncio.get_running_loop().call_soon(self._go_on)
 
     def _go_on(self) -> None:
-        """Take more of what was read before; then read on."""
+        """Handle more of the bytes already read; then resume reading."""
         if self.closed.done() or self._transport is None:
             return
         if self._take():
@@ -92,7 +92,7 @@ class Session:
             self._transport.resume_reading()
 
     def _take(self) -> bool:
-        """Take whole frames of what was read; true where ``AT_ONCE`` were taken and there may be more."""
+        """Handle complete frames in the buffer; true if ``AT_ONCE`` were handled and more may wait."""
         used = taken = 0
         package = self.decoder.package if self.decoder else None
         try:
@@ -120,14 +120,14 @@ class Session:
     def _packages(self, run: wire.Run) -> None:
         assert self.decoder is not None and self.take is not None
         if self._asked == Kind.START and self._answer is not None and not self._answer.done():
-            self._answer.set_result(wire.ACCEPTED)  # it has started, whether it confirms that later or never
+            self._answer.set_result(wire.ACCEPTED)  # sending has begun, whether or not the controller confirms it
         not_before, self._not_before = self._not_before, None
         controller_time, values = self.decoder.decode(run.data, run.count)
         self.take(controller_time, values, not_before, self._arrival)
 
     def _frame(self, frame: wire.Frame) -> None:
         if frame.kind == Kind.TEXT_MESSAGE:
-            if self.say is not None:  # before the versions are agreed on, a message may have another form
+            if self.say is not None:  # before the version is agreed, a message may have another format
                 self.say(wire.parse_text(frame.payload))
             return
         if self._asked is None or frame.kind != self._asked:
@@ -138,7 +138,7 @@ class Session:
         self._answer = None
 
     async def ask(self, question: bytes, timeout: float) -> bytes:
-        """Send a question; its answer's payload, within timeout s. One at a time. Raises ``SourceError``."""
+        """Send a request; return its answer's payload, within ``timeout`` s. One at a time. Raises ``SourceError``."""
         if self.closed.done():
             self.closed.result()
         if self._asked is not None or self._transport is None:
@@ -147,7 +147,7 @@ class Session:
         kind = self._asked = Kind(question[2])
         self._answer = answer
         if question == wire.START:
-            self._not_before = self._now()  # nothing is made for a connection before it asks for it
+            self._not_before = self._now()  # the controller makes no package for a connection before this request
         self._transport.write(question)
         try:
             async with asyncio.timeout(timeout):
@@ -162,7 +162,7 @@ class Session:
         for waiting in (self._answer, self.closed):
             if waiting is not None and not waiting.done():
                 waiting.set_exception(error)
-                waiting.exception()  # seen: somebody may have given up waiting
+                waiting.exception()  # mark the exception as retrieved: the waiting task may have been cancelled
         self._answer = None
 
     def leave(self) -> None:
@@ -185,10 +185,10 @@ async def connect(
     account: Account,
     gather: Callable[[], float] = lambda: 0.0,
 ) -> AsyncIterator[tuple[Session, ControllerVersion]]:
-    """A connection that speaks protocol version 2, read each ``gather()`` s, and who is there.
+    """Open a connection with protocol version 2, read each ``gather()`` s; yields it and the controller's version.
 
-    Raises ``ConnectError`` where nobody answers within timeout s, ``WrongDeviceError`` where somebody else
-    does, ``DeviceError`` where the controller is too old.
+    Raises ``ConnectError`` if no device answers within ``timeout`` s, ``WrongDeviceError`` if the device does not speak
+    RTDE, ``DeviceError`` if the controller is too old.
     """
     where = f"{host}:{port}"
     session = Session(where, now, account)
@@ -245,7 +245,7 @@ async def _greet(session: Session, timeout: float) -> ControllerVersion:
 async def begin(
     session: Session, version: ControllerVersion, selection: Selection, rate: float, take: Take, timeout: float
 ) -> None:
-    """Set the recipe up and start it. Raises ``SourceError``."""
+    """Set up the recipe and start it. Raises ``SourceError``."""
     question = wire.ask_outputs(rate, selection.names)
     recipe, types = wire.parse_recipe(await session.ask(question, timeout))
     unknown = [n for n, t in zip(selection.names, types, strict=False) if t == wire.NOT_FOUND]
@@ -262,7 +262,7 @@ async def begin(
 
 
 async def attend(session: Session, intake: Intake, timeout: float) -> NoReturn:
-    """Watch for silence until the connection is gone (``SourceError``)."""
+    """Watch for silence until the connection ends (``SourceError``)."""
     while True:
         await asyncio.wait({session.closed}, timeout=TICK)
         if session.closed.done():

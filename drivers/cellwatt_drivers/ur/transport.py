@@ -12,34 +12,34 @@ from cellwatt.receipt import receive_into, stamp_receipts
 
 
 class Reads(Protocol):
-    """Takes what a connection receives, as an ``asyncio.BufferedProtocol`` does."""
+    """Receives the data of a connection, like an ``asyncio.BufferedProtocol``."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:
-        """The connection stands."""
+        """The connection is open."""
         ...
 
     def get_buffer(self, sizehint: int) -> memoryview:
-        """Room for the next bytes; never empty."""
+        """Buffer for the next bytes; never empty."""
         ...
 
     def buffer_updated(self, nbytes: int, waited: int) -> None:
-        """So many bytes came; the newest had waited in this PC for ``waited`` ns."""
+        """``nbytes`` bytes arrived; the newest have waited in this PC for ``waited`` ns."""
         ...
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """The connection is gone; without an error where this side closed it."""
+        """The connection is closed; ``exc`` is None if this side closed it."""
         ...
 
     def eof_received(self) -> None:
-        """The other side closed the connection."""
+        """The peer closed the connection."""
         ...
 
 
 class GatheringTransport(asyncio.Transport):
-    """A connected TCP socket that is read each ``gather`` s, or as data come where that is 0.
+    """A connected TCP socket that is read each ``gather`` s, or whenever data arrive if that is 0.
 
-    The kernel stamps what it receives, so that the time of arrival does not depend on when it is read. Writes are
-    small: what the kernel does not take at once breaks the connection.
+    The kernel stamps received data, so that the arrival time does not depend on the time of reading. Writes must be
+    small: data that the kernel does not accept at once breaks the connection.
     """
 
     def __init__(self, opened: socket.socket, session: Reads, gather: Callable[[], float]) -> None:
@@ -47,21 +47,21 @@ class GatheringTransport(asyncio.Transport):
         self._socket = opened
         self._session = session
         self._loop = asyncio.get_running_loop()
-        # Without the kernel's stamps only reading at once tells when something came.
+        # Without the kernel's stamps, only immediate reading gives the arrival time.
         self._gather = gather if stamp_receipts(opened) else lambda: 0.0
         self._timer: asyncio.TimerHandle | None = None
         session.connection_made(self)
         self.resume_reading()
 
     def pause_reading(self) -> None:
-        """Read nothing until ``resume_reading``."""
+        """Stop reading until ``resume_reading``."""
         self._loop.remove_reader(self._socket)
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
 
     def resume_reading(self) -> None:
-        """Read from the next moment on."""
+        """Read from the next gather time on."""
         if self.is_closing():
             return
         if gather := self._gather():

@@ -1,7 +1,7 @@
 """RTDE protocol version 2, bytes ⇄ messages: pure functions, no I/O, no clock.
 
-A frame is ``u16 size`` (with these three bytes), ``u8 kind``, payload; everything is big endian. Source: the RTDE
-guide of Universal Robots. Every function that reads bytes raises ``ProtocolError`` and nothing else.
+A frame is ``u16 size`` (including these three bytes), ``u8 kind``, payload; everything is big endian. Source: the RTDE
+guide of Universal Robots. Every function that parses bytes raises only ``ProtocolError``.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ import numpy as np
 from cellwatt.errors import ProtocolError
 
 PROTOCOL = 2
-"""The protocol version spoken here; a fresh connection starts at 1."""
+"""The supported protocol version; a new connection starts at version 1."""
 NAMES_LIMIT = 2048
-"""Longest list of field names a controller takes, bytes."""
+"""Longest list of field names that a controller accepts, bytes."""
 
 
 class Kind(IntEnum):
@@ -70,7 +70,7 @@ ELEMENTS: Mapping[str, tuple[str, int]] = {
 }
 """RTDE type → numpy type of one element and number of elements; packages have no padding."""
 NOT_FOUND = "NOT_FOUND"
-"""Stands in place of a type for a field that the controller does not know."""
+"""Replaces the type of a field that the controller does not have."""
 
 _HEADER = struct.Struct(">HB")
 _RATE = struct.Struct(">d")
@@ -79,7 +79,7 @@ _VERSION = struct.Struct(">4I")
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One frame that is not a run of data packages; ``payload`` without the header."""
+    """One frame other than a run of data packages; ``payload`` without the header."""
 
     kind: Kind
     payload: bytes
@@ -87,7 +87,7 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class Package:
-    """Form of a recipe's data packages: recipe id and whole size in bytes."""
+    """Format of a recipe's data packages: recipe id and total size in bytes."""
 
     id: int
     size: int
@@ -100,7 +100,7 @@ class Package:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """``count`` neighbouring data packages; ``data`` is a view of them, valid until the buffer is reused."""
+    """``count`` adjacent data packages; ``data`` is a view of them, valid until the buffer is reused."""
 
     data: memoryview
     count: int
@@ -131,11 +131,11 @@ class TextMessage:
 def scan(
     data: memoryview, limits: Limits, package: Package | None = None, most: int | None = None
 ) -> Iterator[tuple[Frame | Run, int]]:
-    """Cut the start of a byte stream into frames: each with the number of bytes used up to its end.
+    """Split the start of a byte stream into frames: each with the number of bytes used up to its end.
 
-    Data packages of the agreed ``package`` come as runs as long as possible, of ``most`` at most. An unfinished
-    frame at the end is left over. Raises ``ProtocolError``, after all frames before it, as soon as a header shows a
-    kind that there is not, a size that its kind cannot have, or a data package that is not of the agreed recipe.
+    Data packages of the agreed ``package`` come as the longest possible runs, of at most ``most`` packages. An
+    unfinished frame at the end is not used. Raises ``ProtocolError``, after all frames before it, as soon as a header
+    has an unknown kind, a size that its kind cannot have, or is of a data package of another recipe.
     """
     start, end = 0, len(data)
     while end - start >= _HEADER.size:
@@ -159,7 +159,7 @@ def scan(
 
 
 def _neighbours(data: memoryview, package: Package, most: int | None) -> int:
-    """Count the whole packages of the recipe that stand one after the other at the start of data."""
+    """Count the complete packages of the recipe at the start of ``data``, one after the other."""
     if len(data) >= 4 and data[3] != package.id:
         raise ProtocolError(f"data package of recipe {data[3]}, the agreed one is {package.id}")
     count = len(data) // package.size
@@ -174,7 +174,7 @@ def _neighbours(data: memoryview, package: Package, most: int | None) -> int:
 
 
 def frame(kind: Kind, payload: bytes = b"") -> bytes:
-    """One frame. Raises ``ValueError`` where the payload is too long for it."""
+    """One frame. Raises ``ValueError`` if the payload is too long."""
     size = _HEADER.size + len(payload)
     if size > 0xFFFF:
         raise ValueError(f"an RTDE frame holds at most {0xFFFF - _HEADER.size} bytes, not {len(payload)}")
@@ -188,7 +188,7 @@ PAUSE = frame(Kind.PAUSE)
 
 
 def ask_outputs(rate: float, names: Sequence[str]) -> bytes:
-    """Ask for a recipe of output fields at rate Hz. Raises ``ValueError`` where the list is too long."""
+    """Request a recipe of output fields at ``rate`` Hz. Raises ``ValueError`` if the list is too long."""
     return frame(Kind.SETUP_OUTPUTS, _RATE.pack(rate) + _names(names))
 
 
@@ -210,13 +210,13 @@ def accept_reply(kind: Kind, accepted: bool) -> bytes:
 
 
 def controller_reply(version: ControllerVersion) -> bytes:
-    """Answer to the question for the controller's version."""
+    """Answer to the request for the controller's version."""
     packed = _VERSION.pack(version.major, version.minor, version.bugfix, version.build)
     return frame(Kind.CONTROLLER_VERSION, packed)
 
 
 def text_message(message: TextMessage) -> bytes:
-    """A message from the controller. Raises ``ValueError`` where text or source is longer than 255 bytes."""
+    """A message of the controller. Raises ``ValueError`` if text or source is longer than 255 bytes."""
     parts = [message.text.encode(), message.source.encode()]
     if max(map(len, parts)) > 255:
         raise ValueError("text and source of a message hold at most 255 bytes each")
@@ -235,7 +235,7 @@ def parse_accept(payload: bytes) -> bool:
 
 
 def parse_protocol(payload: bytes) -> int:
-    """The protocol version that a client asks for."""
+    """The protocol version that a client requests."""
     if len(payload) != 2:
         raise ProtocolError(f"a protocol version has two bytes, not {len(payload)}")
     return int.from_bytes(payload, "big")
@@ -260,7 +260,7 @@ def parse_recipe(payload: bytes) -> tuple[int, tuple[str, ...]]:
 
 
 def parse_ask_outputs(payload: bytes) -> tuple[float, tuple[str, ...]]:
-    """Rate in Hz and names of a recipe that a client asks for."""
+    """Rate in Hz and field names of a client's recipe request."""
     if len(payload) < _RATE.size:
         raise ProtocolError(f"a recipe of outputs starts with {_RATE.size} bytes of rate, not {len(payload)}")
     (rate,) = _RATE.unpack_from(payload)
@@ -270,7 +270,7 @@ def parse_ask_outputs(payload: bytes) -> tuple[float, tuple[str, ...]]:
 
 
 def parse_text(payload: bytes) -> TextMessage:
-    """A message from the controller; bytes that are not UTF-8 are replaced."""
+    """A message of the controller; bytes that are not UTF-8 are replaced."""
     texts: list[str] = []
     rest = payload
     for _ in range(2):
@@ -284,7 +284,7 @@ def parse_text(payload: bytes) -> TextMessage:
 
 
 def _listed(text: bytes) -> tuple[str, ...]:
-    """Comma-separated names; clients end the list with a comma or without."""
+    """Comma-separated names; the list may end with a comma."""
     try:
         names = text.decode("ascii").split(",")
     except UnicodeDecodeError as error:

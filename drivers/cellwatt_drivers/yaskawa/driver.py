@@ -35,7 +35,7 @@ _ALARM = wire.Request(wire.ALARM)
 
 
 class YaskawaSettings(SourceSettings):
-    """A DX200, YRC1000 or FS100 controller and the robot behind it."""
+    """A DX200, YRC1000 or FS100 controller and its robot."""
 
     device_parts: ClassVar[tuple[str, ...]] = ("control_group",)
 
@@ -44,31 +44,31 @@ class YaskawaSettings(SourceSettings):
     port: int = Field(wire.PORT, ge=1, le=65535)
     """UDP port of the robot division."""
     read: Chosen[Read] = ("position", "torque", "status", "alarm")
-    """Groups to ask for; ``alarm`` is read while the status shows one."""
+    """Groups to read; ``alarm`` is read while the status shows an alarm."""
     rate: Hertz = 50.0
-    """Polls of position, of torque and of the Cartesian position, each."""
+    """Polls per second of position, of torque and of the Cartesian position, each."""
     status_rate: Hertz = 2.0
-    """Polls of the status; rounded so that ``rate`` is a whole multiple of it."""
+    """Polls per second of the status; rounded so that ``rate`` is a whole multiple of it."""
     control_group: int = Field(1, ge=1, le=8)
     """Robot of the controller: 1 is R1."""
     axes: int = Field(6, ge=1, le=8)
     """Joints to read, in the controller's order (S L U R B T E …)."""
     pulses_per_degree: tuple[Finite, ...] = ()
-    """Encoder pulses per degree of each joint, negative where the joint turns the other way; for ``position``."""
+    """Encoder pulses per degree of each joint, negative if the joint turns the other way; for ``position``."""
     coupling: tuple[tuple[Finite, ...], ...] | None = None
-    """Joint angles from motor angles: a matrix, row by row, where wrist axes move each other."""
+    """Matrix from motor angles to joint angles, row by row, for wrist axes that move each other."""
     zero: tuple[Radians, ...] | None = None
     """Angle of each joint at pulse 0, added last."""
     rated_torque: tuple[Finite, ...] | None = None
-    """Nm at each joint at 100 %; without it torque comes as a share of the rated one (``torque_ratio``)."""
+    """Rated torque of each joint, Nm at 100 %; without it torque is a share of the rated torque (``torque_ratio``)."""
     torque_count: Fraction = 0.01
-    """Value of one count of the torque answer, as a share of the rated torque."""
+    """Value of one count in the torque answer, as a share of the rated torque."""
     timeout: Seconds = Field(0.05, gt=0)
-    """Wait this long for an answer; FS100 wants 200 ms."""
+    """Longest wait for an answer; an FS100 needs 200 ms."""
     retries: int = Field(2, ge=0, le=10)
-    """Ask again at most this often, as long as the poll's own period lasts."""
+    """Most repeated requests, within the poll's period."""
     silence: Seconds = Field(2.0, gt=0)
-    """No good answer for this long: the source is down and is opened again."""
+    """Longest time without a good answer: after it the source is down and is opened again."""
 
     @field_validator("pulses_per_degree", "rated_torque")
     @classmethod
@@ -95,11 +95,11 @@ class YaskawaSettings(SourceSettings):
 
 
 class YaskawaDriver(Driver[YaskawaSettings]):
-    """One controller; several run side by side on one loop.
+    """One controller; several run concurrently on one loop.
 
-    A slot falls due ``rate`` times a second and keeps its deadline. In it position, torque and Cartesian
-    position are asked one after the other, never two at once; each is a stream of its own, stamped between its
-    own request and answer. Every poll due is delivered, or missed with its reason.
+    A slot falls due ``rate`` times a second. In it position, torque and Cartesian position are requested one after the
+    other, never two at once; each is its own stream, stamped between its request and its answer. Every due poll is
+    delivered, or counted as missed with its reason.
     """
 
     Settings = YaskawaSettings
@@ -124,15 +124,15 @@ class YaskawaDriver(Driver[YaskawaSettings]):
         self._heard = 0
         self._failure: UnansweredError | None = None
         self._newest: dict[str, int] = {}
-        """Twice the middle of the newest answer given, ns, by stream."""
+        """Twice the middle of the newest emitted exchange, ns, by stream."""
 
     @property
     def streams(self) -> tuple[Stream, ...]:
-        """``position``, ``torque``, ``cartesian`` and ``state``, as far as they are read."""
+        """``position``, ``torque``, ``cartesian`` and ``state``, if selected."""
         return tuple(p.stream for p in self._polls) + ((self._state,) if self._state else ())
 
     async def identify(self) -> Identity:
-        """System information and axis names. Raises ``SourceError``."""
+        """Read system information and axis names. Raises ``SourceError``."""
         async with self._open() as link:
             return await self._greet(link)
 
@@ -201,7 +201,7 @@ class YaskawaDriver(Driver[YaskawaSettings]):
         self._emit(stream, exchange, values)
 
     async def _alarm_code(self, link: Link, status: dict[str, bool], until: int) -> float:
-        """Code of the latest alarm, 0 without one, NaN where it could not be read; reports what is new."""
+        """Code of the latest alarm, 0 without one, NaN if it could not be read; reports a changed alarm."""
         alarm = payload.Alarm(0)
         if status["alarm"] or status["error"]:
             try:
@@ -234,11 +234,11 @@ class YaskawaDriver(Driver[YaskawaSettings]):
         deliver(self.inlet, stream, values, exchange.asked, exchange.arrival)
 
     def _is_newest(self, stream: Stream, exchange: Exchange) -> bool:
-        """True if nothing newer has been given: what is older would turn the stream's time back."""
+        """True if no newer sample was emitted: an older one would turn the stream's time back."""
         return exchange.asked + exchange.arrival > self._newest.get(stream.name, 0)
 
     def _emit_late(self, link: Link, poll: Poll, exchange: Exchange) -> None:
-        """Give what came after its time-out, with the time in which it was really made."""
+        """Emit a sample that arrived after its time-out, with its actual times."""
         try:
             values = poll.values(exchange.answer.data)
         except ProtocolError:
@@ -269,7 +269,7 @@ class YaskawaDriver(Driver[YaskawaSettings]):
 
 
 def _polls(settings: YaskawaSettings) -> tuple[Poll, ...]:
-    """The polls of each slot in the order of ``read``."""
+    """Polls of each slot, in the order of ``read``."""
     n, group, rate = settings.axes, settings.control_group, settings.rate
     found = []
     for name in settings.read:

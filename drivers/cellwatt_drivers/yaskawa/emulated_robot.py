@@ -15,11 +15,11 @@ from cellwatt.emulation.signals import table_of
 from cellwatt_drivers.yaskawa import payload
 
 PULSES_PER_DEGREE = (1341.4, 1341.4, 1341.4, 1000.0, 1000.0, 622.0)
-"""As published for an MH24 on DX200."""
+"""Pulses per degree as published for an MH24 on DX200."""
 RATED_TORQUE = (120.0, 120.0, 60.0, 15.0, 15.0, 10.0)
 """Nm at the joint at 100 %."""
 
-_CYCLE = 0.004  # s; an answer holds what the controller knew at its last cycle
+_CYCLE = 0.004  # s; an answer holds the values of the controller's last cycle
 _BLOCK = 25  # cycles computed at once
 _POSE = ("x", "y", "z", "rx", "ry", "rz")
 _POSE_COUNTS = np.array([1 / payload.METRES] * 3 + [1 / math.radians(payload.DEGREES)] * 3)

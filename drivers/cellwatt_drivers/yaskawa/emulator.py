@@ -17,7 +17,7 @@ from cellwatt_drivers.yaskawa.emulated_robot import PULSES_PER_DEGREE, RATED_TOR
 
 NO_COMMAND, NO_INSTANCE, NOT_REMOTE = 0xA000, 0xA001, 0x2100
 ANSWER_MS = {"FS100": 20.0, "DX200": 8.0, "YRC1000": 5.0}
-"""From request to answer, of which ± 1 ms is jitter: measured for FS100, 5 to 10 ms by word of mouth for the others."""
+"""Time from request to answer, ms, ± 1 ms of jitter: measured for FS100; 5 to 10 ms reported for the others."""
 
 _JITTER_MS = 1.0
 _GENERAL_ERROR = 0x1F
@@ -27,20 +27,18 @@ _POSE_NAMES = ("X", "Y", "Z", "Rx", "Ry", "Rz")
 
 
 class YaskawaEmulator(Emulator):
-    """One controller with one robot (R1) over UDP; listens on 127.0.0.1:10040 unless told otherwise.
+    """One controller with one robot (R1) over UDP; listens on 127.0.0.1:10040 by default.
 
-    Options: ``model`` (DX200, YRC1000 or FS100: how long an answer takes), ``answer_ms`` (instead of the
-    model's), ``pulses_per_degree`` and ``rated_torque`` (Nm at the joint at 100 %; comma-separated), ``answer_axes``
-    (6, 7 or 8: positions of 44, 48 or 52 bytes), ``busy`` (share of requests answered BUSY), ``alarm``
-    (``CODE:NAME``).
+    Options: ``model`` (DX200, YRC1000 or FS100: sets the answer time), ``answer_ms`` (instead of the model's),
+    ``pulses_per_degree`` and ``rated_torque`` (Nm at the joint at 100 %; comma-separated), ``answer_axes`` (6, 7 or 8:
+    positions of 44, 48 or 52 bytes), ``busy`` (share of requests answered BUSY), ``alarm`` (``CODE:NAME``).
 
     Services that write are refused: remote is not set.
 
-    Faults on answers: ``loss`` (not sent), ``half_frame`` (cut), ``delay`` (late by ``seconds``), ``reorder``
-    (held until the next one has left), ``duplicate``, ``garbage`` (random bytes ahead of it). At the next
-    request, ``stall`` stops reading for ``seconds``, then answers all that waited, and ``disconnect`` closes
-    the port for ``seconds``. ``made`` counts the requests understood, ``sent`` whole answers on the wire,
-    ``busy`` answers BUSY, ``malformed`` requests that are none.
+    Faults on answers: ``loss`` (not sent), ``half_frame`` (cut), ``delay`` (late by ``seconds``), ``reorder`` (held
+    until the next one is sent), ``duplicate``, ``garbage`` (random bytes before it). At the next request, ``stall``
+    stops reading for ``seconds``, then answers all that waited, and ``disconnect`` closes the port for ``seconds``.
+    ``made`` counts valid requests, ``sent`` whole answers sent, ``busy`` answers BUSY, ``malformed`` invalid requests.
     """
 
     title: ClassVar[str] = "Yaskawa controller (High-Speed Ethernet Server)"
@@ -49,7 +47,7 @@ class YaskawaEmulator(Emulator):
 
     @classmethod
     def options_for(cls, sources: Sequence[Any]) -> dict[str, str]:
-        """See ``Emulator.options_for``: it answers fast, as the daemon that asks shares its PC."""
+        """See ``Emulator.options_for``: short answer times, because emulator and daemon share the PC."""
         if len(sources) > 1 or sources[0].control_group != 1:
             raise ValueError("an emulated controller has one robot, control_group 1")
         settings = sources[0]

@@ -1,4 +1,4 @@
-"""Asks a controller who it is, and tries each read that the settings ask for."""
+"""Reads a controller's identity, and tries each read that the settings select."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ _HINT = "check the address, the cable, and that the controller's Ethernet server
 
 
 async def greet(link: Link, group: int, axes: int, reads: Mapping[str, wire.Request]) -> Identity:
-    """System information, axis names of the control group, and one try of each of ``reads`` (by name).
+    """Read system information, axis names of the control group, and each of ``reads`` (by name) once.
 
-    Raises ``ConnectError`` where nobody answers, ``WrongDeviceError`` where the answers are not this protocol or
-    the robot has fewer axes than configured, ``DeviceError`` where the controller refuses one of the reads.
+    Raises ``ConnectError`` if no device answers, ``WrongDeviceError`` if the answers are not this protocol or the robot
+    has fewer axes than configured, ``DeviceError`` if the controller refuses one of the reads.
     """
     system = await _optional(link, _SYSTEM, payload.decode_system) or payload.System("", "", "")
     names = await _optional(link, wire.Request(wire.AXIS_NAMES, group), payload.decode_axis_names) or ()
@@ -41,7 +41,7 @@ async def greet(link: Link, group: int, axes: int, reads: Mapping[str, wire.Requ
 
 
 async def _optional(link: Link, request: wire.Request, decode: Callable[[bytes], T]) -> T | None:
-    """Read what not every controller gives; raise if nobody is there at all."""
+    """Read data that not every controller has; raise if no device answers at all."""
     try:
         return decode((await link.ask(request, _RETRIES)).answer.data)
     except ProtocolError:

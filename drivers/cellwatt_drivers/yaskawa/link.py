@@ -19,18 +19,18 @@ from cellwatt_drivers.yaskawa import wire
 
 _NUMBERS = 256
 _QUARANTINE = 10.0
-"""s for which the number of a request that got no answer is not used again, so that its late answer cannot
-be taken for another's."""
+"""Time, s, for which the number of an unanswered request is not reused, so that its late answer cannot be mistaken
+for another's."""
 
 _BUSY_PAUSE = 0.005
-"""s before a busy controller is asked again."""
+"""Pause, s, before a request to a busy controller is repeated."""
 
 Reason = Literal["timeout", "refused", "unreachable", "busy", "malformed", "device error"]
-"""Why a poll gave nothing, as counted in the account."""
+"""Reason for a failed poll, as counted in the account."""
 
 
 class UnansweredError(Exception):
-    """A request got no usable answer; ``reason`` as counted."""
+    """A request got no usable answer; ``reason`` as counted in the account."""
 
     def __init__(self, reason: Reason, text: str) -> None:
         super().__init__(text)
@@ -39,7 +39,7 @@ class UnansweredError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Exchange:
-    """An answer with the cell's times (ns) at which its request left and it came back."""
+    """An answer with the cell's times (ns) of its request and of its arrival."""
 
     answer: wire.Answer
     asked: int
@@ -47,12 +47,12 @@ class Exchange:
 
 
 TakeLate = Callable[[Exchange], None]
-"""Takes a good answer that came after its time-out."""
+"""Takes a good answer that arrived after its time-out."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Unanswered:
-    """A request that was given up at ``since``, s of the loop; its answer may still come."""
+    """A request that timed out at ``since``, s of the loop; its answer may still arrive."""
 
     since: float
     asked: int
@@ -62,7 +62,7 @@ class _Unanswered:
 
 @asynccontextmanager
 async def open_link(host: str, port: int, timeout: float, inlet: Inlet) -> AsyncIterator[Link]:
-    """A link to the controller at ``host``; raises ``ConnectError`` where the name or the network is unknown."""
+    """A link to the controller at ``host``; raises ``ConnectError`` if the name or the network is unknown."""
     loop = asyncio.get_running_loop()
     try:
         found = await loop.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
@@ -87,9 +87,9 @@ async def open_link(host: str, port: int, timeout: float, inlet: Inlet) -> Async
 
 
 class Link:
-    """Asks over a connected, non-blocking UDP ``connection``; counts in the inlet's account what is not an answer.
+    """Sends requests over a connected, non-blocking UDP ``connection``; counts other datagrams in the inlet's account.
 
-    ``timeout`` in s for each answer. ``malformed`` counts datagrams that are not the protocol.
+    ``timeout`` in s for each answer. ``malformed`` counts datagrams that are not of the protocol.
     """
 
     def __init__(self, connection: socket.socket, place: str, timeout: float, inlet: Inlet) -> None:
@@ -110,11 +110,11 @@ class Link:
     async def ask(
         self, request: wire.Request, retries: int, until: int | None = None, late: TakeLate | None = None
     ) -> Exchange:
-        """The good answer to a request.
+        """Return the good answer to a request.
 
-        Asks again after a time-out or where the controller is busy, at most ``retries`` times and not once the
-        monotonic clock (ns) has passed ``until``. Raises ``UnansweredError`` with the last reason. What answers a
-        request after its time-out goes to ``late``.
+        Repeats the request after a time-out or a busy answer, at most ``retries`` times and not after the monotonic
+        clock (ns) has passed ``until``. Raises ``UnansweredError`` with the last reason. An answer that arrives after
+        its time-out goes to ``late``.
         """
         for left in range(retries, -1, -1):
             try:
@@ -151,7 +151,7 @@ class Link:
         return Exchange(answer, asked, max(asked, arrival))
 
     def readable(self) -> None:
-        """Take one datagram; called by the loop."""
+        """Read one datagram; called by the loop."""
         try:
             datagram, _, waited = receive(self._connection, 2048)
         except (BlockingIOError, InterruptedError):
@@ -174,7 +174,7 @@ class Link:
             waiting.set_result((answer, arrival))
 
     def _as_ever(self, answer: wire.Answer) -> bool:
-        """True if the fields that a controller never changes are those of its first answer."""
+        """True if the fields that a controller never changes equal those of its first answer."""
         if self._constants is None:
             self._constants = answer.constants
         return answer.constants == self._constants
@@ -186,7 +186,7 @@ class Link:
             self._fail_socket(error)
 
     def _next_number(self) -> int:
-        """Any number, so that who does not hear the requests cannot know it, but none that an answer may still have."""
+        """Choose a random number, which an outsider cannot guess, but none for which an answer may still arrive."""
         now = self._loop.time()
         start = random.randrange(_NUMBERS)
         for step in range(_NUMBERS):
@@ -211,18 +211,18 @@ class Link:
         elif before == answer:
             self._inlet.account.anomaly("duplicates")
         else:
-            # One of the two was somebody else's, and nobody can say which.
+            # One of the two came from another sender; which one is unknown.
             self._inlet.account.forgery("contradicting answers")
 
     def _accepted(self, number: int) -> wire.Answer | None:
-        """The answer that was taken for the newest request of a number."""
+        """The answer accepted for the newest request with a number."""
         waiting = self._waiting
         if number == self._number and waiting is not None and waiting.done():
             return None if waiting.cancelled() or waiting.exception() else waiting.result()[0]
         return self._answered.get(number)
 
     def count_malformed(self) -> None:
-        """Somebody sent what is not the protocol, or not the answer asked for."""
+        """Count a datagram that is not of the protocol, or not the requested answer."""
         self.malformed += 1
         self._inlet.account.anomaly("malformed")
 

@@ -1,4 +1,4 @@
-"""Data of each answer ⇄ values; all integers are signed 32 bit unless said otherwise."""
+"""Data of each answer ⇄ values; all integers are signed 32 bit unless stated otherwise."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ BASE = 16
 """Data types of a position: encoder pulses, or Cartesian in the base frame."""
 
 METRES = 1e-6
-"""Per count of X, Y, Z."""
+"""m per count of X, Y, Z."""
 DEGREES = 1e-4
-"""Per count of Rx, Ry, Rz."""
+"""Degrees per count of Rx, Ry, Rz."""
 
 _KIND = struct.Struct("<i")
 _POSITION_HEAD = 20  # kind, figure, tool, user frame, extended figure
@@ -34,13 +34,13 @@ STATUS_BITS: Final[Mapping[str, int]] = {
     "remote": 128 * _MODE, "play": 64 * _MODE, "teach": 32 * _MODE, "automatic": 4 * _MODE, "one_cycle": 2 * _MODE,
     "step": 1 * _MODE, "speed_limited": 16 * _MODE,
 }  # fmt: skip
-"""Bits of the status, whose two words are one number here; others are ignored. Held: by pendant, externally or by
-command."""
+"""Bits of the status, whose two words form one number here; other bits are ignored. ``hold``: by pendant, externally
+or by command."""
 
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """Answer to 0x70; all zero where there is none. ``time`` is the controller's, as text."""
+    """Answer to 0x70; all zero without an alarm. ``time`` is the controller's time as text."""
 
     code: int
     data: int = 0
@@ -51,7 +51,7 @@ class Alarm:
 
 @dataclass(frozen=True, slots=True)
 class System:
-    """Answer to 0x89."""
+    """Answer to 0x89: system information."""
 
     software: str
     model: str
@@ -59,20 +59,20 @@ class System:
 
 
 def decode_status(data: bytes) -> dict[str, bool]:
-    """What of ``STATUS_BITS`` is set. Raises ``ProtocolError`` unless there are two words."""
+    """Decode the bits of ``STATUS_BITS``. Raises ``ProtocolError`` unless there are two words."""
     (word,) = _STATUS.unpack(_sized(data, _STATUS, "status"))
     return {name: bool(word & bits) for name, bits in STATUS_BITS.items()}
 
 
 def encode_status(*names: str) -> bytes:
-    """The 8 bytes of a status with these set."""
+    """Encode a status with these bits set, 8 bytes."""
     return _STATUS.pack(sum(STATUS_BITS[name] for name in names))
 
 
 def decode_position(data: bytes, kind: int) -> tuple[int, ...]:
-    """A position of 6, 7 or 8 axes (44, 48 or 52 bytes) in pulses, or in µm and 1e-4 degrees.
+    """Decode a position of 6, 7 or 8 axes (44, 48 or 52 bytes) in pulses, or in µm and 1e-4 degrees.
 
-    Raises ``ProtocolError`` for another length, and where the data are not of the asked ``kind``.
+    Raises ``ProtocolError`` for another length, and if the data are not of the requested ``kind``.
     """
     axes = _AXES.get(len(data) - _POSITION_HEAD)
     if axes is None:
@@ -84,12 +84,12 @@ def decode_position(data: bytes, kind: int) -> tuple[int, ...]:
 
 
 def encode_position(kind: int, axes: tuple[int, ...]) -> bytes:
-    """The bytes of a position; their number follows from that of the axes."""
+    """Encode a position; its length depends on the number of axes."""
     return _KIND.pack(kind).ljust(_POSITION_HEAD, b"\0") + encode_axes(axes)
 
 
 def decode_axes(data: bytes) -> tuple[int, ...]:
-    """Torque counts, or any other table of 6, 7 or 8 axes. Raises ``ProtocolError`` for another length."""
+    """Decode torque counts, or any other table of 6, 7 or 8 axes. Raises ``ProtocolError`` for another length."""
     axes = _AXES.get(len(data))
     if axes is None:
         raise ProtocolError(f"a torque of {len(data)} bytes; expected 24, 28 or 32")
@@ -97,12 +97,12 @@ def decode_axes(data: bytes) -> tuple[int, ...]:
 
 
 def encode_axes(axes: tuple[int, ...]) -> bytes:
-    """Four bytes an axis."""
+    """Encode a table, four bytes per axis."""
     return _AXES[4 * len(axes)].pack(*axes)
 
 
 def decode_axis_names(data: bytes) -> tuple[str, ...]:
-    """Names of the axes there are, e.g. ``S L U R B T``. Raises ``ProtocolError`` unless there are 32 bytes."""
+    """Names of the existing axes, e.g. ``S L U R B T``. Raises ``ProtocolError`` unless there are 32 bytes."""
     if len(data) != _NAME_SIZE * _AXIS_SLOTS:
         raise ProtocolError(f"axis names of {len(data)} bytes; expected {_NAME_SIZE * _AXIS_SLOTS}")
     names = (_text(data[i : i + _NAME_SIZE]) for i in range(0, len(data), _NAME_SIZE))
@@ -110,12 +110,12 @@ def decode_axis_names(data: bytes) -> tuple[str, ...]:
 
 
 def encode_axis_names(names: tuple[str, ...]) -> bytes:
-    """32 bytes; absent axes are zero."""
+    """Encode axis names, 32 bytes; absent axes are zero."""
     return b"".join(n.encode("ascii").ljust(_NAME_SIZE, b"\0") for n in names).ljust(_NAME_SIZE * _AXIS_SLOTS, b"\0")
 
 
 def decode_alarm(data: bytes) -> Alarm:
-    """An alarm; its name is in the pendant's Shift-JIS, unreadable bytes become U+FFFD.
+    """Decode an alarm; its name is in the pendant's Shift-JIS, undecodable bytes become U+FFFD.
 
     Raises ``ProtocolError`` unless there are 60 bytes.
     """
@@ -124,7 +124,7 @@ def decode_alarm(data: bytes) -> Alarm:
 
 
 def encode_alarm(alarm: Alarm) -> bytes:
-    """The 60 bytes of an alarm."""
+    """Encode an alarm, 60 bytes."""
     name = alarm.name.encode("shift_jis", "replace")
     return _ALARM.pack(alarm.code, alarm.data, alarm.kind, alarm.time.encode("ascii", "replace"), name)
 
@@ -136,7 +136,7 @@ def decode_system(data: bytes) -> System:
 
 
 def encode_system(system: System) -> bytes:
-    """The 48 bytes of a system information."""
+    """Encode system information, 48 bytes."""
     return _SYSTEM.pack(system.software.encode(), system.model.encode(), system.parameters.encode())
 
 

@@ -1,4 +1,4 @@
-"""Polls of each slot: the request, the stream that it feeds, and the values made of its data."""
+"""Polls of each slot: the request, its stream, and the conversion of its data to values."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cellwatt_drivers.yaskawa import payload, wire
 
 _CARTESIAN_INSTANCE = 100
 _POSE_UNITS = np.array([payload.METRES] * 3 + [math.radians(payload.DEGREES)] * 3)
-# Angles wrap at 180 degrees: a value between two samples would be wrong there, so they are held.
+# Angles wrap at 180 degrees, where interpolation between two samples is wrong: they are held.
 _POSE_CHANNELS = tuple(Channel(f"tool.{axis}", "m") for axis in "xyz") + tuple(
     Channel(f"tool.r{axis}", "rad", align="hold") for axis in "xyz"
 )
@@ -23,7 +23,7 @@ _POSE_CHANNELS = tuple(Channel(f"tool.{axis}", "m") for axis in "xyz") + tuple(
 
 @dataclass(frozen=True, slots=True)
 class Poll:
-    """One request and its stream; ``values`` (channels,) raises ``ProtocolError`` where the data are not right."""
+    """One request and its stream; ``values`` (channels,) raises ``ProtocolError`` for invalid data."""
 
     stream: Stream
     request: wire.Request
@@ -35,7 +35,7 @@ def motor_angles(
     coupling: Sequence[Sequence[float]] | None = None,
     zero: Sequence[float] | None = None,
 ) -> Callable[[Sequence[int]], Float]:
-    """Joint angles (n,) rad of n pulses: coupling · (pulses × rad per pulse) + zero, in rad at pulse 0."""
+    """Joint angles (n,) rad of n pulses: coupling · (pulses × rad per pulse) + zero (rad at pulse 0)."""
     pulse = math.radians(1.0) / np.array(pulses_per_degree, dtype=np.float64)
     matrix = np.eye(len(pulse)) if coupling is None else np.array(coupling, dtype=np.float64)
     offset = np.zeros(len(pulse)) if zero is None else np.array(zero, dtype=np.float64)
@@ -43,7 +43,7 @@ def motor_angles(
 
 
 def position(group: int, rate: float, axes: int, angles: Callable[[Sequence[int]], Float]) -> Poll:
-    """Joint angles, rad."""
+    """Poll of joint angles, rad."""
 
     def values(data: bytes) -> Float:
         return angles(_first(axes, payload.decode_position(data, payload.PULSE)))
@@ -52,9 +52,9 @@ def position(group: int, rate: float, axes: int, angles: Callable[[Sequence[int]
 
 
 def torque(group: int, rate: float, axes: int, rated: Sequence[float] | None, count: float) -> Poll:
-    """Joint torques: Nm where the ``rated`` ones (axes,) are known, else as a share of the rated one.
+    """Poll of joint torques: Nm if the ``rated`` ones (axes,) are known, else as a share of the rated torque.
 
-    ``count`` is the share of the rated torque that one count of the answer stands for.
+    ``count`` is the share of the rated torque per count of the answer.
     """
     per_count = np.array(rated or [1.0] * axes, dtype=np.float64) * count
     quantity, unit = ("torque", "Nm") if rated else ("torque_ratio", "1")
@@ -67,7 +67,7 @@ def torque(group: int, rate: float, axes: int, rated: Sequence[float] | None, co
 
 
 def cartesian(group: int, rate: float) -> Poll:
-    """Pose of the tool in the robot's base frame: m and rad."""
+    """Poll of the tool's pose in the robot's base frame: m and rad."""
 
     def values(data: bytes) -> Float:
         axes = payload.decode_position(data, payload.BASE)[:6]

@@ -1,6 +1,6 @@
-"""The controller's status and alarm as channels and events, and torques that cannot be.
+"""The controller's status and alarm as channels and events, and a check for impossible torques.
 
-Public sources do not agree on how a controller writes torques.
+Public sources do not agree on a controller's encoding of torques.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from cellwatt_drivers.yaskawa import payload
 ALARM_CODE = Channel("robot.alarm_code", "1", "discrete")
 STATUS_CHANNELS = tuple(Channel(f"robot.{name}", "1", "discrete") for name in payload.STATUS_BITS)
 LARGEST_SHARE = 10.0
-"""Of the rated torque; no servo gives more for a moment than a few times the rated one."""
+"""Largest plausible share of the rated torque; servos give a few times the rated torque for a moment only."""
 
 
 class AlarmWatch:
-    """Reports each alarm once when it appears, and once when none is left."""
+    """Reports each alarm once when it appears, and once when none is active."""
 
     def __init__(self, source: str, inlet: Inlet) -> None:
         self._source = source
@@ -24,7 +24,7 @@ class AlarmWatch:
         self._code = 0
 
     def see(self, alarm: payload.Alarm) -> None:
-        """Take what the controller says now; code 0 means no alarm."""
+        """Compare the controller's current alarm with the last one; code 0 means no alarm."""
         if alarm.code == self._code:
             return
         self._code = alarm.code
@@ -39,8 +39,8 @@ class AlarmWatch:
 class TorqueWatch:
     """Reports once when torques become implausible; ``count`` is the share of the rated torque of one count.
 
-    What reads the protocol takes answers to 0x77 for whole numbers, Yaskawa's own dissector shows them as floats. A
-    float read as a whole number is beyond everything: 10.0 is 1,092,616,192.
+    Public clients read answers to 0x77 as integers; Yaskawa's own dissector shows them as floats. A float read as an
+    integer is implausibly large: 10.0 becomes 1,092,616,192.
     """
 
     def __init__(self, source: str, inlet: Inlet, count: float) -> None:
@@ -50,7 +50,7 @@ class TorqueWatch:
         self._told = False
 
     def see(self, data: bytes) -> None:
-        """Take the data of an answer that was understood."""
+        """Check the data of a valid answer."""
         counts = payload.decode_axes(data)
         strange = [n for n, value in enumerate(counts) if abs(value) * self._count > LARGEST_SHARE]
         if not strange:

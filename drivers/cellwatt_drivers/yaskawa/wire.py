@@ -1,7 +1,7 @@
 """Frames of the High-Speed Ethernet Server: UDP, little-endian, a 32-byte header before the data.
 
-One request, one answer. The answer repeats the request's number but neither command nor time. What the data
-of each answer mean is in ``payload``. Source: Yaskawa manual 160766-1CD (FS100), as public clients read it.
+One request, one answer. The answer repeats the request's number but neither command nor time. ``payload`` decodes the
+data of each answer. Source: Yaskawa manual 160766-1CD (FS100), as implemented by public clients.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ GET_ALL = 0x01
 SET = frozenset({0x10, 0x02, 0x34})
 """Services that write one, all or several; the driver has no code for them."""
 ANSWER = 0x80
-"""Set in the service of an answer."""
+"""Bit set in the service of an answer."""
 
 BUSY = frozenset({0xD8F1, 0xD8FA, 0xE444, 0xFFF6})
-"""Added status of a controller that wants to be asked again later."""
+"""Added statuses of a controller that asks for a later retry."""
 
 _STATUS_TEXT = {
     0x00: "ok",
@@ -37,7 +37,7 @@ _STATUS_TEXT = {
     0x1F: "general error",
     0x28: "instance does not exist",
 }
-# Those that a read may get; 0x2100 is how the emulator refuses a write.
+# Codes that a read may get; 0x2100 is the emulator's refusal of a write.
 _ADDED_TEXT = {
     0x2100: "remote is not set",
     0x2110: "data cannot be accessed",
@@ -60,12 +60,12 @@ _REQUEST = struct.Struct("<4sHHBBBBI8sHHBBH")
 _ANSWER = struct.Struct("<4sHHBBBBI8sBBBBHH")
 
 CONSTANTS = bytes([_RESERVE_1]) + _SINGLE_BLOCK.to_bytes(4, "little") + _RESERVE_2
-"""As the manual has them."""
+"""Reserve and block fields as in the manual."""
 
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """One read: which ``command``, of which ``instance`` (control group, alarm number …)."""
+    """One read: the ``command`` and its ``instance`` (control group, alarm number …)."""
 
     command: int
     instance: int = 1
@@ -75,9 +75,9 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """An answer's header and its data; ``number`` is that of the request, ``status`` 0 where all went well.
+    """An answer's header and its data; ``number`` is that of the request, ``status`` 0 means success.
 
-    ``constants`` are the fields that no answer changes: reserves and block number.
+    ``constants`` are the fields that are the same in all answers: reserves and block number.
     """
 
     number: int
@@ -89,7 +89,7 @@ class Answer:
 
     @property
     def busy(self) -> bool:
-        """The controller asks to be asked again later."""
+        """True if the controller asks for a later retry."""
         return self.status != 0 and self.added in BUSY
 
     @property
@@ -110,7 +110,7 @@ def encode_request(request: Request, number: int) -> bytes:
 
 
 def decode_request(datagram: bytes) -> tuple[Request, int]:
-    """A request and its number; its data begin at ``HEADER_SIZE``. Raises ``ProtocolError`` where it is none."""
+    """Decode a request and its number; its data begin at ``HEADER_SIZE``. Raises ``ProtocolError`` if invalid."""
     if len(datagram) < HEADER_SIZE:
         raise ProtocolError(f"a request of {len(datagram)} bytes; its header alone has {HEADER_SIZE}")
     found = _REQUEST.unpack_from(datagram)
@@ -133,9 +133,9 @@ def encode_answer(answer: Answer) -> bytes:
 
 
 def decode_answer(datagram: bytes) -> Answer:
-    """An answer of the robot division. Raises ``ProtocolError`` where it is none, is cut or has bytes too many.
+    """Decode an answer of the robot division. Raises ``ProtocolError`` if it is invalid, cut or too long.
 
-    The added status is read whatever its stated size, as all clients do.
+    The added status is read whatever its stated size, as in all public clients.
     """
     if len(datagram) < HEADER_SIZE:
         raise ProtocolError(f"an answer of {len(datagram)} bytes; its header alone has {HEADER_SIZE}")

@@ -1,1 +1,1 @@
-"""Split a robot's energy into five consumer groups, from an analyzer and the robot's own signals (ECDP)."""
+"""Splits a robot's energy into five consumer groups, from a power analyzer and the robot's own signals (ECDP)."""

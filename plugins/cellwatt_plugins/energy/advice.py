@@ -1,4 +1,4 @@
-"""Advice that saves energy, from a task's own motion: its speed, and brakes while it waits."""
+"""Advice that saves energy, computed from a task's motion: another speed, or brakes while the arm waits."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import rates
 
 SCALES = np.round(np.geomspace(0.5, 3.0, 37), 3)
-"""Lengths of the motion that are tried, against its present length."""
+"""Durations of the motion that are tried, relative to its present duration."""
 CHANGE = 0.1
-"""Share of a change of energy by which the model may miss it, one standard deviation."""
+"""Model error as a share of a change of energy, one standard deviation."""
 WORTH = 0.01
-"""Share of the cycle's energy that a saving must have to be told …"""
+"""Smallest saving that is reported, as a share of the cycle's energy …"""
 SURE = 2.0
-"""… and how many times its uncertainty."""
+"""… and in multiples of its uncertainty."""
 
 
 @dataclass(frozen=True)
 class Advice:
-    """One change (``kind`` slower, faster or brakes), and what it saves, J a cycle, with one standard deviation.
+    """A change (``kind``: slower, faster or brakes) and its ``saving``, J per cycle, with one standard deviation.
 
-    ``setting`` are those to be made, with units in the names.
+    ``setting`` holds the values to set, with units in their names.
     """
 
     kind: str
@@ -40,9 +40,9 @@ class Advice:
 
 @dataclass(frozen=True)
 class Cycle:
-    """A task as it recurs: its motion, how long the arm then waits, s, and the frames while it does.
+    """A recurring task: its motion, the time for which the arm then waits, s, and the frames of this rest.
 
-    Without these the arm is taken to wait as at the motion's end.
+    Without these frames, the arm is assumed to wait in the state at the motion's end.
     """
 
     motion: Stretch
@@ -51,16 +51,16 @@ class Cycle:
 
     @property
     def holding(self) -> Float:
-        """Torque (n,) Nm as given, while it waits."""
+        """Torque (n,) Nm, as reported by the robot, while the arm waits."""
         return self.motion.torque[-1] if self.rest is None else np.median(self.rest.torque, axis=0)
 
     def braked(self, known: Known) -> bool:
-        """True if it waits with its brakes on already."""
+        """True if the arm already waits with its brakes on."""
         return self.rest is not None and float(np.median(self.rest.power)) < known.drive.fixed - known.brakes / 2
 
 
 def advise(arm: Arm, known: Known, cycle: Cycle, brake_time: float) -> list[Advice]:
-    """Return the advice, the largest saving first; ``brake_time`` s is lost with putting brakes on and off."""
+    """Return the advice, largest saving first; applying and releasing the brakes takes ``brake_time`` s."""
     found = [speed_advice(arm, known, cycle)]
     if not cycle.braked(known):
         found.append(brake_advice(arm, known, cycle, brake_time))
@@ -70,10 +70,10 @@ def advise(arm: Arm, known: Known, cycle: Cycle, brake_time: float) -> list[Advi
 
 
 def motion_energy(arm: Arm, known: Known, motion: Stretch, scale: float) -> float:
-    """Energy J of a motion that takes ``scale`` times as long along the same path.
+    """Energy, J, of the motion along the same path in ``scale`` times the duration.
 
-    Velocities go with 1/scale and accelerations with 1/scale². Torque changes by what rigid bodies and viscous friction
-    change; the rest of the measured torque (gravity, payload's weight, Coulomb friction) stays.
+    Velocities scale with 1/scale, accelerations with 1/scale². The inertial torque of the rigid bodies and viscous
+    friction change; the rest of the measured torque (gravity, payload's weight, Coulomb friction) is unchanged.
     """
     acceleration = rates(motion.velocity, motion.step)[1]
     still = np.zeros_like(motion.velocity)
@@ -88,9 +88,9 @@ def motion_energy(arm: Arm, known: Known, motion: Stretch, scale: float) -> floa
 
 
 def speed_advice(arm: Arm, known: Known, cycle: Cycle) -> Advice | None:
-    """The speed at which motion and waiting together take least, in the same cycle time.
+    """The speed at which motion and waiting together need least energy, in the same cycle time.
 
-    Without waiting the next cycle follows at once: then the energy of a cycle counts, however long it takes.
+    Without waiting, the next cycle follows at once, and the energy per cycle is minimised whatever its duration.
     """
     motion = cycle.motion
     seconds = motion.step * len(motion.power)
@@ -118,7 +118,7 @@ def speed_advice(arm: Arm, known: Known, cycle: Cycle) -> Advice | None:
 
 
 def brake_advice(arm: Arm, known: Known, cycle: Cycle, brake_time: float) -> Advice | None:
-    """Waiting with the brakes on: neither they nor the motors draw anything."""
+    """Waiting with the brakes on, when neither the brakes nor the motors draw power."""
     left = cycle.waiting - brake_time
     if not known.brakes or left <= 0:
         return None

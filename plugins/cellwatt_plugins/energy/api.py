@@ -1,4 +1,4 @@
-"""``cw.disaggregate``: what ``cellwatt disaggregate`` calls."""
+"""``cw.disaggregate``, the function behind ``cellwatt disaggregate``."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ def disaggregate(
     """Split a robot's energy by consumer: electronics, brakes, mechanical and electrical losses, chopper.
 
     ``robot`` is robot.yaml, or its folder. ``controller``, ``connected`` and ``released`` are tables of the analyzer,
-    t (s) and power (W): with the arm unplugged, with it connected and its brakes on, and with the brakes released and
-    the arm at rest. ``runs`` is a folder of SPEED_PAYLOADkg.robot (t, q_i rad, qd_i rad/s, tau_i Nm) and .analyzer
-    tables, each of one closed path, repeated from rest to rest. The result has ``findings`` (J, W and their
+    t (s) and power (W): with the arm unplugged; with the arm connected and its brakes on; and with the brakes released
+    and the arm at rest. ``runs`` is a folder of SPEED_PAYLOADkg.robot (t, q_i rad, qd_i rad/s, tau_i Nm) and .analyzer
+    tables; each pair holds one closed path, repeated from rest to rest. The result has ``findings`` (J, W and their
     uncertainties), ``as_json`` and ``report``.
 
-    Raises ``RecordingError`` where a file cannot be used, ``ConfigError`` where the description lacks what it needs.
+    Raises ``RecordingError`` if a file cannot be used, ``ConfigError`` if the description lacks a required key.
     Source: ECDP, see the energy page.
     """
     arm = Arm.load(robot, MOTOR)
@@ -43,7 +43,7 @@ def disaggregate(
 
 
 def _at_rest(arm: Arm, controller: Path | None, connected: Path, released: Path) -> AtRest:
-    """The three states; where the arm cannot be unplugged, the controller's share is with the connected arm."""
+    """Power in the three states; if the arm cannot be unplugged, the connected arm's power is the controller's."""
     plugged = steady_power(read_reading(connected))
     if controller is not None and controller.exists():
         alone = steady_power(read_reading(controller))

@@ -1,4 +1,4 @@
-"""A whole campaign: readings at rest and recorded runs in, consumer groups with their uncertainty out."""
+"""A whole campaign: computes the consumer groups and their uncertainty from power at rest and recorded runs."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ from cellwatt_plugins.robot import Arm
 
 
 def observed(run: Recorded, known: tuple[Arm, Drive]) -> Observed:
-    """Find the repetitions of a run, and its clocks' offset with a first guess of the arm's drive.
+    """Find the repetitions of a run, and the offset of its clocks from a first guess of the arm's drive.
 
-    Raises ``RecordingError`` where no repetition is complete and measured, or power does not follow the motion.
+    Raises ``RecordingError`` if no repetition is complete and measured, or power does not follow the motion.
     """
     arm, guess = known
     kept, notes = find_repetitions(run.motion)
@@ -51,39 +51,39 @@ def observed(run: Recorded, known: tuple[Arm, Drive]) -> Observed:
 
 
 MEASURED = 0.95
-"""Share of a repetition's time for which the analyzer must have values."""
+"""Smallest share of a repetition's time with values of the analyzer."""
 HOLD = (0.3, 0.6)
-"""W: what motors draw to hold an arm at its pose of least gravity, expected and one standard deviation."""
+"""Power of the motors that hold the arm at its pose of least gravity, W: expected value and one standard deviation."""
 UNPLUGGED = 0.05
-"""W: how well power at rest is taken to last from the readings to the runs where there are no brakes."""
+"""Change of the power at rest of an arm without brakes from its measurement to the runs, W, one standard deviation."""
 FROM_CURRENT = 0.15
 FROM_SENSOR = 0.002
-"""Factor a joint by which torque may be off, one standard deviation, by where it comes from."""
+"""Error of a joint's torque as a factor, one standard deviation, for torque from current and from a sensor."""
 FROM_RIGID = 0.03
-"""Factors found by the rigid body are taken to be no better than this, since no URDF is complete."""
+"""Smallest uncertainty of torque factors from the rigid body, since no URDF is complete."""
 DRAWS = 60
-"""Draws of the parameters for the uncertainty of what follows from them."""
+"""Random draws of the parameters for the uncertainty of derived results."""
 OFF = 0.02
-"""Factors on torque that differ from 1 by more are told."""
+"""Smallest difference from 1 of a torque factor that is reported."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Findings, and what the report's plots need beside them."""
+    """Findings, and the fit that the report's plots need."""
 
     findings: Findings
     identified: Identified
     inputs: tuple[Path, ...] = ()
-    """The files that it was made from; the report names them with their digests."""
+    """The input files; the report names them with their digests."""
 
     def as_json(self) -> dict[str, Any]:
-        """The content of ``energy.json``, which ``cellwatt disaggregate --json`` prints."""
+        """The content of ``energy.json``, as printed by ``cellwatt disaggregate --json``."""
         return self.findings.as_json()
 
     def report(self, path: Place, units: Units | None = None) -> None:
-        """Write the page, ``report.html``, with energies and powers in ``units`` (SI unless told).
+        """Write the HTML report, ``report.html``, with energies and powers in ``units`` (default: SI).
 
-        Raises ``CellwattError`` where the file cannot be written."""
+        Raises ``CellwattError`` if the file cannot be written."""
         from cellwatt.report import Provenance
         from cellwatt_plugins.energy.report import report
 
@@ -91,7 +91,7 @@ class Outcome:
 
 
 def disaggregate(arm: Arm, rest: AtRest, runs: Sequence[Recorded]) -> Outcome:
-    """The pipeline of ECDP on one arm. Raises ``RecordingError`` where a run cannot be used."""
+    """Run the pipeline of ECDP on one arm. Raises ``RecordingError`` if a run cannot be used."""
     guess = begin(arm, _fixed_power(arm, rest)[0])
     prepared = spread(observed, runs, "repetitions and clocks of runs", shared=(arm, guess))
     with stage("fitting the arm"):
@@ -119,14 +119,14 @@ def disaggregate(arm: Arm, rest: AtRest, runs: Sequence[Recorded]) -> Outcome:
 
 
 def _fixed_power(arm: Arm, rest: AtRest) -> tuple[float, float]:
-    """W of the runs with no motion, and its standard deviation, by the readings at rest."""
+    """Power without motion during the runs, W, and its standard deviation, from the measurements at rest."""
     if arm.description.brakes:
         return rest.released.power - HOLD[0], float(np.hypot(HOLD[1], rest.released.uncertainty))
     return rest.connected.power, float(np.hypot(UNPLUGGED, rest.connected.uncertainty))
 
 
 def _belief(arm: Arm, rest: AtRest, runs: Sequence[Recorded]) -> tuple[Belief, RigidFit]:
-    """Belief on fixed power and torque by the readings at rest and the description."""
+    """Prior of fixed power and torque from the measurements at rest and the description."""
     ones = np.ones(arm.joints)
     rigid = fit_rigid(arm, runs, ones, FROM_CURRENT * ones)
     torque, unsure = ones, FROM_SENSOR * ones
@@ -137,7 +137,7 @@ def _belief(arm: Arm, rest: AtRest, runs: Sequence[Recorded]) -> tuple[Belief, R
 
 
 def _fixed(arm: Arm, rest: AtRest, identified: Identified) -> Fixed:
-    """Table II (eqs 14, 16); what holds the arm in the third state is told from the brakes by the runs."""
+    """Table II (eqs 14, 16); the runs separate the brakes from the power that holds the arm in the third state."""
     controller, connected, released = rest.controller, rest.connected, rest.released
     electronics = max(connected.power - controller.power, 0.0)
     in_runs, unsure = identified.drive.fixed, fixed_uncertainty(identified)
@@ -161,21 +161,21 @@ def _fixed(arm: Arm, rest: AtRest, identified: Identified) -> Fixed:
 
 
 def fixed_uncertainty(identified: Identified) -> float:
-    """W: of the fixed power, where it wandered from run to run by more than is expected beforehand too."""
+    """Uncertainty of the fixed power, W: that of the fit, or its drift from run to run if larger."""
     means = [float(one.residual(identified.drive).mean()) for one in identified.observed]
     wandering = float(np.std(means) / np.sqrt(len(means)))
     return max(float(np.sqrt(identified.covariance[0, 0])), wandering)
 
 
 def _covariance(identified: Identified) -> tuple[tuple[float, ...], ...]:
-    """That of the fit, wider where the fixed power wandered."""
+    """Covariance of the fit, with the variance of the fixed power increased if the power drifted."""
     covariance = identified.covariance.copy()
     covariance[0, 0] = fixed_uncertainty(identified) ** 2
     return tuple(tuple(row) for row in covariance.tolist())
 
 
 def _average_shares(runs: Sequence[RunEnergy]) -> dict[str, float]:
-    """Fig. 8: percent of each group in the mean power of all runs."""
+    """Share of each group in the mean power of all runs, percent (Fig. 8)."""
     groups = ("electronics", "brakes", "mechanical_losses", "electrical_losses_with_regeneration")
     energies = np.array([[getattr(run, group) for group in groups] for run in runs])
     shares = mean_power_shares(energies, np.array([run.seconds for run in runs]))
@@ -183,7 +183,7 @@ def _average_shares(runs: Sequence[RunEnergy]) -> dict[str, float]:
 
 
 def _model_error(identified: Identified) -> float:
-    """Percent, rms over the runs, of measured less modelled energy."""
+    """Measured minus modelled energy, percent, rms over the runs."""
     errors = []
     for one in identified.observed:
         measured = total_energy(one, identified.drive)
@@ -193,7 +193,7 @@ def _model_error(identified: Identified) -> float:
 
 
 def _payload_efficiency(runs: Sequence[RunEnergy]) -> dict[str, float]:
-    """ε_P by speed, of the heaviest payload against none (eq. 21)."""
+    """ε_P by speed, for the heaviest payload against no payload (eq. 21)."""
     empty = {run.speed_mm_s: run for run in runs if run.payload_kg == 0}
     loaded = [run for run in runs if run.payload_kg > 0 and run.speed_mm_s in empty]
     heaviest = max((run.payload_kg for run in loaded), default=0.0)

@@ -1,4 +1,4 @@
-"""The analyzer's clock against the robot's: measured power laid over what the robot's own signals say of it."""
+"""Finds the offset between the clocks of analyzer and robot by aligning measured power with the robot's signals."""
 
 from __future__ import annotations
 
@@ -13,38 +13,38 @@ from cellwatt_plugins.energy.recordings import PowerTrace
 from cellwatt_plugins.robot.accumulate import Accumulated
 
 FURTHEST = 5.0
-"""s: the clocks are taken to differ by no more."""
+"""Largest offset of the clocks, s."""
 ALIKE = 0.5
-"""Least correlation of measured and modelled power."""
+"""Smallest correlation of measured and modelled power."""
 STEPS = 6
-"""Gauss-Newton steps; the last ones change nothing beyond microseconds."""
+"""Gauss-Newton steps; the last ones change the offset by microseconds only."""
 
 
 @dataclass(frozen=True)
 class Offset:
-    """Analyzer's time less the robot's time, s, with one standard deviation."""
+    """Analyzer's time minus the robot's time, s, with one standard deviation."""
 
     seconds: float
     uncertainty: float
 
 
 def windows(reading: PowerTrace, offset: float) -> tuple[Float, Float]:
-    """Beginning and end (N,) s, robot's time, of the time that each value of the analyzer stands for."""
+    """Start and end (N,) s, robot's time, of the averaging window of each value of the analyzer."""
     middle = reading.time - offset
     return middle - reading.step / 2, middle + reading.step / 2
 
 
 def inside(reading: PowerTrace, offset: float, modelled: Accumulated) -> NDArray[np.bool_]:
-    """Values (N,) whose whole time the robot recorded."""
+    """True (N,) for values whose whole window the robot recorded."""
     start, end = windows(reading, offset)
     return np.asarray((start >= modelled.start) & (end <= modelled.end))
 
 
 def align(reading: PowerTrace, modelled: Accumulated, kinds: Accumulated) -> Offset:
-    """Offset at which measured and modelled power are most alike, to a fraction of a sample.
+    """Offset at which measured and modelled power agree best, to a fraction of a sample.
 
-    It is looked for where ``kinds``, the sorts of power in columns (k), explain most, each with a weight of its own:
-    how they divide is not known yet. Raises ``RecordingError`` where they explain too little at any offset.
+    The search starts at the offset where ``kinds``, columns (k) of power by kind, explain most of the power, each with
+    a free weight, as their shares are not yet known. Raises ``RecordingError`` if they explain too little everywhere.
     """
     coarse = np.arange(-FURTHEST, FURTHEST, reading.step / 4)
     explained = np.array([_explained(reading, kinds, offset) for offset in coarse])
@@ -59,7 +59,7 @@ def align(reading: PowerTrace, modelled: Accumulated, kinds: Accumulated) -> Off
 
 
 def _explained(reading: PowerTrace, kinds: Accumulated, offset: float) -> float:
-    """Share of the variance of measured power that the sorts of power explain at an offset."""
+    """Share of the variance of measured power that the kinds of power explain at an offset."""
     design = kinds.between(*windows(reading, offset)) / reading.step
     design = np.column_stack([design, np.ones(len(design))])
     left = reading.power - design @ np.linalg.lstsq(design, reading.power, rcond=None)[0]
@@ -68,7 +68,7 @@ def _explained(reading: PowerTrace, kinds: Accumulated, offset: float) -> float:
 
 
 def refine(reading: PowerTrace, modelled: Accumulated, offset: float) -> Offset:
-    """Least squares of measured power against the modelled one, its scale and level free, from a near ``offset``."""
+    """Refine a near ``offset`` by least squares of measured on modelled power, with free scale and level."""
     uncertainty = reading.step
     for _ in range(STEPS):
         used = inside(reading, offset, modelled)

@@ -1,6 +1,6 @@
 """``cellwatt disaggregate``.
 
-Pinocchio and scipy are imported when it runs, so that a missing one is told with the extra that has it.
+Pinocchio and scipy are imported when the command runs; if one is missing, the error names the extra to install.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from cellwatt_plugins.energy.findings import Findings, RunEnergy
 from cellwatt_plugins.energy.wording import amount
 
 SHOWN = ("electronics", "brakes", "mechanical", "electrical", "chopper")
-"""Groups as the terminal calls them."""
+"""Names of the groups on the terminal."""
 
 
 @click.command(short_help="Split a robot's energy by consumer.")
@@ -41,10 +41,10 @@ SHOWN = ("electronics", "brakes", "mechanical", "electrical", "chopper")
 @with_progress
 @with_scheduler
 def disaggregate(out: Path, units: tuple[str, ...], as_json: bool, no_report: bool, **asked: Any) -> None:
-    """Say where a robot's energy goes: electronics, brakes, mechanical and electrical losses, chopper.
+    """Split a robot's energy by consumer: electronics, brakes, mechanical and electrical losses, chopper.
 
     Files are Parquet or CSV: t (s) and power (W) of the analyzer; t, q_1 …, qd_1 …, tau_1 … (rad, rad/s, Nm) of the
-    robot. Each run repeats one closed path, from rest to rest. Writes energy.json, energy.csv and report.html.
+    robot. Each run repeats one closed path from rest to rest. Writes energy.json, energy.csv and report.html.
     """
     from cellwatt_plugins.energy import api
 
@@ -60,7 +60,7 @@ def disaggregate(out: Path, units: tuple[str, ...], as_json: bool, no_report: bo
 
 
 def write_table(found: Findings, path: Path) -> None:
-    """Write the runs as CSV, one a line, with the uncertainty of each column beside it."""
+    """Write the runs as CSV, one per line, with the uncertainties in further columns."""
     names = [f.name for f in fields(RunEnergy) if f.name not in ("uncertainty", "notes")]
     unsure = [name for name in names if name in found.runs[0].uncertainty]
     rows: list[list[object]] = [[*names, *(f"{name}_uncertainty" for name in unsure), "notes"]]
@@ -71,7 +71,7 @@ def write_table(found: Findings, path: Path) -> None:
 
 
 def in_words(found: Findings, units: Units) -> str:
-    """The findings as a person reads them at the terminal, energies and powers in ``units``."""
+    """The findings as text for the terminal, energies and powers in ``units``."""
     power, fixed = units.of("W"), found.fixed
     heads = ("run", f"total {units.of('J').name}", *(f"{group} %" for group in SHOWN))
     head = (
@@ -85,7 +85,7 @@ def in_words(found: Findings, units: Units) -> str:
 
 
 def _shares(run: RunEnergy) -> list[str]:
-    """Per cent of the total of each group; electrical losses with the chopper where they cannot be told apart."""
+    """Share of each group in the total, percent; electrical losses include the chopper if they cannot be separated."""
     split = [run.electrical_losses, run.regeneration]
     if None in split:
         split = [run.electrical_losses_with_regeneration, None]

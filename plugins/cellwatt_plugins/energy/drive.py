@@ -1,8 +1,8 @@
-"""Fitted drives of an arm: what the motors draw from the DC bus (``robot.drive``), and what the analyzer sees of it.
+"""Fitted drives of an arm: power of the motors on the DC bus (``robot.drive``), and its share seen by the analyzer.
 
-Where the bus power is negative the supply cannot take it back: the electronics use the share ``returned`` of it,
-which the analyzer misses in its reading, and the chopper burns the rest. The paper's estimate of E_RB by negative
-mechanical power (eq. 11) leaves out what the motors themselves lose.
+The supply cannot take back negative bus power: the electronics use the share ``returned`` of it, which lowers the power
+that the analyzer measures, and the chopper burns the rest. The paper's estimate of E_RB by negative mechanical power
+(eq. 11) ignores the losses of the motors.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.drive import TERMS, Drives, drawn
 
 KINDS = len(TERMS)
-"""Features of a joint."""
+"""Number of features per joint."""
 MOTOR = ("torque_constant", "winding_resistance")
-"""Keys of each joint without which nothing can be said of electrical losses."""
+"""Keys of each joint that the electrical losses require."""
 STILL = 5e-3
-"""rad/s: a slower joint stands, and its noise is not hysteresis."""
+"""Speed below which a joint is at rest, rad/s, so that noise does not count as hysteresis."""
 
 
 @dataclass(frozen=True)
 class Drive:
-    """Parameters of an arm's supply; (n,) each where a joint has its own.
+    """Parameters of an arm's drives and supply; (n,) if each joint has its own.
 
     ``fixed`` W is the power at rest with brakes released and no torque: electronics and brakes. ``torque`` is a factor
-    on the robot's torque, ``copper`` the winding resistance as a multiple of the described one, at the described torque
-    constant and given torque; ``switching`` W/A, ``eddy`` W s²/rad² (currents) and ``hysteresis`` W s/rad at the joint
-    side. ``returned`` is the share of the braking power on the bus that the electronics use, 0 … 1.
+    on the reported torque; ``copper`` is the winding resistance relative to the description, for the described torque
+    constant and the reported torque; ``switching`` W/A, ``eddy`` W s²/rad² (eddy currents) and ``hysteresis`` W s/rad
+    at the joint side. ``returned`` is the share of the braking power on the bus that the electronics use, 0 … 1.
     """
 
     fixed: float
@@ -49,9 +49,9 @@ class Drive:
 
 
 def effort(names: Collection[str], arm: Arm) -> tuple[str, Float]:
-    """Quantity that tells torques among the channels ``names`` of an arm, and Nm (n,) of one of its unit.
+    """Quantity among the channels ``names`` of an arm that gives torques, and its factor (n,) to Nm.
 
-    Where the arm gives no torques, its currents times ``torque_constant`` are.
+    Without torque channels, torque is current times ``torque_constant``.
     """
     if "joint_1.torque" in names or "joint_1.current" not in names:
         return "torque", np.ones(arm.joints)
@@ -61,7 +61,7 @@ def effort(names: Collection[str], arm: Arm) -> tuple[str, Float]:
 def features(arm: Arm, torque: Float, velocity: Float) -> Float:
     """(N, 5 n): τ_i θ̇_i (W), R_i I_i² (W), |I_i| (A), θ̇_i² (rad²/s²), |θ̇_i| (rad/s).
 
-    Of torque (N, n) Nm as given and velocity (N, n) rad/s.
+    Computed from the reported torque (N, n) Nm and velocity (N, n) rad/s.
     """
     current = torque / arm.column("torque_constant")
     state = Drives.of(torque, velocity, current, arm.column("winding_resistance"))
@@ -70,20 +70,20 @@ def features(arm: Arm, torque: Float, velocity: Float) -> Float:
 
 
 def motion_features(arm: Arm, motion: RobotTrace) -> Float:
-    """``features`` of a recorded motion, (N, 5 n)."""
+    """``features`` (N, 5 n) of a recorded motion."""
     return features(arm, motion.torque, motion.velocity)
 
 
 def bus_power(drive: Drive, feature: Float) -> Float:
-    """Sum over the joints, (N,) W; negative where the motors give power back."""
+    """Power (N,) W of all joints on the bus; negative while the motors return power."""
     return np.asarray(feature @ drive.weights())
 
 
 def supply_power(drive: Drive, bus: Float) -> Float:
-    """Power (N,) W that the analyzer sees for ``bus`` (N,) W."""
+    """Power (N,) W measured by the analyzer for bus power ``bus`` (N,) W."""
     return np.asarray(drive.fixed + drawn(bus, 1.0, drive.returned))
 
 
 def chopper_power(drive: Drive, bus: Float) -> Float:
-    """Power (N,) W that the chopper burns for ``bus`` (N,) W."""
+    """Power (N,) W burnt by the chopper for bus power ``bus`` (N,) W."""
     return (1.0 - drive.returned) * np.maximum(-bus, 0.0)

@@ -1,4 +1,4 @@
-"""Present power of the electronics: they warm up and their fans start, and every rest shows it."""
+"""Follows the power of the electronics, which changes as they warm up and fans start, from every rest of the arm."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ from cellwatt_plugins.energy.known import Known
 from cellwatt_plugins.robot import Arm
 
 FOLLOW = 0.2
-"""Share by which a rest moves the level of the electronics towards the power that it shows."""
+"""Weight of a new rest in the level of the electronics."""
 
 
 @dataclass(frozen=True)
 class Level:
-    """The electronics' present power: ``drift`` W beyond the campaign's value.
+    """The electronics' present power: ``drift`` W above the campaign's value.
 
-    ``scatter`` W rms is how far the last rests were from what was followed until then: so well it is known, beside what
-    it changes with the campaign's parameters, ``slope`` (3 + 5 n,) in the order of ``Known.covariance``.
+    ``scatter`` W is the rms difference between recent rests and the level before each: its uncertainty in addition to
+    that of the campaign's parameters, by ``slope`` (3 + 5 n,), the level's derivative in the order of
+    ``Known.covariance``.
     """
 
     drift: float
@@ -29,17 +30,17 @@ class Level:
 
 
 def at_campaign(known: Known) -> Level:
-    """The level before any rest was seen: what the campaign read."""
+    """The level before any rest: the campaign's value."""
     return Level(0.0, 0.0, np.eye(len(known.covariance))[0])
 
 
 def followed(level: Level, arm: Arm, known: Known, torque: Float, power: float) -> Level:
-    """The level after a rest of mean ``power`` W, held by ``torque`` (n,) Nm as given, unless its brakes are on."""
+    """Update the level by a rest of mean ``power`` W, held by the reported ``torque`` (n,) Nm, unless braked."""
     feature = features(arm, torque[None, :], np.zeros((1, arm.joints)))
     seen = power - known.drive.fixed - float(bus_power(known.drive, feature)[0])
     if known.brakes and seen < -0.5 * known.brakes:
         return level
-    # By a rest the electronics are its power less the brakes' and what holds the arm.
+    # At rest, the electronics' power is the measured power minus that of the brakes and of holding the arm.
     shown = -brake_slope(known)
     shown[2:-1] -= feature[0]
     missed = seen - level.drift
@@ -51,7 +52,7 @@ def followed(level: Level, arm: Arm, known: Known, torque: Float, power: float) 
 
 
 def brake_slope(known: Known) -> Float:
-    """(3 + 5 n,) how the brakes' power, fixed power less the electronics', changes with the parameters."""
+    """Derivative (3 + 5 n,) of the brakes' power (fixed power minus the electronics') by the parameters."""
     slope = np.zeros(len(known.covariance))
     if known.brakes_uncertainty:
         slope[:2] = -1.0, 1.0

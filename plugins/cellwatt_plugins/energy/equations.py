@@ -13,7 +13,7 @@ def electronics_energy(controller: float, robot_electronics: float, seconds: flo
 
 
 def brake_power(released: float, controller: float, robot_electronics: float, hold: float = 0.0) -> float:
-    """P_MB = P_R − P_RC − P_RE, W (eq. 16), less what the motors need to ``hold`` the arm where G(q) is not zero."""
+    """P_MB = P_R − P_RC − P_RE, W (eq. 16), minus the power with which motors ``hold`` the arm if G(q) is not zero."""
     return released - controller - robot_electronics - hold
 
 
@@ -23,7 +23,7 @@ def brake_energy(brakes: float, seconds: float) -> float:
 
 
 def electrical_losses(total: float, electronics: float, brakes: float, mechanical: float, stored: float = 0.0) -> float:
-    """L_E* = E_R − E_E − E_MB − L_M (− ΔE), J (eqs 9, 12, 13): electrical losses with what the chopper burns."""
+    """L_E* = E_R − E_E − E_MB − L_M (− ΔE), J (eqs 9, 12, 13): electrical losses including the chopper."""
     return total - electronics - brakes - mechanical - stored
 
 
@@ -43,10 +43,10 @@ def payload_efficiency(loaded: float, unloaded: float) -> float:
 
 
 def mean_power_shares(energies: Float, seconds: Float) -> Float:
-    """Percent (k,) of each group in the mean power of some runs, from their energies (R, k) J and lengths (R,) s.
+    """Share (k,) of each group in the mean power of runs, percent, from their energies (R, k) J and durations (R,) s.
 
-    The groups are all there is. Each run counts alike, however long it took: Fig. 6 and 8, and the averages that
-    the paper gives over its robots.
+    The groups add up to the total. Each run has the same weight whatever its duration, as in Figs 6 and 8 and the
+    paper's averages over robots.
     """
     power = np.mean(energies / seconds[:, None], axis=0)
     return np.asarray(100.0 * power / power.sum())

@@ -1,4 +1,4 @@
-"""Findings of ``disaggregate`` as data; every field is a key of ``energy.json``."""
+"""Findings of ``disaggregate``; every field is a key of ``energy.json``."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Fixed:
-    """Table II: power that is drawn whatever the robot does, W, with one standard deviation each.
+    """Table II: power that does not depend on the motion, W, with one standard deviation each.
 
-    ``hold`` is what the motors drew in the third state, to hold the arm where G(q) was not quite zero.
+    ``hold`` is the power of the motors in the third state, where they hold the arm because G(q) is not exactly zero.
     """
 
     controller: float
@@ -33,8 +33,8 @@ class Fixed:
 class JointFriction:
     """Friction of one joint by eq. (7), at the joint side.
 
-    ``viscous`` Nm s/rad, ``coulomb`` and ``offset`` Nm, ``windage`` Nm s²/rad², and in ``further`` the coefficient of
-    each other law of friction that was fitted.
+    ``viscous`` Nm s/rad, ``coulomb`` and ``offset`` Nm, ``windage`` Nm s²/rad²; ``further`` holds the coefficients of
+    the other friction laws fitted.
     """
 
     joint: str
@@ -49,8 +49,8 @@ class JointFriction:
 class JointDrive:
     """Identified parameters of one joint's drive.
 
-    Torque as given by the robot is the true torque times ``torque_gain``. ``winding_resistance`` Ω is at the described
-    torque constant; ``switching`` W/A, ``iron`` W s²/rad² (eddy currents), ``hysteresis`` W s/rad.
+    The torque reported by the robot is the true torque times ``torque_gain``. ``winding_resistance`` Ω is at the
+    described torque constant; ``switching`` W/A, ``iron`` W s²/rad² (eddy currents), ``hysteresis`` W s/rad.
     """
 
     joint: str
@@ -64,10 +64,10 @@ class JointDrive:
 
 @dataclass(frozen=True)
 class RunEnergy:
-    """Table III: one run, mean of its repetitions, J, with one standard deviation of each.
+    """Table III: energies of one run, means over its repetitions, J, with one standard deviation each.
 
     ``regeneration_upper_bound`` is the negative mechanical energy (eq. 11), ``path_speed_mm_s`` the mean speed of the
-    flange along the path, by the encoders.
+    flange along the path, from the encoders.
     """
 
     run: str
@@ -93,7 +93,7 @@ class RunEnergy:
 
 @dataclass(frozen=True)
 class Findings:
-    """All of a campaign."""
+    """Findings of a whole campaign."""
 
     robot: str
     fixed: Fixed
@@ -101,19 +101,19 @@ class Findings:
     payload_efficiency_percent: Mapping[str, float]
     """ε_P (eq. 21) by speed in mm/s."""
     average_share_percent: Mapping[str, float]
-    """Of each group in the mean power of all runs (Fig. 8)."""
+    """Share of each group in the mean power of all runs (Fig. 8)."""
     drives: tuple[JointDrive, ...]
     friction: tuple[JointFriction, ...]
     returned: float
     """Share of the braking power on the bus that the electronics used; the chopper burnt the rest."""
     returned_uncertainty: float
     model_error_percent: float
-    """Difference of a repetition's modelled energy from the measured one, rms over the runs."""
+    """Difference between modelled and measured energy of a repetition, rms over the runs."""
     notes: tuple[str, ...] = ()
     covariance: tuple[tuple[float, ...], ...] = field(kw_only=True)
-    """(2 + 5 n, 2 + 5 n) of fixed power (W), of torque's factor, copper, switching, iron and hysteresis, all joints of
-    each in turn, and of ``returned``, in the units of ``Drive``."""
+    """Covariance (2 + 5 n, 2 + 5 n) in the units of ``Drive``: fixed power, then torque factor, copper, switching, iron
+    and hysteresis, each for all joints, then ``returned``."""
 
     def as_json(self) -> dict[str, Any]:
-        """As plain data, for ``energy.json``."""
+        """The content of ``energy.json``."""
         return asdict(self)

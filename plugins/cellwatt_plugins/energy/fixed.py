@@ -1,4 +1,4 @@
-"""Step 1 of ECDP: the power that is drawn whatever the robot does, from readings at rest."""
+"""Step 1 of ECDP: the power that does not depend on the motion, from measurements at rest."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ import numpy as np
 from cellwatt_plugins.energy.recordings import PowerTrace
 
 BLOCKS = 10
-"""Blocks whose means tell noise, which averages out, from wandering, which does not."""
+"""Number of blocks; their means separate noise, which averages out, from drift, which does not."""
 DRIFT = 0.2
-"""W: a reading whose trend is larger over its length is not steady …"""
+"""Largest trend of steady power over the measurement, W …"""
 SIGMAS = 4.0
-"""… where the trend is also so many standard errors."""
+"""… or, if larger, in standard errors of the trend."""
 
 
 @dataclass(frozen=True)
 class Steady:
     """Mean power of one state at rest, W, with one standard deviation of the mean.
 
-    ``drift`` W is that from the beginning to the end of the reading, by a straight line, ``noise`` W that of one value.
+    ``drift`` W is the change of a straight-line fit from the beginning to the end, ``noise`` W that of one value.
     """
 
     power: float
@@ -31,7 +31,7 @@ class Steady:
 
 
 def steady_power(reading: PowerTrace) -> Steady:
-    """Mean of a reading at rest, its uncertainty from the scatter of block means, and whether it is steady."""
+    """Mean power at rest, its uncertainty from the scatter of block means, and whether it is steady."""
     power = reading.power
     blocks = np.array([block.mean() for block in np.array_split(power, min(BLOCKS, len(power)))])
     x = np.linspace(-0.5, 0.5, len(power))
@@ -48,14 +48,14 @@ def steady_power(reading: PowerTrace) -> Steady:
 
 @dataclass(frozen=True)
 class AtRest:
-    """The three states of step 1."""
+    """Power in the three states of step 1."""
 
     controller: Steady
     connected: Steady
     released: Steady
 
     def notes(self) -> list[str]:
-        """A sentence on each reading that was not steady."""
+        """A sentence on each state whose power was not steady."""
         names = ("controller", "connected", "released")
         return [
             f"{name}: not steady, drifted by {state.drift:+.2f} W: let it warm up and take it again"

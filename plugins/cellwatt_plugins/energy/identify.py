@@ -1,7 +1,7 @@
-"""Parameters of the drive from measured power, over all runs at once.
+"""Fits the parameters of the drives to measured power, over all runs at once.
 
-Measured power is the mean over the analyzer's time of ``supply_power``; given the sign of the bus power it is linear
-in all parameters but ``returned``. Weighted linear least squares, repeated until signs and offsets rest.
+Measured power is the mean of ``supply_power`` over the analyzer's window; given the sign of the bus power it is linear
+in all parameters but ``returned``. Weighted linear least squares is repeated until signs and offsets converge.
 """
 
 from __future__ import annotations
@@ -24,36 +24,36 @@ from cellwatt_plugins.robot.accumulate import Accumulated
 from cellwatt_plugins.robot.regression import Fit, Prior, Products
 
 ROUNDS = 8
-"""Repetitions of the linear fit; the parameters rest after about five."""
+"""Repetitions of the linear fit; the parameters converge after about five."""
 SPREAD = {"copper": 0.15, "switching": 0.15, "eddy": 0.5, "hysteresis": 0.5}
-"""Difference of joints from their common value, as a share of it: one standard deviation, by experience with motors
+"""Difference of joints from their common value, as a share of it, one standard deviation; from experience with motors
 of one family …"""
 FREE = 1e3
-"""… and the common value itself, from 0: it is free."""
+"""… and prior deviation of the common value from 0, so large that the value is free."""
 LEAST_TORQUE = 0.2
-"""Least factor on the robot's torque."""
+"""Smallest factor on the robot's torque."""
 RETURNED = (0.5, 0.5)
 """Prior of ``returned``: mean and one standard deviation."""
 SHARPEST = 0.05
-"""W: no run counts as measured better than this, since no model of a drive is."""
+"""Smallest error of a run's values in the fit, W, since no model of a drive is better."""
 SHIFT = 0.05
-"""s: how far the clocks may still be off while the drive is fitted, one standard deviation. A shift makes part of the
-friction look like inertia, so that it must be free for the factors on the torque to be as certain as they are told."""
+"""Residual offset of the clocks during the fit, s, one standard deviation. A shift makes some friction look like
+inertia, so it must be free for the reported uncertainty of the torque factors to be correct."""
 WANDERED = 0.1
-"""W: how far the electronics of a run may be from the others', one standard deviation …"""
+"""Difference of the electronics' power between runs, W, one standard deviation …"""
 WARMED = 0.02
-"""… and the resistance of all windings, as a share: 5 K."""
+"""… and of the resistance of all windings, as a share: 5 K."""
 OWN = np.array([SHIFT, WANDERED, WARMED])
 NEIGHBOURS = 10.0
-"""Neighbouring values in which the model's error is alike; it comes again in each repetition."""
+"""Neighbouring values over which the model's error is correlated; the error recurs in each repetition."""
 
 
 @dataclass(frozen=True)
 class Belief:
-    """Belief before the analyzer's power in motion is looked at: mean and one standard deviation each.
+    """Prior before the analyzer's power in motion is used: mean and one standard deviation each.
 
-    ``fixed`` W is from the readings at rest, ``torque`` (n,) what the robot's torque is to be multiplied by, ``noise``
-    W that of one value of the analyzer.
+    ``fixed`` W comes from the measurements at rest, ``torque`` (n,) is the factor on the robot's torque, ``noise`` W
+    that of one value of the analyzer.
     """
 
     fixed: tuple[float, float]
@@ -64,7 +64,7 @@ class Belief:
 
 @dataclass(frozen=True)
 class Observed:
-    """One run with its ``features`` (N, 5 n); its complete ``repetitions``, and ``notes`` on the others."""
+    """One run with its ``feature`` (N, 5 n), clock offset, complete ``repetitions``, and ``notes`` on the others."""
 
     run: Recorded
     feature: Float
@@ -73,44 +73,44 @@ class Observed:
     notes: tuple[str, ...] = ()
 
     def integral(self, samples: Float) -> Accumulated:
-        """Running integral of samples (N,) or (N, k) at the robot's rate."""
+        """Running integral of ``samples`` (N,) or (N, k) at the robot's rate."""
         return Accumulated(float(self.run.motion.time[0]), self.run.motion.step, samples)
 
     def modelled(self, drive: Drive) -> Accumulated:
-        """Running integral of the supply power that a drive would take."""
+        """Running integral of the modelled supply power."""
         return self.integral(supply_power(drive, bus_power(drive, self.feature)))
 
     @cached_property
     def inside(self) -> NDArray[np.bool_]:
-        """Values of the analyzer whose whole time the robot recorded."""
+        """True for values of the analyzer whose whole window the robot recorded."""
         return inside(self.run.reading, self.offset.seconds, self.integral(self.feature[:, 0]))
 
     @cached_property
     def windows(self) -> tuple[Float, Float]:
-        """Beginning and end (M,) s, robot's clock, of the values ``inside``."""
+        """Start and end (M,) s, robot's clock, of the windows of the values ``inside``."""
         start, end = windows(self.run.reading, self.offset.seconds)
         return start[self.inside], end[self.inside]
 
     @property
     def power(self) -> Float:
-        """The values ``inside``, (M,) W."""
+        """Power (M,) W of the values ``inside``."""
         return self.run.reading.power[self.inside]
 
     def means(self, integral: Accumulated, later: float = 0.0) -> Float:
-        """Means (M,) or (M, k) over the values ``inside``, were the analyzer's clock ``later`` s ahead."""
+        """Means (M,) or (M, k) over the windows of the values ``inside``, moved ``later`` s back."""
         start, end = self.windows
         return integral.between(start - later, end - later) / self.run.reading.step
 
     def residual(self, drive: Drive) -> Float:
-        """Measured less modelled power, (M,) W."""
+        """Measured minus modelled power, (M,) W."""
         return self.power - self.means(self.modelled(drive))
 
 
 @dataclass(frozen=True)
 class Identified:
-    """An arm's drive with the ``covariance`` (2 + 5 n, 2 + 5 n) of fixed, weights and returned.
+    """An arm's fitted drive with the ``covariance`` (2 + 5 n, 2 + 5 n) of fixed, weights and returned.
 
-    ``scatter`` W is what a measured value of each run counted for in the fit.
+    ``scatter`` W is the error of a measured value of each run in the fit.
     """
 
     drive: Drive
@@ -119,20 +119,20 @@ class Identified:
     scatter: tuple[float, ...]
 
     def drawn(self, generator: np.random.Generator, count: int) -> list[Drive]:
-        """Parameters as they may be, within their uncertainty."""
+        """Random parameters within their uncertainty."""
         root = np.linalg.cholesky(self.covariance + 1e-12 * np.eye(len(self.covariance)))
         centre = _vector(self.drive)
         return [_drive(centre + root @ generator.standard_normal(len(centre))) for _ in range(count)]
 
 
 def begin(arm: Arm, fixed: float) -> Drive:
-    """Return the drive by the description alone: the first guess."""
+    """Return the first guess of the drive, from the description alone."""
     n = arm.joints
     return Drive(fixed, np.ones(n), np.full(n, 0.7), np.full(n, 0.3), np.zeros(n), np.zeros(n), RETURNED[0])
 
 
 def identify(observed: Sequence[Observed], drive: Drive, belief: Belief) -> Identified:
-    """Fit the drive to all runs, each run weighted by how well the model explains it."""
+    """Fit the drive to all runs, weighting each run by how well the model explains it."""
     runs = list(observed)
     scatter = [1.0] * len(runs)
     covariance = np.zeros((0, 0))
@@ -151,7 +151,7 @@ def identify(observed: Sequence[Observed], drive: Drive, belief: Belief) -> Iden
 
 
 def _weighed(table: tuple[Float, Float], found: Float, noise: float, repetitions: int) -> float:
-    """W, what one value counts for: noise averages out over values, what the model misses does so less."""
+    """Error of one value, W: noise averages out over the values, the model's error less so."""
     design, value = table
     square = float(np.mean((value - design @ found) ** 2))
     missed = max(square - noise**2, 0.0) * NEIGHBOURS * repetitions
@@ -159,9 +159,9 @@ def _weighed(table: tuple[Float, Float], found: Float, noise: float, repetitions
 
 
 def _equations(one: Observed, drive: Drive) -> tuple[Float, Float]:
-    """Design (M, 2 + 5 n + 3) and measured power (M,): columns fixed, weights, returned, and what is the run's own.
+    """Design (M, 2 + 5 n + 3) and measured power (M,) W: columns fixed, weights, returned, and the run's own terms.
 
-    That is a shift of the clocks, s, more power of the electronics, W, and resistance, as a share.
+    These are a shift of the clocks, s, additional power of the electronics, W, and of resistance, as a share.
     """
     n = len(drive.torque)
     bus = bus_power(drive, one.feature)
@@ -170,7 +170,7 @@ def _equations(one: Observed, drive: Drive) -> tuple[Float, Float]:
     design, supply, h = one.means(one.integral(columns)), one.modelled(drive), one.run.reading.step / 10
     slope = (one.means(supply, h) - one.means(supply, -h)) / (2 * h)
     warmer = design[:, 1 + n : 1 + 2 * n] @ drive.copper
-    # Linear about the present value of ``returned``, whose column is how power changes with it.
+    # Linearised at the present value of ``returned``; its column is the derivative of power.
     value = one.power + drive.returned * design[:, -1]
     return np.column_stack([design, slope, np.ones(len(slope)), warmer]), value
 
@@ -178,7 +178,7 @@ def _equations(one: Observed, drive: Drive) -> tuple[Float, Float]:
 def _fitted(
     tables: Sequence[tuple[Float, Float]], scatter: Sequence[float], drive: Drive, belief: Belief
 ) -> tuple[Float, Float]:
-    """Parameters of the drive, then each run's own; and the covariance of the drive's."""
+    """Parameters of the drive followed by those of each run, and the covariance of the drive's."""
     shared, own = 2 + KINDS * len(drive.torque), len(OWN)
     size = shared + own * len(tables)
     products = Products(np.zeros((size, size)), np.zeros(size))
@@ -193,7 +193,7 @@ def _fitted(
 
 
 def _prior(drive: Drive, belief: Belief) -> Prior:
-    """Prior of the drive: fixed power, torque, likeness of the joints, ``returned``."""
+    """Prior of the drive: fixed power, torque, similarity of the joints, ``returned``."""
     n = len(drive.torque)
     parts = [Prior.spread(np.array([belief.fixed[1]]), belief.fixed[0])]
     parts.append(Prior.spread(belief.torque_uncertainty, belief.torque))

@@ -1,4 +1,4 @@
-"""Findings of a campaign on an arm, read back from ``energy.json`` for the live side."""
+"""Findings of a campaign on an arm, read from ``energy.json`` for the live stage."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from cellwatt_plugins.energy.findings import Findings, Fixed, RunEnergy
 from cellwatt_plugins.robot import Arm
 
 ALIKE = 0.03
-"""s: by so much, beside their uncertainty, offsets of the analyzer's clock in one cell may differ …"""
+"""Variation of the analyzer's clock offset in one cell beyond its uncertainty, s …"""
 LATEST = 0.5
-"""… and its values come no later than this, s."""
+"""… and largest delay of the analyzer's values, s."""
 
 
 @dataclass(frozen=True)
 class Known:
-    """An arm's drive and fixed powers, W, as ``disaggregate`` found them.
+    """An arm's drive and fixed powers, W, from ``disaggregate``.
 
-    ``model_error`` is the share of a task's energy by which the model may miss it, one standard deviation, ``viscous``
-    (n,) Nm s/rad, ``late`` s by which power comes later than the joints, ``covariance`` (3 + 5 n, 3 + 5 n) that of the
-    electronics' power, and of fixed power, weights and ``returned`` of the drive.
+    ``model_error`` is one standard deviation of the model's error as a share of a task's energy, ``viscous`` (n,) Nm
+    s/rad, ``late`` s the delay of power relative to the joints, ``covariance`` (3 + 5 n, 3 + 5 n) that of the
+    electronics' power, and of the drive's fixed power, weights and ``returned``.
     """
 
     robot: str
@@ -42,7 +42,7 @@ class Known:
 
 
 def load_known(path: Path, arm: Arm) -> Known:
-    """Read ``energy.json``. Raises ``ModelError`` where it is no such file, is of another arm or of an old cellwatt."""
+    """Read ``energy.json``. Raises ``ModelError`` if its content, arm or version of cellwatt does not match."""
     try:
         found = read_settings(path, Findings, refusal=ModelError, computed=True)
     except ModelError as error:
@@ -79,7 +79,8 @@ def _known(found: Findings, arm: Arm) -> Known:
 
 
 def _covariance(fixed: Fixed, drive: tuple[tuple[float, ...], ...], arm: Arm) -> Float:
-    """The electronics' power is one reading, that with the arm connected: what the controller takes of it cancels."""
+    """Covariance with the electronics' power first; its variance is that of the connected arm's power alone, as the
+    controller's cancels."""
     square = fixed.robot_electronics_uncertainty**2 - fixed.controller_uncertainty**2
     covariance = block_diag(np.array([max(square, 0.0)]), np.array(drive, np.float64))
     if covariance.shape != (3 + KINDS * arm.joints,) * 2:
@@ -88,7 +89,7 @@ def _covariance(fixed: Fixed, drive: tuple[tuple[float, ...], ...], arm: Arm) ->
 
 
 def _late(runs: tuple[RunEnergy, ...]) -> float:
-    """Offset of the analyzer's clock, s; 0 where runs do not agree on it: their files had clocks of their own."""
+    """Delay of the analyzer's values, s; 0 if the runs disagree, because their files had separate clocks."""
     offsets = np.array([run.analyzer_offset_s for run in runs])
     unsure = np.hypot([run.uncertainty["analyzer_offset_s"] or 0.0 for run in runs], ALIKE)
     late = float(np.average(offsets, weights=unsure**-2))

@@ -1,4 +1,4 @@
-"""Files of a campaign: what the analyzer and the robot recorded, each on its own clock."""
+"""Reads the files of a campaign, recorded by the analyzer and the robot, each on its own clock."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from cellwatt_plugins.robot.samples import interpolated
 _RUN = re.compile(r"(?P<speed>\d+(?:\.\d+)?)_(?P<payload>\d+(?:\.\d+)?)kg")
 _ENDINGS = (".parquet", ".csv")
 FEWEST = 20
-"""Rows of a file, at least."""
+"""Fewest rows of a file."""
 
 
 @dataclass(frozen=True)
 class PowerTrace:
-    """Power as the analyzer measured it; each value is the mean over the time to its neighbours.
+    """Power measured by the analyzer; each value is the mean over a window of one step.
 
-    ``place`` is its name in messages, ``time`` (N,) s the middle of each value's time, on the analyzer's clock,
-    ``power`` (N,) W.
+    ``place`` is the file's name for messages, ``time`` (N,) s the middle of each value's window on the analyzer's
+    clock, ``power`` (N,) W.
     """
 
     place: str
@@ -37,15 +37,16 @@ class PowerTrace:
 
     @cached_property
     def step(self) -> float:
-        """Seconds that one value stands for."""
+        """Length of a value's window, s."""
         return float(np.median(np.diff(self.time)))
 
 
 @dataclass(frozen=True)
 class RobotTrace:
-    """Motion and torque as the robot gave them, evenly spaced on its own clock.
+    """Motion and torque reported by the robot, evenly spaced on its own clock.
 
-    ``place`` is its name in messages, ``time`` (N,) s; ``position`` rad, ``velocity`` rad/s and ``torque`` Nm (N, n).
+    ``place`` is the file's name for messages, ``time`` (N,) s; ``position`` rad, ``velocity`` rad/s and ``torque`` Nm
+    (N, n).
     """
 
     place: str
@@ -56,7 +57,7 @@ class RobotTrace:
 
     @cached_property
     def step(self) -> float:
-        """Seconds between samples, whatever is missing in between."""
+        """Sample interval, s (median, so that holes do not count)."""
         return float(np.median(np.diff(self.time)))
 
 
@@ -64,7 +65,7 @@ class RobotTrace:
 class Recorded:
     """One run of a campaign: repetitions of one path at one ``speed`` (mm/s) with one ``payload`` (kg).
 
-    Its ``name`` says both: ``SPEED_PAYLOADkg``, e.g. ``100_5kg``.
+    Its ``name`` contains both: ``SPEED_PAYLOADkg``, e.g. ``100_5kg``.
     """
 
     name: str
@@ -75,7 +76,7 @@ class Recorded:
 
 
 def read_reading(path: Path) -> PowerTrace:
-    """Time and power of a table. Raises ``RecordingError``."""
+    """Read time and power of a table. Raises ``RecordingError``."""
     table = read_table(path)
     power = table.whole("supply.power")
     if power is None:
@@ -84,7 +85,7 @@ def read_reading(path: Path) -> PowerTrace:
 
 
 def read_motion(path: Path, joints: int) -> RobotTrace:
-    """Time, positions, velocities and torques of a table. Raises ``RecordingError``."""
+    """Read time, positions, velocities and torques of a table. Raises ``RecordingError``."""
     table = read_table(path)
     columns = {quantity: table.needed(quantity, joints) for quantity in ("position", "velocity", "torque")}
     time = _check(table, columns)
@@ -101,7 +102,7 @@ def read_motion(path: Path, joints: int) -> RobotTrace:
 
 
 def read_runs(folder: Path, joints: int) -> list[Recorded]:
-    """All runs of a folder, by payload and speed. Raises ``RecordingError`` where a file of a pair is missing."""
+    """Read all runs of a folder, by payload and speed. Raises ``RecordingError`` if a file of a pair is missing."""
     files = sorted(p for p in folder.iterdir() if p.suffix in _ENDINGS) if folder.is_dir() else []
     pairs = [_pair(p) for p in files if p.name.removesuffix(p.suffix).endswith(".robot")]
     if not pairs:
@@ -134,7 +135,7 @@ def _read(pair: _Pair, joints: int) -> Recorded:
 
 
 def _check(table: Table, columns: Mapping[str, Float]) -> Float:
-    """The times (N,) s of columns that are whole."""
+    """The times (N,) s. Raises ``RecordingError`` if a value of the columns is missing."""
     time = table.rising_time(FEWEST)
     for name, values in columns.items():
         empty = ~np.isfinite(values.reshape(len(time), -1)).all(axis=1)

@@ -1,4 +1,4 @@
-"""Begin and end of each repetition of a closed path, from the encoders alone."""
+"""Finds start and end of each repetition of a closed path, from the encoders alone."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ from cellwatt_plugins.robot.samples import interpolated
 from cellwatt_plugins.robot.stretches import stretches
 
 POINTS = 200
-"""Points of a repetition between which its path is straight: encoder noise adds nothing to such long lines."""
+"""Points of a repetition joined by straight lines for its path length, far enough apart to ignore encoder noise."""
 SHORTEST_REST = 0.3
-"""s: staying at the start pose for so long is a rest between repetitions."""
+"""Shortest rest at the start pose between repetitions, s."""
 MOST = 20
-"""Places of rest that are looked at: corners, where a slow arm hardly moves, are among them."""
+"""Most rests examined as start poses; they include corners, where a slow arm hardly moves."""
 FEWEST = 4
-"""Samples of the beginning motion that a law is fitted to, at least."""
+"""Fewest samples of the beginning motion to which a law is fitted."""
 REACHES = (100.0, 300.0, 1000.0)
-"""Limits to which the motion is followed, in noise of the encoder, until there are so many samples."""
+"""Displacements up to which the motion is fitted, in encoder noise: the first that gives ``FEWEST`` samples."""
 LAWS = (2, 3, 4)
-"""Displacement grows with this power of time: limited in acceleration, jerk or snap."""
+"""Powers of time with which displacement grows: for limited acceleration, jerk or snap."""
 AS_GOOD = 1.3
-"""A law whose misfit is within this factor of the best, or of the noise, is as good."""
+"""A law fits as well as the best if its misfit is within this factor of the best one's, or of the noise."""
 SAME_LENGTH = 0.02
-"""Repetitions whose length differs by a larger share from the median were interrupted."""
+"""Largest relative difference of the duration of an uninterrupted repetition from the median."""
 
 
 @dataclass(frozen=True)
 class Repetition:
-    """One way round the path, s of the robot's clock; ``uncertainty`` is that of its length."""
+    """One repetition of the path, in s of the robot's clock; ``uncertainty`` of its duration, s."""
 
     start: float
     end: float
@@ -44,21 +44,21 @@ class Repetition:
 
     @property
     def seconds(self) -> float:
-        """Its length."""
+        """Duration, s."""
         return self.end - self.start
 
     def path_speed(self, arm: Arm, motion: RobotTrace) -> float:
-        """Mean Cartesian speed of the last joint's frame, by the encoders, mm/s."""
+        """Mean Cartesian speed of the last joint's frame, from the encoders, mm/s."""
         q = interpolated(np.linspace(self.start, self.end, POINTS), motion.time, motion.position)
         places = arm.forward(q)[:, -1, :3, 3]
         return 1000.0 * float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum()) / self.seconds
 
 
 def find_repetitions(motion: RobotTrace) -> tuple[list[Repetition], list[str]]:
-    """Complete repetitions, and a sentence on each one left out. Raises ``RecordingError`` where there is none.
+    """Complete repetitions, and a sentence on each one excluded. Raises ``RecordingError`` if there is none.
 
-    The start pose is where the arm rests for the longest in all. What begins or ends away from it, or
-    takes longer or shorter than the others, was cut or interrupted and is left out.
+    The start pose is the pose of longest total rest. A repetition that begins or ends elsewhere, or whose duration
+    differs from the others', was interrupted and is excluded.
     """
     noise = signal_noise(motion.position)
     stays = _stays(motion, noise)
@@ -85,7 +85,7 @@ def find_repetitions(motion: RobotTrace) -> tuple[list[Repetition], list[str]]:
 
 
 def _stays(motion: RobotTrace, noise: float) -> list[tuple[int, int]]:
-    """First and last sample (exclusive) of each rest at the start pose: where the arm is for the longest in all."""
+    """First and last sample (exclusive) of each rest at the start pose, the pose of longest total rest."""
     longest = sorted(rests(motion), key=lambda rest: rest[0] - rest[1])[:MOST]
     least = round(SHORTEST_REST / motion.step)
     best: list[tuple[int, int]] = []
@@ -102,7 +102,7 @@ def _length(stays: list[tuple[int, int]]) -> int:
 
 
 def _gaps(flags: NDArray[np.bool_], longest: int) -> NDArray[np.bool_]:
-    """True where at most ``longest`` samples in a row are false between true ones: single noisy samples."""
+    """True for at most ``longest`` consecutive false samples between true ones, caused by noise."""
     out = np.zeros_like(flags)
     for a, b in stretches(~flags):
         out[a:b] = b - a <= longest and a > 0 and b < len(flags)
@@ -110,7 +110,7 @@ def _gaps(flags: NDArray[np.bool_], longest: int) -> NDArray[np.bool_]:
 
 
 def _between(motion: RobotTrace, before: tuple[int, int], after: tuple[int, int], noise: float) -> Repetition:
-    """The repetition between two rests; the same onset fit forwards and backwards in time."""
+    """The repetition between two rests; its end is found by the onset fit backwards in time."""
     middle = (before[1] + after[0]) // 2
     first = max(before[0], before[1] - round(1.0 / motion.step))
     last = min(after[1], after[0] + round(1.0 / motion.step))
@@ -123,11 +123,11 @@ def _between(motion: RobotTrace, before: tuple[int, int], after: tuple[int, int]
 
 
 def onset(time: Float, position: Float, velocity: Float, noise: tuple[float, float]) -> tuple[float, float]:
-    """Return the time at which a motion from rest began, and its uncertainty, s.
+    """Return the start of a motion from rest and its uncertainty, s.
 
     Displacement and velocity (N, n) along the first direction of motion are fitted by c (t − t₀)^m and its derivative;
-    ``noise`` is theirs, rad and rad/s. The law m of the drive is unknown and the first moments are below the noise:
-    the mean over the laws that fit as well as the best.
+    ``noise`` is their noise, rad and rad/s. The drive's law m is unknown and the first samples are below the noise, so
+    the result is the mean over the laws that fit as well as the best.
     """
     rest = max(4, len(time) // 50)
     direction = _direction(position - np.median(position[:rest], axis=0), noise[0])
@@ -145,14 +145,14 @@ def onset(time: Float, position: Float, velocity: Float, noise: tuple[float, flo
 
 
 def _direction(moved: Float, noise: float) -> Float:
-    """Unit vector along which the arm first moves."""
+    """Unit vector of the first direction of motion."""
     size = np.linalg.norm(moved, axis=1)
     reach = int(np.argmax(size > min(300 * noise, 0.5 * float(size.max()))))
     return np.asarray(moved[reach] / max(float(size[reach]), 1e-12))
 
 
 def _fit(time: Float, s: Float, v: Float, power: int, seen: float, weight: float) -> tuple[float, float]:
-    """Least mean square misfit of c (t − t₀)^power to displacement and, weighted, to velocity; and its t₀."""
+    """Smallest mean square misfit of c (t − t₀)^power to displacement and, weighted, to velocity; and its t₀."""
     step = float(time[1] - time[0])
     spread = max(float(time[-1]) - seen, step)
     starts = np.arange(seen - 1.5 * spread - 0.1, seen + step, min(step / 4, spread / 40))
@@ -162,7 +162,7 @@ def _fit(time: Float, s: Float, v: Float, power: int, seen: float, weight: float
         for m in (power, power + 1)
     )
     y = np.concatenate([s, weight * v])
-    # The law bends as the leg goes on: the next power takes that up; normal equations of both.
+    # A term of the next power models the later deviation from the law; both are solved by normal equations.
     a, b, d = (first * first).sum(axis=1), (first * second).sum(axis=1), (second * second).sum(axis=1)
     f, g = first @ y, second @ y
     determinant = np.maximum(a * d - b * b, 1e-12 * np.maximum(a * d, 1e-300))

@@ -1,4 +1,4 @@
-"""The page of ``disaggregate``: Tables II and III and Figs 6 to 8 of ECDP."""
+"""HTML report of ``disaggregate``: Tables II and III and Figs 6 to 8 of ECDP."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ OVER_TIME = (
     "changes faster, dots lie inside the peaks."
 )
 PAPER_FASTEST = 250.0
-"""mm/s: the fastest speed of the paper, drawn over time beside the fastest of the campaign."""
+"""Fastest speed of the paper, mm/s, plotted over time together with the fastest of the campaign."""
 _PERCENT: Final = Unit("%")
 ROW = 22
-"""Pixels of a bar."""
+"""Height of a bar, pixels."""
 
 
 def report(found: Findings, identified: Identified, provenance: Provenance, units: Units) -> Report:
-    """Return the page of a campaign: energies and powers in ``units``."""
+    """Return the report of a campaign, energies and powers in ``units``."""
     energy, power = units.of("J"), units.of("W")
     runs = found.runs
     said = [*found.fixed.notes, *found.notes, *(f"{run.run}: {note}" for run in runs for note in run.notes)]
@@ -56,7 +56,7 @@ def report(found: Findings, identified: Identified, provenance: Provenance, unit
 
 
 def headline(found: Findings) -> str:
-    """The shares in the mean power, the largest first, in one sentence."""
+    """One sentence on the shares of the groups in the mean power, largest first."""
     names = {
         "electronics": "electronics take",
         "brakes": "brakes take",
@@ -78,7 +78,7 @@ def _columns_told(found: Findings, energy: Unit) -> str:
 
 
 def _bars(found: Findings, power: Unit) -> Figure:
-    """Stacked bars of mean power, one a run, with the electronics' share (Figs 7 and 8)."""
+    """Stacked bars of mean power, one per run, with the electronics' share (Figs 7 and 8)."""
     runs = found.runs
     labels = [_name(run) for run in runs]
     sizes = np.array([_parts(run) for run in runs]) / np.array([[run.seconds * power.factor] for run in runs])
@@ -104,13 +104,13 @@ def _bars(found: Findings, power: Unit) -> Figure:
 
 
 def _parts(run: RunEnergy) -> tuple[float, ...]:
-    """J of each of ``GROUPS``."""
+    """Energy of each of ``GROUPS``, J."""
     left = run.electrical_losses_with_regeneration if run.electrical_losses is None else run.electrical_losses
     return run.electronics, run.brakes, run.mechanical_losses, left, run.regeneration or 0.0
 
 
 def _curves(found: Findings, identified: Identified, power: Unit) -> list[Block]:
-    """Power over time of the paper's fastest speed and the fastest of all, each payload: Fig. 6."""
+    """Power over time at the paper's fastest speed and the fastest of all, for each payload (Fig. 6)."""
     runs = found.runs
     slow = max((run.speed_mm_s for run in runs if run.speed_mm_s <= PAPER_FASTEST), default=None)
     speeds = {slow, max(run.speed_mm_s for run in runs)}
@@ -150,7 +150,7 @@ def _curve(fixed: Fixed, identified: Identified, index: int, unit: Unit) -> Figu
 
 
 def _fixed(found: Findings, power: Unit) -> Table:
-    """Table II: power drawn whatever the robot does."""
+    """Table II: power that does not depend on the motion."""
     fixed = found.fixed
     cells = [
         (fixed.controller, fixed.controller_uncertainty),
@@ -168,7 +168,7 @@ def _level(value: float, spread: float, power: Unit) -> str:
 
 
 def _energies(found: Findings, energy: Unit) -> Table:
-    """Table III: energies of a repetition, and in percent of the total."""
+    """Table III: energies of a repetition, and their share in the total, percent."""
     named = [
         ("Run", ""),
         ("T", "time, s"),

@@ -1,4 +1,4 @@
-"""Rests of an arm, by its encoders alone."""
+"""Finds the rests of an arm, from its encoders alone."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from cellwatt_plugins.noise import white_noise
 from cellwatt_plugins.robot.stretches import stretches
 
 STILL: Final = 0.1
-"""s in which an arm at rest does not leave the noise."""
+"""Time over which an arm at rest moves less than the noise, s."""
 NOISY: Final = 8.0
-"""So many standard deviations of the encoders are noise."""
+"""Largest movement at rest, in standard deviations of the encoders' noise."""
 
 
 def signal_noise(values: Float) -> float:
-    """Return the white noise of positions (rad) or velocities (rad/s) ``values`` (N, n): the median over the joints."""
+    """White noise of positions (rad) or velocities (rad/s) ``values`` (N, n), median over the joints."""
     return max(float(np.median(white_noise(values))), 1e-7)
 
 
 def rests(motion: RobotTrace, creep: float = 0.0) -> list[tuple[int, int]]:
-    """First and last sample (exclusive) of each rest: no joint moves beyond noise, or ``creep`` rad, in ``STILL``."""
+    """First and last sample (exclusive) of each rest: no joint moves beyond noise, or ``creep`` rad, in ``STILL`` s."""
     lag = max(1, round(STILL / motion.step))
     moved = np.abs(motion.position[lag:] - motion.position[:-lag]).max(axis=1)
     return [(a, b + lag) for a, b in stretches(moved < max(creep, NOISY * signal_noise(motion.position)))]

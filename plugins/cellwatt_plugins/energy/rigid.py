@@ -1,10 +1,10 @@
-"""Torque against the rigid body: factors on the torque, and friction joint by joint (eqs 6, 7 of ECDP).
+"""Fits factors on the torque and the friction of each joint with the rigid-body model (eqs 6, 7 of ECDP).
 
-For each joint, τ = g (Y(q, θ̇, θ̈) (π₀ + δ) + J θ̈) + friction(θ̇), where τ is given and g = 1/h: with the g of the round
-before beside δ, linear in g, in the deviations δ of the links from the URDF, in the rotor inertia and in friction.
-τ, with its noise and what (7) misses of friction, stands alone on its side: as a regressor, h τ = …, it would draw h to
-zero where most of it is friction. The payload's mass is known, so that the difference between loaded and unloaded runs
-fixes h where inertias alone would leave it within their tolerance.
+For each joint, τ = g (Y(q, θ̇, θ̈) (π₀ + δ) + J θ̈) + friction(θ̇), where τ is the reported torque and g = 1/h. With g of
+the previous round as the factor of δ, the equation is linear in g, in the deviations δ of the links from the URDF, in
+the rotor inertia and in friction. τ contains noise and friction that (7) does not model, so it is the dependent
+variable: as a regressor (h τ = …) it would pull h to zero if most of it is friction. The payload's mass is known, so
+that the difference between loaded and unloaded runs determines h more closely than the tolerance of the inertias.
 """
 
 from __future__ import annotations
@@ -26,36 +26,36 @@ from cellwatt_plugins.robot.priors import body_prior, links_prior
 from cellwatt_plugins.robot.regression import Prior, solve, variance_of
 
 SAMPLES = 250
-"""Samples taken of each run: more say little more and cost time."""
+"""Samples used per run; more would improve the fit little and take time."""
 WINDOW = (7, 41)
-"""Shortest and longest smoothing, samples …"""
+"""Shortest and longest smoothing window, samples …"""
 CYCLES = 1.6
-"""… of which so many cycles are kept."""
+"""… and bandwidth in cycles per window."""
 MISSED = 0.01
-"""Share of the torque that rigid bodies and friction (7) do not explain, as the first guess."""
+"""First guess of the torque that rigid bodies and friction (7) do not explain, as a share."""
 LEAST = 0.003
-"""Share of the arm's largest torque: no joint's torque is explained better."""
+"""Smallest unexplained torque of a joint, as a share of the arm's largest torque."""
 ALIKE = 10.0
-"""So many neighbouring samples share what the model misses, and count as one."""
+"""Neighbouring samples over which the model's error is correlated; they count as one."""
 ROUNDS = 6
-"""Fits, each weighted by what the one before missed."""
+"""Number of fits, each weighted by the residual of the one before."""
 FURTHEST = 3.0
-"""Torque as given is taken to be within this factor of the true one, either way."""
+"""Largest factor between reported and true torque, either way."""
 TOOL = 0.1
-"""m by which the payload's centre may be from the flange."""
+"""Distance of the payload's centre from the flange, m, one standard deviation."""
 SLOWEST = 0.01
-"""rad/s: a slower arm stands."""
+"""Speed below which the arm is at rest, rad/s."""
 LAWS = {law.name: (law, *law.split) for law in FRICTION if law.split}
-"""Laws of friction that are fitted, with the spread of each coefficient before the data and the law's shape."""
+"""Fitted laws of friction, with the prior spread of each coefficient and the law's shape."""
 OFFSET = "offset"
-"""Nm that stand beside friction: 1 Nm before the data."""
+"""Constant torque in addition to friction, Nm; its prior spread is 1 Nm."""
 
 
 @dataclass(frozen=True)
 class RigidFit:
     """Factors and friction of each joint, (n,) each.
 
-    The given torque is to be multiplied by ``torque``, h; ``friction`` has the coefficient of each of ``LAWS``, and
+    ``torque`` is h, the factor on the reported torque; ``friction`` holds the coefficient of each of ``LAWS``, and
     ``OFFSET`` Nm.
     """
 
@@ -74,9 +74,9 @@ class _Samples:
 
 
 def fit_rigid(arm: Arm, runs: Sequence[Recorded], expected: Float, uncertainty: Float) -> RigidFit:
-    """Fit all runs; ``expected`` and ``uncertainty`` (n,) are what is believed of the factors before.
+    """Fit all runs; ``expected`` and ``uncertainty`` (n,) are the prior of the factors.
 
-    Raises ``RecordingError`` where none moves for long enough.
+    Raises ``RecordingError`` if no run moves for long enough.
     """
     samples = _gather(runs)
     value = samples.torque.reshape(-1)
@@ -85,7 +85,7 @@ def fit_rigid(arm: Arm, runs: Sequence[Recorded], expected: Float, uncertainty: 
     largest = np.abs(samples.torque).max(axis=0)
     least = LEAST * float(largest.max())
     variance = np.tile((MISSED * largest + least) ** 2, len(samples.position))
-    # Fast runs are smoothed the most: each joint's torque is missed in each run by as much as in this run.
+    # Fast runs are smoothed most, so the model's error is estimated per joint and run.
     kind = np.add.outer(n * (np.arange(len(samples.position)) // SAMPLES), np.arange(n)).reshape(-1)
     for _ in range(ROUNDS):
         design = _equations(arm, samples, given)
@@ -93,7 +93,7 @@ def fit_rigid(arm: Arm, runs: Sequence[Recorded], expected: Float, uncertainty: 
         variance = variance_of(value - design @ fit.coefficients, kind, 0.0) + least**2
         given = np.clip(fit.coefficients[:n], 1 / FURTHEST, FURTHEST)
     lower = np.full(len(prior.mean), -np.inf)
-    # Friction takes energy: all but the offset only ever brakes.
+    # Friction dissipates energy: all its coefficients but the offset are positive.
     lower[-(len(LAWS) + 1) * n : -n] = 0.0
     bounded = fit.bounded(lower, np.full(len(lower), np.inf))
     friction = bounded[-(len(LAWS) + 1) * n :].reshape(-1, n) / given
@@ -119,7 +119,7 @@ def _gather(runs: Sequence[Recorded]) -> _Samples:
 
 
 def _equations(arm: Arm, samples: _Samples, given: Float) -> Float:
-    """Design (N n, columns): g | links | rotor | payload's centre and shape | friction; ``given`` (n,) is g so far."""
+    """Design (N n, columns): g | links | rotor | payload's centre and inertia | friction; ``given`` (n,): g so far."""
     regressor = arm.body.regressor(samples.position, samples.velocity, samples.acceleration)
     last = regressor[:, :, -PER_LINK:]
     known = regressor @ arm.body.parameters() + arm.column("rotor_inertia") * samples.acceleration
@@ -134,7 +134,7 @@ def _equations(arm: Arm, samples: _Samples, given: Float) -> Float:
 
 
 def _diagonal(values: Float) -> Float:
-    """(N, n) → (N, n, n): each joint's own column."""
+    """(N, n) → (N, n, n): a column for each joint."""
     return np.asarray(values[:, :, None] * np.eye(values.shape[1]))
 
 

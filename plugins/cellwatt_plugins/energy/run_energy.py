@@ -1,4 +1,4 @@
-"""One run's consumer groups with their uncertainty."""
+"""Computes the consumer groups of one run and their uncertainty."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ from cellwatt_plugins.energy.identify import Observed
 from cellwatt_plugins.robot import Arm
 
 TOO_WIDE = 1.0
-"""Percent of the total: regeneration that is less certain is not told."""
+"""Largest uncertainty of regeneration that is reported, percent of the total."""
 BRAKING = 1.0
-"""W of braking on the bus, from which a value of the analyzer shows how much of it is used."""
+"""Smallest braking power on the bus, W, with which an analyzer value is used to check the split."""
 UNEXPLAINED = 0.2
-"""Share of the braking power by which the analyzer may contradict the model before the split is refused."""
+"""Largest difference between analyzer and model while braking, as a share of the braking power, for a valid split."""
 
 
 def edges(one: Observed) -> tuple[Float, Float]:
-    """Beginnings and ends (R,) s, robot's clock."""
+    """Starts and ends (R,) s of the repetitions, robot's clock."""
     return np.array([r.start for r in one.repetitions]), np.array([r.end for r in one.repetitions])
 
 
 def shared(one: Observed) -> Float:
-    """Time (R, M) s that each repetition has in common with each value of the analyzer."""
+    """Overlap (R, M) s of each repetition with the window of each value of the analyzer."""
     (starts, ends), (low, high) = edges(one), one.windows
     return np.asarray(np.maximum(np.minimum(high, ends[:, None]) - np.maximum(low, starts[:, None]), 0.0))
 
 
 def mechanical(one: Observed, drive: Drive) -> dict[str, Float]:
-    """Groups (R,) J, one a repetition, that do not depend on the analyzer's reading (eqs 4, 5, 10, 11, 18)."""
+    """Groups (R,) J per repetition that do not depend on the analyzer's values (eqs 4, 5, 10, 11, 18)."""
     n = len(drive.torque)
     power = one.feature[:, :n] * drive.torque
     chopper = chopper_power(drive, bus_power(drive, one.feature))
@@ -56,15 +56,15 @@ def mechanical(one: Observed, drive: Drive) -> dict[str, Float]:
 def total_energy(one: Observed, drive: Drive) -> Float:
     """Measured energy (R,) J of each repetition.
 
-    The analyzer's values do not begin and end with the repetitions: within a value the model says how its energy
-    is spread, and what the model misses of the value is spread evenly.
+    The analyzer's windows do not begin and end with the repetitions: within a window, energy is distributed according
+    to the model, and the residual of the model is distributed evenly.
     """
     return np.asarray(one.modelled(drive).between(*edges(one)) + shared(one) @ one.residual(drive))
 
 
 @dataclass(frozen=True)
 class Learnt:
-    """What all runs together said of an arm: fixed power, its drive, and ``draws`` of that within its uncertainty."""
+    """Results of all runs of an arm: fixed power, its drive, and random ``draws`` of the drive by its uncertainty."""
 
     arm: Arm
     fixed: Fixed
@@ -129,7 +129,7 @@ def _uncertainty(one: Observed, learnt: Learnt) -> dict[str, float | None]:
     seconds, edge = float(each.mean()), float(np.mean([r.uncertainty for r in one.repetitions]))
     power_e = float(np.hypot(fixed.controller_uncertainty, fixed.robot_electronics_uncertainty))
     rest, at_edges = fixed.electronics + fixed.brakes, _power_at_edges(one, drive)
-    # Edges move total, electronics and brakes alike; what remains of them is the power that holds the arm there.
+    # Edges change total, electronics and brakes equally, except for the power that holds the arm at the edges.
     by_power = float(np.hypot(power_e, fixed.brakes_uncertainty)) * seconds
     scatter = _scatter(totals - rest * each - own["mechanical_losses"])
     left = float(np.linalg.norm([by_power, edge * (at_edges - rest), moved["mechanical_losses"], scatter]))
@@ -151,19 +151,19 @@ def _scatter(values: Float) -> float:
 
 
 def _combined(drawn: Sequence[Float], own: Float) -> float:
-    """Uncertainty of a group's mean over the repetitions (R,), from the draws' and from its own scatter."""
+    """Uncertainty of a group's mean over the repetitions (R,), from the draws and from its scatter."""
     return float(np.hypot(np.std([values.mean() for values in drawn]), _scatter(own)))
 
 
 def _power_at_edges(one: Observed, drive: Drive) -> float:
-    """Power in W at rest where repetitions begin and end: an edge that is off moves so much energy."""
+    """Mean power at the starts and ends of the repetitions, W: the energy error per second of edge error."""
     motion = one.run.motion
     at = np.clip(np.searchsorted(motion.time, np.concatenate(edges(one))), 0, len(motion.time) - 1)
     return float(supply_power(drive, bus_power(drive, one.feature[at])).mean())
 
 
 def _refusal(one: Observed, drive: Drive, best: dict[str, float], spread: dict[str, float | None]) -> str:
-    """Why the data do not allow the split, or nothing."""
+    """Reason why the data do not allow the split of electrical losses and regeneration; empty if they do."""
     wide = 100 * (spread["regeneration"] or 0.0) / best["total"]
     if wide > TOO_WIDE:
         return f"regeneration is only known to ±{wide:.1f} % of the total: not told apart from electrical losses"

@@ -1,8 +1,8 @@
-"""Uncertainty of the groups of one task, all of them together.
+"""Joint uncertainty of the energy groups of one task.
 
-What the campaign found is the same for every sample of a task: its covariance goes through the groups' slopes, linear
-about what was found. Noise of the samples averages out. What one cause moves from one group to another, or in all
-groups alike, is one column; only so the groups' errors add up to that of the measured total.
+The campaign's parameters are the same for every sample of a task: their covariance is propagated linearly through the
+groups' derivatives. Noise of the samples averages out. A cause that moves energy between groups, or scales all groups,
+is one column, so that the groups' errors add up to that of the measured total.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ GROUPS = (
     "regeneration",
     "unexplained",
 )
-"""Groups of a task's energy: together they are its total. ``stored`` is ΔE_K + ΔE_P of the arm without payload: 0 where
-the task ends where it began. ``unexplained`` is measured energy that is in no group, within its uncertainty where all
-is well."""
+"""Groups of a task's energy; they add up to its total. ``stored`` is ΔE_K + ΔE_P of the arm without payload: 0 if the
+task ends in its start pose. ``unexplained`` is measured energy in no other group; in a healthy cell it is within its
+uncertainty."""
 ELECTRONICS, BRAKES, STORED, MECHANICAL, ELECTRICAL, REGENERATION, UNEXPLAINED = range(len(GROUPS))
 TOTAL = UNEXPLAINED
-"""Column of the measured total in tables that do not hold the unexplained, which follows from the others."""
+"""Row of the measured total in arrays without ``unexplained``, which follows from the others."""
 
 
 def group_covariance(known: Known, level: Level, feature: Float, step: float, causes: Float) -> Float:
-    """(7, 7) J² of ``GROUPS``, of a task whose samples every ``step`` s have ``feature`` (N, 5 n).
+    """Covariance (7, 7) J² of ``GROUPS`` for a task with ``feature`` (N, 5 n) at samples ``step`` s apart.
 
-    ``causes`` (7, k) J are further ones, one standard deviation each: how each moves the groups, and the total (last).
+    ``causes`` (7, k) J: effects of further error causes, one standard deviation each, on the groups and total (last).
     """
     slope = group_slopes(known, level, feature, step)
     covariance = slope @ known.covariance @ slope.T + _sampled(known.drive, feature, step)
@@ -46,7 +46,7 @@ def group_covariance(known: Known, level: Level, feature: Float, step: float, ca
 
 
 def group_slopes(known: Known, level: Level, feature: Float, step: float) -> Float:
-    """(7, 3 + 5 n) how each group changes with the campaign's parameters; the last row, of the total, is 0."""
+    """Derivative (7, 3 + 5 n) of each group by the campaign's parameters; the last row, of the total, is 0."""
     drive, joints = known.drive, len(known.drive.torque)
     seconds, energy = step * len(feature), feature.sum(axis=0) * step
     bus = bus_power(drive, feature)
@@ -61,7 +61,7 @@ def group_slopes(known: Known, level: Level, feature: Float, step: float) -> Flo
 
 
 def _sampled(drive: Drive, feature: Float, step: float) -> Float:
-    """(7, 7) J² by noise of the samples, seen in third differences of the groups' power, in which motion cancels."""
+    """Covariance (7, 7) J² due to noise, from third differences of the groups' power, in which motion cancels."""
     joints = len(drive.torque)
     weights = drive.weights()
     mechanical, electrical = feature[:, :joints] @ weights[:joints], feature[:, joints:] @ weights[joints:]
@@ -81,5 +81,5 @@ def deviations(covariance: Float) -> dict[str, float]:
 
 
 _LEFT = np.eye(len(GROUPS))
-"""Matrix from groups and total to groups and the part that is in none of them."""
+"""Matrix from groups and total to groups and ``unexplained``."""
 _LEFT[UNEXPLAINED, :UNEXPLAINED] = -1.0

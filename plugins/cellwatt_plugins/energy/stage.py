@@ -1,6 +1,6 @@
-"""The live side of energy: frames and tasks in, the split of every task and advice out.
+"""The ``energy`` stage: computes the energy of every task by consumer, and advice, from frames and tasks.
 
-Pinocchio is imported where a stage is made, not where its settings are read.
+Pinocchio is imported when a stage is created, not when its settings are read.
 """
 
 from __future__ import annotations
@@ -27,42 +27,42 @@ if TYPE_CHECKING:
 
 
 LONGEST = 600 * 10**9
-"""ns of frames that are kept: a longer task is not split."""
+"""Length of the frames stored, ns; a longer task is not split."""
 REST = 10**9
-"""ns: a rest that is shorter says nothing of the electronics."""
+"""Shortest rest that updates the power of the electronics, ns."""
 MISSING = 0.02
-"""Share of a task's frames that may be missing; they are filled in between."""
+"""Largest share of a task's frames that may be missing; they are interpolated."""
 EARLY_OR_LATE = 10**8
-"""ns by which a value of the meter may come earlier or later than usual, since it stands for 0.1 s and is held."""
+"""Time by which a value of the meter may be early or late, ns, as it covers 0.1 s and is held."""
 TOLD_AT = 3
-"""Repetitions of a task after which advice is given, once."""
+"""Repetition of a task after which advice is given, once."""
 ODD = 3.0
-"""Standard deviations by which a task's energy may be in no group …"""
+"""Smallest unexplained energy of a task that raises an alarm, in standard deviations …"""
 CONFIRM = Patience(3)
-"""… and so many tasks in a row before it is told."""
+"""… in this number of consecutive tasks."""
 
 
 class EnergySettings(StageSettings):
-    """Splits the energy of every task by consumer, with what ``cellwatt disaggregate`` found of the arm."""
+    """Splits the energy of every task by consumer, with the arm's parameters from ``cellwatt disaggregate``."""
 
     robot: Path
     """robot.yaml, or its folder; relative to the cell's file."""
     balance: Path
     """energy.json of ``cellwatt disaggregate``; relative to the cell's file."""
     arm: str | None = None
-    """Source with the joints; may be left out where only one has joints."""
+    """Source with the joints; not needed if only one source has joints."""
     power: str = "supply.power"
-    """Channel of the power that the whole robot draws."""
+    """Channel of the power of the whole robot."""
     parts: float | None = Field(default=None, gt=0)
-    """Parts that one task makes, where energy per part is to be told too."""
+    """Parts made per task; if set, energy per part is reported too."""
     brake_time: Seconds = Field(default=2.0, ge=0)
-    """Time lost with putting brakes on and off, for the advice to park with brakes on."""
+    """Time needed to apply and release the brakes, for the advice to wait with brakes on."""
     meter_class: Fraction = Field(default=0.001, ge=0, lt=1)
-    """Error of the power meter by its maker, as a share of its reading; for the uncertainties."""
+    """Largest error of the power meter according to its maker, as a share of the value; for the uncertainties."""
 
 
 class EnergyStage(Stage[EnergySettings]):
-    """Gives the ``Energy`` of each task, and alarms ``energy_balance`` and ``energy_advice_…``."""
+    """Reports the ``Energy`` of each task, and alarms ``energy_balance`` and ``energy_advice_…``."""
 
     Settings = EnergySettings
     title = "where the energy of every task goes, and what would save some"
@@ -113,7 +113,7 @@ class EnergyStage(Stage[EnergySettings]):
         return [*columns, layout.index(self.settings.power, "W")]
 
     def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
-        """The split of tasks that ended, and alarms that changed."""
+        """Return the energy of tasks that ended, and the alarms that changed."""
         if len(frames):
             self._blocks.append((frames.time, frames.values[:, self._columns]))
             self._newest = int(frames.time[-1])
@@ -129,11 +129,11 @@ class EnergyStage(Stage[EnergySettings]):
         return out
 
     def close(self) -> Sequence[Result]:
-        """See ``Stage.close``."""
+        """Return the energy of all waiting tasks, whose late power will not arrive."""
         return self._due(all_of_them=True)
 
     def _due(self, *, all_of_them: bool = False) -> list[Result]:
-        """The split of tasks whose power has come."""
+        """Split the tasks whose power has arrived."""
         out: list[Result] = []
         wanted = self._late + EARLY_OR_LATE
         while self._waiting and (all_of_them or self._newest >= self._waiting[0].end + wanted):
@@ -141,14 +141,14 @@ class EnergyStage(Stage[EnergySettings]):
         return out
 
     def _kept(self) -> tuple[Nanoseconds, Float]:
-        """Times (N,) ns of the frames that are kept, and their values."""
+        """Times (N,) ns and values of the stored frames."""
         time, values = zip(*self._blocks, strict=True)
         return np.concatenate(time), np.concatenate(values)
 
     def _stretch(self, start: int, end: int, late: int = 0) -> Stretch | None:
-        """Frames of some time (ns), or nothing where too many are missing or the meter shows no power.
+        """Frames from ``start`` to ``end`` (ns); None if too many are missing or the meter shows no power.
 
-        Power is taken ``late`` ns later than the rest.
+        Power is taken ``late`` ns later than the other channels.
         """
         from cellwatt_plugins.energy.task_energy import Stretch
 
@@ -169,7 +169,7 @@ class EnergyStage(Stage[EnergySettings]):
         return Stretch(step, filled[:, :n], filled[:, n : 2 * n], torque, np.interp(grid + late, times, power))
 
     def _follow(self, interval: Interval) -> None:
-        """A rest with brakes released says what the electronics draw now."""
+        """Update the power of the electronics from a rest with brakes released."""
         if interval.moving or not interval.closed or interval.end - interval.start < REST:
             return
         stretch = self._stretch(interval.start + self._late, interval.end)
@@ -190,7 +190,7 @@ class EnergyStage(Stage[EnergySettings]):
         if stretch is None:
             return []
         edge = self._edge(task)
-        meter = self.settings.meter_class / 3**0.5  # as good as any within its class
+        meter = self.settings.meter_class / 3**0.5  # standard deviation of a uniform error within the class
         energy = task_energy(self._arm, self._known, stretch, self._level, edge, meter)
         out: list[Result] = [self._told(task, energy), *self._balance(task, energy)]
         if task.repetition == TOLD_AT and before is not None:
@@ -198,7 +198,7 @@ class EnergyStage(Stage[EnergySettings]):
         return out
 
     def _edge(self, task: Task) -> float:
-        """J by which a task's total changes where power comes earlier or later than usual."""
+        """Change of a task's total, J, if power is earlier or later than usual."""
         shifts = (self._late - EARLY_OR_LATE, self._late + EARLY_OR_LATE)
         grid = np.arange(task.start, task.end, self.layout.step)
         time, values = self._kept()
@@ -226,7 +226,7 @@ class EnergyStage(Stage[EnergySettings]):
         )
 
     def _balance(self, task: Task, energy: TaskEnergy) -> list[Alarm]:
-        """Raise or clear ``energy_balance``: energy that is in no group."""
+        """Raise or clear ``energy_balance``: too much energy is in no group."""
         unexplained = energy.groups["unexplained"]
         evidence = {"unexplained_J": unexplained, "uncertainty_J": energy.uncertainty, "total_J": energy.total}
         share = 100 * unexplained / energy.total

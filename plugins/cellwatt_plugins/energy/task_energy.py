@@ -1,4 +1,4 @@
-"""The energy of one production task, split as it is measured; closed and open paths."""
+"""Splits the measured energy of one production task by consumer, for closed and open paths."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ from cellwatt_plugins.energy.spread import (
 from cellwatt_plugins.robot import Arm
 
 HELD = 0.003
-"""Share of a task's energy by which power that is held on the frames may miss it: one standard deviation."""
+"""Error of a task's energy because power values are held over frames, as a share, one standard deviation."""
 MASSES = 0.03
-"""Share by which the described masses, and so what a path lifted, may be off."""
+"""Relative error of the described masses, and so of the energy of lifting them, one standard deviation."""
 GRAVITY = 9.81
 """m/s²."""
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """Frames of one task, ``step`` s apart: (N, n) rad, rad/s, Nm as given; (N,) W."""
+    """Frames of one task, ``step`` s apart: (N, n) rad, rad/s, Nm as reported by the robot; ``power`` (N,) W."""
 
     step: float
     position: Float
@@ -45,9 +45,9 @@ class Stretch:
 
 @dataclass(frozen=True)
 class TaskEnergy:
-    """Energy of one task, J: ``groups`` are those of ``GROUPS``, which add up to ``total``.
+    """Energy of one task, J, by ``GROUPS``, which add up to ``total``.
 
-    Errors of the groups go together: ``covariance`` (7, 7) J².
+    The errors of the groups are correlated: ``covariance`` (7, 7) J².
     """
 
     total: float
@@ -62,17 +62,17 @@ class TaskEnergy:
 
     @property
     def uncertainty(self) -> float:
-        """One standard deviation of ``unexplained``."""
+        """One standard deviation of ``unexplained``, J."""
         return float(np.sqrt(self.covariance[UNEXPLAINED, UNEXPLAINED]))
 
 
 def task_energy(
     arm: Arm, known: Known, stretch: Stretch, level: Level | None = None, edge: float = 0.0, meter: float = 0.0
 ) -> TaskEnergy:
-    """Split one task (eqs 1 … 5, 14, 19); ``level`` is what the electronics draw now, else as in the campaign.
+    """Split one task (eqs 1 … 5, 14, 19); ``level`` is the electronics' present power (default: the campaign's).
 
-    ``edge`` J is the uncertainty of the total by meter values that come early or late, ``meter`` that of the meter's
-    factor, as a share; one standard deviation each.
+    ``edge`` J is the uncertainty of the total due to early or late meter values, ``meter`` that of the meter's scale,
+    as a share; one standard deviation each.
     """
     level = at_campaign(known) if level is None else level
     step, drive = stretch.step, known.drive
@@ -91,7 +91,7 @@ def task_energy(
     losses, electrical = mechanical - stored, said - mechanical - chopper
     causes = np.zeros((len(GROUPS), 4))
     causes[ELECTRICAL, 0] = known.model_error * total
-    # What is not stored was lost on the way.
+    # Mechanical energy that is not stored is lost.
     lifted = float(np.hypot(MASSES * stored, _payload_lifted(arm, stretch)))
     causes[[STORED, MECHANICAL], 1] = lifted, -lifted
     causes[TOTAL, 2] = np.hypot(HELD * total, edge)
@@ -107,17 +107,17 @@ def task_energy(
 
 
 def stored_energy(arm: Arm, stretch: Stretch) -> float:
-    """ΔE_K + ΔE_P of the arm from the first to the last frame, J."""
+    """Change of the arm's energy ΔE_K + ΔE_P from the first to the last frame, J."""
     first, last = arm.body.energy(stretch.position[[0, -1]], stretch.velocity[[0, -1]])
     return float(last - first)
 
 
 def _payload_lifted(arm: Arm, stretch: Stretch) -> float:
-    """One standard deviation, J, of what a payload between none and the maximum adds to the stored energy."""
+    """One standard deviation, J, of the stored energy of an unknown payload between none and the maximum."""
     first, last = arm.forward(stretch.position[[0, -1]])[:, -1, 2, 3]
     return float(GRAVITY * arm.description.payload * abs(last - first) / 3**0.5)
 
 
 def resting_power(arm: Arm, known: Known, torque: Float) -> float:
-    """Power beyond fixed power in W that holding the arm by ``torque`` (n,) Nm as given draws."""
+    """Power above fixed power, W, of holding the arm with the reported ``torque`` (n,) Nm."""
     return float(bus_power(known.drive, features(arm, torque[None, :], np.zeros((1, arm.joints))))[0])

@@ -1,1 +1,1 @@
-"""Find where simulation and recordings differ, name the cause, model it, and show that the fit improves."""
+"""Finds where simulation and recordings differ, names the cause, models it, and shows the improvement of the fit."""

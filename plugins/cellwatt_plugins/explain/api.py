@@ -1,4 +1,4 @@
-"""``cw.explain`` and ``cw.simulate``: what the commands of the same name call."""
+"""``cw.explain`` and ``cw.simulate``, called by the commands of the same name."""
 
 from __future__ import annotations
 
@@ -32,17 +32,17 @@ def explain(
     meter: Places = (),
     seconds: float = 50.0,
 ) -> Explained:
-    """Explain where recordings differ from the simulation, which physics it leaves out, and what a model gains.
+    """Explain where recordings differ from the simulation, which physics it lacks, and how much a model improves it.
 
-    ``recordings`` are Parquet, CSV or cellwatt's own: t (s), q_i (rad), qd_i (rad/s), tau_i (Nm) and power (W);
-    ``simulation`` the same of the simulator, one a recording, or a simulator's own file (MJCF, URDF). Without one,
-    ``robot`` (robot.yaml, or its folder) is simulated on the recorded motion; without ``robot``, the simulator's file
-    describes the arm. ``meter`` are tables of power on a clock
-    of their own, one a recording. Of many recordings those are looked at closely whose motions differ most; the others
-    are compared with what is found there. After ``seconds`` of computing nothing more is looked for. The result has
-    ``findings``, the augmented ``model``, ``as_json`` and ``report``.
+    ``recordings`` are Parquet, CSV or cellwatt recordings with t (s), q_i (rad), qd_i (rad/s), tau_i (Nm) and power
+    (W). ``simulation`` is the simulator's output in the same form, one file per recording, or the simulator's own file
+    (MJCF, URDF). Without ``simulation``, ``robot`` (robot.yaml, or its folder) is simulated on the recorded motion;
+    without ``robot``, the simulator's file describes the arm. ``meter`` are tables of power on a clock of their own,
+    one per recording. Of many recordings, those whose motions differ most are analysed; the others are compared with
+    the resulting model. The search stops after ``seconds`` of computing. The result has ``findings``, the augmented
+    ``model``, ``as_json`` and ``report``.
 
-    Raises ``RecordingError`` where a file cannot be used, ``ConfigError`` where the description lacks what it needs.
+    Raises ``RecordingError`` if a file cannot be used, ``ConfigError`` if the description lacks required values.
     """
     recorded, simulated, metered = paths_of(recordings), paths_of(simulation), paths_of(meter)
     if not recorded:
@@ -63,25 +63,26 @@ def explain(
 
 
 def arm_of(robot: Place | None, simulator: Path | None, recordings: Sequence[Path]) -> Arm:
-    """The arm of ``robot``; without it that of a simulator's file, with as many joints as the first recording has.
+    """The arm of ``robot``, or of the simulator's file with as many joints as the first recording.
 
     Raises ``ConfigError`` and ``RecordingError``.
     """
     if robot is not None:
         return Arm.load(robot)
     if simulator is None:
-        raise ConfigError("nothing describes the arm: give --robot robot.yaml, or a simulator's file (MJCF, URDF)")
+        raise ConfigError("no description of the arm: give --robot robot.yaml, or a simulator's file (MJCF, URDF)")
     table = read_table(recordings[0])
     joints = table.named or len(table.joint_names("position") or table.joint_names("target_position"))
     return Arm.of(described(simulator, joints or None))
 
 
 def simulate(model: Place, motion: Place, simulation: Place | None = None) -> Prediction:
-    """Predict torque (N, n) Nm and supply power (N,) W of a motion by a model that ``explain`` has written.
+    """Predict torque (N, n) Nm and supply power (N,) W of a motion with a model written by ``explain``.
 
-    ``model`` is ``model.yaml`` or its folder; ``motion`` a table with t, q_i, qd_i and qdd_i (planned; without qdd_i
-    measured, and smoothed about ``simulation``), and temperature_i (degC) where it is known. ``simulation`` is what the
-    user's simulator says of that motion; the model adds to it. Raises ``ConfigError`` and ``RecordingError``.
+    ``model`` is ``model.yaml`` or its folder. ``motion`` is a table with t, q_i, qd_i and qdd_i, and temperature_i
+    (degC) where it is known. With qdd_i, the motion is treated as planned; without, as measured, and is smoothed using
+    ``simulation``. ``simulation`` is the output of the user's simulator for that motion; the model adds to it. Raises
+    ``ConfigError`` and ``RecordingError``.
     """
     loaded = load_model(Path(model))
     with threadpool_limits(1):

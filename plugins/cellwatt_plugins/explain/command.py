@@ -23,11 +23,11 @@ from cellwatt_plugins.explain.simulators.mend_drives import mend_driven
 from cellwatt_plugins.explain.simulators.wording import mended_in_words
 
 OUTPUT = click.Path(file_okay=False, writable=True, path_type=Path)
-METER = "Power (t, power) that a meter logged on its own clock, one a recording."
+METER = "Power (t, power) logged by a meter on its own clock, one file per recording."
 
 
 class _Explain(click.Command):
-    """``--simulation A B C``: all that follows it, up to the next option."""
+    """Accept several values after one ``--simulation``, up to the next option."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         spread: list[str] = []
@@ -37,7 +37,7 @@ class _Explain(click.Command):
                 following = word == "--simulation"
                 spread += [word]
             else:
-                # The first stands behind the option itself.
+                # The first value follows the option itself.
                 spread += ["--simulation", word] if following and spread[-1] != "--simulation" else [word]
         if any(word == "--simulation" and after.startswith("-") for word, after in pairwise([*spread, "-"])):
             raise click.BadOptionUsage("--simulation", "Option '--simulation' requires an argument.", ctx)
@@ -47,11 +47,11 @@ class _Explain(click.Command):
 @click.command(cls=_Explain, short_help="Name the physics that a simulation leaves out.")
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=INPUT)
 @click.option(
-    "--simulation", "simulations", multiple=True, type=INPUT, help="What the simulation says, one a recording."
+    "--simulation", "simulations", multiple=True, type=INPUT, help="Simulation of each recording, or a simulator file."
 )
 @click.option("--meter", "meters", multiple=True, type=INPUT, help=METER)
 @click.option(
-    "--robot", type=INPUT, help="robot.yaml, or its folder; a simulator's file describes the arm where it is left out."
+    "--robot", type=INPUT, help="robot.yaml, or its folder; if omitted, the simulator's file describes the arm."
 )
 @click.option("--out", required=True, type=OUTPUT, help="Folder to write.")
 @click.option("--json", "as_json", is_flag=True, help="Print findings.json.")
@@ -61,9 +61,9 @@ class _Explain(click.Command):
     type=FiniteRange(min=1.0),
     default=50.0,
     show_default=True,
-    help="Seconds of computing (with --scheduler: on the clock) after which nothing more is looked for.",
+    help="Seconds of CPU time (with --scheduler: elapsed time) after which the search stops.",
 )
-@click.option("--mend", "simulator", type=INPUT, help="MJCF or URDF to write anew into OUT, with what was found in it.")
+@click.option("--mend", "simulator", type=INPUT, help="MJCF or URDF to write to OUT with the findings added.")
 @click.option("--no-report", is_flag=True, help="Leave out report.html.")
 @with_progress
 @with_scheduler
@@ -79,10 +79,10 @@ def explain(
     simulator: Path | None,
     no_report: bool,
 ) -> None:
-    """Say where RECORDINGs differ from the simulation, which physics it leaves out, and what a model gains.
+    """Report where RECORDINGs differ from the simulation, which physics it leaves out, and how much a model gains.
 
-    Recordings and simulations are Parquet, CSV or cellwatt's own. Several simulations may follow one --simulation.
-    A simulator's own file (MJCF, URDF) may stand for them: it is run on each recorded motion, and needs no robot.yaml.
+    Recordings and simulations are Parquet, CSV or cellwatt recordings. Several simulations may follow one --simulation.
+    A simulator's own file (MJCF, URDF) may replace them: it is run on each recorded motion, and needs no robot.yaml.
     Without simulations, robot.yaml is simulated on the recorded motion. Writes findings.json, model.yaml and
     report.html.
     """
@@ -100,7 +100,7 @@ def explain(
             try:
                 mended = (mend_driven if driven else mend)(found, found.runs, user, out)
             except ConfigError as error:
-                unmended = error  # the answer is told all the same
+                unmended = error  # the findings are reported all the same
     if not no_report:
         with stage("writing the report"):
             found.report(out / "report.html", None if mended is None else mended.path)
@@ -114,18 +114,18 @@ def explain(
         raise unmended
 
 
-@click.command(short_help="Predict torque and power by the model of explain.")
+@click.command(short_help="Predict torque and power with a model of explain.")
 @click.option("--model", required=True, type=INPUT, help="model.yaml of `cellwatt explain`, or its folder.")
 @click.option("--motion", required=True, type=INPUT, help="Motion: t, q_i, qd_i, qdd_i (and temperature_i).")
-@click.option("--simulation", type=INPUT, help="What the user's simulation says of that motion; the model adds to it.")
+@click.option("--simulation", type=INPUT, help="Output of the user's simulation for that motion; the model adds to it.")
 @click.option("--out", required=True, type=click.Path(dir_okay=False, path_type=Path), help="Parquet file to write.")
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
 @with_progress
 @with_columns
 def simulate(model: Path, motion: Path, simulation: Path | None, out: Path, as_json: bool) -> None:
-    """Torque and supply power that a model says for a motion, as Parquet: t, tau_i, power.
+    """Write the torque and supply power that a model predicts for a motion as Parquet: t, tau_i, power.
 
-    A motion with accelerations is taken as planned; one without as measured, which is smoothed about the simulation's.
+    A motion with accelerations is treated as planned; one without as measured, and smoothed using the simulation.
     """
     predicted = api.simulate(model, motion, simulation)
     write_prediction(predicted, out)

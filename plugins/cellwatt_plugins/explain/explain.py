@@ -1,4 +1,4 @@
-"""Explain why recordings differ from the simulation: both sides searched, held-out figures, findings, model."""
+"""Explain why recordings differ from the simulation: search of both sides, held-out errors, findings, model."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from cellwatt.progress import stage
 from cellwatt.report.numbers import listed
 from cellwatt_plugins.explain.fit.leave_out import LeaveOut
 from cellwatt_plugins.explain.fit.metering import Metering, Unknown, metering
-from cellwatt_plugins.explain.fit.problem import UNTOLD, Problem, on_joints
+from cellwatt_plugins.explain.fit.problem import UNKNOWN_VARIANCE, Problem, on_joints
 from cellwatt_plugins.explain.fit.search import search
 from cellwatt_plugins.explain.fit.search.budget import now
 from cellwatt_plugins.explain.fit.search.solve import fitted
@@ -42,24 +42,24 @@ from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.servo import IN_MOTION
 
 POORLY = 1.5
-"""Mean square residual from which a joint's torque is taken as measured, not as fitted, for the power."""
+"""Mean square residual, in units of the noise, above which the supply's model uses a joint's measured torque."""
 CURRENT_GAIN = 0.1
-"""Torque constants from data sheets are off by about as much."""
+"""Typical relative error of a torque constant from a data sheet."""
 EXCESS = 0.35
-"""Mean square residual beyond noise from which a channel is unexplained."""
+"""Mean square residual beyond noise, in units of the noise, above which a channel is unexplained."""
 WITHOUT_PLAN = 2.0
-"""Mean square residual beyond noise that is unexplained where accelerations come from encoders alone."""
+"""Value of ``EXCESS`` where accelerations come from encoders alone."""
 FAR = 2.0
-"""Held-out error in units of the noise from which a channel is not explained in full."""
+"""Held-out error, in units of the noise, above which a channel is not explained in full."""
 SUPPLY_SHARE = 0.2
-"""Share of the time that is kept for the supply."""
+"""Share of the time limit that is reserved for the supply."""
 SETTLED = 1.3
-"""Mean square residual of all joints up to which the supply's own residual can be judged."""
+"""Largest mean square residual of the joints, in units of the noise, at which the supply's residual can be judged."""
 
 
 @dataclass(frozen=True)
 class Explained:
-    """Findings, the model, and the solutions that they rest on."""
+    """Findings, the model, and the solutions on which they rest."""
 
     findings: Findings
     model: Model
@@ -67,7 +67,7 @@ class Explained:
     supply: Solution | None
     runs: tuple[Run, ...]
     inputs: tuple[Path, ...] = ()
-    """The files that it was made from; the report names them with their digests."""
+    """The input files; the report names them with their digests."""
 
     def as_json(self) -> dict[str, Any]:
         """The content of ``findings.json``, which ``cellwatt explain --json`` prints."""
@@ -75,14 +75,14 @@ class Explained:
 
     @property
     def mounted(self) -> Float | None:
-        """Gravity (3,) m/s² in the base's frame less the simulation's; None where the mount is right."""
+        """Gravity (3,) m/s² of the real mount minus the simulation's, in the base's frame; None if equal."""
         model = self.model
         return None if model.mount is None else model.mount - model.arm().body.gravity_field
 
     def report(self, path: Place, mended: Path | None = None) -> None:
-        """Write the page, ``report.html``; ``mended`` is the simulator's file as ``mend`` wrote it.
+        """Write the page ``report.html``; ``mended`` is the simulator's file as written by ``mend``.
 
-        Raises ``CellwattError`` where the file cannot be written.
+        Raises ``CellwattError`` if the file cannot be written.
         """
         from cellwatt.report import Provenance
         from cellwatt_plugins.explain.report.page import report
@@ -110,31 +110,31 @@ def explain(
 ) -> Explained:
     """Find where the runs differ from the simulation, name the causes and model them.
 
-    ``notes`` and ``states`` are of admission. What is not found after ``seconds`` is not looked for; see ``now``.
+    ``notes`` and ``states`` come from admission. The search stops after ``seconds``; see ``now``.
     """
     until = now() + seconds
     states = states or [base.states(run, i) for i, run in enumerate(runs)]
-    with stage("looking how the arm is mounted"):
+    with stage("checking how the arm is mounted"):
         upright = errors(runs, states)
         base, states, mounted = as_mounted(runs, states, base)
     powered = any(run.power is not None for run in runs)
     limit = until - SUPPLY_SHARE * seconds if powered else until
     with stage("looking for effects in the torques"):
-        effects, asked = (EFFECTS, DEFAULT) if states[0].drive is None else (IN_MOTION, by_law(DEFAULT))
+        effects, thresholds = (EFFECTS, DEFAULT) if states[0].drive is None else (IN_MOTION, by_law(DEFAULT))
         make = partial(torque_problem, runs, states)
-        torque = search(make, base.arm.body.joints, asked, effects, until=limit, powered=powered)
+        torque = search(make, base.arm.body.joints, thresholds, effects, until=limit, powered=powered)
     driven, doubt = _torque_for_power(runs, torque.best)
     meter = metering(runs, driven)
     supplied = None if isinstance(meter, Unknown) else supply_problem(runs, driven, doubt, meter)
     with stage("looking for effects in the supply"):
         supply = None if supplied is None else search(lambda *_: supplied, 1, until=until)
-    with stage("judging by data left out"):
+    with stage("judging on data left out"):
         findings = _findings(runs, torque, supply, (*notes, *_of_meter(meter)), mounted, upright)
     return Explained(findings, model_of(torque.best, supply, base), torque, supply, tuple(runs))
 
 
 def _torque_for_power(runs: Sequence[Run], torque: Solution) -> tuple[list[States], list[Float]]:
-    """States with the best torque for the supply, fitted or, where the fit is poor, measured; its doubt (N, n) Nm."""
+    """States with the supply's torque, fitted or (where the fit is poor) measured, and its uncertainty (N, n) Nm."""
     problem = torque.problem
     chi2 = problem.chi2(torque.residual)
     poor = chi2 > POORLY
@@ -142,8 +142,8 @@ def _torque_for_power(runs: Sequence[Run], torque: Solution) -> tuple[list[State
     variance = problem.every_sample(np.concatenate(problem.variance))
     doubt = []
     for v, states in zip(variance, problem.states, strict=True):
-        # A torque that nobody read is as uncertain as it is large, and no more.
-        beyond = np.where(v < UNTOLD * problem.floor**2, v - problem.floor**2, states.torque**2)
+        # A torque that was not measured is as uncertain as it is large, and no more.
+        beyond = np.where(v < UNKNOWN_VARIANCE * problem.floor**2, v - problem.floor**2, states.torque**2)
         doubt.append(np.sqrt(unexplained**2 + np.maximum(beyond, 0.0)))
     out = []
     for run, states, after in zip(runs, problem.states, _measurement_errors(torque), strict=True):
@@ -156,7 +156,7 @@ def _torque_for_power(runs: Sequence[Run], torque: Solution) -> tuple[list[State
 
 
 def _measurement_errors(torque: Solution) -> list[Float]:
-    """Torque (N, n) that effects on the measurement alone add to each run."""
+    """Torque (N, n) Nm that effects on the measurement alone add to each run."""
     problem = torque.problem
     out = [np.zeros_like(s.torque) for s in problem.states]
     for term in torque.terms:
@@ -177,7 +177,7 @@ def _findings(
     upright: Float,
 ) -> Findings:
     sides = [torque] if supply is None else [torque, supply]
-    found, left, fit, tried = [] if mounted is None else [_with_noise(mounted, torque.problem)], [], [], []
+    found, rests, fit, tried = [] if mounted is None else [_with_noise(mounted, torque.problem)], [], [], []
     falls, moved = list[Falling](), list[RetunedNumber]()
     curves: list[FoundCurve] = []
     planned = all(run.plan is not None for run in runs)
@@ -188,15 +188,16 @@ def _findings(
         held = LeaveOut(best.problem, best.factor)
         nominal = solution.problem.chi2(solution.problem.fit([]).residual)
         own = lack_of_fit(nominal, solution, *limits)
-        # What retuning within tolerance would take up, though data left out do not confirm it, is not unknown.
+        # A residual that retuning within tolerance removes is not unknown, even if data left out do not confirm the
+        # retuning.
         if own and solution.free is not None:
             tuned = lack_of_fit(nominal, fitted(solution.free, solution.terms), *limits)
             own = [u for u in own if any(u.channel == other.channel for other in tuned)]
         falls.append(falling(solution))
         found += findings_of(solution, falls[-1], own, _gain_tolerance(runs, torque.problem.states[0].robot))
         if solution is torque or np.max(remaining_chi2(torque)) < SETTLED:
-            found += unknown_findings(solution, [u for u in own if _looked_at(solution, u)])
-        left += [unexplained_channel(u, *solution.problem.channel(u.channel), _looked_at(solution, u)) for u in own]
+            found += unknown_findings(solution, [u for u in own if _searched(solution, u)])
+        rests += [unexplained_channel(u, *solution.problem.channel(u.channel), _searched(solution, u)) for u in own]
         curves += curves_of(best, held)
         moved += retuned_of(solution, falls[-1])
         started = upright if mounted is not None and solution is torque else falls[-1].simulation
@@ -204,14 +205,14 @@ def _findings(
         tried += solution.tried
     found += rattling_findings(torque)
     named = any(f.effect != "unknown" for f in found)
-    # Of what is there at one time only, no data can be left out.
+    # Intermittent effects cannot be tested on data left out.
     once = any(term.effect.form.intermittent for solution in sides for term in solution.terms)
     far = not once and any(c.model > FAR * c.noise_floor for c in fit)
-    verdict = _verdict(named, bool(left) or (named and far))
+    verdict = _verdict(named, bool(rests) or (named and far))
     return Findings(
         verdict,
         tuple(merged(found)),
-        tuple(left),
+        tuple(rests),
         tuple(fit),
         tuple(tried),
         (*admitted, *_notes(runs, torque, supply)),
@@ -221,9 +222,9 @@ def _findings(
     )
 
 
-def _looked_at(solution: Solution, left: LackOfFit) -> bool:
-    """True if the candidates of a channel were tried before the time was up."""
-    return solution.problem.side == "supply" or left.channel not in solution.unlooked
+def _searched(solution: Solution, found: LackOfFit) -> bool:
+    """True if the candidates of a channel were tried before the time limit."""
+    return solution.problem.side == "supply" or found.channel not in solution.unlooked
 
 
 def _with_noise(mounted: Finding, problem: Problem) -> Finding:
@@ -232,19 +233,19 @@ def _with_noise(mounted: Finding, problem: Problem) -> Finding:
 
 
 def _gain_tolerance(runs: Sequence[Run], robot: RobotDescription) -> float:
-    """Share by which a common factor of all torques may be off."""
+    """Tolerance of a common factor on all torques, as a share."""
     if robot.tolerances.torque_gain is not None:
         return robot.tolerances.torque_gain
     return CURRENT_GAIN if any(run.torque_from == "current" for run in runs) else 0.0
 
 
 def _fit(solution: Solution, held: LeaveOut, simulation: Float) -> list[ChannelFit]:
-    """Held-out error of each channel: as simulated (C,), retuned, with the model."""
+    """Held-out error of each channel: of the simulation (C,), with nominal parameters retuned, and with the model."""
     problem = solution.problem
     refit, model = problem.rms(held.residual([])), problem.rms(held.residual(solution.terms))
     return [
         ChannelFit(*problem.channel(c), float(simulation[c]), float(refit[c]), float(model[c]), float(problem.floor[c]))
-        for c in problem.told
+        for c in problem.observed
     ]
 
 
@@ -253,16 +254,16 @@ def _of_meter(meter: Metering | Unknown | None) -> tuple[str, ...]:
         return ()
     if isinstance(meter, Unknown):
         return (
-            f"Power comes every {meter.interval:.2g} s and does not tell when each value was measured: "
+            f"Power has one value every {meter.interval:.2g} s, and the motion does not show when it was measured: "
             "the supply was not judged. Record a longer motion, or a faster meter.",
         )
     return (f"Power is from a slow meter ({meter.meter.told}): it was compared with means over the same times.",)
 
 
-def _verdict(named: bool, left: bool) -> Verdict:
+def _verdict(named: bool, rest: bool) -> Verdict:
     if named:
-        return "partly_explained" if left else "explained"
-    return "unexplained" if left else "no_mismatch"
+        return "partly_explained" if rest else "explained"
+    return "unexplained" if rest else "no_mismatch"
 
 
 def _notes(runs: Sequence[Run], torque: Solution, supply: Solution | None) -> tuple[str, ...]:
@@ -270,16 +271,14 @@ def _notes(runs: Sequence[Run], torque: Solution, supply: Solution | None) -> tu
     if torque.spent or (supply is not None and supply.spent):
         joints = [str(joint + 1) for joint in torque.unlooked]
         missed = f"; joint{'s' * (len(joints) > 1)} {listed(joints)} not looked at in full" if joints else ""
-        notes.append(
-            f"The time was up before all was tried{missed}: what is said is sound, more may be found with --time"
-        )
+        notes.append(f"The time limit was reached before all was tried{missed}: a longer --time may give more findings")
     if any(run.drive is not None for run in runs):
         notes.append(
-            "No torque was recorded: the law of the simulation's servos stands for it. Motion does not tell gains, "
-            "masses and friction that are all off by one factor: of these, your numbers are right within tolerances."
+            "No torque was recorded: it is computed by the law of the simulation's servos. Motion cannot show a common "
+            "factor on gains, masses and friction: for that factor, your numbers are assumed right within tolerances."
         )
     if not any(run.power is not None for run in runs):
-        notes.append("No supply power was recorded: what only the supply shows could not be tested.")
+        notes.append("No supply power was recorded: effects that show only in the supply could not be tested.")
     longest = max(float(run.time[-1] - run.time[0]) for run in runs)
     if longest < 100:
         notes.append(f"The longest run lasts {longest:.0f} s: effects of warming up could not be tested.")

@@ -1,4 +1,4 @@
-"""The augmented model: nominal law with retuned parameters and the effects found; kept as ``model.yaml``."""
+"""The augmented model: the nominal law with retuned parameters and the effects found; stored as ``model.yaml``."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ else:  # of a file's numbers
 
 @dataclass(frozen=True)
 class FittedTerm:
-    """An effect with its numbers."""
+    """An effect with its fitted coefficients."""
 
     term: Term
     coefficients: Float
 
     def course(self, states: States) -> Float:
-        """What it adds along a run: (N, n) Nm at the joints, (N,) W of the supply."""
+        """Contribution of the term along a run: (N, n) Nm at the joints, or (N,) W for the supply."""
         term = self.term
         course = np.asarray(term.effect.columns(states, term.joint, term.shape) @ self.coefficients)
         return course if term.effect.place == "supply" else on_joints(course, term.joint, states.q.shape[1])
@@ -56,17 +56,17 @@ class Retuned:
     inertial: Array
     """(10 n,), added to the links' parameters."""
     coulomb_friction: Array
-    """(n,) Nm, added; likewise the next two."""
+    """(n,) Nm, added; the next two are added likewise."""
     viscous_friction: Array
     rotor_inertia: Array
     standby_power: float
     """W, added."""
     resistance: Array
-    """(n,), added to 1 as a factor of each winding's resistance."""
+    """(n,), relative correction of each winding's resistance: the resistance is multiplied by 1 plus this value."""
 
     @classmethod
     def nothing(cls, joints: int) -> Retuned:
-        """The nominal parameters as they are."""
+        """Zero corrections: the nominal parameters unchanged."""
         zeros = np.zeros(joints)
         return cls(np.zeros(10 * joints), zeros, zeros, zeros, 0.0, zeros)
 
@@ -78,7 +78,7 @@ class Prediction:
     time: Float
     """(N,) s."""
     torque: Float
-    """(N, n) Nm as it would be measured."""
+    """(N, n) Nm as a measurement would show it."""
     power: Float
     """(N,) W."""
 
@@ -88,32 +88,32 @@ class Model:
     """A robot with retuned parameters and the effects that its simulation lacked."""
 
     robot: RobotDescription
-    """With friction, rotors, windings and standby power as the simulation has them."""
+    """The robot with the friction, rotors, windings and standby power of the simulation."""
     retuned: Retuned
     terms: tuple[FittedTerm, ...] = ()
     links: Float | None = None
-    """(10 n,) inertial parameters where the simulation has others than the URDF."""
+    """(10 n,) inertial parameters, where the simulation's differ from the URDF's."""
     gravity: Float | None = None
-    """(3,) m/s² in the base's frame where the simulation has another mount than the URDF."""
+    """(3,) m/s² in the base's frame, where the simulation's mount differs from the URDF's."""
     mount: Float | None = None
-    """The same of the arm, where the simulation has another one than the arm."""
+    """(3,) m/s²: gravity in the base's frame for the real arm, where its mount differs from the simulation's."""
     lead: float | None = None
-    """s by which friction of the arm turns over early, where the simulation's does otherwise."""
+    """s by which the arm's friction reverses early, where it differs from the simulation's."""
 
     def arm(self) -> Arm:
-        """The arm as the simulation has it. Raises ``ConfigError``."""
+        """The arm as simulated. Raises ``ConfigError``."""
         arm = Arm.of(self.robot)
         arm = arm if self.links is None else arm.with_parameters(self.links)
         return arm if self.gravity is None else arm.with_gravity(self.gravity)
 
     @property
     def baseline(self) -> Baseline:
-        """The law of the simulation that it adds to. Raises ``ConfigError``."""
+        """The simulation's law, to which the model adds. Raises ``ConfigError``."""
         return Baseline(self.arm(), self.mount, self.lead)
 
 
 def predict_states(model: Model, states: States) -> Prediction:
-    """Torque and power along a motion."""
+    """Torque and power that a model predicts along a motion."""
     mechanical = mechanical_torque(model, states)
     states = states.with_torque(mechanical)
     torque, power = mechanical.copy(), _supply(model, states)
@@ -127,7 +127,7 @@ def predict_states(model: Model, states: States) -> Prediction:
 
 
 def mechanical_torque(model: Model, states: States) -> Float:
-    """Torque (N, n) Nm of law and mechanical effects, before what only the measurement does."""
+    """Torque (N, n) Nm of the law and the mechanical effects, without effects on the measurement alone."""
     retuned = model.retuned
     friction = retuned.coulomb_friction * states.sign + retuned.viscous_friction * states.qd
     carried = states.regressor @ retuned.inertial
@@ -149,7 +149,7 @@ def _supply(model: Model, states: States) -> Float:
 
 
 def save_model(model: Model, path: Path) -> None:
-    """Write ``model.yaml`` with the URDF beside it. Raises ``CellwattError`` where it cannot be written."""
+    """Write ``model.yaml`` and the URDF beside it. Raises ``CellwattError`` if they cannot be written."""
     urdf = path.with_name("robot.urdf")
     if urdf.resolve() != model.robot.urdf.resolve():
         write_file(urdf, urdf_bytes(model.robot.urdf, [joint.name for joint in model.robot.joints]))
@@ -166,8 +166,8 @@ def save_model(model: Model, path: Path) -> None:
 def _term(fitted: FittedTerm) -> dict[str, Any]:
     effect, shape = fitted.term.effect, [float(x) for x in fitted.term.shape]
     numbers = {"shape": shape, "coefficients": fitted.coefficients.tolist()}
-    told = {"effect": effect.name, "joint": fitted.term.number, **numbers}
-    return told | ({"in_motion": True} if effect in IN_MOTION and BY_NAME.get(effect.name) is not effect else {})
+    content = {"effect": effect.name, "joint": fitted.term.number, **numbers}
+    return content | ({"in_motion": True} if effect in IN_MOTION and BY_NAME.get(effect.name) is not effect else {})
 
 
 class _Effect(BaseModel):
@@ -176,11 +176,11 @@ class _Effect(BaseModel):
     shape: tuple[float, ...]
     coefficients: Array
     in_motion: bool = False
-    """True of what only motion without torque shows, under a name that torque may have, too."""
+    """True for an effect found from motion without torque, under a name that an effect on torque may have, too."""
 
     @property
     def known(self) -> Mapping[str, Effect]:
-        """The effects among which it is."""
+        """The effects to which the name refers."""
         return BY_NAME_IN_MOTION if self.in_motion else BY_NAME
 
 

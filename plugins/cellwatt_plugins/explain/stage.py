@@ -1,6 +1,6 @@
-"""The live side of the explainer: frames and intervals in, predictions of the simulation and alarms out.
+"""The live side of ``explain``: consumes frames and intervals, publishes the simulation's predictions and alarms.
 
-Pinocchio and scipy are imported where a stage is made, not where its settings are read.
+Pinocchio and scipy are imported when a stage is created, not when its settings are read.
 """
 
 from __future__ import annotations
@@ -28,18 +28,19 @@ from cellwatt_plugins.explain.live.watch import ChannelWatch
 from cellwatt_plugins.explain.live.window import Stretch, Window, bridged
 
 LONGEST = 120.0
-"""s of an interval, from its end, that are judged."""
+"""Longest part of an interval that is judged, in s before its end."""
 COVERED = 0.8
-"""Share of an interval's frames that must have been compared for it to be judged."""
+"""Smallest share of an interval's frames that must have been compared for it to be judged."""
 WAITING = 64
-"""Intervals that may wait for their frames to be simulated."""
+"""Largest number of intervals that wait for their frames to be simulated."""
 
 
 class MismatchStage(Stage[MismatchSettings]):
-    """Gives a ``Prediction`` of torques and power each second, and alarms.
+    """Publishes a ``Prediction`` of torques and power each second, and alarms.
 
-    ``simulation_differs`` for a channel outside its band, ``mismatch`` for what explains it, ``explanation_failed``
-    where that could not be said, ``effect_not_followed`` for effects of a model that a daemon cannot simulate.
+    ``simulation_differs`` for a channel outside its band, ``mismatch`` for its explanation, ``explanation_failed``
+    where no explanation could be computed, ``effect_not_followed`` for effects of a model that a daemon cannot
+    simulate.
     """
 
     Settings = MismatchSettings
@@ -80,16 +81,16 @@ class MismatchStage(Stage[MismatchSettings]):
             explained = settings.explain.model_copy(update={"folder": Path(folder).absolute()})
             parts = (self._intake, self._simulation.model.robot, self._simulation.known)
             self._explainer = Explainer(name, cell.cell, explained, *parts, self._streamed is not None, file)
-        self._unsaid = self._simulation.left_out
+        self._unreported = self._simulation.left_out
         self.counts: Counter[str] = Counter()
 
     def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
-        """Predictions that are ready with this block, and the alarms that changed."""
+        """Return the predictions that are complete with this block, and the alarms that changed."""
         ours = (r for r in upstream if isinstance(r, Interval) and r.source == self._intake.source)
         self._intervals.extend(r for r in ours if r.closed and r.complete and r.moving)
         if not len(frames):
             return ()
-        out: list[Result] = self._say_once(int(frames.time[0]))
+        out: list[Result] = self._report_once(int(frames.time[0]))
         sequence = frames.sequence + np.arange(len(frames))
         rows = self._intake.rows(frames)
         if self._streamed is not None:
@@ -103,29 +104,29 @@ class MismatchStage(Stage[MismatchSettings]):
         return out
 
     def close(self) -> Sequence[Result]:
-        """End an explanation that still runs."""
+        """Stop a running explanation."""
         if self._explainer is not None:
             self._explainer.stop()
         return ()
 
-    def _say_once(self, now: int) -> list[Result]:
-        names, self._unsaid = self._unsaid, ()
+    def _report_once(self, now: int) -> list[Result]:
+        names, self._unreported = self._unreported, ()
         return [left_out(Occasion(self.name, self._intake.source, now, now), names)] if names else []
 
     def _compare(self, stretch: Stretch) -> Prediction:
-        """Simulate a stretch; what is new in it goes into the history beside what was measured."""
+        """Simulate a stretch, and store its new frames in the history: measured beside simulated values."""
         places, new = self._intake.places, stretch.new
-        simulated, driven = self._said(stretch)
+        simulated, driven = self._simulated(stretch)
         simulated, measured = simulated[new], stretch.values[new, : self._width]
         if driven is not None:
             measured[:, places["command"]], measured[:, places["torque"]] = (each[new] for each in driven)
         read = np.isfinite(measured[:, places[self._intake.measured]])
-        there = ~stretch.bridged[new] & np.isfinite(simulated).all(axis=1)
-        # One sensor that died does not take the other joints out of sight.
-        kept = there & read.any(axis=1)
-        self._history.add(stretch.time[new][kept], np.column_stack([measured, simulated])[kept])
-        self.counts["compared"] += int(kept.sum())
-        self.counts["torque missing"] += int(np.sum(~(there & read.all(axis=1)) & ~stretch.bridged[new]))
+        known = ~stretch.bridged[new] & np.isfinite(simulated).all(axis=1)
+        # A dead sensor of one joint does not hide the other joints.
+        usable = known & read.any(axis=1)
+        self._history.add(stretch.time[new][usable], np.column_stack([measured, simulated])[usable])
+        self.counts["compared"] += int(usable.sum())
+        self.counts["torque missing"] += int(np.sum(~(known & read.all(axis=1)) & ~stretch.bridged[new]))
         simulated[stretch.bridged[new]] = np.nan
         judged = self._intake.judged
         return Prediction(
@@ -136,8 +137,8 @@ class MismatchStage(Stage[MismatchSettings]):
             units={c.name: c.unit for c in judged},
         )
 
-    def _said(self, stretch: Stretch) -> tuple[Float, tuple[Float, Float] | None]:
-        """Values (N, C) of the simulation for all frames of a stretch; commands and torques (N, n) of driven servos."""
+    def _simulated(self, stretch: Stretch) -> tuple[Float, tuple[Float, Float] | None]:
+        """Simulated values (N, C) for all frames of a stretch; commands and torques (N, n) Nm of driven servos."""
         if self._streamed is not None:
             return stretch.values[:, self._width :], None
         places = self._intake.places
@@ -148,8 +149,10 @@ class MismatchStage(Stage[MismatchSettings]):
             known = np.isfinite(temperature).any(axis=0).all()
             temperature = bridged(temperature, range(temperature.shape[1])) if known else None
         time = (stretch.time - stretch.time[0]) * 1e-9
-        said, driven = self._simulation.run(time, stretch.values[:, places["position"]], velocity, temperature, command)
-        parts = [said.torque] if self._intake.power is None else [said.torque, said.power[:, None]]
+        predicted, driven = self._simulation.run(
+            time, stretch.values[:, places["position"]], velocity, temperature, command
+        )
+        parts = [predicted.torque] if self._intake.power is None else [predicted.torque, predicted.power[:, None]]
         return np.column_stack(parts), driven
 
     def _judge(self) -> list[Alarm]:
@@ -178,14 +181,14 @@ class MismatchStage(Stage[MismatchSettings]):
 
     @property
     def _judged(self) -> list[int]:
-        """Columns of the history that were measured and are compared."""
+        """Columns of the history with the measured values that are compared."""
         places = self._intake.places
         torque = places[self._intake.measured]
         return [*range(torque.start, torque.stop), *([places["power"].start] if "power" in places else [])]
 
 
 def _robot(settings: MismatchSettings, cell: CellInfo) -> Place | None:
-    """Where the robot is described."""
+    """Path of the robot description."""
     if settings.robot is not None:
         return cell.folder / settings.robot
     if cell.robot is None:

@@ -1,4 +1,4 @@
-"""Says which joint or encoder is faulty, from supply power and encoders against healthy cycles (Sabry et al.)."""
+"""Names the faulty joint or encoder by comparing supply power and positions with healthy cycles (Sabry et al.)."""
 
 from cellwatt_plugins.faults.stage import FaultsSettings, FaultsStage
 

@@ -1,4 +1,4 @@
-"""``cw.reference`` and ``cw.faults``: what the commands of the same name call."""
+"""``cw.reference`` and ``cw.faults``, the functions behind the commands of the same names."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Learned:
-    """A reference, and every task seen in the recordings that it was learnt from."""
+    """A reference, and every task seen in its recordings."""
 
     reference: Reference
     tasks: tuple[Task, ...]
     note: str | None = None
-    """Why it has no intervals, if it has none."""
+    """Why the reference has no intervals; None if it has some."""
 
     def as_json(self) -> dict[str, Any]:
-        """The report that ``cellwatt reference --json`` prints, without the file."""
+        """The report of ``cellwatt reference --json``, without the name of the file."""
         cycles = sum(v.cycles for t in self.reference.tasks for v in t.variants)
         return {
             "robot": self.reference.robot,
@@ -60,20 +60,20 @@ class Learned:
 
 @dataclass(frozen=True)
 class Judged:
-    """Findings of every cycle of a recording."""
+    """Findings on every cycle of a recording."""
 
     cycles: tuple[CycleFinding, ...]
     recording: Recording
     evidence: tuple[Evidence, ...] = ()
-    """Of the cycles of known tasks, where they were judged by the physics of the arm."""
+    """Evidence for the cycles of known tasks that were judged by the physics of the arm."""
     inputs: tuple[Path, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
-        """The content of ``findings.json``, which ``cellwatt faults --json`` prints."""
+        """The content of ``findings.json``, as printed by ``cellwatt faults --json``."""
         return {"cycles": [asdict(finding) for finding in self.cycles]}
 
     def report(self, path: Place) -> None:
-        """Write the page of the cycles. Raises ``CellwattError`` where that fails or plotly is missing."""
+        """Write the HTML report of the cycles. Raises ``CellwattError`` if that fails or plotly is missing."""
         from cellwatt.report import Provenance
         from cellwatt_plugins.faults.report import report
 
@@ -88,13 +88,14 @@ def reference(
     arm: str | None = None,
     power: str = "supply.power",
 ) -> Learned:
-    """Learn the reference of healthy running: tasks, intervals and their power (W).
+    """Learn a reference from recordings of a healthy robot: tasks, intervals and their power (W).
 
-    ``recordings`` are cellwatt's own or tables with t (s), q_i (rad) and power (W); each task must be seen three times
-    or more at each speed. ``robot`` is the robot's name, or robot.yaml (or its folder): with urdf and joints in it,
-    whole cycles and the arm that their power shows are learnt, too. ``meter`` are tables of power on a clock of their
-    own, one a table. ``arm`` is the source with the joints, where several have joints; ``power`` the channel of the
-    power. Raises ``RecordingError``, ``ConfigError``, and ``ModelError`` where no task recurs.
+    ``recordings`` are cellwatt's own or tables with t (s), q_i (rad) and power (W); each task must occur three times
+    or more at each speed. ``robot`` is the robot's name, or robot.yaml (or its folder): if it has ``urdf`` and
+    ``joints``, whole cycles and the parameters of the arm are learnt too. ``meter`` are tables of power on a clock of
+    their own, one per table of ``recordings``. ``arm`` is the source with the joints, needed if several sources have
+    joints; ``power`` is the power channel. Raises ``RecordingError``, ``ConfigError``, and ``ModelError`` if no task
+    recurs.
     """
     described = _described(robot)
     blocks = list(frames_of_files(paths_of(recordings), paths_of(meter)))
@@ -115,11 +116,11 @@ def faults(
     power: str | None = None,
     false_alarms: float = 1e-4,
 ) -> Judged:
-    """Judge every cycle of ``recordings`` against healthy ones: what is harmless, which joint or encoder is faulty.
+    """Compare every cycle of ``recordings`` with healthy ones: report harmless changes and faulty joints or encoders.
 
-    ``reference`` is a file that ``Learned.save`` or ``cellwatt reference`` wrote, ``robot`` robot.yaml or its folder.
-    ``meter``, ``arm`` and ``power`` as for ``reference``, whose own are taken where left out. ``false_alarms`` is the
-    share of healthy intervals in which a false alarm is accepted. Raises ``RecordingError``, ``ConfigError`` and
+    ``reference`` is a file written by ``Learned.save`` or ``cellwatt reference``, ``robot`` robot.yaml or its folder.
+    ``meter`` and ``arm`` are as for ``reference``; ``power`` is that of the reference unless given. ``false_alarms``
+    is the accepted share of healthy intervals with a false alarm. Raises ``RecordingError``, ``ConfigError`` and
     ``ModelError``.
     """
     file = Path(reference)
@@ -137,7 +138,7 @@ def faults(
 
 
 def _learned_with_cycles(blocks: Sequence[Frames], robot: Path, arm: str | None, power: str) -> Learned:
-    """Learn whole cycles and the arm that their power shows, and intervals where they recur often enough."""
+    """Learn whole cycles and the arm's parameters from their power, and intervals if they recur often enough."""
     from cellwatt_plugins.faults.cycles.known import learn_known, stored
     from cellwatt_plugins.robot import Arm
 
@@ -158,7 +159,7 @@ def _learned_with_cycles(blocks: Sequence[Frames], robot: Path, arm: str | None,
 def learn_from(
     blocks: Iterable[Frames], robot: str | None, arm: str | None, power: str
 ) -> tuple[Reference, list[Task]]:
-    """Return the reference of some frames, and every task seen in them. Raises ``CellwattError``."""
+    """Return the reference learnt from ``blocks``, and every task seen in them. Raises ``CellwattError``."""
     blocks = list(blocks)
     layout = one_layout(blocks)
     source = layout.channels[layout.joints("position", arm)[0]].source
@@ -172,7 +173,7 @@ def learn_from(
 
 
 class _Described(BaseModel):
-    """Keys of a description that tell of which robot it is, and whether it says enough of the arm to model it."""
+    """The robot's name in a description, and the keys that the model of the arm needs."""
 
     robot: str
     urdf: Path | None = None
@@ -180,7 +181,7 @@ class _Described(BaseModel):
 
 
 def _described(robot: Place | None) -> _Described | None:
-    """A YAML description, or that of a folder; None where ``robot`` is only a name. Raises ``ConfigError``."""
+    """Read the YAML description, or the one in a folder; None if ``robot`` is only a name. Raises ``ConfigError``."""
     if robot is None or not (Path(robot).is_dir() or Path(robot).suffix in (".yaml", ".yml")):
         return None
     return read_settings(robot_file(Path(robot)), _Described)

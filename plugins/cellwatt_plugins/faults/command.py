@@ -1,6 +1,6 @@
-"""``cellwatt reference`` learns healthy cycles; ``cellwatt faults`` judges others against them.
+"""``cellwatt reference`` learns healthy cycles; ``cellwatt faults`` compares other cycles with them.
 
-Options without a parameter of their own are the arguments of the function of ``api``.
+Options without a parameter of their own are passed to the function of the same name in ``api``.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from cellwatt_plugins.faults.cycles.findings import CycleFinding
 
 JUDGE = "judge"
-"""Subcommand of `cellwatt faults` where none is named."""
+"""Default subcommand of `cellwatt faults`."""
 METER = "Power (t, power) that a meter logged on its own clock, one a table."
 
 
@@ -45,10 +45,10 @@ METER = "Power (t, power) that a meter logged on its own clock, one a table."
 @with_progress
 @with_scheduler
 def reference(out: Path, as_json: bool, **asked: Any) -> None:
-    """Learn the healthy reference from RECORDINGs of healthy running.
+    """Learn the healthy reference from RECORDINGs of a healthy robot.
 
     Recordings are cellwatt's own (.mcap, or their folder) or tables (.parquet, .csv) with columns t (s),
-    q_1 … q_n (rad) and power (W). Each task must be seen three times or more at each speed.
+    q_1 … q_n (rad) and power (W). Each task must occur three times or more at each speed.
     """
     learned = api.reference(**asked)
     if learned.note:
@@ -59,7 +59,7 @@ def reference(out: Path, as_json: bool, **asked: Any) -> None:
 
 
 class _Faults(click.Group):
-    """`cellwatt faults RECORDING...` judges; a word that is a command of this group is that command."""
+    """Runs ``judge`` unless the first argument is a subcommand of the group."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         if args and args[0] not in {*self.commands, *ctx.help_option_names}:
@@ -69,7 +69,7 @@ class _Faults(click.Group):
 
 @click.group(cls=_Faults, short_help="Judge recorded cycles against healthy ones.")
 def faults() -> None:
-    """Judge cycles (`cellwatt faults RECORDING... --reference FILE`), or train networks that do (`faults train`)."""
+    """Find faults (`cellwatt faults RECORDING... --reference FILE`), or train networks that do (`faults train`)."""
 
 
 @faults.command(JUDGE)
@@ -92,9 +92,10 @@ def faults() -> None:
 @with_progress
 @with_scheduler
 def judge(out: Path | None, page: Path | None, as_json: bool, **asked: Any) -> None:
-    """Judge every cycle of RECORDINGs against healthy ones: what is harmless, and which joint or encoder is faulty.
+    """Compare every cycle of RECORDINGs with healthy ones: report harmless changes and faulty joints or encoders.
 
-    RECORDINGs as for `cellwatt reference`, which must have been given the same description of the robot.
+    RECORDINGs are as for `cellwatt reference`. The reference must have been learnt with the same description of the
+    robot.
     """
     found = api.faults(**asked)
     content = found.as_json()

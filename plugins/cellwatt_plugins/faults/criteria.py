@@ -1,4 +1,4 @@
-"""Criteria of a deviating cycle: (16) and (20) of Sabry et al., and the rules under (16)."""
+"""Criteria of a deviating cycle: equations (16) and (20) of Sabry et al., and the rules under (16)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Verdict = Literal["healthy", "encoder_fault", "joint_fault", "joint_and_encoder_
 
 
 class Tolerance(BaseModel):
-    """Distance from the healthy reference that is still healthy."""
+    """Largest distance from the reference that counts as healthy."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
@@ -29,18 +29,18 @@ class Tolerance(BaseModel):
     power: Fraction = Field(default=0.10, gt=0)
     """Power, relative to the reference …"""
     floor: Watts = Field(default=5.0, ge=0)
-    """… but at least this."""
+    """… but never less than this."""
 
     def watts(self, reference: Float) -> Float:
-        """epsilon_p of equation (16), W, for reference powers (n,) W ("±10 % over the reference", section V.D)."""
+        """Power tolerance epsilon_p of equation (16), W, for reference powers (n,) W ("±10 %", section V.D)."""
         return np.maximum(self.power * np.abs(reference), self.floor)
 
 
 def verdict(*, position_outside: bool, power_outside: bool) -> Verdict:
-    """The rules under equation (16) for one joint.
+    """Apply the rules under equation (16) to one joint.
 
-    Position outside with power inside: the encoder. Both outside: the joint and possibly its encoder too.
-    Power outside alone: the joint, whose position loop still holds the path.
+    Only position outside its tolerance: the encoder is faulty. Both outside: the joint, and possibly its encoder.
+    Only power outside: the joint, whose position loop still follows the path.
     """
     if position_outside:
         return "joint_and_encoder_fault" if power_outside else "encoder_fault"
@@ -48,17 +48,17 @@ def verdict(*, position_outside: bool, power_outside: bool) -> Verdict:
 
 
 def ternary(residual: Float, limit: Float | float) -> Codes:
-    """Equation (20): 0 where |r| <= eps, 1 where r > eps, -1 where r < -eps (the print lacks that minus)."""
+    """Equation (20): 0 where |r| <= eps, 1 where r > eps, -1 where r < -eps (the paper omits this minus sign)."""
     return np.where(residual > limit, 1, np.where(residual < -np.asarray(limit), -1, 0)).astype(np.int8)
 
 
 def outside(value: Float, low: Float, high: Float) -> Float:
-    """Signed distance of values to the band low … high; 0 within."""
+    """Signed distance of values from the band low … high; 0 inside."""
     return value - np.clip(value, low, high)
 
 
 def sustained(codes: Codes, frames: int) -> int:
-    """The code that holds for ``frames`` neighbours in a row first, 0 if none does: one frame alone proves nothing."""
+    """The first nonzero code that lasts for ``frames`` consecutive frames, or 0: a single frame proves nothing."""
     return next((code for code, length in _runs(codes) if length >= frames), 0)
 
 
@@ -68,5 +68,5 @@ def longest(codes: Codes) -> int:
 
 
 def _runs(codes: Codes) -> Iterator[tuple[int, int]]:
-    """Each nonzero code with how many neighbours in a row have it."""
+    """Each run of equal nonzero codes: the code and the length of the run."""
     return ((code, sum(1 for _ in run)) for code, run in groupby(codes.tolist()) if code)

@@ -1,8 +1,8 @@
-"""Name the joint that explains the ternary codes of a task's intervals.
+"""Names the joint that explains the ternary codes of a task's intervals.
 
-The network of Sabry et al. (section V.D) is trained on the table of intervals in which each joint is active; its
-largest output names the joint. Here the same comparison is made directly: the share of intervals on which the
-codes and a joint's column agree, among those where either of the two is not zero.
+The network of Sabry et al. (section V.D) is trained on a table of the intervals in which each joint is active; its
+largest output names the joint. This module makes the same comparison directly, by the share of intervals in which
+the codes and a joint's column agree, among the intervals in which either is nonzero.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from cellwatt.arrays import Float
 from cellwatt_plugins.faults.criteria import Codes
 
 SHAPE_WEIGHT = 0.2
-"""Weight of the likeness of residual and motion beside the agreement, which is 1 at most."""
+"""Weight of the likeness of residual and motion; the agreement has weight 1, both are at most 1."""
 TIE = 0.05
-"""Joints whose score is this close to the best are named as alternatives."""
+"""Joints whose score is lower than the best by at most this are alternatives."""
 
 
 @dataclass(frozen=True, slots=True)
 class Suspect:
-    """A joint (1-based) that explains deviating intervals, its score, and joints that explain them as well."""
+    """A joint (1-based) that explains deviating intervals, its score, and the joints that explain them equally well."""
 
     joint: int
     score: float
@@ -31,10 +31,10 @@ class Suspect:
 
 
 def agreement(codes: Codes, expected: Codes, *, signed: bool = False) -> Float:
-    """Per joint 0 … 1: how well codes (k,) of k intervals agree with its column of ``expected`` (k, joints).
+    """Agreement (joints,) 0 … 1 of the codes (k,) of k intervals with each joint's column of ``expected`` (k, joints).
 
-    ``expected`` is nonzero where a fault of that joint shows: 1 where it moves, or with ``signed`` the code
-    that a fault table gives.
+    ``expected`` is nonzero where a fault of the joint changes the power: 1 where the joint moves, or if ``signed``
+    the code from a fault table.
     """
     hit = (codes[:, None] != 0) & (expected != 0)
     if signed:
@@ -44,7 +44,7 @@ def agreement(codes: Codes, expected: Codes, *, signed: bool = False) -> Float:
 
 
 def likeness(residual: Float, speed: Float, way: Float) -> float:
-    """0 … 1: correlation of a power residual (n,) with a joint's speed or way (n,) in one interval."""
+    """0 … 1: correlation of a power residual (n,) with a joint's speed or position (n,) in one interval."""
     if len(residual) < 4 or np.ptp(residual) == 0:
         return 0.0
     best = 0.0
@@ -55,10 +55,10 @@ def likeness(residual: Float, speed: Float, way: Float) -> float:
 
 
 def suspects(codes: Codes, moving: Codes, shape: Float) -> Sequence[Suspect]:
-    """Fewest joints that explain all nonzero codes, best first.
+    """A small set of joints that explains all nonzero codes, best first.
 
-    ``codes`` (k,), ``moving`` (k, joints) 1 where a joint moves, ``shape`` (joints,) 0 … 1. Codes of intervals
-    in which nothing moves are explained by no joint and left out.
+    ``codes`` (k,), ``moving`` (k, joints) 1 where a joint moves, ``shape`` (joints,) 0 … 1. Intervals without a
+    moving joint are ignored.
     """
     found: list[Suspect] = []
     while (codes[:, None] * moving).any():

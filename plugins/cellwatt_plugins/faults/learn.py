@@ -1,4 +1,4 @@
-"""Learns the healthy reference from several cycles of each task."""
+"""Learns the intervals of the healthy reference from several cycles of each task."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ from cellwatt_plugins.faults.trace import Trace
 T = TypeVar("T")
 
 FEWEST = 3
-"""Cycles of a variant below which it is not learned."""
+"""Fewest cycles from which a variant is learned."""
 SAME_SPEED = 0.03
-"""Cycles whose moving time differs by less are one variant."""
+"""Largest relative difference of moving time between cycles of one variant."""
 LEAST_WAY = math.radians(2.0)
-"""An interval in which no joint covers more than this is not compared."""
+"""An interval is compared only if a joint moves by more than this, rad."""
 
 
 def learn(step: float, trace: Trace, intervals: Sequence[Interval], tasks: Sequence[Task]) -> tuple[TaskReference, ...]:
-    """Every task variant seen ``FEWEST`` times or more, in patterns of ``step`` s.
+    """Learn every task variant seen ``FEWEST`` times or more, as patterns with a step of ``step`` s.
 
-    ``intervals`` closed, ``tasks`` as the segment stage gives them, both for the frames of ``trace``. Raises
-    ``ModelError`` where nothing recurs often enough.
+    ``intervals`` and ``tasks`` are the results of the segment stage for the frames of ``trace``. Raises
+    ``ModelError`` if no task recurs often enough.
     """
     by_number = {i.number: i for i in intervals if i.closed}
     learned: list[TaskReference] = []
@@ -59,14 +59,14 @@ def learn(step: float, trace: Trace, intervals: Sequence[Interval], tasks: Seque
 
 
 def _alike(cycles: Sequence[Sequence[Interval]]) -> list[Sequence[Interval]]:
-    """The cycles with the most common sequence of moving sets."""
+    """The cycles with the most common sequence of sets of moving joints."""
     sets = [tuple(interval.moving for interval, _ in _moves(cycle)) for cycle in cycles]
     common, _ = Counter(sets).most_common(1)[0]
     return [cycle for cycle, found in zip(cycles, sets, strict=True) if found == common]
 
 
 def _variants(step: float, trace: Trace, cycles: Sequence[Sequence[Interval]]) -> list[Variant]:
-    """The cycles of one task, by speed, fastest first; ``cycles`` with their intervals at rest."""
+    """Variants of one task, fastest first; ``cycles`` include the intervals at rest."""
     kept = [group for group in by_speed(cycles, _moving_time, 1 + SAME_SPEED) if len(group) >= FEWEST]
     if not kept:
         return []
@@ -84,7 +84,7 @@ def _variants(step: float, trace: Trace, cycles: Sequence[Sequence[Interval]]) -
 
 
 def by_speed(cycles: Iterable[T], seconds: Callable[[T], float], alike: float) -> list[list[T]]:
-    """Cycles of a task in groups of one speed, fastest first: none takes more than ``alike`` times the fastest."""
+    """Group cycles of a task by speed, fastest first; a group spans at most ``alike`` times its shortest duration."""
     groups: list[list[T]] = []
     for cycle in sorted(cycles, key=seconds):
         if groups and seconds(cycle) <= alike * seconds(groups[-1][0]):
@@ -95,7 +95,7 @@ def by_speed(cycles: Iterable[T], seconds: Callable[[T], float], alike: float) -
 
 
 def _moves(cycle: Sequence[Interval]) -> list[tuple[Interval, float]]:
-    """The moving intervals of a cycle with the rest before each, s (0 for the first)."""
+    """The moving intervals of a cycle, each with the rest before it, s."""
     out, rest = [], 0.0
     for interval in cycle:
         seconds = (interval.end - interval.start) * 1e-9
@@ -112,7 +112,7 @@ def _moving_time(cycle: Sequence[Interval]) -> float:
 
 
 def _interval(step: float, trace: Trace, runs: Sequence[tuple[Interval, float]]) -> ReferenceInterval:
-    """One interval of the task out of its runs in every cycle."""
+    """Combine one interval of every cycle into an interval of the reference."""
     intervals = [interval for interval, _ in runs]
     duration = float(np.median([i.end - i.start for i in intervals])) * 1e-9
     t = np.asarray(-LEAD + step * np.arange(round((LEAD + duration + TAIL) / step) + 1), dtype=np.float64)
@@ -134,14 +134,14 @@ def _interval(step: float, trace: Trace, runs: Sequence[tuple[Interval, float]])
 
 
 def _sampled(trace: Trace, onset: int, t: Float, values: Float) -> Float:
-    """Values at times t (n,) s from an onset (ns), NaN where frames are missing."""
+    """Interpolate values at times t (n,) s from an onset (ns); NaN beyond the frames or where values are missing."""
     low, high = np.searchsorted(trace.time, [onset + int(t[0] * 1e9) - 10**9, onset + int(t[-1] * 1e9) + 10**9])
     near = (trace.time[low:high] - onset) * 1e-9
     return np.interp(t, near, values[low:high], left=np.nan, right=np.nan)
 
 
 def _pattern(step: float, rows: Sequence[Float]) -> Pattern:
-    """Mean and spread over cycles. Raises ``ModelError`` where a point was never measured."""
+    """Mean and standard deviation over cycles. Raises ``ModelError`` if a point was measured in no cycle."""
     table = np.stack(rows)
     known = ~np.isnan(table)
     count = known.sum(axis=0)

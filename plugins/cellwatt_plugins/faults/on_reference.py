@@ -1,4 +1,4 @@
-"""Base of the live stages: frames of one arm beside the file of its healthy running."""
+"""Base of the live stages that compare an arm with its healthy reference."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from cellwatt_plugins.robot_name import robot_name
 
 
 class ReferenceSettings(StageSettings):
-    """Settings of every stage that compares an arm with its healthy reference."""
+    """Settings of the stages that compare an arm with its healthy reference."""
 
     reference: Path
-    """File made by ``cellwatt reference``; relative to the cell's file."""
+    """File written by ``cellwatt reference``; relative to the cell's file."""
     arm: str | None = None
-    """Source with the joints; where left out as in the reference, or the only one."""
+    """Source with the joints; by default that of the reference, or the only one with joints."""
     power: str | None = None
-    """Channel of the supply's power; as in the reference where left out."""
+    """Channel of the supply's power; by default that of the reference."""
     tolerance: Tolerance = Tolerance()
-    """Distance from the healthy reference that is still healthy."""
+    """Largest distance from the reference that counts as healthy."""
 
 
 S = TypeVar("S", bound=ReferenceSettings)
@@ -35,7 +35,7 @@ S = TypeVar("S", bound=ReferenceSettings)
 class ReferenceStage(Stage[S]):
     """Compares an arm with its healthy reference.
 
-    Raises ``ConfigError`` where a channel is missing or in another unit, ``ModelError`` where the reference is of
+    Raises ``ConfigError`` if a channel is missing or has another unit, ``ModelError`` if the reference belongs to
     another robot.
     """
 
@@ -58,6 +58,6 @@ class ReferenceStage(Stage[S]):
         self._power = layout.index(settings.power or reference.power, "W")
 
     def _seen(self, frames: Frames, upstream: Sequence[Result]) -> tuple[Trace, list[Interval]]:
-        """The arm's part of a block, and the intervals that it settles."""
+        """The arm's channels of a block, and the arm's intervals found with it."""
         intervals = [r for r in upstream if isinstance(r, Interval) and r.source == self._source]
         return Trace.of(frames, self._positions, self._power), intervals

@@ -22,15 +22,17 @@ from cellwatt_plugins.robot.meter.held import onto
 SOURCE = "table"
 """Source name of a table's channels."""
 APART = 10 * 10**9
-"""Time between one table and the next, ns: nothing goes on from one to the other."""
+"""Time between the end of one table and the start of the next, ns: no interval continues from one to the other."""
 LONGEST = 10.0
-"""s of a hole in a table that is filled with frames in which all is missing; a longer one has no frames."""
+"""Longest hole in a table that is filled with frames of missing values, s; a longer hole has no frames."""
 SLOWEST = 1.0
-"""s from row to row at most: a move of an arm takes little more."""
+"""Longest median time between rows, s: a move of an arm takes little more."""
+LARGEST, SPARSE = 2_000_000, 20
+"""Most frames of a table: this number, or this multiple of its rows if that is more."""
 
 
 def frames_of_files(paths: Sequence[Path], meters: Sequence[Path] = ()) -> Iterator[Frames]:
-    """Frames of several files in the order given; ``meters`` logged the power of tables in the same place.
+    """Frames of several files in the order given; ``meters[i]`` holds the power that belongs to table ``paths[i]``.
 
     Raises ``RecordingError``.
     """
@@ -49,7 +51,7 @@ def frames_of_files(paths: Sequence[Path], meters: Sequence[Path] = ()) -> Itera
 
 
 def _read(files: tuple[Path, Path | None]) -> Frames:
-    """The frames of a table, with the power of its meter where it has one."""
+    """The frames of a table, with the power from its meter's table if one is given."""
     path, meter = files
     table = read_table(path)
     time = table.rising_time()
@@ -64,22 +66,29 @@ def _read(files: tuple[Path, Path | None]) -> Frames:
         power = power_beside(meter, time, position)
     if power is None:
         raise table.lacks("power")
-    return frames_of_table(time, position, power)
+    return frames_of_table(time, position, power, str(path))
 
 
 def _from(frames: Frames, start: int) -> Frames:
-    """The same, not before ``start`` ns."""
+    """The frames, shifted by whole steps to begin at ``start`` ns or later."""
     step = frames.layout.step
     return replace(frames, time=frames.time + max(0, -(-start // step) * step - int(frames.time[0])))
 
 
-def frames_of_table(time: Float, position: Float, power: Float) -> Frames:
-    """A table on the grid of its median rate: ``time`` (N,) s rising, ``position`` (N, n) rad, ``power`` (N,) W.
+def frames_of_table(time: Float, position: Float, power: Float, name: str = SOURCE) -> Frames:
+    """Resample a table to its median rate: ``time`` (N,) s rising, ``position`` (N, n) rad, ``power`` (N,) W.
 
-    Values are interpolated; where rows are more than two steps apart they are missing.
+    Values are interpolated, and missing where rows are more than 2.5 steps apart. Raises ``RecordingError`` with the
+    ``name`` of the table where most of the frames would be missing.
     """
     steps = np.diff(time)
     rate = float(round(1 / np.median(steps), 1))
+    if np.minimum(steps, LONGEST).sum() * rate > max(LARGEST, SPARSE * len(time)):
+        i = int(np.argmax(np.where(steps > LONGEST, 0.0, steps)))
+        raise RecordingError(
+            f"{name}: most rows are {1 / rate:g} s apart, row {i + 2} is {steps[i]:g} s after row {i + 1}: are times "
+            "rounded, or was the clock set? Give a table with evenly spaced times"
+        )
     number = _numbers(time, rate)
     grid = time[0] + number / rate
     values = np.column_stack([*(np.interp(grid, time, column) for column in position.T), onto(grid, time, power)])
@@ -98,7 +107,7 @@ def frames_of_table(time: Float, position: Float, power: Float) -> Frames:
 
 
 def _numbers(time: Float, rate: float) -> NDArray[np.int64]:
-    """Numbers of the grid's points from the first to the last of some times (N,) s, but for those in long holes."""
+    """Numbers of the grid points from the first to the last of ``time`` (N,) s, without those in long holes."""
     ends = np.flatnonzero(np.diff(time) > LONGEST)
     since = (time - time[0]) * rate
     first, last = np.ceil(since[[0, *ends + 1]] - 1e-6), np.floor(since[[*ends, -1]] + 1e-6)

@@ -1,4 +1,4 @@
-"""Healthy running of an arm: a YAML file that a person can read and plot.
+"""The healthy reference of an arm: a YAML file that a person can read and plot.
 
 cellwatt_reference: 1         version of this format
 robot: ur10e                  or null
@@ -11,9 +11,9 @@ tasks:
   variants:
   - speed: 1.0                relative to the fastest variant
     cycles: 7
-    intervals:                those in which something moves, in order
+    intervals:                those with a moving joint, in order
     - moving: [3]
-      pose: [...]             rad, where it starts
+      pose: [...]             rad, at its start
       displacement: [...]     rad
       duration: 0.7           s
       rest: 0.25              s at rest before it
@@ -21,12 +21,12 @@ tasks:
       power: {start: -0.2, step: 0.02, mean: [...], spread: [...]}          W over s from the onset
       position:
         3: {start: -0.2, step: 0.02, mean: [...], spread: [...]}            rad, moving joints only
-power_model: ...              the arm as its power has it; left out where no description of the robot was given
-cycles:                       whole cycles, for `cellwatt faults`; left out without a description
+power_model: ...              the arm's fitted parameters; absent without a description of the robot
+cycles:                       whole cycles, for `cellwatt faults`; absent without a description
 - task: task_1
   speed: 1.0
   cycles: 8
-  step: 0.02                  s, of power, spread and position
+  step: 0.02                  s, between samples of power, spread and position
   moves: [[0.1, 0.9], ...]    s from the first point
   repeat: [...]               rad, standard deviation of the rest poses
   power: [...]                W
@@ -55,9 +55,9 @@ from cellwatt_plugins.robot.meter.model import Meter
 
 VERSION = 1
 LEAD = 0.2
-"""Patterns begin this long before the onset, s …"""
+"""Time by which a pattern begins before the onset, s …"""
 TAIL = 0.1
-"""… and end this long after the median duration, s."""
+"""… and by which it ends after the median duration, s."""
 
 _Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 _STRICT = ConfigDict(extra="forbid")
@@ -90,7 +90,7 @@ class Pattern:
         return np.asarray(self.mean)
 
     def at(self, t: Float) -> Float:
-        """The mean at times t of any shape, s, held at both ends."""
+        """The mean at times t of any shape, s; constant beyond both ends."""
         return np.asarray(np.interp(t, self.time, self.values), dtype=np.float64)
 
     def spread_at(self, t: Float) -> Float:
@@ -98,14 +98,14 @@ class Pattern:
         return np.asarray(np.interp(t, self.time, np.asarray(self.spread)), dtype=np.float64)
 
     def envelope(self, t: Float, reach: float) -> tuple[Float, Float]:
-        """Lowest and highest mean within ``reach`` s around each time t (n,) s: what a jitter of the onset explains."""
+        """Lowest and highest mean within ``reach`` s of each time t (n,) s: the band explained by onset jitter."""
         near = self.at(t + np.linspace(-reach, reach, 5)[:, None])
         return near.min(axis=0), near.max(axis=0)
 
 
 @dataclass(frozen=True)
 class ReferenceInterval:
-    """One interval of a healthy cycle; see the module for its fields."""
+    """One interval of a healthy cycle; the module's docstring describes its fields."""
 
     __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 
@@ -132,7 +132,7 @@ class Variant:
 
 @dataclass(frozen=True)
 class TaskReference:
-    """A task with all the variants that were learned."""
+    """A task and its learned variants."""
 
     __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 
@@ -143,7 +143,7 @@ class TaskReference:
 
 @dataclass(frozen=True)
 class StoredJoint:
-    """A joint as its healthy power has it; joint side, units as in ``robot.yaml``, ``copper_loss`` in W/(Nm)²."""
+    """Fitted parameters of a joint, at the joint side, units as in ``robot.yaml``, ``copper_loss`` in W/(Nm)²."""
 
     __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 
@@ -157,7 +157,7 @@ class StoredJoint:
 
 @dataclass(frozen=True)
 class StoredModel:
-    """The fitted arm: ``standby`` W, gains of the supply while drives take and give power."""
+    """The fitted arm: ``standby`` W, supply gains for power to the drives (``drive``) and back (``regenerate``)."""
 
     __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 
@@ -170,7 +170,7 @@ class StoredModel:
 
 @dataclass(frozen=True)
 class Reference:
-    """Healthy running of one arm."""
+    """The healthy reference of one arm."""
 
     __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 
@@ -185,20 +185,20 @@ class Reference:
 
 
 def save(reference: Reference, path: Path) -> None:
-    """Write the YAML file; raises ``CellwattError`` where it cannot be written."""
+    """Write the YAML file. Raises ``CellwattError`` if it cannot be written."""
     content = _plain(_content(reference))
     write_file(path, yaml.dump(content, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=118))
 
 
 def load(path: Path) -> Reference:
-    """Read the YAML file; raises ``ModelError`` with file, line and column, and what was expected."""
+    """Read the YAML file. Raises ``ModelError`` with file, line, column and the expected content."""
     if not path.exists():
         raise ModelError(f"{path}: no such file; learn one with `cellwatt reference`")
     return read_settings(path, Reference, _check, refusal=ModelError, computed=True)
 
 
 def _check(reference: Reference) -> Iterator[tuple[KeyPath, str]]:
-    """Check what types cannot express: joint numbers and lengths of poses."""
+    """Check joint numbers and lengths of poses, which the types cannot express."""
     for t, task in enumerate(reference.tasks):
         for v, variant in enumerate(task.variants):
             for i, interval in enumerate(variant.intervals):
@@ -212,17 +212,17 @@ def _check(reference: Reference) -> Iterator[tuple[KeyPath, str]]:
 
 
 def _content(reference: Reference) -> dict[str, Any]:
-    """All of it; without the arm's model and whole cycles where none were learned."""
+    """The reference as a dictionary, without ``power_model`` and ``cycles`` if no arm was fitted."""
     content = asdict(reference)
     if reference.power_model is None:
         del content["power_model"], content["cycles"]
     for cycle in content.get("cycles", ()):
-        del cycle["window"]  # the meter's
+        del cycle["window"]  # stored with the meter
     return content
 
 
 def _plain(value: Any) -> Any:
-    """Lists for tuples, columns by joint, and rounded numbers, so that the file is short."""
+    """Convert tuples to lists and matrices to columns by joint, and round numbers, for a short file."""
     if isinstance(value, np.ndarray):
         value = value.tolist() if value.ndim == 1 else dict(enumerate(value.T.tolist(), start=1))
     if isinstance(value, Mapping):

@@ -1,4 +1,4 @@
-"""The page of ``faults``: suspected joints, intervals and residuals of every cycle, and each fault with its rivals."""
+"""HTML report of ``faults``: suspected joints, intervals and residuals of every cycle, each fault and alternatives."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from cellwatt.report.theme import BAD, FOUND, MEASURED, MODEL, NOISE, SIMULATION
 from cellwatt_plugins.faults.cycles.findings import CycleFinding, Evidence
 
 STATES: Final = {"healthy": "good", "changed": "simulation", "new_task": "refit", "fault": "bad"}
-"""Role of each status."""
+"""Colour role of each status."""
 KINDS: Final = {"joint": SIMULATION, "encoder": MODEL, "joint_and_encoder": BAD}
 ROW = 24
-"""Pixels of a joint or an interval."""
+"""Height of the row of a joint or an interval, pixels."""
 SIGMAS = 2.0
-"""Standard deviations of healthy power drawn as its limits."""
+"""Limits of healthy power, standard deviations."""
 MOST_TOLD, OPEN = 24, 3
-"""Faulty cycles drawn, those with the largest power first; and those open at first."""
+"""Most faulty cycles shown, those with the largest power first, and the number of them unfolded at first."""
 HIGHEST = 5.0
-"""Colours end at 2^5 limits."""
+"""Top of the colour scale, log2 of the residual in limits."""
 SUSPECTS = (
     "Each mark names a joint as faulty, the larger the more power it moves; rings explain it nearly as well. Below: "
     "the largest difference of power in each interval, in limits (± 2 standard deviations of healthy cycles); dots "
@@ -35,7 +35,7 @@ EXPLAINED = "Power less that of healthy cycles. Shaded: intervals of the task; y
 
 
 def report(cycles: Sequence[CycleFinding], evidence: Sequence[Evidence], joints: int, provenance: Provenance) -> Report:
-    """The page of all cycles, in order; ``evidence`` of those that were judged by physics."""
+    """The report of all cycles in order; ``evidence`` of the cycles judged by physics."""
     count: Counter[str] = Counter(cycle.status for cycle in cycles)
     faulty = [n for n, cycle in enumerate(cycles, start=1) if cycle.faults]
     suspects = [_suspects(cycles, evidence, joints)] if cycles else []
@@ -69,7 +69,7 @@ def _verdict(cycles: Sequence[CycleFinding]) -> str:
 
 
 def _suspects(cycles: Sequence[CycleFinding], evidence: Sequence[Evidence], joints: int) -> Figure:
-    """Over the cycles: the joints that are named, and the difference in each interval."""
+    """Plot the named joints and the largest power difference in each interval over the cycles."""
     numbers = {id(cycle): n for n, cycle in enumerate(cycles, start=1)}
     x = Axis("cycle", (0.3, len(cycles) + 0.7), grid=False)
     ticks = {float(j): f"joint {j}" for j in range(1, joints + 1)}
@@ -86,7 +86,7 @@ def _suspects(cycles: Sequence[CycleFinding], evidence: Sequence[Evidence], join
 
 
 def _named(cycles: Sequence[CycleFinding]) -> list[Json]:
-    """Marks of the joints that faults name, by kind, and rings of the alternatives."""
+    """Marks of the faulty joints by kind of fault, and rings for the alternatives."""
     out = []
     for kind, colour in KINDS.items():
         mine = [(n, f) for n, c in enumerate(cycles, start=1) for f in c.faults if f.kind == kind and f.joint]
@@ -104,7 +104,7 @@ def _named(cycles: Sequence[CycleFinding]) -> list[Json]:
 
 
 def _intervals(evidence: Sequence[Evidence], numbers: Sequence[int], count: int, most: int) -> list[Json]:
-    """Largest difference of each interval in limits, and marks where a fault shows."""
+    """Largest power difference of each interval in limits, and marks of the intervals in which a fault shows."""
     ratio = np.full((most, count), np.nan)
     for each, number in zip(evidence, numbers, strict=True):
         limits = np.abs(each.residual) / (SIGMAS * each.sigma)
@@ -122,7 +122,7 @@ def _intervals(evidence: Sequence[Evidence], numbers: Sequence[int], count: int,
 
 
 def _told(cycles: Sequence[CycleFinding], evidence: Sequence[Evidence], faulty: Sequence[int]) -> list[Block]:
-    """The faulty cycles, those that move most power first: what is known of the faults, and the residual."""
+    """The faulty cycles, largest power first, each with the statements on its faults and the residual."""
     known = {id(each.finding): each for each in evidence}
     order = sorted(faulty, key=lambda n: -max(fault.size_watt for fault in cycles[n - 1].faults))[:MOST_TOLD]
     out: list[Block] = []
@@ -139,7 +139,7 @@ def _told(cycles: Sequence[CycleFinding], evidence: Sequence[Evidence], faulty: 
 
 
 def _residual(each: Evidence, number: int) -> Figure:
-    """Difference from healthy power, its limits, and what the named faults do."""
+    """Plot the difference from healthy power, its limits, and the power explained by the named faults."""
     limit = SIGMAS * each.sigma
     traces = [
         line("limits", each.tau, limit, NOISE, dash="dot", width=1.2),

@@ -1,4 +1,4 @@
-"""The live side of fault detection: frames and intervals in, alarms out."""
+"""The ``faults`` stage: computes alarms from frames and intervals."""
 
 from __future__ import annotations
 
@@ -24,32 +24,32 @@ if TYPE_CHECKING:
     from cellwatt_plugins.faults.cycles.live import CycleStage
 
 EVERY = 3
-"""A running interval is looked at every so many grid points."""
+"""A running interval is judged at every third grid point."""
 KEEP = 60 * 10**9
 LONGEST = 600 * 10**9
-"""Frames kept, ns: at least, and at most for an interval that still runs …"""
+"""Length of the frames stored, ns: always, and at most for a running interval …"""
 MARGIN = 10**9
-"""… and so much before."""
+"""… plus this margin."""
 
 
 class FaultsSettings(ReferenceSettings):
     """Compares an arm with its healthy reference and names the faulty joint or encoder."""
 
     robot: Path | None = None
-    """Description of the robot (``robot.yaml``), as given to `cellwatt reference`: whole cycles are judged by the
-    physics of the arm, and ``tolerance``, ``confirm`` and ``jitter`` are not used."""
+    """Description of the robot (``robot.yaml``), the same as for `cellwatt reference`: whole cycles are judged by the
+    physics of the arm; ``tolerance``, ``confirm`` and ``jitter`` are not used."""
     confirm: int = Field(default=5, ge=2, le=100)
-    """Frames in a row that must be outside."""
+    """Consecutive frames outside the tolerance that count as a deviation."""
     jitter: int = Field(default=2, ge=0, le=10)
-    """Frames by which an onset may be early or late."""
+    """Frames by which the detected start of an interval may be early or late."""
     false_alarms: Fraction = Field(default=1e-4, gt=0, le=0.1)
-    """Share of healthy intervals in which a false alarm is accepted; with ``robot``."""
+    """Accepted share of healthy intervals with a false alarm; used with ``robot`` only."""
     clear: int = Field(default=3, ge=1, le=100)
-    """Healthy intervals in which the joint moves that clear its alarm."""
+    """Number of healthy intervals, or with ``robot`` cycles, after which an alarm is cleared."""
 
 
 class FaultsStage(ReferenceStage[FaultsSettings]):
-    """Gives alarms ``joint_fault``, ``encoder_fault``, ``joint_and_encoder_fault``, ``new_task``, ``new_speed``."""
+    """Raises alarms ``joint_fault``, ``encoder_fault``, ``joint_and_encoder_fault``, ``new_task``, ``new_speed``."""
 
     Settings = FaultsSettings
     title = "faulty joints and encoders, from power and positions against healthy cycles"
@@ -68,7 +68,7 @@ class FaultsStage(ReferenceStage[FaultsSettings]):
         self._cycles = None if settings.robot is None else self._watched(cell.folder / settings.robot)
 
     def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
-        """Alarms that changed with this block."""
+        """Return the alarms that changed with this block."""
         block, intervals = self._seen(frames, upstream)
         if self._cycles is not None:
             return self._cycles.process(block)
@@ -85,11 +85,11 @@ class FaultsStage(ReferenceStage[FaultsSettings]):
         return out
 
     def close(self) -> Sequence[Result]:
-        """Alarms of the last cycle, where whole cycles are judged."""
+        """Return the alarms of the last cycle if whole cycles are judged."""
         return [] if self._cycles is None else self._cycles.close()
 
     def _watched(self, robot: Path) -> CycleStage:
-        """The judge of whole cycles; what it imports is nothing that a cell without ``robot`` needs."""
+        """The judge of whole cycles; its modules are imported here, as only cells with ``robot`` need them."""
         from cellwatt_plugins.faults.cycles.known import known_of
         from cellwatt_plugins.faults.cycles.live import CycleStage
 
@@ -97,7 +97,7 @@ class FaultsStage(ReferenceStage[FaultsSettings]):
         return CycleStage(known, self.layout.step, CycleAlarms(self.name, self._source, self.settings.clear))
 
     def _take(self, interval: Interval) -> list[Alarm]:
-        """An interval has begun or ended."""
+        """Process an interval that has begun or ended."""
         self._open = None if interval.closed else interval
         if not interval.closed or not (interval.moving or not interval.complete):
             return []
@@ -107,7 +107,7 @@ class FaultsStage(ReferenceStage[FaultsSettings]):
         return out
 
     def _watch(self, start: int, end: int) -> list[Alarm]:
-        """Look at the open interval at some grid points from ``start`` to just before ``end`` (ns)."""
+        """Judge the open interval at every ``EVERY``-th grid point from ``start`` to before ``end`` (ns)."""
         if self._open is None or not self._open.moving:
             return []
         first, last = np.searchsorted(self._trace.time, [start, end])
@@ -120,7 +120,7 @@ class FaultsStage(ReferenceStage[FaultsSettings]):
         return out
 
     def _forget(self) -> None:
-        """Drop frames that no interval can need any more."""
+        """Discard frames that no interval can need any more."""
         if len(self._trace):
             newest = int(self._trace.time[-1])
             begun = self._open.start if self._open is not None else newest
@@ -129,7 +129,7 @@ class FaultsStage(ReferenceStage[FaultsSettings]):
 
 
 def _when_known(intervals: Sequence[Interval]) -> list[tuple[int, Interval]]:
-    """Intervals with the time (ns) of the frame at which the segmenter knew them: an open one says it in its end."""
+    """Each interval with the time (ns) of the frame at which it was found, which is the ``end`` of an open interval."""
     out: list[tuple[int, Interval]] = []
     known = 0
     for interval in reversed(intervals):

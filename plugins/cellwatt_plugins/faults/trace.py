@@ -1,4 +1,4 @@
-"""Frames of one arm, and what the segment stage says of them."""
+"""Frames of one arm, and the results of the segment stage for them."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ class Trace:
 
     @classmethod
     def of(cls, frames: Frames, positions: Sequence[int], power: int) -> Trace:
-        """The columns of an arm's positions and of its power."""
+        """The trace of the arm whose positions and power are these columns of ``frames``."""
         return cls(frames.time, frames.values[:, list(positions)], frames.values[:, power])
 
     @classmethod
     def joined(cls, parts: Iterable[Trace]) -> Trace:
-        """Frames followed by later ones."""
+        """Concatenate traces given in the order of time."""
         time, position, power = zip(*((part.time, part.position, part.power) for part in parts), strict=True)
         return cls(np.concatenate(time), np.concatenate(position), np.concatenate(power))
 
@@ -55,7 +55,7 @@ class Trace:
 
 
 def one_layout(blocks: Sequence[Frames]) -> Layout:
-    """The layout of all blocks. Raises ``RecordingError`` where there are none, or it changes."""
+    """The layout of all blocks. Raises ``RecordingError`` if there are no blocks or their layouts differ."""
     if not blocks:
         raise RecordingError("no frames in these recordings")
     layout = blocks[0].layout
@@ -67,9 +67,9 @@ def one_layout(blocks: Sequence[Frames]) -> Layout:
 def segmented(
     blocks: Iterable[Frames], arm: str | None, power: str, robot: str | None = None
 ) -> Iterator[tuple[Trace, Sequence[Result]]]:
-    """Blocks of the first one's layout, each with what the segment stage says of it; at last what of their end.
+    """The trace of each block with its results of the segment stage, then an empty trace with the stage's last results.
 
-    ``arm`` is the source with the joints, ``power`` the channel of the power.
+    All blocks have one layout. ``arm`` is the source with the joints, ``power`` the power channel.
     """
     left = iter(blocks)
     first = next(left, None)

@@ -1,4 +1,4 @@
-"""``cellwatt faults train``: the networks of an arm's tasks, from its reference and cycles with known faults."""
+"""``cellwatt faults train``: trains networks for an arm's tasks from its reference and cycles with known faults."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ def train(
 ) -> None:
     """Train networks that name the faulty joint, one file for each task and speed of the reference.
 
-    The network of the paper: from the code of each interval (power above, within or below its tolerance) to the joint,
-    after a table that is learnt from cycles with a fault of each joint: recorded ones (--fault, once or more for a
-    joint), else springs on the arm as --robot describes it.
+    The network of the paper maps the code of each interval (power above, within or below its tolerance) to the joint.
+    It is trained on a table learnt from cycles with a fault of each joint: recorded cycles (--fault, once or more per
+    joint), or else cycles simulated with a spring on the joint of the arm that --robot describes.
 
-    On RECORDINGs of healthy running, alarms in vain are counted.
+    The false alarms on RECORDINGs of a healthy robot are counted.
     """
     reference = load(file)
     courses, tolerance = courses_of(reference), Tolerance()
@@ -84,7 +84,7 @@ def train(
 
 
 def _by_joint(faulty: Sequence[str], joints: int) -> Mapping[int, list[Path]]:
-    """Recordings by the joint (from 1) whose fault they show. Raises ``ConfigError``."""
+    """Recordings by the faulty joint (1-based). Raises ``ConfigError``."""
     out: defaultdict[int, list[Path]] = defaultdict(list)
     for given in faulty:
         joint, _, name = given.partition("=")

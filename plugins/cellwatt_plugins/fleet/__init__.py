@@ -1,6 +1,6 @@
-"""Many cells over many weeks: which ones drift, which joints wear, and what all arms of a kind have in common.
+"""Compares many cells over many weeks: finds cells that drift, joints that wear, and changes common to a kind of arm.
 
-``lake`` finds the recordings, ``weekly`` makes a week of a cell into numbers, ``adjusted`` takes out programs and
-temperature, ``courses`` follows them over the weeks, ``kinds`` and ``slopes`` compare arms, and ``judge`` says what is
-sure.
+``lake`` finds the recordings, ``weekly`` computes friction and energy of a cell's week, ``adjusted`` removes the
+effects of programs and temperature, ``courses`` follows the values over the weeks, ``kinds`` and ``slopes`` compare
+arms, and ``judge`` decides which changes are significant.
 """

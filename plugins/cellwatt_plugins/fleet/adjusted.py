@@ -1,7 +1,7 @@
-"""Weekly means of what repetitions say, with programs and temperature taken out as in a two-way table.
+"""Weekly means of the repetitions' values, with the effects of programs and temperature removed as in a two-way table.
 
-Recordings of one week share a level, repetitions of one program an effect; errors come from how far recordings of one
-week are apart, since samples and repetitions within a recording are not independent of one another.
+Recordings of one week share a level, repetitions of one program an effect. Errors come from the scatter of recordings
+within a week, since samples and repetitions within a recording are not independent.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from cellwatt.arrays import Float
 Index = NDArray[np.intp]
 
 FEWEST: Final = 3.0
-"""Degrees of freedom with which recordings say how far they are apart."""
+"""Fewest degrees of freedom with which the scatter of recordings is estimated."""
 LEAST: Final = 1e-4
-"""By which recordings are apart at least."""
+"""Smallest scatter of recordings."""
 SURE: Final = 3.0
-"""Times its error that the slope over temperature must be to be taken out."""
+"""Smallest slope over temperature that is removed, in multiples of its error."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Course:
     covariance: Float
 
     def part(self, chosen: NDArray[np.bool_] | Index) -> Course:
-        """Return some of the weeks."""
+        """Return the course in the ``chosen`` weeks."""
         return Course(self.weeks[chosen], self.values[chosen], self.covariance[chosen][:, chosen])
 
     def about_mean(self) -> Course:
@@ -49,9 +49,9 @@ class Course:
 
 @dataclass(frozen=True)
 class Observations:
-    """Values that K repetitions of one cell give of one quantity, with ``warmth`` °C.
+    """``values`` (K,) of one quantity from K repetitions of one cell, with temperature ``warmth`` (K,) °C.
 
-    ``recording`` is the number of each one's recording, equal only within a recording.
+    ``recording`` numbers the recordings uniquely.
     """
 
     values: Float
@@ -61,7 +61,7 @@ class Observations:
     warmth: Float | None = None
 
     def by_recording(self) -> Observations:
-        """Return means of repetitions of one program in one recording; what is NaN is left out."""
+        """Return the means over repetitions of one program in one recording, without NaN."""
         known = np.isfinite(self.values)
         keys = np.stack([self.recording[known], self.program[known]], axis=1)
         _, first, group = np.unique(keys, axis=0, return_index=True, return_inverse=True)
@@ -78,23 +78,23 @@ class Observations:
 
 @dataclass(frozen=True)
 class Warmth:
-    """Slope of a quantity over temperature, a °C, and its error; infinite where temperature did not vary."""
+    """Slope of a quantity over temperature, per °C, and its error; infinite if temperature did not vary."""
 
     slope: float
     error: float
 
 
 UNTOUCHED: Final = Warmth(0.0, 0.0)
-"""Temperature is not taken out."""
+"""Temperature has no effect that is removed."""
 
 
 def apart(told: Observations, programs: float) -> float:
-    """Return how far recordings (by ``by_recording``) of one week and program are apart; NaN where too few say it."""
+    """Return the scatter of recordings (from ``by_recording``) of one week and program; NaN if there are too few."""
     return _solved(told, programs, float("nan"), with_warmth=told.warmth is not None)[2] or float("nan")
 
 
 def warmth_of(told: Observations, programs: float) -> Warmth:
-    """Return the slope over temperature within weeks, which wear over weeks does not touch."""
+    """Return the slope over temperature within weeks, which wear over weeks does not affect."""
     if told.warmth is None:
         return Warmth(0.0, float("inf"))
     found, inverse, noise = _solved(told, programs, float("nan"), with_warmth=True)
@@ -103,7 +103,7 @@ def warmth_of(told: Observations, programs: float) -> Warmth:
 
 
 def shrunk(slopes: Sequence[Warmth]) -> list[Warmth]:
-    """Return each arm's slope drawn towards the mean of its kind; 0 for all where even that mean is not sure."""
+    """Return each arm's slope shrunk towards the mean of its kind; 0 for all if even that mean is not significant."""
     nothing = [UNTOUCHED] * len(slopes)
     known = [each for each in slopes if np.isfinite(each.error) and each.error > 0]
     if not known:
@@ -128,10 +128,10 @@ def shrunk(slopes: Sequence[Warmth]) -> list[Warmth]:
 def course_of(
     told: Observations, programs: float, usual: float, slope: Warmth = UNTOUCHED, warm: float = 0.0
 ) -> Course:
-    """Return the weekly values of one cell (by ``by_recording``).
+    """Return the weekly values of one cell, from the values of ``by_recording``.
 
-    ``programs`` is the standard deviation of what programs differ by, ``usual`` how far recordings are apart where
-    these are too few to say it, ``slope`` what each °C beyond ``warm`` adds: its error is one that warm weeks share.
+    ``programs`` is the standard deviation between programs, ``usual`` the scatter of recordings if these are too few to
+    estimate it, ``slope`` the change per °C above ``warm``; its error is common to all warm weeks.
     """
     heat = np.zeros(len(told.values)) if told.warmth is None else told.warmth - warm
     left = Observations(told.values - slope.slope * heat, told.week, told.recording, told.program)
@@ -143,7 +143,7 @@ def course_of(
 
 
 def _solved(told: Observations, programs: float, usual: float, *, with_warmth: bool) -> tuple[Float, Float, float]:
-    """Coefficients (weeks, programs, warmth), their covariance at a noise of 1, and the noise."""
+    """Return coefficients (weeks, programs, warmth), their covariance at a noise of 1, and the noise."""
     weeks, week = np.unique(told.week, return_inverse=True)
     kinds, kind = np.unique(told.program, return_inverse=True)
     rows = len(told.values)

@@ -1,4 +1,4 @@
-"""``fleet``: what many recordings of many cells say together."""
+"""``fleet``: compares many recordings of many cells."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from cellwatt_plugins.fleet.weekly import Week, week_of_cell
 from cellwatt_plugins.robot import RobotDescription
 
 Says = Mapping[tuple[str, int], Observations]
-"""What the repetitions of a cell say, by quantity and joint."""
+"""Values of the repetitions of a cell, by quantity and joint."""
 
 
 def fleet(
@@ -32,16 +32,16 @@ def fleet(
 ) -> Fleet:
     """Compare the cells of a folder of recordings.
 
-    ``robots`` are descriptions as ``[CELLS=]FILE``; without one that fits, the nearest robot.yaml above a recording
-    counts. ``weeks``: only so many last ones. ``chance`` is that of one false finding in all; trends of less than
-    ``least`` (a share) are not told. Raises ``RecordingError`` and ``ConfigError``.
+    ``robots`` are descriptions as ``[CELLS=]FILE``; if none matches, the nearest robot.yaml above a recording is used.
+    ``weeks`` limits the comparison to the last weeks. ``chance`` is the probability of one false finding in the whole
+    fleet; trends smaller than ``least`` (a share) are not reported. Raises ``RecordingError`` and ``ConfigError``.
     """
-    found = find(Path(lake).absolute(), robots, weeks)  # workers have folders of their own
+    found = find(Path(lake).absolute(), robots, weeks)  # workers have other working directories
     return compared(found, spread(week_of_cell, found.weeks, "reading cell and week"), chance, least)
 
 
 def compared(lake: Lake, every: Sequence[Week], chance: float = 0.01, least: float = 0.05) -> Fleet:
-    """Compare weeks that were read from a lake. Raises ``RecordingError`` where none of them holds anything."""
+    """Compare weeks that were read from a lake. Raises ``RecordingError`` if none of them has a repetition."""
     by_cell: dict[str, list[Week]] = {}
     for week in every:
         if week.repetitions:

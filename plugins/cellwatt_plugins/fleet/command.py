@@ -1,6 +1,6 @@
 """``cellwatt fleet``.
 
-Pinocchio and scipy are imported when it runs, so that a missing one is told with the extra that has it.
+Pinocchio and scipy are imported when the command runs; if one is missing, the error names the extra to install.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from cellwatt_plugins.fleet.findings import Fleet
 
 MOST_SKIPPED = 5
-"""Skipped recordings that the terminal lists."""
+"""Most skipped recordings listed on the terminal."""
 
 
 @click.command(short_help="Find cells that drift and joints that wear.")
@@ -52,10 +52,10 @@ MOST_SKIPPED = 5
 @with_scheduler
 @with_progress
 def fleet(lake: Path, out: Path, as_json: bool, no_report: bool, **asked: Any) -> None:
-    """Say which cells of a LAKE of recordings drift and which joints wear.
+    """Find the cells of a LAKE of recordings that drift, and the joints that wear.
 
-    LAKE holds a folder for each cell, with .mcap, .parquet or .csv, or is the lake of the historian. Writes fleet.json
-    and report.html (one page).
+    LAKE contains a folder of .mcap, .parquet or .csv files for each cell, or is the lake of the historian. Writes
+    fleet.json and report.html (one page).
     """
     from cellwatt_plugins.fleet.api import fleet as compare
     from cellwatt_plugins.fleet.report import report_of

@@ -1,4 +1,4 @@
-"""Courses of all cells: friction of each joint, and energy of the arm, by week."""
+"""Weekly courses of all cells: friction of each joint, and energy of the arm."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from cellwatt_plugins.fleet.repetitions import programs
 from cellwatt_plugins.fleet.weekly import Week
 
 PROGRAMS: Final = {"friction": 0.05, "energy": 1.0}
-"""Quantities, as logs: standard deviation by which programs of a cell differ in it."""
+"""Standard deviation of the logarithm of each quantity between programs of a cell."""
 UNKNOWN: Final = 0.01
-"""By which recordings of a week are apart where no week has several; weeks tell the rest by their own scatter."""
+"""Scatter of recordings within a week if no week has several; the scatter between weeks covers the rest."""
 
 
 @dataclass(frozen=True, order=True)
 class CellJoint:
-    """A joint of a cell, or 0 for the whole arm."""
+    """A joint (1-based) of a cell, or 0 for the whole arm."""
 
     cell: str
     joint: int
@@ -29,12 +29,12 @@ class CellJoint:
 
 @dataclass(frozen=True)
 class Courses:
-    """Courses of one quantity of the arms of one kind that can be compared."""
+    """Comparable courses of one quantity of the arms of one kind."""
 
     kind: str
     quantity: str
     with_temperature: bool
-    """True where friction is brought to one temperature."""
+    """True if friction is converted to one temperature."""
     by_place: Mapping[CellJoint, Course]
 
     @property
@@ -44,16 +44,16 @@ class Courses:
 
 
 def _usual_speed(weeks: Sequence[Week]) -> Float:
-    """Return the speed (n,) rad/s at which friction is told, the median of the weeks; NaN where none is known."""
+    """Return the speed (n,) rad/s for which friction is reported, the median of the weeks; NaN if unknown."""
     speeds = np.array([week.speed for week in weeks])
     known = np.isfinite(speeds)
     return np.array([np.median(s[k]) if k.any() else np.nan for s, k in zip(speeds.T, known.T, strict=True)])
 
 
 def told_of(weeks: Sequence[Week]) -> dict[tuple[str, int], Observations]:
-    """Return what the repetitions of one cell say, by quantity and joint (from 1; of the whole arm: 0).
+    """Return the values of the repetitions of one cell, by quantity and joint (1-based; 0: the whole arm).
 
-    A joint that hardly moves says nothing.
+    A joint that hardly moves has no values.
     """
     speed = _usual_speed(weeks)
     pairs = [(week, repetition) for week in weeks for repetition in week.repetitions]
@@ -76,9 +76,9 @@ def told_of(weeks: Sequence[Week]) -> dict[tuple[str, int], Observations]:
 
 
 def courses_of_kind(kind: str, told: Mapping[str, Mapping[tuple[str, int], Observations]]) -> list[Courses]:
-    """Return the courses of the arms of a kind from what each cell tells, with temperature taken out.
+    """Return the courses of the arms of a kind, with the effect of temperature removed.
 
-    Friction of arms whose joints tell their temperature is brought to one; the others are a group of their own.
+    Friction of arms with known joint temperatures is converted to one temperature; other arms form a separate group.
     """
     by_quantity: dict[tuple[str, bool], dict[CellJoint, Course]] = {}
     heat = [each.warmth for cell in told.values() for each in cell.values() if each.warmth is not None]

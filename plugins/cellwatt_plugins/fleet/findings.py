@@ -1,4 +1,4 @@
-"""Results of a fleet in words and in weeks, as they are written to fleet.json."""
+"""Results of a fleet as written to fleet.json: findings with statements, and weekly courses."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ Cause = Literal["wears", "rises", "falls", "stepped_up", "stepped_down"]
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that changed in one arm and in no other of its kind.
+    """A change in one arm that the other arms of its kind do not show.
 
-    ``joint`` is from 1, None for the whole arm; ``quantity`` friction, or energy (of a repetition). ``percent`` is the
-    change from ``first`` to ``last`` (Mondays of their weeks), or at a step, with the ends ``low`` and ``high`` of its
-    95 % interval; ``percent_a_week`` is None for a step. ``chance`` is the probability of a change as clear by
-    accident, in one course.
+    ``joint`` is 1-based, None for the whole arm; ``quantity`` is friction, or energy (of a repetition). ``percent`` is
+    the change from ``first`` to ``last`` (Mondays of their weeks), or at a step, with its 95 % interval ``low`` to
+    ``high``; ``percent_a_week`` is None for a step. ``chance`` is the probability of an equally clear change by chance
+    in one course.
     """
 
     cell: str
@@ -47,9 +47,9 @@ class Finding:
 
 @dataclass(frozen=True)
 class Weekly:
-    """The course of a joint's friction, or of a cell's energy, for drawing; per cent of its mean.
+    """The course of a joint's friction, or of a cell's energy, for plots, percent from its mean.
 
-    ``error`` is one standard deviation, ``kind`` what the kind does together in these weeks, already taken out.
+    ``error`` is one standard deviation, ``kind`` the common course of the kind in these weeks, already subtracted.
     """
 
     cell: str
@@ -63,7 +63,7 @@ class Weekly:
 
 @dataclass(frozen=True)
 class CellSummary:
-    """A cell and what was used of it."""
+    """A cell and the amount of its data that was used."""
 
     cell: str
     kind: str
@@ -76,7 +76,7 @@ class CellSummary:
 
 @dataclass(frozen=True)
 class Fleet:
-    """All that a fleet tells."""
+    """All results of a fleet."""
 
     first: str
     last: str
@@ -89,7 +89,7 @@ class Fleet:
     skipped: Sequence[Skipped]
     notes: Sequence[str]
     smallest: Mapping[str, float]
-    """Smallest change over all weeks, in per cent, that half the joints of a kind would show; by kind."""
+    """Smallest change over all weeks, percent, that would be found in half the joints of a kind; by kind."""
     courses: Sequence[Weekly] = field(default_factory=tuple)
 
     @property
@@ -113,11 +113,11 @@ CAUSES: Final[dict[tuple[str, bool], str]] = {
     ("friction", True): "a damage, or another lubricant",
     ("friction", False): "service, or a new gear",
 }
-"""Usual causes of a step, by whether it goes up."""
+"""Usual causes of a step by quantity and direction (True: up)."""
 
 
 def findings_of(every: Sequence[Judged], robots: Mapping[str, RobotDescription]) -> list[Finding]:
-    """Return all findings, wear first, then by size."""
+    """Return all findings: wear first, then other friction, then energy, each by size."""
     found = []
     for each in every:
         found += [_of_trend(each, each.trends[place], robots[place.cell]) for place in sorted(each.sure)]
@@ -157,7 +157,7 @@ def _of_step(each: Judged, place: CellJoint, step: Step, robot: RobotDescription
 
 
 def _percent(difference: float) -> float:
-    """A difference of logs in per cent."""
+    """Convert a difference of logarithms to percent."""
     return 100.0 * float(np.expm1(difference))
 
 

@@ -1,7 +1,7 @@
-"""Friction of each joint, from samples of repetitions.
+"""Fits the friction of each joint to samples of repetitions.
 
-Each joint's torque is what its links and rotor need, which is fitted about the description, and friction. Friction is
-the part that turns over with the direction of motion, so that wrong masses hardly touch it.
+Each joint's torque is the torque for its links and rotor, fitted with the description as the prior, plus friction.
+Friction changes sign with the direction of motion, so that wrong masses hardly affect it.
 """
 
 from __future__ import annotations
@@ -21,35 +21,35 @@ from cellwatt_plugins.robot.priors import body_prior, links_prior
 from cellwatt_plugins.robot.regression import Fit, Prior, Products
 
 SLIDES: Final = 0.05
-"""rad/s from which a joint's friction has its full size."""
+"""Speed above which a joint slides with full friction, rad/s."""
 FEWEST: Final = 40
-"""Samples in which a joint slides; with fewer nothing is said of it."""
+"""Fewest samples in which a joint slides; with fewer its friction is not fitted."""
 LOOSE: Final = 0.1
 """Standard deviation of the unknown factor of torque."""
 OFF: Final = 0.3
-"""The same of a repetition's friction and rigid torque about the week's, as shares."""
+"""Standard deviation of a repetition's friction and rigid torque about the week's, as shares."""
 
 
 @dataclass(frozen=True)
 class JointFit:
-    """Fit of one joint: K repetitions, N samples."""
+    """Fitted friction of one joint over K repetitions: Nm, Nm s/rad, mean ``speed`` rad/s while sliding."""
 
     coulomb: float
     viscous: float
     speed: float
     friction: Float
-    """(K,) of each repetition, as a share of the week's."""
+    """Friction (K,) of each repetition, as a share of the week's."""
 
 
 def links_of(arm: Arm) -> list[Prior]:
-    """Return the prior, for each joint, of how far the parameters of the links it moves are off, with a load."""
+    """Return for each joint the prior of the parameter errors of the links that it moves, including a load."""
     every = arm.body.parameters()
     load = body_prior(max(arm.description.payload, 0.05 * float(every[::PER_LINK].sum())), 0.2)
     out = []
     for i in range(arm.joints):
         links = links_prior(every[PER_LINK * i :], arm.description.tolerances.link)
         prior = Prior(links.mean, links.covariance + np.pad(load.covariance, (len(links.mean) - PER_LINK, 0)))
-        assert prior.precision.shape  # made once
+        assert prior.precision.shape  # computes the cached precision
         out.append(prior)
     return out
 
@@ -57,7 +57,7 @@ def links_of(arm: Arm) -> list[Prior]:
 def fit_joint(
     arm: Arm, i: int, prior: Prior, rows: Float, qd: Float, qdd: Float, torque: Float, ends: NDArray[np.intp]
 ) -> JointFit:
-    """Return the fit of joint ``i`` (from 0) to its torque (N,) by its regressor ``rows`` (N, k)."""
+    """Fit joint ``i`` (0-based) to its torque (N,) Nm with its regressor ``rows`` (N, k)."""
     slides = np.abs(qd) > SLIDES
     if slides.sum() < FEWEST:
         return JointFit(np.nan, np.nan, np.nan, np.full(len(ends), np.nan))
@@ -75,7 +75,7 @@ def fit_joint(
 
 
 def _solved(matrix: Float, target: Float, prior: Prior, size: float) -> Float:
-    """Most probable coefficients, with the noise that they leave."""
+    """Most probable coefficients, with the noise estimated from their residual."""
     products = Products.of(matrix, target)
     noise = (0.05 * size) ** 2
     for _ in range(2):
@@ -88,7 +88,7 @@ def _solved(matrix: Float, target: Float, prior: Prior, size: float) -> Float:
 def _by_repetition(
     columns: Float, left: Float, slides: NDArray[np.bool_], ends: NDArray[np.intp], size: float
 ) -> Float:
-    """How far friction of each of K repetitions is off the week's, shares (K,); rigid torque may be off as well."""
+    """Deviation (K,) of each repetition's friction from the week's, as a share; rigid torque may deviate as well."""
     out = np.full(len(ends), np.nan)
     weight = np.diag(1 / np.square([OFF, OFF, 0.2 * size]))
     noise = float(np.mean(np.square(left[slides])))

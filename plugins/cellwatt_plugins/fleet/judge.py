@@ -1,4 +1,4 @@
-"""Statements about courses that are sure, at a chance of a false one that holds for the whole fleet."""
+"""Decides which trends and steps are significant, with one probability of a false finding for the whole fleet."""
 
 from __future__ import annotations
 
@@ -16,17 +16,18 @@ from cellwatt_plugins.fleet.slopes import Trend, trends_of
 from cellwatt_plugins.fleet.trend import Step, line, persistence, rather_a_step, steps_in
 
 SHARES: Final = {"friction": 0.6, "energy": 0.4}
-"""Shares of the chance of a false statement; steps have half of each."""
+"""Share of each quantity in the probability of a false finding; steps use half of it, trends the other half."""
 LONG_ENOUGH: Final = 6
-"""Weeks of a course, at least."""
+"""Fewest weeks of a course."""
 
 
 @dataclass(frozen=True)
 class Judged:
-    """Courses of a quantity of one kind, with what is ``common`` (by joint) taken out, and what is sure about them.
+    """Courses of a quantity of one kind, with the ``common`` course (by joint) removed, and their significant changes.
 
-    ``own`` are those that are long enough, ``sure`` the places whose trend is; ``steps`` those that are sure, and
-    trends that are rather told as one. ``smallest`` is the slope a week that half the joints would show, else NaN.
+    ``own`` are the courses that are long enough, ``sure`` the joints with a significant trend; ``steps`` are the
+    significant steps, including trends better described as a step. ``smallest`` is the slope per week that would be
+    found in half the joints, or NaN.
     """
 
     courses: Courses
@@ -39,7 +40,7 @@ class Judged:
 
     @classmethod
     def of(cls, courses: Courses) -> Judged:
-        """Take out what is common; nothing is judged yet."""
+        """Subtract the common courses, without judging."""
         common: dict[int, Common | None] = {}
         own: dict[CellJoint, Course] = {}
         for joint in sorted({place.joint for place in courses.by_place}):
@@ -50,11 +51,11 @@ class Judged:
 
     @property
     def alone(self) -> bool:
-        """True where the kind has too few arms to tell what is common."""
+        """True if the kind has too few arms to find a common course."""
         return self.courses.cells < FEWEST
 
     def steps_by_place(self, rho: float, chance: float, least: float) -> dict[CellJoint, list[Step]]:
-        """Steps of a kind's arms; weeks of one arm are not calmer than those of half the others."""
+        """Steps of a kind's arms; the scatter assumed for one arm is at least the median of all arms."""
         scatters = [found.scatter for course in self.own.values() if (found := line(course, rho)) is not None]
         usual = float(np.median(scatters)) if scatters and not self.alone else 0.0
         return {
@@ -64,7 +65,8 @@ class Judged:
 
 
 def judged(groups: Sequence[Courses], chance: float, least: float) -> list[Judged]:
-    """Judge all courses of a fleet at a ``chance`` of one false statement in all; less than ``least`` is not told."""
+    """Judge all courses of a fleet with a probability ``chance`` of one false finding in all; changes smaller than
+    ``least`` are not reported."""
     out = []
     for quantity, share in SHARES.items():
         every = [Judged.of(group) for group in groups if group.quantity == quantity]
@@ -73,7 +75,7 @@ def judged(groups: Sequence[Courses], chance: float, least: float) -> list[Judge
 
 
 def _judged_together(every: Sequence[Judged], chance: float, least: float) -> list[Judged]:
-    """One quantity in all kinds: one correlation from week to week, and one chance of a false statement."""
+    """Judge one quantity of all kinds, with one correlation between weeks and one probability of a false finding."""
     rho = persistence([course for each in every for course in each.own.values()])
     level = chance / 2 / max(sum(len(each.own) for each in every), 1)
     steps = [each.steps_by_place(rho, level, least) for each in every]
@@ -94,7 +96,7 @@ def _judged_together(every: Sequence[Judged], chance: float, least: float) -> li
 
 
 def _holm(trends: Sequence[Trend], chance: float) -> set[CellJoint]:
-    """Places whose trends are sure by Holm's step-down."""
+    """Joints with significant trends by Holm's step-down procedure."""
     out: set[CellJoint] = set()
     for i, trend in enumerate(sorted(trends, key=lambda each: each.chance)):
         if trend.chance * (len(trends) - i) > chance:

@@ -1,4 +1,4 @@
-"""Arms of one kind against each other: what all do together, and how far sound ones are apart."""
+"""Compares arms of one kind: finds their common course and the spread of healthy arms."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ from cellwatt_plugins.fleet.adjusted import Course
 K = TypeVar("K")
 
 FEWEST: Final = 5
-"""Arms of a kind that tell what is common, at least."""
+"""Fewest arms of a kind for a common course."""
 ROUNDS: Final = 6
 MIDDLE: Final = 0.6745
-"""Half of all values of a normal distribution are within so many standard deviations."""
+"""Median absolute deviation of a normal distribution, in standard deviations."""
 MOST_FREE: Final = 60.0
-"""Degrees of freedom that the other arms add at most."""
+"""Most degrees of freedom that the other arms add."""
 WORTH: Final = 0.37
-"""Share of the values that a median deviation is worth, for its degrees of freedom."""
+"""Efficiency of the median deviation: its degrees of freedom as a share of the number of values."""
 
 
 @dataclass(frozen=True)
 class Common:
-    """Medians by week over the arms of a kind, about 0."""
+    """Common course of the arms of a kind: medians by week, with a mean of 0."""
 
     weeks: NDArray[np.intp]
     values: Float
 
 
 def common_course(courses: Mapping[K, Course]) -> Common | None:
-    """Return what the arms do together, from weeks in which enough of them have data; None where too few arms are.
+    """Return the common course of the arms, over weeks with data of enough arms; None if the arms are too few.
 
-    Each week's median of what is left when each arm's own median is taken out, in turns (Tukey's median polish).
+    Tukey's median polish: the median of each arm and the median of each week are subtracted in turn.
     """
     if len(courses) < FEWEST:
         return None
@@ -60,15 +60,15 @@ def common_course(courses: Mapping[K, Course]) -> Common | None:
 
 
 def less_common(course: Course, common: Common) -> Course:
-    """Return the course without what is common, in the weeks in which that is known."""
+    """Return the course minus the common course, in the weeks of the common course."""
     kept = course.part(np.isin(course.weeks, common.weeks))
     return kept.less(common.values[np.searchsorted(common.weeks, kept.weeks)])
 
 
 def spread_of(values: Sequence[float] | Float, errors: Sequence[float] | Float) -> float:
-    """Return the standard deviation by which sound arms differ beyond the ``errors`` of their ``values``.
+    """Return the standard deviation between healthy arms beyond the ``errors`` of their ``values``.
 
-    The median deviation tells it, which a few arms that are not sound hardly change.
+    It is estimated from the median deviation, which a few faulty arms hardly change.
     """
     value, square = np.abs(np.asarray(values, np.float64)), np.square(np.asarray(errors, np.float64))
     if len(value) < FEWEST or np.median(value / np.sqrt(square)) <= MIDDLE:
@@ -78,10 +78,11 @@ def spread_of(values: Sequence[float] | Float, errors: Sequence[float] | Float) 
 
 
 def moderated(squares: Float, free: Float) -> tuple[Float, Float]:
-    """Return variances (K,) drawn towards those of the others, and their degrees of freedom.
+    """Return variances (K,) shrunk towards those of the others, and their degrees of freedom.
 
-    ``squares`` are estimates with ``free`` degrees of freedom each. Variances of sound arms are much alike: how much,
-    their own spread tells (Smyth, Statistical Applications in Genetics and Molecular Biology 3, 2004, 3).
+    ``squares`` are estimates with ``free`` degrees of freedom each. Variances of healthy arms are similar; the amount
+    of shrinkage follows from their spread (Smyth, Statistical Applications in Genetics and Molecular Biology 3, 2004,
+    3).
     """
     if len(squares) < FEWEST:
         return squares, free
@@ -99,7 +100,7 @@ def _inverse_trigamma(value: float) -> float:
 
 
 def summed(parts: Sequence[tuple[Float, Float | float]]) -> tuple[Float, Float]:
-    """Return the sum of independent variances (K,), and its degrees of freedom (Welch and Satterthwaite).
+    """Return the sum of independent variances (K,) and its degrees of freedom (Welch and Satterthwaite).
 
     ``parts`` are the variances with their degrees of freedom.
     """

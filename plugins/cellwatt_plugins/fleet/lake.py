@@ -1,4 +1,4 @@
-"""Recordings of many cells in one folder: of which cell, of which kind of robot, of which week."""
+"""Finds the recordings of many cells in one folder, with the cell, the kind of robot and the week of each."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ MONDAY: Final = date(1970, 1, 5)
 """First day of week 0."""
 TABLES: Final = (".parquet", ".csv")
 RESULTS: Final = ("alarms", "tasks", "energies")
-"""Tables that the historian's lake holds beside the frames."""
+"""Tables of results in the historian's lake, which are not recordings."""
 UTC_SECONDS: Final = 1e9
-"""A time column from here on counts from 1970; below, from the begin of its recording."""
+"""Smallest time, s, that counts from 1970; a smaller one counts from the start of its recording."""
 _DAY = re.compile(r"(?<!\d)(20\d\d)-?([01]\d)-?([0-3]\d)(?!\d)")
 
 
 @dataclass(frozen=True)
 class CellWeek:
-    """Recordings of one cell, whose description is ``robot``, in one week, counted from ``MONDAY`` on."""
+    """Recordings of one cell in one ``week``, counted from ``MONDAY``; ``robot`` is the cell's description."""
 
     cell: str
     robot: Path
@@ -40,7 +40,7 @@ class CellWeek:
 
 @dataclass(frozen=True)
 class Skipped:
-    """A recording that is left out."""
+    """A recording that is not used, and why."""
 
     cell: str
     place: str
@@ -48,13 +48,13 @@ class Skipped:
 
     @classmethod
     def of(cls, cell: str, path: Path, error: CellwattError) -> Skipped:
-        """The recording in a file, left out for an error."""
+        """A file that is not used because of an error."""
         return cls(cell, str(path), str(error).removeprefix(f"{path}: "))
 
 
 @dataclass(frozen=True)
 class Lake:
-    """All that is in a folder: weeks by cell and week, the description of the robot by cell."""
+    """Content of a folder: weeks, sorted by cell and week, and the robot's description by cell."""
 
     weeks: Sequence[CellWeek]
     robots: dict[str, RobotDescription]
@@ -72,11 +72,11 @@ def week_of(day: date) -> int:
 
 
 def find(lake: Path, robots: Sequence[str] = (), last: int | None = None) -> Lake:
-    """Find the recordings of a lake, of its ``last`` weeks or of all.
+    """Find the recordings of a lake, in its ``last`` weeks or in all.
 
-    ``robots`` are descriptions as ``[CELLS=]FILE``, the first that fits counts; where none does, the nearest
-    robot.yaml above the recording. Raises ``RecordingError`` where there is none, ``ConfigError`` where a description
-    is missing or wrong.
+    ``robots`` are descriptions as ``[CELLS=]FILE``; the first that matches is used, or else the nearest robot.yaml
+    above the recording. Raises ``RecordingError`` if there are no recordings, ``ConfigError`` if a description is
+    missing or wrong.
     """
     folders = {path: _folder(path, lake) for path in sorted(lake.rglob("*")) if _is_recording(path, lake)}
     cells = {path: cell for path, cell in _cells(folders, lake).items() if cell}
@@ -105,7 +105,7 @@ def _is_recording(path: Path, lake: Path) -> bool:
 
 
 def _folder(path: Path, lake: Path) -> Path:
-    """The folder of a recording's cell: above those that are called like a day."""
+    """The folder of a recording's cell, above folders named after a day."""
     folder = path.parent
     while folder != lake and (folder.name.startswith("day=") or _DAY.fullmatch(folder.name)):
         folder = folder.parent
@@ -113,7 +113,7 @@ def _folder(path: Path, lake: Path) -> Path:
 
 
 def _cells(folders: Mapping[Path, Path], lake: Path) -> dict[Path, str]:
-    """Cell of each recording, called like its folder; by the path where two folders have one name."""
+    """Cell of each recording, named after its folder, or after the path if two folders have the same name."""
     names = {folder: unquote(folder.name.partition("cell=")[2] or folder.name) for folder in folders.values()}
     names.pop(lake, None)
     count = Counter(names.values())
@@ -140,7 +140,7 @@ def _robot(cell: str, folder: Path, lake: Path, given: Sequence[tuple[str, Path]
 
 
 def _one_each(described: dict[Path, RobotDescription]) -> None:
-    """Raise ``ConfigError`` where two descriptions of one name differ."""
+    """Raise ``ConfigError`` if two descriptions with the same name differ."""
     seen: dict[str, tuple[Path, RobotDescription]] = {}
     for path, robot in described.items():
         other, same = seen.setdefault(robot.robot, (path, robot))
@@ -151,8 +151,8 @@ def _one_each(described: dict[Path, RobotDescription]) -> None:
 
 
 def _day(path: Path) -> date:
-    """Day on which a recording began: in its name or its folder's, else in its content. Raises ``CellwattError``."""
-    if ".mcap" in path.suffixes:  # its name tells when the daemon was started, which may be weeks ago
+    """Day on which a recording began, from its name, its folder's name or its content. Raises ``CellwattError``."""
+    if ".mcap" in path.suffixes:  # its name has the start of the daemon, which may be weeks earlier
         return datetime.fromtimestamp(Recording.open(path).start / 1e9, UTC).date()
     for name in (path.name, path.parent.name):
         if (match := _DAY.search(name)) is not None:

@@ -1,4 +1,4 @@
-"""One recording as stretches of motion on an even grid."""
+"""Reads one recording as stretches without holes on an even grid."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from cellwatt_plugins.robot.motion import differentiate, rates, smooth
 from cellwatt_plugins.robot.samples import interpolated, torque_in
 
 HOLE: Final = 3.0
-"""Steps without a sample at which a stretch ends."""
+"""Longest interval between samples of a stretch, in steps."""
 SHORTEST: Final = 3.0
-"""s of a stretch, at least."""
+"""Shortest stretch, s."""
 FEWEST: Final = 8
-"""Samples of a stretch, at least."""
+"""Fewest samples of a stretch."""
 SLOWEST: Final = 9.5
-"""Hz, at least."""
+"""Lowest sample rate, Hz."""
 BANDWIDTH: Final = 10.0
-"""Hz of motion that is kept."""
+"""Bandwidth to which motion is smoothed, Hz."""
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """N samples of n joints, evenly spaced: ``time`` (N,) s; rad, rad/s, rad/s² and Nm as the robot gives it (N, n).
+    """N evenly spaced samples of n joints: ``time`` (N,) s; rad, rad/s, rad/s² and Nm reported by the robot (N, n).
 
     ``temperature`` (n,) °C is the mean of each joint, ``power`` (N,) W.
     """
@@ -45,12 +45,12 @@ class Stretch:
 
     @property
     def step(self) -> float:
-        """Seconds between samples."""
+        """Sample interval, s."""
         return float(self.time[1] - self.time[0])
 
 
 def read_stretches(path: Path, robot: RobotDescription) -> list[Stretch]:
-    """Read a recording. Raises ``RecordingError``, or ``ConfigError`` where the robot lacks a key."""
+    """Read a recording. Raises ``RecordingError``, or ``ConfigError`` if the robot's description lacks a key."""
     table = read_table(path)
     position, torque = table.needed("position", len(robot.joints)), torque_in(table, robot)
     time = table.rising_time()

@@ -1,4 +1,4 @@
-"""Repetitions of programs within a stretch of motion: from rest to rest at the pose where the arm rests most often."""
+"""Finds repetitions of programs in a stretch: from rest to rest at the pose where the arm rests most often."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from cellwatt_plugins.fleet.reading import Stretch
 from cellwatt_plugins.robot.stretches import at_one_pose, stretches
 
 STILL: Final = 0.02
-"""rad/s below which a joint is at rest."""
+"""Speed below which a joint is at rest, rad/s."""
 REST: Final = 0.25
-"""s of a rest, at least."""
+"""Shortest rest, s."""
 SAME_POSE: Final = 0.02
-"""rad by which a joint may be elsewhere in two rests at one pose."""
+"""Largest difference of a joint between two rests at one pose, rad."""
 LONGEST: Final = 300.0
-"""s of a repetition; what takes longer is cut into pieces."""
+"""Longest repetition, s; longer motion is cut into pieces."""
 PIECE: Final = 20.0
-"""s of a piece where no repetition is found."""
+"""Length of a piece if no repetition is found, s."""
 SAME_TIME, SAME_WAY, SLACK = 0.03, 0.02, 0.02
-"""Repetitions of one program: by how much duration (share) and way (share of the whole, and rad) may differ."""
+"""Largest differences between repetitions of one program: duration (share), path (share of the total, and rad)."""
 
 
 @dataclass(frozen=True)
 class Span:
-    """A part of a stretch, samples ``first`` to before ``last``."""
+    """Samples ``first`` to before ``last`` of a stretch."""
 
     first: int
     last: int
@@ -38,7 +38,7 @@ class Span:
 
 
 def spans_of(stretch: Stretch) -> list[Span]:
-    """Return the repetitions of a stretch, or pieces of it where the arm does not come back to where it rested."""
+    """Return the repetitions of a stretch, or pieces of it if the arm does not return to a rest pose."""
     rests = _rests_at_home(stretch)
     found = [Span((a + b) // 2, (c + d) // 2, True) for (a, b), (c, d) in pairwise(rests)]
     found = [span for span in found if (span.last - span.first) * stretch.step <= LONGEST]
@@ -50,20 +50,20 @@ def spans_of(stretch: Stretch) -> list[Span]:
 
 
 def at_work(stretch: Stretch, span: Span) -> tuple[int, int]:
-    """Return the first sample in which the arm moves and one past the last, without the rests before and after."""
+    """Return the first moving sample and one past the last, without the rests before and after."""
     moves = np.flatnonzero((np.abs(stretch.velocity[span.first : span.last]) > STILL).any(axis=1))
     return (span.first + int(moves[0]), span.first + int(moves[-1]) + 1) if len(moves) else (span.first, span.first)
 
 
 def signature(stretch: Stretch, span: Span) -> tuple[float, ...]:
-    """Return what tells one program from another: seconds, and the way (n,) rad of each joint."""
+    """Return the features that distinguish programs: duration, s, and path (n,) rad of each joint."""
     first, last = at_work(stretch, span)
     way = np.abs(np.diff(stretch.position[first:last], axis=0)).sum(axis=0)
     return ((last - first) * stretch.step, *way.tolist())
 
 
 def programs(signatures: list[tuple[float, ...]]) -> NDArray[np.intp]:
-    """Number the programs (K,) of repetitions by their signatures: alike ones have one number, from 0 on."""
+    """Number the programs (K,) of repetitions from 0 by their signatures; similar ones have the same number."""
     known: list[Float] = []
     out = np.zeros(len(signatures), np.intp)
     for i, each in enumerate(signatures):
@@ -81,7 +81,7 @@ def programs(signatures: list[tuple[float, ...]]) -> NDArray[np.intp]:
 
 
 def _rests_at_home(stretch: Stretch) -> list[tuple[int, int]]:
-    """Rests at the pose that is rested at most often, the first of equals."""
+    """Rests at the most frequent rest pose, the first among equals."""
     still = np.all(np.abs(stretch.velocity) < STILL, axis=1)
     rests = [(a, b) for a, b in stretches(still) if (b - a) * stretch.step >= REST]
     return at_one_pose(stretch.position, rests, SAME_POSE, [1.0] * len(rests))

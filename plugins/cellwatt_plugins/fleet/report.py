@@ -1,4 +1,4 @@
-"""The fleet's page: the table first, then courses of what was found."""
+"""HTML report of a fleet: the table of findings, then their courses."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from cellwatt.report.theme import BAD, MEASURED, MODEL
 from cellwatt_plugins.fleet.findings import Finding, Fleet, Weekly
 
 IN_A_ROW: Final = 3
-"""Panels of courses."""
+"""Panels per row."""
 TICKS: Final = 4
-"""Of a panel, about."""
+"""Approximate number of ticks per panel."""
 MOST_PANELS: Final = 24
 HEIGHT: Final = 150
-"""Pixels of a panel."""
+"""Height of a panel, pixels."""
 
 
 def report_of(found: Fleet, name: str) -> Report:
-    """Return the page of a fleet; ``name`` is that of the lake."""
+    """Return the report of a fleet; ``name`` is the name of the lake."""
     worn = [f for f in found.findings if f.what == "wears"]
     other = [f for f in found.findings if f.what != "wears"]
     smallest = "; ".join(f"{kind} {value:.0f} %" for kind, value in found.smallest.items())
@@ -110,7 +110,7 @@ def _panel(course: Weekly, found: Fleet, marks: Sequence[dict[str, object]]) -> 
 
 
 def _place(week: str, found: Fleet) -> int:
-    """Week on the axis, from 0 for the first."""
+    """Position of a week on the axis; the first is 0."""
     return (date.fromisoformat(week) - date.fromisoformat(found.first)).days // 7
 
 

@@ -1,8 +1,8 @@
-"""Slopes of joints against those of their kind, and of their own arm.
+"""Compares slopes of joints with those of their kind and of their own arm.
 
-Joints of an arm share its hall and its lubricant. Where these change, all its joints change, and none of them wears:
-what an arm's other joints do is taken out of each one, as far as arms differ in that (best linear prediction; Robinson,
-Statistical Science 6, 1991, 15).
+Joints of an arm share its hall and its lubricant. If these change, all its joints change without wear: the common
+slope of an arm's other joints is subtracted from each joint, to the extent that arms differ in it (best linear
+prediction; Robinson, Statistical Science 6, 1991, 15).
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from cellwatt_plugins.fleet.kinds import FEWEST, MIDDLE, WORTH, moderated, sprea
 from cellwatt_plugins.fleet.trend import Line, Step, line
 
 JOINTS: Final = 3
-"""Joints of an arm that tell how far arms differ, at least."""
+"""Fewest joints of an arm from which the difference between arms is estimated."""
 MEDIAN: Final = float(np.pi / 2)
-"""Variance of a median, by that of the mean."""
+"""Variance of a median relative to that of the mean."""
 ODD: Final = 3.0
-"""Standard deviations of arms up to which a change of all an arm's joints is put down to the arm."""
+"""Largest common change of an arm's joints attributed to the arm, in standard deviations between arms."""
 
 
 @dataclass(frozen=True)
 class Trend:
-    """A line of a joint (or of the whole arm, in load and energy) against its kind.
+    """A linear trend of a joint (or of the whole arm, for energy) relative to its kind.
 
-    ``slope`` a week is that beyond the median of the kind and what the arm's other joints do.
+    ``slope`` per week is relative to the median of the kind and the common slope of the arm's other joints.
     """
 
     place: CellJoint
@@ -45,18 +45,18 @@ class Trend:
 
     @property
     def span(self) -> int:
-        """Weeks from the first to the last."""
+        """Weeks from the first to the last week."""
         return self.line.last - self.line.first
 
     def interval(self, level: float = 0.95) -> tuple[float, float]:
-        """Return the ends of the interval of the slope."""
+        """Return the ends of the slope's confidence interval."""
         wide = float(stdtrit(self.free, (1 + level) / 2)) * self.error
         return self.slope - wide, self.slope + wide
 
 
 @dataclass(frozen=True)
 class _Slopes:
-    """Slopes of K joints beyond their kind's, with ``squares``, their variances by the weeks' scatter; (K,) each."""
+    """Slopes of K joints relative to their kind, and ``squares``, their variances by the weeks' scatter; (K,) each."""
 
     cells: NDArray[np.str_]
     values: Float
@@ -65,9 +65,9 @@ class _Slopes:
 
 @dataclass(frozen=True)
 class _Medians:
-    """Medians of slopes of some joints of an arm, with the median of their variances, ``squares``; (M,) each.
+    """Medians of the slopes of M groups of joints, with the medians of their variances, ``squares``; (M,) each.
 
-    ``shares`` is the variance of each, by that of one of its joints; infinite where there are none.
+    ``shares`` is the variance of each median relative to that of one joint; infinite for an empty group.
     """
 
     values: Float
@@ -76,7 +76,7 @@ class _Medians:
 
     @classmethod
     def of(cls, slopes: _Slopes, groups: Sequence[NDArray[np.bool_]]) -> _Medians:
-        """Return those of some groups of joints."""
+        """Return the medians of groups of joints."""
         rows = [
             (np.median(slopes.values[each]), MEDIAN / each.sum(), np.median(slopes.squares[each]))
             if each.any()
@@ -86,14 +86,14 @@ class _Medians:
         return cls(*np.array(rows).T)
 
     def noise(self, own: float) -> Float:
-        """Return the variances of the medians where joints differ by ``own`` beyond what their weeks say."""
+        """Return the variances of the medians if joints differ by ``own`` beyond the scatter of their weeks."""
         return np.asarray(self.shares * (self.squares + own**2))
 
 
 def trends_of(
     own: Mapping[CellJoint, Course], steps: Mapping[CellJoint, Sequence[Step]], rho: float
 ) -> dict[CellJoint, Trend]:
-    """Return the lines of a kind's joints against each other, with how far those of sound ones are apart."""
+    """Return the trends of a kind's joints relative to each other; errors include the spread of healthy joints."""
     lines = {place: found for place, course in own.items() if (found := line(course, rho, steps[place])) is not None}
     cells = np.array([place.cell for place in lines])
     squares, free = _errors(own, lines)
@@ -112,7 +112,7 @@ def trends_of(
     known = arms**2 / (arms**2 + noise) if arms > 0 else np.zeros(len(noise))
     limit = ODD * arms / np.sqrt(np.where(known > 0, known, 1.0))
     by_arm = known * np.clip(others.values, -limit, limit)
-    beside = len(set(cells)) - 1.0  # joints of one arm are apart by what its hall does: arms count, not joints
+    beside = len(set(cells)) - 1.0  # joints of one arm share its hall: arms count, not joints
     parts: list[tuple[Float, Float | float]] = [
         (squares, free),
         (np.full(len(lines), joints**2), max(WORTH * beside, 1.0)),
@@ -129,7 +129,7 @@ def _trends(lines: Mapping[CellJoint, Line], slopes: Float, squares: Float, free
 
 
 def _errors(own: Mapping[CellJoint, Course], lines: Mapping[CellJoint, Line]) -> tuple[Float, Float]:
-    """Variances of slopes and their degrees of freedom: those of lines of one length are alike in all arms."""
+    """Variances of slopes and their degrees of freedom; for lines of equal length they are similar in all arms."""
     length = np.array([float(np.sum(_about(own[place].weeks, each) ** 2)) for place, each in lines.items()])
     squares = np.array([each.error**2 for each in lines.values()])
     squares, free = moderated(squares * length, np.array([each.free for each in lines.values()]))
@@ -142,14 +142,14 @@ def _about(weeks: NDArray[np.intp], each: Line) -> Float:
 
 
 def _joints_apart(slopes: _Slopes, others: _Medians) -> float:
-    """How far joints of sound arms are apart beyond the scatter of their weeks, a standard deviation."""
+    """Standard deviation between joints of healthy arms beyond the scatter of their weeks."""
     shares = np.where(np.isfinite(others.shares), others.shares, 0.0)
     squares = (slopes.squares + shares * others.squares) / (1 + shares)
     return spread_of((slopes.values - others.values) / np.sqrt(1 + shares), np.sqrt(squares))
 
 
 def _arms_apart(slopes: _Slopes, joints: float) -> float:
-    """How far sound arms are apart in what their joints do together, a standard deviation; 0 where too few tell."""
+    """Standard deviation between healthy arms of their joints' common slope; 0 if there are too few arms."""
     every = [slopes.cells == cell for cell in np.unique(slopes.cells)]
     known = [arm for arm in every if arm.sum() >= JOINTS]
     if len(known) < FEWEST:

@@ -1,7 +1,7 @@
-"""Lines and steps in weekly courses, with errors from the weeks' own scatter.
+"""Fits lines and steps to weekly courses, with errors from the scatter of the weeks.
 
-Weeks differ by more than their recordings say: what comes and goes is a process with standard deviation τ and a
-correlation ρ from one week to the next. τ is each course's own (restricted maximum likelihood), ρ that of all together.
+Weeks differ by more than the errors of their recordings: the difference is a process with standard deviation τ and a
+correlation ρ between successive weeks. τ is estimated per course (restricted maximum likelihood), ρ for all together.
 """
 
 from __future__ import annotations
@@ -17,29 +17,29 @@ from cellwatt.arrays import Float
 from cellwatt_plugins.fleet.adjusted import Course
 
 MOST: Final = 2
-"""Steps of a course that are told."""
+"""Most steps reported per course."""
 FEWEST: Final = 6
-"""Weeks of a line, at least."""
+"""Fewest weeks of a line."""
 EITHER_SIDE: Final = 3
-"""Weeks before and after a step, at least."""
+"""Fewest weeks before and after a step."""
 FAR_BETTER: Final = 6.0
-"""Log likelihood by which a step must tell a course better than a line, to be told in its place."""
+"""Log likelihood ratio above which a step is reported in place of a line."""
 PERSISTENCES: Final = (0.0, 0.2, 0.4, 0.6, 0.8)
 CAREFUL: Final = 0.1
-"""Added to the correlation that is most likely: one that is too low makes errors too small."""
+"""Added to the most likely correlation, as a correlation that is too low makes errors too small."""
 LONGEST: Final = 0.9
-"""Correlation, at most: at 1 no number of weeks would tell a line from what comes and goes."""
+"""Largest correlation: at 1, no number of weeks would distinguish a line from random variation."""
 MOST_COURSES: Final = 120
-"""Courses that tell it."""
+"""Most courses used to estimate the correlation."""
 _SCATTERS: Final = np.concatenate([[1e-3], np.geomspace(0.05, 3.0, 22)])
-"""Tried for τ, as shares of the scatter about the line."""
+"""Values tried for τ, as shares of the scatter about the line."""
 
 
 @dataclass(frozen=True)
 class Line:
-    """A line through a course, or through what follows its step, from week ``first`` to ``last``.
+    """A line through a course, or through its weeks after the last step, from week ``first`` to ``last``.
 
-    ``slope`` a week and its ``error`` with ``free`` degrees of freedom; ``scatter`` is τ.
+    ``slope`` per week and its ``error`` with ``free`` degrees of freedom; ``scatter`` is τ.
     """
 
     slope: float
@@ -52,9 +52,9 @@ class Line:
 
 @dataclass(frozen=True)
 class Step:
-    """A change from one week to the next, ``week``.
+    """A change between ``week`` and the week before.
 
-    ``chance`` is the probability of one as clear anywhere in a course without any.
+    ``chance`` is the probability of an equally clear step anywhere in a course without steps.
     """
 
     week: int
@@ -64,7 +64,7 @@ class Step:
 
 
 def persistence(courses: Sequence[Course]) -> float:
-    """Return the correlation from week to week of all courses about their lines, with care: not the lowest likely."""
+    """Return the correlation between weeks of all courses about their lines, estimated on the high side."""
     long = [course for course in courses if len(course.weeks) >= FEWEST + 2]
     if not long:
         return LONGEST
@@ -79,9 +79,9 @@ def persistence(courses: Sequence[Course]) -> float:
 
 
 def line(course: Course, rho: float, steps: Sequence[Step] = ()) -> Line | None:
-    """Return the line through the weeks after the last of ``steps``; None where they are too few.
+    """Return the line through the weeks after the last of ``steps``; None if they are too few.
 
-    All weeks tell the scatter.
+    The scatter is estimated from all weeks.
     """
     begins = [step.week for step in steps]
     part = np.searchsorted(np.sort(begins), course.weeks, side="right")
@@ -103,9 +103,9 @@ def line(course: Course, rho: float, steps: Sequence[Step] = ()) -> Line | None:
 
 
 def steps_in(course: Course, rho: float, chance: float, scatter: float = 0.0) -> list[Step]:
-    """Return the steps of a course, each less likely than ``chance`` by accident, in their order.
+    """Return the steps of a course in order, each with a probability below ``chance``.
 
-    ``scatter`` is the least τ of its weeks: one that is less, beside the step that suits it best, is so by accident.
+    ``scatter`` is the smallest τ: the fit of the best step makes the scatter of a course too small by chance.
     """
     found: list[Step] = []
     while len(found) < MOST and (step := _step(course, rho, found, scatter)) is not None and step.chance < chance:
@@ -114,7 +114,7 @@ def steps_in(course: Course, rho: float, chance: float, scatter: float = 0.0) ->
 
 
 def rather_a_step(course: Course, rho: float, chance: float) -> Step | None:
-    """Return the change at once that tells a course far better than a line does; None where the line does not worse.
+    """Return the step that describes a course far better than a line; None if there is no such step.
 
     ``chance`` is that of the line.
     """
@@ -132,7 +132,7 @@ def rather_a_step(course: Course, rho: float, chance: float) -> Step | None:
 
 
 def _sized(course: Course, rho: float, step: Step, every: Sequence[Step]) -> Step:
-    """The step between a line before and a line after it, where both are long enough to have slopes of their own."""
+    """The step between a line before and a line after it, if both are long enough for slopes of their own."""
     others = [each.week for each in every if each is not step]
     before = [week for week in others if week < step.week]
     after = [week for week in others if week > step.week]
@@ -148,7 +148,7 @@ def _sized(course: Course, rho: float, step: Step, every: Sequence[Step]) -> Ste
 
 
 def _step(course: Course, rho: float, known: Sequence[Step], scatter: float) -> Step | None:
-    """The clearest step beside those that are known."""
+    """The clearest step in addition to the known ones."""
     time = _time(course)
     weeks = course.weeks
     base = np.column_stack([np.ones_like(time), time, *((weeks >= step.week).astype(float) for step in known)])
@@ -172,7 +172,7 @@ def _step(course: Course, rho: float, known: Sequence[Step], scatter: float) -> 
 
 
 def _remembered(free: float, rho: float) -> float:
-    """Degrees of freedom of weeks that remember one another: they tell less of their scatter."""
+    """Effective degrees of freedom of correlated weeks."""
     return free * (1 - rho**2) / (1 + rho**2)
 
 
@@ -191,7 +191,7 @@ def _straight(course: Course) -> Float:
 
 
 def _likely(course: Course, matrix: Float, rho: float, least: float = 0.0) -> tuple[float, float, Float, Float]:
-    """Restricted log likelihood at the most likely τ from ``least`` on, that τ, the coefficients, their covariance."""
+    """Restricted log likelihood at the most likely τ (``least`` or more), that τ, coefficients, their covariance."""
     count, free = matrix.shape[0], matrix.shape[0] - matrix.shape[1]
     size = max(np.sqrt(_left(matrix, course.values) / max(free, 1)), 1e-9)
     apart = np.abs(course.weeks[:, None] - course.weeks[None, :])

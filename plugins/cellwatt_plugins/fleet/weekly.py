@@ -1,4 +1,4 @@
-"""A week of a cell in numbers: friction of each joint, and energy, by repetition."""
+"""Computes the friction of each joint and the energy of each repetition in a week of a cell."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.regression import Prior
 
 RATE: Final = 25.0
-"""Samples a second that are fitted."""
+"""Rate of the fitted samples, Hz."""
 MOST: Final = 20_000
-"""Samples of a week that are fitted: whole repetitions, evenly over the week."""
+"""Most fitted samples of a week, taken as whole repetitions evenly over the week."""
 
 
 @dataclass(frozen=True)
 class Repetition:
-    """One repetition, or one piece of a recording; (n,) by joint, NaN where a joint hardly moved.
+    """One repetition, or one piece of a recording; (n,) by joint, NaN if a joint hardly moved.
 
-    ``recording`` is the number of its recording within the week, ``friction`` a share of the week's, ``temperature``
-    °C; ``energy`` J is None without power, and for pieces.
+    ``recording`` is the number of its recording within the week, ``friction`` is relative to the week's,
+    ``temperature`` °C; ``energy`` J is None without power, and for pieces.
     """
 
     recording: int
@@ -72,7 +72,7 @@ class _Part:
 
 
 def week_of_cell(item: CellWeek) -> Week:
-    """Read and fit a week of a cell; what cannot be read is in ``skipped``."""
+    """Read and fit a week of a cell; unreadable recordings are listed in ``skipped``."""
     with threadpool_limits(1):
         arm = _arm(item.robot)
         parts, skipped = _parts(item, arm)
@@ -90,7 +90,7 @@ def _priors(robot: Path) -> list[Prior]:
 
 
 def _parts(item: CellWeek, arm: Arm) -> tuple[list[_Part], list[Skipped]]:
-    """Repetitions of the recordings, taken turn by turn over the week until there are enough samples."""
+    """Repetitions of the recordings, chosen evenly over the week until there are enough samples."""
     parts: list[_Part] = []
     skipped: list[Skipped] = []
     room = MOST
@@ -114,7 +114,7 @@ def _parts(item: CellWeek, arm: Arm) -> tuple[list[_Part], list[Skipped]]:
 
 
 def _spread(count: int) -> list[int]:
-    """Indices 0 … count - 1 in an order in which each is far from those before it."""
+    """Indices 0 … count - 1 in an order in which each is far from the ones before it."""
     width = max(1, (count - 1).bit_length())
     turned = (int(f"{i:0{width}b}"[::-1], 2) for i in range(1 << width))
     return [i for i in turned if i < count]

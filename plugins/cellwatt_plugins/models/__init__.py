@@ -1,4 +1,4 @@
-"""Runs exported models (ONNX) on the frames, and refuses those that do not fit the cell."""
+"""Runs exported models (ONNX) on the frames, and refuses models that do not fit the cell."""
 
 from cellwatt_plugins.models.describe import describe, read_metadata
 from cellwatt_plugins.models.metadata import Input, Metadata, Output, Training

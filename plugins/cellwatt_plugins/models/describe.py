@@ -18,9 +18,10 @@ from cellwatt_plugins.onnx_file import OnnxFile, refused
 def describe(path: str | PathLike[str], metadata: Metadata) -> None:
     """Writes metadata, and a digest of the whole, into an ONNX file; the file is replaced in one step.
 
-    Weights that lie in a file beside it (``.onnx.data``) are packed into it, so that the digest covers them. Raises
-    ``ModelError``, and leaves the file as it is, where its tensors do not agree with the metadata, or where it cannot
-    be written or packed; ``CellwattError`` where the package onnx, or onnxruntime, is not installed.
+    Weights in a file beside it (``.onnx.data``) are packed into it, so that the digest covers them. Raises
+    ``ModelError``,
+    and leaves the file unchanged, if its tensors do not agree with the metadata, or if it cannot be written or packed;
+    ``CellwattError`` if the package onnx, or onnxruntime, is not installed.
     """
     try:
         import onnx
@@ -34,7 +35,7 @@ def describe(path: str | PathLike[str], metadata: Metadata) -> None:
 
 
 def write_model(path: Path, content: bytes, metadata: Metadata) -> None:
-    """Writes an ONNX graph with its metadata; an earlier file is replaced only by one that is whole.
+    """Writes an ONNX graph with its metadata; an earlier file is replaced only by a complete one.
 
     Raises ``ModelError`` where the graph does not agree with the metadata, or the file cannot be written.
     """

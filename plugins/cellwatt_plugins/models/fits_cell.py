@@ -14,9 +14,9 @@ from cellwatt_plugins.robot_name import robot_name
 
 
 def check_robot(metadata: Metadata, cell: CellInfo, path: Path) -> None:
-    """Raises ``ModelError`` where the model is of another robot, or the cell does not name its own.
+    """Raises ``ModelError`` if the model was trained for another robot, or the cell does not name its robot.
 
-    A path to a description stands for the name in it; a folder's own name is that of its robot, too.
+    A cell may name its robot by a path: the name in the description, or the folder's name, is then compared.
     """
     robot = cell.robot
     if metadata.robot is None:
@@ -39,10 +39,10 @@ def check_rate(metadata: Metadata, rate: float, path: Path) -> None:
 def columns(metadata: Metadata, layout: Layout, source: str | None, path: Path) -> tuple[int | None, ...]:
     """The column of the frames for each input, None for an optional one that the cell does not have.
 
-    Where ``source`` is given its channels are meant first; another source that gives one of those too is then not
-    used at all, so that inputs of two arms are never mixed. Raises ``ConfigError`` where the source is unknown or
-    gives no input, or an input is given by several sources, ``ModelError`` where one is given by none or in another
-    unit.
+    If ``source`` is given, its channels come first; any other source with one of those channels is then not used at
+    all, so
+    that inputs of two arms are never mixed. Raises ``ConfigError`` if the source is unknown or has no input, or several
+    sources have an input, ``ModelError`` if no source has an input, or its unit differs.
     """
     usable = _usable(metadata, layout, source, path)
     found: list[int | None] = []
@@ -59,7 +59,7 @@ def columns(metadata: Metadata, layout: Layout, source: str | None, path: Path) 
 
 
 def _usable(metadata: Metadata, layout: Layout, source: str | None, path: Path) -> list[int]:
-    """Columns that short names may mean."""
+    """Columns that short names may stand for."""
     if source is None:
         return list(range(len(layout.channels)))
     sources = dict.fromkeys(c.source for c in layout.channels)

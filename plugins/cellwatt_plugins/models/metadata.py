@@ -52,7 +52,7 @@ Range = Annotated[tuple[FiniteFloat, FiniteFloat], AfterValidator(_rising)]
 class Input:
     """One input: a channel by its name within its source (``joint_1.position``), and the unit it must have.
 
-    An ``optional`` one may be missing, in a frame or altogether; the model is then given NaN for it.
+    An ``optional`` input may be missing, in a frame or altogether; the model then gets NaN for it.
     """
 
     channel: Name
@@ -86,8 +86,8 @@ class Training:
         """Describes a training table, (rows, inputs) in the units of the inputs; ``created`` is now when left out.
 
         The digest is that of the table as little-endian float64, row after row. Values that are not finite are
-        left out of the ranges. Raises ``ModelError`` where the table is not two-dimensional or a column of it
-        has no finite value.
+        left out of the ranges. Raises ``ModelError`` if the table is not two-dimensional or a column has no finite
+        value.
         """
         values = np.ascontiguousarray(table, dtype="<f8")
         if values.ndim != 2 or not np.isfinite(values).any(axis=0).all():
@@ -102,10 +102,11 @@ class Training:
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=_CONFIG)
 class Metadata:
-    """Identity of a model and its inputs; raises ``pydantic.ValidationError`` where they contradict each other.
+    """Identity of a model and its inputs; raises ``pydantic.ValidationError`` if they contradict each other.
 
-    ``robot`` and ``rate_hz`` (of the frames) are ``None`` where any will do. ``window`` is the number of frames,
-    the newest last, that the model sees at once, ``delay`` by how many frames what it says lies behind the newest.
+    ``robot`` and ``rate_hz`` (of the frames) are ``None`` for a model that fits any. ``window`` is the number of
+    frames,
+    the newest last, that the model sees at once; its outputs are those of the frame ``delay`` frames before the newest.
     """
 
     version: Literal[1] = VERSION
@@ -135,7 +136,7 @@ class Metadata:
 
 
 _UNIT_OF = {"position": "rad", "velocity": "rad/s", "temperature": "degC", "approach": "rad"}
-"""Units of the quantities of a joint that models take."""
+"""Units of the joint quantities that models take."""
 
 
 def joint_inputs(joints: int, *quantities: str, optional: bool = False) -> tuple[Input, ...]:
@@ -147,18 +148,18 @@ _ADAPTER: TypeAdapter[Metadata] = TypeAdapter(Metadata)
 
 
 def encode(metadata: Metadata) -> str:
-    """The text that stands in the file."""
+    """The JSON text that the file holds."""
     return _ADAPTER.dump_json(metadata).decode()
 
 
 class _Stated(BaseModel):
-    """The key that must stand in a file, whatever else does."""
+    """The key that every version of the metadata has."""
 
     version: Annotated[int, reads_version(VERSION, "update cellwatt, or describe the model again")]
 
 
 def metadata_of(file: OnnxFile) -> Metadata:
-    """Metadata of an open file. Raises ``ModelError`` where there is none, or it is of another version, or wrong."""
+    """Metadata of an open file. Raises ``ModelError`` if it has none, or one of another version, or a wrong one."""
     if KEY not in file.properties:
         there = ", ".join(map(repr, file.properties)) or "none"
         raise file.refused(

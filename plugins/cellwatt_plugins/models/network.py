@@ -1,4 +1,4 @@
-"""An ONNX file opened with onnxruntime, and held against its metadata."""
+"""An ONNX file opened with onnxruntime, and checked against its metadata."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ Array = NDArray[np.floating[Any]]
 
 DTYPES: dict[str, type[np.floating[Any]]] = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 APART = 1e-3
-"""Outputs of one frame alone and among others that differ by more, relative to the largest, are not rounding."""
+"""Largest relative difference, from rounding, of the outputs of a frame alone and among others."""
 
 
 def check_intact(path: Path) -> None:
-    """Raises ``ModelError`` where a file cannot be read, or has changed since ``describe`` wrote it."""
+    """Raises ``ModelError`` if a file cannot be read, or has changed since ``describe`` wrote it."""
     try:
         content = read_bytes(path, COMPUTED)
     except OSError as error:
@@ -35,13 +35,13 @@ def check_intact(path: Path) -> None:
 
 
 class Network(OnnxFile):
-    """A session that agrees with its metadata: those in the file where left out.
+    """A session that agrees with its metadata; if left out, the file's metadata.
 
     Inputs of ``run`` are (n, inputs), or (n, window, inputs) where the window is above 1.
 
-    Raises ``ModelError`` where its tensors have other shapes or types than the metadata says, or where it does not
-    give the same outputs for a frame each time and whatever other frames are in the call: a replay would then
-    differ from what was published.
+    Raises ``ModelError`` if its tensors differ from the metadata in shape or type, or if its outputs for a frame
+    depend on the other frames of the call, or differ from call to call: a replay would then differ from the
+    published predictions.
     """
 
     def __init__(self, model: Path | bytes, metadata: Metadata | None = None) -> None:
@@ -99,6 +99,6 @@ class Network(OnnxFile):
 
 
 def open_network(path: Path) -> Network:
-    """Opens a model file with metadata. Raises ``ConfigError`` and ``ModelError`` as its parts do."""
+    """Opens a model file with metadata. Raises ``ConfigError`` and ``ModelError``."""
     check_intact(path)
     return Network(path)

@@ -15,28 +15,28 @@ from cellwatt.results import Alarm
 
 KIND = "model_outside_range"
 STILL = 2e-3
-"""rad, or whatever the unit: a narrower range is that of an input at rest, and its noise is no news …"""
+"""Width of a range in rad, or the input's unit, below which the input was at rest and shows only noise …"""
 STILL_RATE = 2e-2
-"""… rad/s, for a velocity, which is noisier than the position that it is made of."""
+"""… and in rad/s for a velocity, which is noisier than the position that it is derived from."""
 
 
 OUTSIDE = 0.05
-"""Share of an input's range in training by which it may leave it before this is told, where nothing else is asked."""
+"""Default share of its training range by which an input may leave the range without an alarm."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Ranges of a model's inputs in training, (inputs,) each; those narrower than noise at rest are as wide as that."""
+    """Ranges of a model's inputs in training, (inputs,) each; ranges narrower than noise at rest are widened to it."""
 
     low: Float
     high: Float
     floor: Float
     ceiling: Float
-    """Beyond these an input has left its range."""
+    """Values beyond which an input has left its range."""
 
     @classmethod
     def of(cls, ranges: Float, units: Sequence[str], margin: float) -> Limits:
-        """From ``ranges`` (inputs, 2) that may be left by a ``margin``, a share of their width."""
+        """From ``ranges`` (inputs, 2); an input may leave its range by ``margin``, a share of the width."""
         still = np.array([STILL_RATE if unit == "rad/s" else STILL for unit in units])
         slack = np.maximum(0.0, (still - np.ptp(ranges, axis=1)) / 2)
         low, high = ranges[:, 0] - slack, ranges[:, 1] + slack
@@ -44,16 +44,17 @@ class Limits:
         return cls(low, high, low - beyond, high + beyond)
 
     def left_by(self, values: Float) -> NDArray[np.bool_]:
-        """True (n, inputs) where values (n, inputs) have left their range; NaN has not."""
+        """(n, inputs) true where values (n, inputs) have left their range; NaN has not."""
         return np.asarray((values < self.floor) | (values > self.ceiling))
 
 
 class RangeWatch:
     """Raises an alarm for an input that is outside its range by more than ``margin`` of the range's width.
 
-    Inputs are those of ``channels``, ``ranges`` (inputs, 2) what they had in training, in their units. An alarm is
-    cleared after ``patience`` frames in a row within the range itself; frames without a value do not count. ``prefix``
-    starts the alarms' ids, ``model`` names the model in their text. Blocks may be cut anywhere.
+    ``channels`` are the inputs, ``ranges`` (inputs, 2) their ranges in training, in their units. An alarm is cleared
+    after ``patience`` consecutive frames within the range itself; frames without a value do not count. ``prefix``
+    starts
+    the alarms' ids, ``model`` names the model in their text. Frames may be split into blocks anywhere.
     """
 
     def __init__(
@@ -64,7 +65,7 @@ class RangeWatch:
         self._limits = Limits.of(ranges, [channel.unit for channel in channels], margin)
         self._book = AlarmBook()
         self._furthest: dict[int, float] = {}
-        """Value that is furthest outside, by the columns whose alarm is up."""
+        """Value furthest outside the range, by the column of each active alarm."""
 
     def update(self, time: Nanoseconds, values: Float) -> list[Alarm]:
         """Alarms that change with the next n frames, in order; values (n, inputs), NaN where missing."""

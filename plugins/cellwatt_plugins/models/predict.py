@@ -24,14 +24,14 @@ from cellwatt_plugins.models.window import whole
 from cellwatt_plugins.onnx_file import refused
 
 KEPT: Final = ("pose", "move")
-"""Columns that say which row is which; they go into what is written, after the time."""
+"""Columns that number the rows; they are copied into the output, after the time."""
 SAME_RATE = 0.02
-"""Share by which the rate of a table may differ from the model's."""
+"""Largest difference between the rate of a table and that of the model, as a share."""
 HOLE = 1.5
-"""Rows further apart than this many steps do not stand in one window."""
+"""Steps between two rows above which they are not in one window."""
 _APPROACH = re.compile(r"(joint_\d+)\.approach")
 AT_ONCE = 20_000
-"""Rows whose windows are in memory together."""
+"""Number of rows whose windows are in memory together."""
 
 
 @dataclass(frozen=True)
@@ -39,17 +39,17 @@ class Report:
     """Result of a prediction."""
 
     columns: Mapping[str, NDArray[Any]]
-    """Time t (s), pose and move where the table has them, then each output of the model, (N,) each."""
+    """Time t (s), pose and move if the table has them, then each output of the model, (N,) each."""
     file: str | None
-    """None where nothing was written."""
+    """None if no file was written."""
     rows: int
     outputs: tuple[str, ...]
     begun: int
-    """Rows at the start of a motion, whose windows are filled with its first row: as if the arm had rested there."""
+    """Number of rows at the start of a motion, whose windows are filled with the first row: the arm rested there."""
     missing: int
-    """Rows without a prediction, as an input is missing."""
+    """Number of rows without a prediction, because an input is missing."""
     outside: Mapping[str, int]
-    """Rows in which an input is outside the range of the training, by channel."""
+    """Number of rows in which an input is outside its range in training, by channel."""
 
     def written(self, path: Path) -> Report:
         """Write the columns, as .parquet or .csv. Raises ``RecordingError``."""
@@ -57,11 +57,11 @@ class Report:
         return replace(self, file=str(path))
 
     def as_json(self) -> dict[str, Any]:
-        """For ``--json``."""
+        """Return the report as ``--json`` prints it, without the columns."""
         return {name: value for name, value in vars(self).items() if name != "columns"}
 
     def in_words(self) -> str:
-        """For a person."""
+        """Return the report as text."""
         where = "" if self.file is None else f"written to {self.file}: "
         lines = [f"{where}{self.rows} rows of {', '.join(self.outputs)}"]
         if self.begun:
@@ -78,18 +78,18 @@ class Report:
 def predict_file(model: Place, table: Place, out: Place | None = None) -> Report:
     """Run a model file on the rows of a table, or of a recording: the function behind ``cw.predict``.
 
-    ``columns`` of the result holds the outputs, which are also written to ``out`` (.parquet or .csv). A model that sees
-    several rows at once begins anew where move changes or t jumps. Raises ``ModelError`` where the model cannot be
-    run, ``RecordingError`` where the table cannot be used or ``out`` not be written.
+    ``columns`` of the result holds the outputs, which are also written to ``out`` (.parquet or .csv). The window of a
+    model that sees several rows at once starts again where move changes or t jumps. Raises ``ModelError`` if the model
+    cannot be run, ``RecordingError`` if the table cannot be used or ``out`` cannot be written.
     """
     report = _predicted(Path(table), Path(model))
     return report if out is None else report.written(Path(out))
 
 
 def predict_files(model: Path, tables: Sequence[Path], folder: Path) -> list[Report]:
-    """Run a model file on several tables, and write what it gives for each into a folder under the table's name.
+    """Run a model file on several tables, and write each table's outputs into a folder, under the table's name.
 
-    Raises as ``predict_file``, and ``RecordingError`` where two tables have one name.
+    Raises as ``predict_file``, and ``RecordingError`` if two tables have the same name.
     """
     files = [folder / f"{table.stem}.parquet" for table in tables]
     if len(set(files)) < len(files):
@@ -125,9 +125,9 @@ def _predicted(table: Path, model: Path) -> Report:
 
 
 def inputs_of(metadata: Metadata, table: Table) -> Float:
-    """Inputs (N, inputs) of the model from a table's columns, NaN for optional ones that it does not have.
+    """Inputs (N, inputs) of the model from a table's columns, NaN for optional inputs that the table does not have.
 
-    ``joint_i.approach`` is the way from ``q_from_i``, where the arm came from, to ``q_i``. Raises ``RecordingError``
+    ``joint_i.approach`` is ``q_i`` minus ``q_from_i``, the position that the arm came from. Raises ``RecordingError``
     naming the column that is missing.
     """
     out = np.full((len(table), len(metadata.inputs)), np.nan)
@@ -147,7 +147,7 @@ def inputs_of(metadata: Metadata, table: Table) -> Float:
 
 
 def starts_of(table: Table) -> NDArray[np.bool_]:
-    """True (N,) where a motion begins: first row, a new ``move``, or a jump of time by more than ``HOLE`` steps."""
+    """(N,) true where a motion begins: first row, a new ``move``, or a jump of time by more than ``HOLE`` steps."""
     starts = np.zeros(len(table), dtype=bool)
     starts[:1] = True
     if "move" in table.columns:
@@ -160,9 +160,10 @@ def starts_of(table: Table) -> NDArray[np.bool_]:
 
 
 def predict(network: Network, values: Float, starts: NDArray[np.bool_]) -> Float:
-    """Outputs (n, outputs) for inputs (n, inputs); NaN where an input that must be there is missing.
+    """Outputs (n, outputs) for inputs (n, inputs); NaN where a required input is missing.
 
-    Windows reach to the first and the last row of the motion that ``starts`` (n,) say, and hold these beyond them.
+    A window does not cross the first or the last row of its motion, which ``starts`` (n,) delimit: it repeats these
+    rows.
     """
     optional = np.array([wanted.optional for wanted in network.metadata.inputs])
     cast, window = network.cast(values), network.metadata.window
@@ -205,5 +206,5 @@ def _outside(metadata: Metadata, values: Float) -> dict[str, int]:
 
 
 def _numbered(column: Float) -> NDArray[Any]:
-    """Whole numbers (N,) as integers, others as they are."""
+    """Whole numbers (N,) as integers, other columns unchanged."""
     return column.astype(np.int64) if np.all(column == np.round(column)) else column

@@ -1,4 +1,4 @@
-"""The picture that the pages of both trainings have: what a model leaves at each joint."""
+"""The figure on the pages of both trainings: a model's residuals at each joint."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from cellwatt.report.drawing import dots
 from cellwatt.report.theme import MODEL
 
 ACROSS = 3
-"""Joints side by side."""
+"""Number of joints side by side."""
 
 
 def left_by_joint(
     label: str, name: str, x: Float, left: Float, units: tuple[str, str], bands: Sequence[list[dict[str, Any]]] = ()
 ) -> Figure:
-    """What is ``left`` (N, n) of each joint over its ``x`` (N, n), in their ``units``, each panel with a band."""
+    """Residuals ``left`` (N, n) of each joint over its ``x`` (N, n), in their ``units``, each panel with a band."""
     panels = [
         Panel(
             [dots(name, x[:, j], left[:, j], MODEL)],

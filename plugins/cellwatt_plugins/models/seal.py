@@ -1,7 +1,7 @@
-"""A digest at the end of a model file, so that a changed weight is seen; all weights must be in that file.
+"""A digest at the end of a model file, which shows changed weights; all weights must be in that file.
 
 It is one more entry of ``metadata_props`` appended to the ONNX file (a protobuf message may be continued that way): the
-key ``cellwatt.sha256`` with the SHA-256, in hex, of all bytes before. Other programs read the file as before.
+key ``cellwatt.sha256`` with the SHA-256, in hex, of all bytes before. Other programs can still read the file.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def sealed(content: bytes) -> bytes:
 
 
 def broken(content: bytes) -> bool:
-    """True if a file ends with a digest that is not its own; files without one are never broken."""
+    """True if a file ends with a digest that does not match it; files without a digest are never broken."""
     body, seal = content[:-_LENGTH], content[-_LENGTH:]
     return seal.startswith(_HEAD) and seal != _HEAD + _digest(body)
 

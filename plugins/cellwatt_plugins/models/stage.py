@@ -18,26 +18,27 @@ from cellwatt_plugins.models.outside import OUTSIDE, RangeWatch
 from cellwatt_plugins.models.window import Window
 
 CLEAR = 1.0
-"""Time for which an input must be back in its range before its alarm is cleared, s."""
+"""Time in s for which an input must be back in its range before its alarm is cleared."""
 
 
 class ModelSettings(StageSettings):
-    """Runs an ONNX file on the frames; it is refused where it does not fit the cell."""
+    """Runs an ONNX file on the frames; a file that does not fit the cell is refused."""
 
     file: FilePath
     """ONNX file with cellwatt's metadata."""
     source: str | None = None
-    """Source whose channels are meant where several give an input of the model."""
+    """Source whose channels are used if several sources have an input of the model."""
     outside: Fraction = Field(OUTSIDE, ge=0)
-    """Share of an input's range in training by which it may leave it before this is told."""
+    """Share of its training range by which an input may leave the range without an alarm."""
 
 
 class ModelStage(Stage[ModelSettings]):
-    """Gives a ``Prediction`` for each block of frames, and alarms ``model_outside_range``, one an input.
+    """Gives a ``Prediction`` for each block of frames, and alarms ``model_outside_range``, one per input.
 
-    A model with a ``delay`` is asked about a frame when so many later ones have come; its predictions carry the
-    sequence and times of the frames that they are for. A frame in which an input is missing that is not
-    optional, or whose window is not whole, has NaN for a prediction.
+    A model with a ``delay`` predicts a frame when that number of later frames has come; its predictions carry the
+    sequence
+    and times of the frames that they are for. The prediction is NaN for a frame without a required input, or without a
+    complete window.
     """
 
     Settings = ModelSettings
@@ -59,12 +60,12 @@ class ModelStage(Stage[ModelSettings]):
         channels = [layout.channels[column] for column in self._columns.tolist()]
         ranges = np.array(self.metadata.training.range)[self._given]
         self._behind: list[tuple[int, int]] = []
-        """Sequence and time of the newest frames, which the model has said nothing of yet."""
+        """Sequence and time of the newest frames, which are not predicted yet."""
         patience = max(1, round(CLEAR * layout.rate))
         self._ranges = RangeWatch(name, self.metadata.name, channels, ranges, settings.outside, patience)
 
     def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
-        """The predictions for this block, and the alarms that changed with it."""
+        """The predictions for this block, and the alarms that it changed."""
         if not len(frames):
             return ()
         values = frames.values[:, self._columns]
@@ -86,7 +87,7 @@ class ModelStage(Stage[ModelSettings]):
         return [prediction, *alarms]
 
     def _predict(self, time: NDArray[np.int64], values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Outputs (n, outputs), NaN where the model did not see a whole input."""
+        """Outputs (n, outputs), NaN where an input of the model was incomplete."""
         if len(self._given) < len(self.metadata.inputs):
             given, values = values, np.full((len(values), len(self.metadata.inputs)), np.nan)
             values[:, self._given] = given

@@ -9,9 +9,9 @@ from cellwatt_plugins.models.network import Array
 
 
 def whole(values: Array, optional: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """True (n,) for frames (n, inputs) that have all that is needed.
+    """(n,) true for frames (n, inputs) with all required values.
 
-    Of an ``optional`` input (inputs,) NaN may be missing; an infinite value is never whole.
+    An ``optional`` input (inputs,) may be NaN; a frame with an infinite value is never complete.
     """
     there = np.isfinite(values)
     if optional.any():
@@ -20,10 +20,10 @@ def whole(values: Array, optional: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 class Window:
-    """The last ``size`` frames of some inputs at each frame, whole ones only.
+    """The last ``size`` frames of some inputs at each frame, complete windows only.
 
-    A window with a value that is missing though ``needed`` (inputs,), or across a hole in the grid, is not whole; nor
-    are those of the first frames. Blocks may be cut anywhere. ``step`` is that of the grid, ns.
+    A window is incomplete if a ``needed`` input (inputs,) is missing in it, if it crosses a gap in the grid, or if it
+    begins before the first frame. Frames may be split into blocks anywhere. ``step`` is that of the grid, ns.
     """
 
     def __init__(self, size: int, needed: NDArray[np.bool_], step: int) -> None:
@@ -35,9 +35,10 @@ class Window:
         self._values: Array = np.full((size - 1, len(needed)), np.nan)
 
     def update(self, time: NDArray[np.int64], values: Array) -> tuple[NDArray[np.intp], Array]:
-        """Return which of the next n frames, values (n, inputs), have a whole window, and those windows.
+        """Return the indices of those of the next n frames, values (n, inputs), with a complete window, and the
+        windows.
 
-        These are (k, size, inputs), the newest frame last, or (k, inputs) where the size is 1.
+        Windows are (k, size, inputs), the newest frame last, or (k, inputs) if the size is 1.
         """
         if self._size == 1:
             rows = np.flatnonzero(whole(values, self._optional))
@@ -50,7 +51,7 @@ class Window:
         return ends - past, values[ends[:, np.newaxis] + self._offsets]
 
     def _lengths(self, time: NDArray[np.int64], values: Array) -> NDArray[np.intp]:
-        """Count of frames without a hole or a missing value that end at each."""
+        """Number of consecutive frames, without a gap or a missing value, that end at each frame."""
         at = np.arange(len(time))
         start = np.where(whole(values, self._optional), 0, at + 1)
         holes = 1 + np.flatnonzero(np.diff(time) > self._hole)

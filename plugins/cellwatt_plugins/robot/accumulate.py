@@ -8,7 +8,7 @@ from cellwatt.arrays import Float
 
 
 class Accumulated:
-    """Running integral of evenly spaced samples (N,) or (N, k), each of which holds for half a step either side."""
+    """Running integral of evenly spaced samples (N,) or (N, k), each held for half a step on either side."""
 
     def __init__(self, first: float, step: float, samples: Float) -> None:
         self.start = first - step / 2
@@ -19,7 +19,7 @@ class Accumulated:
     def until(self, time: Float) -> Float:
         """Integral from the first sample to ``time`` (M,) s: (M,) or (M, k), in the samples' unit times s.
 
-        Before the first sample and after the last one, these two go on: recordings begin and end at rest.
+        The first and the last sample are held beyond the recording, which begins and ends at rest.
         """
         place = (time - self.start) / self._step
         low = np.clip(np.floor(place), 0, len(self._sums) - 2).astype(np.int64)

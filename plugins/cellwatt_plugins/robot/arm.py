@@ -1,4 +1,4 @@
-"""A robot arm as one object: its description and its rigid body, and what both together say of a motion."""
+"""A robot arm as one object: its description and its rigid body, and the torque and power of a motion."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Arm:
     """An arm with n ``joints`` as its description has it: links, rotors, friction, drives and supply.
 
     Arrays have one row a sample and one column a joint: ``q`` rad, ``qd`` rad/s, ``qdd`` rad/s², (N, n) each. Torques
-    are those of the motors at the joint side. Where the description leaves a number out, its term is 0.
+    are those of the motors at the joint side. The term of a number that the description lacks is 0.
 
         arm = Arm.load("mh12")
         torque = arm.torque(q, qd, qdd)
@@ -40,7 +40,7 @@ class Arm:
         ``needs`` are keys that every joint must have above 0, such as ``torque_constant``; ``weighed``: links must have
         masses.
 
-        Raises ``ConfigError`` naming the file and the key where the description or the URDF cannot be used.
+        Raises ``ConfigError`` with the file and the key if the description or the URDF cannot be used.
         """
         path = Path(robot)
         if not is_simulator(path):
@@ -53,10 +53,10 @@ class Arm:
 
     @classmethod
     def of(cls, description: RobotDescription, weighed: bool = True) -> Arm:
-        """The arm of a description, its joints of the kinds that its URDF says.
+        """The arm of a description, with its joints' kinds from the URDF.
 
-        Raises ``ConfigError`` where the URDF cannot be read, has other joints, joints of other kinds, or, if they are
-        to be ``weighed``, links without mass.
+        Raises ``ConfigError`` if the URDF cannot be read, has other joints, joints of other kinds, or, if ``weighed``,
+        links without mass.
         """
         body = Body(description.urdf, tuple(joint.name for joint in description.joints))
         body = body.with_gravity(np.array(description.gravity))
@@ -85,13 +85,13 @@ class Arm:
 
     @property
     def velocity_limits(self) -> Float:
-        """Greatest velocity (n,) rad/s of each joint: the description's, else the URDF's; 0 where none is known."""
+        """Greatest velocity (n,) rad/s of each joint: the description's, else the URDF's; 0 if neither has one."""
         stated = self.column("velocity_limit")
         found = np.where(np.isnan(stated), self.body.velocity_limits, stated)
         return np.where(np.isfinite(found), found, 0.0)
 
     def finite_limits(self) -> Float:
-        """``limits`` where every joint has a range. Raises ``ConfigError`` naming the first one without."""
+        """``limits`` if every joint has a range. Raises ``ConfigError`` with the first joint without one."""
         limits = self.limits
         for joint, pair in zip(self.description.joints, limits, strict=True):
             if not (np.isfinite(pair).all() and pair[0] < pair[1]):
@@ -110,18 +110,18 @@ class Arm:
         return replace(self, body=self.body.with_parameters(parameters))
 
     def with_gravity(self, field: Float) -> Arm:
-        """The same arm where gravity is ``field`` (3,) m/s² in the base's frame."""
+        """The same arm with gravity ``field`` (3,) m/s² in the base's frame."""
         return replace(self, body=self.body.with_gravity(field))
 
     def with_friction_lead(self, lead: float) -> Arm:
-        """The same arm where Coulomb friction turns over ``lead`` s before the velocity does."""
+        """The same arm with Coulomb friction that reverses ``lead`` s before the velocity does."""
         return replace(self, description=self.description.model_copy(update={"friction_lead": lead}))
 
     def torque(self, q: Float, qd: Float, qdd: Float) -> Float:
         """Motor torques (N, n) Nm that a motion needs: links, rotors, Coulomb and viscous friction.
 
         Links by recursive Newton–Euler (``Body.inverse_dynamics``); friction F_c tanh(qd / 0.004) + F_v qd, the first
-        by the velocity ``friction_lead`` s later.
+        with the velocity ``friction_lead`` s later.
         """
         coulomb = self.column("coulomb_friction") * direction(qd + self.description.friction_lead * qdd)
         friction = coulomb + self.column("viscous_friction") * qd

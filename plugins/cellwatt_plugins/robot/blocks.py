@@ -1,8 +1,8 @@
 """Bayesian linear regression of several channels on blocks of columns, and what further blocks would add.
 
-``regression`` has the law. Here the products of many blocks are kept, so that each candidate of a search costs only its
-own. Correlated noise is met by a factor for each channel: a residual with a correlation factor f counts as N / f
-samples.
+``regression`` defines the law. Here the products of many blocks are cached, so that each candidate of a search costs
+only its own products. A factor of each channel accounts for correlated noise: a residual with a correlation factor f
+counts as N / f samples.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Block:
         return int(self.columns.shape[-1])
 
     def of(self, channel: int) -> Float | None:
-        """Return the columns (N, m) as they act on a channel; None where they do not."""
+        """Return the columns (N, m) that act on a ``channel``; None if the block does not act on it."""
         if self.channel is None:
             return np.asarray(self.columns[:, channel])
         return self.columns if self.channel == channel else None
@@ -50,32 +50,32 @@ class Block:
 
 @dataclass(frozen=True)
 class _Channel:
-    """Columns of blocks that act on a channel, each row over its standard deviation, and their products."""
+    """Columns of the blocks that act on one channel, each row divided by its standard deviation, and their products."""
 
     places: NDArray[np.intp]
-    """Of their coefficients among all."""
+    """Positions of the columns' coefficients among all coefficients of the design."""
     columns: Float
     gram: Float
     pull: Float
-    """With the target."""
+    """Products of the columns with the target."""
 
 
 @dataclass(frozen=True)
 class _Product:
-    """A block's columns at one channel, and the products of these over their standard deviation."""
+    """A block's columns at one channel, and their products, each row divided by its standard deviation."""
 
     channel: int
     columns: Float
-    """As they are in the block, which has them anyway."""
+    """The columns as the block holds them, not divided by the standard deviation."""
     cross: Float
-    """With the design's columns."""
+    """Products with the design's columns."""
     gram: Float
     pull: Float
-    """With the target."""
+    """Products with the target."""
 
 
 class Design:
-    """``target`` (N, C) with ``variance`` (N, C) and the blocks that are always there; their products are kept."""
+    """``target`` (N, C) with ``variance`` (N, C) and the blocks of every fit; their products are computed once."""
 
     def __init__(self, target: Float, variance: Float, blocks: Sequence[Block]) -> None:
         self.target, self.blocks = target, tuple(blocks)
@@ -87,13 +87,13 @@ class Design:
         self._pairs = WeakKeyDictionary[Block, WeakKeyDictionary[Block, dict[int, Float]]]()
 
     def with_priors(self, priors: Sequence[Prior]) -> Design:
-        """Return the same design where its blocks have other ``priors``; its products are shared."""
+        """Return the same design with other ``priors`` of its blocks; the products are shared."""
         new = copy(self)
         new.blocks = tuple(replace(block, prior=prior) for block, prior in zip(self.blocks, priors, strict=True))
         return new
 
     def _by_channel(self) -> list[_Channel]:
-        """The columns of the blocks at each channel."""
+        """Weighted columns and products of the blocks at each channel."""
         out = []
         for c in range(self.target.shape[1]):
             root = self.root[:, c : c + 1]
@@ -127,13 +127,13 @@ class Design:
         return out
 
     def kept_products(self, blocks: Sequence[Block]) -> list[list[_Product]]:
-        """Return ``products``, remembered as long as the blocks are there: they are tried again and again."""
+        """Return ``products``, cached as long as the blocks exist: a search tries the same blocks many times."""
         new = [block for block in blocks if block not in self._products]
         self._products.update(zip(new, self.products(new), strict=True))
         return [self._products[block] for block in blocks]
 
     def pair(self, one: Block, other: Block) -> dict[int, Float]:
-        """Return the products of two blocks' columns at each channel that both act on; remembered likewise."""
+        """Return the products of two blocks' columns at each channel that both act on, cached as long as both exist."""
         known = self._pairs.setdefault(one, WeakKeyDictionary())
         if other not in known:
             parts = {c: (one.of(c), other.of(c)) for c in range(self.target.shape[1])}
@@ -145,7 +145,7 @@ class Design:
 
 
 def places(blocks: Sequence[Block], start: int) -> list[slice]:
-    """Return the place of each block's coefficients, from ``start`` on."""
+    """Return the slice of each block's coefficients; the first one begins at ``start``."""
     out = []
     for block in blocks:
         out.append(slice(start, start + block.size))
@@ -197,12 +197,13 @@ class Regression:
         return self._fit.covariance
 
     def added(self, part: slice) -> float:
-        """Return the log evidence (nats) that coefficients of this fit add to its others."""
+        """Return the log evidence (nats) that the coefficients in ``part`` add to the other coefficients of this
+        fit."""
         return self._fit.gain(part)
 
     @cached_property
     def _weighed(self) -> list[tuple[NDArray[np.intp], Float]]:
-        """Places, and rows over their variance, of the added blocks' columns at each channel."""
+        """Coefficients' positions, and rows divided by their variance, of the added blocks' columns at each channel."""
         out = []
         for c in range(len(self.design.channels)):
             acting = [(p, part) for b, p in zip(self.blocks, self.slices, strict=True) if (part := b.of(c)) is not None]
@@ -212,11 +213,11 @@ class Regression:
         return out
 
     def gain(self, block: Block) -> tuple[float, Float]:
-        """Return the log evidence (nats) that a further block adds, and the coefficients (m,) that it would have."""
+        """Return the log evidence (nats) that a further block adds, and its coefficients (m,) in that fit."""
         return self.gains([block])[0]
 
     def gains(self, blocks: Sequence[Block], keep: bool = False) -> list[tuple[float, Float]]:
-        """Return the ``gain`` of several blocks, each alone; ``keep`` their products for the next time."""
+        """Return the ``gain`` of several blocks, each added alone; ``keep`` caches their products for the next call."""
         if not blocks:
             return []
         products = self.design.kept_products(blocks) if keep else self.design.products(blocks)

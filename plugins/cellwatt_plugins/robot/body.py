@@ -23,18 +23,18 @@ PER_LINK = 10
 """Inertial parameters of a link: m, m·c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the joint frame's origin."""
 
 LEAST_MASS = 1e-6
-"""kg: without a mass, a link's first moment has no centre."""
+"""Smallest mass in kg: the centre of mass is the first moment divided by the mass."""
 
 NO_MASS, NO_LENGTH = 1e-3, 0.02
-"""kg and m up to which a link between two joints is a point of their axes, and not a casting."""
+"""Mass (kg) and length (m) up to which a link between two joints is where their axes meet, not a casting."""
 
 TURNS = 2 * np.pi
-"""rad each way that a joint without limits is taken to turn."""
+"""Range in rad, each way from 0, of a joint without limits."""
 
 
 @dataclass(frozen=True)
 class Solid:
-    """A solid ``shape`` of coal on a ``link`` (0: the base), placed (4, 4) m in its frame."""
+    """A ``shape`` of coal on a ``link`` (0: the base), with its ``placement`` (4, 4) m in the link's frame."""
 
     link: int
     placement: Float
@@ -42,13 +42,13 @@ class Solid:
 
 
 class Body:
-    """Kinematics and dynamics of a serial arm with n ``joints`` of one angle (or way, m) each; the rest is fixed.
+    """Kinematics and dynamics of a serial arm; its n ``joints`` have one angle (or distance, m) each, others are fixed.
 
     Arrays have one row a sample and one column a joint. Prismatic joints have m, N and kg instead of rad, Nm and kg m².
     """
 
     def __init__(self, urdf: Path, joints: tuple[str, ...]) -> None:
-        """Raise ``ConfigError`` where the URDF cannot be read, lacks a joint or has them in another order."""
+        """Raise ``ConfigError`` if the URDF cannot be read, lacks a joint or has the joints in another order."""
         try:
             model = pin.buildModelFromXML(with_one_angle_each(urdf_bytes(urdf, joints)))
         except (OSError, ET.ParseError, ValueError, RuntimeError) as error:
@@ -65,7 +65,7 @@ class Body:
             )
         self.names = joints
         self.changed: Float | None = None
-        """Inertial parameters (10 n,) where they are not the URDF's."""
+        """Inertial parameters (10 n,) if they differ from the URDF's, else None."""
         self._use(model)
 
     def _use(self, model: Any) -> None:
@@ -79,8 +79,7 @@ class Body:
     def without_mass(self) -> tuple[str, ...]:
         """Names of the links whose mass is missing.
 
-        A link that ends where it begins, as between the axes of a wrist, and a flange at the end may have none, unless
-        no link has any.
+        A link of no length, as between the axes of a wrist, and the flange may lack a mass, unless every link lacks it.
         """
         heavy = np.array([self._model.inertias[i + 1].mass > NO_MASS for i in range(self.joints)])
         long = np.linalg.norm(self.placements[1:, :3, 3], axis=1) > NO_LENGTH
@@ -98,7 +97,7 @@ class Body:
 
     @property
     def velocity_limits(self) -> Float:
-        """Greatest velocity (n,) rad/s in the URDF; infinite or 0 where it has none."""
+        """Greatest velocity (n,) rad/s in the URDF; infinite or 0 if the URDF has none."""
         return np.array(self._model.velocityLimit)
 
     @property
@@ -108,7 +107,7 @@ class Body:
 
     @property
     def placements(self) -> Float:
-        """Frame (n, 4, 4) m of each joint in that of the joint before it, at position 0."""
+        """Frame (n, 4, 4) m of each joint in the frame of the previous joint, at position 0."""
         return np.stack([self._model.jointPlacements[i + 1].homogeneous for i in range(self.joints)])
 
     @cached_property
@@ -137,7 +136,7 @@ class Body:
         return np.concatenate([self._model.inertias[i + 1].toDynamicParameters() for i in range(self.joints)])
 
     def with_parameters(self, parameters: Float) -> Body:
-        """The same kinematics with other inertial ``parameters`` (10 n,); they need not be physical one by one."""
+        """The same kinematics with other inertial ``parameters`` (10 n,); a single link's need not be physical."""
         out, model = copy(self), self._model.copy()
         out.changed = np.array(parameters, np.float64)
         for i, own in enumerate(out.changed.reshape(-1, PER_LINK), start=1):
@@ -165,7 +164,8 @@ class Body:
         return self._rows(pin.computeGeneralizedGravity, (self.joints,), q)
 
     def gravity_slope(self, q: Float) -> Float:
-        """Derivatives ∂G/∂q (N, n, n) Nm/rad of the holding torques at ``q`` (N, n) rad; last axis: by which joint."""
+        """Derivatives ∂G/∂q (N, n, n) Nm/rad of the holding torques at ``q`` (N, n) rad; the last axis is the joint of
+        q."""
         return self._rows(pin.computeGeneralizedGravityDerivatives, (self.joints, self.joints), q)
 
     def mass_matrix(self, q: Float) -> Float:
@@ -195,7 +195,7 @@ class Body:
     def distances(self, solids: Sequence[Solid], pairs: Sequence[tuple[int, int]]) -> Callable[[Float], Float]:
         """Return a function of positions ``q`` (N, n) rad that gives the distances (N, P) m of ``pairs`` of ``solids``.
 
-        Negative where two are inside each other. Computed by coal for one pose after the other.
+        A distance is negative if the two solids overlap. Coal computes one pose at a time.
         """
         geometry = pin.GeometryModel()
         for i, solid in enumerate(solids):
@@ -212,7 +212,7 @@ class Body:
         return lambda q: self._rows(apart, (len(pairs),), q)
 
     def _rows(self, algorithm: Callable[..., Any], shape: tuple[int, ...], *given: Float) -> Float:
-        """Results (N, …) of a ``shape`` each of an algorithm of Pinocchio, for each row of what it is ``given``."""
+        """Results (N, *shape) of a Pinocchio ``algorithm``, called once for each row of the ``given`` arrays."""
         out = np.empty((len(given[0]), *shape))
         for i, row in enumerate(zip(*given, strict=True)):
             out[i] = algorithm(self._model, self._data, *row)
@@ -220,15 +220,15 @@ class Body:
 
 
 def urdf_bytes(path: Path, joints: Sequence[str]) -> bytes:
-    """The URDF of an arm with these ``joints``: the file itself, or what a MuJoCo file says.
+    """The URDF of an arm with these ``joints``: the file's own text, or a URDF generated from a MuJoCo file.
 
-    Raises ``ConfigError``, and ``OSError`` where the file cannot be read.
+    Raises ``ConfigError`` where MuJoCo cannot read the file, and ``OSError`` where a URDF cannot be read.
     """
     return urdf_of(path, joints).encode() if is_mjcf(path) else read_bytes(path)
 
 
 def with_one_angle_each(urdf: bytes) -> str:
-    """The URDF with its ``continuous`` joints, and those without limits, as ones that turn ``TURNS`` each way."""
+    """The URDF with each ``continuous`` joint, and each joint without limits, as a revolute one of ±``TURNS``."""
     root = ET.fromstring(urdf)
     for joint in root.iter("joint"):
         limit = joint.find("limit")

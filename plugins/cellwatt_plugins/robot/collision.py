@@ -15,14 +15,14 @@ from cellwatt_plugins.robot.body import Solid
 from cellwatt_plugins.robot.description import Capsule
 
 CLEARANCE: Final = 0.02
-"""m that must be left between two links, and above the floor."""
-_RADIUS: Final = 0.08  # m, of links without a description
+"""Smallest allowed gap in m between two links, and between a link and the floor."""
+_RADIUS: Final = 0.08  # m, of links whose outline the description lacks
 
 
 class Checker:
     """Checks poses of one ``arm`` by the ``capsules`` and ``floor`` of its description.
 
-    Rods of neighbouring links are left out, and pairs that are closer than ``CLEARANCE`` in the middle of all ranges
+    Pairs of neighbouring links are not checked, nor pairs closer than ``CLEARANCE`` in the middle of all ranges
     (``limits`` (n, 2) rad).
     """
 
@@ -33,23 +33,24 @@ class Checker:
         apart = [(i, j) for i in range(len(every)) for j in range(i) if abs(every[i].link - every[j].link) > 1]
         middle = arm.body.distances(solids, apart)(limits.mean(axis=1)[None])[0]
         pairs = [pair for pair, gap in zip(apart, middle, strict=True) if gap > CLEARANCE]
-        # The base and what turns on it stand on the floor.
+        # The base and link 1 stand on the floor: they are not checked against it.
         above = [(i, len(every)) for i, capsule in enumerate(every) if capsule.link > 1]
         self.gaps = arm.body.distances(solids, [*pairs, *above])
-        """Clearance (N, k) m of each pair, then of each rod above the floor, in poses (N, n) rad."""
+        """Function of poses (N, n) rad: the clearance (N, k) m of each pair, then of each rod above the floor."""
 
     def safe(self, q: Float) -> NDArray[np.bool_]:
-        """(N,) true where all gaps are ``CLEARANCE`` or more in poses ``q`` (N, n) rad."""
+        """(N,) true if all gaps are ``CLEARANCE`` or more in poses ``q`` (N, n) rad."""
         return np.asarray((self.gaps(q) >= CLEARANCE).all(axis=1))
 
     def safe_move(self, start: Float, end: Float, step: float = 0.08) -> bool:
-        """True if the straight way between two poses (n,), all joints together, is safe; checked every ``step`` rad."""
+        """True if the straight path between two poses (n,), all joints together, is safe; checked every ``step``
+        rad."""
         count = max(2, int(np.ceil(np.max(np.abs(end - start)) / step)))
         return bool(self.safe(start + np.linspace(0, 1, count + 1)[:, None] * (end - start)).all())
 
 
 def solid(capsule: Capsule) -> Solid:
-    """The rod as coal has it: along z, about its middle."""
+    """The capsule as coal's shape: along z, centred at its middle."""
     start, end = np.array(capsule.start), np.array(capsule.end)
     length = float(np.linalg.norm(end - start))
     placement = np.eye(4)

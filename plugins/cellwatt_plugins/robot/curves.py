@@ -1,4 +1,4 @@
-"""Curves of any form: what a joint's torque follows where no law is known. They enter a model as tables."""
+"""Curves of free form: a joint's torque as a function of one state, for want of a law. A model holds them as tables."""
 
 from __future__ import annotations
 
@@ -14,33 +14,33 @@ from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.regression import Prior
 
 KNOTS = 10
-"""Knots of a curve."""
+"""Number of knots of a curve."""
 RANGE = 0.01, 0.99
-"""Quantiles of the joint's motion between which a curve is known; it is held beyond."""
+"""Quantiles of the joint's motion at the first and last knot; beyond these a curve is constant."""
 SMOOTH = 1.5
-"""Knots over which a curve changes."""
+"""Number of knots over which the values of a curve are correlated."""
 ROUGH = 0.05
-"""Share of its variance by which neighbouring knots may differ."""
+"""Share of a knot's variance that is independent of its neighbours."""
 
 
 @dataclass(frozen=True)
 class Curve(Effect):
-    """A smooth torque along one course of a joint, linear between the knots that are its shape.
+    """A smooth torque as a function of one state of a joint, linear between knots; the knots are its shape.
 
-    The course is that of ``States`` called ``of``; ``along`` says it in words, in ``unit``.
+    ``of`` is the attribute of ``States`` that holds the state; ``along`` names the state in a sentence, in ``unit``.
     """
 
-    name: str  # type: ignore[misc]  # of each instance, where other effects have one a class
+    name: str  # type: ignore[misc]  # set per instance; other effects set it per class
     of: str
     along: str
     unit: str
 
     def course(self, run: States, joint: int) -> Float:
-        """The course (N,) along which the torque is told."""
+        """The state (N,) that the torque is a function of."""
         return np.asarray(getattr(run, self.of)[:, joint])
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
-        """One shape, whose knots have as many samples between each two."""
+        """One shape, with equally many samples between neighbouring knots; none if the state has too few values."""
         course = np.concatenate([self.course(run, joint or 0) for run in runs])
         knots = np.unique(np.quantile(course, np.linspace(*RANGE, KNOTS)))
         return [tuple(knots.tolist())] if len(knots) == KNOTS else []
@@ -56,7 +56,7 @@ class Curve(Effect):
         return out
 
     def prior(self, runs: Sequence[States], joint: int | None, columns: Float, size: Float) -> Prior:
-        """Values at the knots are of the channel's ``size``, and near those of their neighbours."""
+        """Values at the knots have the channel's ``size`` as standard deviation; neighbouring values are correlated."""
         apart = np.subtract.outer(np.arange(columns.shape[1]), np.arange(columns.shape[1]))
         alike = (1 - ROUGH) * np.exp(-0.5 * np.square(apart / SMOOTH)) + ROUGH * (apart == 0)
         return Prior(np.zeros(columns.shape[1]), alike * size[joint or 0] ** 2)

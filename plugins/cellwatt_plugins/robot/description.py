@@ -38,17 +38,17 @@ class Tolerances(_Keys, extra="forbid"):
     """Standard deviations of the stated numbers, as a share of their value."""
 
     friction: PositiveFloat = 0.06
-    """Of Coulomb and viscous friction."""
+    """Tolerance of Coulomb and viscous friction."""
     rotor_inertia: PositiveFloat = 0.03
-    """Of the rotors' inertia."""
+    """Tolerance of the rotors' inertia."""
     link: PositiveFloat = 0.03
-    """Of mass, centre of mass and inertia of each link of the URDF."""
+    """Tolerance of mass, centre of mass and inertia of each link of the URDF."""
     supply: PositiveFloat = 0.05
-    """Of standby power and winding resistances."""
+    """Tolerance of standby power and winding resistances."""
     unexplained: NonNegative = 0.03
-    """Share of what a channel measures (standard deviation) below which nothing unexplained is told as a finding."""
+    """Smallest unexplained residual that is reported as a finding, as a share of the channel's standard deviation."""
     torque_gain: NonNegative | None = None
-    """Of all measured torques together; where absent 0.1 for torque from current, 0 for measured torque."""
+    """Tolerance of a factor common to all measured torques; if absent, 0.1 for torque from current, else 0."""
 
 
 class Joint(_Keys):
@@ -58,11 +58,11 @@ class Joint(_Keys):
     """
 
     name: str
-    """Name of the joint in the URDF; joints come in the order from the base."""
+    """Name of the joint in the URDF; joints are listed from the base."""
     kind: Kind = "revolute"
-    """``revolute`` or ``prismatic``: the URDF's."""
+    """``revolute`` or ``prismatic``, as in the URDF."""
     gear_ratio: PositiveFloat = 1.0
-    """Turns of the motor for one of the joint."""
+    """Turns of the motor per turn of the joint."""
     torque_constant: NonNegative = 0.0
     """Nm/A at the joint side."""
     rotor_inertia: NonNegative = 0.0
@@ -87,48 +87,48 @@ class Capsule(_Keys, extra="forbid"):
     """Rod with round ends on a link."""
 
     link: Annotated[int, Field(ge=0)]
-    """1 is what joint 1 moves, 0 the base."""
+    """Number of the link: 0 is the base, 1 the link that joint 1 moves."""
     start: Annotated[Point, Field(alias="from")]
-    """x, y, z of one end, m in the link's frame (that of its joint)."""
+    """x, y, z of one end in m, in the frame of the link's joint."""
     end: Annotated[Point, Field(alias="to")]
-    """x, y, z of the other end."""
+    """x, y, z of the other end in m, in the same frame."""
     radius: PositiveFloat
     """m."""
 
 
 class RobotDescription(_Keys):
-    """A robot as its user knows it; a URDF is beside it."""
+    """A robot as its user describes it, beside its URDF."""
 
     robot: str
     """Name of the robot."""
     urdf: Path
-    """The URDF, or a MuJoCo file, beside this file unless absolute."""
+    """The URDF or a MuJoCo file; a relative path starts at this file's folder."""
     joints: Annotated[tuple[Joint, ...], Field(min_length=1)]
-    """The joints that move, from the base."""
+    """The joints that move, listed from the base."""
     gravity: Point = (0.0, 0.0, -9.81)
-    """m/s² in the base's frame: of an arm on a wall or a ceiling, or mounted sideways, it does not point down."""
+    """Gravity in m/s² in the base's frame; it does not point down if the arm is on a wall, a ceiling or sideways."""
     friction_lead: NonNegative = 0.0
-    """s by which Coulomb friction turns over before the velocity does: MuJoCo's soft friction may do so."""
+    """Time in s by which Coulomb friction reverses before the velocity does, as MuJoCo's soft friction may."""
     standby_power: NonNegative = 0.0
-    """W at the supply while nothing moves."""
+    """Supply power in W while no joint moves."""
     converter_efficiency: Annotated[float, Field(gt=0, le=1)] = 1.0
     """Share of the supply's power that reaches the drives."""
     regeneration: Annotated[float, Field(ge=0, le=1)] = 1.0
-    """Share of braking power that comes back to the supply."""
+    """Share of the braking power that returns to the supply."""
     tolerances: Tolerances = Tolerances()
-    """Shares by which these numbers may be off (one standard deviation)."""
+    """Tolerances of these numbers (one standard deviation each, as a share)."""
     payload: NonNegative = 0.0
-    """kg of the maximum payload."""
+    """Maximum payload in kg."""
     brakes: bool = True
-    """False where the arm has no holding brakes."""
+    """False if the arm has no holding brakes."""
     controller_separate: bool = True
-    """False where the arm cannot be unplugged from its controller, so that only their sum is measured."""
+    """False if the arm cannot be unplugged from its controller, so that only their total power is measured."""
     torque_from: Literal["current", "sensor"] = "sensor"
-    """Origin of the robot's torques: an estimate from motor current may be off by a factor a joint."""
+    """Origin of the measured torques: those estimated from motor current may be wrong by a factor for each joint."""
     floor: float = 0.0
     """Height of the floor in the base's frame, m."""
     capsules: tuple[Capsule, ...] = ()
-    """Outline of the arm, which must touch neither itself nor the floor; rods of 8 cm along the links where absent."""
+    """Outline of the arm, checked against itself and the floor; if absent, rods of 8 cm radius along the links."""
 
     @field_validator("joints")
     @classmethod
@@ -146,12 +146,13 @@ class RobotDescription(_Keys):
         return capsules
 
     def unit(self, joint: int, unit: str) -> str:
-        """Unit at a ``joint`` (0-based) of what has ``unit`` at a revolute one: ``N`` for ``Nm`` at a prismatic one."""
+        """Unit at a ``joint`` (0-based) of a quantity in ``unit`` at a revolute joint: ``N`` for ``Nm`` at a prismatic
+        one."""
         return unit_at(self.joints[joint].kind, unit)
 
     @property
     def limits(self) -> NDArray[np.float64]:
-        """Lowest and highest position (n, 2) rad of each joint; NaN where it is left to the URDF."""
+        """Lowest and highest position (n, 2) rad of each joint; NaN where only the URDF states it."""
         return np.column_stack([self.column("lower_limit"), self.column("upper_limit")])
 
     def column(self, name: str) -> NDArray[np.float64]:
@@ -167,7 +168,7 @@ def packaged() -> list[str]:
 def robot_file(robot: Place) -> Path:
     """The ``robot.yaml`` that ``robot`` names: the file, the folder that holds it, or a packaged robot's name.
 
-    Raises ``ConfigError`` where a name is neither; it says the nearest one.
+    Raises ``ConfigError`` if the name is none of these; the message suggests the nearest name.
     """
     path = Path(robot)
     if path.is_dir():

@@ -2,8 +2,8 @@
 
 Each joint's drive takes from the bus its mechanical power τ q̇, copper loss R I², switching loss k |I|, and iron loss by
 eddy currents k q̇² and by hysteresis k |q̇| (ECDP, III-D). The supply draws up · D for a bus power D above 0
-and down · D below: 1/up is the converter's efficiency; down is 0 where a brake resistor burns what comes back, and up
-where all of it is used again (Sabry et al., equation (13), without its absolute value).
+and down · D below: 1/up is the converter's efficiency; down is 0 if a brake resistor dissipates all regenerated power,
+and equals up if all of it is used again (Sabry et al., equation (13), without its absolute value).
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ TERMS: Final[Mapping[str, Callable[[Drives], Any]]] = {
     "eddy": lambda d: d.qd * d.qd,
     "hysteresis": lambda d: np.abs(d.qd),
 }
-"""Power (N, n) W that each drive takes from the bus, by its cause, each times a number of the joint."""
+"""Power terms (N, n) of each drive, by cause; a coefficient of the joint times a term is W taken from the bus."""
 
 
 def drawn(bus: Any, up: Any, down: Any) -> Any:

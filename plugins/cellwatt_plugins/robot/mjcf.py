@@ -1,4 +1,4 @@
-"""A MuJoCo file as MuJoCo compiles it: its arm as a URDF, and what it says of the joints."""
+"""A MuJoCo file as MuJoCo compiles it: its arm as a URDF, and the data of its joints."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from cellwatt.errors import ConfigError
 from cellwatt.files import WRITTEN, check_file, read_text
 
 ANYWHERE = 1e3
-"""m each way that a slide without a range may go: a URDF states a number."""
+"""Range in m, each way from 0, of a slide joint without a range: a URDF must state one."""
 
 
 def is_mjcf(path: Path) -> bool:
-    """True if a file, by its name, is one of MuJoCo's own, not a URDF."""
+    """True if a file, by its name, is an MJCF file and not a URDF."""
     return path.suffix.lower() in (".xml", ".mjcf")
 
 
@@ -45,13 +45,13 @@ def library(path: Path) -> Any:
 
 
 def scalar_types(path: Path) -> tuple[int, int]:
-    """Types of joints with one angle or way."""
+    """MuJoCo's types of joints with one coordinate: hinge and slide."""
     types = library(path).mjtJoint
     return int(types.mjJNT_HINGE), int(types.mjJNT_SLIDE)
 
 
 def parents(path: Path, model: Any) -> dict[str, str | None]:
-    """Each named joint of one angle or way, and the one before it towards the base."""
+    """Each named hinge or slide joint, and the previous one towards the base; None for the first."""
     last: dict[int, str | None] = {0: None}
     found: dict[str, str | None] = {}
     for body in range(1, model.nbody):
@@ -66,7 +66,7 @@ def parents(path: Path, model: Any) -> dict[str, str | None]:
 
 
 def urdf_of(path: Path, joints: Sequence[str]) -> str:
-    """The arm of ``joints`` as a URDF: frames of its bodies at the joints; other joints are at their reference.
+    """The arm of ``joints`` as a URDF, the bodies' frames at the joints; other joints are at their reference position.
 
     Raises ``ConfigError`` where it cannot be read, or a joint is missing.
     """
@@ -99,7 +99,7 @@ def gravity(model: Any) -> tuple[float, float, float]:
 
 
 def _carried(model: Any, joints: Sequence[str], at: int) -> Iterator[int]:
-    """Bodies that joint number ``at`` moves and no joint after it does."""
+    """Bodies that joint number ``at`` (0-based) moves and no later joint does."""
     moving = {int(model.joint(name).bodyid[0]): i for i, name in enumerate(joints)}
     owner = {0: -1}
     for body in range(1, model.nbody):
@@ -126,7 +126,7 @@ def _add_joint(root: ET.Element, model: Any, name: str, parent: str, child: str,
 
 
 def _add_link(root: ET.Element, model: Any, data: Any, name: str, frame: Float, bodies: Iterator[int]) -> None:
-    """One link of all its bodies, with the inertia of each about its own centre."""
+    """One link, and one fixed to it for each further body, each with its inertia about its own centre of mass."""
     for i, body in enumerate(bodies):
         own = name if i == 0 else f"{name}_{i + 1}"
         link = ET.SubElement(root, "link", name=own)
@@ -159,7 +159,7 @@ def _numbers(values: Float) -> str:
 
 
 def _without_shapes(text: str) -> str:
-    """A URDF without what is only seen or touched: meshes are seldom where the file says. Each link is a body."""
+    """A URDF without visual and collision shapes, whose mesh files are often missing. Each link is a body."""
     root = ET.fromstring(text)
     for link in root.iter("link"):
         for shape in [child for child in link if child.tag in ("visual", "collision")]:

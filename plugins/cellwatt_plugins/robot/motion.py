@@ -1,8 +1,8 @@
-"""The motion that really took place: position, velocity and acceleration, and how well the velocity is known.
+"""The actual motion: position, velocity and acceleration, with the uncertainty of the derivatives.
 
-Near a stop, Coulomb friction turns over within 4 mrad/s, less than what differentiated encoders resolve: a sign that
-is not known must not be taken for an effect. So the velocity comes with its standard deviation, and friction is
-judged by the expected sign and the spread of that sign.
+Near a stop, Coulomb friction reverses within 4 mrad/s, less than differentiated encoders resolve: an unknown sign must
+not be taken for an effect. So the velocity has a standard deviation, and friction is fitted with the expected sign and
+the standard deviation of that sign.
 """
 
 from __future__ import annotations
@@ -19,54 +19,54 @@ from cellwatt.arrays import Float
 from cellwatt_plugins.noise import white_noise
 
 SIGN_WIDTH = 0.004
-"""rad/s: Coulomb friction turns over within this velocity."""
+"""rad/s: Coulomb friction reverses within this velocity."""
 FAST = 24.0
-"""Samples a second that it takes to see what is quick in a drive."""
+"""Sampling rate in Hz from which the fast dynamics of a drive are visible."""
 ORDER = 3
 """The smoother penalises third differences (jerk)."""
 ERROR_OCTAVES = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
-"""Hz up to which the tracking error, recorded minus planned motion, is told from noise; of the last octave only how
-much there is. An arm that sticks at a reversal leaves its plan for some ms."""
+"""Upper limits in Hz of the octaves in which the tracking error, recorded minus planned motion, is separated from
+noise; of the last octave only the power is used. An arm that sticks at a reversal leaves its plan for some ms."""
 OWN_OCTAVES = ERROR_OCTAVES[1:]
-"""The same of a motion whose plan is not known; the first is kept as it is."""
+"""The same for a motion without a known plan; its first octave is used as it is."""
 QUICK_OCTAVES = (10.0, 20.0)
-"""The same for who cannot wait: what is slow enough to be told from noise takes seconds before and after."""
+"""The same for callers that cannot wait: the lower octaves need seconds of samples before and after."""
 FASTEST_BAND = 0.35
-"""Bandwidth times step of the fastest octave that the sampling has."""
+"""Largest bandwidth times step of an octave that the sampling resolves."""
 OWN_BANDWIDTH = 10.0
-"""Hz kept where derivatives are taken from encoders alone, and no doubt of them is asked for."""
+"""Bandwidth in Hz of derivatives of encoder positions alone whose uncertainty is not needed."""
 HURRIED = 8.0
-"""Hz above which nothing is told from noise at the ends of a recording, where half of the neighbours lack."""
+"""Bandwidth in Hz above which the ends of a recording are not separated from noise: half of the neighbours lack."""
 SOFT = 0.4
-"""Share of its lead within which friction that turns over early does so."""
+"""Standard deviation of a friction lead, as a share of the lead."""
 JERK = 0.5
-"""Power of accelerations from one octave to the next: where friction jumps, so does the acceleration."""
-# Even nodes: next to a sign that turns over at once, Gauss-Hermite nodes are steps as wide as the spread.
+"""Ratio of an acceleration's power in one octave to that in the octave below: friction makes it jump."""
+# Evenly spaced nodes: Gauss-Hermite nodes turn a sharp sign change into steps as wide as the spread.
 _NODES = np.linspace(-4.0, 4.0, 33)
 _NODE_WEIGHTS = np.exp(-0.5 * _NODES**2) / np.sum(np.exp(-0.5 * _NODES**2))
 _WHOLE = float(np.cumsum(_NODE_WEIGHTS)[-1])
 HARDLY = 0.005
-"""Noise as a share of what is there that needs no smoothing."""
+"""Noise of a derivative, as a share of its standard deviation, below which it needs no smoothing."""
 SURE_SIGN = 22.0
-"""From here on tanh is 1 to the last bit."""
+"""Argument from which tanh is 1 to the last bit."""
 
 
 @dataclass(frozen=True)
 class _Judge:
-    """How an octave is told from encoder noise."""
+    """Criteria that separate an octave from encoder noise."""
 
     shortest: float
-    """s over which its power is averaged at least."""
+    """Shortest time in s over which the octave's power is averaged."""
     periods: float
-    """Periods of the octave over which it is averaged."""
+    """Periods of the octave over which its power is averaged."""
     sure: float
-    """Times its noise that the power must exceed to be kept at all."""
+    """Ratio to the noise's power from which the octave is used."""
     clear: float
-    """Times its noise from which an octave that is not kept is doubt."""
+    """Ratio to the noise's power from which an octave that is not used counts as doubt."""
 
 
 BESIDE_PLAN = _Judge(shortest=0.06, periods=2.0, sure=4.0, clear=4.0)
-"""A tracking error comes and goes within some ms; without it the plan stands."""
+"""Beside a plan: a tracking error lasts some ms; where none is found, the plan is used."""
 ALONE = _Judge(shortest=0.4, periods=1.0, sure=2.0, clear=1.0)
 
 
@@ -89,35 +89,35 @@ class Plan:
 
 @dataclass(frozen=True)
 class Turning:
-    """The sign by which friction goes, (N, n) each."""
+    """Sign of Coulomb friction, (N, n) each."""
 
     sign: Float
-    """As expected."""
+    """Expected sign."""
     spread: Float
-    """Its standard deviation, from what the encoders leave open."""
+    """Standard deviation of the sign, from encoder noise."""
     held: Float
-    """From 0 to 1, how far it is turning over: an arm may stick then, and friction is whatever holds it."""
+    """From 0 (moving) to 1 (reversing): a reversing arm may stick, and friction is then whatever torque holds it."""
 
 
 @dataclass(frozen=True)
 class Moved(Plan):
-    """The motion that took place, and how well it is known, (N, n) each."""
+    """The motion that took place and its uncertainty, (N, n) each."""
 
     sign: Float
     """Expected tanh(velocity / 0.004)."""
     sign_spread: Float
-    """Standard deviation of that sign, from what the encoders leave open."""
+    """Standard deviation of that sign, from encoder noise."""
     resolution: Float
-    """Noise (n,) of the encoders, rad; 0 where the motion is known."""
+    """Noise (n,) of the encoders, rad; 0 if the motion is known exactly."""
     velocity_spread: Float
     """Standard deviation of the velocity, rad/s."""
     acceleration_spread: Float
     """Standard deviation of the acceleration, rad/s²."""
     planned: bool = True
-    """False where the motion had to be differentiated from encoders alone."""
+    """False if the motion was differentiated from encoders alone."""
 
     def turning(self, lead: float = 0.0) -> Turning:
-        """How friction goes with the motion, where it turns over ``lead`` s before the velocity does."""
+        """Return the sign of friction along the motion, where friction reverses ``lead`` s before the velocity does."""
         velocity, spread, sign, doubt = self.velocity, self.velocity_spread, self.sign, self.sign_spread
         if lead:
             velocity = velocity + lead * self.acceleration
@@ -130,8 +130,8 @@ class Moved(Plan):
 def about_plan(position: Float, plan: Plan, step: float) -> Moved:
     """Return the motion of encoders ``position`` (N, n) rad, every ``step`` s, that follow a ``plan``.
 
-    It is the plan and the tracking error, of which each octave is kept as far as it exceeds the encoders' noise
-    (Wiener's filter).
+    It is the plan plus the tracking error; each octave of that error is reduced to the share that exceeds the encoders'
+    noise (Wiener's filter).
     """
     noise = encoder_noise(position, plan.position)
     kept = _in_octaves(position - plan.position, noise, step, _octaves(step, ERROR_OCTAVES), BESIDE_PLAN)
@@ -141,7 +141,7 @@ def about_plan(position: Float, plan: Plan, step: float) -> Moved:
 def from_encoders(encoders: Float, step: float, octaves: Sequence[float] = OWN_OCTAVES) -> Moved:
     """Return the motion of ``encoders`` (N, n) rad alone, every ``step`` s.
 
-    Each of the ``octaves`` (Hz) is kept as far as it exceeds the encoders' noise; what is beyond the last is doubt.
+    Each of the ``octaves`` (Hz) is reduced to the share that exceeds the encoders' noise; the last one counts as doubt.
     """
     noise, octaves = encoder_noise(encoders), _octaves(step, octaves)
     base = smooth(encoders, step, octaves[0])
@@ -150,19 +150,19 @@ def from_encoders(encoders: Float, step: float, octaves: Sequence[float] = OWN_O
 
 
 def exact(position: Float, velocity: Float, acceleration: Float) -> Moved:
-    """Return the motion of exact ``position`` rad and its derivatives in s, (N, n) each: a plan's, without doubt."""
+    """Return a motion without doubt: ``position`` rad and its derivatives in s, (N, n) each, as of a plan."""
     none = np.zeros_like(velocity)
     return Moved(position, velocity, acceleration, direction(velocity), none, np.zeros(velocity.shape[1]), none, none)
 
 
 def direction(velocity: Float) -> Float:
-    """Return the sign of ``velocity`` (rad/s, any shape) as Coulomb friction sees it: tanh(q̇ / 0.004)."""
+    """Return the smoothed sign of ``velocity`` (rad/s, any shape) in Coulomb friction: tanh(q̇ / 0.004)."""
     return np.tanh(velocity / SIGN_WIDTH)
 
 
 def expected_sign(velocity: Float, spread: Float) -> tuple[Float, Float]:
     """Return mean and standard deviation of ``direction`` for a ``velocity`` known to ``spread`` (one sigma), rad/s."""
-    # Nearly all of a motion is so quick that the sign is sure: one sum for all of it, and nodes for the rest.
+    # For nearly all samples the velocity is large enough that the sign is certain: only the others need the nodes.
     unsure = ~(np.abs(velocity) >= SURE_SIGN * SIGN_WIDTH + _NODES[-1] * np.abs(spread))
     mean, square = np.sign(velocity) * _WHOLE, np.full_like(velocity, _WHOLE)
     if unsure.any():
@@ -183,7 +183,7 @@ def _by_nodes(velocity: Float, spread: Float) -> tuple[Float, Float]:
 def encoder_noise(position: Float, plan: Float | float = 0.0) -> Float:
     """Return the white noise (n,) of positions (N, n) about a ``plan``; at least a rounding error.
 
-    A joint at rest repeats its position where its encoder is coarse: that is no sample of the noise in motion.
+    Repeated positions are left out: a joint at rest repeats its position if its encoder is coarse.
     """
     course = position - plan
     rms = np.sqrt(np.mean(np.square(np.diff(course, n=3, axis=0)), axis=0)) / np.sqrt(20.0)
@@ -197,16 +197,16 @@ def encoder_noise(position: Float, plan: Float | float = 0.0) -> Float:
 def rates(position: Float, step: float, bandwidth: float = OWN_BANDWIDTH) -> tuple[Float, Float, Float]:
     """Return positions, velocities and accelerations (N, n) of encoders ``position`` (N, n) rad every ``step`` s.
 
-    Without what is above ``bandwidth`` Hz; ``from_encoders`` says beside it how far they may be off.
+    Frequencies above ``bandwidth`` Hz are removed; ``from_encoders`` also returns the uncertainty.
     """
     kept = smooth(position, step, bandwidth)
     return kept, *differentiate(kept, step)
 
 
 def slope(values: Float, step: float) -> Float:
-    """Return the derivative (N, n) of ``values`` (N, n) every ``step`` s: all of it where they have hardly any noise.
+    """Return the derivative (N, n) of ``values`` (N, n) every ``step`` s.
 
-    Others keep what is below ``OWN_BANDWIDTH``.
+    It is limited to ``OWN_BANDWIDTH``, unless the values have hardly any noise.
     """
     plain = np.gradient(values, step, axis=0)
     clean = encoder_noise(values) / (np.sqrt(2) * step) < HARDLY * np.std(plain, axis=0)
@@ -214,7 +214,7 @@ def slope(values: Float, step: float) -> Float:
 
 
 def smooth(values: Float, step: float, bandwidth: float) -> Float:
-    """Return ``values`` (N, n), N > 3, every ``step`` s, without what is above ``bandwidth`` Hz.
+    """Return ``values`` (N, n), N > 3, every ``step`` s, without frequencies above ``bandwidth`` Hz.
 
     Minimises |x - values|² + λ |third differences of x|² (Whittaker; Eilers, Analytical Chemistry 75, 2003), with a λ
     that halves the amplitude at the bandwidth.
@@ -236,7 +236,7 @@ def differentiate(values: Float, step: float) -> tuple[Float, Float]:
 
 @dataclass(frozen=True)
 class _Smoothed:
-    """Part of a course that is no encoder noise, (N, n) each."""
+    """The share of a signal that is not encoder noise, (N, n) each."""
 
     position: Float
     velocity: Float
@@ -248,11 +248,12 @@ class _Smoothed:
 def _in_octaves(
     values: Float, noise: Float, step: float, octaves: Sequence[float], judge: _Judge, base: Float | None = None
 ) -> _Smoothed:
-    """Values and their derivatives octave by octave, each shrunk where and when it is no more than encoder noise.
+    """Values and their derivatives octave by octave, each reduced where and when it does not exceed encoder noise.
 
-    Wiener's filter with the local power of each octave: at rest a joint hardly moves, in a quick move it does. What the
-    last octave leaves out is none of the motion and counts as doubt. ``base``: what the first octave keeps of the
-    values, where that is taken as it is. What is seen of an octave, less of it may hide in the noise of the next.
+    Wiener's filter with the local power of each octave: a joint moves little at rest and much in a fast move. The last
+    octave is not used and counts as doubt. ``base``: the values low-passed at the first octave, if that octave is used
+    as
+    it is. The power found in one octave bounds the power that may hide in the noise of the next.
     """
     parts, squares, expected = ([np.zeros_like(values) for _ in range(3)] for _ in range(3))
     lower = np.zeros_like(values) if base is None else base
@@ -279,9 +280,9 @@ def _in_octaves(
 
 
 def _moved(base: Plan, kept: _Smoothed, noise: Float, step: float, planned: bool) -> Moved:
-    """The motion of a ``base`` and what is ``kept`` beside it.
+    """The motion of a ``base`` plus ``kept``, the motion separated from noise.
 
-    Torque is taken at the instant of the position; that it may be another one within the sample only adds doubt.
+    Torque is taken at the time of the position; an offset within the sample only adds doubt.
     """
     velocity, acceleration = base.velocity + kept.velocity, base.acceleration + kept.acceleration
     wide = np.sqrt(np.square(kept.velocity_spread) + np.square(acceleration * step) / 12)
@@ -291,14 +292,14 @@ def _moved(base: Plan, kept: _Smoothed, noise: Float, step: float, planned: bool
 
 
 def _octaves(step: float, octaves: Sequence[float]) -> list[float]:
-    """Those that the sampling has; two at least."""
+    """The octaves that the sampling resolves; at least two."""
     there = [bandwidth for bandwidth in octaves if bandwidth * step < FASTEST_BAND]
     return there if len(there) > 1 else [0.5 * FASTEST_BAND / step, FASTEST_BAND / step]
 
 
 @lru_cache(maxsize=256)
 def _band_gains(step: float, lower: float | None, upper: float) -> tuple[float, float, float]:
-    """Share of white position noise in position, velocity and acceleration between two bandwidths, Hz."""
+    """Standard deviation of position, velocity and acceleration between two bandwidths (Hz), for white noise of 1."""
     half = max(50, _samples(4 / (lower or upper), step))
     impulse = np.zeros((2 * half + 1, 1))
     impulse[half] = 1.0
@@ -319,7 +320,7 @@ def _samples(seconds: float, step: float) -> int:
 
 
 def _average(squares: Float, width: int) -> Float:
-    """Running average (N, n) of squares; rounding of the running sum must not make it negative."""
+    """Running average (N, n) of squares; never negative, despite the rounding of the running sum."""
     return np.asarray(np.maximum(uniform_filter1d(squares, width, axis=0, mode="nearest"), 0.0))
 
 

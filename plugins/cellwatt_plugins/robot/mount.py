@@ -1,4 +1,4 @@
-"""Mount of an arm: which way gravity points in the base's frame, told from torques."""
+"""Mount of an arm: the direction of gravity in the base's frame, identified from torques."""
 
 from __future__ import annotations
 
@@ -12,33 +12,33 @@ from cellwatt_plugins.robot.body import Body
 from cellwatt_plugins.robot.motion import direction
 
 ROWS = 3000
-"""Samples that a mount is told from, about."""
+"""Approximate number of samples from which a mount is identified."""
 LEANS = 0.18
-"""rad: an arm that leans less stands on a floor that is not level."""
+"""Tilt in rad below which the arm stands on a floor that is not level, and its mount is as assumed."""
 MOST = 0.25
-"""Share of the mean square torque left, summed over the joints that gravity loads, that another mount must leave."""
+"""Largest remaining share of the mean square torque residual, over the joints that gravity loads, of a new mount."""
 ROUNDS = 3
 STIFF = 1e-6
-"""Share of the information that holds gravity where it is in directions that no joint feels."""
+"""Share of the information that holds gravity at its assumed value in directions that load no joint."""
 
 
 @dataclass(frozen=True)
 class Mount:
-    """Another mount than the one that was assumed."""
+    """A mount that differs from the assumed one."""
 
     field: Float
     """Acceleration of gravity (3,) m/s² in the base's frame."""
     std: Float
     """Standard deviation (3,) m/s²."""
     left: float
-    """Share of the mean square torque that it leaves."""
+    """Share of the mean square torque residual that remains with this mount."""
 
 
 def mount(body: Body, q: Float, qd: Float, qdd: Float, residual: Float) -> Mount | None:
-    """Tell another mount from ``residual`` (N, n) Nm, torque less that of the ``body`` as assumed; None where none is.
+    """Identify another mount from ``residual`` (N, n) Nm, torque minus that of the ``body`` as assumed; else None.
 
-    Friction and a constant torque of each joint are free. ``q`` rad and its derivatives in s are (N, n); NaN torques do
-    not count.
+    Friction, rotor inertia and a constant torque of each joint are free. ``q`` rad and its derivatives in s are (N, n);
+    NaN torques are ignored.
     """
     thin = max(1, len(q) // ROWS)
     q, qd, qdd, residual = q[::thin], qd[::thin], qdd[::thin], residual[::thin]
@@ -49,7 +49,7 @@ def mount(body: Body, q: Float, qd: Float, qdd: Float, residual: Float) -> Mount
     q, qd, qdd, residual = q[known], qd[known], qdd[known], residual[known][:, told]
     loads = np.stack([body.with_gravity(axis).gravity(q)[:, told] for axis in np.eye(3)], axis=2)
     free = [np.column_stack([direction(qd[:, j]), qd[:, j], qdd[:, j], np.ones(len(q))]) for j in told]
-    # What friction, rotor and a constant torque can do is taken out of both sides, joint by joint.
+    # Friction, rotor inertia and a constant torque are projected out of both sides, joint by joint.
     bare, target = [], []
     for c, columns in enumerate(free):
         basis = np.linalg.svd(columns, full_matrices=False)[0]
@@ -59,7 +59,7 @@ def mount(body: Body, q: Float, qd: Float, qdd: Float, residual: Float) -> Mount
 
 
 def _told(assumed: Float, loads: Sequence[Float], target: Sequence[Float]) -> Mount | None:
-    """The mount that explains what is left of each joint's torque, (N,), by its loads (N, 3) for 1 m/s² each way."""
+    """The mount that explains each joint's torque residual (N,) by its loads (N, 3) for 1 m/s² along each axis."""
     before = np.array([np.mean(part**2) for part in target])
     variance = np.maximum(before, 1e-12)
     change, information = np.zeros(3), np.eye(3)
@@ -80,5 +80,5 @@ def _told(assumed: Float, loads: Sequence[Float], target: Sequence[Float]) -> Mo
     leans = float(np.arccos(np.clip(field @ assumed / size**2, -1, 1)))
     if leans < LEANS or left > MOST:
         return None
-    # Samples of one motion are far from independent: each is taken for a tenth of one.
+    # Samples of one motion are far from independent: ten count as one.
     return Mount(field, np.sqrt(10 * np.diag(np.linalg.inv(information))), left)

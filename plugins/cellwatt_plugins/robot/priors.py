@@ -1,7 +1,7 @@
 """Priors of an arm's numbers, before anything is measured.
 
 A tolerance of robot.yaml is one standard deviation, as a share of the stated number: two thirds of all arms are within
-it. Every plugin takes it so, with no factor of its own.
+it. Every plugin uses it without a factor of its own.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.regression import Prior
 
 ALONE = 0.2
-"""Share of the tolerance by which a mass is off while the link's other parameters are not."""
+"""Standard deviation of a mass independent of the link's other parameters, as a share of the tolerance."""
 CLOSE = 0.001
-"""m by which a centre of mass is off at least, however near the joint it is."""
+"""Smallest standard deviation of a centre of mass, in m, however near it is to the joint."""
 
 
 def link_prior(own: Float, tolerance: float) -> Prior:
-    """Return the prior of how far a link's ten parameters (kg, kg m, kg m²) are off the described ``own`` (10,).
+    """Return the prior of the errors (kg, kg m, kg m²) of a link's ten described parameters, ``own`` (10,).
 
-    The whole link is scaled, its mass and its centre of mass are off by themselves, and so are its moments of inertia:
+    The whole link is scaled, and mass, centre of mass and moments of inertia also deviate independently of each other:
     by ``tolerance``, one standard deviation as a share.
     """
     mass = max(float(own[0]), 1e-3)
@@ -40,7 +40,7 @@ def links_prior(own: Float, tolerance: float) -> Prior:
 
 
 def body_prior(mass: float, reach: float) -> Prior:
-    """Return the prior of the ten parameters of a body that the last link carries beside its own.
+    """Return the prior of the ten parameters of a body that is attached to the last link.
 
     It has about ``mass`` kg, and its centre is within about ``reach`` m of the last joint's frame.
     """

@@ -1,9 +1,9 @@
-"""Linear least squares with normal priors, and the log evidence of what it finds.
+"""Linear least squares with normal priors, and the log evidence of the result.
 
 Coefficients x have a normal prior N(m₀, Σ₀), targets y = A x + e normal noise e of known variance. Then x given y is
-normal with information Σ₀⁻¹ + Aᵀ W A, and the evidence of the columns is exact: it charges each coefficient for its
-freedom (Bishop, Pattern Recognition and Machine Learning, 2006, 3.3 and 3.5). ``blocks`` has the same for a search
-over many candidate columns.
+normal with information Σ₀⁻¹ + Aᵀ W A, and the evidence of the columns is exact: it penalises each free coefficient
+(Bishop, Pattern Recognition and Machine Learning, 2006, 3.3 and 3.5). ``blocks`` does the same for a search over many
+candidate columns.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from cellwatt.arrays import Float
 Index = NDArray[np.intp] | slice
 
 FAINT = 1e-6
-"""Shared noise of less than this share of the independent noise's variance is left out."""
+"""Shared noise below this share of the independent noise's variance is neglected."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Prior:
 
 @dataclass(frozen=True)
 class Products:
-    """Normal equations of weighted least squares: all that a fit needs of its rows. They add up over rows."""
+    """Normal equations of weighted least squares: a fit needs no more of its rows. Products of disjoint rows add up."""
 
     gram: Float
     """Aᵀ W A, (k, k)."""
@@ -99,28 +99,28 @@ class Products:
         return Products(self.gram[chosen][:, chosen], self.pull[chosen], self.square, self.rows)
 
     def placed(self, at: Index, size: int) -> Products:
-        """Return the same equations among ``size`` columns, these ones ``at`` their places, all others 0."""
+        """Return the same equations among ``size`` columns: these columns ``at`` their positions, all others 0."""
         gram, pull = np.zeros((size, size)), np.zeros(size)
         gram[np.ix_(at, at) if isinstance(at, np.ndarray) else (at, at)] = self.gram
         pull[at] = self.pull
         return Products(gram, pull, self.square, self.rows)
 
     def misfit(self, coefficients: Float) -> float:
-        """Return the weighted sum of squares that ``coefficients`` (k,) leave of the target."""
+        """Return the weighted sum of squared residuals with ``coefficients`` (k,)."""
         return float(self.square - 2 * coefficients @ self.pull + coefficients @ self.gram @ coefficients)
 
 
 class Fit:
     """Posterior of the coefficients under ``products`` and ``prior``.
 
-    Raises ``numpy.linalg.LinAlgError`` where the two do not determine them.
+    Raises ``numpy.linalg.LinAlgError`` if the two do not determine the coefficients.
     """
 
     def __init__(self, products: Products, prior: Prior) -> None:
         self.products, self.prior = products, prior
         information = products.gram + prior.precision
         self.scale = 1 / np.sqrt(np.diag(information))
-        """(k,) by which coefficients are brought to one size, for the sake of the numerics."""
+        """(k,) by which coefficients are scaled to one size, for numerical conditioning."""
         self._factor = cho_factor(information * np.outer(self.scale, self.scale), lower=True)
         self.coefficients = self.solved(products.pull + prior.precision @ prior.mean)
         """Posterior mean (k,)."""
@@ -142,12 +142,12 @@ class Fit:
 
     @property
     def evidence(self) -> float:
-        """Log evidence (nats) of these columns over none at all."""
+        """Log evidence (nats) of these columns over a model without columns."""
         products = self.products
         return float(log_evidence(products.gram[None], products.pull[None], [self.prior])[0][0])
 
     def gain(self, part: slice) -> float:
-        """Return the log evidence (nats) that a ``part`` of the coefficients, a priori independent, adds to the rest.
+        """Return the log evidence (nats) that coefficients ``part``, a priori independent of the others, add to these.
 
         Savage and Dickey's ratio (Verdinelli, Wasserman, JASA 90, 1995).
         """
@@ -157,7 +157,7 @@ class Fit:
         return float(log_evidence((information - own.precision)[None], pull[None], [own])[0][0])
 
     def bounded(self, lower: Float, upper: Float) -> Float:
-        """Return the most probable coefficients (k,) between ``lower`` and ``upper`` (k,), infinite where free."""
+        """Return the most probable coefficients (k,) between ``lower`` and ``upper`` (k,), infinite where unbounded."""
         root = np.tril(self._factor[0]).T
         found = lsq_linear(
             root, root @ (self.coefficients / self.scale), (lower / self.scale, upper / self.scale), method="bvls"
@@ -166,7 +166,7 @@ class Fit:
 
 
 def solve(matrix: Float, target: Float, variance: Float | float, prior: Prior) -> Fit:
-    """Fit ``matrix`` (N, k) to ``target`` (N,) with noise of ``variance`` (N,) or of one number."""
+    """Fit ``matrix`` (N, k) to ``target`` (N,) whose noise has the ``variance`` (N,), or one number."""
     return Fit(Products.of(matrix, target, variance), prior)
 
 
@@ -178,10 +178,11 @@ def gauss_newton(
     settled: float = 0.0,
     within: Callable[[Float], Float] = np.asarray,
 ) -> tuple[Float, Fit]:
-    """Fit what is not linear: coefficients (k,) and the last linear fit, after at most ``rounds``.
+    """Fit a nonlinear model: coefficients (k,) and the last linear fit, after at most ``rounds``.
 
-    ``linearised`` gives the equations about coefficients x: of slopes J (N, k) with y - f(x) + J x. Steps end below
-    ``settled`` standard deviations of the prior; each is brought ``within`` what is possible.
+    ``linearised`` gives the equations about coefficients x: slopes J (N, k) and the target y - f(x) + J x. The rounds
+    end
+    when a step is below ``settled`` standard deviations of the prior; ``within`` moves each result to possible values.
     """
     found = start
     for _ in range(rounds):
@@ -195,8 +196,8 @@ def gauss_newton(
 def log_evidence(information: Float, pull: Float, priors: Sequence[Prior]) -> tuple[Float, Float]:
     """Return the log evidence (K,) in nats over no column, and the posterior means (K, m), of K sets of m columns.
 
-    ``information`` (K, m, m) and ``pull`` (K, m) are what the data say of each set alone, all else projected out:
-    ½ (b + Σ₀⁻¹m₀)ᵀ x - ½ m₀ᵀ Σ₀⁻¹ m₀ - ½ ln det(1 + Σ₀ G) (Bishop 2006, 3.86).
+    ``information`` (K, m, m) and ``pull`` (K, m) are those of the data on each set alone, all other columns projected
+    out: ½ (b + Σ₀⁻¹m₀)ᵀ x - ½ m₀ᵀ Σ₀⁻¹ m₀ - ½ ln det(1 + Σ₀ G) (Bishop 2006, 3.86).
     """
     information = (information + information.transpose(0, 2, 1)) / 2
     covariance = np.stack([prior.covariance for prior in priors])
@@ -213,8 +214,9 @@ def log_evidence(information: Float, pull: Float, priors: Sequence[Prior]) -> tu
 def variance_of(residual: Float, group: NDArray[np.intp], least: Float | float, fewest: int = 1) -> Float:
     """Return the variance (N,) of each row for the next fit: the mean square of its group's ``residual`` (N,).
 
-    ``group`` (N,) counts from 0. It is at least ``least``; of groups of less than ``fewest`` rows it is that of all
-    rows, and NaN is left out.
+    ``group`` (N,) counts from 0. The variance is at least ``least``; groups of fewer than ``fewest`` rows get that of
+    all
+    rows. NaN residuals are ignored.
     """
     known = np.isfinite(residual)
     square = np.where(known, residual, 0.0) ** 2
@@ -226,22 +228,23 @@ def variance_of(residual: Float, group: NDArray[np.intp], least: Float | float, 
 
 @dataclass(frozen=True)
 class Whitener:
-    """Σ^(-½) for noise with covariance Σ = diag(noise²) + B Bᵀ; what it returns has independent noise of variance 1."""
+    """Σ^(-½) for noise with covariance Σ = diag(noise²) + B Bᵀ; whitened values have independent noise of variance
+    1."""
 
     noise: Float
-    """(N,): standard deviation of each value's own noise."""
+    """Standard deviation (N,) of each value's independent noise."""
     axes: Float
     shrink: Float
     log_det: float
-    """ln det Σ relative to that of the values' own noise."""
+    """ln det Σ relative to that of the independent noise alone."""
     group: int
-    """So many rows after each other make one value: their mean."""
+    """Number of consecutive rows whose mean is one value."""
 
     @classmethod
     def of(cls, noise: Float, shared: Float, group: int = 1) -> Whitener:
         """Return the whitener for ``noise`` (N group,) and ``shared`` noise (N group, h), the columns of B.
 
-        Each column is one standard deviation of what moves all rows together.
+        Each column is one standard deviation of a noise that all rows share.
         """
         noise = _means(noise, group)
         scaled = _means(shared, group) / noise[:, None]
@@ -260,7 +263,7 @@ class Whitener:
 
 
 def _diagonal(blocks: Sequence[Float]) -> Float:
-    """Square ``blocks`` along the diagonal of one matrix; a search joins priors too often for scipy's own."""
+    """Square ``blocks`` along the diagonal of one matrix; scipy's own is too slow for a search, which joins many."""
     size, at = sum(len(block) for block in blocks), 0
     out = np.zeros((size, size))
     for block in blocks:

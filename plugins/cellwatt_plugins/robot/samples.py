@@ -1,4 +1,4 @@
-"""Samples of an arm as tables hold them: torques whatever they were recorded as, and any quantity at other times."""
+"""Samples of an arm from tables: torques from any recorded quantity, and any quantity interpolated to other times."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from cellwatt.tables import Table
 from cellwatt_plugins.robot.description import RobotDescription
 
 EFFORTS: Final = {"torque": "", "torque_ratio": "rated_torque", "current": "torque_constant"}
-"""Quantities that tell a joint's torque, the best first, and the key of the description that each is multiplied by."""
+"""Quantities that give a joint's torque, the best first, and the key of the description that each is multiplied by."""
 
 
 def torque_in(table: Table, robot: RobotDescription) -> Float:
     """Torques (N, n) Nm of a table as they are recorded, or from shares of the rated torques, or from currents.
 
-    Raises ``RecordingError`` where the table has none of them, ``ConfigError`` where the description lacks the key.
+    Raises ``RecordingError`` if the table has none of them, ``ConfigError`` if the description lacks the key.
     """
     joints = len(robot.joints)
     for quantity, key in EFFORTS.items():
@@ -35,7 +35,7 @@ def torque_in(table: Table, robot: RobotDescription) -> Float:
 
 
 def interpolated(when: Float, time: Float, values: Float) -> Float:
-    """Values (N,) or (N, k) at ``time`` (N,) s brought to times ``when`` (M,) s: (M,) or (M, k)."""
+    """Values (N,) or (N, k) at ``time`` (N,) s interpolated at times ``when`` (M,) s: (M,) or (M, k)."""
     if values.ndim == 1:
         return np.asarray(np.interp(when, time, values))
     return np.column_stack([np.interp(when, time, column) for column in values.T])

@@ -1,4 +1,4 @@
-"""The description of an arm that a simulator's file holds, for who has no ``robot.yaml``."""
+"""The description of an arm from a simulator's file, for users without a ``robot.yaml``."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ def is_simulator(path: Path) -> bool:
 
 
 def described(path: Path, joints: int | Sequence[str] | None = None) -> RobotDescription:
-    """The arm of an MJCF or URDF with its first ``joints`` (all where None), from the base; others are held.
+    """The arm of an MJCF or URDF with its first ``joints`` (all if None), from the base; others are fixed.
 
-    Of ``joints`` by name, those that the file has make the arm, in the file's order.
+    If ``joints`` are names, the arm has those that the file has, in the file's order.
 
-    Rotors, friction and ranges are the file's. Raises ``ConfigError`` where it cannot be read or has no such arm.
+    Rotors, friction and ranges are the file's. Raises ``ConfigError`` if it cannot be read or has no such arm.
     """
     try:
         return _of_mjcf(path, joints) if is_mjcf(path) else _of_urdf(path, joints)
-    except ValueError as error:  # a number that is none, or that no joint can have
+    except ValueError as error:  # text that is not a number, or a number that no joint can have
         raise ConfigError(f"{path}: a joint cannot be as it says: {' '.join(str(error).split())}") from error
 
 
@@ -79,7 +79,7 @@ def _of_urdf(path: Path, joints: int | Sequence[str] | None) -> RobotDescription
 
 
 def _known(above: Mapping[str, str | None], names: Sequence[str]) -> dict[str, str | None]:
-    """The joints that have one of the names, as have all between them and the base."""
+    """The joints with one of the names, if all joints between them and the base have one, too."""
 
     def known(name: str | None) -> bool:
         return name is None or (any(alike(name, each) for each in names) and known(above[name]))
@@ -88,7 +88,7 @@ def _known(above: Mapping[str, str | None], names: Sequence[str]) -> dict[str, s
 
 
 def _chain(path: Path, above: Mapping[str, str | None], joints: int | Sequence[str] | None) -> list[str]:
-    """The first ``joints`` of the longest row of joints from the base; of names, those that are among them."""
+    """The first ``joints`` of the longest chain of joints from the base; names: only joints of these."""
     if joints is not None and not isinstance(joints, int):
         known = _known(above, joints)
         if not known:

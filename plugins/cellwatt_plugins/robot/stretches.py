@@ -1,4 +1,4 @@
-"""Stretches of a course in which something holds, and rests at one pose."""
+"""Stretches of a series with true flags, and rests at one pose."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ def stretches(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
 def at_one_pose(
     position: NDArray[np.float64], rests: Sequence[tuple[int, int]], within: float, weights: Sequence[float]
 ) -> list[tuple[int, int]]:
-    """Return the rests of ``position`` (N, n) rad that are ``within`` rad, in each joint, of the one whose likes weigh
-    most; the first of equals."""
+    """Return the rests of ``position`` (N, n) rad that are ``within`` rad, in each joint, of the pose at which rests
+    have the greatest total of ``weights``; the first of equals."""
     if not rests:
         return []
     poses = np.array([np.median(position[a:b], axis=0) for a, b in rests])

@@ -1,4 +1,4 @@
-"""Units of a joint's quantities: a revolute joint has rad and Nm where a prismatic one has m and N."""
+"""Units of a joint's quantities: rad and Nm at a revolute joint, m and N at a prismatic one."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ _UNITS: Final = re.compile("|".join(rf"(?<![A-Za-z]){re.escape(unit)}(?![A-Za-z�
 
 
 def unit_at(kind: Kind, unit: str) -> str:
-    """The unit at a joint of this ``kind`` of a quantity that has ``unit`` at a revolute one.
+    """The unit, at a joint of this ``kind``, of a quantity that has ``unit`` at a revolute joint.
 
-    ``unit_at("prismatic", "Nm s/rad")`` is ``"N s/m"``, of ``"N*m"`` it is ``"N"``, of ``"kg*m^2"`` it is ``"kg"``.
-    Units of other things (W, °C, s) stay.
+    ``unit_at("prismatic", "Nm s/rad")`` is ``"N s/m"``; ``"N*m"`` becomes ``"N"``, ``"kg*m^2"`` becomes ``"kg"``.
+    Units of other quantities (W, °C, s) are unchanged.
     """
     return unit if kind == "revolute" else _UNITS.sub(lambda found: _ALONG[found.group()], unit)

@@ -1,4 +1,4 @@
-"""Intervals by the set of moving joints, from encoder positions alone (Sabry et al., section V.A)."""
+"""Cuts motion into intervals by the set of moving joints, from encoder positions alone (Sabry et al., section V.A)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TURN_DEPTH = 0.15
 
 @dataclass(slots=True)
 class _Open:
-    """The interval that is running; ``peak`` is the highest speed of the samples already counted."""
+    """The running interval; ``peak`` (joints,) rad/s is each joint's highest speed in the samples counted so far."""
 
     number: int
     moving: int
@@ -31,12 +31,12 @@ class _Open:
 
 @dataclass
 class Segmenter:
-    """Cuts frames into intervals as they come; blocks of any size give the same intervals.
+    """Cuts frames into intervals as they arrive; the size of the blocks does not change the intervals.
 
-    ``step`` is the frame step in ns. Each interval is given open as soon as its moving set is confirmed
-    (``end`` is then the frame at which that became known; again if a joint joins late) and closed with its
-    exact start and end. Neighbouring intervals share their boundary; where the arm rests for less than the
-    minimum length, or stops for a moment to turn, motion follows on motion, perhaps of the same joints.
+    ``step`` is the frame step in ns. Each interval is reported open as soon as its moving set is confirmed
+    (``end`` is then the time of the confirming frame; it is reported again if a joint joins late), and closed with
+    its exact start and end. Neighbouring intervals share their boundary. If the arm rests for less than the minimum
+    length, or stops briefly to turn, two moving intervals follow each other, possibly with the same joints.
     """
 
     source: str
@@ -61,7 +61,8 @@ class Segmenter:
         self._turned: Sample | None = None
 
     def update(self, time: Nanoseconds, positions: Float) -> list[Interval]:
-        """Return what n more frames settle: ``time`` (n,) ns, ``positions`` (n, joints) rad, NaN missing."""
+        """Return the intervals opened or closed by n more frames: ``time`` (n,) ns, ``positions`` (n, joints) rad, NaN
+        where missing."""
         good = ~np.isnan(positions).any(axis=1)
         when, pose = time[good], positions[good]
         last = self._motion.time[-1:] if len(self._motion.time) else when[:1]
@@ -75,7 +76,7 @@ class Segmenter:
         return self._take()
 
     def finish(self) -> list[Interval]:
-        """The interval that the end of the data cuts off."""
+        """Close the interval that the end of the data interrupts."""
         self._cut()
         return self._take()
 
@@ -88,7 +89,7 @@ class Segmenter:
             self._cut()
 
     def _cut(self) -> None:
-        """The data end here or have a hole: what is open ends with the last frame, incomplete."""
+        """Close the open interval as incomplete at the last frame, at the end of the data or before a hole."""
         if self._open is not None:
             self._open.complete = False
             last = self._motion.trail[-1]
@@ -96,7 +97,7 @@ class Segmenter:
         self._reset()
 
     def _step(self, sample: Sample) -> None:
-        """One sample: count its speed, and see whether the set of moving joints has settled or the arm has turned."""
+        """Process one sample: count its speed, and check whether the moving set has settled or the arm has turned."""
         motion, changes = self._motion, self._motion.changes
         if self._open is None:
             self._begin(motion.moving, sample, complete=False)
@@ -119,7 +120,7 @@ class Segmenter:
         return self._open
 
     def _settle(self, sample: Sample) -> None:
-        """The set of moving joints has lasted: cut where it changed, and announce what runs now."""
+        """The set of moving joints has lasted long enough: cut where it changed, and announce the open interval."""
         groups = self._groups()
         if groups and self._leaves_little(groups[-1], sample):
             return
@@ -130,7 +131,7 @@ class Segmenter:
             self._announce(sample)
 
     def _groups(self) -> list[list[Change]]:
-        """Changes in the order of their true times; those with nothing but a negligible motion between, together."""
+        """Changes in the order of their true times, grouped where only negligible motion lies between them."""
         groups: list[list[Change]] = []
         moving = self._current.moving
         for change in sorted(self._motion.changes, key=lambda c: c.sample.time):
@@ -146,13 +147,13 @@ class Segmenter:
         return b.time - a.time < self._minimum or _travel(a, b) < self.thresholds.minimum_travel
 
     def _leaves_little(self, group: list[Change], sample: Sample) -> bool:
-        """True if some joints stopped just ahead of the others, which have hardly moved since: wait for those."""
+        """True if some joints stopped just before the others, which have hardly moved since: wait for these to stop."""
         if not self._motion.moving or any(c.started for c in group):
             return False
         return _travel(group[-1].sample, sample) < self.thresholds.minimum_travel
 
     def _transit(self, group: list[Change]) -> None:
-        """From one set of moving joints to the next, at the boundary of a group of changes."""
+        """Change from one set of moving joints to the next, at the boundary of a group of changes."""
         current = self._current
         old, new = current.moving, _after(current.moving, group)
         if new == old:
@@ -170,7 +171,7 @@ class Segmenter:
             self._begin(new, boundary, complete=True)
 
     def _look_for_turn(self) -> None:
-        """Notice where the whole arm stopped for a moment, too short to be an interval at rest."""
+        """Find a turn: the whole arm stopped, for too short a time to be an interval at rest."""
         trail, reach = self._motion.trail, self._reach
         if len(trail) <= 2 * reach:
             return
@@ -224,7 +225,7 @@ class Segmenter:
 
 
 def _travel(a: Sample, b: Sample) -> float:
-    """The longest way of any joint between two samples, rad."""
+    """Largest displacement of any joint between two samples, rad."""
     return float(np.abs(b.pose - a.pose).max())
 
 
@@ -237,10 +238,10 @@ def _after(moving: int, changes: Iterable[Change]) -> int:
 
 
 def _boundary(old: int, new: int, group: Iterable[Change]) -> Sample:
-    """Sample at which one set of moving joints gave way to another, out of changes too close to count apart.
+    """Sample at which one set of moving joints replaced another, from changes too close together to separate.
 
-    Motion begins with the first joint that starts and ends with the last that stops; between two moving
-    sets the first newly moving joint decides.
+    Motion begins when the first joint starts and ends when the last one stops; between two moving sets the
+    boundary is the start of the first newly moving joint.
     """
     last = {c.joint: c.sample for c in group}
     started = [s for joint, s in last.items() if (new & ~old) >> joint & 1]

@@ -1,4 +1,4 @@
-"""Moving joints: hysteresis on speeds from encoder positions (the "data change detector" of Sabry et al., V.A)."""
+"""Moving joints, by hysteresis on speeds from encoder positions (the "data change detector" of Sabry et al., V.A)."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from cellwatt_plugins.segment.settings import SegmentSettings
 
 START_SIGMAS = 8.0
 STOP_SIGMAS = 4.0
-"""Standard deviations of the measured speed by which the limits stay above its noise."""
+"""Smallest start and stop limits, in standard deviations of the noise of the measured speed."""
 CREEP = 0.2
-"""Share of the stop speed down to which a start or stop is followed to its true moment."""
+"""Speed at which a joint is truly at rest, as a share of the stop speed: it sets the time of a start or stop."""
 TRAIL = 1.0
-"""Time in s that a start or stop may be followed back."""
+"""Longest time between a start or stop and its confirmation, s."""
 
 
 CHUNK = 64
-"""Frames that give one estimate."""
+"""Frames per noise estimate."""
 MEMORY = 8
-"""Estimates of which the smallest counts, so that jerky motion does not pass for noise."""
+"""Number of recent estimates; the smallest is used, so that jerky motion is not taken for noise."""
 
 
 class NoiseEstimate:
-    """``sigma`` (joints,) rad: standard deviation of the position noise; 0 until the first chunk is full.
+    """``sigma`` (joints,) rad is the standard deviation of the position noise; 0 until the first chunk is full.
 
-    Fourth differences take out smooth motion, the median takes out jerks.
+    Fourth differences remove smooth motion, the median removes jerks.
     """
 
     def __init__(self, joints: int) -> None:
@@ -40,7 +40,7 @@ class NoiseEstimate:
         self._estimates: deque[Float] = deque(maxlen=MEMORY)
 
     def add(self, positions: Float) -> None:
-        """Take n more positions (n, joints) rad, at most ``CHUNK - filled``."""
+        """Add n positions (n, joints) rad, n at most ``CHUNK - filled``."""
         self._chunk[self.filled : self.filled + len(positions)] = positions
         self.filled += len(positions)
         if self.filled == CHUNK:
@@ -51,9 +51,9 @@ class NoiseEstimate:
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """A frame with known speed: ``time`` ns, ``pose`` rad and ``speed`` rad/s per joint, ``fastest`` joint's rad/s.
+    """A frame with its speed: ``time`` ns, ``pose`` rad and ``speed`` rad/s per joint, ``fastest`` speed, rad/s.
 
-    ``seen`` ns and ``last_pose`` rad are those of the newest frame that was needed to know it.
+    ``seen`` ns and ``last_pose`` rad are the time and pose of the newest frame used to compute the speed.
     """
 
     time: int
@@ -66,7 +66,7 @@ class Sample:
 
 @dataclass(slots=True)
 class Change:
-    """A joint (0-based) started or stopped at ``sample``; ``fading`` while it still creeps to its stop."""
+    """A joint (0-based) started or stopped at ``sample``; ``fading`` while a stopping joint still creeps."""
 
     joint: int
     started: bool
@@ -76,9 +76,9 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Speeds per joint, rad/s: above ``start`` it moves, below ``stop`` it rests, below ``creep`` truly.
+    """Speeds per joint, rad/s: above ``start`` it moves, below ``stop`` it stops, below ``creep`` it is truly at rest.
 
-    ``band`` rad per joint: no further from a rest position it is still there.
+    ``band`` rad per joint: a joint is at its rest position while it is no further from it than this.
     """
 
     start: Float
@@ -88,11 +88,11 @@ class Limits:
 
 
 class MovingJoints:
-    """Follows the joints of one arm through frames without a gap; ``step`` is the frame step in ns.
+    """Tracks which joints of one arm move, over frames without a gap; ``step`` is the frame step in ns.
 
-    ``moving`` holds a bit per joint, ``changes`` the starts and stops not yet taken by the caller, in the
-    order in which they were confirmed, ``trail`` the newest samples. Speeds are differences over the window, as
-    ``robot.motion`` smooths over times that are still to come.
+    ``moving`` holds a bit per joint, ``changes`` the starts and stops that the caller has not yet removed, in the
+    order of confirmation, ``trail`` the newest samples. Speeds are differences over the window, because
+    ``robot.motion`` smooths with future samples.
     """
 
     def __init__(self, joints: int, step: int, thresholds: SegmentSettings) -> None:
@@ -106,7 +106,7 @@ class MovingJoints:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the motion so far: what comes next starts anew."""
+        """Discard the motion so far; the next frame starts a new motion."""
         self.time: Nanoseconds = np.empty(0, np.int64)
         self.pose: Float = np.empty((0, self.joints))
         self.trail: deque[Sample] = deque(maxlen=self.length)
@@ -116,11 +116,11 @@ class MovingJoints:
 
     @property
     def undecided(self) -> bool:
-        """True if a joint is about to change."""
+        """True if a joint is past a limit but its change is not yet confirmed."""
         return any(self._streak)
 
     def feed(self, time: Nanoseconds, pose: Float) -> Iterator[Sample]:
-        """Take frames ``time`` (n,) ns, ``pose`` (n, joints) rad; gives each sample once the state includes it."""
+        """Process frames, ``time`` (n,) ns, ``pose`` (n, joints) rad; yield each sample once the state includes it."""
         while len(time):
             n = min(len(time), CHUNK - self.noise.filled)
             yield from self._piece(time[:n], pose[:n])
@@ -128,7 +128,7 @@ class MovingJoints:
             time, pose = time[n:], pose[n:]
 
     def _piece(self, time: Nanoseconds, pose: Float) -> Iterator[Sample]:
-        """Frames within which the noise estimate does not change; speeds are central differences."""
+        """Process frames with one noise estimate; speeds are central differences."""
         reach = 2 * self.half
         when, where = np.concatenate([self.time, time]), np.concatenate([self.pose, pose])
         self.time, self.pose = when[-reach:], where[-reach:]
@@ -150,7 +150,7 @@ class MovingJoints:
             yield sample
 
     def _limits(self) -> Limits:
-        """Limits above the noise of a difference of positions over the window."""
+        """Speed limits, raised above the noise of a position difference over the window where needed."""
         window, sigma = 2 * self.half * self.step * 1e-9, self.noise.sigma
         noise = sigma * math.sqrt(2) / window
         creep = np.maximum(CREEP * self.thresholds.stop_speed, STOP_SIGMAS * noise)
@@ -162,7 +162,7 @@ class MovingJoints:
         )
 
     def _step(self, sample: Sample, above: int, below: int, limits: Limits) -> None:
-        """One sample through the hysteresis."""
+        """Apply the hysteresis to one sample."""
         for change in self.changes:
             _fade(change, sample, limits)
         candidates = (above & ~self.moving) | (below & self.moving)
@@ -176,7 +176,7 @@ class MovingJoints:
                 self.moving ^= 1 << joint
 
     def _change(self, joint: int, limits: Limits) -> Change:
-        """A joint's new state is confirmed: find the sample at which it truly began."""
+        """Find the sample at which a joint's confirmed new state began."""
         trail, confirm = list(self.trail), self.thresholds.confirm
         creep, band = float(limits.creep[joint]), float(limits.band[joint])
         if self.moving >> joint & 1:
@@ -192,7 +192,7 @@ class MovingJoints:
 
 
 def _onset(trail: list[Sample], joint: int, confirm: int, creep: float, band: float) -> Sample:
-    """The last sample at which a joint that now moves was still where it had rested."""
+    """The last sample at which a joint that now moves was still at its rest position."""
     i = len(trail) - confirm
     direction = math.copysign(1.0, trail[i].speed[joint])
     while i > 0 and direction * trail[i - 1].speed[joint] > creep:
@@ -204,7 +204,7 @@ def _onset(trail: list[Sample], joint: int, confirm: int, creep: float, band: fl
 
 
 def _rest(trail: list[Sample], joint: int, confirm: int, band: float) -> Sample:
-    """The first sample at which a joint that now rests was where it came to rest."""
+    """The first sample at which a joint that now rests had reached its rest position."""
     i = len(trail) - confirm
     rest = trail[-1].pose[joint]
     while i > 0 and abs(trail[i - 1].pose[joint] - rest) <= band:
@@ -213,7 +213,7 @@ def _rest(trail: list[Sample], joint: int, confirm: int, band: float) -> Sample:
 
 
 def _fade(change: Change, sample: Sample, limits: Limits) -> None:
-    """Follow a joint below its stop speed until it creeps no more in the direction it had."""
+    """Move a stop to ``sample`` while the joint still creeps in its direction; end the fading once it does not."""
     joint = change.joint
     if change.fading:
         if change.sample.speed[joint] * sample.speed[joint] > 0 and abs(sample.speed[joint]) > limits.creep[joint]:

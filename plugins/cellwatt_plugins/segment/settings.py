@@ -1,4 +1,4 @@
-"""Thresholds of the segmentation: at which speed a joint moves, and which moves are the same."""
+"""Settings of the segmentation: the speed at which a joint counts as moving, the differences between equal moves."""
 
 from __future__ import annotations
 
@@ -27,27 +27,27 @@ class SegmentSettings(StageSettings):
     """Cuts the motion of one arm into intervals and tasks, from its encoder positions alone."""
 
     arm: str | None = None
-    """Source with the joints; may be left out where only one source has joints."""
+    """Source with the joints; not needed if only one source has joints."""
     start_speed: Speed = math.radians(1.0)
-    """A joint starts to move above this speed; raised on its own where the encoder noise asks for more."""
+    """A joint starts to move above this speed; raised automatically if the encoder noise requires it."""
     stop_speed: Speed = math.radians(0.5)
-    """A joint has come to rest below this speed."""
+    """A joint stops below this speed."""
     window: Seconds = Field(default=0.08, gt=0)
-    """Time over which speed is taken from positions."""
+    """Time over which speed is computed from positions."""
     confirm: int = Field(default=3, ge=1, le=50)
-    """Frames in a row that must agree before a joint counts as started or stopped."""
+    """Consecutive frames that must agree before a joint counts as started or stopped."""
     minimum_length: Seconds = Field(default=0.12, ge=0)
-    """Sets of moving joints that last less belong to their neighbours."""
+    """Shortest interval; a set of moving joints that lasts less is merged with its neighbours."""
     minimum_travel: Radians = Field(default=math.radians(1.0), ge=0)
-    """Joints that join before any other has moved as far belong to the same interval from its start."""
+    """A joint that starts before any other has moved this far belongs to the same interval from its start."""
     gap: Seconds = Field(default=0.1, gt=0)
-    """Positions missing for longer cut the interval."""
+    """Positions missing for longer than this end the interval."""
     same_displacement: Radians = Field(default=math.radians(2.0), gt=0)
-    """Moves are the same up to this difference in each joint's displacement (what moves less counts as rest) …"""
+    """Moves are the same up to this difference in each joint's displacement (a smaller move counts as rest) …"""
     same_pose: Radians = Field(default=math.radians(6.0), gt=0)
     """… and up to this difference in each joint's start position."""
     same_speed: Fraction = Field(default=0.03, gt=0)
-    """Repetitions of a task whose moving time differs by less are one variant."""
+    """Repetitions of a task are one variant if their moving times differ by less than this."""
 
     @model_validator(mode="after")
     def _hysteresis(self) -> SegmentSettings:

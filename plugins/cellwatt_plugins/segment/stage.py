@@ -1,4 +1,4 @@
-"""The live side of segmentation: frames in, intervals and tasks out."""
+"""The ``segment`` stage: computes intervals and tasks from frames."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from cellwatt_plugins.segment.tasks import TaskRecogniser
 
 
 class SegmentStage(Stage[SegmentSettings]):
-    """Gives an ``Interval`` twice (open once confirmed, then closed) and a ``Task`` at each repetition."""
+    """Reports each ``Interval`` twice (open once confirmed, then closed), and a ``Task`` at each repetition."""
 
     Settings = SegmentSettings
     title = "intervals by the set of moving joints, and the tasks that recur"
@@ -31,12 +31,12 @@ class SegmentStage(Stage[SegmentSettings]):
         self._tasks = TaskRecogniser(settings)
 
     def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
-        """Intervals and tasks that became known with this block."""
+        """Return the intervals and tasks found with this block."""
         positions = np.ascontiguousarray(frames.values[:, self._columns])
         return self._with_tasks(self._segmenter.update(frames.time, positions))
 
     def close(self) -> Sequence[Result]:
-        """The interval that was still open."""
+        """Close and return the open interval."""
         return self._with_tasks(self._segmenter.finish())
 
     def _with_tasks(self, intervals: Iterable[Interval]) -> list[Result]:

@@ -1,4 +1,4 @@
-"""Tasks: sequences of intervals that recur, recognised while they run."""
+"""Recognises tasks, the sequences of intervals that recur, while they run."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from cellwatt.results import Interval, Task
 from cellwatt_plugins.segment.settings import SegmentSettings
 
 HISTORY = 512
-"""Moves remembered; a task longer than half of it is not recognised."""
+"""Moves stored; a task of more than half as many moves is not recognised."""
 MOST_TASKS = 64
-"""Tasks kept; the one not seen for longest makes room."""
+"""Tasks stored; a new one replaces the task that was seen least recently."""
 REST_MARGIN = 0.04
-"""A rest must be this much longer than the others (s) to mark where a task begins."""
+"""A rest marks the beginning of a task if it is longer than every other rest by more than this, s."""
 
 
 def alike(a: Interval, b: Interval, likeness: SegmentSettings) -> bool:
-    """True if two intervals are the same motion: same joints, from the same pose, by the same angles, at any speed."""
+    """True if two intervals are the same motion: same joints, start pose and displacement, at any speed."""
     return (
         a.moving == b.moving
         and all(abs(x - y) <= likeness.same_displacement for x, y in zip(a.displacement, b.displacement, strict=True))
@@ -27,9 +27,10 @@ def alike(a: Interval, b: Interval, likeness: SegmentSettings) -> bool:
 
 
 def signature(moves: Sequence[Interval]) -> str:
-    """The motion in words, the same in any session: moving joints with whole signed degrees, e.g. ``1+52 2+20,5-29``.
+    """The motion as text: moving joints with displacements in whole signed degrees, e.g. ``1+52 2+20,5-29``.
 
-    Cut at .63 of a degree, which programmed angles (whole, halves, quarters) do not come near.
+    Rounded up from .63 of a degree, far from programmed angles (whole, halves, quarters), so that every recording of
+    a motion gives the same text.
     """
     return " ".join(
         ",".join(f"{joint}{math.floor(math.degrees(move.displacement[joint - 1]) + 0.37):+d}" for joint in move.moving)
@@ -39,7 +40,7 @@ def signature(moves: Sequence[Interval]) -> str:
 
 @dataclass(slots=True)
 class Move:
-    """An interval in which something moved, with the ``rest`` before it (s) and whether data were lost before it."""
+    """An interval in which a joint moved, with the ``rest`` before it, s; ``broken``: data were lost before it."""
 
     interval: Interval
     rest: float
@@ -54,7 +55,7 @@ class Move:
 
 @dataclass(slots=True)
 class Known:
-    """A task that was recognised: its ``moves`` in order, the moving time of each variant, how often it was seen."""
+    """A recognised task: its ``moves`` in order, the moving time of each variant, s, and the repetitions seen."""
 
     name: str
     signature: str
@@ -64,7 +65,7 @@ class Known:
     last: int = 0
 
     def variant(self, duration: float, likeness: SegmentSettings) -> float:
-        """Speed relative to the fastest variant seen; a duration unlike the known ones founds a variant."""
+        """Speed relative to the fastest variant seen; adds a variant if no known one has this ``duration`` (s)."""
         near = [d for d in self.durations if abs(duration / d - 1) <= likeness.same_speed]
         if not near:
             self.durations.append(duration)
@@ -73,11 +74,11 @@ class Known:
 
 
 def beginning(moves: Sequence[Move], period: int) -> int:
-    """Return the move 0 … period - 1 of the first of two repetitions with which the task begins.
+    """Index (0 … period - 1) of the move with which the task begins, from the moves of two repetitions.
 
-    After the longest rest (the shorter of the two repetitions counts, so that a chance pause does not;
-    the very first follows on something else and does not count); where no rest stands out, at the rotation
-    whose signature is first in the alphabet.
+    The task begins after its longest rest: the shorter rest of the two repetitions counts, so that a chance pause
+    does not, and the rest before the first move is ignored, as it follows another motion. If no rest is the longest
+    by ``REST_MARGIN``, the task begins at the rotation whose signature is alphabetically first.
     """
     rests = [moves[period].rest, *(min(moves[i].rest, moves[i + period].rest) for i in range(1, period))]
     order = sorted(range(period), key=lambda i: rests[i], reverse=True)
@@ -89,11 +90,11 @@ def beginning(moves: Sequence[Move], period: int) -> int:
 
 @dataclass
 class TaskRecogniser:
-    """Finds what recurs in a stream of closed intervals.
+    """Finds tasks in a stream of closed intervals.
 
-    A task is found when a run of moves happens twice in a row (shortest repeating unit), or when what lies
-    between two known tasks, and returns to where it started, happens a second time. From then on each
-    repetition is reported when its last move ends; repetitions before are reported when it is found.
+    A task is found when a run of moves occurs twice in a row (shortest repeating unit), or when a run between two
+    known tasks that ends in its start pose occurs a second time. From then on each repetition is reported when its
+    last move ends; earlier repetitions are reported when the task is found.
     """
 
     likeness: SegmentSettings = field(default_factory=SegmentSettings)
@@ -107,7 +108,7 @@ class TaskRecogniser:
         self._broken = True
 
     def update(self, interval: Interval) -> list[Task]:
-        """Tasks that became known with one more closed interval."""
+        """Return the repetitions found with one more closed interval."""
         if not interval.complete:
             self._broken, self._rest = True, 0.0
             return []
@@ -119,7 +120,7 @@ class TaskRecogniser:
         return self._repeat() or self._recur()
 
     def _repeat(self) -> list[Task]:
-        """A known task whose last move this was; the shortest wins."""
+        """The shortest known task that ends with the newest move, if any."""
         end = len(self._moves)
         for known in sorted(self._known, key=lambda k: len(k.moves)):
             first = end - len(known.moves)
@@ -129,7 +130,7 @@ class TaskRecogniser:
         return []
 
     def _recur(self) -> list[Task]:
-        """A task found because the newest moves repeat those just before them."""
+        """A new task if the newest moves repeat the moves just before them."""
         run = self._free_run(len(self._moves))
         for period in range(1, len(run) // 2 + 1):
             twice = run[-2 * period :]
@@ -139,7 +140,7 @@ class TaskRecogniser:
         return []
 
     def _gap_before(self, first: int) -> list[Task]:
-        """Tasks between two known tasks: one that closes on itself and was seen before."""
+        """A new task if the run between two known tasks ends in its start pose and was seen before."""
         run = self._free_run(first)
         left = first - len(run) - 1
         if not run or left < 0 or not self._moves[left].claimed or run[0].broken or not self._closes(run):
@@ -152,7 +153,7 @@ class TaskRecogniser:
         return []
 
     def _learn(self, unit: Sequence[Move]) -> list[Task]:
-        """Name a new task and claim every repetition of it so far; longer ones made of it are given up."""
+        """Name a new task and claim every repetition so far; discard known longer tasks that contain it."""
         moves = tuple(m.interval for m in unit)
         self._known = [k for k in self._known if not self._contains(k.moves, moves)]
         self._named += 1
@@ -198,7 +199,7 @@ class TaskRecogniser:
         )
 
     def _free_run(self, end: int) -> list[Move]:
-        """The unclaimed moves just before index ``end``, back to the last loss of data."""
+        """The unclaimed moves that end before index ``end``, back to the last loss of data."""
         first = end
         while first > 0 and not self._moves[first - 1].claimed and (first == end or not self._moves[first].broken):
             first -= 1
@@ -216,7 +217,7 @@ class TaskRecogniser:
         )
 
     def _contains(self, long: Sequence[Interval], short: Sequence[Interval]) -> bool:
-        """True if a task, repeated, contains another as a part."""
+        """True if repetitions of the task ``long`` contain the task ``short``."""
         twice = [*long, *long]
         return any(
             all(alike(a, b, self.likeness) for a, b in zip(twice[i:], short, strict=False)) for i in range(len(long))

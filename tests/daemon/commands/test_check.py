@@ -18,7 +18,7 @@ def test_a_right_file(cell_file):
     lines = result.output.splitlines()
     assert lines[0] == (
         f"{cell_file}: configuration is valid. Cell weld-3 at plant-1: "
-        "2 sources, 5 channels in frames at 50 Hz, given after 100 ms"
+        "2 sources, 5 channels in frames at 50 Hz with a latency of 100 ms"
     )  # fmt: skip
     assert [line.split() for line in lines[1:4]] == [
         ["source", "driver", "stream", "rate", "clock", "channels"],

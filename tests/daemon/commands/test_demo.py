@@ -64,7 +64,7 @@ def test_a_run_that_lost_something(call: Call, folders: dict[str, Any]) -> None:
     ended = call("demo", "--cell", "all", "--seconds", "1")
     assert ended.code == 1
     assert "arm lost 3 samples" in ended.out
-    assert "franka is left out: pylibfranka is not installed" in ended.out
+    assert "franka is skipped: pylibfranka is not installed" in ended.out
     assert "nothing was lost" not in ended.out
 
 
@@ -72,7 +72,7 @@ def test_what_the_host_held_up_is_told_and_fails_nothing(call: Call, folders: di
     folders["summary"] = GOOD | {"sources": {"arm": GOOD["sources"]["arm"] | {"host_stalled": 7}}}
     ended = call("demo")
     assert ended.code == 0
-    assert "arm: 7 samples fell due while this PC stood still" in ended.out
+    assert "arm: 7 samples missed because this PC was stalled or busy otherwise" in ended.out
 
 
 def test_what_happens_is_a_line_at_once_where_the_output_is_no_terminal(

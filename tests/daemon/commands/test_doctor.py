@@ -95,7 +95,7 @@ def test_in_words(call: Call, cell: Path) -> None:
     lines = ended.out.splitlines()
     assert "arm: reading stopped: connection reset" in lines
     assert "  arm: bus.voltage: 0 … 49 V" in lines
-    assert "  arm: the same all the time: bus.current 1 A" in lines
+    assert "  arm: constant: bus.current 1 A" in lines
 
 
 def test_what_the_device_said_meanwhile_is_told(call: Call, cell: Path) -> None:

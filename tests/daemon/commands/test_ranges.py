@@ -22,7 +22,7 @@ def test_85_channels_of_an_arm_are_a_few_lines() -> None:
         "joint_1…6.velocity: -6 … 6 rad/s",
         "joint_1…6.current: -6 … 6 A",
         "bus.power: 80 … 420.1 W",
-        "the same all the time: output_int_register_0…63 0, robot.mode 7, supply.voltage 48 V",
+        "constant: output_int_register_0…63 0, robot.mode 7, supply.voltage 48 V",
     ]
 
 
@@ -35,8 +35,8 @@ def test_what_is_no_number_is_told() -> None:
             check("robot.move_index", "1", None, None),
         ]
     ) == [
-        "joint_1,2,4.temperature: 20 … 25 degC, 1 of 3 without a number",
-        "robot.move_index: no number",
+        "joint_1,2,4.temperature: 20 … 25 degC, 1 of 3 without a value",
+        "robot.move_index: no value",
     ]
 
 

@@ -202,7 +202,7 @@ def test_a_mistake_of_ours_is_one_line_that_says_where_its_traceback_is(
     ended = call("check", cell)
     told, _, file = ended.err.partition(" (the traceback is in ")
     assert ended.code == BUG
-    assert told == "cellwatt: this is a mistake in cellwatt, please report it: ZeroDivisionError: division by zero"
+    assert told == "cellwatt: this is a bug in cellwatt, please report it: ZeroDivisionError: division by zero"
     assert "Traceback (most recent call last)" in Path(file.strip().removesuffix(")")).read_text()
 
 
@@ -246,4 +246,4 @@ def test_frames_that_came_from_the_environment(call: Call, tmp_path: Path, monke
     making.write_chunks(tmp_path, [[making.batch_of(0, 15)]])
     ended = call("replay", tmp_path)
     assert ended.code == ERROR
-    assert "are wrong, or came from the environment: give them by --settings" in ended.err
+    assert "are wrong, or came from the environment: give them with --settings" in ended.err

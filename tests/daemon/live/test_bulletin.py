@@ -59,7 +59,7 @@ def test_losses_and_a_new_daemon_are_told() -> None:
     bulletin = Bulletin()
     said(bulletin, health())
     assert said(bulletin, gap(30)) == ["30 of raw/arm/main are lost: no longer kept"]
-    assert said(bulletin, health(session=2))[0] == "the daemon was started again"
+    assert said(bulletin, health(session=2))[0] == "the daemon was restarted"
 
 
 def test_it_says_now_and_then_how_the_cell_stands() -> None:
@@ -78,4 +78,4 @@ def test_silence_is_told_once_and_its_end() -> None:
     (line,) = bulletin.stands(bulletin.cell.heard + 6.0)
     assert "no message for 6 s; last at 20" in line
     assert not list(bulletin.stands(bulletin.cell.heard + 7.0))
-    assert said(bulletin, health()) == ["messages again"]
+    assert said(bulletin, health()) == ["receiving messages again"]

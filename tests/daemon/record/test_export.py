@@ -92,7 +92,7 @@ def test_results_and_events_are_json_lines(folder, tmp_path):
 
 def test_nothing_is_overwritten_unless_told(folder, tmp_path):
     assert run(folder, "--out", tmp_path / "out").exit_code == 0
-    with pytest.raises(RecordingError, match=r"arm\.rtde\.parquet is there already: choose another folder"):
+    with pytest.raises(RecordingError, match=r"arm\.rtde\.parquet already exists: choose another folder"):
         run(folder, "--out", tmp_path / "out")
     assert run(folder, "--out", tmp_path / "out", "--force").exit_code == 0
 

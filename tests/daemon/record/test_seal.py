@@ -121,7 +121,7 @@ def test_a_file_that_was_taken_away_is_told(folder: Path, keys: Path) -> None:
 def test_the_command_refuses(folder: Path, keys: Path) -> None:
     arguments = ["verify", str(keys / "cell.pub"), str(folder)]
     good = CliRunner().invoke(secure, arguments, catch_exceptions=False)
-    assert (good.exit_code, good.output.count("as its cell signed it")) == (0, len(list(folder.glob("*.mcap"))))
+    assert (good.exit_code, good.output.count("since its cell signed it")) == (0, len(list(folder.glob("*.mcap"))))
     flip(min(folder.glob("*.mcap")))
     bad = CliRunner().invoke(secure, arguments, catch_exceptions=False)
     assert bad.exit_code == 1

@@ -55,7 +55,9 @@ def test_down_source_is_raised_once_and_cleared_once() -> None:
     assert looks[PATIENCE - 1] == alarms
     assert "192.0.2.1:30004" in alarms[0].statement
     after = [a for second in range(10, 40) for a in watch.look(status(), second * 10**9)]
-    assert [(a.id, a.active, a.statement) for a in after] == [(alarms[0].id, False, "Resolved: source arm is back.")]
+    assert [(a.id, a.active, a.statement) for a in after] == [
+        (alarms[0].id, False, "Resolved: source arm responds again.")
+    ]
 
 
 def test_a_source_that_comes_and_goes_is_one_alarm() -> None:
@@ -87,7 +89,7 @@ def test_a_source_that_gives_less_than_it_declares_is_told_with_what_it_missed()
     watch = Monitor()
     alarms = looked_at(watch, 20, lambda s: {"streams": stream(20 * s), "missed": {"slow answers": 30 * s}})
     assert [(a.kind, a.source) for a in alarms] == [("source_slow", "arm")]
-    assert alarms[0].statement.startswith("Source arm gives 20 of 50 samples a second (rtde): ")
+    assert alarms[0].statement.startswith("Source arm delivers 20 of 50 samples a second (rtde); lost: ")
     assert alarms[0].evidence["lost"].keys() == {"slow answers"}
     assert [t.kind for t in watch.troubles] == ["source_slow"]
 
@@ -101,7 +103,7 @@ def test_a_source_as_declared_is_not_told_nor_one_that_has_just_come_up() -> Non
 def test_a_clock_that_is_not_followed_is_told() -> None:
     alarms = looked_at(Monitor(), 5, lambda _: {"clocks": {"rtde": {"bound_ns": 5_000_000_000, "resets": 0}}})
     assert [a.kind for a in alarms] == ["clock_unsure"]
-    assert "off by up to 5 s" in alarms[0].statement
+    assert "wrong by up to 5 s" in alarms[0].statement
     assert looked_at(Monitor(), 5, lambda _: {"clocks": {"rtde": {"bound_ns": 900_000, "resets": 0}}}) == []
 
 
@@ -114,7 +116,7 @@ def test_what_is_no_sample_is_told_with_its_reasons_where_there_is_much_of_it() 
     names = ["duplicates", "malformed"]
     alarms = strange(lambda s: {"duplicates": 100 * s, "malformed": 3 * s, "retries": 99 * s}, anomalies=names)
     assert [(a.kind, a.source, a.severity) for a in alarms] == [("source_strange", "arm", "warning")]
-    assert " duplicates, " in alarms[0].statement and "malformed: the line" in alarms[0].statement
+    assert " duplicates, " in alarms[0].statement and " 9 malformed in the last 3 s. The line" in alarms[0].statement
     assert alarms[0].evidence.keys() == set(names)
 
 
@@ -125,7 +127,8 @@ def test_a_duplicate_now_and_then_is_not_told() -> None:
 def test_one_forgery_is_told_and_over_when_no_more_come() -> None:
     alarms = strange(lambda s: {"contradicting answers": min(s, 1)}, forgeries=["contradicting answers"])
     assert [(a.kind, a.active) for a in alarms] == [("source_strange", True), ("source_strange", False)]
-    assert "1 contradicting answers: somebody else speaks in its name" in alarms[0].statement
+    assert "Source arm: 1 contradicting answers in the last " in alarms[0].statement
+    assert alarms[0].statement.endswith("Another sender uses the device's name.")
 
 
 def test_a_clock_that_is_reset_again_and_again_is_one_alarm() -> None:
@@ -185,7 +188,7 @@ def test_processes_that_the_pc_does_not_let_run_are_one_warning_not_down() -> No
     assert alarms[0].statement.endswith("waited for a processor: align for 5 s, judge power for 5 s.")
     alarms = [a for s in range(10, 30) for a in watch.look(waiting(), s * 10**9)]
     assert [(a.id, a.active, a.statement) for a in alarms] == [
-        ("pc_slow:pc", False, "Resolved: all processes run again.")
+        ("pc_slow:pc", False, "Resolved: this PC keeps up again.")
     ]
 
 
@@ -203,7 +206,7 @@ def test_what_a_busy_pc_brings_about_is_no_fault_of_device_or_stage() -> None:
     alarms = [a for watch in [Monitor()] for s in range(20) for a in watch.look(at(s), s * 10**9)]
     assert sorted((a.kind, a.severity) for a in alarms) == [("pc_slow", "warning"), ("stage_slow", "warning")]
     assert next(a for a in alarms if a.kind == "pc_slow").statement.endswith(
-        "all that runs on it. Affected: source arm."
+        "the programs that run on it. Affected: source arm."
     )
 
 
@@ -211,7 +214,7 @@ def test_a_device_that_answers_and_gives_no_number_is_an_alarm() -> None:
     starting = {"state": "starting", "streams": {}}
     waits = looked_at(Monitor(), 20, lambda second: starting | {"since_s": float(second)})
     assert [(a.kind, a.severity, a.time // 10**9) for a in waits] == [("source_silent", "error", 10 + PATIENCE - 1)]
-    assert waits[0].statement.startswith("Source arm answers, but has given no number since")
+    assert waits[0].statement.startswith("Source arm answers, but has sent no values for 12 s.")
     assert not looked_at(Monitor(), 20, lambda second: starting | {"identity": None}), "it does not answer yet"
 
 
@@ -222,7 +225,7 @@ def test_channels_without_any_number_are_named_until_there_is_one() -> None:
 
     said = looked_at(Monitor(), 30, source)
     assert [(a.kind, a.active) for a in said] == [("source_blank", True), ("source_blank", False)]
-    assert "gives no number for arm.joint_1.torque" in said[0].statement
+    assert "sends no values for arm.joint_1.torque" in said[0].statement
 
 
 def test_what_is_sent_on_change_or_seldom_may_not_have_come_yet() -> None:

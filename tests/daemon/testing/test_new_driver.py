@@ -73,5 +73,5 @@ def test_nothing_is_overwritten(tmp_path):
     (tmp_path / "torque_sensor").mkdir()
     result = run("torque_sensor", "--folder", tmp_path)
     assert result.exit_code == 2
-    assert "is there already" in result.output
+    assert "already exists" in result.output
     assert not list((tmp_path / "torque_sensor").iterdir())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cellwatt.channel import Quality, Stream
-from cellwatt_drivers.abb.emulated_robot import EmulatedRobot, Stamp
+from cellwatt_drivers.abb.emulated_robot import EmulatedRobot
 from cellwatt_drivers.abb.intake import Intake
 from cellwatt_drivers.abb.wire import columns
 
@@ -23,7 +23,7 @@ class Rig:
         self.robot = EmulatedRobot(STILL, 7, 6, 0.004)
 
     def packet(self, number, at=None, clocked=True, start=START):
-        return self.robot.packet(0, Stamp(number, start + 0.004 * (number if at is None else at), clocked))
+        return self.robot.packet(0, number, start + 0.004 * (number if at is None else at), clocked)
 
     def take(self, *numbers, **how):
         self.intake.take([self.packet(n, **how) for n in numbers])

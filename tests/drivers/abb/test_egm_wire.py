@@ -5,8 +5,6 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from cellwatt.errors import ProtocolError
 from cellwatt_drivers.abb import wire
@@ -98,12 +96,3 @@ def test_what_no_robot_sends_is_refused():
     for broken in (b"", b"\x07", FULL[:-3], MINIMAL[:5]):
         with pytest.raises(ProtocolError):
             wire.decode(broken)
-
-
-@given(st.binary(max_size=300))
-def test_no_bytes_raise_anything_else(data):
-    try:
-        packet = wire.decode(data)
-    except ProtocolError:
-        return
-    wire.columns(ALL, 6, ("linear",)).row(packet.message)

@@ -1,11 +1,8 @@
 from __future__ import annotations
 
 import math
-from contextlib import suppress
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from cellwatt.errors import ProtocolError
 from cellwatt_drivers.abb import rws
@@ -51,9 +48,3 @@ def test_pages_that_are_none(page):
 def test_a_page_in_an_encoding_that_there_is_not(encoding):
     with pytest.raises(ProtocolError, match="no XHTML"):
         rws.items(b'<?xml version="1.0" encoding="' + encoding + b'"?><ul/>')
-
-
-@given(st.binary(max_size=200))
-def test_no_bytes_raise_anything_else(data):
-    with suppress(ProtocolError):
-        rws.energy(data, "ROB_1")

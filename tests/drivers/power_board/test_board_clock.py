@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cellwatt_drivers.power_board.clock import MOST_BEHIND, BoardClock, Place
+from cellwatt_drivers.power_board.clock import MOST_BEHIND, BoardClock, PacketPosition
 from tests.drivers.power_board.samples import packet
 
 SECOND = 1_000_000_000
@@ -25,7 +25,7 @@ class Simulated:
     offset: int = 0
     samples: int = 1
 
-    def place(self, clock: BoardClock, number: int, delay: float = 0.01) -> Place:
+    def place(self, clock: BoardClock, number: int, delay: float = 0.01) -> PacketPosition:
         arrival = START + round((number + self.samples - 1) / RATE * (1 + self.drift) * 1e9 + delay * 1e9)
         return clock.place(packet(number, samples=self.samples, late=self.offset), arrival)
 
@@ -43,7 +43,7 @@ def test_wraps_of_both_counters_are_followed(first: int, drift: float, seed: int
     while number < first + 2 * 3600 * RATE:
         place = board.place(clock, number, delay=rng.uniform(0.005, 0.1))
         time = start.time + microseconds(number) - microseconds(first)
-        assert place == Place(start.sequence + number - first, time, "follows")
+        assert place == PacketPosition(start.sequence + number - first, time, "follows")
         number += rng.choice([1, 1, 2, 500, 5000])
 
 
@@ -53,7 +53,7 @@ def test_outage_is_counted_exactly(hours: float, drift: float, samples: int) -> 
     for number in range(0, 2000, samples):
         board.place(clock, number)
     after = 2000 + samples * round(hours * 3600 * RATE / samples)
-    assert board.place(clock, after) == Place(after, microseconds(after), "follows")
+    assert board.place(clock, after) == PacketPosition(after, microseconds(after), "follows")
 
 
 @pytest.mark.parametrize("true_rate", [10.0, 246.0])
@@ -79,7 +79,7 @@ def test_duplicates_and_overtaken_packets_lie_behind() -> None:
     for number in (*range(50), 52):
         board.place(clock, number)
     for number in (51, 52, 30, 50):
-        assert board.place(clock, number, delay=0.3) == Place(number, microseconds(number), "behind")
+        assert board.place(clock, number, delay=0.3) == PacketPosition(number, microseconds(number), "behind")
     assert board.place(clock, 53).verdict == "follows"
 
 
@@ -128,8 +128,8 @@ def test_restart_is_seen_at_the_first_packet(uptime: float, away: float) -> None
         board.place(clock, number)
     restarted = START + round((uptime + away) * 1e9)
     place = clock.place(packet(3), restarted)
-    assert place == Place(3, microseconds(3), "restarted")
-    assert clock.place(packet(4), restarted + 8_130_000) == Place(4, microseconds(4), "follows")
+    assert place == PacketPosition(3, microseconds(3), "restarted")
+    assert clock.place(packet(4), restarted + 8_130_000) == PacketPosition(4, microseconds(4), "follows")
 
 
 def test_restart_within_the_first_minute_is_seen_after_some_packets() -> None:

@@ -29,13 +29,6 @@ def test_pieces_of_any_size_give_the_same(n: int, cuts: list[int]) -> None:
         assert not taking.counts
 
 
-@pytest.mark.parametrize("at", range(len(FRAME)))
-def test_flipped_byte_costs_only_its_frame(at: int) -> None:
-    broken = bytearray(FRAME)
-    broken[at] ^= 0xFF
-    assert wire.decoder("transparent").feed(bytes(broken) + FRAME * 2 + bytes(260)) == [EXAMPLE] * 2
-
-
 @settings(deadline=None)
 @given(st.binary(max_size=400))
 def test_what_waits_is_bounded_whatever_comes(garbage: bytes) -> None:

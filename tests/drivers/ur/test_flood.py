@@ -27,7 +27,7 @@ class Taps(asyncio.Transport):
     def __init__(self) -> None:
         super().__init__()
         self.reading = True
-        self.aborted = False
+        self.closed = False
 
     def pause_reading(self) -> None:
         self.reading = False
@@ -35,8 +35,8 @@ class Taps(asyncio.Transport):
     def resume_reading(self) -> None:
         self.reading = True
 
-    def abort(self) -> None:
-        self.aborted = True
+    def close(self) -> None:
+        self.closed = True
 
 
 def conversation() -> tuple[Session, Taps, CollectingInlet]:
@@ -105,7 +105,7 @@ async def test_a_turn_of_the_loop_takes_a_little_of_a_flood(kind: str) -> None:
 async def test_bytes_that_are_no_frame_end_a_flood_in_the_middle() -> None:
     session, taps, inlet = conversation()
     feed(session, MESSAGE * 1000 + b"\x00\x02?")
-    await eventually(lambda: taps.aborted)
+    await eventually(lambda: taps.closed)
     assert len(inlet.events) == 1000 and inlet.account.counters["protocol error"] == 1
     assert session.closed.done()
 

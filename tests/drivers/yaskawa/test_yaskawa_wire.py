@@ -1,8 +1,6 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from cellwatt.errors import ProtocolError
 from cellwatt_drivers.yaskawa import payload, wire
@@ -147,12 +145,3 @@ def test_each_header_field_that_tells_an_answer_is_checked(offset, value, why):
     raw[offset] = value
     with pytest.raises(ProtocolError, match=why):
         wire.decode_answer(bytes(raw))
-
-
-@given(
-    st.integers(0, 255), st.integers(0x80, 0xFF), st.integers(0, 255), st.integers(0, 65535), st.binary(max_size=479)
-)
-def test_answers_round_trip(number, service, status, added, data):
-    answer = wire.Answer(number, service, status, added, data)
-    assert wire.decode_answer(wire.encode_answer(answer)) == answer
-    assert answer.text.endswith(")")

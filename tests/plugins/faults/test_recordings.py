@@ -42,6 +42,14 @@ def test_a_night_between_two_rows_takes_no_frames():
     assert frames.time[-1] == 50_004.99e9
 
 
+def test_a_leap_of_the_clock_takes_no_frames_and_a_table_of_bursts_is_refused_with_its_row():
+    t, position, power = columns()
+    assert len(frames_of_table(np.where(t < 2.5, t, t + 1e9), position, power)) == 500
+    burst = np.repeat(np.arange(100) * 0.1, 5) + np.tile(np.arange(5) * 1e-6, 100)
+    with pytest.raises(RecordingError, match=r"most rows are 1e-06 s apart, row \d+6 is 0.099996 s after row \d+5:"):
+        frames_of_table(burst, position, power)
+
+
 def test_a_table_in_microseconds_is_refused(tmp_path):
     t, position, power = columns()
     write_table(tmp_path / "a.csv", {"t": 1e6 * t, "q_1": position[:, 0], "q_2": position[:, 1], "power": power})

@@ -1,6 +1,6 @@
-"""Outlets that serve from a process of their own, which must not hold up the daemon.
+"""Outlets that serve from a separate process, so that clients cannot slow down the daemon.
 
-wire    that process, begun with a socket to it and ended in order; messages through the socket
-outlet  the daemon's side: queues, orders of people, signs of life
-daemon  the side of the process: what it hears, says and asks
+wire    starts the process with a socket to it, and stops it; messages through the socket
+outlet  the daemon's side: queues, orders from people, heartbeats
+daemon  the process' side: messages received, messages sent, orders
 """

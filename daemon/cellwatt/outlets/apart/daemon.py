@@ -1,4 +1,4 @@
-"""The side of a process that serves for an outlet: it hears the daemon, says what it does, and asks it for orders."""
+"""The serving process' side of an outlet: receives the daemon's messages, reports to it, and sends it orders."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from cellwatt.progress.log_lines import log_to_stderr
 log = logging.getLogger(__name__)
 
 BEAT: Final = 1.0
-"""s between two signs of life."""
+"""Time between two heartbeats, s."""
 ANSWER: Final = 5.0
 """Longest time, s, for the daemon's answer to an order."""
 
 
 @dataclass(frozen=True)
 class Shown:
-    """What is done with what the daemon says: with frames, the kind and fields of a result or event, and health."""
+    """Handlers of the daemon's messages: frames; kind and fields of a result or event; health."""
 
     frames: Callable[[Frames], Awaitable[None] | None] | None = None
     item: Callable[[str, Mapping[str, Any]], Awaitable[None] | None] | None = None
@@ -37,7 +37,7 @@ class Shown:
 
 
 class Daemon:
-    """The daemon at the other end of a socket."""
+    """The daemon at the other end of the socket."""
 
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._reader, self._writer = reader, writer
@@ -47,12 +47,12 @@ class Daemon:
         self._layout = Layout((), 1.0)
 
     def say(self, kind: Kind, body: Any) -> None:
-        """Send a message, unless the daemon has gone."""
+        """Send a message, unless the daemon has disconnected."""
         if not self._writer.is_closing():
             self._writer.write(wire.said(kind, body))
 
     async def serve(self, url: str, counts: Callable[[], Mapping[str, int]], shown: Shown) -> None:
-        """Say that all is ready at ``url``, and each second that all is well; have what the daemon says ``shown``."""
+        """Report ready at ``url``, send a heartbeat each second, and pass the daemon's messages to ``shown``."""
         self.say(Kind.READY, {"url": url})
         beating = asyncio.create_task(self._beat(counts))
         try:
@@ -61,12 +61,12 @@ class Daemon:
             beating.cancel()
 
     async def hear(self, shown: Shown) -> None:
-        """Have what the daemon says shown until it goes; a message that cannot be costs only itself."""
+        """Pass the daemon's messages to ``shown`` until it disconnects; a message that fails is skipped and counted."""
         while (got := await wire.receive(self._reader)) is not None:
             try:
                 if (work := self._shown(shown, got[0], pickle.loads(got[1]))) is not None:
                     await work
-            except Exception:  # of one message: the others are worth showing
+            except Exception:  # one bad message must not end the others
                 self._broken += 1
                 if self._broken == 1:
                     log.exception("a message of kind %s cannot be shown", got[0].name)
@@ -93,7 +93,7 @@ class Daemon:
             waiting.set_result(told)
 
     async def order(self, order: Mapping[str, Any]) -> Any:
-        """Have the daemon do or answer something. Raises ``CellwattError`` with its reason."""
+        """Send the daemon an order and return its answer. Raises ``CellwattError`` with the daemon's reason."""
         number = next(self._numbers)
         answered = self._asked[number] = asyncio.get_running_loop().create_future()
         try:
@@ -109,7 +109,7 @@ class Daemon:
         return told["answer"]
 
     async def _beat(self, counts: Callable[[], Mapping[str, int]]) -> None:
-        """Say each second that all is well, with ``counts`` so far."""
+        """Send a heartbeat with the current ``counts`` each second."""
         while True:
             broken = {"messages not shown": self._broken} if self._broken else {}
             self.say(Kind.ALIVE, {"counts": {**counts(), **broken}})
@@ -117,11 +117,11 @@ class Daemon:
 
 
 Work = Callable[[Daemon, Mapping[str, Any]], Awaitable[None]]
-"""Serves what the daemon tells, begun with its first words; raises ``CellwattError`` if that cannot be."""
+"""Serves the daemon's data, given its hello message; raises ``CellwattError`` if it cannot."""
 
 
 async def serve(connection: socket.socket, work: Work) -> int:
-    """Serve what the other end of a socket tells; return the exit code."""
+    """Serve the daemon at the other end of a socket; return the exit code."""
     reader, writer = await asyncio.open_connection(sock=connection, limit=LIMIT)
     loop, here = asyncio.get_running_loop(), asyncio.current_task()
     assert here is not None
@@ -133,7 +133,7 @@ async def serve(connection: socket.socket, work: Work) -> int:
             return 0
         await work(Daemon(reader, writer), pickle.loads(hello[1]))
     except asyncio.CancelledError:
-        pass  # it was told to end
+        pass  # asked to stop by a signal
     except CellwattError as error:
         writer.write(wire.said(Kind.FAILED, {"error": str(error)}))
         return 1
@@ -143,6 +143,6 @@ async def serve(connection: socket.socket, work: Work) -> int:
 
 
 def main(work: Work, level: int) -> None:
-    """Serve what the parent tells through an inherited socket, with messages from a ``level`` on in the log."""
+    """Serve the parent's data from an inherited socket; log messages from ``level`` up."""
     log_to_stderr(level)
     sys.exit(asyncio.run(serve(socket.socket(fileno=int(sys.argv[1])), work)))

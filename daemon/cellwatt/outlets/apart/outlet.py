@@ -1,4 +1,4 @@
-"""The daemon's side of an outlet that serves from a process of its own."""
+"""The daemon's side of an outlet that serves from a separate process."""
 
 from __future__ import annotations
 
@@ -28,24 +28,24 @@ log = logging.getLogger(__name__)
 S = TypeVar("S", bound=OutletSettings)
 
 BLOCKS: Final = 512
-"""Blocks of frames that may wait for the process that serves."""
+"""Most blocks of frames that wait for the serving process."""
 RESULTS: Final = 4096
-"""Results and events that may wait for it."""
+"""Most results and events that wait for it."""
 START: Final = 60.0
-"""Longest time, s, for its start."""
+"""Longest time, s, until the process is ready."""
 SILENT: Final = 5.0
-"""s without a sign of life after which it counts as stuck; one comes each second."""
+"""Time without a heartbeat, s, after which the process counts as stuck; one is due each second."""
 
 
 class Apart(Outlet[S]):
-    """Runs a process that serves strangers, so that nothing they do reaches the daemon, and answers its questions."""
+    """Runs a process that serves clients, so that they cannot affect the daemon, and answers its questions."""
 
     module: ClassVar[str]
-    """Module that is the process."""
+    """Module that the process runs."""
     what: ClassVar[str]
-    """Its name in words, the subject of a sentence."""
+    """Name of the process in messages, the subject of a sentence."""
     memory: ClassVar[int]
-    """Bytes that the process may take; one that asks for more is made anew."""
+    """Most bytes of memory of the process; one that needs more ends and is restarted."""
 
     def __init__(self, name: str, settings: S, view: CellView) -> None:
         super().__init__(name, settings, view)
@@ -55,16 +55,16 @@ class Apart(Outlet[S]):
         self._counted: dict[str, int] = {}
 
     def hello(self) -> Mapping[str, Any]:
-        """What the process is told first: its settings, of which cell, and where the record is."""
+        """First message to the process: settings, cell and folder of the record."""
         about = {name: getattr(self.view, name) for name in ("site", "cell", "session", "record_folder")}
         return {"settings": self.settings, **about}
 
     @abstractmethod
     def answer(self, question: Mapping[str, Any]) -> Any:
-        """Do or answer, JSON-ready, what the process asks. Raises ``CellwattError`` with the reason why not."""
+        """Execute an order of the process; return a JSON-ready answer. Raises ``CellwattError`` with the reason."""
 
     async def tell(self, writer: asyncio.StreamWriter) -> None:
-        """Tell the process what the cell says, until cancelled."""
+        """Send the cell's data to the process, until cancelled."""
         await asyncio.get_running_loop().create_future()
 
     def starting(self) -> bool:
@@ -72,25 +72,25 @@ class Apart(Outlet[S]):
         return self._heard is None
 
     def trouble(self) -> str | None:
-        """Reason why nothing moves, in words; ``None`` if all is well, or if it is not let run."""
+        """Reason why the process does not serve; ``None`` if it does, or if it gets no processor time."""
         silent = 0.0 if self._heard is None else time.monotonic() - self._heard
         if silent <= SILENT or starved(self._process, self._spent, silent):
             return None
         return f"{self.what} says nothing for {silent:.0f} s"
 
     async def run(self) -> None:
-        """Serve until cancelled. Raises ``OutletError`` with the reason if the process that serves ends."""
+        """Serve until cancelled. Raises ``OutletError`` with the reason if the serving process ends."""
         async with running(self.module, self.what, self.memory) as (process, reader, writer):
             self._process = process.pid
             try:
-                with contextlib.suppress(ConnectionError):  # it has ended
+                with contextlib.suppress(ConnectionError):  # the process has ended
                     await self._serve(reader, writer)
             finally:
                 self.url = self._heard = None
         raise OutletError(f"{self.what} ended ({end_of(process)})")
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Tell the process all, and do what it orders, until it ends."""
+        """Send data to the process and execute its orders, until it ends."""
         writer.write(wire.told(Kind.HELLO, self.hello()))
         await self._until_ready(reader)
         self._counted = {}
@@ -112,7 +112,7 @@ class Apart(Outlet[S]):
         log.info("%s is at %s", self.name, self.url)
 
     async def _listen(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Answer what the process asks, until it ends."""
+        """Answer the messages of the process, until it ends."""
         try:
             while (got := await wire.receive(reader)) is not None:
                 kind, body = got
@@ -133,7 +133,7 @@ class Apart(Outlet[S]):
             return {"error": None, "answer": self.answer(told)}
         except CellwattError as error:
             return {"error": str(error)}
-        except Exception:  # never the end of what serves
+        except Exception:  # must not end the outlet
             log.exception("%s: a question of its process", self.name)
             return {"error": "the daemon broke at it; its log says how"}
 
@@ -144,10 +144,10 @@ class Apart(Outlet[S]):
 
 
 class ApartOutlet(Apart[S]):
-    """Tells a process what the cell says, from bounded queues, and does what people order through it."""
+    """Sends the cell's data to a process, from bounded queues, and executes people's orders received by it."""
 
     forgets: ClassVar[type[Result]]
-    """Results of an earlier process that are not told again."""
+    """Type of results that are not sent again to a restarted process."""
 
     def __init__(self, name: str, settings: S, view: CellView) -> None:
         super().__init__(name, settings, view)
@@ -156,14 +156,14 @@ class ApartOutlet(Apart[S]):
         self._status: Mapping[str, Any] | None = None
         self._fresh = asyncio.Event()
         self._told_once = False
-        """The log has it that something could not be encoded."""
+        """True once the log has a message that could not be encoded."""
 
     def takes(self, item: Result | Event) -> bool:
-        """True for a result or event that the process is told."""
+        """True for a result or event that is sent to the process."""
         return True
 
     def offer(self, item: Item) -> None:
-        """Queue one item; without room the oldest frames are dropped, results only beyond 4096 of them."""
+        """Queue one item; full queues drop their oldest block of frames, or oldest result."""
         if isinstance(item, Batch):
             return
         if isinstance(item, Frames):
@@ -188,12 +188,12 @@ class ApartOutlet(Apart[S]):
         self.account.drop(count, where)
 
     def health(self, status: Mapping[str, Any]) -> None:
-        """Pass on the cell's health; the newest alone waits."""
+        """Queue the cell's health; only the newest waits."""
         self._status = status
         self._fresh.set()
 
     def _past(self) -> list[Result | Event]:
-        """What an earlier process was told and is to be known for longer, but for what still waits; blocks."""
+        """Results and events for a restarted process, without those that still wait; blocks."""
         if self.view.journal is None:
             return []
         waiting = {repr(item) for item in list(self._results)}
@@ -201,7 +201,7 @@ class ApartOutlet(Apart[S]):
         return [item for item in past if repr(item) not in waiting]
 
     async def tell(self, writer: asyncio.StreamWriter) -> None:
-        """Pass on what waits, and what comes."""
+        """Send past, waiting and new items, until cancelled."""
         for item in await asyncio.to_thread(self._past):
             self._pass(writer, 0, _item(item))
             await writer.drain()
@@ -218,13 +218,13 @@ class ApartOutlet(Apart[S]):
                     rows = block.sequence, block.time, block.values, block.quality, block.bound
                     if self._pass(writer, len(block), *head, (Kind.FRAMES, rows)):
                         layout = block.layout
-                if self._status is not None and not self._results:  # it says how alarms stand after those
+                if self._status is not None and not self._results:  # it contains the alarms' state after these results
                     status, self._status = self._status, None
                     self._pass(writer, 0, (Kind.HEALTH, status))
                 await writer.drain()
 
     def _pass(self, writer: asyncio.StreamWriter, count: int, *parts: tuple[Kind, Any]) -> bool:
-        """Pass on what counts as so many; what cannot be encoded costs itself alone, and gives false."""
+        """Send messages that count as ``count`` items; false, and counted as dropped, if they cannot be encoded."""
         try:
             data = b"".join(wire.told(kind, body) for kind, body in parts)
         except Exception:
@@ -232,7 +232,7 @@ class ApartOutlet(Apart[S]):
                 log.exception("%s: something cannot be encoded for its process, and is left out", self.name)
             self._told_once = True
             self._drop(count, "not encodable")
-            if not count:  # health, or what an earlier process was told
+            if not count:  # health, or items that an earlier process received
                 self.account.count("not encodable")
             return False
         writer.write(data)
@@ -241,7 +241,7 @@ class ApartOutlet(Apart[S]):
         return True
 
     def answer(self, question: Mapping[str, Any]) -> None:
-        """Do what a person orders."""
+        """Execute a person's order."""
         alarm, name, note = question["alarm"], question["name"], question["note"]
         if question["what"] == "acknowledge":
             self.view.acknowledge(alarm, name, note)
@@ -253,6 +253,6 @@ class ApartOutlet(Apart[S]):
 
 
 def _item(item: Result | Event) -> tuple[Kind, Any]:
-    """A result or event as the first part of its topic and its fields."""
+    """A result or event as its kind of topic and its fields."""
     body = {field.name: getattr(item, field.name) for field in fields(item)}
     return Kind.ITEM, (topic_of(item).partition("/")[0], body)

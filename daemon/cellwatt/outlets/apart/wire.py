@@ -1,7 +1,7 @@
-"""The process that serves for an outlet, begun with a socket to it, and the messages through that: kind, length, body.
+"""Starts the serving process of an outlet with a socket to it; messages through the socket: kind, length, body.
 
-The process takes the daemon's objects as they are (pickle). The daemon takes nothing but JSON from the process, which
-strangers reach.
+The daemon's messages are pickled objects. The daemon accepts only JSON from the process, because strangers reach the
+process.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from cellwatt.errors import OutletError, ProtocolError
 from cellwatt.outlets.zenoh.messages import encode_json
 
 LARGEST: Final = 64 * 2**20
-"""Bytes of one message."""
+"""Most bytes of one message."""
 HEAD: Final = struct.Struct(">BI")
 
 
 class Kind(IntEnum):
-    """What a message is; those from ``READY`` on come from the process that serves."""
+    """Kind of a message; those from ``READY`` on are sent by the serving process."""
 
     HELLO = 1
     LAYOUT = 2
@@ -48,7 +48,7 @@ def _message(kind: Kind, body: bytes) -> bytes:
 
 
 def said(kind: Kind, body: Any) -> bytes:
-    """Bytes of a message of the process that serves."""
+    """Bytes of a message of the serving process."""
     return _message(kind, encode_json(body))
 
 
@@ -58,7 +58,7 @@ def told(kind: Kind, body: Any) -> bytes:
 
 
 async def receive(reader: asyncio.StreamReader) -> tuple[Kind, bytes] | None:
-    """The next message; ``None`` once the other side has closed. Raises ``ProtocolError``."""
+    """The next message; ``None`` once the other end has closed. Raises ``ProtocolError``."""
     try:
         number, length = HEAD.unpack(await reader.readexactly(HEAD.size))
         if length > LARGEST:
@@ -71,19 +71,19 @@ async def receive(reader: asyncio.StreamReader) -> tuple[Kind, bytes] | None:
 
 
 END: Final = 3.0
-"""Longest time, s, for its end after its socket is closed, and again after it is told to end."""
+"""Longest time, s, for the process to end after its socket is closed, and again after SIGTERM."""
 LIMIT: Final = 2**20
-"""Bytes that wait at either end of the socket before they are read."""
+"""Most unread bytes at either end of the socket."""
 
 
 @asynccontextmanager
 async def running(
     module: str, what: str, memory: int
 ) -> AsyncIterator[tuple[asyncio.subprocess.Process, asyncio.StreamReader, asyncio.StreamWriter]]:
-    """Run ``python -m module FD`` with so many bytes of memory at most; give it, and what it is told through.
+    """Run ``python -m module FD`` with at most ``memory`` bytes; yield the process and the streams of its socket.
 
-    Afterwards its socket is closed, then it is told to end, then it is killed. Raises ``OutletError`` if it cannot be
-    started; ``what`` names it there.
+    On exit, close its socket, then send SIGTERM, then kill it. Raises ``OutletError``, which names ``what``, if it
+    cannot be started.
     """
     ours, theirs = socket.socketpair()
     with theirs:
@@ -126,7 +126,7 @@ def _bounded(memory: int) -> Callable[[], None]:
 
 
 def end_of(process: asyncio.subprocess.Process) -> str:
-    """How the process ended, in words."""
+    """How the process ended, as text."""
     code = process.returncode
     if code is not None and code < 0:
         return f"by {signal.Signals(-code).name}"

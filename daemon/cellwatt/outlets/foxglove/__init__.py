@@ -1,7 +1,7 @@
 """Shows a live cell in the Foxglove app.
 
-serve       streams a cell to the app; topics, schemas and encodings are those of our recordings
-layout_for  the panels for a cell, live and recorded; layout_of takes its settings file
+serve       streams a cell to the app, with the topics, schemas and encodings of the recordings
+layout_for  the panels for a cell, live or recorded; layout_of makes them from its settings file
 """
 
 from cellwatt.outlets.foxglove.layout import layout_for, layout_of

@@ -1,6 +1,6 @@
-"""The panels of a cell as a layout file of the Foxglove app; the same for a live cell and a recording.
+"""The panels of a cell as a layout file of the Foxglove app, the same for a live cell and a recording.
 
-The packaged ``layout.json``, of a cell like the demo's, has all that is the same for every cell.
+The packaged ``layout.json``, made for a cell like the demo's, is the template.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from cellwatt.config import CellConfig
 
 MEASURED: Final = ("supply.power", "bus.power")
-"""Channels, without their source, that measure what an arm draws."""
+"""Channels, without their source, that measure the power drawn by an arm."""
 TITLE: Final = "foxglovePanelTitle"
 _EFFORTS: Final = (
     ("Plot!torques", "Joint torques", "Nm", ".torque"),
@@ -28,7 +28,7 @@ _EFFORTS: Final = (
 
 
 def layout_for(channels: Mapping[str, str], models: Sequence[str]) -> dict[str, Any]:
-    """The layout for frames of these channels (full name → unit, in their order) and these models' predictions.
+    """The layout for frames with ``channels`` (full name → unit, in order) and the predictions of ``models``.
 
     A model is ``<model>`` for its output ``power``, or ``<model>/<output>``.
     """
@@ -52,7 +52,7 @@ def layout_for(channels: Mapping[str, str], models: Sequence[str]) -> dict[str, 
 
 
 def layout_of(config: CellConfig) -> dict[str, Any]:
-    """The layout for the cell of a settings file; of each stage that runs a model the output ``power`` is taken.
+    """The layout for the cell of a settings file, with the output ``power`` of each ``model`` stage.
 
     Raises ``ConfigError`` if its sources do not fit together.
     """
@@ -86,7 +86,7 @@ def _measured(channels: Mapping[str, str], fields: Mapping[str, str]) -> list[di
 
 
 def _predicted(models: Sequence[str]) -> list[dict[str, Any]]:
-    """The newest value of each block, which is the one of the message's time; and, switched off, the oldest."""
+    """Series of the newest value of each block, at the message's time, and, disabled, of the oldest value."""
     found = []
     for told in models:
         model, _, output = told.partition("/")
@@ -111,5 +111,5 @@ def _states(channels: Mapping[str, str]) -> list[dict[str, Any]]:
 
 
 def text_of(layout: Mapping[str, Any]) -> str:
-    """A layout as the text of a file."""
+    """A layout as text for a file."""
     return json.dumps(layout, indent=2, ensure_ascii=False) + "\n"

@@ -1,4 +1,4 @@
-"""The Foxglove library's channels, and its WebSocket server, which runs in threads of its own."""
+"""The Foxglove library's channels and its WebSocket server, which runs in its own threads."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 BACKLOG: Final = 1024
-"""Messages that wait for one client, some ten seconds of a cell; beyond that its oldest are dropped."""
+"""Largest number of messages that wait for one client, about 10 s of a cell; further ones replace the oldest."""
 _QUIET: Final = 1.0
-"""s without a frame after which results and health make the clock."""
+"""Time, s, without a frame after which the times of results and health set the app's clock."""
 _BEHIND: Final = re.compile(r"outbox for client (\S+) full")
 _LIBRARY: Final = logging.getLogger("foxglove")
 
 
 def library() -> Any:
-    """The Foxglove library. Raises ``ConfigError`` that names the extra."""
+    """Import the Foxglove library. Raises ``ConfigError`` with the extra to install."""
     try:
         import foxglove
         import foxglove.websocket
@@ -46,11 +46,11 @@ def _channel(context: foxglove.Context, topic: Topic) -> foxglove.Channel:
 
 
 _RELEASE: Final = 5.0
-"""s in which a port that was ours is free again."""
+"""Longest time, s, until the operating system releases the port of the stopped server."""
 
 
 class _Behind(logging.Handler):
-    """Counts the library's notices that a client does not keep up; it drops without saying how many messages."""
+    """Counts the library's notices that a client is too slow; the library does not report the messages it drops."""
 
     def __init__(self) -> None:
         super().__init__(logging.INFO)
@@ -63,10 +63,10 @@ class _Behind(logging.Handler):
 
 
 class FoxgloveOutlet:
-    """A server on ``host`` and ``port`` (0: a free one), for use with ``with``; it begins to listen with ``open``.
+    """A server on ``host`` and ``port`` (0: a free one), for use with ``with``; it listens after ``open``.
 
-    The library may overlook a client that subscribes at once to a topic made while it serves, and may hang if one is
-    closed then. So a new topic, or one with other fields, starts the server anew, and the apps connect again.
+    The library may miss a client that subscribes at once to a topic created while it serves, and may hang if a topic
+    is closed while it serves. So a new topic, or one with other fields, restarts the server, and the apps reconnect.
     """
 
     def __init__(self, name: str, host: str, port: int, topics: Iterable[Topic]) -> None:
@@ -80,13 +80,13 @@ class FoxgloveOutlet:
         self._kept: dict[tuple[str, str], Outgoing] = {}
         self._told = 0
         self._framed = -math.inf
-        self._context: foxglove.Context | None = None  # without it the channels are gone
+        self._context: foxglove.Context | None = None  # a reference: the channels live as long as their context
         self._channels: dict[str, foxglove.Channel] | None = None
 
     def __enter__(self) -> FoxgloveOutlet:
         _LIBRARY.addHandler(self._behind)
         _LIBRARY.setLevel(logging.INFO)
-        _LIBRARY.propagate = False  # it tells of each client that comes and goes
+        _LIBRARY.propagate = False  # it logs each client that connects or disconnects
         library().set_log_level(logging.INFO)
         return self
 
@@ -96,12 +96,12 @@ class FoxgloveOutlet:
 
     @property
     def is_open(self) -> bool:
-        """True once it listens."""
+        """True if the server listens."""
         return self._channels is not None
 
     @property
     def behind(self) -> Counter[str]:
-        """Notices of the library, by client, that it dropped messages; at most one in 30 s."""
+        """Number of the library's notices of dropped messages, by client; at most one in 30 s."""
         return self._behind.notices
 
     def knows(self, topic: str) -> bool:
@@ -109,7 +109,7 @@ class FoxgloveOutlet:
         return topic in self._topics
 
     def open(self) -> None:
-        """Begin to listen. Raises ``OutletError`` if the port is taken."""
+        """Start to listen. Raises ``OutletError`` if the port is in use."""
         fox = library()
         context = self._context = fox.Context()
         channels = {topic.name: _channel(context, topic) for topic in self._topics.values()}
@@ -131,16 +131,16 @@ class FoxgloveOutlet:
         self.port = self._server.port
 
     def on_subscribe(self, _client: object, channel: Any) -> None:
-        """Note what a client subscribes to; called in threads of the library."""
+        """Store the topic to which a client subscribes; called in threads of the library."""
         self._asked.put(channel.topic)
 
     def on_unsubscribe(self, _client: object, _channel: object) -> None:
-        """Called by the library."""
+        """Called by the library; does nothing."""
 
     def send(self, moment: Moment) -> None:
-        """Tell the time and the messages of a moment to all clients that want them; never waits.
+        """Send the time and the messages of a moment to all clients that subscribed; never waits.
 
-        Raises ``OutletError`` if the server has to start anew and its port is taken meanwhile.
+        Raises ``OutletError`` if the server must restart and its port is in use.
         """
         self._renew(moment.messages)
         for outgoing in moment.messages:
@@ -154,12 +154,12 @@ class FoxgloveOutlet:
         self._log(moment.messages)
 
     def welcome(self) -> None:
-        """Tell what still holds on the topics that clients subscribed to since the last call."""
+        """Send the current states on the topics to which clients subscribed since the last call."""
         asked = {self._asked.get() for _ in range(self._asked.qsize())}
         self._log(outgoing for (topic, _), outgoing in self._kept.items() if topic in asked)
 
     def _log(self, messages: Iterable[Outgoing]) -> None:
-        """Hand messages over; never waits."""
+        """Pass messages to the library; never waits."""
         for outgoing in messages:
             if self._channels is not None:
                 self._channels[outgoing.topic.name].log(outgoing.data, log_time=outgoing.time)
@@ -169,8 +169,8 @@ class FoxgloveOutlet:
         now = time.monotonic()
         framed = moment.after > 0
         self._framed = now if framed else self._framed
-        # The app takes a clock that goes back for a jump, and forgets what it drew. Frames are a little behind all
-        # else, so they alone make the clock while there are any.
+        # If the clock goes back, the app treats it as a jump and clears its plots. Frames are later than other
+        # messages, so while frames arrive, only they set the clock.
         if moment.time > self._told and (framed or now - self._framed > _QUIET):
             self._told = moment.time
             self._server.broadcast_time(moment.time)
@@ -187,7 +187,7 @@ class FoxgloveOutlet:
             self._open_again()
 
     def _open_again(self) -> None:
-        """Listen where the server was. The library may let go of the port a while after its server has stopped."""
+        """Listen on the same port again; the library may release it only some time after its server has stopped."""
         end = time.monotonic() + _RELEASE
         while True:
             try:
@@ -199,7 +199,7 @@ class FoxgloveOutlet:
 
     def _shut(self) -> None:
         if self._channels is not None:
-            self._server.stop()  # first: while it serves, closing channels may hang
+            self._server.stop()  # before the channels: closing them while it serves may hang
             for channel in self._channels.values():
                 channel.close()
             self._channels = None

@@ -24,15 +24,15 @@ from cellwatt.subscriber import Gap, Health, LinkSettings, Message, Subscriber
 log = logging.getLogger(__name__)
 
 LAG: Final = 0.5
-"""s by which a moment is held back so that it keeps its distance; what comes faster than that is hurried."""
+"""Longest delay, s, of a moment to preserve its distance from the last one; beyond it, moments are sent faster."""
 HURRY: Final = 1 / 2000
-"""s between hurried moments: the library keeps some thousand messages a client, and more at once would be lost."""
+"""Interval, s, between moments sent faster: the library queues about a thousand messages per client and drops more."""
 MOST: Final = 20_000
-"""Moments that wait; the oldest of more are dropped."""
+"""Largest number of waiting moments; further ones replace the oldest."""
 
 
 class Pace:
-    """Moments in their order, each due ``after`` s behind the one before it; times are monotonic, in s."""
+    """A queue of moments, each due ``after`` s after the one before it; times are monotonic, in s."""
 
     def __init__(self) -> None:
         self.dropped = 0
@@ -40,7 +40,7 @@ class Pace:
         self._last = -math.inf
 
     def add(self, moment: Moment, now: float) -> None:
-        """Take a moment."""
+        """Append a moment."""
         at = max(now, self._last + moment.after)
         if at > now + LAG:
             at = max(now, self._last + min(moment.after, HURRY))
@@ -51,22 +51,22 @@ class Pace:
             self.dropped += 1
 
     def due(self, now: float) -> Iterator[Moment]:
-        """Take out the moments that are due."""
+        """Remove and yield the moments that are due."""
         while self._waiting and self._waiting[0][0] <= now:
             yield self._waiting.popleft()[1]
 
     def wait(self, now: float) -> float:
-        """Time in s until the next moment is due; infinite without one."""
+        """Time, s, until the next moment is due; infinite if there is none."""
         return max(0.0, self._waiting[0][0] - now) if self._waiting else math.inf
 
 
 WANTED: Final = ("frame", "interval", "task", "energy", "prediction", "alarm", "event", "health")
 PORT: Final = 8765
-"""The port that the app offers by itself."""
+"""The default port of the app."""
 _PATIENCE: Final = 2.0
-"""s that the first frame is waited for before the server listens."""
+"""Longest time, s, to wait for the first frame before the server listens."""
 _PULSE: Final = 0.1
-"""Longest time, s, without a look at who came."""
+"""Longest time, s, between two checks for new subscriptions."""
 
 
 def serve(
@@ -82,9 +82,9 @@ def serve(
 ) -> None:
     """Serve a cell to Foxglove apps on this PC, for ``seconds`` or until Ctrl-C.
 
-    ``verify`` is as for ``Subscriber``; ``tell`` is given a line at the start and one at the end.
-    Raises ``ConfigError`` for a host beyond loopback and without the extra ``foxglove``, ``OutletError`` if the link or
-    the port cannot be opened.
+    ``verify`` is as for ``Subscriber``; ``tell`` is called with a line at the start and one at the end. Raises
+    ``ConfigError`` for a host other than loopback or without the extra ``foxglove``, ``OutletError`` if the link or the
+    port cannot be opened.
     """
     _refuse_others(host, port)
     library()
@@ -103,7 +103,7 @@ def serve(
 
 
 def moments(translator: Translator, message: Message) -> Iterator[Moment]:
-    """The moments that a message of the cell tells of."""
+    """Convert a message of the cell to moments."""
     content = message.content
     match content:
         case Frames():
@@ -121,7 +121,7 @@ def moments(translator: Translator, message: Message) -> Iterator[Moment]:
 def _stream(
     subscriber: Subscriber, outlet: FoxgloveOutlet, translator: Translator, pace: Pace, end: float
 ) -> Iterator[None]:
-    """Stream until ``end``; yields once the server listens, which is when the fields of the frames are known."""
+    """Stream until ``end``; yield once, when the server listens: after the fields of the frames are known."""
     opens = time.monotonic() + _PATIENCE
     while (now := time.monotonic()) < end:
         for moment in pace.due(now):
@@ -154,12 +154,12 @@ def _shown(host: str) -> str:
 def _summary(outlet: FoxgloveOutlet, pace: Pace, counts: Mapping[str, int]) -> str:
     parts = [f"{outlet.sent.total()} messages sent on {len(outlet.sent)} topics"]
     if lost := counts.get("lost", 0):
-        parts.append(f"{lost} samples and results lost on the way from the cell")
+        parts.append(f"{lost} samples and results lost between the cell and this command")
     bad = ("unreadable", "unsigned", "refused")
     parts += [f"{counts[kind]} messages {kind}" for kind in bad if counts.get(kind, 0)]
     if pace.dropped:
-        parts.append(f"{pace.dropped} moments dropped: the cell told them faster than they can be shown")
+        parts.append(f"{pace.dropped} moments dropped: the cell sent them faster than they can be shown")
     if outlet.behind:
         slow = ", ".join(outlet.behind)
-        parts.append(f"too slow, so that their oldest messages were dropped (how many is not known): {slow}")
+        parts.append(f"clients too slow, so that the library dropped their oldest messages (number unknown): {slow}")
     return "Foxglove: " + "; ".join(parts)

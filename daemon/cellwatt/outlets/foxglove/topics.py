@@ -1,4 +1,4 @@
-"""Topics as the Foxglove app knows them, and messages on their way there."""
+"""Topics of the Foxglove app, and messages to be sent on them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cellwatt.record.encoder import PACKAGE
 from cellwatt.results import Alarm, Energy, Event, Interval, Prediction, Task
 
 KINDS: Final[tuple[type[messages.Message], ...]] = (Interval, Task, Energy, Prediction, Alarm, Event, messages.Health)
-"""Results and more that are told as JSON, as in recordings."""
+"""Results, events and health, sent as JSON as in recordings."""
 LOG: Final = "/log"
 
 
@@ -26,7 +26,7 @@ class Topic:
 
     @property
     def schema_encoding(self) -> str:
-        """Name of the schema's own language."""
+        """Name of the schema language."""
         return "jsonschema" if self.encoding == "json" else self.encoding
 
 
@@ -34,7 +34,8 @@ class Topic:
 class Outgoing:
     """A message for a topic at ``time``, UTC ns.
 
-    With a ``key`` it is also for those who come later, until another with that key, or one that is ``over``.
+    With a ``key`` it is also sent to clients that subscribe later, until another message with that key replaces it or
+    one that is ``over`` ends it.
     """
 
     topic: Topic
@@ -46,7 +47,7 @@ class Outgoing:
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """Messages of one instant, ``after`` s behind those before them; UTC ns."""
+    """Messages of one ``time``, UTC ns, ``after`` s later than the moment before."""
 
     time: int
     messages: tuple[Outgoing, ...]
@@ -60,18 +61,18 @@ JSON_TOPICS: Final = {
 
 @cache
 def own() -> Any:
-    """Foxglove's own types; the library is loaded when they are first needed."""
+    """Foxglove's message types; the library is loaded on first use."""
     from foxglove import messages as found
 
     return found
 
 
 def stamp_of(time: int) -> Any:
-    """A time in UTC ns as the app's own type."""
+    """A time, UTC ns, as Foxglove's type."""
     return own().Timestamp(*divmod(time, 1_000_000_000))
 
 
 def drawn_topic(name: str, kind: str) -> Topic:
-    """A topic of one of Foxglove's own types, such as ``Log``."""
+    """A topic with one of Foxglove's message types, such as ``Log``."""
     schema = getattr(own(), kind).get_schema()
     return Topic(name, schema.encoding, schema.name, schema.data)

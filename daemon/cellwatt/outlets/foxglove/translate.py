@@ -1,4 +1,4 @@
-"""What a cell tells, as messages for the Foxglove app."""
+"""Converts the messages of a cell to messages for the Foxglove app."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from cellwatt.record.rows import FRAME_FIELDS, FRAMING, FrameRows, value_fields
 from cellwatt.results import Alarm, Energy, Event, Interval, Result, Task
 
 _BODY: Final = np.dtype(FRAMING).itemsize
-"""Bytes of a row before the message itself."""
+"""Number of bytes of a row before the message."""
 
 
 _LEVELS: Final = {"info": "Info", "warning": "Warning", "error": "Error"}
 
 
 class Translator:
-    """Turns frames, results, events and health into messages."""
+    """Converts frames, results, events and health to messages."""
 
     def __init__(self) -> None:
         self._rows: FrameRows | None = None
@@ -42,7 +42,7 @@ class Translator:
 
     @property
     def topics(self) -> tuple[Topic, ...]:
-        """Topics that there are before anything was told; that of the frames comes with the first."""
+        """Topics known before any message; the topic of the frames is created with the first frame."""
         return (*JSON_TOPICS.values(), self._log)
 
     def frames(self, frames: Frames) -> Iterator[Moment]:
@@ -70,8 +70,8 @@ class Translator:
         return Moment(time, tuple(told))
 
     def lost(self, time: int, topic: str, count: int) -> Moment:
-        """The moment at which it became known that samples or results of a topic are lost for ever."""
-        text = f"{count} of {topic} did not arrive: the cell no longer has them"
+        """A log message at ``time``, UTC ns: ``count`` samples or results of a topic are lost."""
+        text = f"{count} of {topic} are lost: the cell no longer stores them"
         return Moment(time, (Outgoing(self._log, time, _line(time, "Warning", text, "cellwatt")),))
 
 
@@ -81,7 +81,7 @@ def _frame_topic(layout: Layout) -> Topic:
 
 
 def _key(item: Result | Event | messages.Health) -> str | None:
-    """Name of what a message tells the state of, if it is for those who come later as well."""
+    """Name of the state that a message describes, if clients that subscribe later also need it."""
     match item:
         case Alarm():
             return item.id

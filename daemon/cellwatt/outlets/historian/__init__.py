@@ -1,4 +1,4 @@
-"""Writes a cell's history elsewhere: to InfluxDB, and into a lake of Parquet files."""
+"""Writes a cell's history to InfluxDB and to a lake of Parquet files."""
 
 from cellwatt.outlets.historian.settings import HistorianSettings, InfluxSettings, LakeSettings
 

@@ -1,6 +1,6 @@
-"""InfluxDB: rows and results in its line protocol, and requests of one batch of lines at a time.
+"""InfluxDB: rows and results in line protocol, sent as requests of one batch of lines each.
 
-A backslash in tags and names becomes a slash, as version 1 has no way to write one in front of a comma or at the end;
+A backslash in tags and names becomes a slash, because version 1 cannot represent one before a comma or at the end;
 a line break there becomes a blank.
 """
 
@@ -36,23 +36,23 @@ from cellwatt.results import Alarm, Energy, Task
 log = logging.getLogger(__name__)
 
 _EFFORT: Final = 1
-"""Of gzip: 3 times as fast as 5 for an eighth more bytes."""
+"""Compression level of gzip: 3 times as fast as level 5 for an eighth more bytes."""
 _LONGEST_ANSWER: Final = 64_000
 _LONGEST_REASON: Final = 500
 _WRITTEN: Final = (200, 204)
 _REFUSED: Final = (400, 422)
 _TOO_LARGE: Final = 413
 REFUSED: Final = "historian-refused.txt"
-"""File of the lines that the server will never take, with the reasons."""
+"""File of the lines that the server refuses for good, with the reasons."""
 LARGEST: Final = 16_000_000
-"""Bytes of it."""
+"""Largest size of that file, bytes."""
 TRIES: Final = 64
-"""Requests by which the bad lines of a batch are looked for; then what is left of it is refused as a whole."""
+"""Most requests to find the bad lines of a batch; after that, its remaining lines count as refused."""
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Result of one request; ``wait`` is the time in s that the server asks for before the next."""
+    """Result of one request; ``wait`` is the pause, s, that the server requests before the next."""
 
     kind: Literal["written", "refused", "too large", "later"]
     reason: str = ""
@@ -60,7 +60,7 @@ class Outcome:
 
 
 class Influx(Peer[str]):
-    """Lines for one database or bucket, sent while the context lasts; those that it refuses are kept in ``folder``."""
+    """Sends lines to one database or bucket while the context is open; refused lines are stored in ``folder``."""
 
     def __init__(self, settings: InfluxSettings, tags: Mapping[str, str], folder: Path | None) -> None:
         self._settings, self._tags, self._folder = settings, tags, folder
@@ -87,9 +87,9 @@ class Influx(Peer[str]):
         return result_line(self._settings.measurement, self._tags, result) or None
 
     async def send(self, messages: Sequence[str]) -> Mapping[str, int]:
-        """See ``Peer.send``; where the server refuses some lines, those are found by halves.
+        """See ``Peer.send``; refused lines are found by bisection.
 
-        A batch with a bad line is sent again in parts: a point that was written already is the same point.
+        Sending the halves of a batch again is safe: writing a point twice gives the same point.
         """
         parts, found = [list(messages)], Counter[str]()
         tries = 0
@@ -111,7 +111,7 @@ class Influx(Peer[str]):
         return found
 
     async def _write(self, lines: Sequence[str]) -> Outcome:
-        """Send lines; tell what became of them. Never raises for what the server or the network does."""
+        """Send lines and return the outcome; errors of the server and the network do not raise."""
         body = await asyncio.to_thread(_packed, lines)
         url, params = place_of(self._settings)
         assert self._session is not None
@@ -129,7 +129,7 @@ class Influx(Peer[str]):
     def _headers(self) -> dict[str, str]:
         settings = self._settings
         found = {"Content-Encoding": "gzip", "Content-Type": "text/plain; charset=utf-8"}
-        found["Accept-Encoding"] = "identity"  # the reason of a refusal is read as it comes: it cannot unpack to more
+        found["Accept-Encoding"] = "identity"  # uncompressed, so that the reason of a refusal cannot unpack to more
         if settings.token is not None:
             found["Authorization"] = f"Token {settings.token.get_secret_value()}"
         elif settings.user is not None and settings.password is not None:
@@ -139,7 +139,7 @@ class Influx(Peer[str]):
 
 
 def _refused(folder: Path | None, lines: Sequence[str], reason: str) -> None:
-    """Put lines aside, below the reason; without a folder the log alone tells. Blocks."""
+    """Store refused lines below the reason; without a folder, only log them. Blocks."""
     log.warning("influx: %d lines are refused for good: %s", len(lines), reason)
     if folder is not None:
         content = "\n".join((f"# {' '.join(reason.split())}", *lines, "")).encode()
@@ -150,7 +150,7 @@ def _refused(folder: Path | None, lines: Sequence[str], reason: str) -> None:
 
 
 def place_of(settings: InfluxSettings) -> tuple[str, dict[str, str]]:
-    """Address and query of a write."""
+    """URL and query of a write."""
     if settings.database is not None:
         policy = {} if settings.policy is None else {"rp": settings.policy}
         return f"{settings.url}/write", {"db": settings.database, **policy, "precision": "ns"}
@@ -159,7 +159,7 @@ def place_of(settings: InfluxSettings) -> tuple[str, dict[str, str]]:
 
 
 def outcome_of(status: int, text: str, headers: Mapping[str, str]) -> Outcome:
-    """Meaning of an answer."""
+    """Outcome of a request, from the server's answer."""
     if status in _WRITTEN:
         return Outcome("written")
     reason = f"{status}: {reason_of(text) or http.client.responses.get(status, 'no reason told')}"
@@ -171,7 +171,7 @@ def outcome_of(status: int, text: str, headers: Mapping[str, str]) -> Outcome:
 
 
 def reason_of(text: str) -> str:
-    """The server's own words in an answer."""
+    """The reason in a server's answer."""
     try:
         body = parse_json(text.encode())
     except ValueError:
@@ -194,11 +194,11 @@ _KEY: Final = {ord(c): f"\\{c}" for c in ",= "} | {ord("\\"): "/", ord("\n"): "\
 _MEASUREMENT: Final = {**_KEY, ord("="): "="}
 _TEXT: Final = {ord('"'): '\\"', ord("\\"): "\\\\"}
 _LONGEST: Final = 4000
-"""Characters of a text; version 1 refuses more than 64 kB."""
+"""Most characters of a text; version 1 refuses more than 64 kB."""
 
 
 def line(measurement: str, tags: Mapping[str, str | None], fields: Mapping[str, Value | None], time: int) -> str:
-    """One point at ``time``, UTC ns; empty where no field has a value. Tags without a value are left out."""
+    """One point at ``time``, UTC ns; empty if no field has a value. Tags without a value are omitted."""
     values = {key: text for key, value in fields.items() if (text := _value(value))}
     if not values:
         return ""
@@ -207,13 +207,13 @@ def line(measurement: str, tags: Mapping[str, str | None], fields: Mapping[str, 
 
 
 def row_line(measurement: str, tags: Mapping[str, str], row: Row) -> str:
-    """A row: its channels as fields, and ``quality``, the worst of the values that are there."""
+    """A row: its channels as fields, and ``quality``, the worst of the values present."""
     fields = [f"{_word(name)}={value!r}" for name, value in row.values.items()]
     return f"{_series(measurement, tags)} {','.join(fields)},quality={row.worst}i {row.time}" if fields else ""
 
 
 def result_line(measurement: str, tags: Mapping[str, str], result: Archived) -> str:
-    """An alarm, task or energy, in the measurement with ``_alarm``, ``_task`` or ``_energy`` behind it."""
+    """An alarm, task or energy, in the measurement with ``_alarm``, ``_task`` or ``_energy`` appended."""
     match result:
         case Alarm():
             more = {key: getattr(result, key) for key in ("id", "kind", "severity", "source", "stage")}
@@ -244,12 +244,12 @@ def _series(measurement: str, tags: Mapping[str, str | None]) -> str:
 
 @lru_cache(4096)
 def _word(text: str) -> str:
-    """A name or tag: the same ones come again and again."""
+    """An escaped name or tag, cached."""
     return text.translate(_KEY)
 
 
 def _value(value: Value | None) -> str:
-    """A field's value as text; empty where line protocol has none for it."""
+    """A field's value as text; empty if line protocol cannot represent it."""
     match value:
         case bool():
             return "true" if value else "false"

@@ -1,7 +1,7 @@
-"""The process that brings the record into a lake, each row exactly once: ``python -m`` this module, told on stdin.
+"""The process that exports the record to a lake, each row exactly once: ``python -m`` this module, orders on stdin.
 
-It is a process of its own since Parquet and S3 block, and take memory that the daemon then has back. That a file is
-begun is on disk before it is: where that was not finished, the lake tells by its names how far it reaches.
+A separate process, because Parquet and S3 block, and its memory is free again when it ends. The intent to write a
+file is on disk before the file: after an unfinished write, the file names in the lake give the position reached.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ FILE: Final = "historian-lake.json"
 
 
 class Progress(BaseModel):
-    """How far each table in the lake ``lake`` reaches; with an ``intent`` it may have a file beyond that."""
+    """Position reached in each table of the lake ``lake``; with an ``intent``, a table may have one file beyond it."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -39,7 +39,7 @@ class Progress(BaseModel):
     intent: Any = None
 
     def save(self, folder: Path) -> None:
-        """Bring it to disk, whole or not at all. Raises ``OutletError``."""
+        """Write the progress to disk atomically. Raises ``OutletError``."""
         try:
             replace_bytes(folder / FILE, self.model_dump_json().encode())
         except OSError as error:
@@ -47,7 +47,7 @@ class Progress(BaseModel):
 
 
 def load(folder: Path, lake: str) -> Progress | None:
-    """The progress of that lake; ``None`` where there is none, or it is not readable. Raises ``OutletError``."""
+    """The progress of that lake; ``None`` if there is none or it is invalid. Raises ``OutletError``."""
     try:
         found = Progress.model_validate_json(read_bytes(folder / FILE))
     except (FileNotFoundError, ValidationError):
@@ -59,9 +59,9 @@ def load(folder: Path, lake: str) -> Progress | None:
 
 @dataclass(frozen=True, slots=True)
 class Done:
-    """A file that was written: ``rows`` of ``table``, and frames that the record does not have any more.
+    """A written file: ``rows`` of ``table``, and ``lost``, the number of frames no longer in the record.
 
-    Without rows none was written: a session had none of the channels.
+    Without rows no file was written: a session had none of the channels.
     """
 
     table: str
@@ -70,7 +70,7 @@ class Done:
 
 
 class Export:
-    """One run over the record in ``record`` of a cell into a ``store`` by the settings of a lake."""
+    """One export of a cell's record, in the folder ``record``, to ``store``."""
 
     def __init__(self, record: Path, site: str, cell: str, settings: LakeSettings, store: Store) -> None:
         self._record, self._site, self._cell = record, site, cell
@@ -80,11 +80,11 @@ class Export:
             self._look()
 
     def run(self) -> Iterator[Done]:
-        """Write all that is new; give each file when it is done. Raises ``OutletError``."""
+        """Write all new rows and results; yield each file once it is written. Raises ``OutletError``."""
         for table in ("frames", *(ARCHIVED if self._settings.results else ())):
             while (piece := self._next(table)) is not None:
                 yield self._commit(table, piece)
-                if piece.last:  # what comes meanwhile is for the next run: it would never end, in files of a few rows
+                if piece.last:  # newer rows are for the next run, else this one would go on in files of a few rows
                     break
 
     def _next(self, table: str) -> Piece | None:
@@ -106,7 +106,7 @@ class Export:
         return {"site": self._site, "cell": self._cell, "table": table, **units}
 
     def _look(self) -> None:
-        """Go on behind the files that are in the lake, by their names."""
+        """Continue after the files in the lake, according to their names."""
         for table in ("frames", *ARCHIVED):
             known = self._progress.reached.get(table)
             found = map(_reached, self._store.names(root(table, self._site, self._cell)))
@@ -115,7 +115,7 @@ class Export:
 
 
 def _reached(path: str) -> Reached | None:
-    """How far the file of that name reaches; ``None`` where it is not ours."""
+    """Position that the file of that name reaches; ``None`` if it is not a file of this exporter."""
     words = path.rpartition("/")[2].removesuffix(".parquet").split("_")
     match [int(word) for word in words if word.isdecimal()]:
         case [session, _, last] if len(words) == 3:
@@ -130,7 +130,7 @@ LOCK: Final = "historian-lake.lock"
 
 
 def store_of(settings: LakeSettings, folder: Path) -> Store:
-    """The place of a lake; a folder that is not absolute begins at ``folder``."""
+    """The store of a lake; a relative folder is relative to ``folder``."""
     if not settings.remote:
         return Store(folder / settings.folder)
     keys = None
@@ -141,7 +141,7 @@ def store_of(settings: LakeSettings, folder: Path) -> Store:
 
 
 def work(told: dict[str, Any]) -> None:
-    """Export once, by what the outlet tells. Raises ``OutletError``, also where another process is at it."""
+    """Export once, as the outlet orders. Raises ``OutletError``, also if another process is exporting."""
     settings, record = LakeSettings.model_validate(told["settings"]), Path(told["record"])
     store = store_of(settings, Path(told["folder"]))
     with _alone(record / LOCK):
@@ -153,7 +153,7 @@ def work(told: dict[str, Any]) -> None:
 def _alone(path: Path) -> Iterator[None]:
     try:
         file = path.open("ab")
-    except OSError as error:  # the folder was removed, or may no longer be written
+    except OSError as error:  # the folder was removed, or is no longer writable
         raise OutletError(f"lake: {path} cannot be opened: {error.strerror}") from None
     with file:
         try:
@@ -165,7 +165,7 @@ def _alone(path: Path) -> Iterator[None]:
 
 def main() -> int:
     """Export; return the exit code."""
-    logging.disable(logging.WARNING)  # a file that is still being written is no news here
+    logging.disable(logging.WARNING)  # hides warnings about the file that is still being written
     try:
         work(json.load(sys.stdin))
     except CellwattError as error:

@@ -1,4 +1,4 @@
-"""Keeps the history of a cell elsewhere: in InfluxDB, and by a process, again and again, in a lake of Parquet files."""
+"""Writes the history of a cell to InfluxDB and, through a process run periodically, to a lake of Parquet files."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from cellwatt.outlets.together import until_one_ends
 
 MODULE: Final = "cellwatt.outlets.historian.exporting"
 LONGEST, NICENESS = 86400.0, 5
-"""s that a run may take, the first of all the record; and its priority."""
+"""Longest time, s, of a run (the first exports the whole record), and its niceness."""
 PAUSE: Final = 30.0
-"""s until the next try after one that failed, at most."""
+"""Longest pause, s, after a failed run."""
 
 
 class Lake:
-    """Runs the process every some time; counts what it tells in ``account``."""
+    """Runs the process periodically; counts the rows and files that it reports in ``account``."""
 
     def __init__(self, settings: LakeSettings, told: dict[str, Any], account: Account) -> None:
         self._settings, self._account = settings, account
         self._told = {**told, "settings": revealed(settings)}
         self.problem: str | None = None
-        """Reason why the last run failed; ``None`` if it did not."""
+        """Reason why the last run failed, or ``None``."""
 
     async def run(self) -> None:
-        """Export until cancelled. Raises ``OutletError`` where that can never be."""
+        """Export until cancelled. Raises ``OutletError`` if pyarrow is missing."""
         if find_spec("pyarrow") is None:
             raise OutletError("lake: pyarrow is missing: pip install pyarrow")
         while True:
@@ -46,7 +46,7 @@ class Lake:
             await asyncio.sleep(self._settings.every if self.problem is None else min(PAUSE, self._settings.every))
 
     async def once(self) -> str | None:
-        """Export what is new; return the reason where that failed."""
+        """Export new rows and results; return the reason of a failure, or ``None``."""
         try:
             await output([MODULE], LONGEST, NICENESS, given=json.dumps(self._told).encode(), heard=self._heard)
         except CellwattError as error:
@@ -54,8 +54,8 @@ class Lake:
         return None
 
     def _heard(self, line: str) -> None:
-        """Count a file that the process tells of."""
-        with contextlib.suppress(ValueError, TypeError, KeyError):  # its last words
+        """Count a file that the process reports."""
+        with contextlib.suppress(ValueError, TypeError, KeyError):  # the error message at its end
             said = json.loads(line)
             rows, lost, table = said["rows"], said["lost"], said["table"]
             self._account.expect(rows + lost)
@@ -70,7 +70,7 @@ FILE: Final = "historian-influx.json"
 
 
 class HistorianOutlet(Outlet[HistorianSettings]):
-    """Writes rows and results to InfluxDB as they come, and brings the record into the lake."""
+    """Writes new rows and results to InfluxDB, and exports the record to the lake."""
 
     Settings: ClassVar[type[HistorianSettings]] = HistorianSettings
     title = "History in InfluxDB, and in a lake of Parquet files (a folder or S3)"
@@ -91,26 +91,26 @@ class HistorianOutlet(Outlet[HistorianSettings]):
             self._lake = Lake(settings.lake, told, self.account)
 
     def offer(self, item: Item) -> None:
-        """Queue an item for InfluxDB; the lake is filled from the record."""
+        """Queue an item for InfluxDB; the lake reads from the record."""
         if self._influx is not None:
             self._influx.offer(item)
 
     def health(self, status: Mapping[str, Any]) -> None:
-        """Nothing of it is kept."""
+        """Health is not written."""
 
     def succeed(self, before: Outlet[Any]) -> None:
-        """Go on where the outlet before ended; the lake goes on by its file."""
+        """Continue from the position of the previous outlet; the lake continues from its file."""
         if isinstance(before, HistorianOutlet) and self._influx is not None and before._influx is not None:
             self._influx.succeed(before._influx)
 
     def trouble(self) -> str | None:
-        """Reason why InfluxDB or the lake takes nothing; ``None`` if all is well."""
+        """Reason why InfluxDB or the lake accepts nothing, or ``None``."""
         said = [] if self._influx is None else list(self._influx.troubles)
         said += [] if self._lake is None else [self._lake.problem]
         return "; ".join(filter(None, said)) or None
 
     async def run(self) -> None:
-        """Write until cancelled. Raises ``OutletError`` where there is no record to fill the lake from."""
+        """Write until cancelled. Raises ``OutletError`` if the lake has no record to read from."""
         if self.settings.lake is not None and self._record is None:
             raise OutletError("lake: it is filled from the record: set record, with frames (record: {frames: true})")
         async with self._peer if self._influx is not None else contextlib.nullcontext():

@@ -1,4 +1,4 @@
-"""The next file of a table of a lake, made of the record, and its Parquet. The same record gives the same file again.
+"""Makes the next file of a lake's table from the record, as Parquet. The same record gives the same file.
 
 pyarrow is imported here: only the process that writes a lake needs it.
 """
@@ -32,10 +32,10 @@ T = TypeVar("T", Alarm, Task, Energy)
 
 @dataclass(frozen=True, slots=True, order=True)
 class Reached:
-    """The last frame or result that was dealt with.
+    """The last exported frame or result.
 
-    Of a frame ``number`` is its sequence, and ``time`` its time, UTC ns, if it is known; of a result ``number`` is that
-    of its file in the session, and ``count`` how many of the file are dealt with.
+    For a frame, ``number`` is its sequence and ``time`` its time, UTC ns, if known; for a result, ``number`` is that of
+    its file in the session, and ``count`` the number of exported results of this file.
     """
 
     session: int
@@ -45,7 +45,7 @@ class Reached:
 
 
 def frames_after(folder: Path, cell: str, position: Reached | None) -> Iterator[tuple[int, Frames]]:
-    """Blocks of frames after ``position``, each with its session; all there are without one."""
+    """Blocks of frames after ``position``, each with its session; without a position, all blocks."""
     for kept in files_of(folder, cell):
         session = kept.name.session
         after = position if position is not None and session == position.session else None
@@ -61,7 +61,7 @@ def frames_after(folder: Path, cell: str, position: Reached | None) -> Iterator[
 
 
 def results_after(folder: Path, cell: str, kind: type[T], reached: Reached | None) -> Iterator[tuple[Reached, T]]:
-    """Results of a kind after ``reached``, each with how far it leads."""
+    """Results of a kind after ``reached``, each with its own position."""
     for kept in files_of(folder, cell):
         at = kept.name.session, kept.name.number
         if reached is not None and at < (reached.session, reached.number):
@@ -74,18 +74,18 @@ def results_after(folder: Path, cell: str, kind: type[T], reached: Reached | Non
 
 
 VALUES: Final = 4_000_000
-"""Values of a file at most."""
+"""Most values of a file."""
 RESULTS: Final = 50_000
-"""Results of a file at most."""
+"""Most results of a file."""
 _DAY: Final = 86_400 * 10**9  # ns
 
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """A file to be: its path in the lake and its table, ``None`` where nothing is to be written.
+    """A file to write: its path in the lake and its table, ``None`` if there is nothing to write.
 
-    ``end`` is the position that it leads to, ``lost`` the frames up to there that the record does not have. ``last``:
-    it has all that was recorded by now.
+    ``end`` is the position after it, ``lost`` the number of frames up to there that the record lacks. ``last``: it
+    contains everything recorded by now.
     """
 
     path: str
@@ -97,17 +97,17 @@ class Piece:
 
 
 def root(table: str, site: str, cell: str) -> str:
-    """Folder of a cell in a table."""
+    """Folder of a cell's files in a table."""
     return f"{table}/site={quote(site, safe='')}/cell={quote(cell, safe='')}"
 
 
 def day_of(time: int) -> str:
-    """Day of a time, UTC ns."""
+    """UTC date of a time in UTC ns."""
     return datetime.fromtimestamp(time // 10**9, UTC).strftime("%Y-%m-%d")
 
 
 def next_frames(folder: Path, site: str, cell: str, selection: Selection, after: Reached | None) -> Piece | None:
-    """The next file of frames: of one session, layout and day. ``None`` where no row is whole yet."""
+    """The next file of frames, of one session, layout and day; ``None`` if no row is complete yet."""
     blocks = frames_after(folder, cell, after)
     session, first = next(blocks, (0, None))
     if first is None:
@@ -125,11 +125,11 @@ def next_frames(folder: Path, site: str, cell: str, selection: Selection, after:
         rows += picker.rows(block)
         if len(rows) > most or (rows and rows[-1].time // _DAY > rows[0].time // _DAY):
             break
-    if not rows:  # where it is over none of its channels is asked for
+    if not rows:  # a finished session or layout without any of the channels
         return Piece("", 0, None, seen) if over else None
     kept = [row for row in rows[:most] if row.time // _DAY == rows[0].time // _DAY]
     last, full = kept[-1], len(kept) < len(rows)
-    # All frames of a session or layout that is over are dealt with, also those behind the last row.
+    # After a session or layout has ended, all its frames count as exported, also those after the last row.
     end = seen if over and not full else Reached(session, last.sequence, time=min(last.time, seen.time))
     name = f"{session}_{first.sequence}_{last.sequence}.parquet"
     path = f"{root('frames', site, cell)}/day={day_of(last.time)}/{name}"
@@ -138,7 +138,7 @@ def next_frames(folder: Path, site: str, cell: str, selection: Selection, after:
 
 
 def next_results(folder: Path, site: str, cell: str, table: str, after: Reached | None) -> Piece | None:
-    """The next file of alarms, tasks or energies: of one file of the record and one day."""
+    """The next file of alarms, tasks or energies, of one file of the record and one day."""
     found = islice(results_after(folder, cell, ARCHIVED[table], after), RESULTS)
     _, alike = next(groupby(found, lambda r: (r[0].session, r[0].number, time_of(r[1]) // _DAY)), (None, ()))
     kept = list(alike)
@@ -169,13 +169,13 @@ _SCHEMAS: Final = {
     ),
 }  # fmt: skip
 _FIELDS: Final = {("tasks", "time"): "end", ("tasks", "task"): "name", ("energies", "time"): "end"}
-"""Fields of results whose columns are called otherwise."""
+"""Fields of results whose columns have another name."""
 
 
 def frame_table(rows: Sequence[Row], units: Mapping[str, str], session: int) -> pa.Table:
-    """Rows as columns ``time``, ``session``, ``sequence``, ``quality`` and one a channel; missing values are null.
+    """Rows as columns ``time``, ``session``, ``sequence``, ``quality`` and one per channel; missing values are null.
 
-    ``quality`` is the worst of the values that are there.
+    ``quality`` is the worst of the values present.
     """
     columns: dict[str, Any] = {
         "time": pa.array([row.time for row in rows], _TIME),
@@ -199,7 +199,7 @@ def result_table(name: str, results: Sequence[Archived], session: int) -> pa.Tab
 
 
 def parquet(table: pa.Table, about: Mapping[str, Any]) -> bytes:
-    """A table as a Parquet file; ``about`` is put into its metadata under ``cellwatt``."""
+    """A table as a Parquet file, with ``about`` in its metadata under ``cellwatt``."""
     told = json.dumps({**about, "version": __version__})
     out = pa.BufferOutputStream()
     pq.write_table(table.replace_schema_metadata({"cellwatt": told}), out, compression="zstd")

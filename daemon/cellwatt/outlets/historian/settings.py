@@ -1,4 +1,4 @@
-"""Settings of the historian: what goes to InfluxDB, and what into a lake."""
+"""Settings of the historian: InfluxDB and the lake."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class InfluxSettings(Flow):
     database: str | None = Field(default=None, pattern=_NAME)
     """Database (version 1)."""
     policy: str | None = Field(default=None, pattern=_NAME)
-    """Retention policy of the database; where absent its default."""
+    """Retention policy of the database; default: the database's default policy."""
     user: str | None = None
     """User (version 1)."""
     password: SecretStr | None = None
@@ -46,17 +46,17 @@ class InfluxSettings(Flow):
     bucket: str | None = Field(default=None, pattern=_NAME)
     """Bucket (version 2)."""
     token: SecretStr | None = None
-    """Token that may write to it."""
+    """Token with write access to the bucket."""
     ca: Path | None = None
     """Certificate authority (PEM) to trust instead of those of the system."""
     measurement: str = Field(default="cellwatt", pattern=r"^[A-Za-z][A-Za-z0-9_]{0,63}$")
-    """Measurement of the rows; alarms, tasks and energies have it in front of theirs."""
+    """Measurement of the rows; those of alarms, tasks and energies begin with it."""
     batch: PositiveInt = Field(default=1000, le=50_000)
-    """Most lines of one request."""
+    """Most lines in one request."""
     timeout: Seconds = Field(default=10.0, gt=0)
     """Longest time of one request."""
     open: bool = False
-    """Allow http without TLS beyond this PC: whoever is in between reads everything, the token as well."""
+    """Allow http without TLS to other PCs: anyone on the network path can read everything, including the token."""
 
     @field_validator("url")
     @classmethod
@@ -79,26 +79,26 @@ class InfluxSettings(Flow):
 
 
 class LakeSettings(Selection):
-    """A lake of Parquet files, in a folder or in S3: ``frames/site=…/cell=…/day=…/``, and alarms, tasks, energies."""
+    """A lake of Parquet files, in a folder or in S3: ``frames/site=…/cell=…/day=…/``; also alarms, tasks, energies."""
 
     folder: str = Field(min_length=1)
     """Folder, or ``s3://BUCKET/PATH``."""
     every: Seconds = Field(default=600.0, gt=0)
     """Time between two files."""
     results: bool = True
-    """Write alarms, tasks and energies, too."""
+    """Also write alarms, tasks and energies."""
     endpoint: str | None = None
-    """Address of a store that speaks S3, like ``https://minio.plant.example:9000``; where absent Amazon's."""
+    """Address of an S3-compatible store, like ``https://minio.plant.example:9000``; default: Amazon S3."""
     region: str | None = None
     """Region of the bucket."""
     access_key: SecretStr | None = None
-    """Access key; where absent as the AWS environment says."""
+    """Access key; default: from the AWS environment."""
     secret_key: SecretStr | None = None
-    """Its secret."""
+    """Secret of the access key."""
     ca: Path | None = None
     """Certificate authority (PEM) to trust instead of those of the system."""
     open: bool = False
-    """Allow an ``endpoint`` of http without TLS beyond this PC."""
+    """Allow an ``endpoint`` with http, without TLS, on another PC."""
 
     @field_validator("endpoint")
     @classmethod
@@ -124,7 +124,7 @@ class LakeSettings(Selection):
 
 
 class HistorianSettings(OutletSettings):
-    """History of the cell in InfluxDB, in a lake of Parquet files, or both."""
+    """History of the cell in InfluxDB, in a lake of Parquet files, or in both."""
 
     influx: InfluxSettings | None = None
     """Write to InfluxDB."""
@@ -138,7 +138,7 @@ class HistorianSettings(OutletSettings):
         return self
 
     def warnings(self) -> tuple[str, ...]:
-        """Data that pass in the clear, and authorities that cannot be read."""
+        """Unencrypted connections, and certificate authorities that cannot be read."""
         return tuple(self._doubts())
 
     def _doubts(self) -> Iterator[str]:

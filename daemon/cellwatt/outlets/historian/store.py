@@ -1,4 +1,4 @@
-"""The places of a lake: a folder, or a bucket of S3. A file is there whole, or not at all."""
+"""The store of a lake: a folder, or an S3 bucket. Files appear complete or not at all."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from cellwatt.files import replace_bytes
 
 
 class Store:
-    """A lake in a folder, or by ``options`` in a bucket of S3.
+    """A lake in a folder, or, with ``options``, in an S3 bucket.
 
-    In a folder files are written under another name, brought to disk, and renamed; in S3 a file is one object, which
-    others see when it is whole. All methods raise ``OutletError`` where the place cannot be reached.
+    In a folder, files are written under another name, synced to disk and renamed; in S3, a file is one object, which
+    becomes visible when it is complete. All methods raise ``OutletError`` if the store cannot be reached.
     """
 
     def __init__(self, place: Path | str, options: Mapping[str, Any] | None = None) -> None:
@@ -30,7 +30,7 @@ class Store:
             self._fs = fs.S3FileSystem(allow_delayed_open=True, background_writes=False, **options)
 
     def put(self, path: str, content: bytes) -> None:
-        """Write a file, in place of one that is there; paths are those within the lake."""
+        """Write a file, replacing an existing one; paths are relative to the lake."""
         target = f"{self._place}/{path}"
         with _told(target):
             if not self._remote:
@@ -41,7 +41,7 @@ class Store:
                 out.write(content)
 
     def names(self, folder: str) -> list[str]:
-        """Names of the files in a folder and those below, relative to it, sorted; none where it is not there."""
+        """Paths of the Parquet files below a folder, relative to it, sorted; none if the folder does not exist."""
         root = f"{self._place}/{folder}"
         with _told(root):
             found = self._fs.get_file_info(self._all_below(root))

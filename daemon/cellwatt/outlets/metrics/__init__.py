@@ -1,4 +1,4 @@
-"""Metrics of a cell for Prometheus and OpenMetrics, and probes of its health."""
+"""Metrics of a cell for Prometheus and OpenMetrics, and health probes."""
 
 from cellwatt.outlets.metrics.settings import MetricsSettings
 

@@ -1,4 +1,4 @@
-"""All metrics of a cell: names, types, units, labels, help; and their values, read from its health. Pure."""
+"""All metrics of a cell: names, types, units, labels, help; and their values, taken from health. Pure."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Type = Literal["counter", "gauge", "info"]
 
 @dataclass(frozen=True, slots=True)
 class Family:
-    """One metric: ``name`` without ``_total`` and ``_info``, ``unit`` its last word where it has one."""
+    """One metric: ``name`` without ``_total`` and ``_info``; ``unit``: the last word of the name, or empty."""
 
     name: str
     type: Type
@@ -49,7 +49,7 @@ _FAMILIES: Final = (
     _gauge("stream_nominal_hertz", "Declared rate of a stream.", "source", "stream", unit="hertz"),
     _gauge("clock_bound_seconds", "Bound of the error of sample times.", "source", "stream", unit="seconds"),
     _counter("clock_resets", "Resets of the model of a device's clock.", "source", "stream"),
-    # frames and what is made of them
+    # frames and results
     _counter("frames", "Frames made."),
     _counter("frame_samples_unused", "Samples that came too late or early for their frame.", "stream", "reason"),
     _gauge("power_watts", "Power of a channel in the newest frame.", "channel", unit="watts"),
@@ -70,7 +70,7 @@ _FAMILIES: Final = (
     _gauge("stage_frames_waiting", "Frames that wait for a stage.", "stage"),
     _gauge("stage_mean_seconds", "Mean time that a stage takes for a frame.", "stage", unit="seconds"),
     _gauge("stage_slowest_seconds", "Longest time that a stage took for a block of frames.", "stage", unit="seconds"),
-    # the daemon's own parts
+    # outlets, processes, recorder
     _gauge("sink_up", "1 if the outlet serves.", "sink"),
     _counter("sink_received", "Items that an outlet delivered.", "sink"),
     _counter("sink_missed", "Items that an outlet could not deliver.", "sink", "reason"),
@@ -93,7 +93,7 @@ _FAMILIES: Final = (
     _counter("scrapes", "Answers with metrics."),
 )
 CATALOGUE: Final[Mapping[str, Family]] = {family.name: family for family in _FAMILIES}
-"""Metrics by name, in the order in which they are told."""
+"""Metrics by name, in the order of the output."""
 
 Body = Mapping[str, Any]
 STATES: Final = ("green", "amber", "red")
@@ -102,7 +102,7 @@ STATES: Final = ("green", "amber", "red")
 class SeriesValue(NamedTuple):
     """Value of one series; ``metric`` is a name of the catalogue without ``cellwatt_``, ``labels`` in its order.
 
-    ``part`` names what counts, where its count may be taken back; see ``Ratchet``.
+    ``part``: name of the source or outlet whose count may decrease; see ``Ratchet``.
     """
 
     metric: str
@@ -126,11 +126,11 @@ _FIGURES: Final[Mapping[str, tuple[tuple[str, str, float], ...]]] = {
         ("process_skipped_bytes", "skipped_bytes", 1.0),
     ),
 }  # fmt: skip
-"""Metrics of parts of health: name, key there, and factor to the metric's unit."""
+"""Metrics by section of health: (name, key in the section, factor to the metric's unit)."""
 
 
 def of_health(status: Body) -> Iterator[SeriesValue]:
-    """All that a health message tells."""
+    """All series values of a health message."""
     for state in STATES:
         yield SeriesValue("state", (state,), float(status.get("state") == state))
     yield SeriesValue("utc_error_seconds", (), 1e-3 * status.get("utc_error_ms", 0.0))
@@ -160,7 +160,7 @@ def of_health(status: Body) -> Iterator[SeriesValue]:
 
 
 def _figures(kind: str, labels: tuple[str, ...], part: Body) -> Iterator[SeriesValue]:
-    """The figures that a part has."""
+    """The figures present in one entry of health."""
     for metric, key, factor in _FIGURES.get(kind, ()):
         if (value := part.get(key)) is not None:
             yield SeriesValue(metric, labels, factor * value)
@@ -197,7 +197,7 @@ def _of_alarms(status: Body) -> Iterator[SeriesValue]:
 
 
 def lives_of(status: Body) -> Iterator[tuple[str, int | None, float]]:
-    """Parts whose counts may be taken back: name, id of the process they run in, and a count that never falls."""
+    """Sources and outlets whose counts may decrease: (name, id of their process, a count that never decreases)."""
     pids = {name: process.get("pid") for name, process in status.get("processes", {}).items()}
     for name, source in status.get("sources", {}).items():
         yield f"source {name}", pids.get("collect"), source.get("received", 0)

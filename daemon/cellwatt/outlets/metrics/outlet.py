@@ -1,4 +1,4 @@
-"""Tells Prometheus of a cell, and answers probes: what the cell told last, and totals that never fall."""
+"""Metrics for Prometheus and answers to probes: the latest values of the cell, and totals that never decrease."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from cellwatt.results import Energy
 from cellwatt.version import __version__
 
 MOST: Final = 50_000
-"""Counts that are remembered; what is beyond is told as it is counted."""
+"""Most counts with a stored total; further counts are published unchanged."""
 
 
 @dataclass(slots=True)
@@ -34,24 +34,24 @@ class _Mark:
 
 
 class Ratchet:
-    """Totals by key over several lives of the part that counts."""
+    """Totals by key that continue over restarts (lives) of the counting source or outlet."""
 
     def __init__(self) -> None:
         self._marks: dict[Hashable, _Mark] = {}
         self._lives: dict[str, tuple[int, int | None, float]] = {}
 
     def life(self, part: str, process: int | None, steady: float) -> int:
-        """Number of the part's life, by the ``process`` id it runs in and a count that only a new life lowers."""
+        """Number of the part's life, from its ``process`` id and a count that decreases only with a new life."""
         number, before, last = self._lives.get(part, (0, process, 0.0))
         number += process != before or steady < last
         self._lives[part] = number, process, steady
         return number
 
     def total(self, key: Hashable, value: float, life: Hashable = None) -> float:
-        """Total of a count that shows ``value`` now.
+        """Total of a count whose current value is ``value``.
 
-        Where ``life`` is another than before, or is ``None`` and the count fell, it has begun anew at 0; within a life
-        the highest value counts, since samples that arrive late are taken back.
+        If ``life`` changed, or is ``None`` and the count decreased, the count has restarted at 0; within a life the
+        highest value applies, because samples that arrive late are subtracted again.
         """
         mark = self._marks.get(key)
         if mark is None and len(self._marks) >= MOST:
@@ -66,16 +66,16 @@ class Ratchet:
 
 
 LONGEST: Final = 200
-"""Characters of a label."""
+"""Most characters of a label."""
 _MOST_ENERGIES: Final = 10_000
-"""Tasks and consumers whose energies are summed."""
+"""Most series of energies."""
 Sample = tuple[tuple[str, ...], float]
 
 
 class Meter(Collector):
-    """Takes frames, energies and health; ``samples`` gives the series of each metric, at most ``most`` of one.
+    """Collects frames, energies and health; ``samples`` returns at most ``most`` series per metric.
 
-    ``channels`` are the patterns of channels whose power is told, ``session`` is the daemon's start, UTC ns.
+    ``channels``: patterns of the channels whose power is published; ``session``: the daemon's start, UTC ns.
     """
 
     def __init__(self, channels: Iterable[str], most: int, session: int) -> None:
@@ -93,13 +93,13 @@ class Meter(Collector):
         self.status: Mapping[str, Any] = {}
 
     def succeed(self, before: Meter) -> None:
-        """Go on with the totals of another meter, and with what it was told last."""
+        """Take over the totals and the latest values of another meter."""
         self._ratchet, self._energies = before._ratchet, before._energies
         self._readings, self._looked, self.status = before._readings, before._looked, before.status
         self._alarms, self.scrapes = before._alarms, before.scrapes
 
     def frames(self, frames: Frames) -> None:
-        """Take frames: the last is the newest."""
+        """Store the power values of the newest frame."""
         if frames.layout is not self._layout:
             self._layout = frames.layout
             names = enumerate(frames.layout.names)
@@ -109,7 +109,7 @@ class Meter(Collector):
             self._power = {name: float(frames.values[-1, i]) for i, name in self._columns}
 
     def energy(self, energy: Energy) -> None:
-        """Add the energy of a task that ended."""
+        """Add the energy of a finished task."""
         self._add("task_repetitions", (energy.task,), 1.0)
         self._add("energy_measured_joules", (energy.task,), energy.total)
         for group, value in energy.groups.items():
@@ -117,23 +117,23 @@ class Meter(Collector):
             self._add("energy_returned_joules", (energy.task, group), -value)
 
     def health(self, status: Mapping[str, Any]) -> None:
-        """Take the cell's health."""
+        """Store the cell's health."""
         self.status, self._looked = status, time.monotonic()
         lives = {part: self._ratchet.life(part, process, steady) for part, process, steady in lives_of(status)}
         self._readings = [self._steady(reading, lives) for reading in of_health(status)]
         now = {r.labels for r in self._readings if r.metric == "alarms_active"}
-        # An alarm that is over is told as 0 from now on, so that nobody takes it for unknown.
+        # A cleared alarm is published as 0 from now on: a missing series would mean unknown.
         self._readings += [SeriesValue("alarms_active", labels, 0.0) for labels in self._alarms if labels not in now]
         for labels in now:
             if len(self._alarms) < self._most:
                 self._alarms[labels] = None
 
     def age(self, now: float) -> float | None:
-        """Time in s since the last health, at monotonic time ``now``; ``None`` before the first."""
+        """Age of the last health, s, at monotonic time ``now``; ``None`` before the first."""
         return None if self._looked is None else now - self._looked
 
     def samples(self) -> dict[str, list[Sample]]:
-        """Series of each metric by its name, in the order of the catalogue."""
+        """Series of each metric by name, in the order of the catalogue."""
         found: dict[str, dict[tuple[str, ...], float]] = {name: {} for name in CATALOGUE}
         for reading in self._all():
             series = found[f"cellwatt_{reading.metric}"]
@@ -165,14 +165,14 @@ class Meter(Collector):
             self._energies[key] = self._energies.get(key, 0.0) + max(value, 0.0)
 
     def _steady(self, reading: SeriesValue, lives: Mapping[str, int]) -> SeriesValue:
-        """A reading of a counter that does not fall."""
+        """A counter's value replaced by a total that never decreases; gauges unchanged."""
         if CATALOGUE[f"cellwatt_{reading.metric}"].type != "counter":
             return reading
         life = lives[reading.part] if reading.part is not None else None
         return reading._replace(value=self._ratchet.total((reading.metric, reading.labels), reading.value, life))
 
     def _bounded(self, name: str, series: Mapping[tuple[str, ...], float]) -> list[Sample]:
-        """The series that are told: those told before, then others while there is room."""
+        """The series to publish: those published before, then others up to the limit."""
         told = self._told.get(name, set()) & series.keys()
         for labels in series:
             if len(told) >= self._most:
@@ -182,7 +182,7 @@ class Meter(Collector):
         return [(labels, value) for labels, value in series.items() if labels in told]
 
 
-if find_spec("aiohttp") is None:  # only the process that serves imports it, but what is missing is told at once
+if find_spec("aiohttp") is None:  # only the serving process imports it; a missing one is reported at once
     raise ModuleNotFoundError("No module named 'aiohttp'", name="aiohttp")
 
 
@@ -200,15 +200,15 @@ def _filled(family: Family, samples: Sequence[Sample]) -> Metric:
 
 
 def exposed(meter: Meter, accept: str) -> tuple[bytes, str]:
-    """Text and its content type; ``accept`` is the reader's header: OpenMetrics, or Prometheus' own text."""
+    """Text and content type for the reader's ``accept`` header: OpenMetrics, or the Prometheus text format."""
     encode, content_type = choose_encoder(accept)
     return encode(meter), content_type
 
 
 class MetricsOutlet(Apart[MetricsSettings]):
-    """Keeps the newest of what the cell tells and gives it to who asks; nothing is queued, so nothing is lost.
+    """Holds the latest values of the cell for readers; nothing is queued, so nothing is lost.
 
-    A process of its own serves. It asks for the text when a reader comes, so that nobody costs anything otherwise.
+    A separate process serves. It requests the text when a reader connects, so that there is no cost without readers.
     """
 
     Settings: ClassVar[type[MetricsSettings]] = MetricsSettings
@@ -222,23 +222,23 @@ class MetricsOutlet(Apart[MetricsSettings]):
         self._meter = Meter(settings.channels, settings.series, view.session)
 
     def offer(self, item: Item) -> None:
-        """Keep the newest frame, and sum energies."""
+        """Store the newest frame's power, and sum energies."""
         if isinstance(item, Frames):
             self._meter.frames(item)
         elif isinstance(item, Energy):
             self._meter.energy(item)
 
     def health(self, status: Mapping[str, Any]) -> None:
-        """Keep the cell's health."""
+        """Store the cell's health."""
         self._meter.health(status)
 
     def succeed(self, before: Outlet[Any]) -> None:
-        """Go on with the totals of the outlet before this one, so that no counter falls."""
+        """Take over the totals of the previous outlet, so that no counter decreases."""
         if isinstance(before, MetricsOutlet):
             self._meter.succeed(before._meter)
 
     def answer(self, question: Mapping[str, Any]) -> dict[str, Any]:
-        """The text for ``scrapes`` readers with its content type, or the state of the cell for a probe."""
+        """The text and content type for ``scrapes`` readers, or the state of the cell for a probe."""
         if "scrapes" in question:
             self._meter.scrapes += question["scrapes"]
             text, kind = exposed(self._meter, question["accept"])

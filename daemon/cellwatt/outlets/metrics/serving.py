@@ -1,4 +1,4 @@
-"""The process that serves the metrics to who may read them, and probes to everybody: started by the outlet."""
+"""The process that serves metrics to authorised readers and probes to everyone; started by the outlet."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from cellwatt.outlets.apart.daemon import Daemon, Shown, main
 from cellwatt.outlets.metrics.settings import MetricsSettings
 
 STALE: Final = 10.0
-"""s without a look at the cell's health after which it is not ready; one comes each second."""
+"""Age of the cell's health, s, from which the cell is not ready; health is updated each second."""
 FRESH: Final = 0.2
-"""s for which the same answer is given again: many readers cost no more than one."""
+"""Time, s, for which an answer is reused, so that many readers cost no more than one."""
 LIMITS: Final = Limits(connections=64, peer=32)
 _LONGEST: Final = 1000
-"""Characters of a reason."""
+"""Most characters of a reason."""
 _HEADERS: Final = {"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff", "Server": "cellwatt"}
 _OPEN: Final = "application/openmetrics-text"
 
@@ -34,7 +34,7 @@ Ask = Callable[[Mapping[str, Any]], Awaitable[Any]]
 
 
 class _Known:
-    """The last answer of the daemon to a question, asked again once it is not fresh any more."""
+    """The daemon's answer to a question, requested again when it is older than ``FRESH``."""
 
     def __init__(self, ask: Ask, question: Mapping[str, Any]) -> None:
         self._ask, self._question = ask, question
@@ -42,7 +42,7 @@ class _Known:
         self._at = -FRESH
         self._asking = asyncio.Lock()
         self.readers = 0
-        """Readers since the daemon was asked last."""
+        """Number of readers since the daemon was last asked."""
 
     async def get(self) -> Any:
         self.readers += 1
@@ -56,11 +56,11 @@ class _Known:
 
 
 class Endpoint:
-    """Serves by the settings what the daemon answers to ``ask``. See ``MetricsOutlet.answer``."""
+    """Serves the daemon's answers to ``ask``, see ``MetricsOutlet.answer``, according to the settings."""
 
     def __init__(self, settings: MetricsSettings, ask: Ask) -> None:
         self._settings = settings
-        # Of the many headers that readers may send, two texts come: a memory of them is bounded so.
+        # Readers send many headers, which select only two texts: the cache is bounded.
         self._texts = {way: _Known(ask, {"accept": _OPEN if way else ""}) for way in (True, False)}
         self._state = _Known(ask, {})
         app = web.Application(client_max_size=1024, middlewares=[_unanswered])
@@ -102,7 +102,7 @@ class Endpoint:
         return _line("started", HTTPStatus.OK)
 
     def _refused(self, request: web.Request) -> web.Response | None:
-        """The refusal of a reader that does not show the token of the settings; ``None`` where it does."""
+        """The refusal of a reader without the token of the settings; ``None`` if the reader is admitted."""
         token = self._settings.token
         if token is None:
             return None
@@ -112,7 +112,7 @@ class Endpoint:
         way, _, shown = request.headers[hdrs.AUTHORIZATION].partition(" ")
         given = shown.strip().encode("utf-8", "surrogateescape")  # a header is bytes
         if way.lower() == "bearer" and hmac.compare_digest(given, token.get_secret_value().encode()):
-            return None  # even while others have to wait: nobody can lock Prometheus out
+            return None  # also while failed logins delay others: nobody can lock out Prometheus
         address = request.remote or ""
         if wait := self._guard.begin(address, ""):
             text = f"too many tries: wait {wait:.0f} s"
@@ -122,7 +122,7 @@ class Endpoint:
 
 
 def _unready(told: Mapping[str, Any]) -> str | None:
-    """Reason why the cell is not ready, in one line; ``None`` if it is."""
+    """Reason why the cell is not ready, in one line, or ``None``."""
     if told["age"] is None:
         return "starting: the cell's health is not known yet"
     if told["age"] > STALE:
@@ -150,7 +150,7 @@ def _line(text: str, status: int, headers: dict[str, str] | None = None) -> web.
 
 
 async def serve(daemon: Daemon, hello: Mapping[str, Any]) -> None:
-    """Serve what the daemon answers, until it goes. Raises ``OutletError`` if that cannot be."""
+    """Serve the daemon's answers until it disconnects. Raises ``OutletError`` if it cannot listen."""
     read = hello["settings"]
     endpoint = Endpoint(read, daemon.order)
     url = await endpoint.door.start(await asyncio.to_thread(tls_context, read))

@@ -1,4 +1,4 @@
-"""Settings of the metrics, and who may read them."""
+"""Settings of the metrics and their readers."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from cellwatt.door.settings import Listening
 
 LOCAL: Final = "127.0.0.1:9480"
 _SHORT: Final = 16
-"""Characters of a token below which it can be guessed: a right one is let in however many wrong ones came before."""
+"""Fewest characters of a token that cannot be guessed: failed attempts never delay the correct token."""
 
 
 class MetricsSettings(Listening):
-    """Metrics for Prometheus, and probes of the cell's health."""
+    """Metrics for Prometheus, and health probes."""
 
     login = "a token"
 
     listen: str = LOCAL
-    """Address and port; beyond this PC only with a certificate and a token."""
+    """Address and port; an address that other PCs reach needs a certificate and a token."""
     certificate: Path | None = None
-    """Certificate (PEM) with which metrics are served as https, with the authorities between, if there are any."""
+    """Certificate (PEM) for https, followed by the intermediate authorities, if there are any."""
     token: SecretStr | None = None
-    """Token that a reader shows as ``Authorization: Bearer``."""
+    """Token that readers must send as ``Authorization: Bearer``."""
     channels: Annotated[tuple[str, ...], Field(min_length=1)] = ("*",)
-    """Channels whose power is told, by name or pattern; only those in W count."""
+    """Channels whose power is published, by name or pattern; only channels in W."""
     series: PositiveInt = 200
-    """Most series of one metric; what is beyond is left out and counted."""
+    """Most series of one metric; further series are omitted and counted."""
     open: bool = False
-    """Let the network in without TLS or token: anybody there can then read what the cell does."""
+    """Allow access from the network without TLS or token: anyone there can read the metrics."""
 
     @model_check(mode="after")
     def _login(self) -> MetricsSettings:
@@ -41,11 +41,11 @@ class MetricsSettings(Listening):
 
     @property
     def asks(self) -> bool:
-        """True if readers must show a token."""
+        """True if readers need a token."""
         return self.token is not None
 
     def warnings(self) -> tuple[str, ...]:
-        """See ``Listening.warnings``; also a token that can be guessed."""
+        """See ``Listening.warnings``; also warns of a token that can be guessed."""
         if self.token is None or len(self.token.get_secret_value()) >= _SHORT:
             return super().warnings()
         advice = f"fewer than {_SHORT} characters can be guessed; 'openssl rand -hex 16' makes enough"

@@ -1,4 +1,4 @@
-"""The cell as a Sparkplug B edge node, each of its sources a device: births, deaths, data and their numbers. Pure."""
+"""The cell as a Sparkplug B edge node with one device per source: births, deaths, data, sequence numbers. Pure."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ from cellwatt.results import Alarm, Event, Result
 NAMESPACE: Final = "spBv1.0"
 REBIRTH: Final = "Node Control/Rebirth"
 NUMBERS: Final = 256
-"""Sequence numbers of messages, and of connections."""
+"""Modulus of the sequence numbers of messages (seq) and connections (bdSeq)."""
 
 
 class EdgeNode:
-    """Messages of an edge node. ``births`` is the bdSeq of the next connection; ``alarms`` is the cell's book."""
+    """Messages of an edge node. ``births`` is the bdSeq of the next connection; ``alarms`` is the cell's alarm book."""
 
     announced = True
-    """Whether the broker is to publish the death also when we leave on purpose."""
+    """The broker publishes the death certificate also after an intended disconnect."""
 
     def __init__(self, settings: SparkplugSettings, site: str, cell: str, alarms: AlarmBook, births: int = 0) -> None:
         self._group = level(settings.group or site)
@@ -46,7 +46,7 @@ class EdgeNode:
         self._host = settings.primary_host
         self._online = self._host is None
         self._heard_at: int | None = None
-        """Timestamp of the last message of the primary host's state that counted."""
+        """Timestamp of the last accepted state message of the primary host."""
         self.births = births
         self._birth = 0
         self._seq = 0
@@ -64,7 +64,7 @@ class EdgeNode:
     # sessions -------------------------------------------------------------------------------------
 
     def connect(self) -> Message:
-        """Begin a new connection; return the death certificate, its last will."""
+        """Begin a new connection; return its will message, the death certificate."""
         self._birth, self.births = self.births, (self.births + 1) % NUMBERS
         self._online = self._host is None
         for device in self._devices():
@@ -72,7 +72,7 @@ class EdgeNode:
         return self._death(0)
 
     def subscriptions(self) -> Sequence[Subscription]:
-        """Commands to this node, and the state of the primary host."""
+        """Subscriptions to commands for this node and to the state of the primary host."""
         commands = Subscription(f"{NAMESPACE}/{self._group}/NCMD/{self._node}", 1)
         return (commands,) if self._host is None else (commands, Subscription(self._state_topic, 1))
 
@@ -81,7 +81,7 @@ class EdgeNode:
         return f"{NAMESPACE}/STATE/{self._host}"
 
     def heard(self, topic: str, payload: bytes, retained: bool) -> Order | Sequence[Message]:
-        """Take a command or the host's state. Raises ``ProtocolError`` for what is neither."""
+        """Process a command or the host's state. Raises ``ProtocolError`` if it cannot be decoded."""
         if self._host is not None and topic == self._state_topic:
             return self._host_state(payload)
         if topic == f"{NAMESPACE}/{self._group}/NCMD/{self._node}":
@@ -90,7 +90,7 @@ class EdgeNode:
         return ()
 
     def _host_state(self, payload: bytes) -> Order | Sequence[Message]:
-        """Follow the primary host; what is older than what is known does not count."""
+        """Follow the state of the primary host; ignore messages older than the last one."""
         try:
             told = parse_json(payload)
             online, timestamp = told["online"], told["timestamp"]
@@ -107,7 +107,7 @@ class EdgeNode:
         return Order.BIRTH if online else Order.LEAVE
 
     def birth(self, now: int) -> Sequence[Message]:
-        """The birth certificates of the node and of all devices that have data."""
+        """Birth certificates of the node and of all devices that have data."""
         self._seq = 0
         node, at = self._tags.node, now // MS
         metrics = [
@@ -124,30 +124,30 @@ class EdgeNode:
         return messages
 
     def death(self, now: int) -> Sequence[Message]:
-        """The death certificate of the node, if it was born."""
+        """The death certificate of the node, if its birth was sent."""
         return (self._death(now // MS),) if self._tags.node.born else ()
 
     def _death(self, at: int) -> Message:
-        """The certificate that belongs to the birth of this connection; it has no sequence number."""
+        """The death certificate that belongs to the birth of this connection; it has no sequence number."""
         payload = encode([metric(DataType.INT64, self._birth, at, "bdSeq", declared=True)], at, None)
         return Message(f"{NAMESPACE}/{self._group}/NDEATH/{self._node}", payload, 1, False)
 
     # data -----------------------------------------------------------------------------------------
 
     def label(self, units: Mapping[str, str], now: int) -> Sequence[Message]:
-        """Take the channels of the rows; their devices are born with their first values."""
+        """Declare the channels of the rows; the birth of a device is sent with its first values."""
         self._units = units
         for name, unit in units.items():
             self._tags.channel(name, unit)
         return ()
 
     def missed(self, row: Row) -> None:
-        """Take a row that nobody is told: its values are the current ones."""
+        """Update the current values from a row without publishing it."""
         for name in row.quality:
             self._set(self._channel(name)[1], row, name)
 
     def row(self, row: Row, historical: bool, now: int) -> Sequence[Message]:
-        """What a row changes, device by device; all of it if it is historical."""
+        """Messages with the values that a row changes, per device; with all values if the row is historical."""
         messages: list[Message] = []
         by_device: dict[str, list[tuple[str, Tag]]] = {}
         for name in row.quality:
@@ -179,14 +179,14 @@ class EdgeNode:
         return self._tags.channel(name, self._units.get(name))
 
     def _set(self, tag: Tag, row: Row, name: str) -> bool:
-        """Take a channel's value of a row; true if it is another than before."""
+        """Update a channel's value from a row; true if it changed."""
         value = finite(row.values.get(name))
         changed = value != tag.value
         tag.value, tag.time = value, row.time // MS
         return changed
 
     def predicted(self, model: str, units: Mapping[str, str], row: Row, now: int) -> Sequence[Message]:
-        """A row of a model's outputs, as metrics of the node."""
+        """A row of a model's outputs as metrics of the node."""
         values: Values = {
             f"prediction/{model}/{name}": (DataType.DOUBLE, finite(row.values.get(name)), units[name])
             for name in row.quality
@@ -194,7 +194,7 @@ class EdgeNode:
         return self._node_data(values, row.time // MS, False, now // MS)
 
     def result(self, item: Result | Event, historical: bool, now: int) -> Sequence[Message]:
-        """A result as metrics of the node; Sparkplug has no place for events and running intervals."""
+        """A result as metrics of the node; events and running intervals have no metrics."""
         time, values = values_of(item)
         messages = list(self._node_data(values, time, historical, now // MS)) if values else []
         if isinstance(item, Alarm):
@@ -203,12 +203,12 @@ class EdgeNode:
         return messages
 
     def archived(self, result: Archived, now: int) -> Sequence[Message]:
-        """A result of the past as historical metrics."""
+        """A back-filled result as historical metrics."""
         time, values = values_of(result)
         return self._node_data(values, time, True, now // MS)
 
     def health(self, status: Mapping[str, Any], now: int) -> Sequence[Message]:
-        """The state of the cell, if it changed."""
+        """The state of the cell as a metric, if it changed."""
         state, node = str(status.get("state", "")), self._tags.node
         if node.tags["health/state"].value == state:
             return ()

@@ -1,4 +1,4 @@
-"""One connection to a broker, which a thread of the library serves; nothing here holds up the event loop."""
+"""One connection to a broker, served by a thread of the MQTT library; nothing here blocks the event loop."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from cellwatt.outlets.mqtt.settings import MqttSettings
 from cellwatt.outlets.remote import trust
 
 ANSWER: Final = 10.0
-"""Longest time, s, that the broker may take to answer anything."""
+"""Longest time, s, to wait for any answer of the broker."""
 WINDOW: Final = 64
-"""Messages that may be on their way at a time."""
+"""Most messages in flight at a time."""
 _HEARD: Final = 1000
-"""Messages from the broker that may wait for us; more are dropped."""
+"""Most received messages that wait to be processed; further ones are dropped."""
 _WITH_WILL: Final = 4
 """Reason code of MQTT 5: Disconnect with Will Message."""
 _CLOSED: Final = (
@@ -38,7 +38,7 @@ _AUTHENTICATION: Final = (134, 135)
 """Reason codes: bad user name or password, not authorised."""
 
 Answer = asyncio.Future[Sequence[ReasonCode]]
-"""The broker's answer to one packet, cancelled where the connection is lost before."""
+"""The broker's answer to one packet, cancelled if the connection is lost first."""
 
 
 class LostError(OutletError):
@@ -46,7 +46,7 @@ class LostError(OutletError):
 
 
 def tls_context(settings: MqttSettings) -> ssl.SSLContext | None:
-    """TLS as the settings want it; ``None`` for none. Reads files. Raises ``OutletError``."""
+    """TLS context according to the settings, or ``None`` without TLS. Reads files. Raises ``OutletError``."""
     if not settings.encrypted:
         return None
     context = trust(settings.ca)
@@ -60,7 +60,7 @@ def tls_context(settings: MqttSettings) -> ssl.SSLContext | None:
 
 
 class _Socket(ssl.SSLSocket):
-    """Closed where the handshake fails, which the library leaves to chance."""
+    """A socket that closes if the handshake fails; the library would leave that to garbage collection."""
 
     def do_handshake(self, block: bool = False) -> None:
         try:
@@ -71,9 +71,9 @@ class _Socket(ssl.SSLSocket):
 
 
 class Link:
-    """A connection that publishes ``will`` if it is lost; ``refused`` is called with the broker's reasons.
+    """A connection with ``will`` as its will message; ``refused`` is called with the reason for each refused message.
 
-    ``abort`` comes last, whatever happened.
+    Always call ``abort`` last.
     """
 
     def __init__(
@@ -87,12 +87,12 @@ class Link:
         self._settings, self._refused = settings, refused
         self._loop = asyncio.get_running_loop()
         self._taken: asyncio.Future[str] = self._loop.create_future()
-        """Why the broker does not take the connection; empty if it does."""
+        """Reason why the broker refuses the connection; empty if it accepts."""
         self._lost: asyncio.Future[str] = self._loop.create_future()
-        """Why the connection was lost."""
+        """Reason why the connection was lost."""
         self._answers: dict[int, Answer] = {}
         self._heard: asyncio.Queue[mqtt.MQTTMessage | None] = asyncio.Queue()
-        """At last ``None``, when the connection is lost."""
+        """Received messages; ``None`` after the last one, when the connection is lost."""
         made = self._client = mqtt.Client(
             CallbackAPIVersion.VERSION2, client, protocol=mqtt.MQTTv5, reconnect_on_failure=False
         )
@@ -106,7 +106,7 @@ class Link:
         made.on_subscribe = made.on_unsubscribe = self._told(self._on_answer)
 
     async def open(self) -> None:
-        """Connect. Raises ``OutletError`` that says what to check."""
+        """Connect. Raises ``OutletError`` with advice on what to check."""
         self._connecting = asyncio.ensure_future(asyncio.to_thread(self._connect))
         try:
             await asyncio.shield(self._connecting)
@@ -122,7 +122,7 @@ class Link:
         self._client.loop_start()
 
     async def subscribe(self, subscription: Subscription) -> None:
-        """Listen to topics, not to our own messages. Raises ``OutletError`` where the broker forbids it."""
+        """Subscribe to topics, without our own messages. Raises ``OutletError`` if the broker forbids it."""
         options = SubscribeOptions(qos=subscription.qos, noLocal=True)
         answer = self._asked(self._client.subscribe(subscription.filter, options=options))
         await self.arrive([answer])
@@ -136,44 +136,44 @@ class Link:
         raise self._error(_BROKE)
 
     def publish(self, message: Message) -> Answer:
-        """Send a message; its answer is the broker's word on it where its quality of service has one."""
+        """Send a message; the answer completes when the broker confirms it, with QoS 0 when it is sent."""
         return self._asked(self._client.publish(message.topic, message.payload, message.qos, message.retain))
 
     def fence(self) -> Answer:
-        """Ask for an answer that comes when the broker has taken all that was sent before.
+        """Request an answer that arrives once the broker has received all earlier messages.
 
-        It answers in order, also the end of a subscription that there is not.
+        The request ends a subscription that does not exist: brokers answer in order.
         """
         return self._asked(self._client.unsubscribe(_FENCE))
 
     async def arrive(self, answers: Sequence[Answer]) -> None:
-        """Wait for answers. Raises ``LostError``."""
+        """Wait for all answers. Raises ``LostError``."""
         _, left = await asyncio.wait(answers, timeout=ANSWER)
         if left or any(answer.cancelled() for answer in answers):
             raise self._error(f"no answer within {ANSWER:g} s" if left else _BROKE)
 
     async def close(self, *, with_will: bool) -> None:
-        """End the connection; ``with_will``: the broker then publishes the will all the same."""
+        """End the connection; ``with_will``: the broker publishes the will nevertheless."""
         code = ReasonCode(PacketTypes.DISCONNECT, identifier=_WITH_WILL if with_will else 0)
         self._client.disconnect(reasoncode=code)
         await asyncio.wait([self._lost], timeout=1.0)
 
     async def abort(self) -> None:
-        """Close the socket at once, whatever is on its way."""
-        # The thread that connects cannot be cancelled; it gives up by itself, after seconds.
+        """Close the socket at once; messages in flight are lost."""
+        # The connecting thread cannot be cancelled; it gives up by itself after seconds.
         await asyncio.gather(self._connecting, return_exceptions=True)
         found = self._client.socket()
         if isinstance(found, socket.socket):
             with contextlib.suppress(OSError):
-                socket.socket.shutdown(found, socket.SHUT_RDWR)  # not TLS's own: the thread may be reading
+                socket.socket.shutdown(found, socket.SHUT_RDWR)  # not the shutdown of TLS: the thread may be reading
         try:
-            with contextlib.suppress(AttributeError):  # its thread forgets itself when it ends, also under its feet
+            with contextlib.suppress(AttributeError):  # the library's thread may clear its own reference meanwhile
                 await asyncio.to_thread(self._client.loop_stop)
         finally:
-            self._client._reset_sockets()  # as it does itself when it is collected
+            self._client._reset_sockets()  # as the library does on garbage collection
 
     def _asked(self, asked: Iterable[Any]) -> Answer:
-        """The answer to come to what the library was asked for."""
+        """The future answer to a request of the library."""
         failed, mid = asked
         answer: Answer = self._loop.create_future()
         if failed or self._lost.done():
@@ -186,10 +186,10 @@ class Link:
         why = self._lost.result() if self._lost.done() else otherwise
         return LostError(f"{self._settings.broker}: the connection was lost: {why}")
 
-    # what the library tells -----------------------------------------------------------------------
+    # callbacks of the library ---------------------------------------------------------------------
 
     def _told(self, work: Callable[..., None]) -> Any:
-        """A callback for the library's thread that has the loop do the work."""
+        """A callback for the library's thread that runs ``work`` on the event loop."""
         return lambda _client, _data, *about: self._loop.call_soon_threadsafe(work, *about)
 
     def _on_connect(self, _flags: mqtt.ConnectFlags, code: ReasonCode, _: object) -> None:
@@ -223,7 +223,7 @@ class Link:
 
 
 def reason(error: Exception) -> str:
-    """Why there is no connection, in plain words."""
+    """Reason why there is no connection, as text."""
     text = str(error)
     if isinstance(error, TimeoutError) and not text:
         return f"no answer within {ANSWER:g} s: the broker hangs or is too busy, or it is none"

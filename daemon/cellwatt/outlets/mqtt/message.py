@@ -1,4 +1,4 @@
-"""Messages of an outlet over MQTT."""
+"""MQTT messages of an outlet."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _UNSAFE = re.compile(r"[+#/%$\x00-\x1f\x7f]")
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """What is published: an empty retained payload deletes what the broker keeps of a topic."""
+    """A message to publish. An empty retained payload deletes the retained message of the topic."""
 
     topic: str
     payload: bytes
@@ -21,19 +21,19 @@ class Message:
 
 @dataclass(frozen=True, slots=True)
 class Subscription:
-    """Topics that are listened to."""
+    """A topic filter to subscribe to."""
 
     filter: str
     qos: int
 
 
 class Order(Enum):
-    """The consequence of a message that was heard."""
+    """The action that a received message requires."""
 
     BIRTH = auto()
-    """Tell everything anew, at once."""
+    """Publish the birth again at once."""
     LEAVE = auto()
-    """End this connection: nobody is there who listens."""
+    """End this connection: the primary host is offline."""
 
 
 def level(name: str) -> str:

@@ -1,4 +1,4 @@
-"""What waits for the broker: what is new, each kind bounded, and what it missed, out of the record."""
+"""Entries that wait for the broker: bounded queues of new entries, and the back-fill from the record."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ from cellwatt.outlets.selection import Picker, Row, Selection
 from cellwatt.results import Event, Prediction, Result
 
 PART: Final = 500
-"""Rows that are read from the record at a time."""
+"""Most rows read from the record at a time."""
 PIECE: Final = 16
-"""Results, or messages of rows, of these that are sent together: the broker confirms them at once."""
+"""Most back-filled results, or messages of rows, that are sent together and confirmed as one."""
 PAUSE: Final = 1.0
-"""s before the record is read again that has not got as far yet."""
+"""Time, s, before the record is read again if it does not reach the end of the span yet."""
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
 class Waiting(Generic[T]):
-    """What waits; ``late`` if nobody could hear it when it was made. ``before`` is the time of the row before it."""
+    """A waiting item; ``late``: made without a connection. ``before``: time of the previous row, UTC ns."""
 
     item: T
     late: bool
@@ -43,9 +43,9 @@ class Waiting(Generic[T]):
 
 
 class Outbox:
-    """Queues of ``most`` entries each; where one is full, its oldest is dropped and counted.
+    """Queues of ``most`` entries each; a full queue drops its oldest entry and counts it.
 
-    With a ``cursor`` over the record, rows that nobody hears are owed from there, and given to ``missed`` alone.
+    With a ``cursor``, rows made without a connection are owed from the record, and passed only to ``missed``.
     ``wake`` is set when there is something to send.
     """
 
@@ -55,17 +55,17 @@ class Outbox:
         self.rows: deque[Waiting[Row]] = deque()
         self.results: deque[Waiting[Result | Event]] = deque()
         self.predictions: deque[tuple[str, Mapping[str, str], Row]] = deque()
-        """Names of models, units of their outputs, and rows of these."""
+        """(name of the model, units of its outputs, row of its outputs)."""
         self.units: Mapping[str, str] | None = None
-        """Units of the rows' channels, until they are taken."""
+        """Units of the rows' channels, until they are published."""
         self.unmatched: tuple[str, ...] = ()
         self.last: int | None = None
-        """Time of the last row that was made, ns."""
+        """Time of the last row, UTC ns."""
         self.begun = 0
-        """Time after which rows were made, ns, once there is one."""
+        """Start of the span of the first row, UTC ns, once there is one."""
         self.wake = asyncio.Event()
         self.serving = False
-        """True while somebody hears what is sent."""
+        """True while the connection delivers what is sent."""
         self._selection = selection
         self._every = selection.model_copy(update={"channels": ("*",)})
         self._most = most
@@ -76,7 +76,7 @@ class Outbox:
         self._models: dict[str, Picker] = {}
 
     def leave(self) -> None:
-        """Nobody hears us: leave the rows to the record, if there is one."""
+        """Stop serving: owe the waiting rows from the record, if there is one."""
         self.serving = False
         if self._cursor is not None:
             for row in self.rows:
@@ -88,7 +88,7 @@ class Outbox:
         self.predictions.clear()
 
     def again(self, entry: Waiting[Any]) -> None:
-        """Take back what may not have arrived: a row is owed from the record, all else goes before others."""
+        """Requeue an entry that may not have arrived: owe a row from the record, else put the entry first."""
         is_row = isinstance(entry.item, Row)
         if is_row and self._cursor is not None:
             self._owe(self._cursor, entry)
@@ -100,7 +100,7 @@ class Outbox:
             self._dropped("rows" if is_row else "results", 1)
 
     def succeed(self, before: Outbox) -> None:
-        """Take over what waits in the outbox before this one."""
+        """Take over the waiting entries of the previous outbox."""
         self._account.expect(len(before.rows))
         self._account.owed += len(before.rows)
         self.results.extendleft(reversed(before.results))
@@ -108,7 +108,7 @@ class Outbox:
         self.last, self.begun = before.last, before.begun
 
     def frames(self, frames: Frames) -> None:
-        """Make rows of frames."""
+        """Queue the rows of frames."""
         picker = self._picker
         if picker is None or picker.layout != frames.layout:
             for row in () if picker is None else picker.rest():
@@ -134,7 +134,7 @@ class Outbox:
             self._put(self.rows, waiting, "rows")
 
     def prediction(self, item: Prediction) -> None:
-        """Make rows of a model's output, if anybody hears them."""
+        """Queue the rows of a model's output while serving."""
         if not self.serving:
             self._dropped("predictions", 1)
             return
@@ -146,7 +146,7 @@ class Outbox:
             self._put(self.predictions, (item.model, picker.units, row), "predictions")
 
     def result(self, item: Result | Event) -> None:
-        """Take a result or event."""
+        """Queue a result or event."""
         self._put(self.results, Waiting(item, not self.serving), "results")
 
     def _put(self, queue: deque[T], entry: T, what: str) -> None:
@@ -174,7 +174,7 @@ class Outbox:
 
 
 def _as_frames(item: Prediction, rate: float) -> Frames:
-    """A model's output as frames of its own."""
+    """A model's output as frames."""
     channels = tuple(FrameChannel(name, item.units[name], "continuous", "hold") for name in item.outputs)
     values = np.array([item.outputs[c.name] for c in channels], np.float64).reshape(len(channels), len(item.time)).T
     quality = np.where(np.isfinite(values), Quality.GOOD, Quality.MISSING).astype(np.uint8)
@@ -183,9 +183,9 @@ def _as_frames(item: Prediction, rate: float) -> Frames:
 
 
 class Backfill:
-    """Reads what is owed out of the ``record`` of a cell, span by span; ``problem`` is why it cannot.
+    """Reads owed rows and results from the ``record`` of a cell, span by span; ``problem``: why it cannot, or ``None``.
 
-    ``piece`` has the results and rows that may be sent now, and what is to be done once they have arrived.
+    ``piece``: results and rows that may be sent now, and the function to call once they have arrived.
     """
 
     def __init__(
@@ -198,7 +198,7 @@ class Backfill:
         self._delivered = asyncio.Event()
 
     async def run(self) -> None:
-        """Read, and hand over piece by piece, until cancelled."""
+        """Read, and provide piece by piece, until cancelled."""
         while True:
             await self._cursor.lacking.wait()
             gap = self._cursor.first
@@ -206,7 +206,7 @@ class Backfill:
                 await asyncio.sleep(PAUSE)
 
     async def _fill(self, after: int, until: int) -> bool:
-        """Bring a part of a span to its arrival, results first; true where the record has not got as far yet."""
+        """Deliver one section of a span, results first; true if the record does not reach its end yet."""
         part = await self._read(after, until)
         for first in range(0, len(part.results), PIECE):
             await self._bring(part.results[first : first + PIECE], [], after, after)
@@ -236,7 +236,7 @@ class Backfill:
         self._delivered.set()
 
     async def _read(self, after: int, until: int) -> RecordedSpan:
-        before = after < self._outbox.begun  # results of before this start did not wait in our queue
+        before = after < self._outbox.begun  # results from before this start were not in the queue
         until = min(until, self._outbox.begun) if before else until
         work = partial(read, *self._record, self._settings, after, until, PART, results=before)
         try:

@@ -1,4 +1,4 @@
-"""The outlet over MQTT: JSON topics for any consumer, or Sparkplug B for SCADA hosts."""
+"""The MQTT outlet: JSON topics for any consumer, or Sparkplug B for SCADA hosts."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from cellwatt.results import Prediction
 class MqttOutlet(Outlet[MqttSettings]):
     """Publishes rows of the frames, results, alarms and health to a broker.
 
-    While the broker is away rows are left to the record, and sent from there when it is back, beside the live ones;
-    without a record, and results always, they wait in a queue.
+    While the broker is unreachable, rows are owed; after reconnecting, they are sent from the record beside the live
+    ones. Results, and without a record also rows, wait in a queue.
     """
 
     Settings: ClassVar[type[MqttSettings]] = MqttSettings
@@ -40,11 +40,11 @@ class MqttOutlet(Outlet[MqttSettings]):
         self._outbox = Outbox(settings, settings.queue, self.account, cursor, self._missed)
         self._session: Session | None = None
         self._turn = 0
-        """Number of connections that failed: it tells which broker comes next."""
+        """Number of failed connections; it selects the next broker."""
         self._refused: str | None = None
-        """Why the broker did not take a message, on this connection."""
+        """Reason why the broker refused a message on this connection, or ``None``."""
         self._told: tuple[object, float] = None, 0.0
-        """State of the last health that was sent, and when, monotonic s."""
+        """State of the last health sent, and the time of sending, monotonic s."""
 
     def _missed(self, row: Any) -> None:
         if self._format is not None:
@@ -55,24 +55,24 @@ class MqttOutlet(Outlet[MqttSettings]):
         self._refused = reason
 
     def succeed(self, before: Outlet[Any]) -> None:
-        """Take over what waits for the broker, and what it has."""
+        """Take over the waiting entries and the position of the previous outlet."""
         if isinstance(before, MqttOutlet):
             self._outbox.succeed(before._outbox)
             self._cursor.succeed(before._cursor)
 
     def offer(self, item: Item) -> None:
-        """Make rows of frames; queue results."""
+        """Queue the rows of frames, and results."""
         if isinstance(item, Frames):
             self._outbox.frames(item)
             if self._cursor.reached is None and self._outbox.last is not None:
-                self._cursor.deliver(self._outbox.begun)  # a start that never connects is owed its rows as well
+                self._cursor.deliver(self._outbox.begun)  # rows of a start that never connects are owed, too
         elif isinstance(item, Prediction):
             self._outbox.prediction(item)
         elif not isinstance(item, Batch):
             self._outbox.result(item)
 
     def health(self, status: Mapping[str, Any]) -> None:
-        """Send the health if its state is another, or it was not sent for long."""
+        """Send the health if its state changed, or ``health`` s after the last message."""
         session, now = self._session, time.monotonic()
         before, at = self._told
         if session is None or not self._outbox.serving:
@@ -83,11 +83,11 @@ class MqttOutlet(Outlet[MqttSettings]):
             self._outbox.wake.set()
 
     def starting(self) -> bool:
-        """True while no broker has taken the connection."""
+        """True while no broker has accepted the connection."""
         return self._session is None
 
     def trouble(self) -> str | None:
-        """Reason why something is not sent: no primary host, an unreadable record, channels that there are not."""
+        """Reason why something is not sent: host offline, record unreadable, messages refused, channels unknown."""
         session = self._session
         if session is not None and session.problem:
             return session.problem
@@ -100,7 +100,7 @@ class MqttOutlet(Outlet[MqttSettings]):
         return self._cursor.problem
 
     async def run(self) -> None:
-        """Connect, publish until cancelled, send what waits, say good-bye. Raises ``OutletError``."""
+        """Connect, publish until cancelled, send waiting entries, disconnect. Raises ``OutletError``."""
         try:
             await self._serve(self.settings.at(self._turn))
         except OutletError:

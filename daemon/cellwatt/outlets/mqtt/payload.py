@@ -1,6 +1,6 @@
-"""Sparkplug B payloads, with the numbers of the specification 3.0, and the metrics of an edge node. Pure.
+"""Sparkplug B payloads, with the field numbers of specification 3.0, and the metrics of an edge node. Pure.
 
-Fields that are not in the table are passed over.
+Fields that are not in the table are ignored.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _MESSAGES: Final = Messages("cellwatt.sparkplug", _TABLE)
 
 
 class DataType(IntEnum):
-    """Datatypes in use, with the numbers of the specification."""
+    """Datatypes used here, with the numbers of the specification."""
 
     INT64 = 4
     UINT64 = 8
@@ -62,7 +62,7 @@ _FIELD: Final = {
     DataType.BOOLEAN: "boolean_value",
     DataType.STRING: "string_value",
 }
-"""Where a value stands; whole numbers and times are 64 bits."""
+"""Field of each datatype's value; integers and times use ``long_value``, 64 bits."""
 
 Value = float | int | bool | str
 
@@ -82,10 +82,10 @@ def metric(
     unit: str | None = None,
     historical: bool = False,
 ) -> Metric:
-    """A value with its time, UTC ms; ``value`` is ``None`` where there is none.
+    """A metric with its time, UTC ms; ``value`` is ``None`` for a null metric.
 
-    ``datatype`` says how the value travels; ``declared`` puts it, and ``unit``, into the message. At least one of
-    ``name`` and ``alias`` is there.
+    ``datatype`` selects the encoding; ``declared`` adds it, and ``unit``, to the message. Give ``name``, ``alias`` or
+    both.
     """
     made = _MESSAGES.classes["Metric"](timestamp=timestamp, name=name, alias=alias)
     if declared:
@@ -105,7 +105,7 @@ def metric(
 
 
 def encode(metrics: Sequence[Metric], timestamp: int, seq: int | None) -> bytes:
-    """A payload sent at ``timestamp`` UTC ms; the death certificate has no ``seq``."""
+    """A payload sent at ``timestamp``, UTC ms; the death certificate has no ``seq``."""
     found: bytes = _MESSAGES.classes["Payload"](timestamp=timestamp, seq=seq, metrics=metrics).SerializeToString()
     return found
 
@@ -119,18 +119,18 @@ def _told(told: Metric) -> tuple[str | None, Value | None]:
     field = told.WhichOneof("value")
     name = told.name if told.HasField("name") else None
     value = None if field is None or told.is_null else getattr(told, field)
-    if isinstance(name, bytes) or isinstance(value, bytes):  # so the library gives texts that are not UTF-8
+    if isinstance(name, bytes) or isinstance(value, bytes):  # the library returns invalid UTF-8 as bytes
         raise ProtocolError("a Sparkplug payload with a text that is not UTF-8")
     return name, value
 
 
 MS = 1_000_000
-"""ns."""
+"""One millisecond, ns."""
 
 
 @dataclass(slots=True)
 class Tag:
-    """A metric with its current value and the time of that, UTC ms; without ``alias`` it is always named."""
+    """A metric with its current value and the value's time, UTC ms; without ``alias`` it is always sent by name."""
 
     name: str
     datatype: DataType
@@ -140,18 +140,18 @@ class Tag:
     time: int = 0
 
     def born(self, now: int) -> Metric:
-        """The metric as a birth declares it at ``now`` ms."""
+        """The metric as declared in a birth at ``now``, UTC ms."""
         at = self.time or now
         return metric(self.datatype, self.value, at, self.name, self.alias, declared=True, unit=self.unit)
 
     def data(self, value: Value | None, time: int, historical: bool) -> Metric:
-        """A value of the metric as data."""
+        """A value of the metric in a data message."""
         return metric(self.datatype, value, time, alias=self.alias, historical=historical)
 
 
 @dataclass(slots=True)
 class Device:
-    """A device, or the edge node itself: its metrics by name. ``grown``: some were added since its birth."""
+    """A device, or the edge node itself: its metrics by name. ``grown``: metrics were added since its birth."""
 
     tags: dict[str, Tag] = field(default_factory=dict)
     born: bool = False
@@ -164,7 +164,7 @@ class Device:
 
 
 class Tags:
-    """All metrics of an edge node; an alias is given once, and to one metric."""
+    """All metrics of an edge node; each alias belongs to one metric and is never reused."""
 
     def __init__(self) -> None:
         self.node = Device()
@@ -172,7 +172,7 @@ class Tags:
         self._aliases = count(1)
 
     def declare(self, device: Device, name: str, datatype: DataType, unit: str | None = None) -> Tag:
-        """The metric of that name, added if it is new; one whose unit becomes known keeps its value."""
+        """The metric of that name, added if new; a metric whose unit becomes known retains its value."""
         before = device.tags.get(name)
         if before is not None and (before.datatype, before.unit) == (datatype, unit):
             return before
@@ -183,7 +183,7 @@ class Tags:
         return tag
 
     def channel(self, name: str, unit: str | None) -> tuple[str, Tag]:
-        """Device and metric of a channel of the frames; ``unit`` is ``None`` where it is not known (any more)."""
+        """Device and metric of a channel of the frames; ``unit`` is ``None`` if it is unknown, or no longer known."""
         source, _, short = name.partition(".")
         device, short = self.devices.setdefault(source, Device()), short.replace(".", "/")
         if unit is None and short in device.tags:
@@ -192,7 +192,7 @@ class Tags:
 
 
 Values = Mapping[str, tuple[DataType, Value | None, str | None]]
-"""Datatype, value and unit by name."""
+"""(datatype, value, unit) by name."""
 
 
 _TEXT, _WHOLE, _NUMBER, _AT = DataType.STRING, DataType.INT64, DataType.DOUBLE, DataType.DATE_TIME
@@ -214,12 +214,12 @@ _METRICS: Final[Mapping[type, tuple[tuple[str, DataType, str | None], ...]]] = {
         ("since", _AT, None), ("statement", _TEXT, None), ("source", _TEXT, None),
     ),
 }  # fmt: skip
-"""Fields of results that become metrics, with their units."""
+"""Fields of results that are sent as metrics: (name, datatype, unit)."""
 _NAMES: Final = {"total_per_part": "per_part"}
 
 
 def values_of(item: Result | Event) -> tuple[int, Values]:
-    """Time, UTC ms, and values of a result by the names of their metrics; none of what Sparkplug has no place for."""
+    """Time, UTC ms, and values of a result by metric name; no values for events and running intervals."""
     fields, told = _METRICS.get(type(item)), cast(Any, item)
     if fields is None or (isinstance(item, Interval) and not item.closed):
         return 0, {}
@@ -232,7 +232,7 @@ def values_of(item: Result | Event) -> tuple[int, Values]:
 
 
 def _value(value: Any, kind: DataType) -> Value | None:
-    """A field as a metric has it."""
+    """A field's value as a metric value."""
     match kind:
         case DataType.DATE_TIME:
             return int(value) // MS
@@ -245,5 +245,5 @@ def _value(value: Any, kind: DataType) -> Value | None:
 
 
 def finite(value: float | None) -> float | None:
-    """A number, or ``None`` where it is none."""
+    """A number, or ``None`` if it is not finite."""
     return None if value is None or not math.isfinite(value) else value

@@ -20,14 +20,14 @@ from cellwatt.results import Alarm, Event, Interval, Result
 ONLINE, OFFLINE = b"online", b"offline"
 _ROW: Final = "row"
 _RETAINED: Final = ("interval", "task", "energy")
-"""Results whose last one the broker keeps."""
+"""Results whose latest message the broker retains."""
 
 
 class PlainFormat:
-    """Messages of a cell as JSON; ``alarms`` is its book."""
+    """Messages of a cell as JSON; ``alarms`` is its alarm book."""
 
     announced = False
-    """Whether the broker is to publish the death also when we leave on purpose."""
+    """The broker does not publish the will after an intended disconnect."""
 
     def __init__(self, settings: MqttSettings, site: str, cell: str, alarms: AlarmBook) -> None:
         self._settings = settings
@@ -38,25 +38,25 @@ class PlainFormat:
         """Units of the rows' channels."""
         self._alarms = alarms
         self._kept: dict[str, str] = {}
-        """Topics of alarms that the broker may keep, by id."""
+        """Topics of alarms that the broker may retain, by alarm id."""
         self._open: dict[str, int] = {}
-        """Number of the interval that each source has told to be running."""
+        """Number of the running interval published for each source."""
 
     @property
     def ready(self) -> bool:
-        """True always: a broker keeps for others what they need."""
+        """Always true: plain topics have no primary host."""
         return True
 
     def connect(self) -> Message:
-        """Begin a new connection; return its last will."""
+        """Begin a new connection; return its will message."""
         return self._message("availability", OFFLINE, 1, True)
 
     def subscriptions(self) -> Sequence[Subscription]:
-        """The cell's own alarms: what the broker keeps of a daemon before this one has to go."""
+        """A subscription to the cell's own alarms, to delete those that the broker retains from an earlier daemon."""
         return (Subscription(f"{self.root}/alarm/#", 0),)
 
     def heard(self, topic: str, payload: bytes, retained: bool) -> Order | Sequence[Message]:
-        """Delete a kept alarm that is not up."""
+        """Delete a retained alarm that is not active."""
         if not (retained and payload and topic.startswith(f"{self.root}/alarm/")):
             return ()
         up = (f"{self.root}/{_alarm_topic(standing.alarm)}" for standing in self._alarms.up)
@@ -65,13 +65,13 @@ class PlainFormat:
         return (Message(topic, b"", self._settings.qos, True),)
 
     def birth(self, now: int) -> Sequence[Message]:
-        """The cell is online; its units, the alarms that are up, and no other."""
+        """Availability online, units and active alarms; cleared alarms are deleted."""
         over = [self._deleted(id_) for id_ in list(self._kept) if id_ not in self._alarms]
         up = [m for standing in self._alarms.raised if standing.published for m in self._alarm(standing.published)]
         return (self._message("availability", ONLINE, 1, True), *over, *up, *self._labelled())
 
     def label(self, units: Mapping[str, str], now: int) -> Sequence[Message]:
-        """The units of the rows' channels, kept by the broker."""
+        """The units of the rows' channels, retained."""
         self._units = units
         return self._labelled()
 
@@ -79,10 +79,10 @@ class PlainFormat:
         return (self._message("units", encode_json(self._units), 1, True),) if self._units else ()
 
     def missed(self, row: Row) -> None:
-        """Take a row that is not sent, or later: nothing is to be done."""
+        """Nothing to update for a row that is not sent, or sent later."""
 
     def row(self, row: Row, historical: bool, now: int) -> Sequence[Message]:
-        """A row as one message, or one a channel; what is historical is on ``backfill/frame``."""
+        """A row as one message, or as one message per channel; historical rows on ``backfill/frame``."""
         topic = "backfill/frame" if historical else "frame"
         keep = self._settings.retain and not historical
         qos = self._settings.qos
@@ -108,7 +108,7 @@ class PlainFormat:
         return (self._message(f"prediction/{level(model)}", encode_json(body), self._settings.qos, False),)
 
     def result(self, item: Result | Event, historical: bool, now: int) -> Sequence[Message]:
-        """A result as over Zenoh; an interval at its begin and its end."""
+        """A result, encoded as over Zenoh; an interval is published when it begins and when it ends."""
         if isinstance(item, Alarm):
             return self._alarm(item)
         if isinstance(item, Interval) and not item.closed:
@@ -119,7 +119,7 @@ class PlainFormat:
         return (self._message(topic, self._encoded(topic, item), self._settings.qos, topic in _RETAINED),)
 
     def _alarm(self, alarm: Alarm) -> Sequence[Message]:
-        """An alarm that is up is kept on its topic; a clear is told there once, and then nothing is kept."""
+        """An active alarm is retained on its topic; a clear is published there once, and then nothing is retained."""
         told = self._message(_alarm_topic(alarm), self._encoded("alarm", alarm), self._settings.qos, alarm.active)
         moved = [] if self._kept.get(alarm.id) in (None, told.topic) else [self._deleted(alarm.id)]
         self._kept[alarm.id] = told.topic
@@ -129,16 +129,16 @@ class PlainFormat:
         return Message(self._kept.pop(id_), b"", self._settings.qos, True)
 
     def archived(self, result: Archived, now: int) -> Sequence[Message]:
-        """A result of the past below ``backfill``, which the broker does not keep."""
+        """A back-filled result below ``backfill``, not retained."""
         topic = f"backfill/{topic_of(result)}"
         return (self._message(topic, self._encoded(topic, result), self._settings.qos, False),)
 
     def health(self, status: Mapping[str, Any], now: int) -> Sequence[Message]:
-        """The cell's health, kept by the broker."""
+        """The cell's health, retained."""
         return (self._message("health", encode_json(status), 0, True),)
 
     def death(self, now: int) -> Sequence[Message]:
-        """The cell is offline."""
+        """Availability offline."""
         return (self._message("availability", OFFLINE, 1, True),)
 
     def _encoded(self, topic: str, item: Result | Event) -> bytes:

@@ -1,4 +1,4 @@
-"""One connection at work: what is live goes first, then, slowly, what the broker missed."""
+"""Serves one connection: live messages first, then the back-fill at a limited rate."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from cellwatt.outlets.mqtt.settings import MqttSettings
 from cellwatt.outlets.together import until_one_ends
 
 Format = EdgeNode | PlainFormat
-"""Puts a cell's data into messages, and holds the state of one connection after the other; no I/O."""
+"""Converts a cell's data into messages, and holds the state of successive connections; no I/O."""
 LAST_WORDS: Final = 2.0
-"""Longest time, s, to send what waits when the daemon stops."""
+"""Longest time, s, to send waiting messages when the daemon stops."""
 BIRTH_EVERY: Final = 5.0
-"""s between two births that others asked for: a birth is the largest message there is."""
+"""Shortest time, s, between two requested births: a birth is the largest message."""
 _ANSWERS: Final = 10_000
-"""Answers to what was heard that may wait."""
+"""Most waiting answers to received messages."""
 
 
 class HostLeftError(OutletError):
@@ -38,7 +38,7 @@ class HostLeftError(OutletError):
 
 @dataclass(frozen=True, slots=True)
 class Parcel:
-    """Messages, what is to be done once they have arrived, and, where they may not have, to send them again."""
+    """Messages, with a function to call once they have arrived, and one to requeue them if they may not have."""
 
     messages: Sequence[Message]
     arrived: Callable[[], None] | None = None
@@ -46,7 +46,7 @@ class Parcel:
 
 
 class Session:
-    """Serves over one connection until it is lost. ``status`` is the newest health, to be sent when it is new."""
+    """Serves over one connection until it is lost. ``status`` is the newest health not sent yet, or ``None``."""
 
     def __init__(
         self,
@@ -60,9 +60,9 @@ class Session:
         self._link, self._format, self._outbox, self._cursor = parts
         self._account = account
         self._batch: Sequence[Parcel] = ()
-        """Parcels on their way, …"""
+        """Parcels in flight."""
         self._asked: list[Answer] = []
-        """… the answers to their messages, and one to the question whether the broker has what it does not confirm."""
+        """Answers to the messages of ``_batch``, and to a fence if the broker does not confirm all of them."""
         self._birth_due = self._format.ready
         self._birth_asked: asyncio.TimerHandle | None = None
         self._asked_at = -BIRTH_EVERY
@@ -74,7 +74,7 @@ class Session:
 
     @property
     def problem(self) -> str | None:
-        """Reason why the past cannot be sent."""
+        """Reason why the back-fill fails, or ``None``."""
         return None if self._backfill is None else self._backfill.problem
 
     async def serve(self) -> None:
@@ -85,7 +85,7 @@ class Session:
         await until_one_ends(self._listen(), self._send(), self._cursor.keep(), *past)
 
     async def stop(self) -> None:
-        """Send what waits, as far as that goes quickly, and the last words."""
+        """Send waiting messages, then the death or offline message, within ``LAST_WORDS``."""
         try:
             async with asyncio.timeout(LAST_WORDS):
                 await self._arrive()
@@ -96,7 +96,7 @@ class Session:
             self._account.count("stops without last words")
 
     def end(self) -> None:
-        """Note what arrived; take back what did not, or leave it to the record."""
+        """Count what arrived; requeue or owe what did not."""
         if self._birth_asked is not None:
             self._birth_asked.cancel()
         self._note()
@@ -112,7 +112,7 @@ class Session:
             await self._outbox.wake.wait()
 
     async def _deliver(self, batch: Sequence[Parcel]) -> None:
-        """Send parcels, and return once the broker has them. Raises ``LostError``."""
+        """Send parcels; return once the broker has them. Raises ``LostError``."""
         self._batch = batch
         self._asked = [self._link.publish(message) for parcel in batch for message in parcel.messages]
         if any(message.qos == 0 for parcel in batch if parcel.arrived for message in parcel.messages):
@@ -120,18 +120,18 @@ class Session:
         await self._arrive()
 
     async def _arrive(self) -> None:
-        """Wait for what is on its way; cancelled, it stays on its way. Raises ``LostError``."""
+        """Wait until the parcels in flight arrive; after a cancellation they stay in flight. Raises ``LostError``."""
         if self._asked:
             await self._link.arrive(self._asked)
         self._note()
 
     def _note(self) -> None:
-        """Note what has arrived, in order; give back the rest."""
+        """Count the parcels that arrived, in order; requeue the others."""
         fenced, at, left = all(map(_came, self._asked)), 0, list[Parcel]()
         for parcel in self._batch:
             answers, at = self._asked[at : at + len(parcel.messages)], at + len(parcel.messages)
             sure = fenced or all(message.qos for message in parcel.messages)
-            asked = len(answers) == len(parcel.messages)  # not so where the library refused one of the batch
+            asked = len(answers) == len(parcel.messages)  # false if the library refused a message of the batch
             if left or not sure or not asked or not all(map(_came, answers)):
                 left.append(parcel)
             elif parcel.arrived is not None:
@@ -142,7 +142,7 @@ class Session:
         self._batch, self._asked = (), []
 
     def _next(self) -> list[Parcel]:
-        """What goes next: what is live, and then of the past; some messages at a time."""
+        """The next parcels: live ones, then back-fill, up to about ``WINDOW`` messages."""
         found, size, now = list[Parcel](), 0, time.time_ns()
         while size < WINDOW and (parcel := self._live(now) or self._past(now)) is not None:
             found.append(parcel)
@@ -150,7 +150,7 @@ class Session:
         return found
 
     def _live(self, now: int) -> Parcel | None:
-        """What is next of the present."""
+        """The next live parcel."""
         out, format_ = self._outbox, self._format
         if self._answers:
             return Parcel([self._answers.popleft()])
@@ -182,12 +182,12 @@ class Session:
             self._outbox.serving = True
             self._owe_before()
             if self._backfill is not None and self._outbox.last is not None:
-                self._cursor.deliver(self._outbox.last)  # all that was made by now is owed from the record
+                self._cursor.deliver(self._outbox.last)  # all earlier rows are owed from the record
         self._account.count("births")
         return Parcel(self._format.birth(now))
 
     def _past(self, now: int) -> Parcel | None:
-        """The next rows and results of the past, if there are any and they may be sent."""
+        """The next parcel of back-fill, if there is one and it may be sent."""
         past = self._backfill
         if past is None or past.piece is None or not self._outbox.serving:
             return None
@@ -205,14 +205,14 @@ class Session:
             self._cursor.deliver(time_)
 
     def _owe_before(self) -> None:
-        """What was made before this start and never arrived is owed."""
+        """Owe everything made before this start that never arrived."""
         if self._backfill is not None and self._outbox.last is not None:
             self._cursor.owe_since(self._outbox.begun)
 
     # listening ------------------------------------------------------------------------------------
 
     def _ask_birth(self) -> None:
-        """Have a birth sent, at once or, where somebody asks again and again, one for all who asked meanwhile."""
+        """Request a birth: sent at once, or after ``BIRTH_EVERY`` for all requests in that time."""
         if self._birth_due or self._birth_asked is not None:
             self._account.count("rebirths merged")
             return

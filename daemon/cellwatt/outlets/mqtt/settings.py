@@ -1,4 +1,4 @@
-"""Settings of the cell over MQTT."""
+"""Settings of the MQTT outlet."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ _RESERVED = re.compile(r"[+/#\x00-\x1f\x7f]")
 
 
 class SparkplugSettings(Section):
-    """Place of the cell in a Sparkplug infrastructure."""
+    """Names of the cell in a Sparkplug infrastructure."""
 
     group: str | None = None
-    """Group ID; the site's name where absent."""
+    """Group ID; default: the site's name."""
     node: str | None = None
-    """Edge Node ID; the cell's name where absent. Each source of the cell is a device of this node."""
+    """Edge Node ID; default: the cell's name. Each source of the cell is a device of this node."""
     primary_host: str | None = None
-    """Host ID of the application that must be online before anything is sent; what it misses it gets later."""
+    """Host ID of the application that must be online before anything is sent; rows that it misses are back-filled."""
 
     @field_validator("group", "node", "primary_host")
     @classmethod
@@ -41,45 +41,45 @@ class SparkplugSettings(Section):
 
 
 class MqttSettings(OutletSettings, Selection):
-    """The cell over MQTT 5."""
+    """Publication over MQTT 5."""
 
     broker: str = LOCAL
-    """Broker, as ``mqtt://host:1883`` on this PC, or ``mqtts://host:8883`` (TLS) anywhere."""
+    """Address of the broker: ``mqtt://host:1883`` on this PC, or ``mqtts://host:8883`` (TLS) anywhere."""
     fallbacks: tuple[str, ...] = ()
-    """Other brokers of the same plant, tried in turn when the connection to one fails; TLS, user and the rest are the
-    same. What one of them took is not sent to another."""
+    """Other brokers of the same plant, tried in turn when a connection fails, with the same TLS, user and other
+    settings. Rows that one of them accepted are not sent to another."""
     format: Literal["json", "sparkplug"] = "json"
     """``json``: topics ``cellwatt/SITE/CELL/…`` for any consumer; ``sparkplug``: Sparkplug B for SCADA hosts."""
     ca: Path | None = None
-    """Authority (PEM) that signed the broker's certificate; where absent, those that this PC trusts."""
+    """Authority (PEM) that signed the broker's certificate; default: the authorities that this PC trusts."""
     certificate: Path | None = None
-    """Our own certificate (PEM), for a broker that asks for one."""
+    """The daemon's own certificate (PEM), for a broker that requires one."""
     key: Path | None = None
     """Private key of ``certificate``."""
     user: str | None = None
-    """Name that we give to the broker."""
+    """User name for the broker."""
     password: SecretStr | None = None
-    """Its password; write ``${NAME}`` and set it in the environment."""
+    """Password of the user; write ``${NAME}`` and set it in the environment."""
     client: str | None = None
-    """Client ID; made of site, cell and the outlet's name where absent."""
+    """Client ID; default: made of site, cell and the outlet's name."""
     keep_alive: Seconds = 30.0
-    """Silence after which the connection is tested; the broker publishes our last will after half as much again."""
+    """Silence after which the connection is tested; after 1.5 times this, the broker publishes the daemon's will."""
     frame: Literal["row", "channels"] = "row"
     """JSON: a row as one message on ``frame``, or each channel on ``frame/CHANNEL``."""
     retain: bool = False
-    """JSON: the broker keeps the last row for those who subscribe later."""
+    """JSON: the broker retains the last row for later subscribers."""
     qos: Annotated[int, Field(ge=0, le=2)] = 1
-    """JSON: quality of service of all but health, which has 0; Sparkplug prescribes its own."""
+    """JSON: quality of service of all messages except health, which has 0; Sparkplug prescribes its own."""
     sparkplug: SparkplugSettings = SparkplugSettings()
-    """Names and primary host where ``format`` is ``sparkplug``."""
+    """Names and primary host for ``format: sparkplug``."""
     health: Seconds = 10.0
-    """Time between two messages of health that say the same state."""
+    """Time between two messages of health while the state is unchanged."""
     queue: PositiveInt = 4096
-    """Rows, and results, that may wait for the broker; beyond that the oldest are dropped and counted."""
+    """Most rows, and most results, that wait for the broker; beyond that, the oldest are dropped and counted."""
     backfill: Hertz = 100.0
-    """Rows a second that are sent at most of what the broker missed, from the record, beside the live ones."""
+    """Most back-filled rows per second, read from the record and sent beside the live ones."""
     open: bool = False
-    """Let data and password pass in the clear through the network."""
+    """Allow data and password to pass unencrypted through the network."""
 
     @field_validator("fallbacks")
     @classmethod
@@ -117,7 +117,7 @@ class MqttSettings(OutletSettings, Selection):
         return self
 
     def at(self, turn: int) -> MqttSettings:
-        """The same with the broker whose turn it is, from 0 on, and again from the first after the last."""
+        """The settings with broker number ``turn``, counted cyclically through ``broker`` and ``fallbacks``."""
         brokers = (self.broker, *self.fallbacks)
         return self.model_copy(update={"broker": brokers[turn % len(brokers)]})
 
@@ -138,13 +138,13 @@ class MqttSettings(OutletSettings, Selection):
 
     @property
     def opening(self) -> str:
-        """How strangers get in, in words; empty if they do not."""
+        """How outsiders get access, as text; empty if they cannot."""
         if not any(map(_reaches_out, (self.broker, *self.fallbacks))):
             return ""
         return "no TLS: whoever is on the way reads the data and the password, and can speak in the cell's name"
 
     def warnings(self) -> tuple[str, ...]:
-        """Access left open on purpose, and files that cannot be read."""
+        """Access left open on purpose, and unreadable files."""
         ways = (f"broker: {self.broker}: {self.opening} (open: true)",) if self.opening else ()
         return (*ways, *unreadable({"ca": self.ca, "certificate": self.certificate, "key": self.key}))
 

@@ -1,4 +1,4 @@
-"""The channel of a recipient and its answers. The libraries behind it are loaded when one is first made."""
+"""The channel of a recipient and its answers. A channel's library is loaded when the first one is made."""
 
 from __future__ import annotations
 
@@ -14,14 +14,15 @@ LONGEST = 200  # characters of a reason
 
 
 class RefusedError(CellwattError):
-    """The server will never take this message."""
+    """The server refuses this message for good."""
 
 
 @dataclass(frozen=True, slots=True)
 class SendResult:
-    """The server took a message, but for some of its addresses.
+    """The server accepted a message, possibly not for all its addresses.
 
-    ``taken`` it was for these; ``refused`` are reasons by address, for good; ``later`` reasons by address, for now.
+    ``taken``: accepted addresses; ``refused``: reason of each permanent refusal, by address; ``later``: reason of each
+    temporary refusal, by address.
     """
 
     taken: tuple[str, ...] = ()
@@ -30,15 +31,15 @@ class SendResult:
 
 
 class Channel(Protocol):
-    """Brings messages to one recipient."""
+    """Sends messages to one recipient."""
 
     async def send(self, message: Notification) -> SendResult:
-        """Try once to bring a message. Raises ``RefusedError`` or ``NotNowError``."""
+        """Try once to send a message. Raises ``RefusedError`` or ``NotNowError``."""
         ...
 
 
 def cleaned(text: str, secrets: tuple[str, ...]) -> str:
-    """A reason in one line without secrets, shortened."""
+    """A reason in one line, without secrets, shortened."""
     for secret in secrets:
         text = text.replace(secret, "***")
     return short(text, LONGEST)

@@ -1,4 +1,4 @@
-"""Brings one recipient what they are to be told, in order, and tries again where that fails."""
+"""Sends one recipient its messages in order, and retries after failures."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ from cellwatt.results import Alarm
 log = logging.getLogger(__name__)
 
 UNDELIVERED: Final = "notify-undelivered.jsonl"
-"""File of the messages that nobody got, with the reasons, beside the recordings."""
+"""File of the messages that were not delivered, with the reasons, beside the recordings."""
 LARGEST: Final = 1_000_000
-"""Bytes of it."""
+"""Largest size of that file, bytes."""
 LONGEST_PAUSE: Final = 600.0
-"""s between two attempts."""
+"""Longest pause between two attempts, s."""
 GRACE: Final = 3.0
-"""Time, s, that an attempt has to its end when the outlet is ended: what was accepted is noted."""
+"""Time, s, in which an attempt may still complete when the outlet ends, so that an acceptance is stored."""
 FAILING: Final = 60.0
-"""Time, s, for which a recipient may fail before it is in trouble: mail servers put off whom they do not know."""
+"""Time, s, for which attempts may fail before health reports it: mail servers defer unknown senders (greylisting)."""
 LOOK: Final = 0.25
-"""s between two looks at the clock while something may depend on it."""
+"""Time between two checks of the clock, s, while an item or an alarm depends on it."""
 
 
 @dataclass(slots=True)
@@ -49,7 +49,7 @@ class _Trouble:
 
 
 class Courier:
-    """One recipient at run time; ``ledger`` has what it was told. ``folder`` is for what it cannot be told."""
+    """One recipient at run time; ``ledger`` has its state, ``folder`` its undelivered messages."""
 
     def __init__(
         self,
@@ -69,22 +69,22 @@ class Courier:
         to = self._to
         self._rules = Rules(to.severity, to.kinds, to.group, to.repeat, to.resolved, settings.queue)
         self._born = dict.fromkeys(self._told.due, time.monotonic())
-        """When an item began to wait, monotonic s."""
+        """Time at which each item began to wait, monotonic s."""
         self._last = dict.fromkeys(self._told.episodes, time.monotonic())
-        """When an alarm was told last, monotonic s."""
+        """Time at which each alarm was last sent, monotonic s."""
         self._open: Collection[str] = ()
         self._wake = asyncio.Event()
         self._trouble: _Trouble | None = None
 
-    # what comes -------------------------------------------------------------------------------------
+    # incoming alarms--------------------------------------------------------------------------------
 
     def take(self, alarm: Alarm) -> None:
-        """Take a message of the alarm book."""
+        """Process a message of the alarm book."""
         self._rules.take(self._told, alarm, self._session, self._passing())
         self._note()
 
     def heed(self, unattended: Collection[str], shelved: Collection[str]) -> None:
-        """Take which alarms are up that nobody acknowledged, for repetition, and keep silent of those on the shelf."""
+        """Set the active, unacknowledged alarms, which may be repeated; discard the waiting items of shelved ones."""
         self._open = unattended
         repeated = [alarm_id for (alarm_id, _), item in self._told.due.items() if item.what == "repeated"]
         for alarm_id in (*shelved, *(known for known in repeated if known not in unattended)):
@@ -92,7 +92,7 @@ class Courier:
         self._note()
 
     def _note(self) -> None:
-        """Count what happened to items, and have a look at them."""
+        """Move the recipient's counts to the account, and wake the sender after a change."""
         told, now = self._told, time.monotonic()
         while told.counts:
             self._count(*told.counts.popitem())
@@ -106,17 +106,17 @@ class Courier:
     def _count(self, what: str, number: int = 1) -> None:
         self._account.count(f"{self.name}: {what}", number)
 
-    # what goes --------------------------------------------------------------------------------------
+    # outgoing messages--------------------------------------------------------------------------------
 
     def trouble(self) -> str | None:
-        """Reason why this recipient is not reached, in one line; ``None`` while it is."""
+        """Reason why this recipient is not reached, in one line, or ``None``."""
         trouble = self._trouble
         if trouble is None or not (trouble.final or time.monotonic() - trouble.since >= FAILING):
             return None
         return f"{self.name} is not reached ({self._to.place}): {trouble.reason}"
 
     async def run(self, channel: Channel) -> None:
-        """Send what is to be sent until cancelled."""
+        """Send messages until cancelled."""
         while True:
             self._wake.clear()
             self._look()
@@ -131,7 +131,7 @@ class Courier:
                 pass
 
     def _look(self) -> None:
-        """Decide by the clock: withdraw, repeat, make a message."""
+        """Withdraw alarms, repeat alarms and make the next message, as the clock requires."""
         told, now, allowed = self._told, time.monotonic(), self._passing()
         self._rules.withdraw(told, self._session, time.time_ns())
         if self._rules.repeat is not None:
@@ -146,13 +146,13 @@ class Courier:
             self._count("grouped", len(items) - 1)
 
     def _grouped(self, now: float, allowed: int) -> list[Item]:
-        """Items of the next message; none while its group is still open."""
+        """Items of the next message; none while more items may join its group."""
         items = ready(self._told, allowed)
         oldest = min((self._born.get(item.slot, now) for item in items), default=now)
         return items if now - oldest >= self._rules.group else []
 
     async def _deliver(self, channel: Channel, message: Notification) -> None:
-        """Try to bring a message until it is accepted, refused, or too old."""
+        """Try to send a message until it is accepted, refused, or too old."""
         pause = self._settings.retry
         while True:
             failure = await self._attempt(channel, message)
@@ -170,7 +170,7 @@ class Courier:
             pause = min(2 * pause, max(LONGEST_PAUSE, self._settings.retry))
 
     async def _attempt(self, channel: Channel, message: Notification) -> NotNowError | None:
-        """Try once; return why it must be tried again."""
+        """Try once; return the reason to try again, or ``None``."""
         work = asyncio.create_task(channel.send(message))
         try:
             try:
@@ -225,7 +225,7 @@ class Courier:
         await self._ledger.flush()
 
     async def _keep(self, message: Notification, reason: str) -> None:
-        """Put a message among the undelivered."""
+        """Append a message to the file of undelivered messages."""
         if self._folder is not None:
             path, now = self._folder / UNDELIVERED, datetime.now(UTC).isoformat(timespec="seconds")
             content = undelivered(self._about, self.name, message, reason, now)

@@ -1,6 +1,6 @@
-"""The list of what was told to whom, in a file that outlives a crash: ``notify.jsonl`` beside the recordings.
+"""The delivery state of each recipient, in a file that survives a crash: ``notify.jsonl`` beside the recordings.
 
-A line for each recipient; every change is on disk before anything is sent because of it.
+One line per recipient; each change is on disk before a message depends on it.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ FILE: Final = "notify.jsonl"
 
 
 class Ledger:
-    """What is known of every recipient, by name. Without a path it is in memory alone."""
+    """State of every recipient, by name; without a path in memory only."""
 
     def __init__(self, path: Path | None) -> None:
         self.path = path
         self.told: dict[str, Recipient] = {}
         self.problem: str | None = None
-        """Reason why the file does not hold what is known; it is tried again at each change."""
+        """Reason why the file is not up to date, or ``None``; each change writes it again."""
         self.unreadable = 0
-        """Lines that this version did not write."""
+        """Number of lines that this version cannot read."""
         self._changed = True
         self._turn = asyncio.Lock()
 
@@ -49,22 +49,22 @@ class Ledger:
             try:
                 name, kept = json.loads(line)
                 self.told[str(name)] = Recipient.read(kept)
-            except (ValueError, TypeError, RecursionError):  # the first also of pydantic
+            except (ValueError, TypeError, RecursionError):  # pydantic raises ValueError, too
                 self.unreadable += 1
 
     def of(self, name: str) -> Recipient:
-        """What is known of a recipient."""
+        """State of a recipient, a new one if there is none."""
         return self.told.setdefault(name, Recipient())
 
     def keep(self, names: Collection[str]) -> dict[str, int]:
-        """Forget all other recipients; return how many items each of them still waited for."""
+        """Delete the state of all other recipients; return the number of undelivered items of each."""
         gone = {name: self.told.pop(name) for name in list(self.told) if name not in names}
         self._changed = self._changed or bool(gone)
         lost = {name: len(told.due) + len(told.flight.items if told.flight else ()) for name, told in gone.items()}
         return {name: count for name, count in lost.items() if count}
 
     async def flush(self) -> None:
-        """Return once all that is known is on disk, or ``problem`` says why it is not."""
+        """Return once the state is on disk, or ``problem`` is set to the reason why it is not."""
         async with self._turn:
             if not self._changed and not any(told.changed for told in self.told.values()):
                 return
@@ -78,7 +78,7 @@ class Ledger:
             try:
                 await asyncio.shield(work)
             except asyncio.CancelledError:
-                await asyncio.wait([work])  # what is begun is written
+                await asyncio.wait([work])  # a write that has begun is completed
                 raise
 
     def _write(self, path: Path, content: bytes) -> None:

@@ -26,13 +26,13 @@ from cellwatt.outlets.notify.texts import About, body, severity, subject, utc
 from cellwatt.outlets.remote import NotNowError, trust, unreached
 
 GOODBYE = 1.0
-"""Longest time, s, to take leave of a server that has taken the mail."""
+"""Longest time, s, to end the session with a server that has accepted the mail."""
 _FOR_EVER = 500
-"""From this code on a server refuses for good."""
+"""Smallest SMTP code of a permanent refusal."""
 
 
 class Mail:
-    """Sends a message as one mail to all addresses that still lack it."""
+    """Sends a message as one mail to all addresses that have not received it."""
 
     def __init__(self, settings: MailSettings, about: About, timeout: float) -> None:
         self._settings, self._about, self._timeout = settings, about, timeout
@@ -67,7 +67,7 @@ class Mail:
             port=settings.at,
             username=settings.user,
             password=None if settings.password is None else settings.password.get_secret_value(),
-            local_hostname="".join(socket.gethostname().split()) or "localhost",  # no question to a name server
+            local_hostname="".join(socket.gethostname().split()) or "localhost",  # no DNS query
             use_tls=settings.tls == "tls",
             start_tls=settings.tls == "starttls",
             tls_context=None if settings.tls == "none" else await asyncio.to_thread(trust, settings.ca),
@@ -76,7 +76,7 @@ class Mail:
 
     @contextlib.contextmanager
     def _told(self, *, final: bool) -> Iterator[None]:
-        """Say why the server did not do its part; ``final``: what it refuses for good is refused."""
+        """Convert SMTP errors to ``NotNowError``; if ``final``, permanent refusals to ``RefusedError``."""
         try:
             yield
         except SMTPAuthenticationError as error:
@@ -115,7 +115,7 @@ class Mail:
 async def _hand_over(
     client: aiosmtplib.SMTP, sender: str, to: list[str], content: bytes
 ) -> Mapping[str, tuple[int, str]]:
-    """Give a mail to the server; return code and reason of each address that it does not take."""
+    """Submit a mail; return the code and the reason for each address that the server does not accept."""
     try:
         refused, _ = await client.sendmail(sender, to, content)
     except SMTPRecipientsRefused as error:

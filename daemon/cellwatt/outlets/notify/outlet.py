@@ -1,4 +1,4 @@
-"""Tells people of alarms."""
+"""Notifies people of alarms."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from cellwatt.outlets.notify.settings import NotifySettings
 from cellwatt.outlets.notify.texts import About
 from cellwatt.results import Alarm, Event
 
-for _library in ("aiohttp", "aiosmtplib"):  # loaded when the outlet runs, but what is missing is told at once
+for _library in ("aiohttp", "aiosmtplib"):  # loaded when the outlet runs; a missing one is reported at once
     if find_spec(_library) is None:
         raise ModuleNotFoundError(f"No module named {_library!r}", name=_library)
 
 log = logging.getLogger(__name__)
 
 INBOX: Final = 10_000
-"""Alarms that may wait to be looked at."""
+"""Most alarms that wait to be processed."""
 
 
 class NotifyOutlet(Outlet[NotifySettings]):
     """Sends alarms to people by mail, webhook, ntfy and Home Assistant, each once.
 
-    A task for each recipient sends, so that none waits for another; what each was told is in a ledger on disk.
+    One task per recipient sends, so that no recipient waits for another; a ledger on disk has the state of each.
     """
 
     Settings: ClassVar[type[NotifySettings]] = NotifySettings
@@ -47,7 +47,7 @@ class NotifyOutlet(Outlet[NotifySettings]):
         self._read = False
 
     def offer(self, item: Item) -> None:
-        """Queue an alarm; without room the oldest is dropped. After a person's word about one, look at the book."""
+        """Queue an alarm; a full queue drops the oldest. Acknowledging and shelving wake the reader of the book."""
         if isinstance(item, Alarm):
             self._inbox.append(item)
             if len(self._inbox) > INBOX:
@@ -57,25 +57,25 @@ class NotifyOutlet(Outlet[NotifySettings]):
             self._fresh.set()
 
     def health(self, status: Mapping[str, Any]) -> None:
-        """Look at the book: the end of a shelf has no event."""
+        """Read the alarm book: the end of a shelving has no event."""
         self._fresh.set()
 
     def succeed(self, before: Outlet[Any]) -> None:
-        """Go on with what the outlet before has told, and has not looked at yet."""
+        """Take over the ledger and the unprocessed alarms of the previous outlet."""
         if isinstance(before, NotifyOutlet):
             self._inbox.extendleft(reversed(before._inbox))
             if before._read and before._ledger.path == self._ledger.path:
                 self._ledger, self._read = before._ledger, True
 
     def trouble(self) -> str | None:
-        """The recipients that are not reached, and why, in one line; ``None`` if all is well."""
+        """The recipients that are not reached, and the reasons, in one line; ``None`` if there are none."""
         found = [text for courier in self._couriers.values() if (text := courier.trouble())]
         if self._ledger.problem is not None:
             found.append(self._ledger.problem)
         return "; ".join(found) or None
 
     async def run(self) -> None:
-        """Send until cancelled; an attempt that is under way then has three seconds to its end."""
+        """Send until cancelled; an attempt in progress then has three seconds to complete."""
         await self._begin()
         settings, view = self.settings, self.view
         about = About(view.site, view.cell, settings.page, zone_of(settings.zone))
@@ -93,7 +93,7 @@ class NotifyOutlet(Outlet[NotifySettings]):
                 group.create_task(courier.run(made[name]))
 
     async def _begin(self) -> None:
-        """Read the ledger, once, and forget whom nothing is sent to any more."""
+        """Read the ledger once, and delete the state of recipients that are no longer in the settings."""
         if not self._read:
             await asyncio.to_thread(self._ledger.read)
             self._read = True
@@ -108,14 +108,14 @@ class NotifyOutlet(Outlet[NotifySettings]):
             self.account.count(f"{name}, no recipient any more: alarms not told", count)
 
     def _missed(self) -> Iterable[Alarm]:
-        """The newest message of each alarm of this session: what of it was told already, the ledger knows."""
+        """The newest message of each alarm of this session; the ledger knows which of them were sent."""
         journal = self.view.journal
         past = journal.past() if journal is not None else ()
         last = {item.id: item for _, item in past if isinstance(item, Alarm)}
         return (last | {s.alarm.id: s.published for s in self.view.alarms.up if s.published}).values()
 
     async def _look(self) -> None:
-        """Give to each recipient what comes, and note what is due before anything else happens."""
+        """Pass new alarms to each recipient, and store the resulting items before anything is sent."""
         while True:
             await self._fresh.wait()
             self._fresh.clear()

@@ -1,4 +1,4 @@
-"""Quiet times: spans of the day, by a wall clock, in which only grave alarms pass. Pure."""
+"""Quiet times: spans of the day, by a wall clock, in which only severe alarms are sent. Pure."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ def _zone(name: str) -> str:
 
 
 Zone = Annotated[str, AfterValidator(_zone)]
-"""Name of a time zone that this PC knows."""
+"""Name of a time zone in this PC's time zone database."""
 
 
 def zone_of(name: str | None) -> tzinfo | None:
-    """Time zone of that name; ``None``, the zone of this PC, for none."""
+    """Time zone of that name; without a name ``None``, which stands for the zone of this PC."""
     return None if name is None else ZoneInfo(name)
 
 
@@ -43,13 +43,13 @@ class QuietSettings(Section):
     begin: str = Field(default="00:00", alias="from")
     """Time of day at which it begins, like ``"22:00"``."""
     end: str = Field(default="24:00", alias="to")
-    """Time of day at which it ends; one that is earlier than ``from`` is of the next day."""
+    """Time of day at which it ends; a time earlier than ``from`` is on the next day."""
     days: tuple[Day, ...] = DAYS
-    """Days on which it begins: mon, tue, wed, thu, fri, sat, sun."""
+    """Days of the week on which it begins: mon, tue, wed, thu, fri, sat, sun."""
     zone: Zone | None = None
-    """Time zone of these times, like Europe/Berlin; where absent the ``zone`` of ``notify``."""
+    """Time zone of these times, like Europe/Berlin; default: the ``zone`` of ``notify``."""
     unless: Severity = "error"
-    """Least severity that passes all the same."""
+    """Least severity that is sent during the quiet time."""
 
     @field_validator("begin", "end")
     @classmethod
@@ -65,7 +65,7 @@ class QuietSettings(Section):
         return self
 
     def holds(self, at: datetime) -> bool:
-        """True if ``at``, a time with a zone, is within this quiet time by that zone's clock."""
+        """True if ``at``, a time with a zone, is within this quiet time by the clock of that zone."""
         minute, first, last = at.hour * 60 + at.minute, _minutes(self.begin), _minutes(self.end)
         if first < last:
             return first <= minute < last and DAYS[at.weekday()] in self.days
@@ -75,7 +75,7 @@ class QuietSettings(Section):
 
 
 def passing(times: Iterable[QuietSettings], at: datetime, zone: str | None) -> int:
-    """Rank of the least severity that passes at ``at``: 0 if no time is quiet. ``zone`` is for times without one."""
+    """Rank of the least severity sent at ``at``: 0 outside quiet times. ``zone`` applies to quiet times without one."""
     held = (quiet for quiet in times if quiet.holds(at.astimezone(zone_of(quiet.zone or zone))))
     return max((SEVERITIES.index(quiet.unless) for quiet in held), default=0)
 

@@ -1,4 +1,4 @@
-"""All that is known of one recipient, and the rules by which it is told of an alarm, and when. Pure."""
+"""State of one recipient, and the rules that decide which alarms it is sent, and when. Pure."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cellwatt.outlets.selection import fits
 from cellwatt.results import Alarm, Severity
 
 ENDED: Final = 2000
-"""Alarms that are over of which the time of the end is kept, so that none is told once more."""
+"""Number of cleared alarms whose end time is stored, so that no alarm is sent twice."""
 
 Happening = Literal["raised", "graver", "repeated", "cleared"]
 
@@ -27,22 +27,22 @@ def rank(alarm: Alarm) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """Something to tell about one alarm."""
+    """One change of one alarm to report."""
 
     what: Happening
     alarm: Alarm
 
     @property
     def slot(self) -> tuple[str, bool]:
-        """Only one item in each slot waits: the alarm, and its end."""
+        """Key of the waiting item: at most one for the active alarm and one for its clear."""
         return self.alarm.id, self.what == "cleared"
 
 
 @dataclass(frozen=True, slots=True)
 class Notification:
-    """Items that are sent together; ``id`` is the same at every attempt, ``made`` UTC ns.
+    """Items that are sent together; ``id`` is the same at every attempt, ``made`` is UTC ns.
 
-    ``more`` items found no room, ``settled`` are addresses of it that need no further attempt.
+    ``more``: number of items dropped from a full queue; ``settled``: addresses that need no further attempt.
     """
 
     id: str
@@ -56,8 +56,8 @@ class Notification:
 class Episode:
     """One alarm from its raise to its clear, as this recipient knows it.
 
-    ``alarm`` is its newest message, ``session`` that in which it was last raised, ``said`` the gravest rank that was
-    put into an item; ``told``: an item of it was put into a message. ``over``: its clear waits.
+    ``alarm`` is its newest message, ``session`` the session in which it was last active, ``said`` the highest rank
+    put into an item; ``told``: an item was put into a message; ``over``: the clear waits to be sent.
     """
 
     alarm: Alarm
@@ -73,37 +73,37 @@ _SAVED: Final[TypeAdapter[_Saved]] = TypeAdapter(_Saved)
 
 @dataclass(slots=True)
 class Recipient:
-    """What is known of one recipient."""
+    """State of one recipient: known alarms, waiting items ``due``, and the message being sent, ``flight``."""
 
     episodes: dict[str, Episode] = field(default_factory=dict)
     due: dict[tuple[str, bool], Item] = field(default_factory=dict)
     flight: Notification | None = None
     ended: dict[str, tuple[int, int]] = field(default_factory=dict)
-    """Session and time of the end, UTC ns, of alarms that are over, by id."""
+    """Session and end time, UTC ns, of cleared alarms, by id."""
     more: int = 0
-    """Items that found no room since the last message."""
+    """Number of items dropped from the full queue since the last message."""
     changed: bool = field(default=False, compare=False)
-    """There is something to be kept on disk: newer figures of an alarm alone are not."""
+    """The state must be saved to disk. Newer evidence of a known alarm alone does not set this."""
     counts: Counter[str] = field(default_factory=Counter, compare=False)
-    """What happened to items, for the account."""
+    """Counts of dropped items, for the account."""
 
     def kept(self) -> Any:
-        """All that is to outlive this process, JSON-ready."""
+        """The state to save, JSON-ready."""
         all_ = list(self.episodes.values()), list(self.due.values()), self.flight, self.ended, self.more
         return _SAVED.dump_python(all_, mode="json")
 
     @classmethod
     def read(cls, kept: Any) -> Recipient:
-        """The same from ``kept``. Raises ``ValueError``."""
+        """The state from the value of ``kept``. Raises ``ValueError``."""
         episodes, due, flight, ended, more = _SAVED.validate_python(kept)
         return cls({e.alarm.id: e for e in episodes}, {i.slot: i for i in due}, flight, ended, more)
 
     def waiting(self, alarm_id: str) -> Iterator[Item]:
-        """Items of an alarm that are in no message yet."""
+        """Items of an alarm that are not in a message yet."""
         return (self.due[slot] for slot in ((alarm_id, False), (alarm_id, True)) if slot in self.due)
 
     def wait(self, item: Item, session: int) -> None:
-        """Let an item wait."""
+        """Add a waiting item."""
         self.due[item.slot] = item
         before = self.episodes.get(item.alarm.id)
         if item.what != "cleared":
@@ -114,7 +114,10 @@ class Recipient:
         self.changed = True
 
     def drop(self, alarm_id: str, *, counted: bool = False, forgotten: bool = False) -> None:
-        """Tell nothing of what waits; ``counted`` where it found no room, ``forgotten`` where it may come again."""
+        """Discard the waiting items of an alarm.
+
+        ``counted``: the queue was full; ``forgotten``: the alarm may be sent again later.
+        """
         items = list(self.waiting(alarm_id))
         for item in items:
             del self.due[item.slot]
@@ -129,7 +132,7 @@ class Recipient:
             del self.episodes[alarm_id]
 
     def see(self, alarm: Alarm, session: int) -> None:
-        """Note that an alarm that is known is up in this session; a clear of it that waits is not told."""
+        """Note that a known alarm is active in this session; discard its waiting clear."""
         episode = self.episodes[alarm.id]
         self.changed = self.changed or episode.over or episode.session != session
         self.episodes[alarm.id] = replace(episode, alarm=alarm, session=session, over=False)
@@ -138,7 +141,7 @@ class Recipient:
             self.due[item.slot] = replace(item, alarm=alarm)
 
     def end(self, alarm_id: str, time: int) -> None:
-        """Note the end of an alarm, of which nothing more is told; ``time`` UTC ns."""
+        """Store the end of an alarm at ``time``, UTC ns; nothing more is sent about it."""
         self.changed = True
         episode = self.episodes.pop(alarm_id, None)
         self.ended.pop(alarm_id, None)
@@ -148,7 +151,7 @@ class Recipient:
             del self.ended[next(iter(self.ended))]
 
     def send(self, message: Notification) -> None:
-        """Put a message of items that waited on its way."""
+        """Start sending a message of waiting items."""
         self.flight, self.more, self.changed = message, 0, True
         for item in message.items:
             self.due.pop(item.slot, None)
@@ -159,22 +162,22 @@ class Recipient:
                 self.episodes[item.alarm.id] = replace(episode, told=True)
 
     def settle(self, addresses: Collection[str]) -> None:
-        """Note addresses of the message on its way that need no further attempt."""
+        """Store the addresses that need no further attempt to send the current message."""
         if self.flight is not None:
             self.flight, self.changed = replace(self.flight, settled=(*self.flight.settled, *addresses)), True
 
     def arrived(self) -> None:
-        """Note that the message on its way was accepted, or is given up."""
+        """Note that the current message was accepted or given up."""
         self.flight, self.changed = None, True
 
 
 AGAIN: Final = 600 * 10**9
-"""Time, ns, after the start of the daemon in which an alarm that is raised again is the one that was told before."""
+"""Time, ns, after the daemon's start within which a re-raised alarm continues the one sent before the start."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """What one recipient wants; times in s. ``queue`` alarms may wait."""
+    """Which alarms one recipient wants; times in s. At most ``queue`` items wait."""
 
     severity: Severity = "warning"
     kinds: tuple[str, ...] = ("*",)
@@ -184,16 +187,16 @@ class Rules:
     queue: int = 100
 
     def wants(self, alarm: Alarm) -> bool:
-        """True if an alarm is grave enough, and of a kind that is asked for."""
+        """True if severity and kind of an alarm are selected."""
         return rank(alarm) >= SEVERITIES.index(self.severity) and fits(alarm.kind, self.kinds)
 
     # alarms -----------------------------------------------------------------------------------------
 
     def take(self, told: Recipient, alarm: Alarm, session: int, passing: int) -> None:
-        """Take a message of the alarm book; ``passing`` is the least rank that passes now."""
+        """Process a message of the alarm book; ``passing`` is the least rank that may be sent now."""
         ended, at = told.ended.get(alarm.id, (-1, 0))
         if ended == session and alarm.time <= at:
-            return  # it was told to its end, and is given again
+            return  # already sent up to its end, and offered again
         episode = told.episodes.get(alarm.id)
         if alarm.active:
             self._active(told, alarm, episode, session)
@@ -222,7 +225,7 @@ class Rules:
             told.end(alarm.id, alarm.time)
 
     def _wait(self, told: Recipient, item: Item, session: int) -> None:
-        """Let an item wait; without room the least grave one of all, the newest of these, is only counted."""
+        """Add a waiting item; if the queue is full, drop and count the newest of the least severe ones."""
         full = len(told.due) >= self.queue and item.slot not in told.due
         told.wait(item, session)
         if full:
@@ -232,7 +235,7 @@ class Rules:
     # times ------------------------------------------------------------------------------------------
 
     def withdraw(self, told: Recipient, session: int, now: int) -> None:
-        """End alarms of an earlier session that did not come again; ``now`` UTC ns."""
+        """End alarms of an earlier session that were not raised again; ``now`` is UTC ns."""
         if now < session + AGAIN:
             return
         for episode in list(told.episodes.values()):
@@ -247,7 +250,7 @@ class Rules:
                 told.end(alarm.id, clear.time)
 
     def again(self, told: Recipient, alarm_ids: Iterable[str], session: int) -> None:
-        """Tell alarms once more, where they were told and are not over."""
+        """Repeat alarms that were sent and are still active."""
         for alarm_id in alarm_ids:
             episode = told.episodes.get(alarm_id)
             if episode is not None and episode.told and not episode.over and (alarm_id, False) not in told.due:
@@ -255,18 +258,18 @@ class Rules:
 
 
 def silence(told: Recipient, alarm_id: str) -> None:
-    """Keep silent of an alarm that a person put on the shelf: what waits of it is not told."""
+    """Discard the waiting items of an alarm that was shelved or needs no repetition."""
     if (alarm_id, False) in told.due:
         told.drop(alarm_id, forgotten=True)
 
 
 def ready(told: Recipient, passing: int) -> list[Item]:
-    """Items that wait and pass now, in the order in which they came; what waits of one alarm stays together."""
+    """Waiting items that may be sent now, in the order of arrival; the items of one alarm are sent together."""
     return [i for i in told.due.values() if max(rank(waits.alarm) for waits in told.waiting(i.alarm.id)) >= passing]
 
 
 def message_of(to: str, items: Collection[Item], more: int, now: int) -> Notification:
-    """Make a message for the recipient ``to`` at ``now``, UTC ns; its id depends on all that."""
+    """Make a message for the recipient ``to`` at ``now``, UTC ns; its id is a hash of all arguments."""
     parts = [f"{item.what} {item.alarm.since} {item.alarm.time} {item.alarm.id}" for item in items]
     digest = hashlib.sha256("\n".join([to, str(now), str(more), *parts]).encode()).hexdigest()
     return Notification(digest[:32], now, tuple(items), more)

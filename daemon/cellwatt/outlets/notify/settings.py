@@ -38,21 +38,21 @@ def _parts(url: str) -> SplitResult:
 
 
 def _shown(url: str) -> str:
-    """An address of the web as it may be told: without its path, which may be a secret."""
+    """A web address as it may be shown: without its path, which may contain a secret."""
     parts = _parts(url)
     return f"{parts.scheme}://{parts.netloc}"
 
 
 class MailSettings(Section):
-    """Mail by way of a server that takes it for others (SMTP)."""
+    """Mail through an SMTP relay."""
 
     host: Host
     """Mail server."""
     port: int | None = Field(default=None, ge=1, le=LAST_PORT)
-    """Its port; where absent 587, with ``tls: tls`` 465, with ``tls: none`` 25."""
+    """Port of the mail server; default: 587, with ``tls: tls`` 465, with ``tls: none`` 25."""
     tls: Literal["starttls", "tls", "none"] = "starttls"
-    """``starttls``: encrypted after the greeting, or nothing is sent; ``tls``: from the start; ``none``: only on this
-    PC."""
+    """``starttls``: encrypted after the greeting, else nothing is sent; ``tls``: encrypted from the start; ``none``:
+    only for a server on this PC."""
     ca: Path | None = None
     """Certificate authority (PEM) to trust instead of those of the system."""
     user: str | None = None
@@ -60,9 +60,9 @@ class MailSettings(Section):
     password: SecretStr | None = None
     """Password of the user."""
     sender: Address = Field(alias="from")
-    """Address that the mail comes from."""
+    """Sender address."""
     to: tuple[Address, ...] = Field(min_length=1)
-    """Addresses that it goes to."""
+    """Addresses of the recipients."""
 
     @model_check(mode="after")
     def _closed(self) -> MailSettings:
@@ -73,7 +73,7 @@ class MailSettings(Section):
 
     @property
     def at(self) -> int:
-        """Port in force."""
+        """Effective port."""
         return self.port or _PORTS[self.tls]
 
 
@@ -81,7 +81,7 @@ class _Web(Section):
     ca: Path | None = None
     """Certificate authority (PEM) to trust instead of those of the system."""
     open: bool = False
-    """Allow http without TLS beyond this PC: whoever is in between reads everything."""
+    """Allow http without TLS to other PCs: anyone on the network path can read everything."""
 
     def _check(self, url: str) -> None:
         _parts(url)
@@ -89,12 +89,12 @@ class _Web(Section):
 
 
 class WebhookSettings(_Web):
-    """A POST with JSON to an address of yours."""
+    """A POST with JSON to your web address."""
 
     url: SecretStr
-    """Address; it counts as a secret, as many services put a token into it."""
+    """Address; treated as a secret, because many services put a token into it."""
     secret: SecretStr | None = None
-    """Key of the signature: any text, or ``whsec_`` and base64; without it nothing is signed."""
+    """Key of the signature: any text, or ``whsec_`` and base64; without it, requests are not signed."""
 
     @model_check(mode="after")
     def _closed(self) -> WebhookSettings:
@@ -110,12 +110,12 @@ class WebhookSettings(_Web):
 
 
 class NtfySettings(_Web):
-    """A push message by a server of ntfy."""
+    """A push message through an ntfy server."""
 
     url: str
     """Address of the server, like ``https://ntfy.plant.example``."""
     topic: SecretStr
-    """Topic; it counts as a secret, as whoever knows it may read along where the server asks for no token."""
+    """Topic; treated as a secret, because anyone who knows it can read the messages of a server without tokens."""
     token: SecretStr | None = None
     """Access token."""
 
@@ -158,12 +158,12 @@ Channel = MailSettings | Web
 
 
 class RecipientSettings(Section):
-    """One recipient: one of ``mail``, ``webhook``, ``ntfy``, ``home_assistant``, and what is sent there."""
+    """One recipient: one of ``mail``, ``webhook``, ``ntfy``, ``home_assistant``, and which alarms are sent to it."""
 
     mail: MailSettings | None = None
     """Send mail."""
     webhook: WebhookSettings | None = None
-    """Call an address with JSON."""
+    """Post JSON to an address."""
     ntfy: NtfySettings | None = None
     """Push with ntfy."""
     home_assistant: HomeAssistantSettings | None = None
@@ -171,15 +171,15 @@ class RecipientSettings(Section):
     severity: Severity = "warning"
     """Least severity: info, warning or error."""
     kinds: tuple[str, ...] = ("*",)
-    """Kinds of alarms, with ``*`` for any text, like ``joint_*``."""
+    """Kinds of alarms to send, with ``*`` for any text, like ``joint_*``."""
     group: Seconds = Field(default=30.0, ge=0)
-    """Alarms that come within this time of the first go as one message; 0: each by itself, if nothing else waits."""
+    """Alarms within this time of the first are sent as one message; 0: each separately, unless others wait."""
     quiet: tuple[QuietSettings, ...] = ()
     """Quiet times."""
     repeat: Seconds | None = Field(default=None, ge=60)
-    """Tell an active alarm again after this time, until it is acknowledged; at least a minute."""
+    """Time after which an active alarm is sent again, until it is acknowledged; at least a minute."""
     resolved: bool = True
-    """Tell also that an alarm is over, where it was told."""
+    """Also report the end of an alarm that was sent."""
 
     @model_check(mode="after")
     def _one(self) -> RecipientSettings:
@@ -200,37 +200,37 @@ class RecipientSettings(Section):
 
     @property
     def place(self) -> str:
-        """Kind and server of the channel, without secrets."""
+        """Kind and server of the channel, without its secrets."""
         channel = self.channel
         where = f"{channel.host}:{channel.at}" if isinstance(channel, MailSettings) else _shown(channel.address)
         return f"{self.kind} by {where}"
 
     @property
     def secrets(self) -> tuple[str, ...]:
-        """Secrets of the channel, which no text may hold; the longest first."""
+        """Secrets of the channel, which no text may contain; the longest first."""
         found = list(_secrets(self.channel))
         return tuple(sorted(filter(None, found), key=len, reverse=True))
 
 
 class NotifySettings(OutletSettings):
-    """Messages to people about alarms of the cell."""
+    """Notifications of the cell's alarms to people."""
 
     to: Mapping[str, RecipientSettings] = Field(min_length=1)
-    """Recipients, each with a name of your own."""
+    """Recipients, by a name of your choice."""
     page: str | None = None
     """Address of the page of the cell or plant, for a link in messages, like ``https://weld-3.plant.example:8480``."""
     zone: Zone | None = None
-    """Time zone of people, like Europe/Berlin; where absent that of this PC."""
+    """Time zone of the recipients, like Europe/Berlin; default: that of this PC."""
     timeout: Seconds = Field(default=30.0, gt=0)
-    """Longest time for one attempt to send."""
+    """Longest time of one attempt to send."""
     retry: Seconds = Field(default=5.0, gt=0)
-    """Pause before the second attempt; it doubles with each further one, up to 10 min."""
+    """Pause before the second attempt; it doubles with each further attempt, up to 10 min."""
     give_up: Seconds = Field(default=86400.0, gt=0)
-    """Time after which a message that could not be sent is put among the undelivered."""
+    """Time after which a message that could not be sent is stored as undelivered."""
     queue: PositiveInt = 100
-    """Alarms that may wait for a recipient; beyond that the least grave are only counted in the message."""
+    """Most alarms that wait for a recipient; beyond that, the least severe are only counted in the message."""
     folder: Path | None = None
-    """Folder of the list of what was sent; where absent that of the record, without a record in memory alone."""
+    """Folder of the delivery state; default: that of the record. Without a record, the state is in memory only."""
 
     @field_validator("to")
     @classmethod
@@ -248,7 +248,7 @@ class NotifySettings(OutletSettings):
         return page
 
     def warnings(self) -> tuple[str, ...]:
-        """Recipients that are told without encryption, and authorities that cannot be read."""
+        """Recipients without encryption, and certificate authorities that cannot be read."""
         return tuple(f"to.{name}: {text}" for name, to in self.to.items() for text in _doubts(to.channel))
 
 

@@ -1,4 +1,4 @@
-"""Words of messages, the same for every channel. Pure."""
+"""Texts of messages, the same for every channel. Pure."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from cellwatt.units import named
 LONGEST_SUBJECT: Final = 160  # characters
 LONGEST_STATEMENT: Final = 1000
 FIGURES: Final = 12
-"""Figures of evidence that one message states."""
+"""Most figures of evidence in one message."""
 _PLAIN_UNITS: Final = {"s": "s", "ms": "ms", "percent": "%", "Hz": "Hz", "rpm": "rpm"}
 _OVER: Final = ("Resolved", "Withdrawn")
 
 
 @dataclass(frozen=True, slots=True)
 class About:
-    """The cell that messages are about: its names, address of its page, time zone of people (None: of this PC)."""
+    """The cell that messages are about: its names, address of its page, time zone of recipients (None: of this PC)."""
 
     site: str
     cell: str
@@ -33,17 +33,17 @@ class About:
 
     @property
     def link(self) -> str | None:
-        """Address of the alarms of this cell on the page."""
+        """Address of this cell's alarms on the page."""
         return None if self.page is None else f"{self.page.rstrip('/')}/cell/{self.site}/{self.cell}/alarms"
 
 
 def subject(about: About, message: Notification) -> str:
-    """One line: the cell, and the gravest thing that happened."""
+    """One line: the cell, and its most severe alarm."""
     return short(f"[{about.site}/{about.cell}] {_headline(message)}", LONGEST_SUBJECT)
 
 
 def body(about: About, message: Notification, limit: int | None = None) -> str:
-    """The text under the subject, of at most ``limit`` bytes; items that find no room are counted."""
+    """The text under the subject, at most ``limit`` bytes; items that do not fit are counted."""
     if not message.items and not message.more:
         lines = [f"This is a test. Alarms of the cell {about.cell} at {about.site} will come this way."]
     elif len(message.items) == 1 and not message.more:
@@ -57,7 +57,7 @@ def body(about: About, message: Notification, limit: int | None = None) -> str:
 
 
 def payload(about: About, message: Notification) -> dict[str, Any]:
-    """All of a message for programs, JSON-ready."""
+    """A complete message for programs, JSON-ready."""
     return {
         "id": message.id,
         "site": about.site,
@@ -73,23 +73,23 @@ def payload(about: About, message: Notification) -> dict[str, Any]:
 
 
 def undelivered(about: About, to: str, message: Notification, reason: str, now: str) -> bytes:
-    """One line for a message to ``to`` that is given up at ``now``."""
+    """One line of the undelivered file, for a message to ``to`` given up at ``now``."""
     return json.dumps({"time": now, "to": to, "reason": reason, **payload(about, message)}).encode() + b"\n"
 
 
 def severity(message: Notification) -> str | None:
-    """Gravest severity among alarms that are up; ``None`` where all are over."""
+    """Highest severity among the active alarms; ``None`` if all are cleared."""
     up = [item.alarm for item in message.items if item.what != "cleared"]
     return max(up, key=rank).severity if up else None
 
 
 def utc(ns: int) -> datetime:
-    """Time of UTC ns, in whole seconds."""
+    """Datetime of UTC ns, in whole seconds."""
     return datetime.fromtimestamp(ns // 10**9, UTC)
 
 
 def in_order(items: Sequence[Item]) -> list[Item]:
-    """Items as a person reads them: what is up first, and of that the gravest."""
+    """Items in reading order: active alarms first, the most severe first."""
     return sorted(items, key=lambda item: (item.what == "cleared", -rank(item.alarm)))
 
 
@@ -152,7 +152,7 @@ def _list(about: About, message: Notification, limit: int | None) -> Iterator[st
 
 
 def evidence(figures: Mapping[str, Any]) -> Iterator[str]:
-    """Figures of an alarm in words, ``residual 38 W`` of ``residual_W``; at most twelve."""
+    """Figures of an alarm as text, ``residual 38 W`` for ``residual_W``; at most twelve."""
     told = 0
     for key, value in figures.items():
         if told == FIGURES:
@@ -190,7 +190,7 @@ def _plain(alarm: Alarm) -> dict[str, Any]:
 
 
 def short(text: str, longest: int) -> str:
-    """A text in one line of at most so many characters."""
+    """A text in one line of at most ``longest`` characters."""
     text = " ".join("".join(c if c.isprintable() else " " for c in text).split())
     return text if len(text) <= longest else text[: longest - 1] + "…"
 

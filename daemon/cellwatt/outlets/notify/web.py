@@ -31,7 +31,7 @@ _PREFIX: Final = "whsec_"
 
 
 def key_of(secret: str) -> bytes:
-    """Key behind a secret: what ``whsec_`` and base64 stand for, or else the text itself as UTF-8."""
+    """Signing key of a secret: the base64 after ``whsec_`` decoded, or else the text as UTF-8."""
     if secret.startswith(_PREFIX):
         try:
             return base64.b64decode(secret.removeprefix(_PREFIX), validate=True)
@@ -41,17 +41,17 @@ def key_of(secret: str) -> bytes:
 
 
 def sign(secret: str, message_id: str, timestamp: int, body: bytes) -> str:
-    """Signature of a body that is sent at ``timestamp``, UTC s: ``v1,`` and base64."""
+    """Signature of a body sent at ``timestamp``, UTC s: ``v1,`` and base64."""
     signed = b".".join([message_id.encode(), str(timestamp).encode(), body])
     return "v1," + base64.b64encode(hmac.digest(key_of(secret), signed, hashlib.sha256)).decode()
 
 
 PUSH: Final = 3800
-"""Bytes of a text that is pushed to telephones; ntfy makes a file of more than 4096."""
+"""Most bytes of a text pushed to telephones; ntfy turns more than 4096 into an attachment."""
 _PRIORITY: Final = {"error": 5, "warning": 4, "info": 3, None: 3}
 _TAGS: Final = {"error": "rotating_light", "warning": "warning", "info": "information_source", None: "white_check_mark"}
 _OURS: Final = (401, 403, 407)
-"""Refusals that are of us, not of the message; a right token or a new rule there ends them."""
+"""Refusals of the sender, not of the message; a correct token or a new rule at the server ends them."""
 _LATER: Final = (408, 425, 429)
 
 
@@ -77,7 +77,7 @@ class WebChannel:
                 ) as response,
             ):
                 judge(response.status, response.headers.get("Retry-After"))
-                response.close()  # the body says nothing that counts, and may never end
+                response.close()  # the body is not needed, and may never end
         except TimeoutError:
             raise NotNowError(f"no answer within {self._timeout:g} s") from None
         except (aiohttp.ClientError, OSError) as error:
@@ -86,7 +86,7 @@ class WebChannel:
 
 
 def request(settings: Web, about: About, message: Notification, now: int) -> tuple[bytes, dict[str, str]]:
-    """Body and headers of one attempt at ``now``, UTC s; only the time and with it the signature ever change."""
+    """Body and headers of one attempt at ``now``, UTC s; only time stamp and signature differ between attempts."""
     told: dict[str, Any]
     token: SecretStr | None = None
     if isinstance(settings, NtfySettings):
@@ -107,7 +107,7 @@ def request(settings: Web, about: About, message: Notification, now: int) -> tup
 
 
 def judge(status: int, retry_after: str | None = None) -> None:
-    """Raise ``RefusedError`` or ``NotNowError`` unless the status of an answer says that the message is taken."""
+    """Raise ``RefusedError`` or ``NotNowError`` unless the status of an answer means that the message is accepted."""
     if HTTPStatus.OK <= status < HTTPStatus.MULTIPLE_CHOICES:
         return
     known = status in HTTPStatus.__members__.values()
@@ -129,13 +129,13 @@ def _ntfy(settings: NtfySettings, about: About, message: Notification) -> dict[s
         "message": body(about, message, PUSH),
         "priority": _PRIORITY[worst],
         "tags": [_TAGS[worst]],
-        "sequence_id": message.id,  # newer servers show a message that is sent again in place of the first
+        "sequence_id": message.id,  # newer servers replace a message by its repetition
     }
     return told if about.link is None else {**told, "click": about.link}
 
 
 def _home_assistant(about: About, message: Notification) -> dict[str, Any]:
-    data = {"tag": message.id}  # telephones show a message that is sent again in place of the first
+    data = {"tag": message.id}  # telephones replace a message by its repetition
     if about.link is not None:
         data |= {"url": about.link, "clickAction": about.link}
     return {"title": subject(about, message), "message": body(about, message, PUSH), "data": data}

@@ -1,4 +1,4 @@
-"""Arrays of OPC UA that are longer than any request may be, or than their message: refused before they are read."""
+"""Refuses OPC UA arrays longer than ``ENTRIES``, or longer than their message, before they are decoded."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from asyncua.common.utils import Buffer, NotEnoughData, ServiceError
 from asyncua.ua import ua_binary
 
 ENTRIES: Final = 1000
-"""Entries of a request, and of any array in it."""
+"""Most entries of a request, and of any array in it."""
 READERS: Final = ("_create_list_deserializer", "_create_uatype_array_deserializer")
-"""What makes the library's readers of arrays of structures, and of plain values."""
+"""Library functions that make decoders of arrays of structures, and of plain values."""
 
 Reader = Callable[[Any], Any]
 
@@ -24,7 +24,7 @@ def _bounded(make: Callable[[Any], Reader]) -> Callable[[Any], Reader]:
         read = make(kind)
 
         def checked(data: Any) -> Any:
-            if isinstance(data, Buffer):  # as all that comes through a socket
+            if isinstance(data, Buffer):  # everything received through a socket
                 length = ua_binary.Primitives.Int32.unpack(data.copy())
                 if length > len(data):
                     raise NotEnoughData(f"an array of {length} items in {len(data)} bytes")
@@ -38,6 +38,6 @@ def _bounded(make: Callable[[Any], Reader]) -> Callable[[Any], Reader]:
 
 
 def bound_arrays() -> None:
-    """Have the library refuse them, in the whole process: reading 50,000 nodes' names takes it seconds."""
+    """Make the library refuse longer arrays, in the whole process: decoding 50,000 node names takes seconds."""
     for name in READERS:
         setattr(ua_binary, name, _bounded(getattr(ua_binary, name)))

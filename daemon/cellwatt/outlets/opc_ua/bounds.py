@@ -1,4 +1,4 @@
-"""What one client may ask at a time, and all of them together: announced to clients, and refused before any work."""
+"""Limits of requests, per client and in total: announced to clients, and enforced before any work."""
 
 from __future__ import annotations
 
@@ -27,25 +27,25 @@ CONNECTIONS: Final = Limits(connections=64, peer=32, head=15.0, idle=15.0)
 SUBSCRIPTIONS: Final = 128
 SUBSCRIPTIONS_OF_SESSION: Final = 8
 ITEMS: Final = 2000
-"""Monitored items of one subscription."""
+"""Most monitored items of one subscription."""
 VALUES: Final = 100
-"""Values that wait in a monitored item."""
+"""Most queued values of a monitored item."""
 UNACKNOWLEDGED: Final = 100
-"""Messages of a subscription that are kept until the client says that it has them."""
+"""Most messages of a subscription that are held until the client acknowledges them."""
 FASTEST, SLOWEST = 20.0, 3_600_000.0
-"""Publishing interval, ms."""
+"""Shortest and longest publishing interval, ms."""
 REQUEST: Final = 1 << 18
-"""Bytes of a request."""
+"""Most bytes of a request."""
 ANSWER: Final = 1 << 22
-"""Bytes of the values of an answer …"""
+"""Most bytes of the values in an answer."""
 REFERENCES: Final = 10_000
-"""… or references between nodes in it."""
+"""Most references between nodes in an answer."""
 CHUNK: Final = 65535
 _OPERATIONS: Final = (
     "MaxNodesPerRead", "MaxNodesPerBrowse", "MaxNodesPerTranslateBrowsePathsToNodeIds", "MaxMonitoredItemsPerCall",
     "MaxNodesPerMethodCall", "MaxNodesPerWrite", "MaxNodesPerRegisterNodes", "MaxNodesPerNodeManagement",
 )  # fmt: skip
-"""Limits of entries, as the standard calls them."""
+"""Limits of entries, by their name in the standard."""
 _CAPABILITIES: Final = {
     "MaxSessions": CONNECTIONS.connections,
     "MaxSubscriptions": SUBSCRIPTIONS,
@@ -56,7 +56,7 @@ _CAPABILITIES: Final = {
 
 
 class BoundedServer(Server):  # type: ignore[misc]
-    """A server with all limits of this module; ``counts`` says what was refused."""
+    """A server with all limits of this module; ``counts`` counts what was refused."""
 
     def __init__(self, users: UserManager) -> None:
         self.counts: Counter[str] = Counter()
@@ -64,7 +64,7 @@ class BoundedServer(Server):  # type: ignore[misc]
         self._bound()
 
     async def start(self) -> None:
-        """Begin to listen. Raises ``OutletError`` if that cannot be."""
+        """Begin to listen. Raises ``OutletError`` on failure."""
         await self._announce()
         await self._setup_server_nodes()
         await self.iserver.start()
@@ -82,20 +82,20 @@ class BoundedServer(Server):  # type: ignore[misc]
         inner.max_unacked_messages_per_subscription = UNACKNOWLEDGED
         inner.max_pending_messages_per_connection = 50
         inner.max_session_timeout_ms = 120_000
-        inner.max_pending_activation_seconds = 0  # the port has a deadline for it
+        inner.max_pending_activation_seconds = 0  # the port has a deadline for the activation
 
     async def _announce(self) -> None:
-        """Tell clients what they may ask, in the nodes that the standard has for it."""
+        """Announce the limits to clients, in the nodes that the standard defines."""
         limits = {f"OperationLimits_{name}": ENTRIES for name in _OPERATIONS} | _CAPABILITIES
         for name, most in limits.items():
             number = ua.NodeId(getattr(ua.ObjectIds, f"Server_ServerCapabilities_{name}"))
-            if number in self.iserver.aspace:  # those of later editions may not be there
+            if number in self.iserver.aspace:  # nodes of later editions may be absent
                 kind = await self.get_node(number).read_data_type_as_variant_type()
                 await self.get_node(number).write_value(ua.Variant(most, kind))
 
 
 class _Listener(BinaryServer):  # type: ignore[misc]
-    """Listens through a port with limits."""
+    """Listens through a ``Port`` with limits."""
 
     def __init__(
         self, inner: InternalServer, host: str, port: int, limits: TransportLimits, counts: Counter[str]
@@ -107,18 +107,18 @@ class _Listener(BinaryServer):  # type: ignore[misc]
         return _Protocol(self.iserver, self._policies, self.clients, self.closing_tasks, self.limits)
 
     async def start(self) -> None:
-        """Begin to listen. Raises ``OutletError`` if that cannot be."""
+        """Begin to listen. Raises ``OutletError`` on failure."""
         self.port: int = await self._door.open(self.hostname, self.port)
         self.cleanup_task = asyncio.create_task(self._close_task_loop())
 
     async def stop(self) -> None:
-        """Hang up on all clients."""
+        """Disconnect all clients."""
         await self._door.close()
         await super().stop()
 
 
 class _Protocol(OPCUAProtocol):  # type: ignore[misc]
-    """Keeps no more of a message that is not whole yet than a chunk may have."""
+    """Buffers no more of an incomplete message than the size of a chunk."""
 
     def data_received(self, data: bytes) -> None:
         """See ``OPCUAProtocol.data_received``."""
@@ -133,12 +133,12 @@ def _serving(protocol: OPCUAProtocol) -> bool:
 
 
 class BoundedSession(InternalSession):  # type: ignore[misc]
-    """Refuses what is too much, knows for whom a method is called; no client writes a value or changes nodes."""
+    """Enforces the limits and knows the user of a method call; no client writes a value or changes nodes."""
 
     guard: Guard
 
     def activate_session(self, params: Any, peer_certificate: Any) -> Any:
-        """See ``InternalSession.activate_session``; tries at passwords have to wait."""
+        """See ``InternalSession.activate_session``; failed logins delay further ones."""
         token = params.UserIdentityToken
         if not self.external or not isinstance(token, ua.UserNameIdentityToken):
             return super().activate_session(params, peer_certificate)
@@ -198,25 +198,25 @@ class BoundedSession(InternalSession):  # type: ignore[misc]
             USER.reset(token)
 
     async def write(self, params: Any) -> Any:
-        """Refuse, from outside."""
+        """Refuse a write from a client."""
         if not self.external:
             return await super().write(params)
         return [ua.StatusCode(ua.StatusCodes.BadNotWritable) for _ in params.NodesToWrite]
 
     def _own(self, *subscriptions: int) -> None:
-        """Refuse what is about subscriptions of others: their numbers can be guessed."""
+        """Refuse requests about subscriptions of other sessions: their numbers can be guessed."""
         there = self.subscription_service.subscriptions
         if self.external and any(n in there and there[n].session_id != self.session_id for n in subscriptions):
             raise ServiceError(ua.StatusCodes.BadSubscriptionIdInvalid)
 
 
 async def _unsupported(_: BoundedSession, __: Any) -> Any:
-    """Refuse: answers are never cut, so there is nothing to go on with, and the past is in the recordings."""
+    """Refuse: answers are never split, so nothing is continued, and history is in the recordings."""
     raise ServiceError(ua.StatusCodes.BadServiceUnsupported)
 
 
 def _of_own(name: str, subscriptions: Callable[[Any], Sequence[int]]) -> None:
-    """Let a session call a service for its own subscriptions alone."""
+    """Allow a session to call a service for its own subscriptions only."""
 
     async def bounded(self: BoundedSession, params: Any) -> Any:
         self._own(*subscriptions(params))
@@ -234,13 +234,13 @@ BoundedSession.browse_next = BoundedSession.history_read = _unsupported
 
 
 def _size(value: Any) -> int:
-    """Bytes of a value at least, without encoding it."""
+    """Lower bound of a value's size, bytes, without encoding it."""
     inner = value.Value.Value if value.Value is not None else None
     return len(inner) if isinstance(inner, str | bytes | list) else 8
 
 
 class BoundedInternal(InternalServer):  # type: ignore[misc]
-    """Makes sessions that know their users and limits; one connection has one session."""
+    """Makes sessions with users and limits; one connection has one session."""
 
     def __init__(self, guard: Guard, **more: Any) -> None:
         self._guard = guard

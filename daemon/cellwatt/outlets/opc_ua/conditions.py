@@ -1,4 +1,4 @@
-"""Alarms as conditions of OPC UA, which clients see come and go, and acknowledge."""
+"""Alarms as OPC UA conditions, which clients follow and acknowledge."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from cellwatt.errors import CellwattError
 from cellwatt.outlets.opc_ua.robotics import add_node
 
 USER: ContextVar[str | None] = ContextVar("user", default=None)
-"""Name of the user whose client calls a method now."""
+"""Name of the user whose client is calling a method."""
 _SEVERITY: Final = {"info": 200, "warning": 500, "error": 800}
 _LONGEST_NOTE: Final = 1000
 
 Order = Callable[[Mapping[str, Any]], Awaitable[Any]]
-"""Has the daemon do something; raises ``CellwattError`` with the reason why not."""
+"""Sends an order to the daemon; raises ``CellwattError`` with the reason if it is refused."""
 
 
 @dataclass
 class _Condition:
-    """One alarm: its generator of events, the ids of the events told of it, and its state."""
+    """One alarm: its event generator, the ids of its latest events, and its state."""
 
     generator: EventGenerator
     told: list[bytes]
@@ -34,7 +34,7 @@ class _Condition:
 
 
 class Conditions:
-    """Conditions of a cell by alarm; ``own`` is the number of the namespace of their nodes."""
+    """Conditions of a cell by alarm; ``own`` is the namespace index of their nodes."""
 
     def __init__(self, server: Server, own: int, parent: Node, order: Order) -> None:
         self._server = server
@@ -44,12 +44,12 @@ class Conditions:
         self._known: dict[str, _Condition] = {}
 
     def listen(self) -> None:
-        """Let clients acknowledge."""
+        """Accept acknowledgements from clients."""
         method = ua.NodeId(ua.ObjectIds.AcknowledgeableConditionType_Acknowledge)
         self._server.iserver.isession.add_method_callback(method, self._acknowledge)
 
     async def tell(self, alarm: Mapping[str, Any]) -> None:
-        """Tell clients that an alarm is up, is another than before, or is over."""
+        """Notify clients that an alarm is active, has changed, or is cleared."""
         name = str(alarm["id"])
         known = self._known.get(name)
         if known is None:
@@ -66,7 +66,7 @@ class Conditions:
         await self._trigger(known, alarm["time"])
 
     async def acknowledged(self, alarm: str, name: str, note: str) -> None:
-        """Tell clients that a person, by whatever way, acknowledged an alarm."""
+        """Notify clients that a person acknowledged an alarm, through any outlet."""
         known = self._known.get(alarm)
         if known is None or known.acknowledged:
             return
@@ -76,7 +76,7 @@ class Conditions:
         await self._trigger(known, None)
 
     async def _generator(self, alarm: Mapping[str, Any]) -> EventGenerator:
-        """Make the condition's node, and what tells its events."""
+        """Make the condition's node and its event generator."""
         server, name = self._server, str(alarm["id"])
         kind = ua.NodeId(ua.ObjectIds.AlarmConditionType)
         node_id = ua.NodeId(f"alarm:{name}", self._own)

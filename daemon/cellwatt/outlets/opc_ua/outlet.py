@@ -1,4 +1,4 @@
-"""Serves a cell over OPC UA, from a process of its own."""
+"""Serves a cell over OPC UA, from a separate process."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ class OpcUaOutletSettings(Listening, Selection):
     secured, login = "a certificate", "users or trusted certificates"
 
     listen: str = "127.0.0.1:4840"
-    """Address and port; port 0 is any that is free."""
+    """Address and port; port 0 selects a free port."""
     path: str = Field("/cellwatt", pattern=r"^/[A-Za-z0-9/_.-]*$")
     """Path of the endpoint's URL."""
     rate: Hertz = 10.0
-    """Rows a second, at most the frames' rate: a row has the means of its span, and the last of what is no measure."""
+    """Rows per second, at most the frames' rate. A row has means over its span; states and counters, last values."""
     certificate: Path | None = None
-    """The server's certificate (PEM): with it, messages are signed or encrypted (Basic256Sha256) and never plain."""
+    """The server's certificate (PEM). With it, all messages are signed or encrypted (Basic256Sha256)."""
     trusted: tuple[FilePath, ...] = ()
-    """Certificates (PEM) of the clients that may come in; where none is named, any may."""
+    """Certificates (PEM) of the clients that may connect; default: any client."""
     users: Mapping[str, SecretStr] = {}
-    """Passwords by user, best as ``${…}``; where there are none, whoever comes may read, and nobody acknowledge."""
+    """Passwords by user, best as ``${…}``. Without users, any client may read and none may acknowledge."""
     open: bool = False
-    """Allow a network address without certificate, or without users and trusted certificates."""
+    """Allow a network address without a certificate, or without users and trusted certificates."""
 
     @model_check(mode="after")
     def _trusting(self) -> Self:
@@ -49,15 +49,15 @@ class OpcUaOutletSettings(Listening, Selection):
         return bool(self.users or self.trusted)
 
 
-if find_spec("asyncua") is None:  # only the process that serves imports it, but what is missing is told at once
+if find_spec("asyncua") is None:  # only the serving process imports it; a missing one is reported at once
     raise ModuleNotFoundError("No module named 'asyncua'", name="asyncua")
 
 ACKNOWLEDGED: Final = "acknowledged"
-"""Kind of the event that tells that a person knows of an alarm."""
+"""Kind of the event of an acknowledgement."""
 
 
 class OpcUaOutlet(ApartOutlet[OpcUaOutletSettings]):
-    """Serves a cell's values, energies, health and alarms to OPC UA clients, from a process of its own."""
+    """Serves a cell's values, energies, health and alarms to OPC UA clients, from a separate process."""
 
     Settings: ClassVar[type[OpcUaOutletSettings]] = OpcUaOutletSettings
     title = "The cell as an OPC UA server, with the types of OPC UA for Robotics"
@@ -67,5 +67,5 @@ class OpcUaOutlet(ApartOutlet[OpcUaOutletSettings]):
     forgets = Energy
 
     def takes(self, item: Result | Event) -> bool:
-        """True for what the server has a node for: alarms, words about them and energies."""
+        """True for items with a node in the server: alarms, acknowledgements and energies."""
         return isinstance(item, Alarm | Energy) or (isinstance(item, Event) and item.kind == ACKNOWLEDGED)

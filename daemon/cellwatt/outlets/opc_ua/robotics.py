@@ -1,7 +1,7 @@
 """The types of OPC UA for Devices and for Robotics that a cell uses, and the arms of a cell as instances of them.
 
-Names are those of OPC 10000-100 and OPC 40010-1 release 1.02, node ids of the types those of their published lists. Of
-the types only the nodes themselves are there, without the declarations of their members.
+Names are those of OPC 10000-100 and OPC 40010-1 release 1.02; node ids of the types are from their published lists.
+The types have no member declarations.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _ROBOTICS_TYPES: Final = {
     "PowerTrainType": 16794,
 }
 _ANALOG_UNIT: Final = 17497
-"""AnalogUnitType of the standard."""
+"""Node id of AnalogUnitType in the standard."""
 _JOINT: Final = re.compile(r"joint_(\d+)\.(\w+)")
 _OF_AXIS: Final = {"position": "ActualPosition", "velocity": "ActualSpeed"}
 _OF_MOTOR: Final = {"temperature": "MotorTemperature", "current": "ActualCurrent", "torque": "ActualTorque"}
@@ -45,7 +45,7 @@ _CODES: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Spaces:
-    """Numbers of the namespaces: devices, robotics, and the cell's own."""
+    """Namespace indices: devices, robotics, and the cell's own."""
 
     di: int
     robotics: int
@@ -53,7 +53,7 @@ class Spaces:
 
 
 def unit_of(name: str) -> ua.EUInformation:
-    """Return a unit as OPC UA writes it; one without a code has the number -1."""
+    """Return a unit as OPC UA represents it; a unit without a code has the id -1."""
     code = _CODES.get(name)
     made = ua.EUInformation()
     made.NamespaceUri = _CEFACT
@@ -66,7 +66,7 @@ def unit_of(name: str) -> ua.EUInformation:
 async def add_node(
     server: Server, parent: Node, node_id: ua.NodeId, name: ua.QualifiedName, kind: ua.NodeId, attributes: Any
 ) -> Node:
-    """Add a component below a node, which the library does for its own types alone."""
+    """Add a component below a node; the library's own method accepts only its own types."""
     made = ua.AddNodesItem()
     made.RequestedNewNodeId, made.BrowseName, made.ParentNodeId = node_id, name, parent.nodeid
     made.ReferenceTypeId = ua.NodeId(ua.ObjectIds.HasComponent)
@@ -110,7 +110,7 @@ class Arms:
         self._cell = cell
 
     async def build(self, units: Mapping[str, str]) -> dict[str, Node]:
-        """Build it for channels with these units; return the variables by channel."""
+        """Build the system for channels with these units; return the variables by channel."""
         found: dict[str, Node] = {}
         if not (arms := joints(list(units))):
             return found
@@ -137,7 +137,7 @@ class Arms:
         return found
 
     async def _variable(self, parent: Node, channel: str, name: str, unit: str) -> Node:
-        """Add a number with its unit below a node; it has no value yet."""
+        """Add a numeric variable with its unit below a node, without a value yet."""
         attributes = ua.VariableAttributes()
         attributes.DataType = ua.NodeId(ua.ObjectIds.Double)
         attributes.ValueRank = ua.ValueRank.Scalar
@@ -165,7 +165,7 @@ class Arms:
         return await parent.add_object(node_id, ua.QualifiedName(name, namespace), ua.NodeId(kind), False)
 
     async def _identity(self, node: Node, source: str) -> None:
-        """Add what the standard wants of each device; the cell knows only the source's name."""
+        """Add the properties that the standard requires of each device; the cell knows only the source's name."""
         for name, value in (("Manufacturer", ua.LocalizedText("")), ("Model", ua.LocalizedText(source))):
             await self._property(node, self._spaces.di, name, value)
         for name in ("ProductCode", "SerialNumber"):

@@ -1,4 +1,4 @@
-"""The OPC UA server of a cell: who may come in, and its nodes."""
+"""The OPC UA server of a cell: access, and its nodes."""
 
 from __future__ import annotations
 
@@ -55,10 +55,10 @@ class CellServer:
         self._tasks: dict[str, Node] = {}
 
     async def open(self) -> str:
-        """Make the nodes that every cell has, and listen; return the address. Raises ``OSError`` or ``ValueError``."""
+        """Make the nodes common to all cells, and listen; return the URL. Raises ``OSError`` or ``ValueError``."""
         s, server = self._settings, self._server
         host, port = s.host, _free(s.host, s.port)
-        server.iserver.bind_condition_methods = True  # clients that come later ask for the standing alarms
+        server.iserver.bind_condition_methods = True  # clients that connect later request the active alarms
         await server.init()
         shown = f"[{host}]" if ":" in host else host
         url = f"opc.tcp://{shown}:{port}{s.path}"
@@ -86,17 +86,17 @@ class CellServer:
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """Connections and logins that were refused."""
+        """Counts of refused connections and logins."""
         return self._server.counts
 
     async def close(self) -> None:
-        """Hang up on all clients."""
+        """Disconnect all clients."""
         await self._server.stop()
 
-    # what the cell says ---------------------------------------------------------------------------
+    # data of the cell -----------------------------------------------------------------------------
 
     async def frames(self, frames: Frames) -> None:
-        """Give channels their values, at the rate that clients are to see."""
+        """Update the channels' values, at the rate of the settings."""
         if self._picker is None or self._picker.layout is not frames.layout:
             self._picker = Picker(self._settings, frames.layout)
             await self._lay_out(self._picker.units)
@@ -110,7 +110,7 @@ class CellServer:
                     await self._set(node, variant, status, row.time)
 
     async def item(self, kind: str, body: Mapping[str, Any]) -> None:
-        """Tell an alarm as a condition, who acknowledged one, or the energy of a task."""
+        """Update a condition from an alarm or an acknowledgement, or the energy of a task."""
         if kind == "alarm":
             await self._conditions.tell(body)
         elif kind == "energy":
@@ -119,7 +119,7 @@ class CellServer:
             await self._conditions.acknowledged(*(body["data"][name] for name in ("alarm", "name", "note")))
 
     async def _energy(self, told: Mapping[str, Any]) -> None:
-        """Give a task its energy, J."""
+        """Update the energy of a task, J."""
         name = f"{told['source']}.{told['task']}"
         if name not in self._tasks:
             node_id = ua.NodeId(f"energy:{name}", self._spaces.own)
@@ -129,14 +129,14 @@ class CellServer:
         await self._set(self._tasks[name], value, ua.StatusCodes.Good, told["end"])
 
     async def health(self, told: Mapping[str, Any]) -> None:
-        """Give the cell's health, as JSON."""
+        """Update the cell's health, as JSON."""
         text = encode_json(told).decode()
         await self._set(self._health, ua.Variant(text, ua.VariantType.String), ua.StatusCodes.Good, None)
 
     # inside ---------------------------------------------------------------------------------------
 
     async def _lay_out(self, units: Mapping[str, str]) -> None:
-        """Have a variable for each channel, and the arms; those that were there before are made anew."""
+        """Add variables for new channels, and the arms; set the values of existing variables to bad."""
         for nodes in self._channels.values():
             for node in nodes:
                 await self._set(node, ua.Variant(None), ua.StatusCodes.BadNoCommunication, None)
@@ -188,7 +188,7 @@ class CellServer:
 
 
 class _Users(UserManager):  # type: ignore[misc]
-    """Lets in users with their passwords, or, where there are none, whoever comes; nobody may change nodes."""
+    """Admits users with their passwords, or anyone if there are no users; nobody may change nodes."""
 
     def __init__(self, users: Mapping[str, str]) -> None:
         self._users = users
@@ -196,7 +196,7 @@ class _Users(UserManager):  # type: ignore[misc]
     def get_user(
         self, iserver: Any, username: str | None = None, password: str | bytes | None = None, certificate: Any = None
     ) -> User | None:
-        """Return the user, or ``None`` for one who may not come in."""
+        """Return the user, or ``None`` if access is denied."""
         if not self._users:
             return User(role=UserRole.User)
         known = self._users.get(username or "")
@@ -207,7 +207,7 @@ class _Users(UserManager):  # type: ignore[misc]
 
 
 def _free(host: str, port: int) -> int:
-    """Return the port, or any for 0. Raises ``OSError`` if it is not free: making the nodes takes seconds."""
+    """Return the port, or a free one for 0. Raises ``OSError`` if it is in use: making the nodes takes seconds."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     with socket.socket(family) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -216,7 +216,7 @@ def _free(host: str, port: int) -> int:
 
 
 async def serve(daemon: Daemon, hello: Mapping[str, Any]) -> None:
-    """Serve what the daemon tells, until it goes. Raises ``OutletError`` if that cannot be."""
+    """Serve the daemon's data until it disconnects. Raises ``OutletError`` if the server cannot be made or listen."""
     server = CellServer(hello["settings"], hello["site"], hello["cell"], daemon.order)
     try:
         url = await server.open()

@@ -1,4 +1,4 @@
-"""The page: a cell, or all cells of a site, in a browser."""
+"""The page: shows a cell, or all cells of a site, in a browser."""
 
 from cellwatt.outlets.page.outlet import PageOutlet, PageSettings, UserSettings
 

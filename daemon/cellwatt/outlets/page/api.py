@@ -1,4 +1,4 @@
-"""Answers about one cell: its state, streams, curves, alarms and reports, and what people say of its alarms."""
+"""HTTP API of one cell: its state, streams, curves, alarms and reports; acknowledging and shelving alarms."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ REPORT_POLICY: Final = (
     "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
     "img-src data: blob:; font-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'self'"
 )
-"""Reports are pages of their own with scripts inside; they reach nothing of ours."""
+"""Reports are separate pages with their own scripts; this policy denies them access to the page and its API."""
 MOST_CHANNELS: Final = 100
 MOST_POINTS: Final = 4000
 MOST_ALARMS: Final = 1000
 LONGEST_SHELF: Final = 31 * 24 * 60
-"""Minutes for which an alarm may be shelved."""
+"""Longest time, min, for which an alarm may be shelved."""
 LONGEST_NAME, LONGEST_NOTE = 100, 1000
 _RATES: Final = (0.1, 25.0)
 _HOUR: Final = 3.6e6
 LATEST: Final = 2**62 / 1e6
-"""ms, in the year 2116: later times are none in ns."""
+"""Latest time, ms, in the year 2116: later times overflow in ns."""
 
 
 class CellApi:
-    """Answers about cells of ``cells``."""
+    """HTTP API of the cells in ``cells``."""
 
     def __init__(self, cells: Cells) -> None:
         self._cells = cells
@@ -110,7 +110,7 @@ class CellApi:
         cell = await self._cell(request)
         return answer(_addressed(cell, await cell.archive.reports(newest_mismatch), "path", "href"))
 
-    # what people say ------------------------------------------------------------------------------
+    # acknowledge, shelve, unshelve ----------------------------------------------------------------
 
     async def _act(self, request: web.Request) -> web.StreamResponse:
         cell, visitor, what = await self._cell(request), visitor_of(request), request.match_info["what"]
@@ -119,7 +119,7 @@ class CellApi:
             url = page_of(feed.live.status)
             return refusal(HTTPStatus.FORBIDDEN, f"acknowledge on the cell's own page{f': {url}' if url else ''}")
         if not visitor.may_act:
-            return refusal(HTTPStatus.FORBIDDEN, "you may look, but not act: ask for a login that may")
+            return refusal(HTTPStatus.FORBIDDEN, "this login may look, but not act: it needs may: act")
         body = await body_of(request)
         alarm = text_of(body, "id", 500)
         order: dict[str, Any] = {
@@ -131,14 +131,14 @@ class CellApi:
         if what == "shelve":
             order["until"] = time.time_ns() + round(_minutes(body) * 60e9)
         if not (feed.is_shelved(alarm) if what == "unshelve" else feed.is_up(alarm)):
-            where = "on the shelf" if what == "unshelve" else "active"
-            return refusal(HTTPStatus.CONFLICT, f"the alarm {alarm!r:.200} is not {where}: it may be over")
+            where = "shelved" if what == "unshelve" else "active"
+            return refusal(HTTPStatus.CONFLICT, f"the alarm {alarm!r:.200} is not {where}: it may be cleared")
         await cell.order(order)
         return answer({})
 
 
 def visitor_of(request: web.Request) -> Visitor:
-    """Who asks."""
+    """The visitor who sent a request."""
     return request[VISITOR]
 
 
@@ -156,7 +156,7 @@ async def body_of(request: web.Request) -> Mapping[str, Any]:
 
 
 def text_of(body: Mapping[str, Any], name: str, longest: int, *, needed: bool = True) -> str:
-    """A text in a body, without control characters. Raises ``HTTPBadRequest``."""
+    """A text field of a body, without control characters. Raises ``HTTPBadRequest`` if it is missing or too long."""
     value = body.get(name)
     if value is None and not needed:
         return ""
@@ -169,7 +169,7 @@ def text_of(body: Mapping[str, Any], name: str, longest: int, *, needed: bool = 
 
 
 def number(request: web.Request, name: str, default: float | None = None) -> float:
-    """A number in the address. Raises ``HTTPBadRequest``."""
+    """A number in the query of a request. Raises ``HTTPBadRequest``."""
     text = request.query.get(name)
     if text is None and default is not None:
         return default
@@ -190,7 +190,7 @@ def _channels(request: web.Request) -> tuple[str, ...]:
 
 
 def _span(request: web.Request) -> tuple[float, float]:
-    """Start and end, ms; the last hour unless told."""
+    """Start and end, UTC ms; by default the last hour. Raises ``HTTPBadRequest``."""
     end = number(request, "to", time.time() * 1e3)
     start = number(request, "from", end - _HOUR)
     if not 0 <= start < end < LATEST:
@@ -206,7 +206,7 @@ def _minutes(body: Mapping[str, Any]) -> float:
 
 
 def _addressed(cell: Cell, told: Mapping[str, Any], path: str, name: str) -> dict[str, Any]:
-    """What was told with, as ``name``, the address here of the report whose path it has, if any."""
+    """The fields of an answer; if ``path`` in it names a report, ``name`` becomes the URL of that report."""
     if not told.get(path):
         return dict(told)
     return {**told, name: f"{prefix(cell.feed.site, cell.feed.cell)}/reports/{quote(told[path], errors='replace')}"}

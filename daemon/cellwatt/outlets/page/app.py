@@ -1,4 +1,4 @@
-"""The whole page as a web application: its files, logins, the plant, cells."""
+"""The page as a web application: static files, logins, the plant, cells."""
 
 from __future__ import annotations
 
@@ -39,14 +39,15 @@ PAGES: Final = (
     "/recordings/{name}",
 )
 _PACKED: Final = 1024
-"""Bytes from which on an answer is packed."""
+"""Size, bytes, above which an answer is compressed."""
 LIMITS: Final = Limits(connections=384, peer=256)
 
 
 class Page:
-    """The application for ``cells``; ``gate`` lets in, ``assets`` are its files, ``browsers`` those that follow.
+    """The application for ``cells``; ``gate`` checks requests, ``assets`` are the static files, ``browsers`` the
+    connected browsers.
 
-    Recordings can be dropped on it where there are ``drops``.
+    With ``drops``, recordings can be dropped on the page.
     """
 
     def __init__(
@@ -86,7 +87,7 @@ class Page:
         )
 
     def _may_drop(self, request: web.Request) -> bool:
-        """True for whoever may drop recordings."""
+        """True if the visitor may drop recordings."""
         return self._settings.local and visitor_of(request).may_act
 
     async def _index(self, request: web.Request) -> web.StreamResponse:
@@ -135,24 +136,24 @@ class Page:
     async def _plant_stream(self, request: web.Request) -> web.StreamResponse:
         hub = self._cells.hub
         if hub is None:
-            return refusal(HTTPStatus.NOT_FOUND, "this page shows one cell: there is no plant to follow")
+            return refusal(HTTPStatus.NOT_FOUND, "this page shows one cell, not a plant")
         first = [encoded("plant", {"cells": self._cells.summary()})]
         return await hub.serve(request, (), 1.0, visitor_of(request).token, first)
 
     # serving --------------------------------------------------------------------------------------
 
     async def start(self, context: ssl.SSLContext | None) -> str:
-        """Begin to serve; return the address. Raises ``OutletError`` if that cannot be."""
+        """Start to serve; return the address. Raises ``OutletError`` if the page cannot be served."""
         self.url = f"{await self._door.start(context)}/"
         return self.url
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """Connections and logins that were refused, and what became of browsers."""
+        """Counts of refused connections and logins, and of browsers that were refused or too slow."""
         return {**self._browsers.counts, **self._door.counts, **self._gate.counts}
 
     async def stop(self) -> None:
-        """End all streams and serve no more."""
+        """End all streams and stop serving."""
         self._browsers.end()
         await self._door.stop()
 
@@ -161,10 +162,10 @@ class Page:
 async def served(
     settings: PageSettings, cells: Cells, browsers: Browsers, logins: Path | None = None, drops: Drops | None = None
 ) -> AsyncIterator[Page]:
-    """Serve a page until the end of the context; ``logins`` is the file that keeps them, if any does.
+    """Serve a page until the end of the context; ``logins`` is the file that stores logins, if any.
 
-    Recordings can be dropped on it where there are ``drops``, which end with it.
-    Raises ``OutletError`` if that cannot be.
+    With ``drops``, recordings can be dropped on the page; they are closed with it. Raises ``OutletError`` if the page
+    cannot be served.
     """
     sessions, assets = Sessions(logins, lambda name: proof_of(settings, name)), Assets()
     context, names, *_ = await asyncio.gather(
@@ -186,7 +187,7 @@ async def served(
 
 
 def names_in(certificate: Path | None) -> tuple[str, ...]:
-    """Host names that a certificate is for; none where the package cryptography, which reads it, is missing."""
+    """Host names of a certificate; () if it cannot be read or the package cryptography is missing."""
     if certificate is None:
         return ()
     try:
@@ -203,7 +204,7 @@ def names_in(certificate: Path | None) -> tuple[str, ...]:
 
 @web.middleware
 async def _pack(request: web.Request, handler: Handler) -> web.StreamResponse:
-    """Pack what is long for browsers that unpack it."""
+    """Compress long answers for browsers that accept it."""
     response = await handler(request)
     if isinstance(response, web.Response) and isinstance(response.body, bytes) and len(response.body) > _PACKED:
         response.headers["Vary"] = "Accept-Encoding"
@@ -217,7 +218,7 @@ _IMMUTABLE: Final = "public, max-age=31536000, immutable"
 
 
 class Assets:
-    """The files of a folder by their path in it."""
+    """The static files of the page, by path relative to ``folder``."""
 
     def __init__(self, folder: Path = FOLDER) -> None:
         self._folder = folder
@@ -229,7 +230,7 @@ class Assets:
         self._kept = {path.relative_to(self._folder).as_posix(): path.read_bytes() for path in files}
 
     def answer(self, request: web.Request, name: str) -> web.StreamResponse:
-        """The file of a name; one below ``assets`` has its digest in its name and never changes."""
+        """Answer with the named file; the name of a file below ``assets`` contains its digest, so it never changes."""
         body = self._kept.get(name)
         if body is None:
             if name == INDEX:

@@ -1,4 +1,4 @@
-"""What memory and the record tell of one cell: curves, past alarms, reports; the record is asked in threads."""
+"""Curves, past alarms and reports of one cell, from memory and from its recordings, which are read in threads."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ from cellwatt.outlets.page.levels.store import Store
 THREADS: Final = 2
 _TOLD: Final = ("over budget", "unwritten", "damaged")
 WAITING: Final = 8
-"""Questions that may wait for a thread; more are refused."""
+"""Largest number of requests that wait for a thread; further ones are refused."""
 
 P = ParamSpec("P")
 T = TypeVar("T")
 
 
 class Desk:
-    """Answers slow questions, two at a time."""
+    """Runs slow requests in threads, two at a time."""
 
     def __init__(self) -> None:
         self._threads = ThreadPoolExecutor(THREADS, "page")
         self._open = 0
 
     async def ask(self, work: Callable[P, T], *args: P.args, **more: P.kwargs) -> T:
-        """Do some work in a thread. Raises ``OutletError`` where too much is waiting already."""
+        """Run ``work`` in a thread. Raises ``OutletError`` if too many requests are waiting."""
         if self._open >= THREADS + WAITING:
-            raise OutletError("too many questions about the past are waiting: ask again in some seconds")
+            raise OutletError("too many requests for past data are waiting: try again in some seconds")
         self._open += 1
         doing = asyncio.get_running_loop().run_in_executor(self._threads, lambda: work(*args, **more))
-        doing.add_done_callback(self._done)  # a browser that leaves does not end the work
+        doing.add_done_callback(self._done)  # a browser that disconnects does not end the work
         return await asyncio.shield(doing)
 
     def _done(self, doing: asyncio.Future[Any]) -> None:
@@ -50,14 +50,15 @@ class Desk:
             doing.exception()
 
     def close(self) -> None:
-        """Begin nothing more, and wait for what is being done; blocks."""
+        """Discard waiting requests and wait for those that are running; blocks."""
         self._threads.shutdown(cancel_futures=True)
 
 
 class Archive:
-    """The record in ``folder`` of a cell, ``None`` where there is none, and ``reports`` in another folder.
+    """The recordings of a cell in ``folder``, ``None`` if it does not record, and ``reports`` in another folder.
 
-    ``levels`` are the bytes that the level files beside the record may take; from ``start`` to ``close`` they are made.
+    ``levels``: disk space, bytes, for the level files beside the recordings; they are written from ``start`` to
+    ``close``.
     """
 
     def __init__(
@@ -69,27 +70,27 @@ class Archive:
         self._folders = [found for found in (folder, reports) if found is not None]
 
     def counts(self) -> dict[str, int]:
-        """Level files that are missing, and why."""
+        """Number of missing level files, by reason."""
         told = self._store.counts
         return {f"level files {what}": told[what] for what in _TOLD if told.get(what)}
 
     async def curves(
         self, live: LiveCell, channels: Sequence[str], start: float, end: float, points: int
     ) -> dict[str, Any]:
-        """Curves from ``start`` to ``end`` ms, and what happened then; the last minute is in memory as well."""
+        """Curves, intervals and alarms from ``start`` to ``end``, UTC ms, including the last minute in memory."""
         return await self._desk.ask(curves, self._store, channels, start, end, points, in_memory(live, channels))
 
     async def alarms(self, live: LiveCell, start: float, end: float, limit: int) -> dict[str, Any]:
-        """Alarms from ``start`` to ``end`` ms, the newest first."""
+        """Alarms from ``start`` to ``end``, UTC ms, the newest first."""
         return await self._desk.ask(alarm_history, self._store, start, end, limit, in_memory(live))
 
     async def reports(self, ask: Callable[Concatenate[Sequence[Path], P], T], *args: P.args, **more: P.kwargs) -> T:
-        """The answer of a function of ``reports`` about the folders of this cell."""
+        """Result of ``ask``, a function of the module ``reports``, for the folders of this cell."""
         return await self._desk.ask(ask, self._folders, *args, **more)
 
 
 def in_memory(live: LiveCell, channels: Sequence[str] = ()) -> Memory:
-    """The last minute of ``channels``, and the intervals and alarms that are known."""
+    """The last minute of ``channels``, and the intervals and alarms in memory."""
     between = np.diff(live.frames.time[-50:])
     found: dict[str, Samples] = {}
     for begin, kept in {"": live.frames, **{f"prediction/{m}/": kept for m, kept in live.predicted.items()}}.items():

@@ -1,4 +1,4 @@
-"""The cells that a page shows, each with its feed, its record and the way to act on it."""
+"""The cells that a page shows, each with its feed, its recordings and the means to act on it."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from cellwatt.outlets.zenoh.received import Health
 Mode = Literal["cell", "plant", "recordings"]
 
 Order = Callable[[Mapping[str, Any]], Awaitable[None]]
-"""Has the cell's daemon do something; raises ``CellwattError`` with its reason."""
+"""Sends an order to the cell's daemon; raises ``CellwattError`` with the daemon's reason."""
 
 
 @dataclass(slots=True)
 class Cell:
-    """One cell; ``order`` is ``None`` where nothing can be changed from here."""
+    """One cell; ``order`` is ``None`` if the page is read-only."""
 
     feed: Feed
     archive: Archive
@@ -34,18 +34,15 @@ class Cell:
 
 
 def prefix(site: str, cell: str) -> str:
-    """Path of the answers about a cell."""
+    """Path of the API of a cell."""
     return f"/api/cells/{quote(site, safe='')}/{quote(cell, safe='')}"
 
 
 class OneCell:
-    """A page of one cell; of none, on which recordings can be dropped.
-
-    ``acts`` is true if anything can be changed from here.
-    """
+    """A page of one cell, or of no cell, for dropped recordings only. ``acts``: True unless the page is read-only."""
 
     hub: Hub | None = None
-    """The changes of ``summary``, of a page of many cells."""
+    """Streams changes of ``summary``; only on a page of many cells."""
 
     def __init__(self, cell: Cell | None) -> None:
         self._cell = cell
@@ -65,7 +62,7 @@ class OneCell:
         return self._cell
 
     def summary(self) -> list[dict[str, Any]]:
-        """All cells in figures, JSON-ready."""
+        """Figures of all cells, ready for JSON."""
         if self._cell is None:
             return []
         feed = self._cell.feed
@@ -81,7 +78,7 @@ Body = Mapping[str, Any]
 
 
 def plant_cell(site: str, cell: str, status: Body, age: float | None = None, *, gone: bool = False) -> dict[str, Any]:
-    """A cell in figures, JSON-ready; ``status`` is its health of ``age`` s, empty if it does not answer us."""
+    """Figures of a cell, ready for JSON; ``status``: its health, ``age`` s old, empty if the cell does not answer."""
     told = summary(cell, Health(0, 0, {}, status) if status else None)
     known = {alarm["id"] for alarm in status.get("alarms", ()) if alarm.get("acknowledged")}
     return {
@@ -103,12 +100,12 @@ def plant_cell(site: str, cell: str, status: Body, age: float | None = None, *, 
 
 
 def _of_kind(told: object, kind: Any) -> Any:
-    """What a cell of any version tells, ``None`` where it is of another kind."""
+    """A value from a cell of any version, ``None`` if it is not of type ``kind``."""
     return told if isinstance(told, kind) else None
 
 
 def page_of(status: Body) -> str | None:
-    """Address of the cell's own page, if its health tells one that a browser may open."""
+    """Address of the cell's own page, if its health contains one with http or https."""
     outlets = status.get("sinks")
     page = outlets.get("page") if isinstance(outlets, Mapping) else None
     url = page.get("url") if isinstance(page, Mapping) else None
@@ -116,7 +113,7 @@ def page_of(status: Body) -> str | None:
 
 
 async def follow_arms(feed: Feed, arms: Mapping[str, Path], desk: Desk) -> None:
-    """Keep the arms of a feed for its channels, until cancelled; one that cannot be read is left out and logged."""
+    """Update the arms of a feed when its channels change, until cancelled; log and skip arms that cannot be read."""
     while arms:
         await feed.laid_out.wait()
         feed.laid_out.clear()

@@ -1,4 +1,4 @@
-"""Recordings that are dropped on the page: kept while it is served, drawn and explained by cellwatt's commands."""
+"""Recordings dropped on the page: stored while it is served, and drawn and explained by cellwatt's commands."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from cellwatt.outlets.page.api import REPORT_POLICY, body_of
 from cellwatt.outlets.page.gate import answer
 
 LARGEST: Final = 4_000_000_000
-"""Bytes of one drop."""
+"""Largest size, bytes, of the files of one request."""
 MOST_FILES: Final = 200
 KEPT: Final = 8
-"""Drops; the oldest goes."""
+"""Largest number of stored drops; the oldest is removed."""
 LONGEST_PATH: Final = 200
 LIMIT: Final = 900.0
-"""s that a command may take."""
+"""Longest run time, s, of a command."""
 NICENESS: Final = 10
 COMMANDS: Final = "cellwatt.commands"
 SAMPLE: Final = ("--conceal", "payload", "--conceal", "spring")
 ROOT: Final = "/api/recordings"
 DROP: Final = f"{ROOT}/{{name:\\d+}}"
 AT_ONCE: Final = 2
-"""Commands; more wait."""
+"""Number of commands that run concurrently; further ones wait."""
 _TABLES: Final = (".csv", ".tsv", ".txt", ".dat", ".parquet", ".mcap", ".db3")
 _HEAD: Final = 65_536
 
@@ -43,41 +43,41 @@ Kind = Literal["recording", "simulation", "robot", "other"]
 
 @dataclass
 class Explanation:
-    """What ``explain`` says of a drop, while it works and afterwards."""
+    """Progress and result of ``explain`` for a drop."""
 
     running: bool = True
     said: str = ""
-    """Progress, and in the end what the terminal would show."""
+    """Progress while running, then the output of the command."""
     error: str = ""
 
 
 @dataclass
 class Drop:
-    """Files of one drop, below ``folder``."""
+    """The files of one drop, below ``folder``."""
 
     name: str
     folder: Path
     awaited: dict[str, int]
-    """Bytes of each file that is still to come, by its path."""
+    """Size, bytes, of each announced file that has not arrived, by path."""
     note: str = ""
-    """What a sample conceals."""
+    """Description of the physics concealed in a sample."""
     answer: Explanation | None = None
     drawn: dict[str, Path] = field(default_factory=dict)
-    """Pages of curves, by the path of what was drawn."""
+    """Pages of curves, by the path of the recording."""
     numbers: Iterator[int] = field(default_factory=count)
 
     @property
     def files(self) -> Path:
-        """Where the files are."""
+        """Folder of the dropped files."""
         return self.folder / "files"
 
     @property
     def result(self) -> Path:
-        """Where ``explain`` writes."""
+        """Output folder of ``explain``."""
         return self.folder / "result"
 
     def told(self) -> dict[str, Any]:
-        """The drop, JSON-ready; reads the disk."""
+        """Description of the drop, ready for JSON; reads the disk."""
         found = [{"path": str(p.relative_to(self.files)), "kind": kind_of(p)} for p in items(self.files)]
         made = sorted(p.name for p in self.result.glob("*")) if self.answer and not self.answer.running else []
         answer = None if self.answer is None else {**vars(self.answer), "files": made}
@@ -85,7 +85,7 @@ class Drop:
 
 
 class Drops:
-    """All drops of a page, and the answers about them; ``close`` removes them."""
+    """All drops of a page and their HTTP API; ``close`` removes them."""
 
     def __init__(self) -> None:
         self._drops: dict[str, Drop] = {}
@@ -94,7 +94,7 @@ class Drops:
         self._tasks: dict[str, asyncio.Task[None]] = {}
 
     def routes(self, may: Callable[[web.Request], bool]) -> Sequence[web.AbstractRouteDef]:
-        """Routes below ``ROOT``, for whoever ``may`` drop recordings."""
+        """Routes below ``ROOT``; ``may`` is True for requests of visitors who may drop recordings."""
         self._may = may
         return (
             web.get(ROOT, self._all),
@@ -110,14 +110,14 @@ class Drops:
 
     def _checked(self, request: web.Request) -> None:
         if not self._may(request):
-            raise web.HTTPForbidden(text="recordings are dropped on a page of this PC, by those who may act")
+            raise web.HTTPForbidden(text="only users who may act can drop recordings, on a page served to this PC only")
 
     def _drop(self, request: web.Request) -> Drop:
         self._checked(request)
         try:
             return self._drops[request.match_info["name"]]
         except KeyError:
-            raise web.HTTPNotFound(text="these recordings are no longer kept: drop them again") from None
+            raise web.HTTPNotFound(text="these recordings are no longer stored: drop them again") from None
 
     async def _all(self, request: web.Request) -> web.StreamResponse:
         self._checked(request)
@@ -129,7 +129,7 @@ class Drops:
     # files ----------------------------------------------------------------------------------------
 
     async def _open(self, request: web.Request) -> web.StreamResponse:
-        """Announce files with their sizes, for a new drop or one that is there. Raises ``CellwattError``."""
+        """Announce files with their sizes, for a new or an existing drop. Raises ``CellwattError``."""
         self._checked(request)
         body = await body_of(request)
         files, into = body.get("files"), body.get("into")
@@ -140,12 +140,12 @@ class Drops:
         for path in files:
             _check(path)
         if (size := sum(files.values())) > LARGEST:
-            most = f"{LARGEST / 1e9:.0f} GB are the most"
+            most = f"the maximum is {LARGEST / 1e9:.0f} GB"
             raise CellwattError(f"{size / 1e9:.1f} GB were dropped, {most}: use cellwatt plot")
         known = self._drops.get(into) if isinstance(into, str) else None
         drop = known or await self._new()
         if (free := (await asyncio.to_thread(shutil.disk_usage, drop.files)).free) < 2 * size:
-            raise CellwattError(f"{drop.files} has {free / 1e9:.1f} GB left: name a larger folder in TMPDIR")
+            raise CellwattError(f"{drop.files} has {free / 1e9:.1f} GB free: name a larger folder in TMPDIR")
         drop.awaited.update(files)
         return answer({"name": drop.name})
 
@@ -162,9 +162,9 @@ class Drops:
         return drop
 
     async def put(self, request: web.Request) -> web.StreamResponse:
-        """Take one file in pieces; the door leaves its body alone.
+        """Receive one file in pieces; the door does not read the body of this request.
 
-        Raises ``CellwattError`` where it was not announced, or has another size.
+        Raises ``CellwattError`` if the file was not announced or has another size.
         """
         drop, path = self._drop(request), request.match_info["path"]
         size = drop.awaited.pop(path, None)
@@ -172,7 +172,7 @@ class Drops:
             raise CellwattError(f"{path:.200} was not announced: drop it again")
         file, left, whole = drop.files / path, size, False
         for drawn in [each for each in drop.drawn if f"{path}/".startswith(f"{each}/")]:
-            del drop.drawn[drawn]  # of an older state of the file, or of the bag that it is in
+            del drop.drawn[drawn]  # drawn from an older version of the file, or of the bag that contains it
         try:
             with await asyncio.to_thread(_begun, file) as out:
                 async for piece in _pieces(request):
@@ -181,10 +181,10 @@ class Drops:
                     await asyncio.to_thread(out.write, piece)
             whole = not left
         except OSError as error:
-            raise CellwattError(f"{path:.200} cannot be kept: {error.strerror}") from None
+            raise CellwattError(f"{path:.200} cannot be stored: {error.strerror}") from None
         finally:
             if not whole:
-                with contextlib.suppress(OSError):  # its name may be that of a folder
+                with contextlib.suppress(OSError):  # a folder may have its name
                     await asyncio.to_thread(file.unlink)
         if left:
             raise CellwattError(f"{path:.200} has another size than was announced: drop it again")
@@ -208,7 +208,7 @@ class Drops:
         return _page(drawn)
 
     async def _sample(self, request: web.Request) -> web.StreamResponse:
-        """Make a drop of an arm's simulation and two recordings of it, with physics concealed."""
+        """Create a sample drop: a simulation of an arm and two recordings with physics that the simulation lacks."""
         self._checked(request)
         drop = await self._new()
         drop.note = await self._run(drop, ["demo", "explain", "--only-files", *SAMPLE, "--out", "."])
@@ -221,7 +221,7 @@ class Drops:
         if not recordings:
             raise CellwattError("no recording is chosen")
         await asyncio.to_thread(_known, drop, [*recordings, *simulations, *([robot] if robot else [])])
-        if drop.answer is not None and drop.answer.running:  # from here on nobody else has a turn until it runs
+        if drop.answer is not None and drop.answer.running:  # no await between this check and the start
             raise CellwattError("these recordings are being explained already")
         words = ["explain", *(f"./{path}" for path in recordings), "--out", str(drop.result)]
         words += ["--simulation", *(f"./{path}" for path in simulations)] if simulations else []
@@ -255,7 +255,7 @@ class Drops:
         return web.FileResponse(file, headers=headers)
 
     async def _run(self, drop: Drop, words: Sequence[str], heard: Callable[[str], object] = len) -> str:
-        """Output of a command in the drop's folder. Raises ``CellwattError`` where it fails."""
+        """Output of a command run in the drop's folder. Raises ``CellwattError`` if it fails."""
         async with self._turn:
             try:
                 return await output([COMMANDS, *words], LIMIT, NICENESS, folder=drop.files, heard=heard)
@@ -263,7 +263,7 @@ class Drops:
                 raise CellwattError(str(error).replace("./", "")) from None
 
     async def close(self) -> None:
-        """End what is being done, and remove all files."""
+        """Cancel running commands and remove all files."""
         for task in self._tasks.values():
             task.cancel()
         await asyncio.gather(*self._tasks.values(), return_exceptions=True)
@@ -272,7 +272,7 @@ class Drops:
 
 
 def items(folder: Path) -> list[Path]:
-    """Files in a folder and below it; a bag and a LeRobot data set are one each. Sorted."""
+    """Files in a folder and its subfolders, sorted; a bag or a LeRobot data set counts as one file."""
     from cellwatt.logs import bag, lerobot
 
     found: list[Path] = []
@@ -283,7 +283,7 @@ def items(folder: Path) -> list[Path]:
 
 
 def kind_of(path: Path) -> Kind:
-    """What a file of a drop is likely to be."""
+    """Likely kind of a dropped file."""
     if path.suffix in (".xml", ".urdf"):
         with path.open("rb") as file:
             head = file.read(_HEAD)
@@ -303,11 +303,11 @@ def _begun(file: Path) -> BinaryIO:
 def _check(path: str) -> None:
     parts = path.split("/")
     if len(path.encode()) > LONGEST_PATH or not path.isprintable() or any(part in ("", ".", "..") for part in parts):
-        raise CellwattError(f"{path!r:.220} cannot be kept: give it a shorter, plain name")
+        raise CellwattError(f"{path!r:.220} cannot be stored: give it a shorter, plain name")
 
 
 def _known(drop: Drop, paths: Sequence[str]) -> None:
-    """Raise ``CellwattError`` unless all files are there, and these among them."""
+    """Raise ``CellwattError`` unless all announced files have arrived and ``paths`` are among them."""
     if drop.awaited:
         raise CellwattError(f"{next(iter(drop.awaited)):.200} has not arrived: drop it again")
     there = {str(item.relative_to(drop.files)) for item in items(drop.files)}
@@ -330,12 +330,12 @@ def _paths(body: Any, name: str) -> list[str]:
 
 
 async def _pieces(request: web.Request) -> AsyncIterator[bytes]:
-    """The body as it comes. Raises ``CellwattError`` where it stops coming."""
+    """Yield the body of a request as it arrives. Raises ``CellwattError`` if it breaks off."""
     piece = b"first"
     while piece:
         try:
             async with asyncio.timeout(BODY):
                 piece = await request.content.readany()
         except (TimeoutError, OSError, web.HTTPException) as error:
-            raise CellwattError("the file broke off on its way: drop it again") from error
+            raise CellwattError("the transfer of the file broke off: drop it again") from error
         yield piece

@@ -1,4 +1,4 @@
-"""The state of one cell for browsers, from whichever way its data come."""
+"""The state of one cell for browsers, whether its data come from the daemon or from the bus."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ Body = Mapping[str, Any]
 
 
 class Feed:
-    """One cell: ``take…`` takes what it tells in order of arrival, ``hub`` passes it on, ``state`` is all of it now.
+    """One cell: ``take…`` receive its messages in order of arrival, ``hub`` streams them, ``state`` is the state now.
 
-    ``reports`` is where its reports are served, empty if nowhere.
+    ``reports``: path at which its reports are served, ``""`` if they are not.
     """
 
     def __init__(self, site: str, cell: str, hub: Hub, reports: str = "") -> None:
@@ -32,15 +32,15 @@ class Feed:
         self.layout: Layout | None = None
         self.arms: list[dict[str, Any]] = []
         self.laid_out = asyncio.Event()
-        """Set when the columns of the frames are known, or others."""
+        """Set when the channels of the frames become known or change."""
         self._reports = reports
         self._shelved: list[dict[str, Any]] = []
-        """As browsers were told."""
+        """Shelved alarms as last sent to browsers."""
 
-    # what the cell tells --------------------------------------------------------------------------
+    # messages of the cell -------------------------------------------------------------------------
 
     def take(self, message: Message) -> None:
-        """Take a message of a subscriber."""
+        """Receive a message from a subscriber."""
         content = message.content
         if isinstance(content, Frames):
             self.take_frames(content)
@@ -56,7 +56,7 @@ class Feed:
             self.take_item("event" if isinstance(content, Event) else message.topic.partition("/")[0], asdict(content))
 
     def take_frames(self, frames: Frames) -> None:
-        """Take frames; other columns than before end all streams, whose browsers then ask for the state again."""
+        """Receive frames; a changed layout ends all streams, so that browsers request the state again."""
         if frames.layout != self.layout:
             changed = self.layout is not None
             self.layout = frames.layout
@@ -67,7 +67,7 @@ class Feed:
         self.hub.frames(frames)
 
     def take_item(self, kind: str, body: Body) -> None:
-        """Take a result or event as its fields; ``kind`` is the first part of its topic."""
+        """Receive the fields of a result or event; ``kind`` is the first element of its topic."""
         alarms = self.live.add(kind, body)
         if kind == "prediction":
             self.hub.prediction(body)
@@ -78,7 +78,7 @@ class Feed:
         self._tell_alarms(alarms)
 
     def take_health(self, status: Body) -> None:
-        """Take the cell's health; where alarms in it are others than those that were heard, it is right."""
+        """Receive the cell's health; its list of alarms overrides the alarm messages received before."""
         self._tell_health(self.live.add("health", status), status)
 
     def _tell_health(self, alarms: Sequence[Standing], status: Body) -> None:
@@ -86,11 +86,11 @@ class Feed:
         self.hub.tell("health", status)
 
     def take_gap(self, text: str) -> None:
-        """Tell browsers that something did not come."""
+        """Report missing data to browsers."""
         self.hub.tell("gap", {"text": text})
 
     def _tell_alarms(self, alarms: Sequence[Standing]) -> None:
-        """Tell browsers of alarms that are others than before, and which are on the shelf."""
+        """Send changed alarms to browsers, and the list of shelved alarms if it changed."""
         for standing in alarms:
             if standing.shelf is None:
                 self.hub.tell("alarm", self._alarm(standing))
@@ -104,14 +104,14 @@ class Feed:
         page = f"{self._reports}/evidence/{pack.removesuffix('.mcap')}.html" if pack and self._reports else None
         return shapes.alarm(standing.message, standing.acknowledgement, page)
 
-    # all of it now --------------------------------------------------------------------------------
+    # current state --------------------------------------------------------------------------------
 
     def is_up(self, alarm_id: str) -> bool:
-        """True if an alarm is active, or on the shelf."""
+        """True if an alarm is active, shelved or not."""
         return alarm_id in self.live.alarms
 
     def is_shelved(self, alarm_id: str) -> bool:
-        """True if an alarm is on the shelf."""
+        """True if an alarm is shelved."""
         return self.is_up(alarm_id) and self.live.alarms[alarm_id].shelf is not None
 
     @property
@@ -121,11 +121,11 @@ class Feed:
 
     @property
     def joints(self) -> list[str]:
-        """Channels that move the arms."""
+        """Channels of the joint positions of the arms."""
         return [joint["channel"] for arm in self.arms for joint in arm["joints"] if joint.get("channel")]
 
     def state(self) -> dict[str, Any]:
-        """All that is known of the cell, JSON-ready."""
+        """Complete state of the cell, ready for JSON."""
         live = self.live
         age = None if live.heard is None else time.monotonic() - live.heard
         return {

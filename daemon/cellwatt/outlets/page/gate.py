@@ -1,4 +1,4 @@
-"""Who may do what at the page: hosts, origins, logins, forged requests; and the headers of every answer."""
+"""Access control of the page: hosts, origins, logins, forged requests; and the headers of every answer."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ log = logging.getLogger(__name__)
 
 CSRF: Final = "X-CSRF-Token"
 LARGEST_BODY: Final = 16 * 1024
-"""Bytes of the body of a request."""
+"""Largest body, bytes, of a request."""
 WAITING: Final = 16
-"""Logins that may wait for one of the two that are looked at."""
+"""Largest number of logins that are checked or wait; two are checked at a time."""
 POLICY: Final = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
     "font-src 'self'; frame-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -54,7 +54,7 @@ _YEAR: Final = 365 * 86400
 
 @dataclass(frozen=True, slots=True)
 class Visitor:
-    """Who asks: ``name`` is that of the login, ``token`` the browser's; ``new`` if it has none yet."""
+    """Sender of a request: ``name`` of the login, ``token`` of the browser; ``new``: the browser had no token."""
 
     name: str | None
     may_act: bool
@@ -71,15 +71,15 @@ def answer(data: object, status: int = HTTPStatus.OK) -> web.Response:
 
 
 def refusal(status: int, text: str, **headers: str) -> web.Response:
-    """An error for a browser, in one line."""
-    plain = text.encode("utf-8", "replace").decode()  # parts of a request need not be UTF-8
+    """An error answer, its text in one line."""
+    plain = text.encode("utf-8", "replace").decode()  # text from a request may not be UTF-8
     made = answer({"error": " ".join(plain.split())}, status)
     made.headers.update(headers)
     return made
 
 
 class Gate:
-    """Lets requests through by the settings of the page; ``names`` are further host names by which it is reached."""
+    """Checks requests by the settings of the page; ``names`` are further host names of the page."""
 
     def __init__(self, settings: PageSettings, sessions: Sessions, names: Iterable[str] = ()) -> None:
         self._settings = settings
@@ -94,7 +94,7 @@ class Gate:
 
     @property
     def cookie(self) -> str:
-        """Name of the cookie; cookies are not kept apart by port, so the port is in it."""
+        """Name of the cookie; it contains the port, as browsers share cookies between ports."""
         name = f"cellwatt-{self._settings.port}"
         return f"__Host-{name}" if self._settings.certificate is not None else name
 
@@ -102,7 +102,7 @@ class Gate:
 
     @web.middleware
     async def middleware(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Check a request, and turn each error into JSON."""
+        """Check a request, and convert each error to JSON."""
         try:
             return self._check(request) or await handler(request)
         except web.HTTPException as error:
@@ -113,10 +113,10 @@ class Gate:
             return refusal(HTTPStatus.CONFLICT, str(error))
         except Exception:
             log.exception("%s %s cannot be answered", request.method, request.path)
-            return refusal(HTTPStatus.INTERNAL_SERVER_ERROR, "this is a mistake in cellwatt; see the log")
+            return refusal(HTTPStatus.INTERNAL_SERVER_ERROR, "this is a bug in cellwatt; see the log")
 
     async def prepare(self, request: web.Request, response: web.StreamResponse) -> None:
-        """Put the headers on an answer, before it goes out."""
+        """Add the headers to an answer before it is sent."""
         for name, value in HEADERS.items():
             response.headers.setdefault(name, value)
         response.headers["Server"] = "cellwatt"
@@ -124,7 +124,7 @@ class Gate:
             response.headers["Strict-Transport-Security"] = f"max-age={_YEAR}"
 
     def _check(self, request: web.Request) -> web.Response | None:
-        """The refusal of a request; ``None`` for one that may go on, with its visitor noted."""
+        """The refusal of a request; ``None`` if it is allowed: then its visitor is stored in the request."""
         host = _host_of(request.host)
         if host not in self._hosts and (self._settings.local or not is_address(host)):
             told = f"this page is not known as {host:.100}; if it is yours, add it to names in the settings of the page"
@@ -145,7 +145,7 @@ class Gate:
         return Visitor(name, self._settings.may_act(name), token or new_token(), fresh)
 
     def _forged(self, request: web.Request, visitor: Visitor) -> str:
-        """Reason why a request that changes something may be another site's; empty if it is not."""
+        """Reason why a changing request may be forged by another site; ``""`` if it is not."""
         origin = request.headers.get("Origin")
         if origin is not None and _netloc(origin) != request.host.lower():
             return "the request comes from another site"
@@ -161,7 +161,7 @@ class Gate:
     async def log_in(self, request: web.Request, name: str, password: str) -> web.Response:
         """Check a name and password; the answer sets the cookie of a new login."""
         if not self._settings.users:
-            return refusal(HTTPStatus.CONFLICT, "nobody has to log in here: the page has no users")
+            return refusal(HTTPStatus.CONFLICT, "no login is needed: the page has no users")
         address = request.remote or ""
         wait = 1.0 if self._waiting >= WAITING else self._guard.begin(address, name)
         if wait:
@@ -170,7 +170,7 @@ class Gate:
             return refusal(HTTPStatus.TOO_MANY_REQUESTS, text, **{"Retry-After": str(seconds)})
         if not await self._fits(name, password):
             self._guard.fail(address, name)
-            return refusal(HTTPStatus.UNAUTHORIZED, "this name and password do not fit")
+            return refusal(HTTPStatus.UNAUTHORIZED, "wrong name or password")
         self._guard.succeed(address, name)
         self.sessions.end(request[VISITOR].token)
         made = answer({})
@@ -187,19 +187,19 @@ class Gate:
         return made
 
     def set_cookie(self, response: web.Response, token: str) -> None:
-        """Give a browser its token."""
+        """Set the cookie with a browser's token."""
         secure = self._settings.certificate is not None
         response.set_cookie(
             self.cookie, token, max_age=_YEAR, path="/", httponly=True, samesite="Strict", secure=secure
         )
 
     async def save(self) -> None:
-        """Keep logins on disk."""
+        """Save logins to disk."""
         async with self._saving:
             await asyncio.to_thread(self.sessions.save)
 
     async def _fits(self, name: str, password: str) -> bool:
-        """True if a password is the user's; takes as long for a name that nobody has."""
+        """True if the password is right; takes as long for an unknown name."""
         known = self._hashes.get(name)
         self._waiting += 1
         try:
@@ -210,13 +210,13 @@ class Gate:
         return fits and known is not None
 
     def _nobody(self) -> Hash:
-        """A hash of no password, that costs what those of users cost."""
+        """A hash that no password matches, as costly as the hashes of users."""
         like = next(iter(self._hashes.values()))
         return Hash(like.n, like.r, like.p, like.salt, b"")
 
 
 def proof_of(settings: PageSettings, name: str) -> str | None:
-    """What stands for a user's password in a login; ``None`` for a user that is gone."""
+    """Digest of a user's password hash, stored in a login; ``None`` for an unknown user."""
     user = settings.users.get(name)
     return None if user is None else hashlib.sha256(user.password.get_secret_value().encode()).hexdigest()
 
@@ -229,13 +229,13 @@ def _hosts(settings: PageSettings, names: Iterable[str]) -> frozenset[str]:
 
 
 def _host_of(host: str) -> str:
-    """A Host header without its port and brackets; empty where it is anything else."""
+    """A Host header without its port and brackets; ``""`` if it is malformed."""
     found = _HOST.fullmatch(host)
     return found[1].strip("[]").rstrip(".").lower() if found else ""
 
 
 def _netloc(origin: str) -> str | None:
-    """Host and port of an origin; ``None`` where it is none."""
+    """Host and port of an origin; ``None`` if it is malformed."""
     try:
         return urlsplit(origin).netloc.lower()
     except ValueError:
@@ -243,7 +243,7 @@ def _netloc(origin: str) -> str | None:
 
 
 def _encoded(header: str) -> bytes:
-    """A header's bytes, which need not be UTF-8."""
+    """The bytes of a header, which may not be UTF-8."""
     return header.encode("utf-8", "surrogateescape")
 
 

@@ -1,4 +1,4 @@
-"""The page as an outlet: its settings, who may come in by them, and what the process that serves it is told."""
+"""The page as an outlet: its settings and access rules, and the outlet that feeds the serving process."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ class UserSettings(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True, hide_input_in_errors=True)
 
     password: SecretStr
-    """Hash of the password, as ``cellwatt view --hash-password`` prints it; never the password itself."""
+    """Hash of the password, from ``cellwatt view --hash-password``; never the password itself."""
     may: Literal["look", "act"] = "look"
-    """``act`` may also acknowledge and shelve alarms."""
+    """``look``: read-only. ``act``: may also acknowledge and shelve alarms."""
 
     @field_validator("password")
     @classmethod
@@ -38,32 +38,32 @@ class UserSettings(BaseModel):
 
 
 class PageSettings(Listening):
-    """The cell in a browser."""
+    """Shows the cell in a browser."""
 
     listen: str = LOCAL
-    """Address and port at which the page is served; beyond this PC only with a certificate and users."""
+    """Address and port at which the page is served; an address other than loopback needs a certificate and users."""
     names: tuple[str, ...] = ()
-    """Host names by which browsers reach the page, beside those of the certificate, of this PC, and addresses.
+    """Further host names of the page, beside the names in the certificate, the name of this PC, and IP addresses.
 
-    With names but without users nobody may act, as a proxy on this PC may bring strangers.
+    With names but without users the page is read-only, as a proxy on this PC may give strangers access.
     """
     certificate: Path | None = None
-    """Certificate (PEM) with which the page is served as https, with the authorities between, if there are any."""
+    """Certificate (PEM) for https, followed by any intermediate certificates."""
     users: Mapping[str, UserSettings] = Field(default_factory=dict)
-    """Who may log in, by name; where there are none, nobody is asked."""
+    """Users who may log in, by name; without users the page needs no login."""
     arms: Mapping[str, Path] = Field(default_factory=dict)
-    """Shape of the arm of a source: its URDF, its ``robot.yaml``, or the folder that holds it."""
+    """Shape of the arm of a source: its URDF, its ``robot.yaml``, or the folder that contains one."""
     reports: Path | None = None
     """Folder of reports to show beside the evidence of alarms, e.g. of ``cellwatt explain``."""
     levels: Bytes = 4e9
-    """Disk space of what makes curves of long spans fast; beside the record it takes some 11 % of its size.
+    """Disk space for level files, which make curves of long spans fast; they need about 11 % of the recordings' size.
 
-    Those of the oldest recordings go first: their long spans are then read slowly, from the recordings themselves.
+    Level files of the oldest recordings are removed first; their long spans are then read slowly, from the recordings.
     """
     browsers: PositiveInt = 64
-    """Browsers that may follow the cell at the same time."""
+    """Largest number of browsers that follow the cell at the same time."""
     open: bool = False
-    """Let the network in without certificate or users: anybody there can then see the cell."""
+    """Serve the network without certificate or users: anybody on the network can then see the cell."""
 
     @field_validator("names")
     @classmethod
@@ -84,25 +84,25 @@ class PageSettings(Listening):
         return bool(self.users)
 
     def warnings(self) -> tuple[str, ...]:
-        """See ``Listening.warnings``; also a page of this PC that a proxy may bring to others."""
-        proxied = "names: whoever reaches the page by them, through a proxy on this PC, sees the cell without a login"
+        """See ``Listening.warnings``; also warns of a local page that a proxy may serve to the network."""
+        proxied = "names: anybody who reaches the page through a proxy on this PC sees the cell without a login"
         return (*super().warnings(), *([proxied] if self.local and self.names and not self.users else []))
 
     def may_act(self, name: str | None) -> bool:
-        """True if a user, or ``None`` for whoever comes where there are no users, may change anything."""
+        """True if a user may act; ``None`` is a visitor without login."""
         if not self.users:
             return self.local and not self.names
         return name is not None and name in self.users and self.users[name].may == "act"
 
 
-if find_spec("aiohttp") is None:  # only the process that serves imports it, but what is missing is told at once
+if find_spec("aiohttp") is None:  # only the serving process imports it, but report at once that it is missing
     raise ModuleNotFoundError("No module named 'aiohttp'", name="aiohttp")
 
 
 class PageOutlet(ApartOutlet[PageSettings]):
-    """Shows a cell in a browser: frames, results, events and health; what comes back are orders of people.
+    """Shows a cell in a browser: frames, results, events and health; receives orders of users.
 
-    A process of its own serves, so that no browser holds up what the daemon does.
+    A separate process serves the page, so that browsers cannot delay the daemon.
     """
 
     Settings: ClassVar[type[PageSettings]] = PageSettings

@@ -1,4 +1,4 @@
-"""All cells of a site: heard by their tokens and their health; one that somebody looks at is followed in full."""
+"""All cells of a site, found by their liveliness tokens and health; a cell open in a browser is followed completely."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ log = logging.getLogger(__name__)
 WANT: Final = ("frame", "interval", "task", "energy", "prediction", "alarm", "event", "health")
 """Topics that a page shows."""
 UNREADABLE: Final = (KeyError, TypeError, ValueError, AttributeError)
-"""What a message of another version of cellwatt, or of somebody who speaks in a cell's name, may raise."""
+"""Exceptions from a message of another version of cellwatt, or of a sender that impersonates a cell."""
 PAUSE: Final = 2.0
-"""s before a link that failed is tried again."""
+"""Pause, s, before a failed link is opened again."""
 
 
 async def watch(link: LinkSettings, feed: Feed, verify: Path | None = None) -> None:
-    """Give a feed all that its cell publishes, until cancelled; a link that fails is told to browsers and tried again.
+    """Pass all messages of a cell to its feed, until cancelled; report a failed link to browsers, and open it again.
 
-    ``verify`` is the public key of a cell that signs.
+    ``verify`` is the public key of a cell that signs its messages.
     """
     unreadable = 0
     while True:
@@ -60,28 +60,28 @@ async def watch(link: LinkSettings, feed: Feed, verify: Path | None = None) -> N
 
 
 MOST_OPEN: Final = 16
-"""Cells that are followed in full at the same time."""
+"""Largest number of cells followed completely at the same time."""
 KEPT: Final = 60.0
-"""s that a cell is followed after the last browser has left it."""
+"""Time, s, for which a cell is still followed after its last browser disconnected."""
 
 
 LOOK: Final = 2.0
-"""s between two messages to browsers."""
+"""Interval, s, between two messages to browsers."""
 MOST_CELLS: Final = 2000
-"""Cells that are listed."""
+"""Largest number of listed cells."""
 FORGOTTEN: Final = 86400.0
-"""s after which a cell that is gone is no longer listed."""
+"""Time, s, after which a cell that is gone is removed from the list."""
 AT_ONCE: Final = 50
-"""Cells whose health is read before something else may have its turn."""
+"""Number of cells whose health is read before the loop runs other tasks."""
 _AGE: Final = 5.0
-"""s without health from which on the age of the last is told anew."""
+"""Age, s, of the last health from which on each change of the age is sent to browsers."""
 
 
 @dataclass
 class _Cell:
-    """What is known of one cell; times are monotonic, s. ``waiting`` is its newest health, still to be read.
+    """State of one cell; times are monotonic, s. ``waiting`` is its newest health message, not yet decoded.
 
-    ``followed`` is the cell while it is followed in full, by ``task``; ``used`` is when somebody last asked.
+    ``followed`` is the cell while ``task`` follows it completely; ``used`` is the time of the last request.
     """
 
     heard: float | None = None
@@ -94,9 +94,9 @@ class _Cell:
 
 
 class Plant:
-    """The cells of a site behind a link, as ``OneCell`` has one; ``run`` follows them.
+    """The cells of a site behind a link, with the interface of ``OneCell``; ``run`` follows them.
 
-    Zenoh calls back in threads of its own: what they bring is taken on the loop.
+    Zenoh calls back in its own threads; samples are passed to the event loop.
     """
 
     mode: Mode = "plant"
@@ -110,7 +110,7 @@ class Plant:
         self._told: dict[str, dict[str, Any]] = {}
         self._browsers, self._desk = browsers, desk
         self._left: set[asyncio.Task[None]] = set()
-        """Cells that are being left: their links are still to be closed."""
+        """Cancelled tasks whose links are not closed yet."""
         self._loop = asyncio.get_running_loop()
         self._session: zenoh.Session | None = None
         self._unreadable = 0
@@ -123,14 +123,14 @@ class Plant:
         return [(self._name, cell) for cell in sorted(self._known)]
 
     async def cell(self, site: str, name: str) -> Cell:
-        """See ``OneCell.cell``: it is followed from now on."""
+        """See ``OneCell.cell``; starts to follow the cell."""
         if site != self._name:
             raise KeyError(name)
         known = self._known[name]
         known.used = time.monotonic()
         if known.followed is None:
             if sum(other.followed is not None for other in self._known.values()) >= MOST_OPEN:
-                raise OutletError(f"{MOST_OPEN} cells are being looked at, the most that may: close one, wait a minute")
+                raise OutletError(f"{MOST_OPEN} cells are open, the maximum: close one and wait a minute")
             feed = Feed(site, name, Hub(self._browsers))
             with contextlib.suppress(*UNREADABLE):
                 if known.status:
@@ -159,7 +159,7 @@ class Plant:
             self._unreadable += 1
             return plant_cell(self._name, name, {}, age, gone=cell.gone is not None)
 
-    # what is heard --------------------------------------------------------------------------------
+    # messages -------------------------------------------------------------------------------------
 
     async def run(self) -> None:
         """Follow the site until cancelled. Raises ``OutletError`` if the link cannot be opened."""
@@ -169,7 +169,7 @@ class Plant:
                     await asyncio.sleep(LOOK)
                     await self._look()
         finally:
-            for known in self._known.values():  # one may be looked at as soon as it is heard, before the link is open
+            for known in self._known.values():  # also cells opened before the link was open
                 self._leave(known)
             await asyncio.gather(*self._left, return_exceptions=True)
 
@@ -183,7 +183,7 @@ class Plant:
         finally:
             stopped.set()
             await asyncio.wait([opening])
-            opening.exception()  # where nobody waited for it any more
+            opening.exception()  # retrieve it, if nothing awaited it
             session, self._session = self._session, None  # Zenoh's threads hold this object: it must not hold Zenoh
             if session is not None:
                 await asyncio.to_thread(session.close)
@@ -195,7 +195,7 @@ class Plant:
         session.declare_subscriber(f"{root}/health", self._later(self._on_health))
 
     def _later(self, take: Callable[[str, Any], None]) -> Callable[[Any], None]:
-        """Take a sample on the loop, with the name of its cell."""
+        """A callback that calls ``take`` on the event loop, with the name of the cell and the sample."""
 
         def call(sample: Any) -> None:
             with contextlib.suppress(RuntimeError):  # the loop has ended
@@ -220,7 +220,7 @@ class Plant:
             cell.waiting, cell.heard = sample, time.monotonic()
 
     async def _look(self) -> None:
-        """Read the newest health of each cell, and tell browsers which cells have changed."""
+        """Decode the newest health of each cell, and send the changed cells to browsers."""
         now = time.monotonic()
         for place, (name, cell) in enumerate(list(self._known.items())):
             if place % AT_ONCE == 0:

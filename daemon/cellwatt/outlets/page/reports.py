@@ -1,4 +1,4 @@
-"""Report pages of a cell: listed, found by their address, and the newest comparison with the simulation."""
+"""Report pages of a cell: their list, lookup by path, and the newest comparison with the simulation."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from cellwatt.report.facts import BrokenPageError, Facts, facts_in
 EXPLAINED: Final = "simulation and recordings"
 """Kind of the pages that compare a simulation with recordings."""
 FINDINGS: Final = "findings.json"
-"""Figures of such a page for programs, beside it."""
+"""Machine-readable file beside such a page."""
 LONGEST: Final = 64_000_000
-"""Bytes of a page, and of its figures, that are read."""
+"""Largest size, bytes, of a page and of its findings file."""
 _OTHER: Final = "~"
-"""Before the number of the folder in the path of a report that is not in the first."""
+"""Prefix of the folder's number in the path of a report that is not in the first folder."""
 
 Entry = tuple[str, Path, Facts]
 
 
 def list_reports(folders: Sequence[Path]) -> dict[str, Any]:
-    """Pages of cellwatt in some folders and below them, the newest first, and those that cannot be read; JSON-ready.
+    """Pages of cellwatt in folders and their subfolders, the newest first, and unreadable pages; ready for JSON.
 
-    ``path`` is that below the first folder; of another it begins with ``~`` and its place. Reads files: never call it
-    on an event loop.
+    ``path`` is relative to the first folder; for another folder it begins with ``~`` and the folder's index. Reads
+    files: never call it on an event loop.
     """
     broken: list[str] = []
     entries = sorted(_pages(folders, broken), key=lambda entry: entry[2].made, reverse=True)
@@ -38,16 +38,16 @@ def list_reports(folders: Sequence[Path]) -> dict[str, Any]:
 
 
 def report_file(folders: Sequence[Path], path: str) -> Path | None:
-    """File of a page under its ``path`` in ``list_reports``; None where none of that name is a page of cellwatt."""
+    """File of the page with this ``path`` in ``list_reports``; None if there is no such page of cellwatt."""
     return next((file for known, file, _ in _pages(folders, []) if known == path), None)
 
 
 def newest_mismatch(folders: Sequence[Path]) -> dict[str, Any]:
-    """Finding of the newest comparison of a simulation with recordings, JSON-ready; ``finding`` None where none is.
+    """Finding of the newest comparison of a simulation with recordings, ready for JSON; ``finding`` None without one.
 
-    ``before`` and ``after`` are the held-out errors of the simulation and of the model in ``unit``, for the ``channel``
-    in which the simulation is worst against its noise; all None where the page has no figures beside it. ``effects``
-    are what was found, the surest first.
+    ``before`` and ``after`` are the errors, in ``unit``, of the simulation and of the model on data not used for
+    fitting, for the ``channel`` with the largest error of the simulation in noise floors; all None if the findings file
+    is missing or damaged. ``effects`` are the findings, by decreasing confidence.
     """
     entries = [entry for entry in _pages(folders, []) if entry[2].kind == EXPLAINED]
     if not entries:
@@ -65,14 +65,14 @@ def _told(path: str, facts: Facts) -> dict[str, Any]:
 
 
 def _pages(folders: Sequence[Path], broken: list[str]) -> Iterator[Entry]:
-    """Pages with their paths; the same file is told once, and faults go to ``broken``."""
+    """Yield pages with their paths, each file once; append errors to ``broken``."""
     seen: set[str] = set()
     for number, folder in enumerate(folders):
         for file in sorted(folder.rglob("*.html")):
             try:
                 real = os.path.realpath(file)
                 if real in seen or not Path(real).is_relative_to(os.path.realpath(folder)):
-                    continue  # told already, or a link leads out of the folder
+                    continue  # listed already, or a link that leads out of the folder
                 seen.add(real)
                 facts = _facts(file)
             except BrokenPageError as error:
@@ -87,7 +87,7 @@ def _pages(folders: Sequence[Path], broken: list[str]) -> Iterator[Entry]:
 
 
 def _facts(file: Path) -> Facts | None:
-    """Facts of a page; None where it is no page of cellwatt. Raises ``OSError`` and ``BrokenPageError``."""
+    """Facts of a page; None if it is not a page of cellwatt. Raises ``OSError`` and ``BrokenPageError``."""
     check_file(file, LONGEST)  # a FIFO would block the reader
     status = file.stat()
     return _facts_of(file, status.st_mtime_ns, status.st_size)
@@ -95,7 +95,7 @@ def _facts(file: Path) -> Facts | None:
 
 @lru_cache(maxsize=2000)
 def _facts_of(file: Path, modified: int, size: int) -> Facts | None:
-    """The same, remembered while the file is not changed."""
+    """Facts of a page, cached until the file changes."""
     return facts_in(file)
 
 
@@ -107,7 +107,7 @@ _GAIN: Final = {"channel": "", "unit": "", "before": None, "after": None}
 
 
 def _figures(file: Path) -> dict[str, Any]:
-    """Figures beside a page, None where they are missing or damaged."""
+    """Figures from the findings file of a page, None if it is missing or damaged."""
     try:
         told = json.loads(read_bytes(file, LONGEST))
         effects = sorted(told.get("findings", ()), key=lambda effect: effect.get("confidence") or 0.0, reverse=True)
@@ -124,6 +124,6 @@ def _fields(told: Mapping[str, Any], wanted: Mapping[str, Any]) -> dict[str, Any
 
 
 def _worse(fit: Mapping[str, Any]) -> float:
-    """Error of the simulation in noise floors, or as it is where none is known."""
+    """Error of the simulation in noise floors, or in its unit if the noise floor is unknown."""
     error = fit["simulation"]
     return -1.0 if error is None or math.isnan(error) else float(error / (fit.get("noise_floor") or 1.0))

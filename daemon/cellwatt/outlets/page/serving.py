@@ -1,4 +1,4 @@
-"""Serves a page: of a cell to its daemon (``python -m …page.serving FD``), or by itself from the bus."""
+"""Serves a page: for the daemon of a cell (``python -m …page.serving FD``), or standalone, from the bus."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from cellwatt.runtime.tasks import plain_errors
 from cellwatt.subscriber import LinkSettings
 
 NICENESS: Final = 10
-"""Data come before browsers: stages, which judge them, have 5."""
+"""Niceness of the serving process: above that of the stages, 5, as data take precedence over browsers."""
 
 
 async def serve(daemon: Daemon, hello: Mapping[str, Any]) -> None:
-    """Serve what the daemon tells, until it goes. Raises ``OutletError`` if that cannot be."""
+    """Serve the daemon's messages until it ends. Raises ``OutletError`` if the page cannot be served."""
     settings, site, cell, folder = (hello[name] for name in ("settings", "site", "cell", "record_folder"))
     browsers, desk = Browsers(settings.browsers), Desk()
     feed = Feed(site, cell, Hub(browsers), f"{prefix(site, cell)}/reports")
@@ -60,11 +60,10 @@ async def view(
     seconds: float | None,
     tell: Callable[[str], object],
 ) -> None:
-    """Serve the page of a cell, ``None`` for all of the site, for ``seconds`` or until cancelled.
+    """Serve the page of ``cell``, or of all cells of the site if it is ``None``, for ``seconds`` or until cancelled.
 
-    Without a ``link`` it is a page for recordings alone.
-
-    ``tell`` is given the address. Logins end with this call. Raises ``OutletError`` if the page cannot be served.
+    Without a ``link`` the page serves dropped recordings only. ``tell`` is called with the address. Logins end with
+    this call. Raises ``OutletError`` if the page cannot be served.
     """
     browsers, desk, drops = Browsers(settings.browsers), Desk(), Drops()
     try:
@@ -85,7 +84,7 @@ async def view(
                     with contextlib.suppress(TimeoutError):
                         async with asyncio.timeout(seconds):
                             await asyncio.Event().wait()
-                for task in tasks:  # where this is cancelled, the group does it, and twice would cut their ends short
+                for task in tasks:  # not if view is cancelled: the group cancels them, and twice would interrupt
                     task.cancel()
     finally:
         await asyncio.to_thread(desk.close)

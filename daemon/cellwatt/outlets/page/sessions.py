@@ -1,4 +1,4 @@
-"""Logins of browsers: who they are, kept across restarts in a file that nobody else may read."""
+"""Logins of browsers, stored across restarts in a file that only its owner may read; hashes of passwords."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ log = logging.getLogger(__name__)
 FILE: Final = "page-logins.json"
 """Name of the file beside the recordings."""
 LASTS: Final = 30 * 86400.0
-"""s that a login lasts after it was last used."""
+"""Lifetime, s, of a login after its last use."""
 MOST: Final = 1000
-"""Logins that are kept; the one that ends first goes."""
+"""Largest number of logins; the one that expires first is removed."""
 _NOTED: Final = 3600.0
-"""s between two times at which the use of a login is noted."""
+"""Interval, s, at which the use of a login is stored."""
 _LARGEST: Final = 1_000_000
 
 
@@ -42,7 +42,7 @@ class Login:
 
 @dataclass(slots=True)
 class _Saved:
-    """What the file holds: the secret of this page (hex), and logins by the digest of their token."""
+    """Content of the file: the secret of this page (hex), and logins by the digest of their token."""
 
     secret: str
     logins: dict[str, Login]
@@ -52,10 +52,10 @@ _KEPT: Final = TypeAdapter(_Saved)
 
 
 class Sessions:
-    """Logins by the SHA-256 of the token that a browser holds; ``file`` ``None`` keeps them in memory only.
+    """Logins by the SHA-256 of the browser's token; ``file`` ``None``: in memory only.
 
-    ``proof_of`` gives what stands for a user's password now, ``None`` for users that are gone: a login of another
-    password is void. ``clock`` is UTC, s. All but ``save`` and ``load`` are quick.
+    ``proof_of`` returns a digest for a user's current password, ``None`` for an unknown user: a login with another
+    digest is invalid. ``clock`` is UTC, s. Only ``save`` and ``load`` block.
     """
 
     def __init__(
@@ -70,10 +70,10 @@ class Sessions:
         self._logins: dict[str, Login] = {}
         self._secret = secrets.token_bytes(32)
         self.changed = False
-        """True where ``save`` would write something new."""
+        """True if there are changes to save."""
 
     def begin(self, name: str) -> str:
-        """Log a user in; return the token for the browser. Raises ``KeyError`` for a user that is gone."""
+        """Log a user in; return the token for the browser. Raises ``KeyError`` for an unknown user."""
         proof = self._proof_of(name)
         if proof is None:
             raise KeyError(name)
@@ -85,7 +85,7 @@ class Sessions:
         return token
 
     def name_of(self, token: str) -> str | None:
-        """The user whose browser holds a token; ``None`` if nobody's does, or no more."""
+        """The user logged in with a token; ``None`` if the token is unknown or has expired."""
         login = self._logins.get(_key(token))
         if login is None:
             return None
@@ -103,17 +103,17 @@ class Sessions:
             self.changed = True
 
     def csrf(self, token: str) -> str:
-        """What a page that holds a token must show to change anything."""
+        """CSRF token that a browser with this token must send with each changing request."""
         return hmac.new(self._secret, token.encode("utf-8", "surrogatepass"), hashlib.sha256).hexdigest()
 
     def load(self) -> None:
-        """Read what an earlier process kept; blocks. A file that cannot be read, or that others may read, is void."""
+        """Load saved logins; blocks. A file that is damaged, or that other users may read, is ignored."""
         if self._file is None:
             return
         try:
             kept = _KEPT.validate_json(read_bytes(self._file, _LARGEST))
             if self._file.stat().st_mode & 0o077:
-                raise ValueError("others may read it: its logins are void")
+                raise ValueError("other users may read it, so its logins are void")
             self._secret, self._logins = bytes.fromhex(kept.secret), kept.logins
         except FileNotFoundError:
             pass
@@ -122,7 +122,7 @@ class Sessions:
             log.warning("%s: %s; everybody has to log in again", self._file, told)
 
     def save(self) -> None:
-        """Write what a later process needs; blocks. A failure is logged, and tried again with the next change."""
+        """Save the logins, if changed; blocks. A failure is logged; the next change tries again."""
         if self._file is None or not self.changed:
             return
         self.changed = False
@@ -135,7 +135,7 @@ class Sessions:
 
 
 def new_token() -> str:
-    """A token that cannot be guessed."""
+    """A random token."""
     return secrets.token_urlsafe(32)
 
 
@@ -144,9 +144,9 @@ def _key(token: str) -> str:
 
 
 N, R, P = 2**14, 8, 5
-"""Cost of a new hash: 16 MiB and a quarter of a second of one core."""
+"""Cost of a new hash: 16 MiB and 0.25 s of one core."""
 LONGEST: Final = 1024
-"""Characters of a password."""
+"""Longest password, characters."""
 _LEAST_COST: Final = 2**14 * 8
 _MOST_MEMORY: Final = 64 * 2**20
 _MOST_REPEATS: Final = 16
@@ -156,7 +156,7 @@ _SHORTEST_SALT: Final = 8
 
 @dataclass(frozen=True, slots=True)
 class Hash:
-    """A password's hash with the cost and salt it was made with."""
+    """Hash of a password, with its cost parameters and salt."""
 
     n: int
     r: int
@@ -169,7 +169,7 @@ class Hash:
         return f"scrypt${self.n}${self.r}${self.p}${salt}${value}"
 
     def fits(self, password: str) -> bool:
-        """True if this is the hash of a password; takes its cost, and as long for a wrong one."""
+        """True if this is the hash of ``password``; takes equally long for a wrong password."""
         found = _scrypt(password, self.salt, self.n, self.r, self.p)
         return hmac.compare_digest(found, self.value) and len(password) <= LONGEST
 
@@ -183,7 +183,7 @@ def hash_of(password: str, n: int = N, r: int = R, p: int = P) -> Hash:
 
 
 def parse(text: str) -> Hash:
-    """Read a hash. Raises ``ValueError`` for anything else, and for a cost that is too low or takes too much memory."""
+    """Parse a hash. Raises ``ValueError`` if it is malformed, its cost too low or its memory too large."""
     kind, *parts = text.split("$")
     try:
         n, r, p = (int(part) for part in parts[:3])

@@ -1,4 +1,4 @@
-"""What a cell tells, as browsers get it: times in UTC ms, the fields that a page shows. Pure."""
+"""Converts a cell's messages to JSON for browsers: times in UTC ms, only the fields that the page shows. Pure."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cellwatt.results import Alarm
 Body = Mapping[str, Any]
 
 DIGITS = 7
-"""Significant digits of a continuous value in a stream; others are exact."""
+"""Significant digits of a continuous value in a stream; other values are exact."""
 _ALARM = (
     "id", "kind", "severity", "active", "statement", "source", "joint", "alternatives", "interval", "evidence", "stage",
 )  # fmt: skip
@@ -35,7 +35,7 @@ def ms(time: int | None) -> float | None:
 
 
 def alarm(told: Alarm, acknowledged: Acknowledgement | None, evidence_page: str | None) -> dict[str, Any]:
-    """An alarm with who acknowledged it, and the address of its evidence."""
+    """An alarm, with its acknowledgement and the address of its evidence."""
     return {
         **{name: getattr(told, name) for name in _ALARM},
         "since": ms(told.since),
@@ -46,7 +46,7 @@ def alarm(told: Alarm, acknowledged: Acknowledgement | None, evidence_page: str 
 
 
 def shelved(standing: Standing) -> dict[str, Any]:
-    """An alarm on the shelf."""
+    """A shelved alarm."""
     told, shelf = standing.alarm, standing.shelf
     assert shelf is not None
     about = {name: getattr(told, name) for name in ("id", "kind", "severity", "statement")}
@@ -55,7 +55,7 @@ def shelved(standing: Standing) -> dict[str, Any]:
 
 
 def mark(told: Alarm, raised: int, cleared: int | None) -> dict[str, Any]:
-    """An alarm as a mark in curves; times UTC ns, ``cleared`` ``None`` while it is up."""
+    """An alarm as a mark in curves; times UTC ns, ``cleared`` is ``None`` while the alarm is active."""
     about = {name: getattr(told, name) for name in ("id", "severity", "statement")}
     return {**about, "raised": ms(raised), "cleared": ms(cleared)}
 
@@ -65,7 +65,7 @@ def _said(word: Acknowledgement | Shelf) -> dict[str, Any]:
 
 
 def span(kind: str, body: Body) -> dict[str, Any]:
-    """An interval, a task, or the energy of one repetition of a task by consumer (J), as its fields."""
+    """Fields of an interval, a task, or the energy, J by consumer, of one cycle of a task."""
     return {**{name: body.get(name) for name in _SPANS[kind]}, "start": ms(body["start"]), "end": ms(body["end"])}
 
 
@@ -75,18 +75,18 @@ def event(body: Body) -> dict[str, Any]:
 
 
 def prediction(model: str, bodies: Sequence[Body]) -> dict[str, Any]:
-    """Messages of one model, with the same outputs, as one."""
+    """Messages of one model with the same outputs, merged into one."""
     values = {name: [v for body in bodies for v in body["outputs"][name]] for name in bodies[0]["outputs"]}
     return {"model": model, "t": [ms(time) for body in bodies for time in body["time"]], "v": values}
 
 
 def channels(layout: Layout) -> list[dict[str, str]]:
-    """The columns of frames."""
+    """The channels of frames."""
     return [{"name": c.name, "unit": c.unit, "kind": c.kind, "source": c.source} for c in layout.channels]
 
 
 def frames(blocks: Iterable[Frames], wanted: Sequence[str]) -> dict[str, Any]:
-    """Blocks of the same layout as one: times, values of the wanted channels, and the worst quality of each."""
+    """Merge blocks of the same layout: times, values of the wanted channels, and the worst quality per channel."""
     parts = list(blocks)
     layout = parts[0].layout
     place = {name: i for i, name in enumerate(layout.names)}
@@ -104,7 +104,7 @@ def frames(blocks: Iterable[Frames], wanted: Sequence[str]) -> dict[str, Any]:
 
 
 def significant(values: NDArray[np.float64], digits: int = DIGITS) -> NDArray[np.float64]:
-    """Values rounded to some significant digits: half the bytes as text."""
+    """Values rounded to ``digits`` significant digits, which halves their size as text."""
     known = np.isfinite(values) & (values != 0)
     size = np.floor(np.log10(np.abs(np.where(known, values, 1.0))))
     scale = 10.0 ** np.clip(digits - 1 - size, -300, 300)

@@ -1,4 +1,4 @@
-"""The joints of an arm for the page's picture of it: read from a URDF, each bound to the channel of its position."""
+"""The joints of an arm, for its picture on the page: read from a URDF, each with the channel of its position."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _TYPES: Final[Mapping[str, str]] = {
     "floating": "fixed",
     "planar": "fixed",
 }
-"""Types of URDF; what moves in several directions is shown at rest."""
+"""Joint types of URDF; joints with several degrees of freedom are shown at rest."""
 
 
 class _Named(BaseModel):
@@ -32,7 +32,7 @@ class _Named(BaseModel):
 
 
 class _Robot(BaseModel):
-    """The part of a robot.yaml that is needed here."""
+    """The keys of a robot.yaml that are used here."""
 
     urdf: Path
     joints: list[_Named]
@@ -40,7 +40,7 @@ class _Robot(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class _Joint:
-    """A joint between two links, with ``told`` for the page; it follows another where ``mimic`` names one."""
+    """A joint between two links; ``told`` is its JSON for the page, ``mimic`` the joint that it follows, if any."""
 
     name: str
     parent: str
@@ -50,18 +50,18 @@ class _Joint:
 
     @property
     def moves(self) -> bool:
-        """True where it has a position of its own."""
+        """True if the joint has its own position."""
         return self.told["type"] != "fixed" and self.mimic is None
 
 
 def skeleton(source: str, file: Path, channels: Sequence[str]) -> dict[str, Any]:
-    """The joints of the arm that ``source`` measures, from the base, JSON-ready; m and rad.
+    """The joints of the arm that ``source`` measures, from the base, ready for JSON; m and rad.
 
-    ``file`` is a URDF, a robot.yaml or the folder that holds one. The i-th joint of robot.yaml, or the i-th that moves
-    in a URDF, has the channel ``<source>.joint_<i>.position`` if that is in ``channels``. One that follows another has
-    the other's channel, with ``multiplier`` and ``offset``.
+    ``file`` is a URDF, a robot.yaml or the folder that contains one. The i-th joint of robot.yaml, or the i-th moving
+    joint of a URDF, has the channel ``<source>.joint_<i>.position`` if it is in ``channels``. A mimic joint has the
+    channel of the joint that it follows, with ``multiplier`` and ``offset``.
 
-    Raises ``ConfigError`` with one line where the file cannot be used.
+    Raises ``ConfigError`` with one line if the file cannot be used.
     """
     path = file / "robot.yaml" if file.is_dir() else file
     order: list[str] | None = None
@@ -75,7 +75,7 @@ def skeleton(source: str, file: Path, channels: Sequence[str]) -> dict[str, Any]
             raise ValueError(f"no moving joint {', '.join(missing)}; there are {', '.join(moving) or 'none'}")
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {why(error)}") from error
-    except (ElementTree.ParseError, ValueError, LookupError) as error:  # the last: an encoding that there is not
+    except (ElementTree.ParseError, ValueError, LookupError) as error:  # LookupError: an unknown encoding
         raise ConfigError(f"{path}: cannot be used as a URDF: {error}") from error
     bound = {name: f"{source}.joint_{i}.position" for i, name in enumerate(order or moving, 1)}
     known = {name: channel for name, channel in bound.items() if channel in set(channels)}
@@ -92,7 +92,7 @@ def skeleton(source: str, file: Path, channels: Sequence[str]) -> dict[str, Any]
 
 
 def _from_base(joints: Sequence[_Joint]) -> list[_Joint]:
-    """Joints from the base, each behind the one that it hangs on. Raises ``ValueError`` where they are no tree."""
+    """Joints sorted from the base, each after its parent. Raises ``ValueError`` if they are not a tree."""
     names, children = {joint.name: joint for joint in joints}, {joint.child for joint in joints}
     bases = {joint.parent for joint in joints} - children
     found: list[_Joint] = []
@@ -101,10 +101,10 @@ def _from_base(joints: Sequence[_Joint]) -> list[_Joint]:
         found.append(waiting.pop())
         waiting += [joint for joint in reversed(joints) if joint.parent == found[-1].child]
     if len(bases) != 1 or waiting or not len(found) == len(children) == len(names) == len(joints):
-        raise ValueError(f"its joints are not one tree: {len(bases)} links hang on nothing, or names come twice")
+        raise ValueError(f"its joints are not one tree: {len(bases)} links have no parent, or a name occurs twice")
     for joint in found:
         if joint.mimic is not None and not (joint.mimic in names and names[joint.mimic].moves):
-            raise ValueError(f"joint {joint.name!r} follows {joint.mimic!r}, which is no joint that moves")
+            raise ValueError(f"joint {joint.name!r} follows {joint.mimic!r}, which is not a moving joint")
     return found
 
 
@@ -112,16 +112,16 @@ def _from_base(joints: Sequence[_Joint]) -> list[_Joint]:
 
 
 class _Tree(ElementTree.TreeBuilder):
-    """Refuses declarations of entities, of which a few can stand for gigabytes."""
+    """Refuses entity declarations, as a few can expand to gigabytes."""
 
     def doctype(self, *_: str | None) -> None:
         raise ValueError("a URDF has no DOCTYPE")
 
 
 def _joints(path: Path) -> list[_Joint]:
-    """All joints of a URDF, as they stand in it.
+    """All joints of a URDF, in file order.
 
-    Raises ``OSError``, and ``ParseError``, ``LookupError`` or ``ValueError`` where it is none.
+    Raises ``OSError``, and ``ParseError``, ``LookupError`` or ``ValueError`` if it is not a URDF.
     """
     parser = ElementTree.XMLParser(target=_Tree())
     parser.feed(read_bytes(path))
@@ -174,7 +174,7 @@ def _number(text: str) -> float:
     try:
         value = float(text)
     except ValueError:
-        raise ValueError(f"{text!r} is no number (of a xacro, make the URDF first)") from None
+        raise ValueError(f"{text!r} is not a number (convert a xacro to a URDF first)") from None
     if not math.isfinite(value):
-        raise ValueError(f"{text!r} is no finite number")
+        raise ValueError(f"{text!r} is not a finite number")
     return value

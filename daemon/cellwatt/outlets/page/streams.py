@@ -1,4 +1,4 @@
-"""Streams to browsers: events at once, frames at the browser's rate; what waits for each is bounded."""
+"""Streams to browsers: events at once, frames at the browser's rate; the queues of each browser are bounded."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from cellwatt.outlets.zenoh.messages import encode_json
 log = logging.getLogger(__name__)
 
 MOST_BYTES: Final = 1_000_000
-"""Bytes of events that may wait for one browser."""
+"""Largest size, bytes, of the events that wait for one browser."""
 MOST_VALUES: Final = 100_000
-"""Values of frames that may wait for it, or two periods of its own where they are more; beyond, the oldest go."""
+"""Largest number of frame values that wait for one browser, or two of its periods if more; the oldest are dropped."""
 _PREDICTIONS: Final = 4096
-"""Outputs of models that may wait for it."""
+"""Largest number of predictions that wait for one browser."""
 HEARTBEAT: Final = 10.0
-"""s without an event after which a comment is sent."""
+"""Time, s, without an event after which a comment is sent."""
 STALLED: Final = 30.0
-"""s after which a browser that takes nothing is disconnected."""
+"""Time, s, after which a browser that receives nothing is disconnected."""
 _SENT: Final = 65536
-"""Bytes that the system may keep for one browser."""
+"""Send buffer, bytes, of the operating system for one browser."""
 _RETRY: Final = b"retry: 2000\n\n"
 _BEAT: Final = b": still here\n\n"
 
@@ -38,12 +38,12 @@ Body = Mapping[str, Any]
 
 
 def encoded(event: str, data: Any) -> bytes:
-    """An event as it is sent."""
+    """An event in the format of server-sent events."""
     return b"event: %s\ndata: %s\n\n" % (event.encode(), encode_json(data))
 
 
 class Browsers:
-    """All browsers that follow anything, at most ``most``; ``counts`` of what became of them are for health."""
+    """All browsers with a stream, at most ``most``; ``counts`` of refused and slow browsers are part of health."""
 
     def __init__(self, most: int) -> None:
         self.most = most
@@ -54,14 +54,14 @@ class Browsers:
         return len(self.all)
 
     def end(self, asks: Callable[[object], bool] = lambda _: True) -> None:
-        """End the streams whose login ``asks`` for it."""
+        """End the streams of the browsers whose login satisfies ``asks``."""
         for browser in list(self.all):
             if asks(browser.login):
                 browser.end()
 
 
 class Hub:
-    """Passes on what one cell tells to all browsers that follow it."""
+    """Sends the messages of one cell to all browsers that follow it."""
 
     def __init__(self, browsers: Browsers) -> None:
         self._browsers = browsers
@@ -71,23 +71,23 @@ class Hub:
         return len(self.members)
 
     def frames(self, frames: Frames) -> None:
-        """Pass on frames."""
+        """Send frames."""
         for browser in self.members:
             browser.put_frames(frames)
 
     def prediction(self, body: Body) -> None:
-        """Pass on a model's output."""
+        """Send a prediction."""
         for browser in self.members:
             browser.predictions.append(body)
 
     def tell(self, event: str, data: Any) -> None:
-        """Pass on an event at once."""
+        """Send an event at once."""
         message = encoded(event, data) if self.members else b""
         for browser in self.members:
             browser.put(message)
 
     def end(self) -> None:
-        """End all streams of this cell; their browsers ask anew by themselves."""
+        """End all streams of this cell; the browsers reconnect by themselves."""
         for browser in self.members:
             browser.end()
 
@@ -101,14 +101,14 @@ class Hub:
     ) -> web.StreamResponse:
         """Stream to one browser until either side ends: ``first``, events, and frames of ``channels`` at ``rate``, Hz.
 
-        Raises ``HTTPServiceUnavailable`` where there is no place for it.
+        Raises ``HTTPServiceUnavailable`` if there are too many browsers.
         """
         with self._member(channels, rate, login) as browser:
             for data in first:
                 browser.put(data)
             headers = {"Content-Type": "text/event-stream", "X-Accel-Buffering": "no", "Cache-Control": "no-store"}
             response = web.StreamResponse(headers=headers)
-            if request.transport is not None:  # the system keeps little: what a browser does not take shows here
+            if request.transport is not None:  # a small buffer, so that a slow browser is noticed here
                 request.transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SENT)
             await response.prepare(request)
             try:
@@ -118,7 +118,7 @@ class Hub:
                 if isinstance(request.transport, asyncio.Transport):
                     request.transport.abort()
             except ConnectionError:
-                pass  # it has left
+                pass  # the browser has disconnected
         return response
 
     @contextlib.contextmanager
@@ -126,7 +126,7 @@ class Hub:
         most, counts = self._browsers.most, self._browsers.counts
         if len(self._browsers) >= most:
             counts["browsers refused"] += 1
-            raise web.HTTPServiceUnavailable(text=f"{most} browsers follow already, the most that may (browsers)")
+            raise web.HTTPServiceUnavailable(text=f"{most} browsers are connected, the maximum (page: browsers)")
         browser = Browser(counts, channels, rate, login)
         for group in (self._browsers.all, self.members):
             group.add(browser)
@@ -138,18 +138,18 @@ class Hub:
 
 
 class Browser:
-    """What waits for one browser; ``login`` tells whose it is."""
+    """Queues of one browser; ``login`` identifies its user."""
 
     def __init__(
         self, counts: Counter[str], channels: Sequence[str] = (), rate: float = 1.0, login: object = None
     ) -> None:
         self.login = login
         self.predictions: deque[Body] = deque(maxlen=_PREDICTIONS)
-        """Outputs of models that wait for the next tick, …"""
+        """Predictions that wait for the next period, …"""
         self.frames: deque[Frames] = deque()
         """… and frames."""
         self.dropped = 0
-        """Blocks of frames that were dropped since the browser was last told."""
+        """Blocks of frames dropped since the last report to the browser."""
         self._counts, self._channels, self._period = counts, channels, 1.0 / rate
         self._events: deque[bytes] = deque()
         self._size = 0
@@ -158,7 +158,7 @@ class Browser:
         self._woken = asyncio.Event()
 
     def put(self, data: bytes) -> None:
-        """Queue an event; without room for it the stream ends."""
+        """Queue an event; if the queue is full, the stream ends."""
         if self._ended:
             return
         self._events.append(data)
@@ -169,7 +169,7 @@ class Browser:
         self._woken.set()
 
     def put_frames(self, frames: Frames) -> None:
-        """Queue frames; without room the oldest go."""
+        """Queue frames; if the queue is full, drop the oldest."""
         if self._ended:
             return
         self.frames.append(frames)
@@ -181,14 +181,14 @@ class Browser:
             self._counts["blocks dropped"] += 1
 
     def end(self) -> None:
-        """Send nothing more; the browser asks anew by itself."""
+        """Stop sending; the browser reconnects by itself."""
         self._ended, self._size = True, 0
         for waiting in (self._events, self.frames, self.predictions):
             waiting.clear()
         self._woken.set()
 
     async def send(self, response: web.StreamResponse) -> None:
-        """Send what comes until ``end``. Raises ``TimeoutError`` if the browser takes nothing."""
+        """Send queued data until ``end``. Raises ``TimeoutError`` if the browser receives nothing."""
         await response.write(_RETRY)
         while not self._ended:
             data = await self._next()
@@ -196,7 +196,7 @@ class Browser:
                 await response.write(data)
 
     async def _next(self) -> bytes:
-        """What is to be sent next, once there is something."""
+        """Wait for the next data to send; a heartbeat after ``HEARTBEAT`` s without data."""
         clock = asyncio.get_running_loop().time
         quiet = clock() + HEARTBEAT
         while not self._ended and clock() < quiet:
@@ -218,7 +218,7 @@ class Browser:
         return _BEAT
 
     def _blocks(self) -> Iterator[bytes]:
-        """Frames and outputs of models that came since the last tick."""
+        """Frames and predictions queued since the last period."""
         newest = [block for block in self.frames if block.layout == self.frames[-1].layout and len(block)]
         self.frames.clear()
         if newest:
@@ -232,7 +232,7 @@ class Browser:
 
 
 def _shaped(event: str, shape: Callable[[], Any]) -> bytes:
-    """An event of what waited; nothing of what breaks its own contract, which costs no stream."""
+    """An event with queued data; ``b""`` if the data are malformed, so that the stream continues."""
     try:
         return encoded(event, shape())
     except Exception:

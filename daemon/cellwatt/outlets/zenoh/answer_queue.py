@@ -1,7 +1,7 @@
-"""Answers about the past: from memory and the record, one bounded piece at a time, in their turn and not too fast.
+"""Answers about the past: from memory and the record, one bounded piece at a time, in turn, at a limited rate.
 
-What a consumer missed may be days of samples, and leaves by the same line as what happens now. With a limit the line
-is never full of the past; pieces are small enough that one who waits for the next does not give up first.
+A consumer may have missed days of samples, which are sent over the same line as the live data. A limit leaves room
+for the live data; pieces are small enough that no waiting consumer times out before the next piece.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ from cellwatt.record.messages import time_of
 from cellwatt.results import Event, Result
 
 MOST_SAMPLES: Final = 2000
-"""Samples in one answer; about 1 MB of sixty channels."""
+"""Most samples in one answer; about 1 MB for sixty channels."""
 MOST_RESULTS: Final = 500
-"""Results in one answer, and cleared alarms."""
+"""Most results, or cleared alarms, in one answer."""
 _EVER: Final = 2**62
-"""Count of a question that has none: all there is."""
+"""Count of a question without one: everything."""
 _ROW: Final = 33
-"""Bytes of one sample or frame beside its channels, about."""
+"""Approximate bytes of one sample or frame beside its channels."""
 _CELL: Final = 17
-"""Bytes of one channel of a frame: value, quality and bound."""
+"""Bytes of one channel in a frame: value, quality and bound."""
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """One answer; ``path`` is its key within the cell as a back-filled message."""
+    """One answer; ``path`` is its key below ``backfill``, if it is a back-filled message."""
 
     payload: bytes
     encoding: str = JSON
@@ -49,13 +49,13 @@ class Answer:
 
 
 class Past:
-    """What a cell still has of its past; ``piece`` gives the most bytes that one answer may have now."""
+    """The past data that a cell still has; ``piece`` returns the largest size of an answer now, bytes."""
 
     def __init__(self, view: CellView, backlog: Backlog, piece: Callable[[], float]) -> None:
         self._view, self._backlog, self._piece = view, backlog, piece
 
     def history(self, asked: Mapping[str, str]) -> Answer:
-        """Recorded samples, or frames. Raises ``QuestionError``, ``NothingKeptError`` where none are left."""
+        """Recorded samples, or frames. Raises ``QuestionError``, or ``NothingKeptError`` if none are stored."""
         session, first = number_of(asked, "session", self._view.session), number_of(asked, "first", 0)
         whole = number_of(asked, "count", _EVER)
         count = min(whole, MOST_SAMPLES)
@@ -68,7 +68,7 @@ class Past:
             topic, nothing = raw_topic(source, stream), f"nothing is recorded of {f'{source}/{stream}':.120}"
             blocks = self._view.history(source, stream, session, first, count)
         block = join(blocks, count)
-        if block is not None:  # it may begin beyond what was asked for, where all of that is gone
+        if block is not None:  # it may begin after the requested span, if that is no longer stored
             most = max(int(min(len(block), self._piece() / _size(block))), 1)
             block = cut(block, 0, max(min(most, first + whole - block.sequence), 0))
         if not block:
@@ -77,7 +77,7 @@ class Past:
         return Answer(encode(block), ARROW, Mark(session, block.sequence, len(block), arrival, backfill=True), topic)
 
     def _frames(self, session: int, first: int, whole: int, count: int) -> Sequence[Frames]:
-        """Frames from memory on, and where memory begins later, from the record."""
+        """Frames from memory; from the record if memory begins later."""
         kept = self._backlog.frames(session, first, whole)
         begin = kept[0].sequence if kept else first + whole
         if begin <= first:
@@ -86,7 +86,7 @@ class Past:
         return recorded if recorded and recorded[0].sequence < begin else kept
 
     def results(self, asked: Mapping[str, str]) -> Answer:
-        """Results or events of one kind. Raises ``QuestionError``, ``NothingKeptError`` where none are left."""
+        """Results or events of one kind. Raises ``QuestionError``, or ``NothingKeptError`` if none are stored."""
         kind, session = text_of(asked, "kind"), number_of(asked, "session", self._backlog.session)
         kept = self._results(kind, session, number_of(asked, "first", 0), number_of(asked, "count", _EVER))
         if not kept:
@@ -102,7 +102,7 @@ class Past:
         return Answer(b"[" + b",".join(items) + b"]", JSON, mark, kind)
 
     def _results(self, kind: str, session: int, first: int, whole: int) -> Sequence[tuple[Mark, Result | Event]]:
-        """Results from memory on, and where memory begins later, from the record."""
+        """Results from memory; from the record if memory begins later."""
         kept = self._backlog.results(kind, session, first, whole)[:MOST_RESULTS]
         begin = kept[0][0].sequence if kept else first + whole
         if begin <= first or kind == ALARM:
@@ -113,23 +113,23 @@ class Past:
 
 
 def _size(block: Batch | Frames) -> int:
-    """Bytes of one row in an answer, about."""
+    """Approximate bytes of one row in an answer."""
     return _ROW + (8 * len(block.stream.channels) if isinstance(block, Batch) else _CELL * len(block.layout.channels))
 
 
 Work = Callable[[], None]
 
 _PIECE: Final = 0.25
-"""Longest time, s, that one answer about the past may take at the limit …"""
+"""Longest time, s, that one answer about the past may take at the rate limit."""
 _ROUND: Final = 2.0
-"""… and all that wait now together: whoever asks waits 5 s for an answer."""
+"""Longest time, s, for one piece of each waiting question together: a consumer waits 5 s for an answer."""
 
 
 class Turns:
-    """Questions that wait for the answering thread, at most ``limit``, those about now first.
+    """Questions that wait for the answering thread, at most ``limit``, those about the present first.
 
-    Of answers about the past ``rate`` bytes a second go on average, one piece at a time; ``None`` lets all go at once.
-    ``held_back`` is called for each question that this made wait.
+    Answers about the past take ``rate`` bytes per second on average, one piece at a time; ``None``: no limit.
+    ``held_back`` is called for each question delayed by this.
     """
 
     def __init__(self, rate: float | None, limit: int, held_back: Callable[[], None]) -> None:
@@ -139,20 +139,20 @@ class Turns:
         self._past: deque[Work] = deque()
 
     def delay(self, now: float) -> float:
-        """Time, s, until the next piece of the past may go."""
+        """Time, s, until the next piece of the past may be sent."""
         return max(self._free_at - now, 0.0)
 
     def spend(self, size: int, now: float) -> None:
-        """Note that a piece of ``size`` bytes goes now."""
+        """Note that a piece of ``size`` bytes is sent now."""
         if self._rate is not None:
             self._free_at = max(self._free_at, now) + size / self._rate
 
     def piece(self) -> float:
-        """Most bytes of one answer by how many questions wait; infinite without a limit."""
+        """Most bytes of one answer, given the number of waiting questions; infinite without a limit."""
         return math.inf if self._rate is None else self._rate * min(_PIECE, _ROUND / (1 + len(self._past)))
 
     def put(self, work: Work, past: bool) -> bool:
-        """Add the answering of a question; return False if there is no room. Never blocks."""
+        """Queue the work of answering a question; return False if the queue is full. Never blocks."""
         if self._arrived.qsize() + len(self._past) >= self._limit:
             return False
         self._arrived.put((work, past))
@@ -163,7 +163,7 @@ class Turns:
         self._arrived.put(None)
 
     def take(self) -> Work | None:
-        """Wait for the next question to answer; ``None`` at the end. For one thread."""
+        """Wait for the next question to answer; ``None`` after ``end``. For one thread."""
         while True:
             try:
                 arrived = self._arrived.get(timeout=self.delay(time.monotonic()) if self._past else None)

@@ -2,14 +2,14 @@
 
     @/status  @/config  @/schema  @/recordings                        one JSON answer each
     @/history?source=arm;stream=samples;session=…;first=…;count=…     recorded samples, one Arrow message
-    @/history?stream=frame;session=…;first=…;count=…                  kept frames, one Arrow message
+    @/history?stream=frame;session=…;first=…;count=…                  stored frames, one Arrow message
     @/results?kind=alarm;session=…;first=…;count=…                    results or events, one JSON list
     alarm/**?cleared=N                                                alarms active now and the last N cleared
 
-A question about the past gets one bounded piece: ask again from its end. Its answer has the priority of the
-question, and waits where there is a limit in bytes a second. If nothing is there, or the question is wrong, the answer
-is a Zenoh error with ``{"error": text}``. Anyone who reaches the port may ask anything: no question ends the answering
-thread, and large questions are not queued.
+A question about the past gets one bounded piece: ask again from its end. Its answer has the priority of the question,
+and is delayed if answers have a limit in bytes per second. If the data is not stored, or the question is invalid, the
+answer is a Zenoh error with ``{"error": text}``. Anyone who reaches the port may ask anything: no question ends the
+answering thread, and large questions are not queued.
 """
 
 from __future__ import annotations
@@ -47,19 +47,18 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 _WAITING: Final = 64
-"""Questions that may wait; more are refused, and a consumer asks again."""
+"""Most waiting questions; further ones are refused, and the consumer asks again."""
 _PAST: Final = ("history", "results")
-"""Questions whose answers may be large, and are many after a cut."""
+"""Questions with large answers, and with many of them after an interruption."""
 STUCK: Final = 10.0
-"""Time, s, that one question may take before health says that the answers are stuck."""
+"""Time, s, that one question may take before health reports that the thread is stuck."""
 
 
 class Answers:
-    """Serves the questions of one cell, in a thread of its own from ``start`` to ``stop``.
+    """Answers the questions of one cell, in its own thread from ``start`` to ``stop``.
 
-    ``health`` gives the answer to ``@/status``; ``count`` counts what went wrong, and
-    answers about the past; ``seal`` signs the answers, where the cell signs. ``rate`` limits the answers about the
-    past, in bytes a second; ``None`` does not.
+    ``health`` returns the answer to ``@/status``; ``count`` counts failures and answers about the past; ``seal`` signs
+    the answers if the cell signs. ``rate`` limits the answers about the past, bytes per second; ``None``: no limit.
     """
 
     def __init__(
@@ -94,7 +93,7 @@ class Answers:
         }
 
     def start(self, session: zenoh.Session) -> None:
-        """Declare the questions and begin to answer them."""
+        """Declare the queryables and begin to answer."""
         self._turns = self._new_turns()
         self._thread = threading.Thread(target=self._serve, name="cellwatt zenoh answers", daemon=False)
         self._thread.start()
@@ -102,27 +101,27 @@ class Answers:
         session.declare_queryable(self._keys.live(f"{ALARM}/**"), lambda q: self._enqueue(q, self._reply_alarms))
 
     def stop(self) -> None:
-        """End the thread after what it works on now."""
+        """End the thread after its current question."""
         if self._thread is not None:
             self._turns.end()
             self._thread.join()
             self._thread = None
 
     def trouble(self) -> str | None:
-        """Reason why questions are not answered now; ``None`` if they are."""
+        """Reason why questions are not answered now, or ``None``."""
         since = self._busy_since
         if since is not None and time.monotonic() - since > STUCK:
             return f"the thread that answers questions has been stuck at one for {time.monotonic() - since:.0f} s"
         return None
 
     def about(self, name: str, asked: Mapping[str, str]) -> Answer:
-        """Answer one question. Raises ``CellwattError`` if the question is wrong or nothing is there."""
+        """Answer one question. Raises ``CellwattError`` if it is invalid or the data is not stored."""
         if name not in self._known:
             raise QuestionError(f"there is no question {short(name)}; there are: {', '.join(self._known)}")
         return self._known[name](asked)
 
     def alarms(self, asked: Mapping[str, str]) -> list[tuple[Mark, Alarm]]:
-        """The last ``cleared`` alarms that were cleared, then all active ones."""
+        """The last ``cleared`` cleared alarms, then all active ones."""
         return [*self._backlog.cleared(min(number_of(asked, "cleared", 0), MOST_RESULTS)), *self._backlog.active()]
 
     # Zenoh ------------------------------------------------------------------------------------------
@@ -131,7 +130,7 @@ class Answers:
         return Turns(self._rate, _WAITING, lambda: self._count("answers held back"))
 
     def _past(self, query: zenoh.Query) -> bool:
-        """True if a question may ask for much of the past."""
+        """True if a question may request past data."""
         return any(query.key_expr.intersects(self._keys.question(name)) for name in _PAST)
 
     def _enqueue(self, query: zenoh.Query, reply: Callable[[zenoh.Query], None], past: bool = False) -> None:
@@ -151,7 +150,7 @@ class Answers:
             self._busy_since = time.monotonic()
             try:
                 work()
-            except zenoh.ZError as error:  # who asked is gone
+            except zenoh.ZError as error:  # the questioner has disconnected
                 self._count("answers lost")
                 log.info("zenoh: an answer could not be given: %s", error)
             except Exception as error:
@@ -160,7 +159,7 @@ class Answers:
                 self._busy_since = None
 
     def _failed(self, what: str, error: Exception) -> None:
-        """Count a failure that only a bug or a damaged record can cause; log each kind once."""
+        """Count a failure caused by a bug or a damaged record; log each kind once."""
         self._count("questions failed")
         kind = f"{what.partition('?')[0]} {type(error).__name__}"
         if kind not in self._told and len(self._told) < _WAITING:
@@ -177,21 +176,21 @@ class Answers:
 
     @contextmanager
     def _refusing(self, query: zenoh.Query) -> Iterator[None]:
-        """Answer a question that is wrong with its error."""
+        """Answer a question that fails with the error."""
         import zenoh
 
         try:
             yield
         except zenoh.ZError:
             raise
-        except RepairingError:  # without an answer it is asked again; with one it would be given up
+        except RepairingError:  # no answer: the consumer asks again; after an error it would give up
             self._count("questions left open: a recording is being repaired")
         except CellwattError as error:
             if isinstance(error, QuestionError) and not isinstance(error, NothingKeptError):
                 self._count("questions refused: wrong")
             self._refuse(query, str(error))
         except Exception as error:
-            # One question that meets a broken record must not end the answers to all others.
+            # A question that meets a broken record must not end the answers to all others.
             self._failed(str(query.selector), error)
             self._refuse(query, f"{type(error).__name__}: {error}")
 
@@ -222,7 +221,7 @@ class Answers:
             for mark, alarm in self.alarms(parameters(asked)):
                 payload = encode_item(alarm, mark)
                 attachment = self._seal.answer(ALARM, asked, replace(mark, backfill=True).encode(payload), payload)
-                # Zenoh by default keeps one reply a key: with its id each alarm has a key of its own.
+                # By default Zenoh delivers one reply per key: the id gives each alarm its own key.
                 for key in (alarm_path(alarm.severity, alarm.kind, alarm.id), alarm_path(alarm.severity, alarm.kind)):
                     if query.key_expr.intersects(self._keys.live(key)):
                         query.reply(self._keys.live(key), payload, encoding=JSON, attachment=attachment)
@@ -230,5 +229,5 @@ class Answers:
 
 
 def _size(query: zenoh.Query) -> int:
-    """Bytes that a question keeps in memory while it waits."""
+    """Bytes of memory that a waiting question takes."""
     return len(query.payload or b"") + len(query.attachment or b"") + len(str(query.parameters))

@@ -1,4 +1,4 @@
-"""The recent messages that an outlet keeps for consumers that join late or missed some."""
+"""The recent messages that an outlet holds in memory for consumers that join late or missed some."""
 
 from __future__ import annotations
 
@@ -16,18 +16,17 @@ from cellwatt.record.messages import time_of
 from cellwatt.results import Alarm, Event, Result
 
 ALARMS_KEPT, RESULTS_KEPT = 4096, 1024
-"""Alarms, and results and events of each other topic, that are kept; the record has more."""
+"""Numbers of alarms, and of results or events of each other topic, held in memory; the record has more."""
 _OVERHEAD: Final = 1000
-"""Bytes that a block of frames takes in memory beside its numbers: of two frames, more than these."""
+"""Bytes of memory of a block of frames beside its arrays; in a block of two frames, more than the arrays."""
 
 
 class Backlog:
-    """Numbers results and events, and keeps the last of each, of the frames, and the alarms that are active now.
+    """Numbers results and events, and holds the latest of each topic, the latest frames, and the active alarms.
 
-    ``session`` is the start of this numbering, UTC ns: an outlet that is made anew begins a new one, so that a number
-    is never given twice; with a ``journal`` it goes on with the numbering there. Frames have the cell's own numbers,
-    in the cell's session ``numbered``, which is ``session`` by default; they are kept up to ``frame_bytes``. Called
-    from several threads.
+    ``session`` is the start of this numbering, UTC ns: a new outlet begins a new session, so that no number is used
+    twice; with a ``journal`` it continues the journal's numbering. Frames have the cell's own numbers, in the cell's
+    session ``numbered``, by default ``session``; up to ``frame_bytes`` of them are held. Called from several threads.
     """
 
     def __init__(
@@ -46,15 +45,15 @@ class Backlog:
             self._keep(number, item)
 
     def add(self, item: Result | Event) -> tuple[Mark, tuple[str, ...]]:
-        """Number and keep a result or event; return its mark and the paths to publish it under.
+        """Number and hold a result or event; return its mark and the paths to publish it under.
 
-        There is one path, or two for an alarm whose severity changed: subscribers of the old path must hear of it.
+        An alarm whose severity changed has two paths, so that subscribers of the old path receive it; all else has one.
         """
         with self._lock:
             return self._keep(None if self._journal is None else self._journal.put(item), item)
 
     def _keep(self, number: int | None, item: Result | Event) -> tuple[Mark, tuple[str, ...]]:
-        """``number`` is the item's, ``None`` for the next of its topic."""
+        """Hold an item under ``number``; ``None``: the next number of its topic."""
         topic = topic_of(item)
         if topic not in self._kept:
             self._kept[topic] = deque(maxlen=ALARMS_KEPT if topic == ALARM else RESULTS_KEPT)
@@ -66,7 +65,7 @@ class Backlog:
         return mark, self._set_alarm(mark, item) if isinstance(item, Alarm) else (topic,)
 
     def add_frames(self, frames: Frames) -> Mark:
-        """Keep frames under their own numbers."""
+        """Hold frames under their own numbers."""
         mark = Mark(self._numbered, frames.sequence, len(frames), int(frames.time[-1]) if len(frames) else 0)
         with self._lock:
             self._frames.append(frames)
@@ -76,31 +75,31 @@ class Backlog:
         return mark
 
     def succeed(self, before: Backlog) -> None:
-        """Keep the frames of another one that takes no more."""
+        """Take over the frames of a backlog that is no longer in use."""
         with before._lock, self._lock:
             if before._numbered == self._numbered:
                 self._frames, self._frame_bytes = before._frames, before._frame_bytes
 
     def active(self) -> list[tuple[Mark, Alarm]]:
-        """The alarms active now, oldest first."""
+        """Active alarms, oldest first."""
         with self._lock:
             return list(self._alarms.values())
 
     def cleared(self, count: int) -> list[tuple[Mark, Alarm]]:
-        """The last ``count`` alarms that were cleared, oldest first."""
+        """The last ``count`` cleared alarms, oldest first."""
         with self._lock:
             kept = list(self._kept.get(ALARM, ()))
         found = [(mark, alarm) for mark, alarm in kept if isinstance(alarm, Alarm) and not alarm.active]
         return found[-count:] if count > 0 else []
 
     def results(self, topic: str, session: int, first: int, count: int) -> list[tuple[Mark, Result | Event]]:
-        """Results ``first`` … ``first + count`` of a topic that are still kept."""
+        """Results ``first`` … ``first + count`` of a topic that are still in memory."""
         with self._lock:
             kept = self._kept.get(topic, ()) if session == self.session else ()
             return [(m, r) for m, r in kept if first <= m.sequence < first + count]
 
     def frames(self, session: int, first: int, count: int) -> Sequence[Frames]:
-        """The kept blocks that hold any of the frames ``first`` … ``first + count``."""
+        """The blocks in memory that contain any of the frames ``first`` … ``first + count``."""
         with self._lock:
             kept = self._frames if session == self._numbered else ()
             return [f for f in kept if f.sequence + len(f) > first < first + count > f.sequence]

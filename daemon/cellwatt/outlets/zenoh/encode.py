@@ -1,12 +1,12 @@
-"""Batches and frames as Arrow IPC streams, and the mark that travels with every message. Pure.
+"""Batches and frames as Arrow IPC streams. Pure.
 
-An answer is one whole Arrow stream: schema, one record batch, end. A live message is a record batch; before it comes
-the schema in the first one, in one a second after that, and once a consumer has asked for the cell's status. The
-channels of a row are one fixed-size list, because sixty named columns take a hundred times as long; names, units and
-kinds are JSON in the schema's metadata under ``cellwatt``. The bytes before the body are made once per stream and
-number of rows; all that differs between messages is in the mark, which travels as the attachment.
+An answer is one complete Arrow stream: schema, one record batch, end. A live message is a record batch; the schema
+precedes it in the first message, in one message per second after that, and after a consumer has asked for the cell's
+status. The channels of a row are one fixed-size list, because sixty named columns take a hundred times as long; names,
+units and kinds are JSON in the schema's metadata under ``cellwatt``. The bytes before the body are made once per
+stream and number of rows; everything that differs between messages is in the mark, the message's attachment.
 
-pyarrow is imported on first use, which saves 25 MB while no device delivers.
+pyarrow is imported on first use, which saves 25 MB until a device delivers samples.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 ARROW: Final = "application/vnd.apache.arrow.stream"
 """Zenoh encoding of batches and frames."""
 JSON: Final = "application/json"
-"""Zenoh encoding of all else."""
+"""Zenoh encoding of all other messages."""
 BATCH_FORMAT: Final = "cellwatt.batch/1"
 FRAMES_FORMAT: Final = "cellwatt.frames/1"
 _COLUMNS: Final = {
@@ -54,20 +54,20 @@ _COLUMNS: Final = {
         ("bound", np.int64, True),
     ),
 }
-"""Columns in order: name, type, and whether a row has one value of each channel. ``device_time`` may be null."""
+"""Columns in order: (name, type, one value per channel). ``device_time`` may be null."""
 
 _KEY: Final = b"cellwatt"
 _END: Final = b"\xff\xff\xff\xff\x00\x00\x00\x00"
 _KEPT: Final = 256
-"""Fronts kept ready: one a stream and number of rows."""
+"""Most cached fronts, one per stream and number of rows."""
 _LONGEST: Final = 512 * 1024
-"""Bytes of names and units; 1000 channels have some 60 kB. What is read of them is kept."""
+"""Most bytes of names and units; 1000 channels have some 60 kB. Parsed declarations are cached."""
 
 _Declared = Stream | Layout
 
 
 class _Front(NamedTuple):
-    """What precedes the columns of a message: the schema with its CRC-32, and the head of its record batch."""
+    """The bytes before the columns of a message: the schema with its CRC-32, and the head of its record batch."""
 
     of: _Declared
     schema: bytes
@@ -84,19 +84,19 @@ _LAYOUT: Final[TypeAdapter[Layout]] = TypeAdapter(Layout)
 
 
 def encode(block: Batch | Frames) -> bytes:
-    """Encode a block as an Arrow stream; the device time of a batch without a device clock is null."""
+    """Encode a block as an Arrow stream; without a device clock, the device time of a batch is null."""
     front, columns = _parts(block)
     return b"".join((front.schema, front.head, *columns, _END))
 
 
 def encode_apart(block: Batch | Frames) -> tuple[int, bytes, bytes]:
-    """Encode a block in two: its schema, after the CRC-32 of that, and its record batch."""
+    """Encode a block as (CRC-32 of the schema, schema, record batch)."""
     front, columns = _parts(block)
     return front.check, front.schema, b"".join((front.head, *columns))
 
 
 def schema_in(payload: bytes) -> bytes:
-    """The schema with which a payload begins that ``decode`` has accepted."""
+    """The schema at the beginning of a payload that ``decode`` has accepted."""
     return payload[: 8 + int.from_bytes(payload[4:8], "little")]
 
 
@@ -171,7 +171,7 @@ def _front(of: _Declared, source: str, n: int, timed: bool) -> _Front:
 
 
 def _make_front(of: _Declared, source: str, n: int, timed: bool) -> _Front:
-    """Make the front of a message: pyarrow writes rows of zeros, and the zeros are cut off."""
+    """Make the front of a message: pyarrow encodes rows of zeros, and the zeros are removed."""
     import pyarrow as pa
 
     schema = _schema(of, source)
@@ -185,7 +185,7 @@ def _make_front(of: _Declared, source: str, n: int, timed: bool) -> _Front:
 def _zeros(kind: pa.DataType, n: int) -> Any:
     import pyarrow as pa
 
-    # pyarrow.array would load pandas where there is one.
+    # pyarrow.array would load pandas if it is installed.
     if isinstance(kind, pa.FixedSizeListType):
         return pa.Array.from_buffers(kind, n, [None], children=[_zeros(kind.value_type, n * kind.list_size)])
     return pa.Array.from_buffers(kind, n, [None, pa.py_buffer(bytes(n * kind.bit_width // 8))])
@@ -211,7 +211,7 @@ def _schema(of: _Declared, source: str) -> pa.Schema:
 
 
 def _told(channel: Channel | FrameChannel, names: Sequence[str]) -> list[Any]:
-    """A channel as JSON-ready metadata; its window comes last, and only if it has one."""
+    """A channel as JSON-ready metadata; the window, if it has one, is last."""
     about = [getattr(channel, name) for name in names]
     return about if about[-1] else about[:-1]
 
@@ -249,6 +249,6 @@ def _numbers(column: Any, dtype: Any) -> NDArray[Any]:
 
 
 def _matrix(column: Any, width: int, dtype: Any) -> NDArray[Any]:
-    if getattr(column.type, "list_size", None) != width:  # which lists of any length lack
+    if getattr(column.type, "list_size", None) != width:  # lists of variable length lack it
         raise ValueError(f"expected rows of {width} channels, found {column.type}")
     return _numbers(column.values, dtype).reshape(len(column), width)

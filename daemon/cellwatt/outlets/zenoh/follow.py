@@ -1,11 +1,11 @@
-"""The state of a consumer: which messages it has, which are missing, what to ask the cell. Pure; time is passed in.
+"""The state of a consumer: messages received, messages missing, questions to the cell. Pure; time is an argument.
 
-A new consumer takes each topic from its current position. From then on it receives everything: a topic that appears
+A new consumer begins each topic at its current position. From then on it receives everything: a topic that appears
 later, or a new session of the daemon, from its first number.
 
-A message that continues a known numbering is accepted. A new topic, a new session or a jump, heard live or told by a
-live health message, is a claim: the cell is asked how far it is (``asks_told``, ``told``); a claim that it does not
-know is refused and counted.
+A message that continues a known numbering is accepted. A new topic, a new session or a jump, in a live message or a
+live health message, is a claim: the cell is asked for its positions (``asks_told``, ``told``); a claim beyond the
+cell's positions is refused and counted.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ from cellwatt.outlets.zenoh.questions import Question
 from cellwatt.results import Alarm, Event, Result
 
 GRACE: Final = 0.2
-"""Time, s, that announced messages may still be on their way before they are asked for."""
+"""Time, s, that announced messages may be in transit before they are requested."""
 _AGAIN: Final = 0.2
-"""Pause, s, before asking for what the cell does not have yet."""
+"""Pause, s, before requesting again messages that the cell does not have yet."""
 _LINK: Final = 0.5
-"""Pause, s, before asking again when nobody answered."""
+"""Pause, s, before asking again after no answer."""
 _PAUSE: Final = 0.1
 _LONGEST: Final = 2.0
-"""Pause, s, between two questions how far the cell is; doubled, up to the longest, while they come to nothing."""
+"""Longest pause, s, between two questions for the cell's positions; doubled from ``_PAUSE`` after each failure."""
 _MOST: Final = 1000
-"""Topics that are followed, of which a cell has some ten, and claims that wait for the cell's word."""
+"""Most topics followed (a cell has some ten), and most claims that wait for the cell's answer."""
 _NEAR: Final = 10_000
-"""Numbers by which the first message of a topic may lie beyond what the cell then says, and the last of a session
-beyond what was known of it."""
+"""Most numbers by which the first message of a topic may exceed the cell's position, and the last message of a
+session the known end of the session."""
 
 Positions = Mapping[str, tuple[int, int]]
-"""By topic, session and next number."""
+"""Session and next number by topic."""
 Content = Batch | Frames | Result | Event
 
 
@@ -49,9 +49,9 @@ Content = Batch | Frames | Result | Event
 class Following:
     """State of one consumer.
 
-    ``wanted`` are topics or first parts of topics (``raw/arm``). ``resume`` is the position that an earlier run of
-    the consumer reached. After ``patience`` s, messages that the cell cannot give become a gap. ``cell`` is the
-    session of the daemon, once the cell has told it.
+    ``wanted`` are topics or prefixes of topics (``raw/arm``). ``resume`` is the position that an earlier run of the
+    consumer reached. After ``patience`` s, messages that the cell does not have become a gap. ``cell`` is the session
+    of the daemon, once the cell has reported it.
     """
 
     wanted: tuple[str, ...]
@@ -64,10 +64,10 @@ class Following:
     _since: int | None = None  # session of the daemon in which this consumer joined
     _sessions_due: float = -math.inf
     _claims: dict[tuple[str, int], int] = field(default_factory=dict)
-    """Highest next number that somebody claims, by topic and session; the topic of a daemon's own one is ``health``."""
+    """Highest claimed next number, by topic and session; the topic of a claimed daemon session is ``health``."""
     _asked: dict[tuple[str, int], int] = field(default_factory=dict)
     _early: list[tuple[str, MessagePart]] = field(default_factory=list)
-    """Messages of topics that the cell has not confirmed."""
+    """Messages of topics that the cell has not confirmed yet."""
     _due: float = -math.inf
     _pause: float = _PAUSE
 
@@ -84,7 +84,7 @@ class Following:
 
     @property
     def begun(self) -> dict[str, tuple[int, int]]:
-        """Session and number of the first message that this consumer should get, by topic."""
+        """Session and number of the first message that this consumer receives, by topic."""
         return {name: follower.begun for name, follower in list(self._topics.items())}
 
     @property
@@ -93,7 +93,7 @@ class Following:
         return sum(follower.duplicates for follower in list(self._topics.values()))
 
     def message(self, topic: str, mark: Mark, content: Content, size: int = 0) -> list[MessagePart]:
-        """Take a live message of ``size`` bytes; return the parts that are in order now.
+        """Add a live message of ``size`` bytes; return the parts that are now in order.
 
         Raises ``ProtocolError`` if there are more topics than a cell can have.
         """
@@ -109,13 +109,13 @@ class Following:
                 self._early.append((topic, part))
             return []
         if mark.session == follower.begun[0] and mark.end <= follower.begun[1]:
-            return []  # it is older than what this consumer began with
+            return []  # older than the first message of this consumer
         return self._counted(follower.take(part))
 
-    # how far the cell is ----------------------------------------------------------------------------
+    # positions of the cell --------------------------------------------------------------------------
 
     def hinted(self, session: int, positions: Positions) -> None:
-        """Take a daemon's session and the positions in its live health message: reasons to ask the cell."""
+        """Add the session and the positions of a live health message as claims, on which the cell is asked."""
         if self.cell is not None:
             self._claim(HEALTH, session, 0)
         for topic, (numbering, end) in positions.items():
@@ -123,7 +123,7 @@ class Following:
                 self._claim(topic, numbering, end)
 
     def _claim(self, topic: str, session: int, end: int) -> bool:
-        """Note what only the cell can confirm; return False if there is no room for it."""
+        """Add a claim that only the cell can confirm; return False if there are too many."""
         if self._confirmed(topic, session, end):
             return True
         if (topic, session) not in self._claims and len(self._claims) >= _MOST:
@@ -148,14 +148,14 @@ class Following:
         return True
 
     def untold(self, now: float) -> None:
-        """Note that no answer about the cell's positions came."""
+        """Note that the question for the cell's positions was not answered."""
         self._pause = min(2 * self._pause, _LONGEST)
         self._due = now + self._pause
 
     def told(self, session: int, positions: Positions, now: float) -> list[tuple[str, MessagePart]]:
-        """Take the cell's answer, the positions of a daemon session; return the parts in order now, by topic.
+        """Process the cell's answer, the positions of a daemon session; return the parts now in order, by topic.
 
-        What was claimed beyond it is refused.
+        Claims beyond these positions are refused.
         """
         refused = 0
         for topic, (numbering, end) in positions.items():
@@ -163,7 +163,7 @@ class Following:
                 refused += self._meet(topic, numbering, end)
                 follower = self._topics[topic]
                 claimed, known = self._asked.get((topic, follower.newest), 0), follower.reach(follower.newest) or 0
-                if numbering != follower.newest and claimed <= known + _NEAR:  # of a session that ended at once
+                if numbering != follower.newest and claimed <= known + _NEAR:  # claims of a session that has just ended
                     follower.announce(follower.newest, claimed)
                 follower.announce(numbering, end)
         self.cell = session
@@ -183,9 +183,9 @@ class Following:
         return ready
 
     def _meet(self, topic: str, numbering: int, end: int) -> int:
-        """Start a topic that the cell has at its position, or after the join at its first number.
+        """Begin a topic of the cell at its current position, or, after joining, at its first number.
 
-        Return 1 if it had started from a position unknown to the cell, else 0.
+        Return 1 if the topic had begun at a position unknown to the cell, else 0.
         """
         follower = self._topics.get(topic)
         if follower is None and self.joined:
@@ -198,16 +198,16 @@ class Following:
         return 0
 
     def standing(self, mark: Mark, alarm: Alarm) -> list[MessagePart]:
-        """Take an active alarm from an answer; return it if it was raised before this consumer began."""
+        """Return an active alarm from an answer, if it was raised before this consumer began."""
         follower = self._topics.get(ALARM)
         if follower is None or mark.session != follower.begun[0] or mark.end > follower.begun[1]:
             return []
         return self._counted([_part(mark, alarm, backfilled=True)])
 
-    # what is missing --------------------------------------------------------------------------------
+    # missing messages -------------------------------------------------------------------------------
 
     def questions(self, now: float) -> list[Question]:
-        """Questions to ask now; after each call ``filled``, ``nothing`` or ``unanswered``."""
+        """Questions to ask now; for each, call ``filled``, ``nothing`` or ``unanswered`` afterwards."""
         due = []
         for name, follower in self._topics.items():
             hole = None if follower.asking else follower.hole()
@@ -222,21 +222,21 @@ class Following:
         return due
 
     def asks_sessions(self, now: float) -> bool:
-        """True if a session has ended and the recorded sessions should be asked for; call ``sessions`` next."""
+        """True if a session has ended and the recorded sessions should be requested; call ``sessions`` next."""
         if now < self._sessions_due or not any(_unentered(*topic) for topic in self._topics.items()):
             return False
         self._sessions_due = math.inf
         return True
 
     def sessions(self, recorded: Sequence[int] | None, now: float) -> None:
-        """Take the recorded sessions, oldest first; ``None`` if no answer came."""
+        """Process the recorded sessions, oldest first; ``None``: no answer."""
         self._sessions_due = now + _LINK
         for name, follower in self._topics.items() if recorded is not None else ():
             if _unentered(name, follower):
                 follower.between(recorded or ())
 
     def filled(self, question: Question, parts: Iterable[tuple[Mark, Content]]) -> list[MessagePart]:
-        """Take the cell's answer to a question; return the parts that are in order now."""
+        """Process the cell's answer to a question; return the parts that are now in order."""
         follower = self._answered(question)
         follower.empty_since = None
         ready = [p for mark, content in parts for p in follower.fill(_part(mark, content, backfilled=True))]
@@ -245,7 +245,7 @@ class Following:
         return self._counted(ready)
 
     def nothing(self, question: Question, reason: str, now: float) -> list[MessagePart]:
-        """Note that the cell has none of the messages; return the gap and the parts after it, when due."""
+        """Note that the cell has none of the messages; after ``patience``, return the gap and the parts after it."""
         follower = self._answered(question)
         if follower.empty_since is None:
             follower.empty_since = now
@@ -256,7 +256,7 @@ class Following:
         return self._counted(follower.give_up(question.hole, reason))
 
     def unanswered(self, question: Question, now: float) -> None:
-        """Note that no answer came."""
+        """Note that a question was not answered."""
         self._answered(question).due = now + _LINK
 
     def _begin(self, topic: str, session: int, following: int) -> Follower:
@@ -282,12 +282,12 @@ def _key(hole: Hole) -> tuple[int, int, bool]:
 
 
 def _recorded(topic: str) -> bool:
-    """True for topics that the record holds under their numbers."""
+    """True for topics that the record stores under the same numbers."""
     return topic not in (ALARM, HEALTH)
 
 
 def _unentered(name: str, follower: Follower) -> bool:
-    """True if a recorded topic enters a session that other sessions may have preceded."""
+    """True if a recorded topic enters a new session and sessions in between may be unknown."""
     return follower.over and _recorded(name) and follower.entered != follower.newest
 
 

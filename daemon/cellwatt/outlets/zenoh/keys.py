@@ -1,12 +1,12 @@
-"""Key expressions of a cell on the bus; pure text.
+"""Key expressions of a cell on the bus. Pure.
 
     cellwatt/<site>/<cell>/<topic>             live messages; liveliness token at cellwatt/<site>/<cell>
-    cellwatt/<site>/<cell>/backfill/<topic>    the same, asked for later
+    cellwatt/<site>/<cell>/backfill/<topic>    the same messages, requested later
     cellwatt/<site>/<cell>/@/<name>            questions
 
-A topic is what one numbering runs over: ``raw/<source>/<stream>``, ``frame``, ``interval``, ``task``, ``energy``,
+Each topic has one numbering: ``raw/<source>/<stream>``, ``frame``, ``interval``, ``task``, ``energy``,
 ``prediction/<model>``, ``alarm``, ``event``, ``health``. An alarm's key has ``/<severity>/<kind>`` after its topic.
-Names are escaped like URLs, so that no name can break a key.
+Names are escaped as in URLs, so that any name gives a valid key.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ ALARM: Final = "alarm"
 EVENT: Final = "event"
 HEALTH: Final = "health"
 KINDS: Final = ("raw", FRAME, "interval", "task", "energy", "prediction", ALARM, EVENT, HEALTH)
-"""First part of every topic."""
+"""First chunk of every topic."""
 
 _LONGEST_TOPIC: Final = 1000
 
@@ -34,9 +34,9 @@ _UNSAFE = re.compile(r"[/*$?#%\s\x00-\x1f\x7f]|^@")
 
 
 def escape(name: str) -> str:
-    """One chunk of a key for any name: ``/ * $ ? # %``, blanks and a leading ``@`` become ``%XX``.
+    """A name as one chunk of a key: ``/ * $ ? # %``, blanks and a leading ``@`` become ``%XX``.
 
-    Raises ``ConfigError`` for the empty name, which a key cannot hold.
+    Raises ``ConfigError`` for an empty name.
     """
     if not name:
         raise ConfigError("an empty name cannot be part of a Zenoh key")
@@ -56,12 +56,12 @@ def topic_of_series(series: str) -> str:
 
 
 def series_of_topic(topic: str) -> str:
-    """The series whose topic it is."""
+    """The series of a topic."""
     return unquote(topic)
 
 
 def alarm_path(severity: str, kind: str, alarm: str | None = None) -> str:
-    """An alarm's key within its cell; with ``alarm``, its id, unique among alarms of one kind."""
+    """An alarm's key within its cell; with ``alarm``, the alarm's id, unique among alarms of one kind."""
     path = f"{ALARM}/{escape(severity)}/{escape(kind)}"
     return path if alarm is None else f"{path}/{escape(alarm)}"
 
@@ -82,11 +82,11 @@ class CellKeys:
         return f"{PREFIX}/{escape(self.site)}/{escape(self.cell)}"
 
     def live(self, path: str) -> str:
-        """Key of live messages of a topic, or of an alarm's path."""
+        """Key of the live messages of a topic, or of an alarm's path."""
         return f"{self.root}/{path}"
 
     def backfill(self, path: str) -> str:
-        """Key on which past messages of a topic are answered."""
+        """Key of back-filled messages of a topic."""
         return f"{self.root}/backfill/{path}"
 
     def question(self, name: str) -> str:
@@ -96,7 +96,7 @@ class CellKeys:
 
 @dataclass(frozen=True)
 class Address:
-    """A parsed key: ``names`` are the unescaped parts after the kind (``("arm", "main")`` of a raw stream)."""
+    """A parsed key: ``names`` are the unescaped chunks after the kind (``("arm", "main")`` for a raw stream)."""
 
     site: str
     cell: str
@@ -105,7 +105,7 @@ class Address:
 
     @cached_property
     def topic(self) -> str:
-        """The topic as keys hold it."""
+        """The topic, escaped as in keys."""
         return "/".join([self.kind, *(escape(n) for n in self.names[: _NAMES.get(self.kind, 0)])])
 
 
@@ -121,7 +121,7 @@ def parse(key: str) -> Address:
 
 
 def is_topic(text: str) -> bool:
-    """True if a text is a topic as keys hold it."""
+    """True if a text is a topic, escaped as in keys."""
     try:
         return len(text) < _LONGEST_TOPIC and parse(f"{PREFIX}/-/-/{text}").topic == text
     except ProtocolError:

@@ -1,6 +1,6 @@
 """Zenoh sessions: settings, opening, and the reason when opening fails.
 
-zenoh is imported on first use. Nothing listens and nothing is discovered unless the settings say so.
+zenoh is imported on first use. A session listens and scouts only if the settings say so.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 LARGEST_MESSAGE: Final = 64 * 1024 * 1024
-"""Bytes of a message that is taken at all; 2000 samples of 1000 channels have 36 MB. Zenoh's own limit is 1 GiB."""
+"""Most bytes of an accepted message; 2000 samples of 1000 channels take 36 MB. Zenoh's own limit is 1 GiB."""
 _ATTEMPT: Final = 1.0
-"""Longest time, s, of the first attempt at a router; the next have twice that, for one that just begins to listen or
-whose cores are taken. A stop waits for it."""
+"""Longest time, s, of the first attempt at a router; later attempts have twice that, for a router that is starting
+or overloaded. A stop waits for the attempt."""
 PATIENCE: Final = 10.0
 """Time, s, that a client tries to reach its router."""
 _PAUSE: Final = 0.2  # s
@@ -48,41 +48,41 @@ _ZENOH_PLACE = re.compile(r"\s*at /\S+:\d+\.?")
 
 _QUEUE: Final = "transport/link/tx/queue"
 _QUEUES: Final = (
-    # One receiver's queue of samples, in batches of 64 kB made when needed: a receiver that is not scheduled for
-    # some milliseconds must not lose any.
+    # One receiver's queue of samples, in batches of 64 kB allocated on demand: a receiver that is not scheduled for
+    # some milliseconds must not lose samples.
     (f"{_QUEUE}/size/data", 16),
-    # While that is full a put waits this long, µs; then this receiver's samples are dropped until it takes some again.
-    # So a receiver that hangs holds up the others once, for this long, and one that is slow not much more.
+    # While it is full, a put waits this long, µs; then this receiver's samples are dropped until it accepts some again.
+    # So a receiver that hangs delays the others once by this time, and a slow one by little more.
     (f"{_QUEUE}/congestion_control/drop/wait_before_drop", 5_000),
-    # One receiver's queue of results: some thousands. A receiver that takes none for this long, µs, while it is full is
-    # cut off and has to ask for what it missed.
+    # One receiver's queue of results: some thousands. A receiver that accepts none for this long, µs, while it is full
+    # is disconnected and must request the messages that it missed.
     (f"{_QUEUE}/size/interactive_high", 16),
     (f"{_QUEUE}/congestion_control/block/wait_before_close", 1_000_000),
 )
 
 
 _SECRET: Final = SecretKeys(("password", "private_key", "secret"))
-"""Which of Zenoh's own options are secrets."""
+"""Zenoh's own options that are secrets."""
 
 
 class TlsSettings(Section):
     """Certificates in PEM files."""
 
     root_ca: Path
-    """Authority that signed the other side's certificate."""
+    """Authority that signed the peer's certificate."""
     certificate: Path | None = None
-    """Our own certificate: needed to listen, and to connect to a router that asks for one."""
+    """This session's certificate: needed to listen, and to connect to a router that requires one."""
     key: Path | None = None
     """Private key of ``certificate``."""
     mutual: bool = True
-    """Ask for the other side's certificate when we listen; show ours when we connect."""
+    """When listening, require the peer's certificate; when connecting, present ``certificate``."""
     verify_name: bool = True
-    """The certificate must name the host that we connect to."""
+    """Require that the peer's certificate names the host of the endpoint."""
     _written: tuple[int, ...] = PrivateAttr(())
-    """When the files were written: a renewed certificate is a change of the settings."""
+    """Modification times of the files, ns: a renewed certificate counts as a change of the settings."""
 
     def model_post_init(self, _: object) -> None:
-        """Check the files; those that cannot be checked here are reported when they are needed."""
+        """Read the modification times; files that cannot be read here are reported when they are needed."""
         with contextlib.suppress(OSError):
             self._written = tuple(p.stat().st_mtime_ns for p in (self.root_ca, self.certificate, self.key) if p)
 
@@ -96,23 +96,23 @@ class LinkSettings(OutletSettings):
     """Settings of a Zenoh session."""
 
     mode: Literal["peer", "client", "router"] = "peer"
-    """``peer`` serves whoever connects, ``client`` goes through a router, ``router`` also relays for others."""
+    """``peer`` serves those that connect, ``client`` goes through a router, ``router`` also relays for others."""
     listen: tuple[str, ...] = ()
     """Endpoints to listen on, like ``tcp/127.0.0.1:7447``; none by default, so nothing is exposed."""
     connect: tuple[str, ...] = ()
-    """Endpoints to connect to, like ``tls/plant-router:7447``; tried again for ever when they are away."""
+    """Endpoints to connect to, like ``tls/plant-router:7447``; retried without limit while they are unreachable."""
     scouting: bool = False
-    """Find and be found by others on the local network by multicast and gossip."""
+    """Find other sessions on the local network, and be found by them, by multicast and gossip."""
     tls: TlsSettings | None = None
     """Certificates for ``tls/`` and ``quic/`` endpoints."""
     user: str | None = None
-    """Name that we give where we connect."""
+    """User name for the endpoints in ``connect``."""
     password: SecretStr | None = None
-    """Its password; write ``${NAME}`` and set it in the environment."""
+    """Password of the user; write ``${NAME}`` and set it in the environment."""
     users: Path | None = None
-    """File of lines ``user:password`` that may connect to us."""
+    """File with lines ``user:password``: the users that may connect to this session."""
     namespace: str | None = None
-    """Put before every key of this session, both ways."""
+    """Prefix of every key of this session, sent and received."""
     options: Annotated[Mapping[str, Any], _SECRET] = Field(default_factory=dict, repr=False)
     """Any other Zenoh configuration by path, like ``access_control: {…}`` or ``transport/link/tx/lease: 5000``."""
 
@@ -147,7 +147,7 @@ class LinkSettings(OutletSettings):
 
     @property
     def files(self) -> Mapping[str, Path | None]:
-        """Files that the session needs, by the options that name them."""
+        """Files that the session needs, by option."""
         tls = self.tls
         named = {"tls.root_ca": tls.root_ca, "tls.certificate": tls.certificate, "tls.key": tls.key} if tls else {}
         return {**named, "users": self.users}
@@ -156,7 +156,7 @@ class LinkSettings(OutletSettings):
 def session_config(settings: LinkSettings, timeout: float = _ATTEMPT, largest: int = LARGEST_MESSAGE) -> zenoh.Config:
     """Zenoh's configuration: ``timeout`` s to reach a router, messages of up to ``largest`` bytes.
 
-    Raises ``ValueError`` that names the option if Zenoh refuses one.
+    Raises ``ValueError`` that names the option that Zenoh refuses.
     """
     import zenoh
 
@@ -177,9 +177,9 @@ def open_session(
 ) -> zenoh.Session:
     """Open a session; blocks, so call it in a thread.
 
-    A client tries its endpoints in turn for ``patience`` s (``PATIENCE``). Raises ``OutletError`` that says of each
-    endpoint what to check, also when ``stopped()`` turns true meanwhile. Fragmented messages (Zenoh's fragments hold
-    64 kB) of more than ``largest`` bytes are discarded before they are reassembled.
+    A client tries its endpoints in turn for ``patience`` s (default ``PATIENCE``). Raises ``OutletError`` with what to
+    check for each endpoint, also when ``stopped()`` becomes true. Fragmented messages (Zenoh's fragments hold 64 kB)
+    of more than ``largest`` bytes are discarded before they are reassembled.
     """
     import zenoh
 
@@ -190,7 +190,7 @@ def open_session(
     order = settings.connect or ("",)
     reasons = dict.fromkeys(order, "")
     for at in itertools.cycle(range(len(order))):
-        # Zenoh gives up at the first endpoint that is away: each is the first in turn. All stay known to the session.
+        # Zenoh gives up at the first unreachable endpoint: put each first in turn. The session has all of them.
         first = order[at]
         turned = settings.model_copy(update={"connect": settings.connect[at:] + settings.connect[:at]})
         try:
@@ -207,7 +207,7 @@ def open_session(
 
 
 async def open_beside(settings: LinkSettings, largest: int = LARGEST_MESSAGE) -> zenoh.Session:
-    """``open_session`` in a thread; where this is cancelled, that ends first."""
+    """``open_session`` in a thread; a cancellation waits for the thread."""
     stopped = threading.Event()
     opening = asyncio.ensure_future(asyncio.to_thread(open_session, settings, stopped.is_set, largest=largest))
     try:
@@ -221,7 +221,7 @@ async def open_beside(settings: LinkSettings, largest: int = LARGEST_MESSAGE) ->
 
 
 def close_session(session: zenoh.Session) -> None:
-    """Close a session; blocks while what was put is on its way."""
+    """Close a session; blocks while messages are still being sent."""
     import zenoh
 
     try:
@@ -240,7 +240,7 @@ def _options(settings: LinkSettings, timeout: float, largest: int) -> Iterator[t
     yield "scouting/gossip/enabled", settings.scouting
     if not settings.scouting:
         yield "scouting/delay", 0
-    # Shared memory gains nothing at our message sizes, costs 30 MB, and put() was seen to take 24 ms with it.
+    # Shared memory gains nothing at these message sizes and costs 30 MB; put() took up to 24 ms with it.
     yield "transport/shared_memory/enabled", False
     yield "transport/link/rx/max_message_size", largest
     yield from _QUEUES
@@ -285,7 +285,7 @@ def _plain(error: Exception) -> str:
 
 
 def why_unconnected(settings: LinkSettings) -> str:
-    """Reason why a session has no link to any endpoint of ``connect``. Blocks for up to 1 s per endpoint."""
+    """Reason why a session has no link to any endpoint in ``connect``. Blocks for up to 1 s per endpoint."""
     return "; ".join(f"{endpoint}: {_probe(endpoint) or _REFUSED}" for endpoint in settings.connect)
 
 

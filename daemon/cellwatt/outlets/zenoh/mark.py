@@ -1,4 +1,4 @@
-"""The mark that travels with every message as its Zenoh attachment. Pure."""
+"""The mark in the Zenoh attachment of every message. Pure."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ _BACKFILL: Final = 1
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """The place of a message: samples ``sequence`` … ``sequence + count`` of its topic in ``session``.
+    """The position of a message: samples ``sequence`` … ``sequence + count`` of its topic in ``session``.
 
     ``arrival`` is the cell's time, UTC ns, when the (last) block was read or the result was known. ``schema`` is the
-    CRC-32 of the Arrow schema that the payload was sent without; 0 where none is missing. As bytes, little-endian:
+    CRC-32 of the Arrow schema that the payload lacks; 0 if it lacks none. As bytes, little-endian:
     u8 version = 1, u8 flags (bit 0: backfill), u16 = 0, u32 count, i64 session, i64 sequence, i64 arrival; in
     version 2 u32 schema; u32 CRC-32 of the bytes so far and the payload after them.
     """
@@ -49,7 +49,7 @@ class Mark:
 
     @classmethod
     def decode(cls, data: bytes, payload: bytes) -> Mark:
-        """Decode a message's attachment. Raises ``ProtocolError`` if it is no mark, or not that of the payload."""
+        """Decode a message's attachment. Raises ``ProtocolError`` if it is no mark or does not match the payload."""
         bare = data[:1] == bytes([_WITH_SCHEMA])
         size = _MARK.size + _CHECK.size * bare
         if len(data) < size + _CHECK.size or data[0] not in (_VERSION, _WITH_SCHEMA):

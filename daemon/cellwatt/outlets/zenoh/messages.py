@@ -29,19 +29,19 @@ TYPES: Final[Mapping[str, type[Result | Event]]] = {
     ALARM: Alarm,
     EVENT: Event,
 }
-"""Content of the messages of each kind of topic."""
+"""Type of the messages of each kind of topic."""
 
 LONGEST_REASON: Final = 500
-"""Characters of what is wrong with a message; it may repeat what was in it."""
+"""Most characters of the reason why a message is invalid; the reason may quote the message."""
 _FLOATS: Final = {
     kind: {f.name for f in fields(content) if "float" in str(f.type) and "None" not in str(f.type)}
     for kind, content in TYPES.items()
 }
-"""Fields with numbers that are never ``None``, by kind of topic."""
+"""Float fields that are never ``None``, by kind of topic."""
 
 
 def topic_of(item: Result | Event) -> str:
-    """The topic whose numbering an item belongs to."""
+    """The topic in whose numbering an item is."""
     return topic_of_series(series_of(item))
 
 
@@ -52,7 +52,7 @@ def encode_item(item: Result | Event, mark: Mark) -> bytes:
 
 
 def encode_json(value: Any) -> bytes:
-    """Encode JSON-like data, numpy's numbers and paths included; non-finite numbers become ``null``."""
+    """Encode JSON-like data, including numpy values and paths; non-finite numbers become ``null``."""
     return pydantic_core.to_json(value, inf_nan_mode="null", fallback=_plain)
 
 
@@ -83,7 +83,7 @@ def from_json(kind: str, body: dict[str, Any]) -> Result | Event:
 
 
 def health(mark: Mark, session: int, positions: Mapping[str, tuple[int, int]], status: Mapping[str, Any]) -> bytes:
-    """Encode the health message of a daemon session at the mark's time."""
+    """Encode the health message of a daemon session; its time is the mark's."""
     body = {"session": session, "time": mark.arrival, "positions": positions, "status": status}
     return encode_json({"mark": _told(mark), **body})
 
@@ -105,7 +105,7 @@ def _plain(value: Any) -> Any:
 
 
 def _with_nan(value: Any) -> Any:
-    """Numbers, alone or in lists and objects, with NaN where JSON has ``null``."""
+    """JSON numbers, single or in lists and objects, with NaN in place of ``null``."""
     match value:
         case None:
             return math.nan

@@ -1,8 +1,8 @@
 """Puts the messages of one topic in order, each exactly once, and finds the missing ones. Pure.
 
 Anyone who can publish on a cell's keys can claim a new session, a jump of its numbers, or samples that were never
-measured. If such a message were followed at once, every true message after it would look old and the stream would
-end. So only what continues the known numbering, or what the cell itself has ``announce``d, is known to exist.
+measured. If such a message were accepted at once, every true message after it would look old and the stream would
+end. So only messages that continue the known numbering, or that the cell itself has ``announce``d, are known to exist.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from cellwatt.frames import Frames, cut
 from cellwatt.results import Event, Result
 
 HELD_BYTES: Final = 128 * 1024 * 1024
-"""Most bytes of parts that are held back, whatever their number."""
+"""Most bytes of held parts, whatever their number."""
 _PAST: Final = 16
-"""Finished sessions remembered, to know a straggler from a new session."""
+"""Number of finished sessions remembered, to distinguish a late message from a new session."""
 _NO_END: Final = 2**63
 
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """``count`` samples or messages that are lost for good, with the ``reason``."""
+    """``count`` samples or messages that are lost, with the ``reason``."""
 
     count: int
     reason: str
@@ -46,11 +46,11 @@ class MessagePart:
 
     @property
     def end(self) -> int:
-        """Number of the sample after the last."""
+        """Number of the sample after the last one."""
         return self.sequence + self.count
 
     def after(self, first: int) -> MessagePart:
-        """The rest of the part from number ``first`` on."""
+        """The remainder of the part from number ``first`` on."""
         if first <= self.sequence:
             return self
         content = self.content
@@ -61,9 +61,9 @@ class MessagePart:
 
 @dataclass(frozen=True, slots=True)
 class Hole:
-    """Numbers ``first`` … ``first + count`` are missing; to the end of the session where ``count`` is ``None``.
+    """Numbers ``first`` … ``first + count`` are missing; to the end of the session if ``count`` is ``None``.
 
-    ``certain`` if later ones are here; otherwise they were announced and may still be on their way.
+    ``certain``: later numbers have arrived; otherwise the missing ones were announced and may still be in transit.
     """
 
     session: int
@@ -75,8 +75,8 @@ class Hole:
 class Follower:
     """Follows one topic from number ``following`` of ``session`` on.
 
-    Parts that come early are held back, at most ``hold`` of them; those beyond are let go and asked for again.
-    ``duplicates`` counts the samples that came more than once.
+    At most ``hold`` parts that arrive early are held; further ones are discarded and requested again.
+    ``duplicates`` counts the samples that arrived more than once.
     """
 
     def __init__(self, session: int, following: int, hold: int = 1000) -> None:
@@ -84,24 +84,24 @@ class Follower:
         self.session, self.following = session, following
         self.duplicates = 0
         self.asking = False
-        """The cell has been asked about the first hole and has not answered yet."""
+        """True while a question about the first hole awaits its answer."""
         self.asked_about: tuple[int, int, bool] | None = None
-        """The hole that ``due`` belongs to: session, first number, and whether it is certain."""
+        """The hole to which ``due``, the time of the next question, belongs: session, first number, certain."""
         self.due = -math.inf
         self.empty_since: float | None = None
-        """Since when the cell has answered that it has nothing."""
+        """Time since which the cell has answered that it has none of the messages, or ``None``."""
         self.entered: int | None = None
-        """The newest session before which all recorded ones are known."""
+        """The newest session before which all recorded sessions are known."""
         self._hold = hold
         self._held: dict[int, list[MessagePart]] = {}
-        """What came early, by session, in order."""
+        """Parts that arrived early, by session, in order."""
         self._ends = {session: 0}
-        """Number up to which messages are known to exist, by session."""
+        """Number below which messages are known to exist, by session."""
         self._later: list[int] = []
         self._past: deque[int] = deque(maxlen=_PAST)
 
     def take(self, part: MessagePart) -> list[MessagePart]:
-        """Take a part in order of arrival; return the parts that are in order now."""
+        """Add a part that arrived; return the parts that are now in order."""
         current = part.session == self.session
         if part.sequence == self.following and current and not self._held:
             self.following = part.end
@@ -116,9 +116,9 @@ class Follower:
         return self._ready()
 
     def reach(self, session: int) -> int | None:
-        """The number up to which messages of ``session`` are known to exist; ``None`` for an unknown session.
+        """The number below which messages of ``session`` are known to exist; ``None`` for an unknown session.
 
-        A finished session has no such number: everything that arrives of it is a duplicate.
+        Unlimited for a finished session: everything that arrives from it is a duplicate.
         """
         if session in self._past:
             return _NO_END
@@ -126,12 +126,12 @@ class Follower:
         return max(self.following, end or 0) if session == self.session else end
 
     def knows(self, session: int, number: int) -> bool:
-        """True if messages up to ``number`` are known to exist: what begins there goes on from them, or repeats one."""
+        """True if messages up to ``number`` are known to exist: one that begins there continues or repeats them."""
         reach = self.reach(session)
         return reach is not None and number <= reach
 
     def announce(self, session: int, end: int) -> None:
-        """Note that numbers below ``end`` exist in ``session``, and with them what is held and goes on from there."""
+        """Note that numbers below ``end`` exist in ``session``, and so do held parts that continue from there."""
         if session in self._past:
             return
         if session not in self._ends:
@@ -145,7 +145,7 @@ class Follower:
         self._ends[session] = end
 
     def refuse(self, session: int, end: int) -> None:
-        """Let go what is held beyond the known numbers, up to an ``end`` that the cell does not know."""
+        """Discard held parts between the known numbers and ``end``, which the cell does not know."""
         held = self._held.pop(session, [])
         if left := [part for part in held if self.knows(session, part.sequence) or part.end > end]:
             self._held[session] = left
@@ -156,11 +156,11 @@ class Follower:
 
     @property
     def newest(self) -> int:
-        """The last session known."""
+        """The newest known session."""
         return self._later[-1] if self._later else self.session
 
     def between(self, recorded: Iterable[int]) -> None:
-        """Note the recorded sessions, oldest first, that lie between the known ones."""
+        """Insert the recorded sessions, oldest first, that lie between the known ones."""
         self.entered = self.newest
         for session in recorded:
             if self.session < session < self.newest and self.reach(session) is None:
@@ -183,14 +183,14 @@ class Follower:
         return Hole(self.session, self.following, None, certain=True) if self.over else None
 
     def fill(self, part: MessagePart) -> list[MessagePart]:
-        """Take an answer to ``hole``. If it begins later than asked, the messages before it are lost."""
+        """Add an answer to ``hole``. If it begins later than requested, the messages before it are lost."""
         lost: list[MessagePart] = []
         if part.session == self.session and part.sequence > self.following:
             lost = self._lost(part.sequence, "no longer in the record of the cell")
         return lost + self.take(part)
 
     def give_up(self, hole: Hole, reason: str) -> list[MessagePart]:
-        """Give up ``hole``, which the cell no longer has; return the gap and the parts after it."""
+        """Give up ``hole``, whose messages the cell no longer has; return the gap and the parts after it."""
         if (hole.session, hole.first) != (self.session, self.following):
             return []
         if hole.count is not None:

@@ -42,12 +42,12 @@ from cellwatt.quantity import Bytes, BytesPerSecond
 _ENCRYPTED: Final = ("tls", "quic")
 _ADVICE: Final = "use 127.0.0.1, or TLS with access rules as 'cellwatt secure' makes them, or set open: true"
 _RECENT: Final = 0.5e6
-"""Bytes of frames that are kept where the record has them, too: those that consumers ask for most."""
+"""Bytes of frames held in memory when the record has them, too: those that consumers request most."""
 _HARM: Final = "whoever reaches it can read everything and speak in the cell's name"
 
 
 def openings(settings: LinkSettings) -> Iterator[tuple[tuple[str | int, ...], str, str]]:
-    """All ways into the cell from other PCs without TLS and access rules: setting, value, the consequence in words."""
+    """Ways into the cell from other PCs without TLS or access rules: (setting, value, consequence as text)."""
     control: dict[str, Any] = json.loads(session_config(settings).get_json("access_control"))
     ruled = bool(control.get("enabled")) and control.get("default_permission") == "deny"
     for i, endpoint in enumerate(settings.listen):
@@ -63,31 +63,32 @@ def openings(settings: LinkSettings) -> Iterator[tuple[tuple[str | int, ...], st
 
 
 class PublishSettings(Section):
-    """Streams to publish live; results, alarms, events and health are always published."""
+    """Data to publish live; results, alarms, events and health are always published."""
 
     raw: bool = True
-    """The samples as they come from the sources."""
+    """Publish the samples as the sources deliver them."""
     frames: bool = True
-    """The aligned frames."""
+    """Publish the aligned frames."""
 
 
 class ZenohSettings(LinkSettings):
     """Publication over Zenoh."""
 
     publish: PublishSettings = PublishSettings()
-    """Items that are put on the bus live."""
+    """Data that is published live."""
     queue: PositiveInt = 4096
-    """Of no use any more: nothing waits for the bus. Files that have it still load."""
+    """Without effect: nothing waits for the bus. Accepted so that older files load."""
     frame_memory: Bytes = 4e6
-    """Memory for frames that a consumer may ask for after a cut, where they are not recorded (``record: {frames:
-    false}``); else it gets them from the record, as raw samples always."""
+    """Memory for frames that consumers request after an interruption, if frames are not recorded (``record: {frames:
+    false}``); recorded frames, and raw samples always, come from the record."""
     backfill: BytesPerSecond | None = None
-    """Most that answers about the past take of the line, all consumers together; by default no limit. Set it below
-    what the line carries, less the live data."""
+    """Highest data rate of answers about the past, for all consumers together; default: no limit. Set it below the
+    capacity of the line minus the live data."""
     sign: Path | None = None
     """Private key (Ed25519, PEM) that signs every message and answer; ``cellwatt secure`` makes one for each cell."""
     open: bool = False
-    """Let the network in without TLS and access rules: anybody there can then read all and speak in the cell's name."""
+    """Allow access from the network without TLS and access rules: anyone there can read everything and impersonate the
+    cell."""
 
     @model_validator(mode="after")
     def _closed(self) -> ZenohSettings:
@@ -121,9 +122,9 @@ class ZenohOutlet(Outlet[ZenohSettings]):
         )
         self._counting = threading.Lock()
         self._ends: dict[str, tuple[int, int]] = {}
-        """Session and next number, by topic: all before it was sent or lost."""
+        """Session and next number, by topic: all earlier messages were sent or lost."""
         self._beats = Mark(time.time_ns(), -1, 1, 0)
-        """Of the last health message; their numbering is this outlet's own."""
+        """Mark of the last health message; health has this outlet's own numbering."""
         self._status: Mapping[str, Any] = {}
         self._publisher: Publisher | None = None
 
@@ -148,12 +149,12 @@ class ZenohOutlet(Outlet[ZenohSettings]):
         self._ends[topic] = mark.session, mark.end
 
     def succeed(self, before: Outlet[Any]) -> None:
-        """Keep the frames that the outlet before this one kept."""
+        """Take over the frames in memory of the previous outlet."""
         if isinstance(before, ZenohOutlet):
             self._backlog.succeed(before._backlog)
 
     def health(self, status: Mapping[str, Any]) -> None:
-        """Publish the cell's health with the positions reached."""
+        """Publish the cell's health with the current positions."""
         self._status = status
         if self._publisher is not None and (self.settings.connect or self._publisher.health_awaited):
             beats = replace(self._beats, sequence=self._beats.end, arrival=time.time_ns())
@@ -162,17 +163,17 @@ class ZenohOutlet(Outlet[ZenohSettings]):
 
     @property
     def awaited(self) -> bool:
-        """True if somebody subscribes to samples or frames."""
+        """True if a consumer subscribes to samples or frames."""
         return self._publisher is not None and self._publisher.awaited
 
     def trouble(self) -> str | None:
-        """The thread that is stuck, in words; ``None`` if all is well."""
+        """Reason why questions are not answered, or ``None``."""
         return self._answers.trouble()
 
     async def run(self) -> None:
         """Open, publish until cancelled, close. Raises ``OutletError`` if no session can be opened, or it fails."""
         await asyncio.to_thread(self._seal.open)
-        # Small, as a cell gets only questions unless it relays for others.
+        # Small: a cell that does not relay for others receives only questions.
         largest = LARGEST_MESSAGE if self.settings.mode == "router" else 4 * LARGEST
         session = await open_beside(self.settings, largest)
         try:
@@ -186,14 +187,14 @@ class ZenohOutlet(Outlet[ZenohSettings]):
             await asyncio.to_thread(close_session, session)
 
     def _count(self, what: str, n: int = 1) -> None:
-        """Count anything else in the account, from any thread."""
+        """Count an event in the account, from any thread."""
         with self._counting:
             self.account.count(what, n)
 
     def _health(self) -> Answer:
-        """Health as the answer to a question, numbered as the next message, which is still to come.
+        """Health as the answer to a question, with the number of the next health message.
 
-        Whoever asks may have just come: the next samples bring their schema.
+        The questioner may have just joined: the next samples include their schema.
         """
         if self._publisher is not None:
             self._publisher.tell_schemas()

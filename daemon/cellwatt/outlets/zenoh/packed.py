@@ -1,7 +1,7 @@
 """Checks a received Arrow stream before pyarrow unpacks it. Pure.
 
 Arrow can compress a body: in a test, 5 kB unpacked to 160 MB. A cell never compresses. pyarrow cannot refuse
-compression, so the few bytes that tell are read here: encapsulated messages, FlatBuffers tables of ``Message.fbs``
+compression, so the bytes that declare it are read here: encapsulated messages, FlatBuffers tables of ``Message.fbs``
 (https://arrow.apache.org/docs/format/Columnar.html#encapsulated-message-format).
 """
 
@@ -32,7 +32,7 @@ def refuse_packed(payload: bytes) -> None:
 
 
 def _message(data: bytes, at: int) -> tuple[int, int, int]:
-    """Offset after a message's metadata, its type, and the offset of its header table."""
+    """(offset after a message's metadata, its type, offset of its header table)."""
     if data[at : at + 4] != _START:
         raise ValueError("it does not begin like an Arrow message")
     (length,) = struct.unpack_from("<I", data, at + 4)
@@ -46,7 +46,7 @@ def _message(data: bytes, at: int) -> tuple[int, int, int]:
 
 
 def _field(data: bytes, table: int, number: int) -> int:
-    """Offset of a table's field; 0 if it is left out."""
+    """Offset of a table's field; 0 if it is absent."""
     offsets = table - struct.unpack_from("<i", data, table)[0]
     if offsets < 0:
         raise ValueError("a table of it lies outside")

@@ -28,23 +28,24 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 SCHEMA_EVERY: Final = 1.0
-"""s between two messages of a topic that carry its schema, for consumers that came since."""
+"""Time, s, between two messages of a topic with its schema, for consumers that subscribed since."""
 _SLOW: Final = 0.1
-"""Time, s, of a put that had to wait for a receiver."""
+"""Shortest duration, s, of a put that counts as having waited for a receiver."""
 _PAUSE: Final = 1.0
-"""Time, s, without results but alarms after it."""
+"""Time, s, after such a put in which no results but alarms are published."""
 _UNCONNECTED: Final = 5.0
-"""Time, s, without any link after which the log says why."""
+"""Time, s, without any link after which the reason is logged."""
 _LOOK: Final = 0.5
-"""Time, s, between two looks at the links."""
+"""Time, s, between two checks of the links."""
 
 
 class Publisher:
-    """Publishes at once. A receiver that cannot keep up holds up the loop for 1 s at most, and then not for a while.
+    """Publishes at once. A receiver that cannot keep up blocks the loop for 1 s at most, and then not for a while.
 
-    Samples, frames, predictions and health do not wait for it: it misses some and asks for them. Other results have
-    room for thousands at each receiver; one that takes none once that is full is cut off after 1 s. After a result
-    that had to wait, only alarms are published for 1 s: consumers ask for the others.
+    Samples, frames, predictions and health do not wait for a slow receiver: it misses some and requests them later.
+    For other results, each receiver has a queue of thousands; a receiver that accepts none while its queue is full is
+    disconnected after 1 s. After a result that had to wait, only alarms are published for 1 s: consumers request the
+    others later.
     """
 
     def __init__(self, session: zenoh.Session, keys: CellKeys, account: Account, seal: MessageSigner) -> None:
@@ -54,31 +55,31 @@ class Publisher:
         self._seal = seal
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._told: dict[str, tuple[int, float]] = {}
-        """CRC-32 of the schema that each topic's messages had last, and when, monotonic s."""
+        """CRC-32 of the schema last published on each topic, and the time of publication, monotonic s."""
         self._paused = 0.0
         """Monotonic time, s, until which only alarms are published."""
         self._broken: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._interest = [self._declare(path, ARROW, lossy=True) for path in ("raw/**", FRAME)]
-        """Those of all samples and frames: who subscribes is known by the time that the first ones come."""
+        """Publishers on all sample and frame keys, declared early: subscribers are known before the first data."""
         self._health_to = self._declare(HEALTH, JSON, lossy=True)
         self._token = session.liveliness().declare_token(keys.root)
 
     @property
     def awaited(self) -> bool:
-        """True if somebody subscribes to samples or frames."""
+        """True if a consumer subscribes to samples or frames."""
         return any(map(_wanted, self._interest))
 
     @property
     def health_awaited(self) -> bool:
-        """True if somebody subscribes to health."""
+        """True if a consumer subscribes to health."""
         return _wanted(self._health_to)
 
     def tell_schemas(self) -> None:
-        """Let the next message of each topic have its schema."""
+        """Include the schema in the next message of each topic."""
         self._told.clear()
 
     def send(self, topic: str, paths: Sequence[str], item: Item, mark: Mark) -> None:
-        """Publish an item of a topic under its paths; count it as sent, lost, or left to consumers' questions."""
+        """Publish an item of a topic under its paths; count it as sent, dropped or not published."""
         import zenoh
 
         lossy = isinstance(item, Batch | Frames | Prediction)
@@ -93,7 +94,7 @@ class Publisher:
             self._break(error)
 
     def _put(self, topic: str, paths: Sequence[str], item: Item, mark: Mark, *, lossy: bool) -> None:
-        """Publish an item that is expected. Raises ``ZError``."""
+        """Publish an item already counted as expected. Raises ``ZError``."""
         samples = isinstance(item, Batch | Frames)
         publishers = [self._publisher(path, ARROW if samples else JSON, lossy=lossy) for path in paths]
         if samples and not any(map(_wanted, publishers)):
@@ -103,7 +104,7 @@ class Publisher:
             mark, payload = self._encode(topic, item, mark)
             attachment = self._seal.message(topic, mark.encode(payload), payload)
         except Exception:
-            # One item that breaks its own contract costs that item, not the outlet.
+            # An item that violates its contract is dropped; the outlet continues.
             log.exception("zenoh: an item of %s cannot be encoded", topic)
             self._account.drop(mark.count, "not encodable")
             return
@@ -125,9 +126,9 @@ class Publisher:
             self._break(error)
 
     async def watch(self, link: LinkSettings) -> None:
-        """Log once when no link is up, with the reason, and once when one is up again.
+        """Log once when all links are down, with the reason, and once when a link is up again.
 
-        Raises ``OutletError`` when the session takes no more messages.
+        Raises ``OutletError`` when the session accepts no more messages.
         """
         linked_at: float | None = time.monotonic()
         while not self._broken.done():
@@ -148,7 +149,7 @@ class Publisher:
             self._broken.set_exception(OutletError(f"Zenoh session: {error}"))
 
     def _encode(self, topic: str, item: Item, mark: Mark) -> tuple[Mark, bytes]:
-        """Mark and payload of an item; samples and frames with their schema where that is due."""
+        """Mark and payload of an item; samples and frames include their schema when it is due."""
         if not isinstance(item, Batch | Frames):
             return mark, encode_item(item, mark)
         check, schema, rows = encode_apart(item)
@@ -165,7 +166,7 @@ class Publisher:
         return publisher
 
     def _declare(self, path: str, encoding: str, *, lossy: bool) -> zenoh.Publisher:
-        """Publisher of one key; a ``lossy`` one leaves a slow receiver out, another one waits for it."""
+        """Publisher of one key; a ``lossy`` publisher skips a slow receiver, any other waits for it."""
         import zenoh
 
         control, priority = zenoh.CongestionControl, zenoh.Priority
@@ -174,11 +175,11 @@ class Publisher:
             encoding=encoding,
             congestion_control=control.DROP if lossy else control.BLOCK,
             priority=priority.DATA if lossy else priority.INTERACTIVE_HIGH,
-            express=False,  # else each message would take one of the 16 places in a receiver's queue
+            express=False,  # else each message would take one of the 16 slots in a receiver's queue
         )
 
 
 def _wanted(publisher: zenoh.Publisher) -> bool:
-    """True if somebody subscribes."""
+    """True if a consumer subscribes."""
     status: Any = publisher.matching_status  # Zenoh's stubs call it a bool
     return bool(status.matching)

@@ -1,6 +1,6 @@
-"""Questions to a cell, as consumers ask them and as the cell reads them. Pure.
+"""Questions to a cell, as consumers send them and as the cell parses them. Pure.
 
-Anyone who reaches the cell's port may put anything into one.
+Anyone who reaches the cell's port may send any content.
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ from cellwatt.outlets.zenoh.order import Hole
 from cellwatt.results import Event, Result
 
 LARGEST: Final = 64 * 1024
-"""Bytes of a question with all that was sent along; nothing that is asked here needs more than a few hundred."""
+"""Most bytes of a question including payload and attachment; valid questions need a few hundred."""
 _LONGEST: Final = 4096
-"""Characters of the parameters."""
+"""Most characters of the parameters."""
 _HIGHEST: Final = 2**62
-"""No session, number or count is above it, and sums of two still fit 64 bits."""
+"""Limit of sessions, numbers and counts; sums of two still fit 64 bits."""
 _DIGITS: Final = 19
 
 
 class QuestionError(CellwattError):
-    """A question is wrong."""
+    """A question is invalid."""
 
 
 class NothingKeptError(QuestionError):
-    """A question is valid, but there is nothing to answer it with."""
+    """A question is valid, but the cell has none of the requested data."""
 
 
 def parameters(text: str) -> dict[str, str]:
-    """Parse ``name=value;…`` of a selector; the last of equal names counts. Raises ``QuestionError`` if too long."""
+    """Parse ``name=value;…`` of a selector; of equal names the last counts. Raises ``QuestionError`` if too long."""
     if len(text) > _LONGEST:
         raise QuestionError(f"a question may have {_LONGEST} characters of parameters, this one has {len(text)}")
     pairs = (pair.partition("=") for pair in text.split(";"))
@@ -52,7 +52,7 @@ def text_of(asked: Mapping[str, str], name: str) -> str:
 
 
 def number_of(asked: Mapping[str, str], name: str, default: int) -> int:
-    """A required whole number from 0 to 2⁶² − 1. Raises ``QuestionError``."""
+    """A whole number from 0 to 2⁶² − 1, or ``default`` if it is absent. Raises ``QuestionError``."""
     text = asked.get(name)
     if text is None:
         return default
@@ -64,7 +64,7 @@ def number_of(asked: Mapping[str, str], name: str, default: int) -> int:
 
 
 def short(text: str, most: int = 60) -> str:
-    """Received text made safe to show: on one line, and cut off after ``most`` characters."""
+    """Received text made safe to show: on one line, truncated to ``most`` characters."""
     return repr(text) if len(text) <= most else f"{text[:most]!r}…"
 
 
@@ -90,7 +90,7 @@ class Question:
         return f"{keys.question(name)}?{parameters}"
 
     def check(self, parts: Sequence[tuple[Mark, Batch | Frames | Result | Event]]) -> None:
-        """Raise ``ProtocolError`` if an answer is about other messages."""
+        """Raise ``ProtocolError`` if an answer contains other messages than requested."""
         hole = self.hole
         end = math.inf if hole.count is None else hole.first + hole.count
         for mark, _ in parts:

@@ -28,10 +28,10 @@ PATIENCE: Final = 5.0  # s, for a link to a cell and for its answer
 def link_to(
     config: CellConfig, connect: str | None = None, hint: str = "", tls: TlsSettings | None = None
 ) -> LinkSettings:
-    """A client's link to the cell, at ``connect``, where it listens, or at its routers, with its credentials.
+    """A client's link to the cell, at ``connect``, or at the cell's listen endpoint or routers, with its credentials.
 
-    ``tls`` replaces the cell's own certificates. Raises ``ConfigError``, with a ``hint`` of what else to do, if the
-    cell is not on the bus.
+    ``tls`` replaces the cell's own certificates. Raises ``ConfigError``, with ``hint`` appended, if the cell is not on
+    the bus.
     """
     zenoh = config.outlets["zenoh"].settings if "zenoh" in config.outlets else None
     endpoints = (zenoh.listen[:1] or zenoh.connect) if isinstance(zenoh, ZenohSettings) else ()
@@ -43,13 +43,13 @@ def link_to(
         return client_of(chosen, tls)
     tls = tls or zenoh.tls
     if tls is not None and not connect and local != endpoints:
-        # A certificate names the PC, not the loopback address by which we reach it without leaving it.
+        # A certificate names the PC, not the loopback address used here.
         tls = tls.model_copy(update={"verify_name": False})
     return client_of(chosen, tls, user=zenoh.user, password=zenoh.password, namespace=zenoh.namespace)
 
 
 def client_of(endpoints: tuple[str, ...], tls: TlsSettings | None = None, **more: Any) -> LinkSettings:
-    """A client's link to one of the endpoints. Raises ``ConfigError`` if one is none, or certificates are missing."""
+    """A client's link to one of the endpoints. Raises ``ConfigError`` if one is invalid or lacks certificates."""
     try:
         return LinkSettings(mode="client", connect=endpoints, tls=tls, **more)
     except ValidationError as error:
@@ -57,9 +57,9 @@ def client_of(endpoints: tuple[str, ...], tls: TlsSettings | None = None, **more
 
 
 def ask_cell(config: CellConfig, question: str) -> dict[str, Any]:
-    """The running daemon's answer to ``@/question`` (``status``, ``config``, ``schema`` …), from JSON.
+    """The running daemon's answer to ``@/question`` (``status``, ``config``, ``schema`` …), parsed from JSON.
 
-    Raises ``OutletError`` if nobody answers within some seconds, or not with an answer.
+    Raises ``OutletError`` if no answer arrives within some seconds, or it cannot be parsed.
     """
     import zenoh
 
@@ -77,29 +77,29 @@ def ask_cell(config: CellConfig, question: str) -> dict[str, Any]:
     return answer
 
 
-_TIMEOUT: Final = 2.0  # s, for the answer of the other side
+_TIMEOUT: Final = 2.0  # s, for an answer
 _PAUSE: Final = 0.2  # s
 _MOST: Final = 12
-"""Cells that an error names."""
+"""Most cells named in an error."""
 
 
 def cells_heard(session: zenoh.Session, site: str | None = None) -> list[tuple[str, str]]:
-    """Site and name of each cell that is up and that we may see, in order; of one site, or of all."""
+    """Site and name of each running cell that this session may see, sorted; of one site or of all."""
     key = f"{PREFIX}/{'*' if site is None else escape(site)}/*"
     found = (str(reply.ok.key_expr).split("/") for reply in _tokens(session, key) if reply.ok is not None)
     return sorted({(unquote(chunks[1]), unquote(chunks[2])) for chunks in found})
 
 
 def site_health(session: zenoh.Session, site: str) -> dict[str, Health | None]:
-    """Health of each cell of a site that is heard, by name; ``None`` of those that do not answer us."""
+    """Health of each running cell of a site, by name; ``None`` for cells that do not answer."""
     import zenoh
 
     found: dict[str, Health | None] = dict.fromkeys(name for _, name in cells_heard(session, site))
     question = f"{PREFIX}/{escape(site)}/*/@/status"
-    # Each cell answers under its own key: no answer must be taken for another's.
+    # Each cell answers under its own key: no answer may replace that of another cell.
     for reply in session.get(question, timeout=_TIMEOUT, consolidation=zenoh.ConsolidationMode.NONE):
         if reply.ok is not None:
-            with contextlib.suppress(ProtocolError):  # it stays one that does not answer
+            with contextlib.suppress(ProtocolError):  # the cell counts as not answering
                 found[unquote(str(reply.ok.key_expr).split("/")[2])] = read_health(reply.ok)[1]
     return dict(sorted(found.items()))
 
@@ -107,8 +107,8 @@ def site_health(session: zenoh.Session, site: str) -> dict[str, Health | None]:
 def await_cell(link: LinkSettings, site: str, cell: str, patience: float) -> None:
     """Return once a cell is on the bus; blocks.
 
-    Raises ``OutletError`` after ``patience`` s with the reason: nobody answers at the endpoint, the session is refused
-    there, or the cell is not heard; then with the cells that are.
+    Raises ``OutletError`` after ``patience`` s with the reason: no answer from the endpoint, the session is refused
+    there, or the cell is not on the bus; then the error names the cells that are.
     """
     keys = CellKeys(site, cell)
     end = time.monotonic() + patience

@@ -23,15 +23,15 @@ if TYPE_CHECKING:
 
 
 _LARGEST_JSON: Final = 4 * 1024 * 1024
-"""Bytes of one result, event or health message; the largest of a cell have some 100 kB."""
+"""Most bytes of one result, event or health message; the largest of a cell have some 100 kB."""
 _MOST_TOPICS: Final = 1000
 _END: Final = 2**63
-"""Numbers and times are below it."""
+"""Limit of numbers and times."""
 
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """The cell's health message, about once a second; ``positions`` are session and next number by topic."""
+    """The cell's health message, about once per second; ``positions``: session and next number by topic."""
 
     session: int
     time: int
@@ -40,7 +40,7 @@ class Health:
 
 
 class UnknownSchemaError(ProtocolError):
-    """A message of samples or frames came without its schema, which has not come yet."""
+    """A message of samples or frames lacks its schema, which has not been received yet."""
 
 
 def read_message(
@@ -48,7 +48,7 @@ def read_message(
 ) -> tuple[Mark, Batch | Frames | Result | Event]:
     """Mark and content of a message of a kind of topic; ``schemas`` are Arrow schemas by their CRC-32.
 
-    Raises ``UnknownSchemaError`` if none of them is the message's; other ``ProtocolError``.
+    Raises ``UnknownSchemaError`` if the message's schema is not among them, another ``ProtocolError`` if it is invalid.
     """
     payload = sample.payload.to_bytes()
     mark = _mark(sample, payload)
@@ -77,7 +77,7 @@ def _small(payload: bytes) -> bytes:
 
 @contextmanager
 def _reading(what: str) -> Iterator[None]:
-    """Turn every error of reading received bytes into ``ProtocolError``."""
+    """Convert every error in parsing received bytes into ``ProtocolError``."""
     try:
         yield
     except ProtocolError:
@@ -87,7 +87,7 @@ def _reading(what: str) -> Iterator[None]:
 
 
 def read_answer(sample: zenoh.Sample, topic: str) -> list[tuple[Mark, Batch | Frames | Result | Event]]:
-    """The parts in an answer about the past, in order. Raises ``ProtocolError``."""
+    """The messages in an answer about the past, in order. Raises ``ProtocolError``."""
     kind = topic.split("/", 1)[0]
     if kind in ("raw", FRAME):
         return [read_message(sample, kind)]
@@ -124,16 +124,16 @@ def _number(value: object) -> int:
 
 
 def read_sessions(payload: bytes) -> list[int]:
-    """The sessions of the recordings that a cell lists, oldest first."""
+    """Sessions of the recordings that a cell lists, oldest first; none if the answer is invalid."""
     try:
         with _reading("the list of recordings"):
             return list(dict.fromkeys(_number(recording["session"]) for recording in parse_json(payload)))
     except ProtocolError:
-        return []  # a cell that does not say of which sessions its recordings are
+        return []  # a cell whose list of recordings lacks the sessions
 
 
 def read_refusal(error: zenoh.ReplyError) -> str | None:
-    """The reason for which the cell refused a question; ``None`` if Zenoh itself gave up."""
+    """The reason why the cell refused a question; ``None`` for an error of Zenoh itself."""
     try:
         with _reading("a refusal"):
             return str(parse_json(_small(error.payload.to_bytes()))["error"])[:LONGEST_REASON]

@@ -1,9 +1,9 @@
-"""Signatures of a cell's messages, for consumers that do not trust the network between.
+"""Signatures of a cell's messages, for consumers that do not trust the network.
 
 A signature covers cell, topic, mark (session, number, time) and payload. So a signed message cannot be changed or
-passed off as one of another topic or cell; a replayed one is recognised by its number. The signature is the last
-64 bytes of the attachment, after the mark. An answer is signed together with the parameters of its question; a
-consumer that puts a random number into each question knows that the answer is fresh.
+moved to another topic or cell; a replayed one is recognised by its number. The signature is the last 64 bytes of the
+attachment, after the mark. An answer is signed together with the parameters of its question; a consumer that puts a
+random number into each question knows that the answer is fresh.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class MessageSigner:
         self._signer: Signer | None = None
 
     def open(self) -> None:
-        """Read the key. Raises ``OutletError`` on failure: nothing goes out unsigned."""
+        """Read the key. Raises ``OutletError`` on failure: nothing is sent unsigned."""
         if self._path is not None:
             try:
                 self._signer = Signer(self._path)
@@ -46,7 +46,7 @@ class MessageSigner:
                 raise OutletError(f"sign: {error}") from None
 
     def message(self, topic: str, attachment: bytes, payload: bytes) -> bytes:
-        """The attachment of a message, followed by the signature."""
+        """The attachment of a message with the signature appended."""
         return attachment + self._signature(MESSAGE, topic, attachment, payload)
 
     def answer(self, topic: str, parameters: str, attachment: bytes, payload: bytes) -> bytes:
@@ -59,7 +59,7 @@ class MessageSigner:
         return {"error": error, "signature": signature} if signature else {"error": error}
 
     def _signature(self, kind: str, *parts: bytes | str) -> bytes:
-        """Of the cell and these parts; empty where it has no key."""
+        """Signature over the cell and these parts; empty if the cell has no key."""
         if self._path is None:
             return b""
         assert self._signer is not None, "not open"
@@ -67,7 +67,7 @@ class MessageSigner:
 
 
 def _asked(parameters: str) -> str:
-    """Parameters without those that Zenoh adds on the way, whose names begin with an underscore."""
+    """Parameters without those that Zenoh adds, whose names begin with an underscore."""
     return ";".join(part for part in parameters.split(";") if not part.startswith("_"))
 
 
@@ -88,7 +88,7 @@ class MessageVerifier:
 
     @property
     def asks_for_proof(self) -> bool:
-        """True if answers must prove that they are fresh: each question then carries a random number."""
+        """True if answers must prove that they are fresh: each question then includes a random number."""
         return self._verifier is not None
 
     def message(self, topic: str, sample: zenoh.Sample) -> bool:
@@ -96,11 +96,11 @@ class MessageVerifier:
         return self._right(self._signed(sample, MESSAGE, topic), "unsigned", topic)
 
     def reply(self, topic: str, selector: str, reply: zenoh.Reply) -> bool:
-        """True if the cell gave this answer, or this refusal, to this very question."""
+        """True if the cell gave this answer or refusal to this question."""
         asked = _asked(selector.partition("?")[2])
         if reply.ok is not None:
             return self._right(self._signed(reply.ok, ANSWER, topic, asked), "unsigned", topic)
-        if reply.err is None or read_refusal(reply.err) is None:  # Zenoh itself gave up
+        if reply.err is None or read_refusal(reply.err) is None:  # an error of Zenoh itself
             return True
         return self._right(self._refused(asked, reply.err.payload.to_bytes()), "unsigned", topic)
 
@@ -121,7 +121,7 @@ class MessageVerifier:
         return self._verifier is None or self._verifier.holds(signature, REFUSAL, self._root, asked, error)
 
     def newer(self, mark: Mark, reached: tuple[int, int]) -> bool:
-        """True if a health message is newer than ``reached``; an older one may be a replay."""
+        """True if a health message is newer than ``reached`` (session, number); an older one may be a replay."""
         session, sequence = reached
         again = self._verifier is not None and mark.session == session and mark.sequence <= sequence
         return self._right(not again, "replayed", HEALTH)
@@ -129,6 +129,6 @@ class MessageVerifier:
     def _right(self, right: bool, wrong: str, topic: str) -> bool:
         if not right:
             self._counts[wrong] += 1
-            if self._counts[wrong] == 1:  # whoever forges could fill the log
+            if self._counts[wrong] == 1:  # a forger could fill the log
                 log.warning("%s/%s: a message that is %s came; such are left out", self._root, topic, wrong)
         return right

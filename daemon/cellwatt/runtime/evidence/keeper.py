@@ -1,4 +1,4 @@
-"""Has evidence packs made: notes what is due on disk, waits for the time after the alarm, starts the process."""
+"""Has evidence packs made: notes due packs on disk, waits for the time after the alarm, starts the process."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ from cellwatt.results import Alarm, Event
 log = logging.getLogger(__name__)
 
 LOOK: Final = 0.5
-"""s after the end of a pack, and after the record has written it, at which it is made."""
+"""Delay in s between the time when the record has written the end of a pack and the making of the pack."""
 LONGEST_LOOK: Final = 10.0
-"""Longest time, s, without a look for packs that are due: the cell's clock may be set."""
+"""Longest time, s, between checks for due packs: the cell's clock may be set."""
 RETAIN_EVERY: Final = 3600.0
 """Period, s, at which packs are compared with their age."""
 LIMIT: Final = 300.0
-"""Longest time, s, that one pack may take."""
+"""Longest time, s, for making one pack."""
 CLOSE: Final = 4.0
-"""Longest time, s, that the end of the daemon waits for packs; what is not made then is made at the next start."""
+"""Longest time, s, that the end of the daemon waits for packs; the next start makes the others."""
 NICENESS: Final = 19
-"""Making a pack gives way to everything else on the PC."""
+"""Niceness of the process that makes a pack: the lowest priority."""
 MODULE: Final = "cellwatt.runtime.evidence.making"
 
 
 class Keeper:
-    """The packs of one cell. ``alarm`` is called on the event loop and only notes; ``run`` does the rest.
+    """The packs of one cell. ``alarm`` is called on the event loop and only notes; ``run`` has the packs made.
 
-    ``now`` is the cell's clock, UTC ns; ``tell`` takes the event that says where a pack is, or why there is none.
-    ``known`` are alarms that were up before this process: their packs are noted on disk.
+    ``now`` is the cell's clock, UTC ns; ``tell`` is called with the event that names a pack's file, or the reason why
+    there is none. ``known`` are alarms that were active before this process: their packs are noted on disk.
     """
 
     def __init__(
@@ -52,9 +52,9 @@ class Keeper:
         self.folder = settings.folder / packs.FOLDER
         self._waiting: list[Due] = []
         self._unwritten: set[str] = set()
-        """Names of packs whose note on disk is older than what is known."""
+        """Names of packs whose note on disk is out of date."""
         self._seen = {alarm.id: alarm.since for alarm in known if packs.wants(settings.evidence, alarm)}
-        """``since`` of each alarm that is up and has its pack."""
+        """``since`` of each active alarm that has a pack, by alarm id."""
         self._noted = asyncio.Event()
         self._kept: list[packs.Pack] = []
         self._retained_at = -RETAIN_EVERY
@@ -62,7 +62,7 @@ class Keeper:
         self._problem = ""
 
     def alarm(self, alarm: Alarm) -> None:
-        """Take a message of an alarm: its raise, or its rise to a severity that wants a pack, makes one due."""
+        """Note an alarm message: a raise, or a rise to a severity that gets a pack, makes a pack due."""
         if not alarm.active:
             self._seen.pop(alarm.id, None)
             return
@@ -80,12 +80,12 @@ class Keeper:
         self._noted.set()
 
     async def run(self) -> None:
-        """Make packs when they are due, also those that an earlier daemon left, until cancelled."""
+        """Make packs when they are due, also those left by an earlier daemon, until cancelled."""
         await self._resume()
         while True:
             await self._write()
             await self._retain()
-            late = self._now() - round(1e9 * (self._settings.flush + LOOK))  # by then it is in the file
+            late = self._now() - round(1e9 * (self._settings.flush + LOOK))  # the record has written samples up to then
             due = next((due for due in self._waiting if due.end <= late), None)
             if due is not None:
                 await self._make(due)
@@ -97,7 +97,7 @@ class Keeper:
                     await self._noted.wait()
 
     async def close(self) -> None:
-        """Make the packs that are still due with what there is; ``run`` has ended and the record is closed."""
+        """Make the remaining packs from the data recorded so far, after ``run`` and the record have ended."""
         await self._write()
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(CLOSE):
@@ -125,7 +125,7 @@ class Keeper:
         self._waiting[:0] = [due for due in left if due.name not in known]
 
     async def _write(self) -> None:
-        """Bring to disk which packs are due."""
+        """Write the notes of due packs to disk."""
         while (due := next((due for due in self._waiting if due.name in self._unwritten), None)) is not None:
             self._unwritten.discard(due.name)
             try:
@@ -156,7 +156,7 @@ class Keeper:
         except CellwattError as error:
             failure = str(error)
         except Exception as error:
-            # A pack is worth something, but never the record of what goes on: this process goes on without.
+            # A fault in making a pack must not stop this process, which also records.
             log.exception("evidence of alarm %s", due.alarms[0].id)
             failure = f"{type(error).__name__}: {error}"
         self._waiting = [other for other in self._waiting if other.name != due.name]
@@ -171,7 +171,7 @@ class Keeper:
         self._say(due, f"kept in {packs.FOLDER}/{due.name}.mcap", {**made, "pack": f"{due.name}.mcap"})
 
     async def _made_by_process(self, due: Due) -> dict[str, Any]:
-        """What the process that makes a pack says of it. Raises ``CellwattError`` where it makes none."""
+        """Run the process that makes a pack; return its report. Raises ``CellwattError`` if it fails."""
         settings = self._settings
         sign = [] if settings.sign is None else ["--sign", str(settings.sign)]
         note = str(packs.due_path(self.folder, due))

@@ -1,6 +1,6 @@
 """Makes one evidence pack and its page: ``python -m cellwatt.runtime.evidence.making NOTE``, started by the daemon.
 
-The page has the alarm in its own words, the curves around it, and how far to trust them.
+The page shows the statement of the alarm, the curves around it, and the clock bounds and losses of the data.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from cellwatt.runtime.plotted import channels_over_time
 from cellwatt.units import Units
 
 MOST_POINTS: Final = 1600
-"""Points of a curve: one and a half a pixel."""
+"""Largest number of points of a curve: 1.5 per pixel."""
 MOST_PANELS: Final = 6
 LEAD: Final = (
     "Yellow: from the first evidence to the alarm. Other bands: intervals, labelled with the joints that move. "
@@ -48,7 +48,7 @@ LEAD: Final = (
 @click.option("--reserve", default=0.0, help="Bytes of the disk to leave free.")
 @click.option("--sign", type=click.Path(path_type=Path), help="Private key that signs the pack.")
 def main(note: Path, reserve: float, sign: Path | None) -> None:
-    """Cut the pack that NOTE asks for out of the record and write its page; say what was made as JSON."""
+    """Cut the pack described in NOTE out of the record and write its page; report it as JSON."""
     try:
         due = packs.read_due(note)
         made = make(note.parent, due, reserve)
@@ -63,12 +63,12 @@ def main(note: Path, reserve: float, sign: Path | None) -> None:
 
 
 def make(folder: Path, due: Due, reserve: float = 0.0) -> Cut:
-    """Cut a pack into ``folder``, which stands in that of the record. Raises ``RecordingError``."""
+    """Cut a pack into ``folder``, a subfolder of the record. Raises ``RecordingError``."""
     return cut(folder.parent, due.cell, due.start, due.end, folder / f"{due.name}.mcap", reserve=reserve)
 
 
 def _page(due: Due, made: Cut) -> str:
-    """Write the page; gives why there is none: the pack is worth keeping without."""
+    """Write the page; return the reason if that fails, as the pack is useful without its page."""
     try:
         report(Recording.open(made.path), due, made).write(packs.page_of(made.path))
     except CellwattError as error:
@@ -80,7 +80,7 @@ def _page(due: Due, made: Cut) -> str:
 
 
 def report(pack: Recording, due: Due, made: Cut) -> Report:
-    """The page of a pack. Raises ``RecordingError`` where the pack cannot be read."""
+    """Make the page of a pack. Raises ``RecordingError`` if the pack cannot be read."""
     alarm, header = due.alarms[0], pack.header
     where = [" or ".join(map(str, (f"Joint {alarm.joint}", *alarm.alternatives)))] if alarm.joint else []
     where += [alarm.source] if alarm.source else []
@@ -104,7 +104,7 @@ def report(pack: Recording, due: Due, made: Cut) -> Report:
 
 
 def _tiles(alarm: Alarm) -> Iterator[Tile]:
-    """Residual against limit, where the alarm tells both; else the first figures of its evidence."""
+    """Residuals with their limits, if the alarm has them; otherwise the first figures of its evidence."""
     evidence = {key: value for key, value in alarm.evidence.items() if _is_number(value)}
     for key in [key for key in evidence if "residual" in key] or list(evidence)[:3]:
         limit = evidence.get(key.replace("residual", "limit")) if "residual" in key else None
@@ -133,7 +133,7 @@ def _pictures(pack: Recording, alarm: Alarm) -> list[Block]:
 
 
 def _channels(frames: Frames, alarm: Alarm) -> list[str]:
-    """Names of the channels that the alarm is about: those of its joint and the power, else its source, else all."""
+    """Names of the channels that the alarm concerns: those of its joint and the power, else of its source, else all."""
     continuous = [c for c in frames.layout.channels if c.kind != "discrete"]
     own = [c for c in continuous if alarm.source is None or c.source == alarm.source]
     if alarm.joint:
@@ -172,7 +172,7 @@ def _others(pack: Recording, due: Due) -> list[Block]:
 
 
 def _trust(pack: Recording, made: Cut) -> list[Block]:
-    """What the last health in the pack says of clocks and losses, and what the pack itself lacks."""
+    """Clock bounds and losses from the last health in the pack, and the data that the pack lacks."""
     last: Mapping[str, Any] = {}
     for health in pack.health():
         last = health.status
@@ -220,7 +220,7 @@ def _is_number(value: object) -> bool:
 
 
 def _label(key: str) -> str:
-    """A figure's name for people: ``power_residual_W`` is ``power residual``."""
+    """Readable name of a figure: ``power residual`` for ``power_residual_W``."""
     name, _, unit = key.rpartition("_")
     return (name if name and _is_unit(unit) else key).replace("_", " ")
 

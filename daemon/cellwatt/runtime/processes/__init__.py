@@ -1,1 +1,1 @@
-"""The daemon as processes: one collects, one aligns, one judges for each chain of stages, one tells."""
+"""The daemon's processes: *collect*, *align*, a *judge* for each chain of stages, and *tell*, which publishes."""

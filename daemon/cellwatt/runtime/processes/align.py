@@ -1,4 +1,4 @@
-"""The process that makes frames of what was collected."""
+"""The process that makes frames from the collected samples."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from cellwatt.runtime.processes.shared import ALIGN, ALIGNS, SAID, Apply, Assign
 from cellwatt.runtime.processes.waiting import turns
 
 UNGATHERED: Final = 0.004
-"""s between looks at samples that do not gather: frames are given out later than that anyway."""
+"""Period in s of reading when samples do not gather: frames are emitted later than that anyway."""
 BEFORE: Final = 3.0
-"""s before the last frame from which a process that follows another reads again, so that its frames are the same."""
+"""s before the last frame from which a restarted process reads the samples again, so that its frames are the same."""
 
 
 def align(assignment: Assignment) -> None:
-    """Make frames until nothing more is collected."""
+    """Make frames until *collect* has ended."""
     keep_up()
     _Aligning(assignment).run()
 
@@ -38,7 +38,7 @@ class _Aligning:
         self._streams, _ = declared(self._config)
         self._framer = Framer(self._streams, self._config.frames, *self._out.frames())
         self._fitting: dict[int, bool] = {}
-        """True for the identity of a stream that is in force."""
+        """Whether a stream, by ``id``, belongs to the present settings."""
         self._read: deque[tuple[float, int]] = deque()
         self._said = 0.0
 
@@ -68,7 +68,7 @@ class _Aligning:
                 pass
 
     def _fits(self, batch: Batch) -> bool:
-        """True if a batch is of the settings in force; a process that follows another may meet older ones."""
+        """True if a batch belongs to the present settings; a restarted process may read older batches."""
         fits = self._fitting.get(id(batch.stream))
         if fits is None:
             fits = self._fitting[id(batch.stream)] = batch.stream in self._streams.get(batch.source, ())

@@ -1,4 +1,4 @@
-"""The process that collects: drivers, stamps and numbers. Nothing else runs in its interpreter."""
+"""The process that collects: drivers, time stamps and sequence numbers. Nothing else runs in its interpreter."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ log = logging.getLogger(__name__)
 
 HEALTH_RATE: Final = 1.0  # Hz
 COLLECT: Final = 60.0
-"""s between looks for garbage."""
+"""Period of garbage collection, s."""
 
 
 def collect(assignment: Assignment) -> None:
-    """Read the cell's devices until told to stop."""
+    """Read the cell's devices until ``Stop`` is received."""
     load_libraries(assignment.config)
     asyncio.run(_Collecting(assignment).run())
 
@@ -68,7 +68,7 @@ class _Collecting:
     def _hear(self) -> None:
         try:
             message = self._assignment.control.recv()
-        except (EOFError, OSError):  # the supervisor is gone
+        except (EOFError, OSError):  # the supervisor has ended
             message = Stop()
         if isinstance(message, Apply):
             self._applying.put_nowait(message)
@@ -90,7 +90,7 @@ class _Collecting:
         try:
             self._ring.put(entry)
         except ValueError:
-            # One item that the ring cannot take must not end the driver that gave it.
+            # One item that does not fit the ring must not end its driver.
             self._refused += 1
             if self._refused == 1:
                 log.exception("an item cannot be passed on")
@@ -101,12 +101,12 @@ class _Collecting:
             async for tick in ticker:
                 self._lag = tick.lateness
                 if given == self._given:
-                    ticker.skip()  # nothing comes: each other second will do
+                    ticker.skip()  # no items: every other second is enough
                 given = self._given
                 self._collector.keep_time()
                 self._say()
                 if time.monotonic() - collected > COLLECT:
-                    gc.collect()  # what lost connections left behind: a millisecond, as all that was there is frozen
+                    gc.collect()  # objects of lost connections: takes 1 ms, as older objects are frozen
                     collected = time.monotonic()
 
     def _say(self) -> None:

@@ -21,23 +21,23 @@ from cellwatt.runtime.processes.waiting import turns
 log = logging.getLogger(__name__)
 
 QUEUED_FRAMES: Final = 500
-"""Frames that may wait in front of a chain (10 s at 50 Hz); then the oldest are dropped and counted."""
+"""Largest number of frames that wait for a chain (10 s at 50 Hz); beyond it the oldest are dropped and counted."""
 MEMORY: Final = 2 << 30
-"""Bytes that the stages of a chain may take; one that asks for more is made anew."""
+"""Largest memory in bytes of the stages of a chain; a stage that needs more is created again."""
 FIRST_TO_GO: Final = 500
-"""Added to what the kernel thinks of a process when memory runs out: judges are ended before all others."""
+"""``oom_score_adj`` of judges: when memory runs out, the kernel ends them before the other processes."""
 
 
 def judge(assignment: Assignment) -> None:
-    """Run the stages until no more frames come, or others take over. Raises ``ConfigError`` as ``make_chain`` does."""
+    """Run the stages until the frames end or other judges replace them. Raises ``ConfigError`` as ``make_chain``."""
     _give_way()
     _Judging(assignment).run()
 
 
 def _give_way() -> None:
-    """Leave memory to the other processes, as far as the unit allows to say so.
+    """Limit memory and be the first to be ended when it runs out, as far as the unit allows.
 
-    Judges keep the niceness of the daemon: below that, beside busy programs, alarms came 15 s late.
+    Judges have the niceness of the daemon: with a lower priority, alarms came 15 s late beside busy programs.
     """
     for step in (
         lambda: resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY)),
@@ -81,14 +81,14 @@ class _Judging:
         self._out.end()
 
     def _begin(self) -> None:
-        """Say that these stages begin: alarms that earlier ones have left active are nobody's any more."""
+        """Announce that these stages begin, so that active alarms of earlier ones are withdrawn."""
         self._held = False
         self._out.put(Status({"begun": self._assignment.stages}))
 
     def _turn(self) -> bool:
-        """Judge what there is; ``False`` where others have taken over."""
+        """Process the present frames; return ``False`` if other judges have taken over."""
         for item in self._in.items():
-            # Before the work: what makes a stage crash is not given to its successor.
+            # Settled before the work, so that a block that crashes a stage is not given to its successor.
             self._in.settle()
             if isinstance(item, Frames):
                 self._take(item)

@@ -20,28 +20,28 @@ log = logging.getLogger(__name__)
 
 FIRST_PAUSE, LONGEST_PAUSE = 1.0, 60.0  # s
 STEADY: Final = 2.0
-"""A process that served for so long, s, is begun again at once."""
+"""A process that ran for this long, s, is restarted at once."""
 BROKEN: Final = 1
-"""Exit code of a process that ended by a mistake of ours."""
+"""Exit code of a process that ended by an unexpected exception."""
 
 
 @dataclass(slots=True)
-class Part:
-    """A process: ``main`` gets its assignment from ``make``, which is given the process's end of the control pipe."""
+class SupervisedProcess:
+    """A process that runs ``main`` with the assignment from ``make``, which gets its end of the control pipe."""
 
     name: str
     main: Callable[[Assignment], None]
     make: Callable[[Connection, int], Assignment]
     pid: int = 0
     exit: int = -1
-    """A descriptor that can be read once the process has ended."""
+    """A descriptor that becomes readable when the process ends."""
     control: Connection | None = None
     ready: bool = False
     done: bool = False
-    """Its last run came to its end by itself."""
+    """True if the last run ended with exit code 0."""
     restarts: int = 0
     again_at: float = math.inf
-    """When to begin it again, monotonic s."""
+    """Monotonic s at which to restart it."""
     _began: float = 0.0
     _failures: int = 0
 
@@ -50,8 +50,8 @@ class Part:
         """True while the process runs."""
         return self.pid > 0
 
-    def start(self, others: Iterable[Part]) -> None:
-        """Fork the process; what belongs to ``others`` is closed in it. Raises ``OSError`` where there is no room."""
+    def start(self, others: Iterable[SupervisedProcess]) -> None:
+        """Fork the process and close the descriptors of ``others`` in it. Raises ``OSError`` if resources run out."""
         ours, theirs = Pipe()
         assignment = self.make(theirs, self.restarts)
         self._began, self.ready = time.monotonic(), False
@@ -65,13 +65,13 @@ class Part:
         try:
             self.exit = os.pidfd_open(pid)
         except OSError:
-            os.kill(pid, signal.SIGKILL)  # nobody would learn of its end
+            os.kill(pid, signal.SIGKILL)  # its end could not be noticed
             os.waitpid(pid, 0)
             raise
         self.pid, self.control = pid, ours
 
     def let_go(self) -> None:
-        """Close what the supervisor holds of this process."""
+        """Close the supervisor's descriptors of this process."""
         if self.control is not None:
             self.control.close()
         if self.exit >= 0:
@@ -79,7 +79,7 @@ class Part:
         self.control, self.exit, self.pid = None, -1, 0
 
     def send(self, message: Any) -> None:
-        """Say something to the process; one that has just ended will not hear it."""
+        """Send a message to the process, unless it has just ended."""
         if self.control is not None:
             try:
                 self.control.send(message)
@@ -92,7 +92,7 @@ class Part:
             os.kill(self.pid, signal.SIGKILL)
 
     def reap(self) -> str:
-        """Collect a process that has ended; gives what it ended by."""
+        """Reap a process that has ended; return the signal or exit code."""
         _, status = os.waitpid(self.pid, 0)
         self.let_go()
         code = os.waitstatus_to_exitcode(status)
@@ -106,17 +106,17 @@ class Part:
 
 
 def _serve(name: str, main: Callable[[Assignment], None], assignment: Assignment) -> None:
-    """The life of the process that was forked."""
+    """Run the forked process and exit."""
     code = BROKEN
     try:
-        # Who stops the daemon tells the supervisor; a terminal or systemd tells every process.
+        # The supervisor handles these signals; a terminal or systemd sends them to every process.
         signal.set_wakeup_fd(-1)
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, signal.SIG_IGN)
         main(assignment)
         code = 0
     except CellwattError as error:
-        error.__context__ = None  # a group of tasks that holds the error itself: not every pickler takes that
+        error.__context__ = None  # an exception group that contains the error itself, which some picklers refuse
         assignment.control.send(Failed(error))
     except (EOFError, BrokenPipeError):
         log.debug("%s: the supervisor is gone", name)

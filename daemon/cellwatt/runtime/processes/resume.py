@@ -1,4 +1,4 @@
-"""End of the record of a process that was killed, so that its successor writes nothing twice."""
+"""Finds the end of the record that a killed process wrote, so that its successor records nothing twice."""
 
 from __future__ import annotations
 
@@ -25,24 +25,24 @@ from cellwatt.results import Event, Result, series_of
 log = logging.getLogger(__name__)
 
 LAST = 8
-"""Chunks at the end of a file in which what a ring still holds may be."""
+"""Number of chunks at the end of a file that may hold items still in a ring."""
 
 
 @dataclass(slots=True)
 class Resume:
-    """The number with which each stream, and the frames, go on after what is in the record."""
+    """Next number of each stream, and of the frames, after the end of the record."""
 
     following: dict[tuple[str, str], int] = field(default_factory=dict)
     messages: list[Message] = field(default_factory=list)
-    """The last ones."""
+    """Last recorded messages."""
     ends: dict[str, int] = field(default_factory=dict)
-    """The number with which each series of results or events goes on."""
+    """Next number of each series of results or events."""
 
     @classmethod
     async def of(cls, recorder: Recorder | None, series: Collection[str], *, restarts: int) -> Resume:
-        """Read what this session's record holds; empty where the process is the first of its session.
+        """Read the end of this session's record; empty if the process is the first of its session.
 
-        ``series`` are those that have been told.
+        ``series`` are the series that have been published.
         """
         if recorder is None or not restarts:
             return cls()
@@ -67,7 +67,7 @@ class Resume:
                 self.messages.append(item)
 
     def unrecorded(self, told: Iterable[tuple[int, Result | Event]]) -> list[tuple[int, Result | Event]]:
-        """Of results and events that were told, those that are not in the record, with their numbers."""
+        """Of the published results and events ``told``, those missing in the record, with their numbers."""
         found = [(number, item) for number, item in told if number >= self.ends.get(series_of(item), 0)]
         self.messages += [item for _, item in found]
         return found
@@ -80,7 +80,7 @@ class Resume:
         return True
 
     def fresh(self, item: Block) -> Block | None:
-        """Rows of a block that are not in the record yet; None where all are."""
+        """Rows of a block that are not in the record yet; None if all are."""
         first = self.following.get(_key(item), 0)
         if item.sequence >= first:
             return item
@@ -90,7 +90,7 @@ class Resume:
 
 
 def _ends(files: Sequence[RecordFile], series: Collection[str]) -> dict[str, int]:
-    """The number with which each series goes on that is in the record."""
+    """Next number of each series that is in the record."""
     ends: dict[str, int] = {}
     for file, contents, tracks in _readable(reversed(files)):
         for channel, track in tracks.items():
@@ -115,7 +115,7 @@ def _readable(files: Iterable[RecordFile]) -> Iterator[tuple[FileIO, Contents, M
 
 
 def _items(file: FileIO, chunk: Chunk, tracks: Mapping[int, Track], wanted: Container[int]) -> list[tuple[int, Item]]:
-    """Those of a chunk with their numbers; of a damaged one none."""
+    """Items of a chunk with their numbers; none of a damaged chunk."""
     try:
         return numbered_items(file, chunk, tracks, wanted)
     except ValueError as error:

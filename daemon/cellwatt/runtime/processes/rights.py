@@ -1,4 +1,4 @@
-"""Rights that processes claim of the host so that others do not hold them up, and memory that they give back."""
+"""Scheduling and memory rights that processes claim from the host, and memory that they return."""
 
 from __future__ import annotations
 
@@ -13,36 +13,36 @@ from typing import Final
 log = logging.getLogger(__name__)
 
 REALTIME: Final = 10
-"""Priority of real-time scheduling, of 1 to 99: above all that is not real-time, below the kernel's own threads."""
+"""Priority of real-time scheduling, 1 to 99: above all other programs, below the kernel's own threads."""
 NICE: Final = -10
 KEEPING_UP: Final = -5
-"""Niceness of who aligns, records and tells: beside busy programs of others, the ring must not run full."""
+"""Niceness of *align* and *tell*: beside busy programs, the ring must not run full."""
 DESCRIPTORS: Final = 65_536
 FEW: Final = 256
-"""Descriptors below which a daemon may not be able to do its work."""
+"""Smallest number of descriptors that a daemon needs."""
 _M_ARENA_MAX: Final = -8
-"""Of ``mallopt``: heaps that the threads of a process may have; each takes a megabyte or two."""
+"""Parameter of ``mallopt``: number of heaps for the threads of a process; each takes a megabyte or two."""
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 
 
 def claim() -> str:
-    """For who collects: take what the unit or the user allows, and say in one line what that is."""
+    """For *collect*: claim the rights that the unit or the user allows; return them in one line."""
     return f"{_scheduling()}, {_memory()}"
 
 
 def keep_up(process: int = 0) -> None:
-    """For who aligns, records and tells: go before other programs, where the unit or the user allows it.
+    """For *align* and *tell*: take priority over other programs, if the unit or the user allows it.
 
-    ``process``: its number, 0 for the one that calls; one that has made threads already keeps theirs as they are.
+    ``process``: its number, 0 for the caller; threads that the process has already started are not changed.
     """
     with contextlib.suppress(OSError):
         _prefer(KEEPING_UP, process)
 
 
 def allow_descriptors() -> None:
-    """For all processes: have as many files and connections open as the unit or the user allows, up to 65,536.
+    """For all processes: raise the limit of open files and connections as far as allowed, up to 65,536.
 
-    Zenoh accepts connections that say nothing for 10 s, in the process that records: the usual 1024 are soon taken.
+    Zenoh accepts connections that stay silent for 10 s, in the process that records: the usual 1024 are soon used.
     """
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     most = DESCRIPTORS if hard == resource.RLIM_INFINITY else min(hard, DESCRIPTORS)
@@ -53,11 +53,11 @@ def allow_descriptors() -> None:
 
 
 def settle_memory() -> None:
-    """Give back what the start has used, and never look for garbage again among what is there now."""
+    """Return the memory used by the start, and exclude the present objects from garbage collection."""
     gc.collect()
     gc.freeze()
     libc = ctypes.CDLL(None)
-    with contextlib.suppress(AttributeError):  # another library of C than GNU's
+    with contextlib.suppress(AttributeError):  # another C library than GNU's
         libc.mallopt(_M_ARENA_MAX, 1)
         libc.malloc_trim(0)
 
@@ -82,7 +82,7 @@ def _prefer(nice: int, process: int = 0) -> None:
 
 def _memory() -> str:
     libc = ctypes.CDLL(None, use_errno=True)
-    # Only what is used is locked: the rings are larger than what they hold.
+    # Only used pages are locked: the rings reserve more memory than they use.
     if libc.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT):
         return f"memory not locked ({os.strerror(ctypes.get_errno())})"
     return "memory locked"

@@ -18,33 +18,33 @@ from cellwatt.ring.memory import READERS
 from cellwatt.runtime.allowance import USUAL
 
 CHAINS: Final = 8
-"""Most processes that judge; of more chains of stages some share one."""
+"""Largest number of *judge* processes; more chains of stages share processes."""
 SLOTS: Final = 2 * CHAINS
-"""Processes that judge at a time: during a reload the old ones and the new."""
+"""Largest number of *judge* processes during a reload, when old and new ones run."""
 KEPT: Final = 10.0
-"""s of data that a ring holds: how long a reader may stand still before it misses some."""
+"""s of data that a ring holds: longest time for which a reader may stall without losing data."""
 SMALLEST, LARGEST = 1 << 20, 64 << 20  # bytes of a ring
 RESULTS: Final = 2 << 20
-"""Bytes of results that a chain may be ahead of who records and publishes them."""
+"""Bytes of a chain's results that may wait for *tell*."""
 
 TELL, OTHERS, TOLD = 0, 1, READERS - 1
-"""Readers of a ring: who tells, up to where that is in the record; the first of the others. Up to where it is told is a
-position without a reader of its own."""
+"""Readers of a ring: *tell*, whose position is the end of the recorded items; the first of the others; and a position
+without a reader, the end of the published items."""
 ALIGN = OTHERS
-"""Reader of the raw ring who makes frames; chain number n reads the frames as ``OTHERS + n``."""
+"""Number of *align* as reader of the raw ring; chain number n reads the frames as ``OTHERS + n``."""
 ALIGNS, TELLS = 0.0015, 0.003
-"""s by which who makes frames, and who records and publishes, wake after who collects: in the order of the data."""
+"""s by which *align* and *tell* wake later than *collect*: in the order of the data."""
 SAID: Final = 1.0
-"""s between figures of a process that has something to do."""
+"""Period in s at which a busy process reports its figures."""
 ALARMS: Final = 2 << 20
-"""Bytes of alarms and events that are kept for who tells next; of other results as much as ``RESULTS``."""
+"""Bytes of alarms and events stored for a successor of *tell*; ``RESULTS`` for other results."""
 
 
 @dataclass(frozen=True, slots=True)
 class Shared:
     """The cell's clock and session, and the rings: raw from *collect*, frames from *align*, results of each chain.
 
-    ``told`` is the journal of who tells.
+    ``told`` is the journal of *tell*.
     """
 
     clock: CellClock
@@ -56,7 +56,7 @@ class Shared:
 
     @classmethod
     def of(cls, streams: Mapping[str, tuple[Stream, ...]], layout: Layout) -> Shared:
-        """Rings that hold some seconds of what these streams and frames give."""
+        """Rings for some seconds of these streams and frames."""
         clock = CellClock()
         raw = sum((s.rate or USUAL) * (60 + 10 * len(s.channels)) for its in streams.values() for s in its)
         frames = layout.rate * (50 + 19 * len(layout.channels))
@@ -68,7 +68,7 @@ class Shared:
 
 
 def _ring(rate: float, readers: int) -> Ring:
-    """A ring for ``rate`` bytes a second, whose readers wake by themselves until they listen."""
+    """A ring for ``rate`` bytes a second; its readers poll until they listen."""
     made = Ring(round(min(max(KEPT * rate, SMALLEST), LARGEST)), readers)
     for reader in range(readers):
         made.listen(reader, False)
@@ -77,9 +77,9 @@ def _ring(rate: float, readers: int) -> Ring:
 
 @dataclass(frozen=True, slots=True)
 class Assignment:
-    """Task of one process: ``stages`` for a chain in ``slot``; ``held``: begin with what this generation brings.
+    """Task of one process: ``stages`` for a chain in ``slot``; ``held``: wait for the first frames of ``generation``.
 
-    ``generation`` numbers the settings since the start, ``restarts`` how often the process was begun again.
+    ``generation`` numbers the settings since the start, ``restarts`` counts the restarts of the process.
     """
 
     shared: Shared
@@ -92,31 +92,31 @@ class Assignment:
     held: bool = False
 
 
-# What supervisor and processes say to each other -----------------------------------------------------
+# Messages between supervisor and processes -----------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
 class Ready:
-    """The process serves."""
+    """The process has started."""
 
 
 @dataclass(frozen=True, slots=True)
 class Failed:
-    """The process cannot do its work, for a reason that a person can mend."""
+    """The process cannot start, for a reason that a person can remedy."""
 
     error: Exception
 
 
 @dataclass(frozen=True, slots=True)
 class InForce:
-    """Everything works by the settings of this generation."""
+    """The settings of this generation are in force."""
 
     generation: int
 
 
 @dataclass(frozen=True, slots=True)
 class Apply:
-    """Settings to be taken: at once where a process reads devices, at their ``Mark`` where it reads a ring."""
+    """New settings: *collect* applies them at once, a process that reads a ring at their ``Mark``."""
 
     generation: int
     config: CellConfig
@@ -124,18 +124,18 @@ class Apply:
 
 @dataclass(frozen=True, slots=True)
 class Alive:
-    """The cell's health was looked at; ``status`` is one line about it for systemd."""
+    """The cell's health was checked; ``status`` is one line about it for systemd."""
 
     status: str
 
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """Come to an end."""
+    """End in order."""
 
 
 def figures(part: str, assignment: Assignment, **more: Any) -> dict[str, Any]:
-    """Figures that a process gives of itself about once a second."""
+    """Figures that a process reports about itself, about once a second."""
     return {
         "part": part,
         "pid": os.getpid(),

@@ -1,7 +1,7 @@
-"""``cellwatt run``: starts the processes of a cell, begins again those that die, applies new settings, and stops.
+"""``cellwatt run``: starts the processes of a cell, restarts those that die, applies new settings, and stops.
 
-It does no work of its own and has one thread, so that it can fork a process at any time in milliseconds, with
-all that is imported already there and shared.
+It has one thread and does nothing else, so that it can fork a process at any time in milliseconds, with
+all imported modules already loaded and shared.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from cellwatt.runtime.change import Change
 from cellwatt.runtime.processes.align import align
 from cellwatt.runtime.processes.collect import collect
 from cellwatt.runtime.processes.judge import judge
-from cellwatt.runtime.processes.part import Part
+from cellwatt.runtime.processes.part import SupervisedProcess
 from cellwatt.runtime.processes.rights import allow_descriptors, settle_memory
 from cellwatt.runtime.processes.shared import (
     CHAINS,
@@ -51,30 +51,30 @@ from cellwatt.runtime.processes.tell import tell
 log = logging.getLogger(__name__)
 
 SWITCH_INTERVAL: Final = 0.0005
-"""Longest time, s, a thread keeps the interpreter while the event loop waits (Python's default is 5 ms)."""
+"""Longest time, s, for which a thread holds the interpreter while the event loop waits (Python's default: 5 ms)."""
 LOOK: Final = 1.0
-"""Longest time, s, without a look at the clock."""
+"""Longest time, s, between two checks of the clock."""
 AGAIN: Final = 5.0
-"""s until a process is tried again that the PC had no memory, processes or files left for."""
+"""s until another attempt to start a process, if the PC had no memory, processes or files left."""
 END: Final = 12.0
-"""Longest time, s, that one process may take to come to its end."""
+"""Longest time, s, for one process to end."""
 
 
 @dataclass(slots=True)
 class _Reload:
-    """New settings on their way: the judges that will work by them, and what they wait for."""
+    """A reload in progress: the new settings and their judges; ``sent``: all processes have the settings."""
 
     config: CellConfig
     change: Change
     generation: int
-    judges: dict[int, Part] = field(default_factory=dict)
+    judges: dict[int, SupervisedProcess] = field(default_factory=dict)
     sent: bool = False
 
 
 class Supervisor:
     """The processes of one cell. ``run`` serves until SIGTERM or SIGINT, or for ``seconds``.
 
-    SIGHUP applies what ``again`` gives: by default the settings file as it is now.
+    SIGHUP applies the settings that ``again`` returns: by default the present settings file.
     """
 
     def __init__(
@@ -84,26 +84,26 @@ class Supervisor:
         self._again = again or (lambda: load(config.path))
         self._seconds = seconds
         self._until = math.inf
-        """When to stop, monotonic s."""
+        """Monotonic s at which to stop."""
         self._generation = 1
         self._shared = Shared.of(*declared(config))
-        self._collect = Part("collect", collect, self._assign)
-        self._align = Part("align", align, self._assign)
-        self._tell = Part("tell", tell, self._assign)
+        self._collect = SupervisedProcess("collect", collect, self._assign)
+        self._align = SupervisedProcess("align", align, self._assign)
+        self._tell = SupervisedProcess("tell", tell, self._assign)
         self._judges = self._new_judges(config, held=False)
-        self._ending: list[Part] = []
-        """Judges whose chain others have taken over."""
+        self._ending: list[SupervisedProcess] = []
+        """Judges whose chains new judges have taken over."""
         self._stop_asked = self._reload_asked = False
         self._reload: _Reload | None = None
         self._failed: Exception | None = None
 
     @property
-    def _parts(self) -> list[Part]:
+    def _parts(self) -> list[SupervisedProcess]:
         held = list(self._reload.judges.values()) if self._reload is not None else []
         return [*self._serving(), *held, *self._ending]
 
     def run(self) -> None:
-        """Serve the cell. Raises ``CellwattError`` where a part cannot be started, or another has the record folder."""
+        """Serve the cell. Raises ``CellwattError`` if a process cannot start, or another daemon has the folder."""
         allow_descriptors()
         sys.setswitchinterval(SWITCH_INTERVAL)
         record = self._config.record
@@ -113,7 +113,7 @@ class Supervisor:
     def _run(self) -> None:
         settle_memory()
         with self._signals() as self._selector:
-            # No device is opened before it is clear that the settings fit.
+            # No device is opened before all settings are checked.
             self._begin([self._tell, self._align, *self._judges.values()])
             self._begin([self._collect])
             if self._collect.ready:
@@ -136,19 +136,19 @@ class Supervisor:
         """Time of the start, UTC ns."""
         return self._shared.session
 
-    def _begin(self, parts: Sequence[Part]) -> None:
+    def _begin(self, parts: Sequence[SupervisedProcess]) -> None:
         """Start processes and wait until all of them serve."""
         for part in parts if self._serves else ():
             self._start(part)
         while self._serves and not all(part.ready for part in parts):
             self._turn()
-        for part in parts:  # what was said before a signal came
+        for part in parts:  # messages sent before a signal arrived
             if part.control is not None and part.control.poll():
                 self._hear(part)
 
     @contextmanager
     def _signals(self) -> Iterator[selectors.DefaultSelector]:
-        """Note what is asked of the daemon, and wake up at it."""
+        """Note signals to the daemon, and wake the selector."""
 
         def note(number: int, _frame: object) -> None:
             if number == signal.SIGHUP:
@@ -176,15 +176,15 @@ class Supervisor:
     def _assign(self, control: Connection, restarts: int) -> Assignment:
         return Assignment(self._shared, self._config, self._generation, control, restarts)
 
-    def _new_judges(self, config: CellConfig, *, held: bool) -> dict[int, Part]:
-        """A process for each chain of stages, in slots that are free."""
+    def _new_judges(self, config: CellConfig, *, held: bool) -> dict[int, SupervisedProcess]:
+        """A process for each chain of stages, in free slots."""
         used = {} if not held else self._judges
         free = iter(slot for slot in range(SLOTS) if slot not in used)
         generation = self._generation + held
-        made: dict[int, Part] = {}
+        made: dict[int, SupervisedProcess] = {}
         for slot, names in zip(free, chain_names(config, CHAINS), strict=False):
             assign = partial(self._assign_judge, config, generation, tuple(names), slot, held)
-            made[slot] = Part(f"judge {'+'.join(names)}", judge, assign)
+            made[slot] = SupervisedProcess(f"judge {'+'.join(names)}", judge, assign)
         return made
 
     def _assign_judge(
@@ -203,14 +203,14 @@ class Supervisor:
         self._shared.results[slot].begin()
         return Assignment(self._shared, config, generation, control, restarts, stages=names, slot=slot, held=waits)
 
-    def _start(self, part: Part) -> None:
+    def _start(self, part: SupervisedProcess) -> None:
         part.start([p for p in self._parts if p is not part])
         assert part.control is not None
         self._selector.register(part.control, selectors.EVENT_READ, lambda: self._hear(part))
         self._selector.register(part.exit, selectors.EVENT_READ, lambda: self._bury(part))
 
     def _turn(self) -> None:
-        """Wait for news and deal with them; begin again what has died and is due."""
+        """Wait for events and handle them; restart dead processes that are due."""
         now = time.monotonic()
         serving = self._serving()
         due = [p.again_at - now for p in serving if not p.alive]
@@ -221,42 +221,42 @@ class Supervisor:
             if not part.alive and time.monotonic() >= part.again_at and self._failed is None:
                 try:
                     self._start(part)
-                except OSError as error:  # the others go on, and one that takes too much may end
+                except OSError as error:  # the others continue, and one that uses too much may end
                     part.again_at = time.monotonic() + AGAIN
                     log.warning("the process %s cannot be begun: %s; again in %.0f s", part.name, error.strerror, AGAIN)
 
     def _wait(self, seconds: float) -> None:
-        """Deal with news, which may take ``seconds`` to come."""
+        """Wait for events for up to ``seconds`` and handle them."""
         for key, _ in self._selector.select(max(seconds, 0.0)):
             if key.fileobj in self._selector.get_map():
                 key.data()
 
-    def _serving(self) -> list[Part]:
+    def _serving(self) -> list[SupervisedProcess]:
         return [self._collect, self._align, self._tell, *self._judges.values()]
 
-    def _hear(self, part: Part) -> None:
+    def _hear(self, part: SupervisedProcess) -> None:
         assert part.control is not None
         try:
             message = part.control.recv()
-        except (EOFError, OSError):  # it is about to end
+        except (EOFError, OSError):  # the process is about to end
             self._forget(part.control)
             return
         match message:
             case Ready():
                 part.ready = True
                 if part is self._tell and self._reload is not None and self._reload.sent:
-                    self._reload_done(self._reload)  # it was begun again, by the new settings
+                    self._reload_done(self._reload)  # restarted with the new settings
             case InForce() if self._reload is not None:
                 self._reload_done(self._reload)
             case Alive():
-                # systemd listens to this process alone: its word says that both of them work.
+                # systemd listens to this process only: its message confirms that it and *tell* work.
                 systemd.notify(WATCHDOG="1", STATUS=message.status)
             case Failed():
                 self._take_failure(part, message.error)
             case _:
                 pass
 
-    def _take_failure(self, part: Part, error: Exception) -> None:
+    def _take_failure(self, part: SupervisedProcess, error: Exception) -> None:
         if self._reload is not None and part in self._reload.judges.values():
             self._give_up_reload(error)
         elif not part.restarts and self._generation == 1 and not all(p.ready for p in self._serving()):
@@ -264,9 +264,9 @@ class Supervisor:
         else:
             log.error("%s: %s", part.name, error)
 
-    def _bury(self, part: Part) -> None:
+    def _bury(self, part: SupervisedProcess) -> None:
         if part.control is not None and part.control.poll():
-            self._hear(part)  # its last words
+            self._hear(part)  # its last message
         self._forget(part.control)
         self._forget(part.exit)
         why = part.reap()
@@ -285,7 +285,7 @@ class Supervisor:
     # end ------------------------------------------------------------------------------------------
 
     def _shut_down(self) -> None:
-        """Bring all to their end in the order in which data pass, each with all that it was given."""
+        """End all processes in the order of the data flow, each after it has processed all of its input."""
         if self._reload is not None:
             for part in self._reload.judges.values():
                 self._end(part, at_once=True)
@@ -303,10 +303,10 @@ class Supervisor:
         for ring in self._shared.results:
             ring.end()
         if not self._tell.alive and self._tell.restarts and not self._tell.done and self._failed is None:
-            self._start(self._tell)  # what was collected is still to be recorded
+            self._start(self._tell)  # collected samples are still to be recorded
         self._end(self._tell)
 
-    def _end(self, part: Part, *, at_once: bool = False) -> None:
+    def _end(self, part: SupervisedProcess, *, at_once: bool = False) -> None:
         end = time.monotonic() + (0.0 if at_once else END)
         while part.alive and time.monotonic() < end:
             self._wait(end - time.monotonic())
@@ -347,7 +347,7 @@ class Supervisor:
             self._start(part)
 
     def _send(self, reload: _Reload) -> None:
-        """All that can fail is done: hand the settings over, to who reads devices last."""
+        """Send the settings to all processes, to *collect* last, after all steps that can fail."""
         reload.sent = True
         self._config = reload.config
         if not reload.change.frames:

@@ -1,4 +1,4 @@
-"""The process that tells: the record, outlets and answers, health."""
+"""The process that records and publishes: the record, outlets and answers, health."""
 
 from __future__ import annotations
 
@@ -42,30 +42,30 @@ log = logging.getLogger(__name__)
 
 HEALTH_RATE: Final = 1.0  # Hz
 AT_ONCE: Final = 100
-"""Items of one ring that are dealt with before the loop may turn to something else."""
+"""Largest number of items of one ring that are processed before other tasks of the loop run."""
 MARKED: Final = 3.0
-"""Longest time, s, that new settings wait until the last frames by the old ones are told: rings hold more than that."""
+"""Longest time, s, that new settings wait for the last frames of the old ones: less than the rings hold."""
 ALIVE: Final = 5.0
-"""s, at most, between words to the supervisor, which systemd's watchdog awaits."""
+"""Longest time, s, between messages to the supervisor, which systemd's watchdog awaits."""
 SILENT: Final = 4.0
-"""s without figures after which a process is told to be down, or starved where the PC does not let it run."""
+"""s without figures after which a process is reported as down, or as starved if it gets no processor time."""
 
 
 def tell(assignment: Assignment) -> None:
-    """Record and publish until all others have ended. Raises ``CellwattError`` where a part cannot be started."""
+    """Record and publish until all other processes have ended. Raises ``CellwattError`` if an outlet cannot start."""
     keep_up()
     with plain_errors():
         asyncio.run(_Telling(assignment).run())
 
 
 class _Way:
-    """One ring as it is read here; ``checkpoints`` are its positions and what the recorder had taken by then."""
+    """The reader of one ring; ``checkpoints`` are the recorder's item counts and the ring positions they belong to."""
 
     def __init__(self, reader: ItemReader) -> None:
         self.reader = reader
         self.checkpoints: deque[tuple[int, int]] = deque()
         self.held = False
-        """Waits until another ring has come to the same settings."""
+        """True while this ring waits for others to reach the same settings."""
 
 
 class _Telling:
@@ -83,14 +83,14 @@ class _Telling:
         self._said: dict[str, tuple[float, Mapping[str, Any]]] = {}
         self._applying: asyncio.Queue[Apply] = asyncio.Queue()
         self._next: asyncio.Handle
-        """The next look at the rings."""
+        """The next call of ``_turn``."""
         self._marked = asyncio.Event()
         self._over = asyncio.Event()
         self._lag = 0.0
         self._alive = 0.0, ""
-        """When the supervisor heard of the cell's health last, monotonic s, and what."""
+        """Monotonic s and text of the last status sent to the supervisor."""
         self._told_skipped = 0
-        """Bytes of which an event told that they were written over before they were read here."""
+        """Overwritten bytes that events have reported so far."""
 
     async def run(self) -> None:
         control, loop = self._assignment.control, asyncio.get_running_loop()
@@ -117,7 +117,7 @@ class _Telling:
         self._settle()
 
     async def _resume_record(self) -> None:
-        """Find the end of the record, and record what the process before this one told and could not write any more."""
+        """Find the end of the record, and record items that the previous process published but did not record."""
         series = {series_of(item) for _, item in self._teller.told()}
         self._resume = await Resume.of(self._teller.recorder, series, restarts=self._assignment.restarts)
         if self._teller.behind:
@@ -126,9 +126,9 @@ class _Telling:
     # rings ----------------------------------------------------------------------------------------
 
     def _turn(self) -> None:
-        """Take what came in all rings; the next turn comes at the next moment or, if nothing came, at the next item.
+        """Process new items of all rings; the next turn is at the next common time or, if nothing came, the next item.
 
-        There is one with each look at the cell's health, too.
+        Each check of the cell's health starts a turn, too.
         """
         loop, gather = asyncio.get_running_loop(), self._gather
         self._next.cancel()
@@ -148,7 +148,7 @@ class _Telling:
 
     @property
     def _gather(self) -> float:
-        """s for which samples gather now; who collects goes by it, too."""
+        """s for which samples gather at present, also in *collect*."""
         awaited = self._raw.reader.ring.awaited = self._teller.awaited
         gather = self._config.gather(awaited=awaited)
         if self._teller.recorder is not None:
@@ -164,7 +164,7 @@ class _Telling:
             self._turn()
 
     def _drain(self, way: _Way) -> int:
-        """Take the next items of a ring; return how many that is beside figures, ``AT_ONCE`` at most."""
+        """Process the next items of a ring, at most ``AT_ONCE``; return their number, without figures."""
         before = way.reader.count
         for item in () if way.held else way.reader.items():
             self._take(way, item)
@@ -199,14 +199,14 @@ class _Telling:
             self._said[figures["part"]] = time.monotonic(), figures
 
     def _take_message(self, way: _Way, item: Any) -> None:
-        """Results and events: where each got to is noted in its ring."""
+        """Publish and record a result or event, unless a previous process did; the ring stores the progress."""
         if self._untold(way):
             self._teller.take(item)
         elif self._resume.lacks(item):
             self._teller.record(item)
 
     def _untold(self, way: _Way) -> bool:
-        """True where no process before this one has told what was read last; from now on it is told."""
+        """Return whether the last item read is still unpublished, and mark it as published."""
         reader = way.reader
         untold = reader.position > reader.ring.position(TOLD)
         if untold:
@@ -220,7 +220,7 @@ class _Telling:
             way.checkpoints.append((taken, way.reader.position))
 
     def _settle(self) -> None:
-        """Settle what is in the file, or needs none: who follows this process does not read it again."""
+        """Settle items that are in the file, or are not recorded, so that a successor does not read them again."""
         recorder = self._teller.recorder
         settled = recorder.progress()[1] if recorder is not None else 0
         for way in self._ways:
@@ -232,7 +232,7 @@ class _Telling:
     def _hear(self) -> None:
         try:
             message = self._assignment.control.recv()
-        except (EOFError, OSError):  # the supervisor is gone: the others end by themselves
+        except (EOFError, OSError):  # the supervisor has ended: the others end by themselves
             loop = asyncio.get_running_loop()
             loop.remove_reader(self._assignment.control.fileno())
             loop.call_later(ALONE, self._over.set)
@@ -241,7 +241,7 @@ class _Telling:
         self._applying.put_nowait(message)
 
     def _come_to(self, way: _Way, generation: int) -> None:
-        """Hold a ring that is ahead of the settings here; frames that follow older ones come first."""
+        """Hold a ring that has reached newer settings; the remaining frames of the old ones come first."""
         if generation > self._generation:
             way.held = True
             self._marked.set()
@@ -258,7 +258,7 @@ class _Telling:
             await self._change(message, change)
             self._raw.held = self._frames.held = False
             self._turn()
-            with contextlib.suppress(OSError):  # the supervisor is gone: what is in the rings is still to be told
+            with contextlib.suppress(OSError):  # the supervisor has ended: the rings still hold items to publish
                 self._assignment.control.send(InForce(message.generation))
 
     async def _change(self, message: Apply, change: Change) -> None:
@@ -276,8 +276,8 @@ class _Telling:
         control, now, line = self._assignment.control, time.monotonic(), in_one_line(status)
         if line == self._alive[1] and now - self._alive[0] < ALIVE:
             return
-        with contextlib.suppress(OSError):  # the supervisor is gone: this process ends by itself
-            if select.select([], [control], [], 0)[1]:  # one that hangs must hold up nobody
+        with contextlib.suppress(OSError):  # the supervisor has ended: this process ends by itself
+            if select.select([], [control], [], 0)[1]:  # a supervisor that hangs must not block this process
                 control.send(Alive(line))
                 self._alive = now, line
 
@@ -288,19 +288,19 @@ class _Telling:
                 self._lag = tick.lateness
                 before, count = count, sum(way.reader.count for way in self._ways)
                 if count == before:
-                    ticker.skip()  # nothing comes: each other second will do
+                    ticker.skip()  # no items: every other second is enough
                 self._assignment.shared.clock.discipline()
                 self._turn()
                 self._settle()
                 try:
                     self._look()
                 except Exception:
-                    # Health is worth a lot, but never the data: it is looked at again in a second.
+                    # A fault of the health check must not stop the data: it runs again in a second.
                     log.exception("the look at the cell's health failed")
 
     @property
     def _skipped(self) -> int:
-        """Bytes that were written over before they were read here."""
+        """Bytes that were overwritten before this process read them."""
         return sum(way.reader.skipped for way in self._ways)
 
     def _tell_skipped(self) -> None:
@@ -310,11 +310,11 @@ class _Telling:
             self._teller.take(Event(self._assignment.shared.clock.now(), None, "skipped", text))
 
     def _look(self) -> None:
-        self._tell_skipped()  # at the last look, too: what was skipped since the one before is in the record
+        self._tell_skipped()  # also at the last check, so that the record reports all skipped bytes
         now = time.monotonic()
         said = {part: known for part, (_, known) in self._said.items()}
         ages = {part: now - heard for part, (heard, _) in self._said.items()}
-        ending = self._raw.reader.ring.ended  # the others have come to their end, in order
+        ending = self._raw.reader.ring.ended  # the other processes have ended in order
         silent = {part for part, age in ages.items() if age > SILENT and not ending}
         waiting = {part for part in silent if starved(said[part]["pid"], said[part]["cpu_s"], ages[part])}
         stages = {name: s for known in said.values() for name, s in known.get("stages", {}).items()}

@@ -1,4 +1,4 @@
-"""Waiting of a process for a ring or for its supervisor."""
+"""Waits for items of a ring or for the end of the supervisor."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from cellwatt.gather import next_moment
 from cellwatt.ring import ItemReader
 
 QUIET: Final = 2.0
-"""s between turns where nothing comes: a process that is not heard of for longer counts as down."""
+"""Longest time in s between turns when nothing arrives; less than the time after which a process counts as down."""
 ALONE: Final = 5.0
-"""s after the end of the supervisor in which the writer of a ring must come to its end, too."""
+"""Time in s, after the end of the supervisor, in which the writer of a ring must end."""
 
 
 def turns(reader: ItemReader, control: Connection, period: float = 0.0, after: float = 0.0) -> Iterator[None]:
-    """Turns to read a ring, until its writer has ended and all was read.
+    """Yield when the ring is to be read, until its writer has ended and all items are read.
 
-    While something but figures is read, they come each ``period`` s, ``after`` s past its moments; else, and where that
-    is 0, at the next item or after ``QUIET`` s. Where the supervisor is gone, the writer ends by itself; it is waited
-    for ``ALONE`` s.
+    While items other than figures arrive, every ``period`` s, ``after`` s past the common times; otherwise, or with
+    period 0, at the next item or after ``QUIET`` s. After the end of the supervisor, the writer has ``ALONE`` s to
+    end.
     """
     waiting = select.poll()
     waiting.register(reader.bell, select.POLLIN)

@@ -1,4 +1,4 @@
-"""A driver can be cancelled at every await and then releases the device."""
+"""A driver can be cancelled at every await, and then releases the device."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from cellwatt.testing.rig import NotConformingError, Rig
 from cellwatt.testing.running import ended, running
 
 _TURNS = (0, 1, 2, 3, 5, 8, 13, 21)
-"""Turns of the loop after which the start is cut short."""
+"""Turns of the loop after which the start is cancelled."""
 
 
 async def cancels_anywhere(rig: Rig, folder: Path) -> None:
-    """Cancel at several moments of the start and while samples flow; a run after that must work."""
+    """Cancel at several times during the start and while samples arrive; a later run must work."""
     async with EmulatedDevice(rig, folder) as device:
         for turns in _TURNS:
             await _cut_short(rig, device.address, turns)

@@ -1,4 +1,4 @@
-"""A driver counts and reports faults, and goes on."""
+"""A driver counts and reports faults, and continues."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from cellwatt.testing.rig import NotConformingError, Rig
 from cellwatt.testing.running import Running, running
 
 SEEN: frozenset[FaultKind] = frozenset({"loss", "garbage", "half_frame", "disconnect"})
-"""Faults that cannot pass without a trace: a sample or a byte was spoilt."""
+"""Faults that must leave a trace: they damage or drop a sample or a byte."""
 
 
 async def survives(rig: Rig, folder: Path, *, kind: FaultKind) -> None:
-    """Require that samples flow again, the account balances, time rises, and the fault is reported."""
+    """Require that samples resume, the account balances, time rises, and the fault is reported."""
     fault = rig.fault(kind)
     async with EmulatedDevice(rig, folder) as device, running(rig, device.address) as source:
         await source.samples(rig.warm_up, "after the start")
@@ -38,7 +38,7 @@ async def survives(rig: Rig, folder: Path, *, kind: FaultKind) -> None:
 
 
 async def _strikes(device: EmulatedDevice, source: Running, fault: Fault) -> None:
-    """Wait until the fault has happened."""
+    """Wait until the fault has struck."""
     end = asyncio.get_running_loop().time() + source.rig.patience
     while (await device.counts()).get(fault.kind, 0) < 1:
         source.verdict()

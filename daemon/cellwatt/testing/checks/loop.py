@@ -15,14 +15,14 @@ from cellwatt.testing.rig import Rig, require
 from cellwatt.testing.running import running
 
 LONGEST = 0.5
-"""s for which the loop may stand still; a busy machine alone stays far below."""
+"""Longest time for which the loop may be blocked, s; a busy machine alone stays far below."""
 _BEAT = 0.01
 
 
 async def keeps_the_loop_free(rig: Rig, folder: Path) -> None:
-    """Require that no call blocks the loop, also while the device does not answer."""
+    """Require that no call blocks the loop, even while the device does not answer."""
     async with EmulatedDevice(rig, folder) as device:
-        # The first of its kind imports its libraries: in a daemon that is over before anything is read.
+        # The first instance imports its libraries: a daemon does so before it reads any device.
         await asyncio.to_thread(rig.make, device.address, CollectingInlet())
         watch = Watch()
         beating = asyncio.create_task(watch.beat())
@@ -43,7 +43,7 @@ async def keeps_the_loop_free(rig: Rig, folder: Path) -> None:
 
 
 class Watch:
-    """Notes the call that blocks the loop of the thread that made it, as ``culprit``; empty if none did."""
+    """Stores the stack of a call that blocks its creator's loop as ``culprit``; empty without one."""
 
     def __init__(self) -> None:
         self.culprit = ""
@@ -54,7 +54,7 @@ class Watch:
         self._thread.start()
 
     async def beat(self) -> None:
-        """Report that the loop turns, until cancelled."""
+        """Record that the loop is running, until cancelled."""
         while True:
             self._last = time.monotonic()
             await asyncio.sleep(_BEAT)

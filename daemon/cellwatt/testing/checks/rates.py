@@ -13,17 +13,17 @@ from cellwatt.testing.rig import Rig, require
 from cellwatt.testing.running import running
 
 _SPAN = 1.5
-"""s over which a rate is taken, or …"""
+"""Shortest time over which a rate is measured, s, and …"""
 _PERIODS = 15
-"""… so many periods, whichever is longer."""
+"""… fewest periods; the longer one applies."""
 _TRIES = 4
-"""A busy machine may not let the emulator keep its own rate: once in so many spans is enough."""
+"""Attempts: on a busy machine the emulator may miss its own rate, so one good attempt suffices."""
 _TOLERANCE = 0.15
-"""As a share of the declared rate, beside two samples at the ends."""
+"""Tolerance as a share of the declared rate, in addition to two samples."""
 
 
 async def keeps_its_rates(rig: Rig, folder: Path) -> None:
-    """Require of each stream its declared rate, apart from samples that the account says were missed."""
+    """Require that each stream has its declared rate, apart from samples counted as missed."""
     async with EmulatedDevice(rig, folder) as device, running(rig, device.address) as source:
         streams = [s for s in source.driver.streams if s.rate]
         await source.until(lambda: all(source.inlet.of(s.name) for s in streams), "one sample of each stream")
@@ -36,7 +36,7 @@ async def keeps_its_rates(rig: Rig, folder: Path) -> None:
 
 
 async def _wrong(inlet: CollectingInlet, streams: Sequence[Stream]) -> str:
-    """Streams whose rate differs from the declared one within a span of time, in words."""
+    """Describe streams whose rate differs from the declared one within a time span; empty if none does."""
     loop = asyncio.get_running_loop()
     begins, missed, start = {s.name: _count(inlet, s) for s in streams}, inlet.account.missed.total(), loop.time()
     await asyncio.sleep(max([_SPAN, *(_PERIODS / s.rate for s in streams)]))

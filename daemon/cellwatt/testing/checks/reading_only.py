@@ -1,4 +1,4 @@
-"""A driver only reads: the bytes that it sends are checked against those allowed."""
+"""A driver only reads: all bytes that it sends must be allowed."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from cellwatt.testing.running import running
 
 
 async def reconnects(rig: Rig, folder: Path) -> None:
-    """Run with the device off, on, off while samples flow, and on again."""
+    """Run with the device off, on, off while samples arrive, and on again."""
     async with EmulatedDevice(rig, folder) as device:
         await device.switch_off()
         await _says_that_nobody_answers(rig, device.address)
@@ -53,7 +53,7 @@ async def _says_that_nobody_answers(rig: Rig, address: str) -> None:
 
 
 def _is_readable(error: SourceError, rig: Rig, address: str) -> None:
-    """Require an error text of one line that names the place."""
+    """Require an error text of one line that names the address."""
     text = str(error)
     require(text and "\n" not in text, f"the error must be one line for the person at the cell, found {text!r}")
     places = {str(v) for v in rig.place(address).values()}

@@ -19,7 +19,7 @@ _HEAD = "site: test\ncell: test\nzenoh: off\nsources:\n  device:\n    driver: {n
 _FIRST_LINE = _HEAD.count("\n") + 1
 _INDENT = 4
 _NONSENSE = "[{nonsense: [[]]}]"
-"""Is nothing that a setting could mean, whatever its type."""
+"""A value that is invalid for every type of setting."""
 
 
 async def settings_are_checked(rig: Rig, folder: Path) -> None:

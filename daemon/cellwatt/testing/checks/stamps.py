@@ -1,4 +1,4 @@
-"""A driver's readings have the shapes and times that the clock model and the record rely on."""
+"""A driver's readings have the shapes and times that the clock model and the recording need."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from cellwatt.testing.rig import Rig, require
 from cellwatt.testing.running import running
 
 _SPAN = 1_000_000_000
-"""ns over which the device's clock is held against the cell's."""
+"""Time, ns, over which the device's clock is compared with the cell's."""
 _UNIT = 10.0
-"""Factor by which they may differ: far below a mistake of the unit, far above what a busy machine makes late."""
+"""Largest ratio of the two: far below a wrong unit, far above the delays of a busy machine."""
 
 
 async def stamps_are_right(rig: Rig, folder: Path) -> None:
-    """Require right shapes and types, arrivals between request and now, and rising device times, in ns."""
+    """Require correct shapes and types, arrivals between request and now, and rising device times, in ns."""
     async with EmulatedDevice(rig, folder) as device, running(rig, device.address) as source:
         began = source.inlet.now()
         await source.samples(2, "after the start")
@@ -44,7 +44,7 @@ async def stamps_are_right(rig: Rig, folder: Path) -> None:
 
 
 def reading_is_whole(reading: Reading, streams: Sequence[object]) -> None:
-    """Require right types and shapes of one reading."""
+    """Require correct types and shapes of one reading."""
     name, n = reading.stream.name, len(reading.values)
     require(reading.stream in streams, f"a reading of stream {name!r}, which streams does not declare")
     shape, wanted = reading.values.shape, (n, len(reading.stream.channels))

@@ -19,12 +19,12 @@ _SAMPLES = 10
 
 
 async def starts_and_stops(rig: Rig, folder: Path) -> None:
-    """Also require a description, valid streams, and nothing left open or running at the end."""
+    """Also require a description, valid streams, and no file, socket or task left at the end."""
     describes_itself(rig.driver)
     async with EmulatedDevice(rig, folder) as device:
         declares_streams(rig.make(device.address, CollectingInlet()))
         await _identifies(rig, device.address)
-        await _session(rig, device.address)  # what a library opens once for good is open from here on
+        await _session(rig, device.address)  # files that a library opens permanently are open from here on
         files, tasks = _open_files(), len(asyncio.all_tasks())
         for _ in range(2):
             await _session(rig, device.address)
@@ -88,11 +88,11 @@ async def _is_quiet(inlet: CollectingInlet) -> None:
 
 
 def _open_files() -> int:
-    return len(os.listdir("/proc/self/fd"))  # noqa: PTH208 - an iterator over it would hold one itself
+    return len(os.listdir("/proc/self/fd"))  # noqa: PTH208 - an iterator over the folder would itself hold a descriptor
 
 
 async def _lets_go(files: int, tasks: int, patience: float) -> None:
-    """Require that tasks and sockets end; they do so at later turns of two loops."""
+    """Require that tasks and sockets are closed; this takes some turns of two loops."""
     loop = asyncio.get_running_loop()
     end = loop.time() + patience / 4
     while (_open_files() > files or len(asyncio.all_tasks()) > tasks) and loop.time() < end:  # noqa: ASYNC110

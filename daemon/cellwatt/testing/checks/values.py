@@ -14,7 +14,7 @@ from cellwatt.testing.rig import Rig, require
 from cellwatt.testing.running import running
 
 _SMALL = 0.05
-"""Values nearer to 0 than this are coarse on many devices: they may be off by ``accuracy`` of it."""
+"""Smallest reference for ``accuracy``: values nearer to 0 are coarse on many devices."""
 
 
 class StandingSignals:
@@ -29,12 +29,12 @@ class StandingSignals:
         return {name: np.full(len(t), value) for name, value in self.values.items()}
 
     def disturb(self, change: Mapping[str, float | str]) -> None:
-        """Ignore the disturbance: these signals are constant."""
+        """Refuse every disturbance: these signals are constant."""
         raise ValueError(f"a standing world cannot be disturbed ({', '.join(change)})")
 
 
 async def values_are_in_their_units(rig: Rig, folder: Path) -> None:
-    """Require that a channel named like a signal of the emulator has its value."""
+    """Require that a channel named like a signal of the emulator has that signal's value."""
     world = StandingSignals()
     async with EmulatedDevice(rig, folder, world) as device, running(rig, device.address) as source:
         await source.samples(10, "after the start")

@@ -1,4 +1,4 @@
-"""Skeleton webhook: what a block of rows becomes, and how it is sent."""
+"""Skeleton webhook: converts rows to messages, and sends them in blocks."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class SkeletonSettings(ForwardSettings):
     """Blocks of rows, alarms, tasks and energies as JSON by HTTP POST."""
 
     url: str
-    """Where to post them, like ``https://receiver.example/rows``; http is for this PC."""
+    """Where to post them, like ``https://receiver.example/rows``; http is allowed for this PC only."""
     timeout: Seconds = Field(default=5.0, gt=0)
-    """Longest time that an answer may take."""
+    """Longest wait for an answer."""
 
     @field_validator("url")
     @classmethod
@@ -39,18 +39,18 @@ class SkeletonSettings(ForwardSettings):
 
 
 class SkeletonOutlet(ForwardOutlet[SkeletonSettings, Message]):
-    """Posts blocks of messages; order, repetition, what was missed, and the account are ``ForwardOutlet``'s."""
+    """Posts blocks of messages; ``ForwardOutlet`` handles order, repetition, missed rows and the account."""
 
     Settings: ClassVar[type[SkeletonSettings]] = SkeletonSettings
     title = "Skeleton: blocks of rows by HTTP POST"
 
     @property
     def place(self) -> str:
-        """The receiver: another one is owed nothing of what this one lacks."""
+        """The receiver; rows owed to one receiver are not owed to another."""
         return self.settings.url
 
     def row(self, row: Row, units: Mapping[str, str]) -> Message | None:
-        """One row as JSON; its time, UTC ns, tells a receiver what it has already."""
+        """One row as JSON; by its time, UTC ns, a receiver recognizes repeated rows."""
         return {"time": row.time, "values": row.values, "units": {name: units[name] for name in row.values}}
 
     def result(self, result: Alarm | Task | Energy) -> Message | None:
@@ -59,7 +59,7 @@ class SkeletonOutlet(ForwardOutlet[SkeletonSettings, Message]):
         return {"kind": type(result).__name__.lower(), **told}
 
     async def send(self, messages: Sequence[Message]) -> Mapping[str, int]:
-        """Post one block; return what is refused for good. Raises ``NotNowError`` where it is to be sent again."""
+        """Post one block; return counts of permanently refused messages. Raises ``NotNowError`` to send it again."""
         try:
             status, reason = await asyncio.to_thread(self._post, json.dumps(messages).encode())
         except (OSError, http.client.HTTPException) as error:

@@ -1,4 +1,4 @@
-"""Skeleton: a meter that answers questions over TCP."""
+"""Skeleton: a meter that answers requests over TCP."""
 
 from cellwatt.testing.skeleton.driver import SkeletonDriver, SkeletonSettings
 

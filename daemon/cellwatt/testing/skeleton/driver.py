@@ -1,4 +1,4 @@
-"""Reads the meter: connect, ask at a steady rate, stamp, hand over."""
+"""Reads the meter: connect, poll at a steady rate, stamp, hand over."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ class SkeletonSettings(SourceSettings):
     port: int = Field(wire.PORT, ge=1, le=65535)
     """TCP port of the meter."""
     rate: Hertz = 10.0
-    """Samples a second."""
+    """Samples per second."""
     timeout: Seconds = Field(1.0, gt=0)
-    """Wait this long for an answer, then connect anew."""
+    """Longest wait for an answer; after it the connection is opened again."""
 
 
 class SkeletonDriver(Driver[SkeletonSettings]):
@@ -67,7 +67,7 @@ class SkeletonDriver(Driver[SkeletonSettings]):
             return await self._greet(meter)
 
     async def run(self) -> None:
-        """See ``Driver.run``. Each poll that falls due is delivered, or counted as missed with its reason."""
+        """See ``Driver.run``. Each due poll is delivered, or counted as missed with its reason."""
         async with self._connected() as meter:
             self.inlet.connected(await self._greet(meter))
             async with self._slots as slots:
@@ -125,7 +125,7 @@ class Meter:
         self._timeout = timeout
 
     async def ask(self, question: bytes) -> bytes:
-        """Ask a question; return the answer. Raises ``ConnectError`` if none comes, ``ProtocolError`` on a flood."""
+        """Send a request; return its answer. Raises ``ConnectError`` without one, ``ProtocolError`` if too long."""
         try:
             self._writer.write(question)
             async with asyncio.timeout(self._timeout):

@@ -11,14 +11,13 @@ from cellwatt.testing.skeleton import wire
 class SkeletonEmulator(PortEmulator):
     """A meter on ``supply.voltage``, ``.current`` and ``.power`` of its signals; listens on TCP.
 
-    Faults on answers to ``READ?``: ``loss`` (not sent), ``half_frame`` (cut off), ``garbage`` (a line of random
-    bytes ahead of it), ``delay`` (late by ``seconds``). At the next question ``stall`` waits for ``seconds``;
-    ``disconnect`` closes the port for ``seconds``. ``made`` counts questions for a sample, ``sent`` whole answers.
+    Faults on answers to ``READ?``: ``loss`` (not sent), ``half_frame`` (cut off), ``garbage`` (a line of random bytes
+    before it), ``delay`` (late by ``seconds``). At the next request ``stall`` waits for ``seconds``; ``disconnect``
+    closes the port for ``seconds``. ``made`` counts requests for a sample, ``sent`` whole answers.
     """
 
     title = "Skeleton meter"
     usual_address = f"127.0.0.1:{wire.PORT}"
-    faults = ("loss", "half_frame", "garbage", "delay", "stall", "disconnect")
 
     def set_up(self, options: Options) -> None:
         """See ``Emulator.set_up``."""

@@ -1,6 +1,6 @@
-"""The meter's language: one line of ASCII a question, one a answer. No I/O here, so that it is easy to test.
+"""The meter's protocol: one line of ASCII per request, one per answer. No I/O here, so that it is easy to test.
 
-Write yours down with worked bytes; where a kept library speaks the protocol, use that and remove this file.
+Document your own with example bytes; if a maintained library speaks the protocol, use it and remove this file.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from cellwatt import ProtocolError
 
 PORT = 10000
 WHO = b"ID?\n"
-"""Asks who answers: ``METER,<serial>,<firmware>``."""
+"""Request for the identity: ``METER,<serial>,<firmware>``."""
 READ = b"READ?\n"
-"""Asks for a sample: ``<volt> <ampere> <milliwatt>``."""
+"""Request for a sample: ``<volt> <ampere> <milliwatt>``."""
 LONGEST = 256
-"""Bytes of the longest answer."""
+"""Longest answer, bytes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class Sample:
 
 
 def parse_sample(line: bytes) -> Sample:
-    """Parse a line into a sample in SI units; the meter gives mW. Raises ``ProtocolError``."""
+    """Parse a line into a sample in SI units; the meter sends mW. Raises ``ProtocolError``."""
     try:
         voltage, current, milliwatt = (float(part) for part in line.decode("ascii").split())
     except ValueError as error:

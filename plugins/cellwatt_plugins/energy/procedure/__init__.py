@@ -1,1 +1,1 @@
-"""What a measurement by ECDP needs: pose of least gravity, files cut from recordings."""
+"""Tools for a measurement by ECDP: finds the pose of least gravity, cuts files from recordings."""

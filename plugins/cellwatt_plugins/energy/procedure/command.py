@@ -1,4 +1,4 @@
-"""``cellwatt energy-campaign``: what a measurement needs whose files ``cellwatt disaggregate`` reads."""
+"""``cellwatt energy-campaign``: prepares a measurement and writes the files that ``cellwatt disaggregate`` reads."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ FOLDER = click.Path(file_okay=False, path_type=Path)
 _robot = click.option("--robot", required=True, type=FILE, help="The robot's YAML description, or its folder.")
 _json = click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
 SPEEDS = (50, 100, 150, 200, 250)
-"""mm/s of the paper, means over a repetition."""
+"""Speeds of the paper, mm/s, means over a repetition."""
 REPETITIONS = 30
-"""ISO 9283's advice for each test."""
+"""Repetitions of each test recommended by ISO 9283."""
 STATES = ("controller", "connected", "released")
 KNOWN = 0.05
-"""W: the mean of a reading should be known so well, one standard deviation."""
+"""Largest standard deviation of a mean power that is accepted without a warning, W."""
 
 
 def _speeds(context: click.Context, parameter: click.Parameter, value: str) -> tuple[float, ...]:
@@ -36,7 +36,7 @@ def _speeds(context: click.Context, parameter: click.Parameter, value: str) -> t
 
 @click.group("energy-campaign", short_help="Measure a robot's energy step by step.")
 def campaign() -> None:
-    """Prepare a measurement of where a robot's energy goes, and cut its files from recordings.
+    """Prepare the measurement of a robot's energy by consumer, and cut its files from recordings.
 
     cellwatt only records: the operator moves the arm and starts the programs.
     """
@@ -48,7 +48,7 @@ def campaign() -> None:
 @_json
 @with_progress
 def rest_pose(robot: Path, starts: int, as_json: bool) -> None:
-    """Find the pose at which gravity asks the least of the motors: there the brakes' power is measured."""
+    """Find the pose of least gravity torque, at which the brakes' power is measured."""
     import numpy as np
     from threadpoolctl import threadpool_limits
 
@@ -101,7 +101,7 @@ def cut(
 ) -> None:
     """Cut the files that `disaggregate` reads from RECORDING (a file or folder of the cell).
 
-    With --state it is the power of the robot at rest; with --payload the runs of a program, one a speed.
+    With --state, RECORDING holds the power of the robot at rest; with --payload, the runs of a program, one per speed.
     """
     from cellwatt.record import Recording
     from cellwatt_plugins.energy.drive import MOTOR

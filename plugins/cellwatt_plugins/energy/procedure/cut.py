@@ -1,4 +1,4 @@
-"""The files that ``cellwatt disaggregate`` reads, cut from a recording of a campaign."""
+"""Cuts the files that ``cellwatt disaggregate`` reads from a recording of a campaign."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from cellwatt_plugins.energy.recordings import PowerTrace, RobotTrace
 from cellwatt_plugins.robot import Arm
 
 RATE: Final = 100.0
-"""Hz that are kept of the arm at least: what is faster teaches nothing more."""
+"""Smallest sample rate of the arm that is written, Hz; faster samples do not improve the result."""
 MARGIN: Final = 1.0
-"""s of the analyzer before and after the arm: a value of it stands for a time a little earlier."""
+"""Time before and after the arm's samples for which analyzer values are written, s, as a value covers earlier time."""
 BESIDE: Final = 0.9
-"""Share of the rests before the first and after the last repetition that is kept."""
+"""Share of the rests before the first and after the last repetition that is written."""
 
 
 @dataclass(frozen=True)
 class CutRun:
-    """One file pair with its complete repetitions, or why there is none; a sentence on each that is refused."""
+    """A run's file pair, ``written`` or not, its number of complete repetitions, and a sentence on each one refused."""
 
     run: str
     repetitions: int
@@ -37,14 +37,14 @@ class CutRun:
     written: bool
 
     def in_words(self) -> str:
-        """For a person."""
+        """Text for the terminal."""
         done = f"{self.run}: {self.repetitions} of {self.asked} repetitions"
         told = "" if self.written else ", too few: not written, run it again"
         return "\n".join([done + told, *(f"  {sentence}" for sentence in self.refused)])
 
 
 def cut_state(reading: PowerTrace, path: Path) -> Steady:
-    """Write the power of a robot at rest as a table, and say how well its mean is known. Raises ``RecordingError``."""
+    """Write the power of a robot at rest as a table; returns its mean and uncertainty. Raises ``RecordingError``."""
     write_table(path, {"t": reading.time, "power": reading.power})
     return steady_power(reading)
 
@@ -59,9 +59,10 @@ def cut_programme(
     least: int | None,
     out: Path,
 ) -> list[CutRun]:
-    """Write the runs of one program with a ``payload`` in kg to ``out/runs``.
+    """Write the runs of one program with ``payload`` kg to ``out/runs``.
 
-    Each needs ``least`` whole repetitions in a row, or all. Raises ``RecordingError`` where none is recognised.
+    Each run needs ``least`` consecutive whole repetitions (default: all). Raises ``RecordingError`` if no repetition
+    is recognised.
     """
     loops, notes = find_loops(arm, motion, speeds)
     if not loops:
@@ -79,7 +80,7 @@ def cut_programme(
 
 
 def _with_power(loop: Loop, reading: PowerTrace) -> Loop:
-    """Refuses a repetition during which the analyzer was silent."""
+    """Refuse a repetition for which values of the analyzer are missing."""
     inside = reading.time[(reading.time > loop.start - MARGIN) & (reading.time < loop.end + MARGIN)]
     edges = np.concatenate([[loop.start - MARGIN], inside, [loop.end + MARGIN]])
     silent = float(np.diff(edges).max())
@@ -89,7 +90,7 @@ def _with_power(loop: Loop, reading: PowerTrace) -> Loop:
 
 
 def _longest(loops: Sequence[Loop], speed: float, motion: RobotTrace) -> list[Loop]:
-    """The most repetitions of a speed, one after the other, that can all be used; no samples missing between them."""
+    """The longest sequence of usable repetitions at one speed, without missing samples between them."""
     best: list[Loop] = []
     now: list[Loop] = []
     for loop in loops:
@@ -101,12 +102,12 @@ def _longest(loops: Sequence[Loop], speed: float, motion: RobotTrace) -> list[Lo
 
 
 def _holes(motion: RobotTrace, first: int, last: int) -> NDArray[np.intp]:
-    """Samples from ``first`` to ``last`` after which some are missing."""
+    """Samples from ``first`` to ``last`` that are followed by a hole."""
     return first + np.flatnonzero(np.diff(motion.time[first : last + 1]) > MISSING * motion.step)
 
 
 def _write_run(loops: Sequence[Loop], motion: RobotTrace, reading: PowerTrace, path: Path) -> None:
-    """The file pair of a run."""
+    """Write the file pair of a run."""
     first, last = _edges(loops, motion)
     part = slice(first, last, max(1, int(1 / (motion.step * RATE) + 1e-6)))
     columns = {
@@ -122,7 +123,7 @@ def _write_run(loops: Sequence[Loop], motion: RobotTrace, reading: PowerTrace, p
 
 
 def _edges(loops: Sequence[Loop], motion: RobotTrace) -> tuple[int, int]:
-    """Samples from within the rest before the first repetition to within the rest after the last."""
+    """First sample, within the rest before the first repetition, and end, within the rest after the last."""
     pauses = [b.start - a.end for a, b in pairwise(loops)]
     kept = BESIDE * (float(np.median(pauses)) if pauses else 1.0)
     begin, end = np.searchsorted(motion.time, [loops[0].start - kept, loops[-1].end + kept]).tolist()

@@ -1,4 +1,4 @@
-"""Repetitions of the cube in a recording of whole programs: where each is, how fast, and what is wrong with it."""
+"""Finds the repetitions of the cube path in a recording of whole programs, with the speed and problems of each."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.stretches import at_one_pose
 
 REST: Final = 0.4
-"""s: staying so long is a rest."""
+"""Shortest rest, s."""
 CREEP: Final = 3e-4
-"""rad in 0.1 s: a joint at 3 mrad/s is at rest."""
+"""Largest movement of a joint at rest in 0.1 s, rad: 3 mrad/s."""
 HERE: Final = 5e-3
-"""rad: rests with all joints within this of each other are at one pose."""
+"""Largest difference of every joint between rests at one pose, rad."""
 COUNTS: Final = 3.0
-"""s of a rest that count in finding the start pose: who parks for an hour has not made the start pose there."""
+"""Longest time of a rest that counts when the start pose is sought, s, so that a parked arm does not define it."""
 NOMINAL: Final = 0.1
-"""Share by which a mean speed may miss the speed of the campaign."""
+"""Largest relative difference of a mean speed from the campaign's speed."""
 ANOTHER_WAY: Final = 0.03
-"""Share by which a repetition's path may be longer or shorter than the others'."""
+"""Largest relative difference of a repetition's path length from the others'."""
 LATE: Final = 0.01
-"""Share of the usual time by which a repetition may differ, beside …"""
+"""Largest relative difference of a repetition's duration from the usual, in addition to …"""
 SLACK: Final = 0.15
-"""… s by which its ends are not known."""
+"""… the uncertainty of its ends, s."""
 MISSING: Final = 5.0
-"""Sample times without a sample: a hole, for which a run would be refused."""
+"""Shortest hole, in sample intervals, for which a run is refused."""
 
 
 @dataclass(frozen=True)
 class Loop:
-    """One way from the start pose back to it, ``start`` to ``end`` s.
+    """One repetition, from the start pose back to it, ``start`` to ``end`` s.
 
-    ``first`` is the last sample at rest before, ``last`` the first at rest after; ``speed`` that of the campaign, 0
-    where it is none of them, and ``mean_speed`` as measured, mm/s; ``problem`` why it cannot be used.
+    ``first`` is the last sample at rest before it, ``last`` the first at rest after it; ``speed`` is the campaign's
+    speed, 0 if none matches, and ``mean_speed`` the measured one, mm/s; ``problem``: why it cannot be used.
     """
 
     first: int
@@ -53,19 +53,19 @@ class Loop:
 
     @property
     def seconds(self) -> float:
-        """Its length."""
+        """Duration, s."""
         return self.end - self.start
 
     @property
     def way(self) -> float:
-        """Length of its path, mm."""
+        """Length of the path, mm."""
         return self.mean_speed * self.seconds
 
 
 def find_loops(arm: Arm, motion: RobotTrace, speeds: Sequence[float]) -> tuple[list[Loop], list[str]]:
-    """All repetitions in their order, each with its speed or its problem; and what else there is to say."""
+    """All repetitions in order, each with its speed or problem, and notes on the rest of the recording."""
     found = [rest for rest in rests(motion, CREEP) if _seconds(motion, rest) >= REST]
-    # Those at the pose where the arm rests most often and longest.
+    # The rests at the pose where the arm rests most often and longest.
     counts = [min(_seconds(motion, rest), COUNTS) for rest in found]
     stays = at_one_pose(motion.position, found, HERE, counts)
     if len(stays) < 2:
@@ -97,7 +97,7 @@ def _loop(arm: Arm, motion: RobotTrace, before: tuple[int, int], after: tuple[in
 
 
 def _named(loop: Loop, length: float, speeds: Sequence[float]) -> Loop:
-    """With its speed, where its way is that of the others, ``length`` mm."""
+    """Assign the speed if the path is as long as the others', ``length`` mm; else the problem."""
     if abs(loop.way / length - 1) > ANOTHER_WAY:
         way = f"{loop.way:.0f} mm instead of {length:.0f} mm"
         return replace(loop, problem=f"its way is {way}: another way, or cut short")
@@ -109,7 +109,7 @@ def _named(loop: Loop, length: float, speeds: Sequence[float]) -> Loop:
 
 
 def _timed(loop: Loop, usual: Mapping[float, float], motion: RobotTrace) -> Loop:
-    """With its problem, where it took longer or shorter than others of its speed, or samples are missing."""
+    """Assign a problem if the duration differs from others at this speed, or samples are missing."""
     gap, problem = float(np.diff(motion.time[loop.first : loop.last + 1]).max()), loop.problem
     expected = usual.get(loop.speed, loop.seconds)
     if abs(loop.seconds - expected) > LATE * expected + SLACK:

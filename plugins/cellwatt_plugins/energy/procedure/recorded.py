@@ -1,4 +1,4 @@
-"""Samples of an arm and of the analyzer beside it in a recording, in s from the recording's start."""
+"""Reads the samples of an arm and of the analyzer from a recording, with times in s from its start."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PLACE = "the recording"
 
 
 def motion_of(recording: Recording, arm: Arm, source: str | None = None) -> RobotTrace:
-    """Motion of an arm; ``source`` names its source, where several have joints. Raises ``RecordingError``."""
+    """Motion of an arm; ``source`` names its source if several have joints. Raises ``RecordingError``."""
     name, stream = _stream_with(recording, "joint_1.position", source, "--source")
     quantity, unit = effort(stream.names, arm)
     kinds = ("position", "velocity", quantity)
@@ -30,14 +30,14 @@ def motion_of(recording: Recording, arm: Arm, source: str | None = None) -> Robo
 
 
 def power_of(recording: Recording, supply: str | None = None) -> PowerTrace:
-    """Power; ``supply`` names the analyzer's source, where several have it. Raises ``RecordingError``."""
+    """Power; ``supply`` names the analyzer's source if several have power. Raises ``RecordingError``."""
     name, stream = _stream_with(recording, "supply.power", supply, "--supply")
     time, values = _samples(recording, name, stream, ["supply.power"])
     return PowerTrace(PLACE, time, values[:, 0])
 
 
 def _samples(recording: Recording, source: str, stream: Stream, names: Sequence[str]) -> tuple[Float, Float]:
-    """Times (N,) s and values (N, k) of a stream; samples with a value missing are left out."""
+    """Times (N,) s and values (N, k) of a stream, without samples that miss a value."""
     if missing := [name for name in names if name not in stream.names]:
         raise RecordingError(f"{PLACE}: {stream.name} has no {missing[0]}: add it to the source's channels and repeat")
     samples = recording.batches(source, stream.name)

@@ -1,4 +1,4 @@
-"""The pose at which the brakes' power is read: where gravity asks the least of the motors (ECDP, eq. 15)."""
+"""Finds the pose of least gravity torque, at which the brakes' power is measured (ECDP, eq. 15)."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.collision import CLEARANCE, Checker
 
 STARTS: Final = 32
-"""Places of a Sobol sequence from which the search begins."""
+"""Number of start poses of the search, from a Sobol sequence."""
 PUSH: Final = 1e4
-"""Nm/m: what a centimetre too little of clearance weighs beside gravity's torque."""
+"""Penalty for missing clearance, relative to gravity torque, Nm/m."""
 STEPS: Final = 100
 PUSHED: Final = 20
-"""Evaluations of one descent; those near the arm itself or the floor are slow."""
+"""Most evaluations of one descent, and of one near the arm itself or the floor, where they are slow."""
 SAME: Final = 0.02
-"""Nm, or share: minima that differ by less are the same."""
+"""Largest difference between equal minima, Nm, and as a share."""
 
 
 @dataclass(frozen=True)
 class RestPose:
-    """θ_GZ, ``q`` (n,) rad, and the ``torque`` (n,) Nm that holds the arm there.
+    """θ_GZ: pose ``q`` (n,) rad and the ``torque`` (n,) Nm that holds the arm in it.
 
-    ``reached`` of the ``starts`` ended at a place as good; where few do, others may be better: take more starts.
-    ``clearance`` m is that to the nearest other link, or the floor.
+    ``reached`` of the ``starts`` ended at an equally good pose; if only a few did, more starts may find a better one.
+    ``clearance`` m is the smallest distance between links, or to the floor.
     """
 
     q: Float
@@ -48,11 +48,11 @@ class RestPose:
 def rest_pose(arm: Arm, starts: int = STARTS) -> RestPose:
     """θ_GZ = arg min ‖G(θ)‖ within the joints' limits, clear of the arm itself and the floor (eq. 15).
 
-    The least of the minima from ``starts`` places. Raises ``ConfigError`` where none of them is clear.
+    Returns the best minimum from ``starts`` start poses. Raises ``ConfigError`` if none is clear.
     """
-    from scipy.stats import qmc  # a second to load, for this search alone
+    from scipy.stats import qmc  # takes a second to import, and only this search needs it
 
-    # A whole turn either way says it all; further out poses only come again.
+    # Poses recur beyond half a turn either way.
     limits = np.clip(arm.finite_limits(), -np.pi, np.pi)
     checker = Checker(arm, limits)
     edge = 1e-6 * np.ptp(limits, axis=1)
@@ -69,7 +69,7 @@ def rest_pose(arm: Arm, starts: int = STARTS) -> RestPose:
         )
     norms = np.linalg.norm(arm.gravity(np.array(free)), axis=1)
     best = norms <= norms.min() * (1 + SAME) + SAME
-    # Of poses as good, the one whose joints are nearest to the middle of their ranges.
+    # Of equally good poses, the one whose joints are nearest to the middle of their ranges.
     middle = limits.mean(axis=1)
     chosen = min((q for q, good in zip(free, best, strict=True) if good), key=lambda q: float(np.abs(q - middle).max()))
     return RestPose(
@@ -82,7 +82,7 @@ def rest_pose(arm: Arm, starts: int = STARTS) -> RestPose:
 
 
 def _descend(arm: Arm, start: Float, bounds: tuple[Float, Float], checker: Checker) -> Float:
-    """The minimum of ‖G‖ that is reached from a place; where it is not clear, the nearest that is."""
+    """The minimum of ‖G‖ reached from a start pose; if it is not clear, a nearby pose pushed clear."""
 
     def gravity(q: Float) -> Float:
         return np.asarray(arm.gravity(q[None])[0])

@@ -1,1 +1,1 @@
-"""Terms that the data ask for: the regression problem of one side, its noise, and the search."""
+"""The terms that the data support: the regression problem of one side, its noise, and the search."""

@@ -1,4 +1,4 @@
-"""Acceptance of a term: what it must add, show on data left out, and be told apart from."""
+"""Acceptance of a term: required evidence, error on data left out, and distinction from other terms."""
 
 from __future__ import annotations
 
@@ -18,66 +18,66 @@ from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.regression import Prior
 
 SEVERAL = 3.0
-"""nats that all channels but the one that asks most must give for what concerns the whole recording."""
+"""Smallest summed evidence (nats) for an effect of the whole recording from all channels but the strongest one."""
 BARELY = 0.97
-"""A shape that would not be resolved were it so much smaller is at the end of what can be."""
+"""Factor on a shape. A shape that is unresolved when reduced by this factor is at the limit of resolution."""
 AGAINST = 0.3
-"""Share of their evidence that other channels may give for the contrary of what concerns the whole recording."""
+"""Largest evidence of channels for the opposite of an effect of the whole recording, as a share of that for it."""
 SMALLEST = 0.2
-"""Of the supply's noise by which a term must change what retuned numbers leave of its power."""
+"""Smallest change of the power residual by a supply term, as a share of the supply's noise."""
 RELIEVED = 0.25
-"""Share of the greatest stretch of any group that may be left where it comes back."""
+"""Largest squared stretch that any group may retain to count as relieved, as a share of the largest one before."""
 MOST = 0.8
-"""Share that what is no usual thing must take off where it adds less evidence than others."""
+"""Share of the error that an unusual term must remove if it adds less evidence than required."""
 SOLVED = 0.9
-"""Share that a drive's limit or dead band must take off where much is left: one that is there says all that it does."""
+"""Share of a large residual that a drive's limit or dead band must remove: a real one removes nearly all of it."""
 ALL = 0.99
-"""Share that such a one takes off where it is reached but once, and nothing else is there."""
+"""Share of the error above which a drive's limit or dead band is accepted even if it is reached only once."""
 OF_FALL = 0.1
-"""Share of what a term of the whole arm takes off in all by which another channel's error may rise."""
+"""Largest rise of another channel's error by a term of the whole arm, as a share of the error that it removes."""
 PEAK = 8.0
-"""Times what is left at a channel that something must reach there that is there at one time only."""
+"""Smallest peak of an effect that is active in few folds only, in residuals (rms) of the channel."""
 OFTEN = 3
-"""Folds in which a term must be there for data left out to tell of it."""
-THERE = 0.1
-"""Share of its greatest from which a term is there."""
+"""Smallest number of folds in which a term must be active to be tested on data left out."""
+ACTIVE = 0.1
+"""Share of its maximum from which a term counts as active."""
 OFF_SCALE = 0.35
-"""Largest distance from 1 of the coefficient of an effect that is simulated to scale."""
+"""Largest deviation from 1 of the coefficient of an effect that is simulated to scale."""
 
 
 def required_gain(term: Term, robot: RobotDescription, thresholds: Thresholds) -> float:
-    """nats that a term must add; half of it for no rare thing."""
+    """Evidence (nats) that a term must add; half the threshold for common effects and parameters described as 0."""
     likely = term.effect.acceptance.common or unset(term, robot)
     return 0.5 * thresholds.gain if likely else thresholds.gain
 
 
 def unset(term: Term, robot: RobotDescription) -> bool:
-    """True of a plain parameter that is described as 0: most arms have it."""
+    """True for a plain parameter that the description gives as 0 though most arms have it."""
     return bool(term.effect.nominal) and term.effect.described(robot, term.joint) == 0
 
 
 def rejection(before: Solution, after: Solution, thresholds: Thresholds, gain: float) -> str | None:
-    """Why the last term, which adds ``gain`` nats, is not accepted; None where it is."""
+    """Reason why the last term, which adds ``gain`` nats, is rejected; None if it is accepted."""
     term = after.terms[-1]
     if term.effect.acceptance.inside_bounds and at_bound(term):
-        return "its shape runs to the end of what is possible"
+        return "its shape runs to the limit of its range"
     if not term.effect.resolved(after.problem.states, term.joint, tuple(BARELY * x for x in term.shape)):
-        return "is too small to be told from how the motion was sampled"
+        return "is too small to distinguish from the sampling of the motion"
     if term.effect.acceptance.several_channels and not seen_by_several(before, after.block(term)[0]):
-        return "only one channel asks for it"
-    if after.problem.side == "supply" and _taken(before, after) < SMALLEST**2:
-        return None if relieves_tension(before, after, thresholds) else "is too small to be of use"
+        return "only one channel supports it"
+    if after.problem.side == "supply" and _decrease(before, after) < SMALLEST**2:
+        return None if relieves_tension(before, after, thresholds) else "is too small to matter"
     return unconfirmed(before, after, term, thresholds, gain)
 
 
 def unconfirmed(before: Solution, after: Solution, term: Term, thresholds: Thresholds, gain: float) -> str | None:
-    """Why data left out do not confirm a term of ``after`` that ``before`` is without; None where they do.
+    """Reason why data left out do not confirm a term that ``after`` has and ``before`` lacks; None if they do.
 
-    What adds little evidence, as everything does in an arm of which much is unexplained, must lower the error there by
-    much. Of what is there at one time only, no data can be left out.
+    A term with little evidence must remove a large share of the error on data left out: with much of an arm
+    unexplained, every term adds some evidence. Effects active in few folds cannot be tested on data left out.
     """
     enough = gain >= required_gain(term, after.problem.states[0].robot, thresholds)
-    # A drive's limit or dead band can take up what no name says as well as the numbers of its law can.
+    # A drive's limit or dead band can absorb unknown physics as easily as the parameters of its law can.
     shaped = term.effect.acts_on == "drive" and term.effect.form.to_scale and term.joint is not None
     relieved = not shaped and relieves_tension(before, after, thresholds)
     if (enough and _seldom(after, term)) or relieved or gain > term.effect.acceptance.by_evidence:
@@ -87,42 +87,42 @@ def unconfirmed(before: Solution, after: Solution, term: Term, thresholds: Thres
     if enough and upon and found.share > -thresholds.rise:
         return None
     channels = channels_of(after, term)
-    chi2, left = before.problem.chi2(before.residual)[channels], after.problem.chi2(after.residual)[channels]
+    chi2, remaining = before.problem.chi2(before.residual)[channels], after.problem.chi2(after.residual)[channels]
     near = bool(np.min(chi2) < thresholds.near)
     if enough:
         share = 0.0 if near else thresholds.share
-        share = SOLVED if shaped and np.min(left) > thresholds.much_left else share
-        # What brings a channel to its noise is all that was there, however seldom it acts; once is too seldom, unless
-        # nothing else was there and no number but the limit was free.
-        solved = (float(np.max(left)) < thresholds.near and found.again) or (shaped and found.share > ALL)
+        share = SOLVED if shaped and np.min(remaining) > thresholds.much_left else share
+        # A term that brings its channels to their noise is complete, however rarely it acts. Acting once is too rare,
+        # unless a drive's limit, which frees no other number, removes nearly all of the error (``ALL``).
+        solved = (float(np.max(remaining)) < thresholds.near and found.again) or (shaped and found.share > ALL)
         steady = solved or found.sure > (thresholds.sure if near else thresholds.steady)
         if found.share < share or not steady:
             return f"takes {100 * max(found.share, 0.0):.1f} % off the mean square error on data left out"
     elif found.share < (thresholds.much if term.effect.usual else MOST) or found.sure < thresholds.sure:
-        return "adds too little evidence, and does not lower the error on data left out by much"
-    # What acts at one joint raises the others' errors only by the links, which are fitted anew beside it.
+        return "adds too little evidence, and lowers the error on data left out too little"
+    # A term of one joint raises the errors of others only through the links, which are refitted with it.
     if term.joint is None and found.rise > max(thresholds.rise, OF_FALL * found.share):
         return "raises the error of another channel on data left out"
     old, new = (rms(LeaveOut(s.problem, before.factor).residual(s.terms, channels)) for s in (before, after))
     if not np.any(new < old):
-        return "lowers no error on data left out, sample by sample"
+        return "lowers no channel's rms error on data left out"
     return None
 
 
 def _seldom(solution: Solution, term: Term) -> bool:
-    """True if a term is there at some times only, in so few folds that none can be left out."""
+    """True if a term is intermittent and active in too few folds for data left out to test it."""
     if not term.effect.form.intermittent:
         return False
     columns = solution.block(term)[0].columns
     size = np.abs(columns).reshape(len(columns), -1).max(axis=1)
-    there = size > THERE * np.max(size)
-    return len(np.unique(LeaveOut(solution.problem, solution.factor).fold[there])) < OFTEN
+    active = size > ACTIVE * np.max(size)
+    return len(np.unique(LeaveOut(solution.problem, solution.factor).fold[active])) < OFTEN
 
 
 def felt(before: Solution, after: Solution, term: Term, thresholds: Thresholds) -> bool:
-    """False for a term of ``after`` that is no usual thing, where it takes little off the error of every joint.
+    """False for an unusual term of ``after`` that removes little of the error at every joint.
 
-    On the way to what is there such a term may make room for others; at the end nobody has use for it.
+    During the search such a term may make room for others; in the result it is of no use.
     """
     exempt = term.effect.usual or _seldom(after, term) or np.isfinite(term.effect.acceptance.by_evidence)
     if exempt or after.problem.side == "supply" or relieves_tension(before, after, thresholds):
@@ -131,47 +131,47 @@ def felt(before: Solution, after: Solution, term: Term, thresholds: Thresholds) 
 
 
 def stands_out(before: Solution, after: Solution, term: Term, thresholds: Thresholds) -> bool:
-    """False if a term of ``after`` could as well stand for what else is left at its channels beyond the noise.
+    """False if a term of ``after`` could equally represent the rest of its channels' residual beyond the noise.
 
-    What rings was asked for because that rings, and is never followed to the noise. What is simulated to scale can
-    stand for nothing else.
+    Effects simulated sample by sample are tried because a channel rings, and never reach the noise. Effects simulated
+    to scale cannot represent anything else.
     """
     channels = channels_of(after, term)
-    left = float(np.min(after.problem.chi2(after.residual)[channels]))
+    remaining = float(np.min(after.problem.chi2(after.residual)[channels]))
     form = term.effect.form
-    if term.effect.usual or form.sample_by_sample or form.to_scale or left < max(thresholds.near, 1.0):
+    if term.effect.usual or form.sample_by_sample or form.to_scale or remaining < max(thresholds.near, 1.0):
         return True
     if _seldom(after, term):
         return bool(np.any(np.max(np.abs(after.added(term)), axis=0)[channels] > PEAK * rms(after.residual)[channels]))
-    # What a joint lacks may hide in links that are stretched for it: those are what it must take off, then.
+    # Links stretched within their tolerances may hide a joint's missing effect: the effect must then relieve the links.
     if term.joint is not None and relieves_tension(before, after, thresholds):
         return True
     found = held(before, after, term)
-    return found.sure > thresholds.certain or found.most * left > (1 - found.most) * (left - 1)
+    return found.sure > thresholds.certain or found.most * remaining > (1 - found.most) * (remaining - 1)
 
 
 def held(before: Solution, after: Solution, term: Term) -> Held:
-    """What a term of ``after`` does to the error on data left out, summed over the channels that it acts on."""
+    """Change of the error on data left out by a term of ``after``, summed over the channels on which it acts."""
     old, new = (LeaveOut(s.problem, before.factor).errors(s.terms) for s in (before, after))
     return compared(old, new, channels_of(after, term))
 
 
 def channels_of(solution: Solution, term: Term) -> list[int]:
-    """The channels that tell of a term: its joint's, or all of them where it is of the whole arm."""
+    """The channels that show a term: that of its joint, or all channels for a term of the whole arm."""
     if solution.problem.side == "supply":
         return [0]
     return list(range(len(solution.problem.floor))) if term.joint is None else [term.joint]
 
 
-def _taken(before: Solution, after: Solution) -> float:
-    """What the supply's mean square residual falls by, in units of its noise."""
+def _decrease(before: Solution, after: Solution) -> float:
+    """Decrease of the supply's mean square residual, in units of its noise."""
     return float((before.problem.chi2(before.residual) - after.problem.chi2(after.residual))[0])
 
 
 def collinear(before: Solution, after: Solution, factor: float) -> Term | None:
-    """The term whose coefficients the last one of ``after`` makes ``factor`` times less certain; None where none is.
+    """The term whose coefficients the last one of ``after`` makes ``factor`` times less certain; None if none is.
 
-    The square of that ratio is the variance inflation factor; from about 10 on columns count as collinear.
+    The square of that ratio is the variance inflation factor; columns count as collinear from about 10.
     """
     old, new = (np.sqrt(np.diag(s.fit.covariance)) for s in (before, after))
     for place, term in zip(before.fit.slices, before.terms, strict=True):
@@ -181,7 +181,7 @@ def collinear(before: Solution, after: Solution, factor: float) -> Term | None:
 
 
 def physical(term: Term, coefficients: Float, robot: RobotDescription) -> bool:
-    """True if the sign is possible, and the scale of an effect that is simulated to scale."""
+    """True if the sign is possible, and, for an effect that is simulated to scale, the scale."""
     effect, first = term.effect, float(coefficients[0])
     if not effect.sensible(coefficients, term.shape, robot, term.joint):
         return False
@@ -194,7 +194,7 @@ def physical(term: Term, coefficients: Float, robot: RobotDescription) -> bool:
 
 
 def within_prior(term: Term, coefficients: Float, prior: Prior) -> bool:
-    """True if the coefficients are within what their prior calls possible."""
+    """True if the coefficients are within the range that their prior allows."""
     off = np.abs(coefficients - prior.mean) / np.sqrt(np.diag(prior.covariance))
     return bool(np.all(off < term.effect.acceptance.prior_deviations))
 
@@ -209,7 +209,7 @@ def tension(solution: Solution) -> Float:
 
 
 def relieves_tension(before: Solution, after: Solution, thresholds: Thresholds) -> bool:
-    """True if nominal parameters that were stretched beyond their tolerances come back, all of them."""
+    """True if nominal parameters stretched beyond their tolerances return, all of them."""
     old, new = tension(before), tension(after)
     if not len(old) or float(np.sum(old) - np.sum(new)) < 2 * thresholds.gain:
         return False
@@ -217,7 +217,7 @@ def relieves_tension(before: Solution, after: Solution, thresholds: Thresholds) 
 
 
 def seen_by_several(now: Solution, block: Block) -> bool:
-    """True if more than one channel asks for a block that acts on all, and few for its contrary."""
+    """True if more than one channel supports a block that acts on all channels, and few support its opposite."""
     parts = [Block(block.columns[:, c], c, block.prior) for c in range(block.columns.shape[1])]
     gains = np.array([gain for gain, _ in now.fit.gains(parts)])
     agreed = float(np.sum(np.maximum(gains, 0.0)))
@@ -225,7 +225,7 @@ def seen_by_several(now: Solution, block: Block) -> bool:
 
 
 def _against(now: Solution, parts: Sequence[Block]) -> float:
-    """nats that channels give for the contrary of a block that is simulated to scale; 0 for other blocks."""
+    """Evidence (nats) of channels for the opposite sign of a block that is simulated to scale; 0 for other blocks."""
     if parts[0].columns.shape[1] > 1 or np.any(parts[0].prior.mean == 0):
         return 0.0
     free = [Block(part.columns, part.channel, Prior.spread(np.ones(1))) for part in parts]

@@ -1,4 +1,4 @@
-"""Coordinate search: the shape with the greatest evidence near a start."""
+"""Coordinate search for the shape with the greatest evidence near a start."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from cellwatt_plugins.explain.fit.problem import Term
 from cellwatt_plugins.robot.effects.effect import Shape
 
 CLOSE, NEAR = 1.01, 0.02
-"""Ratio to a bound, and share of the range, from which a shape has run to its bound."""
+"""Ratio to a bound, and share of the range, within which a shape counts as at its bound."""
 DECADES = 30.0
-"""Ratio of its bounds from which a shape parameter is searched by its logarithm."""
+"""Ratio of its bounds above which a shape parameter is searched by its logarithm."""
 
 
 def climb(
     evidence: Callable[[Shape], float], start: Shape, bounds: Sequence[tuple[float, float]], rounds: int = 2
 ) -> Shape:
-    """Greatest evidence near ``start``, one parameter after the other: steps that halve, in its own size."""
+    """Shape of greatest evidence near ``start``, found one parameter at a time with steps that halve."""
     best, top = start, evidence(start)
     for turn in range(rounds):
         for i, (low, high) in enumerate(bounds):
@@ -43,7 +43,7 @@ def climb(
 
 
 def at_bound(term: Term) -> bool:
-    """True if a refined shape ran to the end of what is possible for it."""
+    """True if a refined shape reached one of its bounds."""
     pairs = zip(term.shape, term.effect.bounds(term.shape), strict=False)
     return any(high > low and _near_end(value, low, high) for value, (low, high) in pairs)
 

@@ -1,4 +1,4 @@
-"""Friction that holds an arm at rest: how far from the law's, which is none there, the recordings show it."""
+"""Static friction at rest: recorded torque compared with the law, which has no friction at rest."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.stretches import stretches
 
 END = 0.1
-"""s at either end of a rest whose means are compared."""
+"""s at each end of a rest whose means are compared."""
 FEWEST = 4
-"""Rests of a joint that tell anything."""
+"""Smallest number of rests of a joint for an estimate."""
 UNKNOWN = np.inf
 
 
-def held_at_rest(states: Sequence[States], left: Sequence[Float], noise: Float) -> Float:
-    """Friction (n,) Nm that holds joints at rest; infinite where the plan is not known, which may be any.
+def held_at_rest(states: Sequence[States], residuals: Sequence[Float], noise: Float) -> Float:
+    """Friction (n,) Nm that holds joints at rest; infinite if there is no plan, where it may have any value.
 
-    ``left`` (N, n) of each run is torque beyond the nominal, of which a loop lets go while nothing moves: whatever
-    changes then was held. ``noise`` (n,) Nm.
+    ``residuals`` (N, n) Nm of each run are torque beyond the nominal, which a control loop releases while nothing
+    moves: any change during a rest was held by friction. ``noise`` is (n,) Nm.
     """
     if any(run.unplanned for run in states):
         return np.full(len(noise), UNKNOWN)
@@ -29,7 +29,7 @@ def held_at_rest(states: Sequence[States], left: Sequence[Float], noise: Float) 
     for joint in range(len(noise)):
         changes = [
             float(np.mean(course[last - end : last]) - np.mean(course[first : first + end]))
-            for run, part in zip(states, left, strict=True)
+            for run, part in zip(states, residuals, strict=True)
             for course, end in ((part[:, joint], max(1, round(END / run.step))),)
             for first, last in stretches(run.resting[:, joint])
             if last - first > 2 * end

@@ -1,6 +1,6 @@
 """Leave-one-out: fits of a problem without one fold of its blocks, and their error on that fold.
 
-The products of the rows are kept fold by fold, so that a set of terms is judged without another pass over the rows.
+The products of the rows are stored per fold, so that a set of terms is judged without another pass over the rows.
 """
 
 from __future__ import annotations
@@ -18,53 +18,53 @@ from cellwatt_plugins.robot.blocks import Block, Design, places
 from cellwatt_plugins.robot.regression import Prior
 
 FOLDS, FEWEST = 10, 5
-"""Folds at most, and at least of motions that repeat."""
+"""Largest number of folds, and smallest number of folds for motions that repeat."""
 BLOCK, SHORTEST = 4.0, 1.0
-"""s of a block, about; of a short recording at least."""
+"""Longest and shortest block, in s; the shortest is for short recordings."""
 LITTLE = 0.003
-"""Share of a channel's mean square error below which a fold's error counts as none."""
+"""Share of a channel's mean square error below which a fold's error is negligible."""
 ALIKE, STILL = 0.1, 1e-3
-"""Share of a motion's spread, and rad, by which a repeat of it may differ."""
+"""Largest deviation between repeats of a motion: a share of the motion's standard deviation, plus rad."""
 NOTHING = 1e-3
-"""Squared error of a fold, in units of the noise, of a channel that nothing was measured of."""
-KEPT = 400
-"""Blocks whose products are kept, and fits."""
+"""Squared error of a fold, in units of the noise, below which a channel counts as not measured."""
+CACHED = 400
+"""Largest number of blocks whose products are stored, and of stored fits."""
 
 
 @dataclass(frozen=True)
 class Held:
-    """What a change of the model does to the error on data left out."""
+    """Change of the error on data left out by a change of the model."""
 
     share: float
-    """Of the mean square error that it takes off, summed over the channels asked."""
+    """Share of the mean square error that the change removes, summed over the chosen channels."""
     sure: float
-    """Mean over the folds of what it takes off, in its standard errors."""
+    """Mean removed error per fold, in its standard errors."""
     rise: float
-    """Greatest share by which the mean square error of any channel rises."""
+    """Largest relative rise of any channel's mean square error."""
     again: bool
-    """True if it takes something off without the fold in which it does most, too."""
+    """True if the change also removes error without the fold in which it removes most."""
     most: float
-    """Share of the mean square error that it takes off the one of the channels asked where it does most."""
+    """Share of the mean square error removed at the chosen channel where it is largest."""
 
 
 def compared(before: Float, after: Float, channels: Sequence[int] | None = None) -> Held:
     """Compare squared errors (K, C) of K folds: paired by fold, each channel in units of its own error before."""
     scale = np.mean(before, axis=0)
-    # A channel that nothing was measured of has no error that could fall or rise.
+    # The error of a channel that was not measured can neither fall nor rise.
     scale = np.where(scale > NOTHING, scale, np.inf)
-    asked = slice(None) if channels is None else list(channels)
+    chosen = slice(None) if channels is None else list(channels)
     saved = (before - after) / scale
-    own = np.sum(saved[:, asked], axis=1)
-    # What acts here and there shows in the ratio of a fold's errors, also where one fold outweighs all others.
-    ratio = np.sum(np.log((before / scale + LITTLE) / (after / scale + LITTLE))[:, asked], axis=1)
+    own = np.sum(saved[:, chosen], axis=1)
+    # The ratio of a fold's errors shows an intermittent effect even if one fold outweighs all others.
+    ratio = np.sum(np.log((before / scale + LITTLE) / (after / scale + LITTLE))[:, chosen], axis=1)
     again = bool(np.sum(own) - np.max(own) > 0)
     of_each = np.mean(saved, axis=0)
-    sure, rise, most = max(_sure(own), _sure(ratio)), float(np.max(-of_each)), float(np.max(of_each[asked]))
+    sure, rise, most = max(_sure(own), _sure(ratio)), float(np.max(-of_each)), float(np.max(of_each[chosen]))
     return Held(float(np.mean(own)), sure, rise, again, most)
 
 
 def _sure(values: Float) -> float:
-    """Mean of some values in its standard errors."""
+    """Mean of values, in its standard errors."""
     if len(values) < 2:
         return 0.0
     spread = float(np.std(values, ddof=1) / np.sqrt(len(values)))
@@ -86,21 +86,21 @@ class LeaveOut:
         return self.products.fold
 
     def errors(self, terms: Sequence[Term]) -> Float:
-        """Squared error (K, C) of each fold, in units of its variance, in the fit that did not see it."""
+        """Squared error (K, C) of each fold, in units of its variance, in the fit without that fold."""
         return self._fitted([self.problem.block(term) for term in terms])[1]
 
     def coefficients(self, terms: Sequence[Term]) -> Float:
-        """Coefficients (K, P) of the fit without each fold: the design's, then those of the terms."""
+        """Coefficients (K, P) of the fits without one fold each: the design's, then those of the terms."""
         return self._fitted([self.problem.block(term) for term in terms])[0]
 
     def residual(self, terms: Sequence[Term], channels: Sequence[int] | None = None) -> Float:
-        """Residual (N, C) of each row in the fit that did not see it, of some channels alone where they are given."""
+        """Residual (N, C) of each row in the fit without its fold, of all channels or of those given."""
         design, blocks = self.problem.design, [self.problem.block(term) for term in terms]
         found = self._fitted(blocks)[0]
-        asked = range(design.target.shape[1]) if channels is None else channels
-        out = np.empty((len(design.target), len(asked)))
+        chosen = range(design.target.shape[1]) if channels is None else channels
+        out = np.empty((len(design.target), len(chosen)))
         slices = places(blocks, design.size)
-        for i, c in enumerate(asked):
+        for i, c in enumerate(chosen):
             fixed = design.channels[c]
             parts = [(block.of(c), place) for block, place in zip(blocks, slices, strict=True)]
             for rows, own in zip(self.products.rows, found, strict=True):
@@ -110,13 +110,13 @@ class LeaveOut:
         return out
 
     def _fitted(self, blocks: Sequence[Block]) -> tuple[Float, Float]:
-        """Coefficients (K, P) of the fit without each fold, and its squared error (K, C) there; the last are kept."""
-        key, kept = (self.problem.nuisance, tuple(blocks), self.factor.tobytes()), self.products.fitted
-        if key not in kept:
-            if len(kept) > KEPT:
-                kept.clear()
-            kept[key] = self._fit(blocks)
-        return kept[key]
+        """Coefficients (K, P) of the fits without one fold each, and their squared errors (K, C) there; cached."""
+        key, cache = (self.problem.nuisance, tuple(blocks), self.factor.tobytes()), self.products.fitted
+        if key not in cache:
+            if len(cache) > CACHED:
+                cache.clear()
+            cache[key] = self._fit(blocks)
+        return cache[key]
 
     def _fit(self, blocks: Sequence[Block]) -> tuple[Float, Float]:
         design, products = self.problem.design, self.products
@@ -126,16 +126,16 @@ class LeaveOut:
         information, right = np.zeros((count, size, size)), np.zeros((count, size))
         equations = []
         for c in range(channels):
-            there, gram, pull = products.channel(c, blocks, slices)
-            information[:, there[:, None], there] += gram / self.factor[c]
-            right[:, there] += pull / self.factor[c]
-            equations.append((there, gram, pull))
+            indices, gram, pull = products.channel(c, blocks, slices)
+            information[:, indices[:, None], indices] += gram / self.factor[c]
+            right[:, indices] += pull / self.factor[c]
+            equations.append((indices, gram, pull))
         prior = Prior.joined(*(block.prior for block in (*design.blocks, *blocks)))
         whole, pulled = information.sum(axis=0) + prior.precision, right.sum(axis=0) + prior.precision @ prior.mean
         found = np.stack([_solved(whole - information[k], pulled - right[k]) for k in range(count)])
         errors = np.empty((count, channels))
-        for c, (there, gram, pull) in enumerate(equations):
-            own = found[:, there]
+        for c, (indices, gram, pull) in enumerate(equations):
+            own = found[:, indices]
             crossed = np.einsum("ki,kij,kj->k", own, gram, own)
             errors[:, c] = products.square[c] - 2 * np.sum(own * pull, axis=1) + crossed
         return found, np.maximum(errors, 0.0)
@@ -158,7 +158,7 @@ class _Own:
 
 
 class _Products:
-    """Products of a design's rows in each of K folds; those of further blocks are made once."""
+    """Products of a design's rows in each of K folds; products of further blocks are computed once."""
 
     def __init__(self, design: Design, fold: NDArray[np.intp], count: int) -> None:
         self.design, self.fold = design, fold
@@ -179,14 +179,14 @@ class _Products:
     def channel(
         self, c: int, blocks: Sequence[Block], slices: Sequence[slice]
     ) -> tuple[NDArray[np.intp], Float, Float]:
-        """Places (p,) among all coefficients, gram (K, p, p) and pull (K, p) of a channel with further blocks."""
+        """Coefficient indices (p,), gram (K, p, p) and right side (K, p) of a channel with further blocks."""
         acting = [b for b in blocks if b.channel in (None, c)]
         fixed, own = self._fixed[c], self.design.channels[c].places
         among = [np.arange(s.start, s.stop) for b, s in zip(blocks, slices, strict=True) if b.channel in (None, c)]
-        there = np.concatenate([own, *among])
+        indices = np.concatenate([own, *among])
         first = slice(len(own))
-        gram = np.zeros((len(self.rows), len(there), len(there)))
-        pull = np.zeros((len(self.rows), len(there)))
+        gram = np.zeros((len(self.rows), len(indices), len(indices)))
+        pull = np.zeros((len(self.rows), len(indices)))
         gram[:, first, first], pull[:, first] = fixed.gram, fixed.pull
         before: list[tuple[Block, slice]] = []
         for block, at in zip(acting, places(acting, len(own)), strict=True):
@@ -195,7 +195,7 @@ class _Products:
             for cross, beside in [(part.cross, first), *((self._pair(other, block, c), s) for other, s in before)]:
                 gram[:, beside, at], gram[:, at, beside] = cross, cross.transpose(0, 2, 1)
             before.append((block, at))
-        return there, gram, pull
+        return indices, gram, pull
 
     def _with_itself(self, columns: Float, c: int) -> tuple[Float, Float]:
         gram = np.stack([columns[rows].T @ columns[rows] for rows in self.rows])
@@ -203,7 +203,7 @@ class _Products:
 
     def _of(self, block: Block, c: int) -> _Own:
         if (block, c) not in self._own:
-            if len(self._own) > KEPT:
+            if len(self._own) > CACHED:
                 self._own.clear()
                 self._pairs.clear()
             columns = self._weighed(block, c)
@@ -225,10 +225,10 @@ class _Products:
 
 
 def folds_of(problem: Problem) -> tuple[NDArray[np.intp], int]:
-    """Number of the fold of each fitted row (N,), and how many there are; blocks of all motions are dealt out in turn.
+    """Fold number of each fitted row (N,), and the number of folds; the blocks of all motions are dealt out in turn.
 
-    Runs that repeat a motion share its folds: what was fitted to one of them is no unseen motion in the other. Where a
-    motion is too short for that, each run counts for itself.
+    Runs that repeat a motion share its folds: a motion that was fitted in one run is not unseen in another. If a motion
+    is too short for that, each run is split by itself.
     """
     shared = _blocks(problem, _motions([s.q for s in problem.states]))
     block = (
@@ -241,7 +241,7 @@ def folds_of(problem: Problem) -> tuple[NDArray[np.intp], int]:
 
 
 def _blocks(problem: Problem, motions: Sequence[int]) -> list[NDArray[np.intp]]:
-    """Number of the block of each fitted row of each run; ``motions`` are the runs whose blocks each run shares."""
+    """Block number of each fitted row of each run; ``motions`` holds, for each run, the run whose blocks it shares."""
     seconds = [float(s.time[-1] - s.time[0]) for s in problem.states]
     block = float(np.clip(sum(seconds[i] for i in set(motions)) / FOLDS, SHORTEST, BLOCK))
     counts = [max(1, round(seconds[i] / block)) if i == motion else 0 for i, motion in enumerate(motions)]
@@ -253,7 +253,7 @@ def _blocks(problem: Problem, motions: Sequence[int]) -> list[NDArray[np.intp]]:
 
 
 def _motions(courses: Sequence[Float]) -> list[int]:
-    """Number of the first run that makes the same motion as each run, whose positions are ``courses`` (N, n) rad."""
+    """For each run, the index of the first run with the same motion; ``courses`` (N, n) rad are the runs' positions."""
     out = list[int]()
     for course in courses:
         same = (i for i, other in enumerate(courses[: len(out)]) if _alike(course, other))
@@ -262,7 +262,7 @@ def _motions(courses: Sequence[Float]) -> list[int]:
 
 
 def _alike(one: Float, other: Float) -> bool:
-    """True if two motions are within ``ALIKE`` of their way at all times."""
+    """True if two motions stay within ``ALIKE`` and ``STILL`` of each other at all times."""
     if abs(len(one) - len(other)) > ALIKE * len(one):
         return False
     common = min(len(one), len(other))

@@ -11,21 +11,21 @@ from cellwatt.arrays import Float
 WINDOW = 0.4
 """s: within a window this short a sound residual is a parabola plus noise."""
 LISTEN = 1.6
-"""s of the windows in whose spectrum lines are looked for."""
+"""s of the windows whose spectrum is searched for lines."""
 DEEPEST, NEAR, BESIDE = 3.0, 1.3, 3.0
-"""Hz: where lines are looked for, how far a line reaches, and how far the level beside it is taken from."""
+"""Hz: lowest frequency of a line, half-width of a line, width of the bands beside it that give the background."""
 FEWEST = 3
-"""Windows that a spectrum is made of at least."""
+"""Smallest number of windows for a spectrum."""
 STANDS_OUT = 5.0
-"""Power of a line over the level on both of its sides."""
+"""Power of a line relative to the level on both of its sides."""
 LONGEST = 1.0
-"""s over which a residual's autocorrelation is followed."""
+"""s of lag up to which a residual's autocorrelation is computed."""
 MOST, FEWEST_SAMPLES = 0.25, 9.0
-"""s, and samples where those are more: a residual that stays longer is an effect not yet found, not noise."""
+"""Largest correlation factor, in s or in samples (the longer): a longer correlation is an effect, not noise."""
 
 
 def floor(residuals: Sequence[Float], steps: Sequence[float]) -> Float:
-    """Noise floor (C,) of channels in the quiet third of all short windows; residuals (N, C) of each run."""
+    """Noise floor (C,) of channels, from the quiet third of all short windows; residuals (N, C) of each run."""
     spreads = np.concatenate([_window_spreads(r, s) for r, s in zip(residuals, steps, strict=True)])
     if not len(spreads):
         return np.asarray(np.maximum(np.std(np.concatenate(list(residuals)), axis=0), 1e-9))
@@ -35,9 +35,9 @@ def floor(residuals: Sequence[Float], steps: Sequence[float]) -> Float:
 
 
 def tones(residuals: Sequence[Float], steps: Sequence[float]) -> Float:
-    """Share (C,) of the quiet windows' power that lies in lines of the spectrum: a machine hums, noise does not.
+    """Share (C,) of the quiet windows' power that lies in spectral lines: a machine hums, noise does not.
 
-    A line stands out from the frequencies on both of its sides; noise that a filter has shaped does not.
+    A line stands out from the frequencies on both of its sides; filtered noise does not.
     """
     spectrum, resolution = _quiet_spectrum(residuals, steps)
     first = int(np.ceil(DEEPEST / resolution))
@@ -49,14 +49,14 @@ def tones(residuals: Sequence[Float], steps: Sequence[float]) -> Float:
 
 
 def hum(residuals: Sequence[Float], steps: Sequence[float]) -> float | None:
-    """Frequency Hz of the strongest line of one channel's residuals (N, 1) of each run; None where there is none."""
+    """Frequency in Hz of the strongest line of one channel's residuals (N, 1) of each run; None if there is no line."""
     spectrum, resolution = _quiet_spectrum(residuals, steps)
     lines = _lines(spectrum[:, 0], resolution)
     return float(np.argmax(lines) * resolution) if np.any(lines > 0) else None
 
 
 def _quiet_spectrum(residuals: Sequence[Float], steps: Sequence[float]) -> tuple[Float, float]:
-    """Mean power spectrum (F, C) of the quiet third of long windows, and its resolution Hz; zeros without windows."""
+    """Mean power spectrum (F, C) of the quiet third of long windows (0 without windows), and its resolution in Hz."""
     step = float(np.median(steps))
     width = max(16, round(LISTEN / step))
     windows = np.concatenate([_detrended(residual, width) for residual in residuals])
@@ -91,9 +91,9 @@ def _detrended(residual: Float, width: int) -> Float:
 
 
 def correlation_factor(standard: Sequence[Float], steps: Sequence[float]) -> Float:
-    """1 + 2 Σ autocorrelation (C,) of standardised residuals (N, C) of each run: samples a bit of evidence needs.
+    """1 + 2 Σ autocorrelation (C,) of standardised residuals (N, C) of each run: samples per independent sample.
 
-    The sum runs to the first lag where the autocorrelation has gone, at most ``LONGEST`` s.
+    The sum runs to the first lag without autocorrelation, at most ``LONGEST`` s.
     """
     step = float(np.median(steps))
     lags = max(2, min(round(LONGEST / step), min(len(run) for run in standard) // 2))

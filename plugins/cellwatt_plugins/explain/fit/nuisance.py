@@ -1,4 +1,4 @@
-"""The nominal parameters that may be off by their tolerances: always free, so no effect is named in their place."""
+"""Nominal parameters that may be off by their tolerances: always free, so that no effect is named in their place."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from cellwatt_plugins.robot.priors import link_prior
 from cellwatt_plugins.robot.regression import Prior
 
 GAIN = 0.02
-"""Share by which gains of a servo are off, one standard deviation."""
+"""Standard deviation of a servo's gains, as a share."""
 STEP = 0.0007
-"""s by which the velocity that a drive damps is older or newer than its position: steps of control and simulation."""
+"""s by which the velocity that a drive damps differs in age from its position (steps of control and simulation)."""
 TURNED = 0.5
-"""Share of a joint's friction that may turn over within another speed."""
+"""Share of a joint's friction that may reverse over another speed range."""
 LATE = 0.1
-"""Share of a row by which commands act earlier or later than half of it."""
+"""Standard deviation of the delay of commands about half a row, in rows."""
 FINE = 1e-3
-"""Share of what was simulated that terms of the simulation must be which robot.yaml has no number for."""
+"""Share of the simulated values from which simulated terms without a parameter in robot.yaml count as present."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class Nominal(Block):
     """Nominal parameters that may be off: those of a ``link`` (10,), or one number by its key in robot.yaml."""
 
     name: str = ""
-    """Empty where robot.yaml has no number for it."""
+    """Empty if robot.yaml has no parameter for it."""
     joint: int | None = None
     """0-based; None for the supply."""
 
@@ -40,7 +40,7 @@ class Nominal(Block):
 def torque_nuisance(states: Sequence[States]) -> tuple[Nominal, ...]:
     """Inertial parameters of each link, then friction and rotor inertia of each joint where they are not 0.
 
-    Then what else the simulation has at a joint, as friction that may be off.
+    Then further simulated terms of each joint, with the tolerance of friction.
     """
     robot, body = states[0].robot, states[0].arm.body
     regressor = np.concatenate([s.regressor for s in states])
@@ -69,31 +69,31 @@ def torque_nuisance(states: Sequence[States]) -> tuple[Nominal, ...]:
 
 
 def _beyond(courses: Sequence[Float | None], whole: Sequence[Float], tolerance: float) -> list[Nominal]:
-    """What simulations have beyond the law, a share of each channel: courses (N, C) of each run, and all they say."""
+    """Simulated terms beyond the law, a factor per channel: ``courses`` (N, C) of each run, ``whole`` with the law."""
     beyond = np.concatenate([course for course in courses if course is not None])
-    there = np.std(beyond, axis=0) > FINE * np.std(np.concatenate(whole), axis=0)
+    present = np.std(beyond, axis=0) > FINE * np.std(np.concatenate(whole), axis=0)
     prior = Prior.spread(np.array([tolerance]))
-    return [Nominal(beyond[:, c : c + 1], c, prior) for c in np.flatnonzero(there).tolist()]
+    return [Nominal(beyond[:, c : c + 1], c, prior) for c in np.flatnonzero(present).tolist()]
 
 
 def _drives(states: Sequence[States]) -> list[Nominal]:
-    """Pull and damping of each joint's servo, as shares, and the s by which velocities and commands act later."""
+    """Gain and damping of each joint's servo, as shares, and the delays of velocities and commands in s."""
     servo, step = states[0].servos.servo, states[0].servos.step
-    torque, speed, gain, told = (
+    torque, speed, gain, commanded = (
         np.concatenate(parts) for parts in zip(*((s.nominal, s.qd, s.qdd, s.servos.told) for s in states), strict=True)
     )
     braked = servo.damping * speed
     coulomb = states[0].robot.column("coulomb_friction")
     coulomb = np.maximum(coulomb, np.median(coulomb))[:, None]
     turning = coulomb * np.concatenate([s.servos.turnovers for s in states])
-    columns = np.stack([torque + braked, braked, servo.damping * gain, servo.stiffness * told], axis=2)
+    columns = np.stack([torque + braked, braked, servo.damping * gain, servo.stiffness * commanded], axis=2)
     columns = np.concatenate([columns, turning], axis=2)
     prior = Prior.spread(np.array([GAIN, GAIN, STEP, LATE * step, *[TURNED] * turning.shape[2]]))
     return [Nominal(columns[:, joint], joint, prior, "drive", joint) for joint in range(columns.shape[1])]
 
 
 def supply_nuisance(states: Sequence[States]) -> tuple[Nominal, ...]:
-    """Standby power and the winding resistance of each joint, where they are not 0; then what else is simulated."""
+    """Standby power and the winding resistance of each joint, where they are not 0; then further simulated terms."""
     robot = states[0].robot
     tolerance = robot.tolerances.supply
     blocks = []

@@ -23,18 +23,18 @@ from cellwatt_plugins.robot.regression import Prior
 
 SLOW = 0.3
 """s over which the slow part of a residual is averaged."""
-UNTOLD = 1e12
-"""Variance of a torque that is not known, in units of the noise's."""
+UNKNOWN_VARIANCE = 1e12
+"""Variance of an unknown torque, in units of the noise's variance."""
 MADE = 300
-"""Blocks that are remembered."""
+"""Largest number of cached blocks."""
 
 Place = tuple[str, int | None]
-"""An effect's name, or a nominal parameter's, and its joint (0-based); None for the robot or the supply."""
+"""Name of an effect or a nominal parameter, and its joint (0-based); None for the robot or the supply."""
 
 
 @dataclass(frozen=True)
 class Term:
-    """An effect at a place with its shape."""
+    """An effect at a joint, the robot or the supply, with its shape."""
 
     effect: Effect
     joint: int | None
@@ -43,17 +43,17 @@ class Term:
 
     @property
     def place(self) -> Place:
-        """Effect and joint, which tell it from other terms."""
+        """Effect and joint, which identify the term."""
         return self.effect.name, self.joint
 
     @property
     def number(self) -> int | None:
-        """The joint as people count, from 1."""
+        """The joint, counted from 1."""
         return None if self.joint is None else self.joint + 1
 
 
 def on_joints(course: Float, joint: int | None, joints: int) -> Float:
-    """A course (N,) of one joint beside zeros of the others, (N, n); one (N, n) of the whole arm as it is."""
+    """(N, n): the course (N,) of one joint with zeros for the others; a course (N, n) of the whole arm is unchanged."""
     if course.ndim == 2:
         return course
     out = np.zeros((len(course), joints))
@@ -61,7 +61,7 @@ def on_joints(course: Float, joint: int | None, joints: int) -> Float:
     return out
 
 
-def said(term: Term) -> str:
+def title(term: Term) -> str:
     """Name of a term in messages."""
     name = term.effect.name.replace("_", " ")
     return name if term.joint is None else f"{name} of joint {term.number}"
@@ -75,40 +75,40 @@ class Problem:
     """``torque`` or ``supply``."""
     states: tuple[States, ...]
     rows: tuple[Rows, ...]
-    """Rows of each run that are fitted; states are simulated at all samples."""
+    """Fitted rows of each run; states are simulated at all samples."""
     target: tuple[Float, ...]
     variance: tuple[Float, ...]
     """(M, C) of each run's rows."""
     floor: Float
     """Noise floor (C,)."""
     size: Float
-    """Size (C,) that counts as considerable: scale of the priors of effects."""
+    """Size (C,) of a considerable value, in the channel's unit: scale of the priors of effects."""
     nuisance: tuple[Nominal, ...]
     measured: Float
-    """Standard deviation (C,) of what was measured."""
+    """Standard deviation (C,) of the measured values."""
 
     simulated: dict[tuple[object, ...], list[Float]] = field(default_factory=dict)
     """Columns of terms that depend on the motion alone."""
     made: dict[tuple[object, ...], Block] = field(default_factory=dict)
     """Blocks of such terms."""
     of_design: dict[str, Any] = field(default_factory=dict)
-    """What ``LeaveOut`` makes once of the design, which stays whatever torque is fitted."""
+    """Products that ``LeaveOut`` computes once per design; the design is the same for every fitted torque."""
 
     def stack(self, parts: Sequence[Float]) -> Float:
-        """One array (each run's samples, …) per run to the fitted rows of all runs."""
+        """Concatenate one array (samples, …) per run into the fitted rows of all runs."""
         return np.concatenate([rows.of(part) for rows, part in zip(self.rows, parts, strict=True)])
 
     def split(self, stacked: Float) -> list[Float]:
-        """Fitted rows of all runs back to each run."""
+        """Split the fitted rows of all runs into the rows of each run."""
         ends = np.cumsum([len(part) for part in self.target])[:-1]
         return np.split(stacked, ends)
 
     def every_sample(self, stacked: Float) -> list[Float]:
-        """Fitted rows (N, C) back to all samples of each run, interpolated between them."""
+        """Interpolate the fitted rows (N, C) to all samples of each run."""
         return [rows.samples(part) for rows, part in zip(self.rows, self.split(stacked), strict=True)]
 
     def block(self, term: Term) -> Block:
-        """The columns of a term over all runs, with their prior; made once where they depend on the motion alone."""
+        """The columns of a term over all runs, with their prior; cached if they depend on the motion alone."""
         if not term.effect.by_motion_alone:
             return self.prior_block(term, self.stack(self.columns(term)))
         key = (*term.place, term.shape)
@@ -119,7 +119,7 @@ class Problem:
         return self.made[key]
 
     def columns(self, term: Term) -> list[Float]:
-        """Columns of a term in each run; simulated once where they depend on the motion alone."""
+        """Columns of a term in each run; simulated once if they depend on the motion alone."""
         if term.effect.acts_on == "supply" or term.effect.depends_on in ("load", "fitted torque"):
             return [term.effect.columns(s, term.joint, term.shape) for s in self.states]
         key = (*term.place, term.shape)
@@ -134,16 +134,16 @@ class Problem:
         return Block(columns, channel, prior)
 
     @cached_property
-    def told(self) -> list[int]:
-        """Channels (0-based) of which anything was measured; the supply has but one."""
+    def observed(self) -> list[int]:
+        """Channels (0-based) with any measured values; the supply has one channel."""
         if self.side == "supply":
             return [0]
         least = np.min([np.min(part, axis=0) for part in self.variance], axis=0)
-        return [int(c) for c in np.flatnonzero(least < UNTOLD * self.floor**2)]
+        return [int(c) for c in np.flatnonzero(least < UNKNOWN_VARIANCE * self.floor**2)]
 
     @cached_property
     def design(self) -> Design:
-        """Target and nominal parameters of all runs, ready to be fitted."""
+        """Target and nominal parameters of all runs, prepared for fitting."""
         blocks = [Block(self.stack(np.split(b.columns, self._ends)), b.channel, b.prior) for b in self.nuisance]
         return Design(np.concatenate(self.target), np.concatenate(self.variance), blocks)
 
@@ -158,9 +158,9 @@ class Problem:
         return np.cumsum([len(states.time) for states in self.states])[:-1]
 
     def course(self, nuisance: Float, terms: Sequence[tuple[Term, Float]]) -> tuple[list[Float], list[Float]]:
-        """Torque (N, n) of each run at all samples, and what of it the links need beyond the nominal.
+        """Torque (N, n) Nm of each run at all samples, and the share of it that the links add to the nominal.
 
-        It is the nominal law, nominal parameters off by ``nuisance``, and terms.
+        It is the sum of the nominal law, the nominal parameters' corrections ``nuisance``, and terms.
         """
         joints = self.states[0].arm.body.joints
         carried = [s.regressor @ nuisance[: PER_LINK * joints] for s in self.states]
@@ -181,7 +181,7 @@ class Problem:
         return out, carried
 
     def fit(self, blocks: Sequence[Block], factor: Float | None = None) -> Regression:
-        """Nuisance and ``blocks`` together; ``factor`` (C,) is the correlation factor of the residual."""
+        """Fit nuisance and ``blocks`` together; ``factor`` (C,) is the correlation factor of the residual."""
         return Regression(self.design, blocks, np.full(len(self.floor), 2.0) if factor is None else factor)
 
     def factor(self, residual: Float) -> Float:
@@ -189,7 +189,7 @@ class Problem:
         return correlation_factor(self.split(residual * self.design.root), [rows.step for rows in self.rows])
 
     def noise_factor(self, residual: Float) -> Float:
-        """Correlation factor (C,) of a residual (N, C); what is unexplained yet counts as noise.
+        """Correlation factor (C,) of a residual (N, C) in which any unexplained residual counts as noise.
 
         So an effect is judged by the share that it explains.
         """
@@ -202,7 +202,7 @@ class Problem:
     def chi2(self, residual: Float) -> Float:
         """Mean square (C,) of a residual (N, C) in units of its variance: 1 is noise.
 
-        Near stops, where friction may pull either way, samples count less; without a plan every sample is in doubt.
+        Samples near stops, where friction may pull either way, count less; without a plan every sample is uncertain.
         """
         if any(s.unplanned for s in self.states):
             return self.scale(residual)
@@ -210,12 +210,12 @@ class Problem:
         return np.asarray(np.sum(np.square(weight * residual), axis=0) / np.sum(weight, axis=0))
 
     def rms(self, residual: Float) -> Float:
-        """Rms (C,) of a residual (N, C); near stops, where friction may pull either way, samples count less."""
+        """Rms (C,) of a residual (N, C); samples near stops, where friction may pull either way, count less."""
         weight = np.square(self.design.root)
         return np.asarray(np.sqrt(np.sum(weight * np.square(residual), axis=0) / np.sum(weight, axis=0)))
 
     def fast_chi2(self, residual: Float) -> Float:
-        """The same of what is faster than ``SLOW``: a spring rings and a gap clacks, friction does not."""
+        """``chi2`` of the part of a residual faster than ``SLOW``: a spring rings, a gap clacks, friction does not."""
         parts = []
         for rows, part in zip(self.rows, self.split(residual * self.design.root), strict=True):
             width = max(3, round(SLOW / rows.step))
@@ -223,14 +223,15 @@ class Problem:
         return self.chi2(np.concatenate(parts) / self.design.root)
 
     def with_torque(self, torque: Sequence[Float], carried: Sequence[Float]) -> Problem:
-        """The same problem for effects that see another fitted torque, and what the links need beyond the nominal."""
+        """The same problem for effects that depend on the fitted torque, given that and the links' part beyond
+        nominal."""
         triples = zip(self.states, torque, carried, strict=True)
         new = replace(self, states=tuple(s.with_torque(t, c) for s, t, c in triples))
         new.__dict__["design"] = self.design
         return new
 
     def with_priors(self, priors: Sequence[Prior]) -> Problem:
-        """The same problem where the nominal parameters have other priors."""
+        """The same problem with other priors of the nominal parameters."""
         nuisance = tuple(replace(block, prior=prior) for block, prior in zip(self.nuisance, priors, strict=True))
         new = replace(self, nuisance=nuisance)
         new.__dict__["design"] = self.design.with_priors(priors)

@@ -1,4 +1,4 @@
-"""Nominal numbers pass the same test as findings: those that data left out do not confirm stay the user's."""
+"""Nominal parameters pass the same test as findings: those that data left out do not confirm keep the user's values."""
 
 from __future__ import annotations
 
@@ -14,35 +14,35 @@ from cellwatt_plugins.robot.priors import link_prior
 from cellwatt_plugins.robot.regression import Prior
 
 FIXED = 1e-4
-"""Factor on the tolerance of a number that stays the user's."""
+"""Factor on the tolerance of a parameter that keeps the user's value."""
 WORTH = 0.005
-"""Share of the mean square error on data left out, summed over the channels, that freeing a group must take off."""
+"""Share of the mean square error on data left out, summed over the channels, that freeing a group must remove."""
 WORSE = 1.01
-"""Times the simulation's mean square error on data left out that the model's may be at a joint."""
+"""Largest mean square error of the model on data left out at a joint, relative to the simulation's."""
 LOOSER = (3.0, 10.0)
-"""Factors on the tolerances of the links, or of all that the supply draws, that are tried where much is left."""
+"""Factors on the tolerances of the links, or of all supply parameters, tried to reduce a large residual."""
 BETTER, SURE = 0.1, 2.0
-"""Share and standard errors by which one joint's error must fall for numbers to be as far off as that."""
+"""Share and standard errors by which the error of one joint must fall for looser tolerances to be accepted."""
 
 
 def freed(problem: Problem, factors: Float) -> Problem:
-    """The problem with the tolerance of each group of nominal parameters times its factor (B,)."""
+    """The problem with the tolerance of each group of nominal parameters multiplied by its factor (B,)."""
     pairs = zip(problem.nuisance, factors.tolist(), strict=True)
     return problem.with_priors([_scaled(block.prior, factor) for block, factor in pairs])
 
 
 def links_fixed(problem: Problem) -> Float:
-    """Factors (B,) that leave friction and rotors alone their freedom."""
+    """Factors (B,) that leave only friction and rotors free."""
     return np.where(np.arange(len(problem.nuisance)) < problem.states[0].arm.body.joints, FIXED, 1.0)
 
 
 def all_fixed(problem: Problem) -> Float:
-    """Factors (B,) that leave no nominal parameter its freedom."""
+    """Factors (B,) that fix all nominal parameters."""
     return np.full(len(problem.nuisance), FIXED)
 
 
 def loose(problem: Problem, looseness: float) -> Problem:
-    """The problem with the tolerances of the links, or of all that the supply draws, times ``looseness``."""
+    """The problem with the tolerances of the links, or of all supply parameters, multiplied by ``looseness``."""
     priors = [_scaled(block.prior, looseness) for block in problem.nuisance]
     if problem.side == "torque":
         robot, links = problem.states[0].robot, problem.states[0].arm.body.parameters().reshape(-1, PER_LINK)
@@ -52,7 +52,7 @@ def loose(problem: Problem, looseness: float) -> Problem:
 
 
 def looseness(problem: Problem, terms: Sequence[Term], factor: Float) -> float:
-    """Factor on tolerances (see ``loose``) that data left out ask for beside some terms; 1 where they ask for none."""
+    """Factor on tolerances (see ``loose``) that data left out support with the given terms; 1 if they support none."""
     best, error = 1.0, LeaveOut(problem, factor).errors(terms)
     for trial in LOOSER:
         new = LeaveOut(loose(problem, trial), factor).errors(terms)
@@ -63,10 +63,10 @@ def looseness(problem: Problem, terms: Sequence[Term], factor: Float) -> float:
 
 
 def confirmed(problem: Problem, terms: Sequence[Term], factor: Float) -> Float:
-    """Factors (B,), 1 for what data left out confirm to be free: each link, and each joint's friction and rotor.
+    """Factors (B,), 1 for groups that data left out confirm as free: each link, and each joint's friction and rotor.
 
-    The groups are asked in turn, the one first whose freedom helps least: where the error without it is as low, its
-    numbers stay as they are.
+    Groups are tested in turn, the one whose freedom helps least first. If the error without its freedom is as low, its
+    parameters keep the user's values.
     """
     groups = _groups(problem)
     factors = np.ones(len(problem.nuisance))
@@ -81,7 +81,7 @@ def confirmed(problem: Problem, terms: Sequence[Term], factor: Float) -> Float:
         trial, new = fixed(group)
         if compared(new, error).share < WORTH:
             factors, error = trial, new
-    # Numbers that help one joint must not leave another worse than the simulation was.
+    # Parameters that help one joint must not make another joint worse than the simulation.
     simulated = np.sum(LeaveOut(freed(problem, all_fixed(problem)), factor).errors([]), axis=0)
     for group in groups:
         if not np.any(worse := np.sum(error, axis=0) > WORSE * simulated):
@@ -93,7 +93,7 @@ def confirmed(problem: Problem, terms: Sequence[Term], factor: Float) -> Float:
 
 
 def _groups(problem: Problem) -> list[list[int]]:
-    """Places of the blocks that are confirmed together."""
+    """Indices of the blocks that are confirmed together."""
     of_joint: dict[int | None, list[int]] = {}
     groups = []
     for i, block in enumerate(problem.nuisance):

@@ -1,4 +1,4 @@
-"""The rows that a run is fitted by: every so many samples, or what a meter shows of them."""
+"""The rows to which a run is fitted: every k-th sample, or the values of a meter."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from cellwatt_plugins.robot.samples import interpolated
 from cellwatt_plugins.robot.servo.filtered import compared
 
 ROWS = 16000
-"""Rows that are fitted, about."""
+"""Approximate number of fitted rows."""
 LEAST_RATE = 12.0
-"""Hz that are fitted at least."""
+"""Smallest rate of fitted rows, Hz."""
 ROWS_PERIOD = 3.0
-"""Rows that are fitted in a period of the fastest that is compared."""
+"""Fitted rows per period of the highest compared frequency."""
 
 
 @dataclass(frozen=True)
 class Thinned:
-    """Every so many of ``count`` samples."""
+    """Every ``every``-th of ``count`` samples."""
 
     count: int
     every: int
@@ -54,13 +54,13 @@ class Thinned:
         return np.asarray((1 - share) * rows[before] + share * rows[np.minimum(before + 1, len(rows) - 1)])
 
     def span(self, rows: slice) -> slice:
-        """The samples that some rows stand for."""
+        """The samples covered by a slice of rows."""
         return slice(rows.start * self.every, rows.stop * self.every)
 
 
 @dataclass(frozen=True)
 class Filtered(Thinned):
-    """Every so many of ``count`` samples, each without what is above ``bandwidth`` Hz."""
+    """Every ``every``-th of ``count`` samples, low-pass filtered at ``bandwidth`` Hz."""
 
     bandwidth: float = 0.0
 
@@ -70,14 +70,14 @@ class Filtered(Thinned):
         return np.ascontiguousarray(flat[:: self.every].reshape(-1, *samples.shape[1:]))
 
     def variance(self, samples: Float) -> Float:
-        """Variances (N, C) of what is slower than the bandwidth, as rows (M, C)."""
+        """Variances (N, C) of the part below the bandwidth, as rows (M, C)."""
         width = max(1, round(0.5 / (self.bandwidth * self.sample_step)))
         return np.asarray(uniform_filter1d(samples, width, axis=0)[:: self.every])
 
 
 @dataclass(frozen=True)
 class Metered:
-    """The mean of the samples at ``time`` (N,) s over what each value of a meter stands for."""
+    """Means of the samples at ``time`` (N,) s over the window of each meter value."""
 
     time: Float
     windows: Windows
@@ -85,7 +85,7 @@ class Metered:
 
     @cached_property
     def _weights(self) -> csr_array:
-        # Every effect that is tried goes through them.
+        # The weights are applied to every effect that is tried.
         return self.windows.weights(self.time)
 
     def of(self, samples: Float) -> Float:
@@ -97,7 +97,7 @@ class Metered:
         return interpolated(self.time, self.windows.middle, rows)
 
     def span(self, rows: slice) -> slice:
-        """The samples that some rows stand for."""
+        """The samples covered by a slice of rows."""
         first, last = self.windows.start[rows.start], self.windows.end[rows.stop - 1]
         begin, end = np.searchsorted(self.time, [first, last]).tolist()
         return slice(begin, max(end, begin + 1))
@@ -108,14 +108,14 @@ Rows = Thinned | Metered
 
 
 def thinned(runs: Sequence[Run]) -> tuple[Thinned, ...]:
-    """Every so many samples, so that about ``ROWS`` are fitted, at ``LEAST_RATE`` or more."""
+    """Thin the samples of runs to about ``ROWS`` rows in total, at ``LEAST_RATE`` or more."""
     most = sum(len(run.time) for run in runs) / ROWS
     every = max(1, min(round(most), int(1 / (runs[0].step * LEAST_RATE))))
     return tuple(Thinned(len(run.time), every, run.step) for run in runs)
 
 
 def filtered(runs: Sequence[Run]) -> tuple[Filtered, ...]:
-    """What is slow enough to be compared of runs whose torque is that of their servos' law."""
+    """Low-pass filter and thin runs whose torque comes from their servos' law."""
     out = []
     for run in runs:
         bandwidth = compared(run.step)

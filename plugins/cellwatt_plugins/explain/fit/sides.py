@@ -1,4 +1,4 @@
-"""The two sides of an arm as problems: what of their samples is known, how well, and at which rows it is fitted."""
+"""The two sides of an arm as problems: measured samples, their variance, and the rows that are fitted."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cellwatt_plugins.explain.fit.holding import held_at_rest
 from cellwatt_plugins.explain.fit.metering import Metering
 from cellwatt_plugins.explain.fit.noise import floor
 from cellwatt_plugins.explain.fit.nuisance import supply_nuisance, torque_nuisance
-from cellwatt_plugins.explain.fit.problem import UNTOLD, Problem
+from cellwatt_plugins.explain.fit.problem import UNKNOWN_VARIANCE, Problem
 from cellwatt_plugins.explain.fit.rows import Filtered, Rows, Thinned, filtered, thinned
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.noise import step_noise
@@ -23,34 +23,32 @@ from cellwatt_plugins.robot.servo.filtered import EDGE
 from cellwatt_plugins.robot.servo.filtered import noise as noise_of
 
 FINEST = 0.002
-"""Share of what was measured that a noise floor is at least: no law of an arm is finer, however quiet its sensors."""
+"""Smallest noise floor, as a share of the measured values: no law of an arm is more accurate."""
 LAWS = 0.005
-"""The same where the law of a servo stands for what was measured."""
+"""The same where a servo's law replaces measured torque."""
 MOVES = 0.05
-"""rad: a joint that goes further has moved."""
+"""rad beyond which a joint counts as moving."""
 LEAK = 0.15
-"""Share of a joint's rattling, too fast to be compared, that may come back as something slow: a drive clips it."""
+"""Share of a joint's rattling, too fast to be compared, that may appear as a slow torque because a drive clips it."""
 RATTLES = 3.0
-"""Torque too fast to be compared from which a joint rattles, in units of what counts as considerable there."""
+"""Fast torque above which a joint rattles, in units of the considerable torque of that joint."""
 STOP = 0.1
-"""s over which the sign of the velocity stays unknown at a stop."""
+"""s for which the sign of the velocity stays unknown at a stop."""
 
 
 def torque_problem(
     runs: Sequence[Run], states: Sequence[States], turning: Float | None = None, late: float = 0.0
 ) -> Problem:
-    """The joints' torques of all runs.
+    """The joints' torques of all runs as a problem.
 
-    ``turning`` (n,) Nm is friction beyond the nominal that turns over with the sign of the velocity: the less is known
-    of that sign, the less a sample counts. What the motion leaves unsure shows in the torque within ``late`` s.
+    ``turning`` (n,) Nm is friction beyond the nominal that reverses with the velocity: samples count less where the
+    sign of the velocity is uncertain. Uncertainty of the motion appears in the torque within ``late`` s.
     """
     robot = states[0].robot
-    told = _told(runs, states)
-    target = tuple(
-        np.where(there, run.torque - s.nominal, 0.0) for run, s, there in zip(runs, states, told, strict=True)
-    )
-    measured = np.concatenate([np.where(there, run.torque, np.nan) for run, there in zip(runs, told, strict=True)])
-    silent = ~np.concatenate(told).any(axis=0)
+    known = _measured(runs, states)
+    target = tuple(np.where(own, run.torque - s.nominal, 0.0) for run, s, own in zip(runs, states, known, strict=True))
+    measured = np.concatenate([np.where(own, run.torque, np.nan) for run, own in zip(runs, known, strict=True)])
+    silent = ~np.concatenate(known).any(axis=0)
     measured[:, silent] = 0.0
     spread = np.where(silent, 1.0, np.nanstd(measured, axis=0))
     drive = states[0].drive
@@ -60,7 +58,7 @@ def torque_problem(
     least = 0.03 * spread
     coulomb = np.maximum(robot.column("coulomb_friction"), least) + (0.0 if turning is None else turning)
     at_rest = held_at_rest(states, target, noise) / coulomb
-    # An unknown sign near a stop is wrong for the whole stop: its samples are one draw, not many.
+    # An unknown sign near a stop is wrong for the whole stop: the samples of a stop are one draw, not many.
     variance = tuple(
         noise**2
         + _until(
@@ -71,15 +69,15 @@ def torque_problem(
         for run, s in zip(runs, states, strict=True)
     )
     variance = tuple(
-        np.where(there & _between_ends(run), _without_gaps(v, run), UNTOLD * noise**2)
-        for v, run, there in zip(variance, runs, told, strict=True)
+        np.where(own & _between_ends(run), _without_gaps(v, run), UNKNOWN_VARIANCE * noise**2)
+        for v, run, own in zip(variance, runs, known, strict=True)
     )
     size = np.maximum(robot.column("coulomb_friction"), 0.1 * spread)
     rows: tuple[Thinned, ...] = thinned(runs)
     if drive is not None:
-        rows = kept = filtered(runs)
+        rows = slow = filtered(runs)
         least = np.hypot(size, encoder_floor(states, fast=True))
-        variance = tuple(v + rattling(part, r, least) for v, part, r in zip(variance, target, kept, strict=True))
+        variance = tuple(v + rattling(part, r, least) for v, part, r in zip(variance, target, slow, strict=True))
     return Problem(
         side="torque",
         states=tuple(states),
@@ -94,9 +92,9 @@ def torque_problem(
 
 
 def rattling(target: Float, rows: Filtered, least: Float) -> Float:
-    """Variance (N, n) Nm² of what a joint that rattles leaves in the slow part of a run's target (N, n) Nm.
+    """Variance (N, n) Nm² that a rattling joint adds to the slow part of a run's target (N, n) Nm.
 
-    ``least`` (n,) Nm is what a reversal's friction and the encoders' noise are, which is no rattling.
+    ``least`` (n,) Nm is the torque of a reversal's friction and of the encoders' noise, which is not rattling.
     """
     fast = target - smooth(target, rows.sample_step, rows.bandwidth)
     power = uniform_filter1d(np.square(fast), max(1, round(EDGE / rows.sample_step)), axis=0)
@@ -104,25 +102,25 @@ def rattling(target: Float, rows: Filtered, least: Float) -> Float:
 
 
 def _until(values: Float, rows: int) -> Float:
-    """The greatest of values (N, n) over so many rows before each, or after it where ``rows`` is negative."""
+    """Maximum of values (N, n) over the given number of rows before each row, or after it if ``rows`` is negative."""
     if rows < 0:
         return _until(values[::-1], -rows)[::-1]
     return np.asarray(maximum_filter1d(values, rows + 1, axis=0, origin=rows // 2))
 
 
 def _unsure(states: States, at_rest: Float) -> Float:
-    """Variance (N, n) of friction in units of Coulomb's squared: of its sign, and of what holds the arm.
+    """Variance (N, n) of friction, in units of Coulomb friction squared: of its sign, and of the friction at rest.
 
-    ``at_rest`` (n,) is the share of Coulomb friction that was seen to hold it at rest.
+    ``at_rest`` (n,) is the friction observed at rest, as a share of Coulomb friction.
     """
     turning = states.turning
     return np.square(turning.spread) + np.square(np.where(states.resting, np.minimum(at_rest, 1.0), turning.held))
 
 
-def _told(runs: Sequence[Run], states: Sequence[States]) -> list[NDArray[np.bool_]]:
-    """(N, n) of each run: true where a torque was read of a joint that moves, if only in another run.
+def _measured(runs: Sequence[Run], states: Sequence[States]) -> list[NDArray[np.bool_]]:
+    """(N, n) of each run: true where the torque was measured at a joint that moves in any run.
 
-    At rest friction holds any torque: what a joint that never moves shows is no evidence.
+    At rest friction holds any torque, so a joint that never moves gives no evidence.
     """
     moves = np.max([np.ptp(s.q, axis=0) for s in states], axis=0) > MOVES
     return [np.isfinite(run.torque) & moves for run in runs]
@@ -131,28 +129,28 @@ def _told(runs: Sequence[Run], states: Sequence[States]) -> list[NDArray[np.bool
 def supply_problem(
     runs: Sequence[Run], states: Sequence[States], doubt: Sequence[Float], meter: Metering | None = None
 ) -> Problem | None:
-    """The supply's power of the runs that have it; None where no run has power.
+    """The supply's power of the runs that recorded it; None if no run has power.
 
-    States carry the torque that moves the arm, known to within ``doubt`` (N, n) Nm. What a slow ``meter`` showed is
-    compared with the mean over the time that it stands for.
+    States carry the torque that moves the arm, known to within ``doubt`` (N, n) Nm. Values of a slow ``meter`` are
+    compared with means over the time that each value covers.
     """
-    kept = [(i, run.power) for i, run in enumerate(runs) if run.power is not None]
-    if not kept:
+    powered = [(i, run.power) for i, run in enumerate(runs) if run.power is not None]
+    if not powered:
         return None
-    chosen = tuple(states[i] for i, _ in kept)
+    chosen = tuple(states[i] for i, _ in powered)
     rows: tuple[Rows, ...]
     shown: Sequence[Float]
     if meter is None:
-        rows, shown = thinned([runs[i] for i, _ in kept]), [power for _, power in kept]
+        rows, shown = thinned([runs[i] for i, _ in powered]), [power for _, power in powered]
         target = [(power - s.nominal_power)[:, None] for power, s in zip(shown, chosen, strict=True)]
-        noise = floor(target, [runs[i].step for i, _ in kept])
+        noise = floor(target, [runs[i].step for i, _ in powered])
         target = [r.of(part) for r, part in zip(rows, target, strict=True)]
     else:
         rows, shown = meter.rows, meter.values
         target = [(power - r.of(s.nominal_power))[:, None] for power, r, s in zip(shown, rows, chosen, strict=True)]
         noise = floor(target, [r.step for r in rows])
     variance = []
-    for (i, _), r, s in zip(kept, rows, chosen, strict=True):
+    for (i, _), r, s in zip(powered, rows, chosen, strict=True):
         unsure = np.square(s.qd * doubt[i]) + np.square(s.torque * s.moved.velocity_spread)
         variance.append(r.of(_without_gaps(noise[0] ** 2 + np.sum(unsure, axis=1, keepdims=True), runs[i])))
     power = np.concatenate(shown)
@@ -171,7 +169,7 @@ def supply_problem(
 
 
 def encoder_floor(states: Sequence[States], fast: bool = False) -> Float:
-    """Noise (n,) Nm of the servos' law less the motion's torque, by the encoders alone: of what is compared, or all."""
+    """Noise (n,) Nm from the encoders alone in the servos' law minus the motion's torque; ``fast``: unfiltered."""
     drive, robot = states[0].servos, states[0].robot
     inertia = np.mean(np.concatenate([s.own_inertia for s in states]), axis=0) + robot.column("rotor_inertia")
     resolution = np.max([s.moved.resolution for s in states], axis=0)
@@ -179,7 +177,7 @@ def encoder_floor(states: Sequence[States], fast: bool = False) -> Float:
 
 
 def _between_ends(run: Run) -> NDArray[np.bool_]:
-    """(N, 1) true where the filter of a driven run knows what was before and after."""
+    """(N, 1) true where the filter of a driven run has samples both before and after."""
     inside = np.ones((len(run.time), 1), np.bool_)
     if run.drive is not None:
         edge = round(EDGE / run.step)
@@ -188,5 +186,5 @@ def _between_ends(run: Run) -> NDArray[np.bool_]:
 
 
 def _without_gaps(variance: Float, run: Run) -> Float:
-    """Samples that were filled in count for nothing."""
+    """Variance in which samples that were filled in have no weight."""
     return np.where(run.filled[:, None], 1e6 * variance, variance)

@@ -14,7 +14,7 @@ from cellwatt_plugins.robot.blocks import Block, Regression
 
 @dataclass(frozen=True)
 class Trial:
-    """A candidate that was tried: why it was kept or refused."""
+    """A candidate that was tried, and why it was accepted or rejected."""
 
     effect: str
     joint: int | None
@@ -31,7 +31,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A term with what it would add."""
+    """A term with the evidence (nats) that it would add."""
 
     term: Term
     gain: float
@@ -40,7 +40,7 @@ class Candidate:
 
 @dataclass
 class Solution:
-    """The terms found, their fit, and what was tried on the way."""
+    """The terms found, their fit, and the candidates tried."""
 
     problem: Problem
     terms: list[Term]
@@ -48,19 +48,19 @@ class Solution:
     factor: Float
     tried: list[Trial] = field(default_factory=list)
     spent: bool = False
-    """True if the time was up before all was tried."""
+    """True if the time limit was reached before all candidates were tried."""
     unlooked: tuple[int, ...] = ()
-    """Joints (0-based) whose candidates were not all tried beside these terms before the time was up."""
+    """Joints (0-based) whose candidates were not all tried with these terms before the time limit."""
     free: Problem | None = None
-    """The problem with all nominal parameters free, before those were fixed that data left out do not confirm."""
+    """The problem with all nominal parameters free, before those that data left out do not confirm were fixed."""
     curved: Solution | None = None
-    """The same terms with curves of what is left, where data left out confirm any."""
+    """The same terms with curves of the residual, if data left out confirm any."""
     rivals: dict[Place, tuple[float, tuple[Candidate, ...]]] = field(default_factory=dict)
-    """Evidence of each term beside the others, and of the best other names in its place."""
+    """Evidence of each term with the others present, and of the best other names in its place."""
 
     @property
     def best(self) -> Solution:
-        """This one with its curves, where it has any."""
+        """The solution with curves if there are any, otherwise this one."""
         return self if self.curved is None else self.curved
 
     @property
@@ -69,13 +69,13 @@ class Solution:
         return self.fit.residual
 
     def with_coefficients(self, coefficients: Float) -> Solution:
-        """The same terms with other coefficients (P,), such as those of a fit without some of the data."""
+        """The same terms with other coefficients (P,), e.g. those of a fit without some of the data."""
         fit = copy(self.fit)
         fit.coefficients = coefficients
         return replace(self, fit=fit)
 
     def block(self, term: Term) -> tuple[Block, slice]:
-        """The block of a term in the fit and the place of its coefficients."""
+        """The block of a term in the fit and the slice of its coefficients."""
         at = self.terms.index(term)
         return self.fit.blocks[at], self.fit.slices[at]
 
@@ -84,5 +84,5 @@ class Solution:
         return np.asarray(self.fit.coefficients[self.block(term)[1]])
 
     def added(self, term: Term) -> Float:
-        """What a term of the fit adds to the channels, (N, C)."""
+        """Contribution (N, C) of a fitted term to the channels."""
         return self.block(term)[0].times(self.coefficients(term), len(self.problem.floor))

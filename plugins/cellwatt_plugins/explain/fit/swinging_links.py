@@ -1,4 +1,4 @@
-"""Links that swing on a spring or fall through a gap: their course is never followed to the noise."""
+"""Links that swing on a spring or fall through a gap: no model follows them down to the noise."""
 
 from __future__ import annotations
 
@@ -9,28 +9,28 @@ from cellwatt_plugins.explain.fit.problem import Problem, Term
 from cellwatt_plugins.explain.fit.solution import Solution
 
 FELT = 0.3
-"""Share of a channel's noise floor from which an effect is felt there."""
+"""Share of a channel's noise floor above which an effect is visible in the channel."""
 
 FEW = 0.02
-"""Share of the samples from which it can be told what is left while no link swings."""
+"""Smallest share of the samples without swinging links from which the residual at rest can be judged."""
 
 
 def swinging_torque(solution: Solution) -> Float:
-    """Sum (N, C) of the effects that are simulated sample by sample; 0 where there is none."""
+    """Sum (N, C) of the effects that are simulated sample by sample; 0 if there are none."""
     swinging = (solution.added(term) for term in solution.terms if term.effect.form.sample_by_sample)
     return sum(swinging, start=np.zeros_like(solution.residual))
 
 
 def swinging_channels(solution: Solution) -> set[int]:
-    """Channels in which such an effect is felt over the whole recording."""
+    """Channels in which such effects are visible over the whole recording."""
     size = np.sqrt(np.mean(np.square(swinging_torque(solution)), axis=0)) / solution.problem.floor
     return {int(channel) for channel in np.flatnonzero(size > FELT)}
 
 
 def remaining_chi2(solution: Solution) -> Float:
-    """Mean square residual (C,): in units of its variance, or of the bare noise where a neighbour swings.
+    """Mean square residual (C,), in units of its variance, or of the bare noise where a neighbour swings.
 
-    What the motion near stops leaves open is not to hide what the swinging does.
+    The uncertainty of the motion near stops must not hide the effect of the swinging.
     """
     problem = solution.problem
     out = problem.chi2(solution.residual)
@@ -42,15 +42,15 @@ def remaining_chi2(solution: Solution) -> Float:
 
 
 def chi2_at_rest(solution: Solution) -> Float:
-    """Mean square residual (C,) in units of its variance over the samples at which no link swings or falls through.
+    """Mean square residual (C,), in units of its variance, over the samples at which no link swings or falls through.
 
-    Infinite where there are next to none: nothing tells then.
+    Infinite if there are too few such samples for a judgement.
     """
     problem = solution.problem
     at_rest = np.ones(len(solution.residual), np.bool_)
     for term in solution.terms:
         if term.effect.form.sample_by_sample:
-            # To its own scale: rebounds that are not followed make its coefficient small.
+            # Compared at unit coefficient: rebounds that the model does not follow make the coefficient small.
             own = solution.block(term)[0].columns[:, term.joint, 0]
             at_rest &= np.abs(own) < FELT * problem.floor[term.joint]
     if np.mean(at_rest) < FEW:
@@ -61,22 +61,22 @@ def chi2_at_rest(solution: Solution) -> Float:
 def confirmed_share(problem: Problem, term: Term, coefficients: Float, residual: Float) -> float:
     """Share of a simulated effect that runs left out confirm, 0 to 1, less its standard error.
 
-    Its shape is chosen anew for each run among those tried, by the other runs; ``residual`` (N, C) is that with the
-    term in the fit. 1 where there is one run alone.
+    For each run the shape is chosen anew by the other runs; ``residual`` (N, C) is that of the fit with the term. 1 for
+    a single run.
     """
     joint = term.joint or 0
-    left = problem.every_sample(residual)
-    if len(left) < 2:
+    residuals = problem.every_sample(residual)
+    if len(residuals) < 2:
         return 1.0
     own = [_at(columns @ coefficients, joint) for columns in problem.columns(term)]
-    course = [part[:, joint] + more for part, more in zip(left, own, strict=True)]
-    shapes = [term.shape, *term.effect.shapes(problem.states, term.joint, left)]
+    course = [part[:, joint] + more for part, more in zip(residuals, own, strict=True)]
+    shapes = [term.shape, *term.effect.shapes(problem.states, term.joint, residuals)]
     tried = [np.concatenate(term.effect.grid(s, term.joint, shapes), axis=1) for s in problem.states]
     pull = np.stack([columns.T @ part for columns, part in zip(tried, course, strict=True)])
     size = np.stack([np.sum(columns**2, axis=0) for columns in tried])
-    met, made = np.zeros(len(left)), np.zeros(len(left))
-    for run in range(len(left)):
-        others = np.arange(len(left)) != run
+    met, made = np.zeros(len(residuals)), np.zeros(len(residuals))
+    for run in range(len(residuals)):
+        others = np.arange(len(residuals)) != run
         drop = np.maximum(pull[others].sum(0), 0.0) ** 2 / np.maximum(size[others].sum(0), 1e-12)
         best = int(np.argmax(drop))
         met[run], made[run] = pull[run, best], size[run, best]

@@ -1,4 +1,4 @@
-"""Thresholds at which `explain` takes a term: evidence, and error on data left out."""
+"""Thresholds at which ``explain`` accepts a term: evidence, and error on data left out."""
 
 from __future__ import annotations
 
@@ -10,47 +10,47 @@ class Thresholds:
     """Thresholds at which a term is accepted."""
 
     gain: float = 16.0
-    """Log evidence (nats) that it must add; about 150 names are tried, chance adds 5."""
+    """Log evidence (nats) that a term must add; about 150 names are tried, and chance adds 5."""
     share: float = 0.1
-    """Share of its channel's mean square error on data left out that it must take off, ``steady`` standard errors."""
+    """Share of its channel's mean square error on data left out that a term must remove, ``steady``."""
     felt: float = 0.2
-    """The same where it does most, of what is of the whole arm: a tenth of the error of one joint at least."""
+    """``share`` for an unusual term of the whole arm, at the channel where it removes most."""
     near: float = 1.3
-    """Mean square residual, in units of the noise, up to which a channel is near it: of what most arms
-    have, any share will do, if ``sure``."""
+    """Mean square residual, in units of the noise, below which a channel is near its noise: there any share suffices,
+    if it is removed by ``sure`` standard errors."""
     steady: float = 1.5
     sure: float = 2.5
     much: float = 0.15
-    """Share that a term must take off, ``sure``, that adds less evidence than ``gain``."""
+    """Share that a usual term must remove, by ``sure`` standard errors, if it adds less evidence than ``gain``."""
     murky: float = 0.0
-    """Share that a term must take off a joint, ``sure``, of which ``much_left`` is left beside all terms: of something
-    that is in no library, each name takes a little."""
+    """Share that a term must remove, by ``sure`` standard errors, from a joint whose residual with all terms stays
+    above ``much_left``: an effect that is in no library is matched a little by every name."""
     much_left: float = 10.0
     """Mean square residual, in units of the noise."""
     better: float = 0.4
-    """Share of what a fancier name takes off that it must take off beyond a plainer one in its place."""
+    """Share of the error removed by a more complex name that it must remove beyond the plainer name in its place."""
     certain: float = 8.0
-    """Standard errors from which an unusual term stays that takes less off than it leaves beyond the noise."""
+    """Standard errors above which an unusual term is kept though it leaves more error than it removes."""
     least: float = 4.0
-    """Log evidence (nats) that it must add in any case."""
+    """Log evidence (nats) that any term must add."""
     rise: float = 0.02
-    """Share by which another channel's error may rise."""
+    """Largest share by which another channel's error may rise."""
     relaxed: float = 1.5
-    """Stretch of the nominal parameters, in units of their number, that is within their tolerances."""
+    """Squared stretch of nominal parameters, per parameter, that is within their tolerances."""
     blur: float = 4.0
-    """Factor on another term's standard deviation from which the two cannot be told apart."""
+    """Factor on another term's standard deviation above which the two terms cannot be distinguished."""
     costly: float = 1.3
-    """Mean square of the residual's fast part, in units of the noise, from which costly effects are tried."""
+    """Mean square of the residual's fast part, in units of the noise, above which costly effects are tried."""
     most: int = 40
-    """Terms at most."""
+    """Largest number of terms."""
 
 
 DEFAULT = Thresholds()
 
 
 def by_law(thresholds: Thresholds) -> Thresholds:
-    """Thresholds where a servo's law stands for the torque: its numbers are free, and noise near stops is not known.
+    """Thresholds where a servo's law replaces measured torque: its parameters are free, noise near stops is unknown.
 
-    So what is near the noise must take off as much as elsewhere, and what is far from it more.
+    A channel near the noise therefore requires as large a share as any other, and one far from it a larger share.
     """
     return replace(thresholds, near=0.0, steady=thresholds.sure, much=0.5, murky=0.35)

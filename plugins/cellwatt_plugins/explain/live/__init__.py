@@ -1,1 +1,1 @@
-"""The live side: the simulation beside the frames, bands of its residuals, and the explanation that they call for."""
+"""The live side: simulation of the frames, bands of the residuals, and the explanations that these start."""

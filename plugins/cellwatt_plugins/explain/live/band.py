@@ -22,9 +22,9 @@ RECENT = 20
 class IntervalResidual:
     """One channel in one interval, all in the channel's unit.
 
-    ``residual`` is the root mean square of measured - simulated torque, or the size of the mean for the supply's power:
-    a meter may lag, the energy of an interval does not. ``mean`` is measured - simulated on average, ``simulated`` the
-    root mean square of what the simulation says, ``noise`` the noise floor.
+    ``residual`` is the root mean square of measured - simulated torque, or the absolute mean for the supply's power: a
+    meter may lag, the energy of an interval does not. ``mean`` is the mean of measured - simulated, ``simulated`` the
+    root mean square of the simulation, ``noise`` the noise floor.
     """
 
     channel: Judged
@@ -42,9 +42,9 @@ class IntervalResidual:
 
 @dataclass
 class Band:
-    """Reads intervals; remembers residuals for the noise floor and what is normal of each motion.
+    """Computes the residuals of intervals; stores them for the noise floor and for the normal residual of each motion.
 
-    Only joints that move are read: friction may hold any torque at a joint at rest. ``step`` is s from frame to frame.
+    Only moving joints are judged: at rest, friction may hold any torque. ``step`` is s from frame to frame.
     """
 
     settings: BandSettings
@@ -52,10 +52,10 @@ class Band:
     step: float
     _recent: deque[Float] = field(default_factory=lambda: deque(maxlen=RECENT))
     _learned: dict[int, list[Float]] = field(default_factory=dict)
-    """Residuals (C,) of the first times of a motion, which count as normal; the motion seen last is the last."""
+    """Residuals (C,) of the first intervals of each motion, which count as normal; motions in order of last use."""
 
     def read(self, motion: int, moving: Sequence[int], measured: Float, simulated: Float) -> list[IntervalResidual]:
-        """Readings of an interval in which the 1-based joints ``moving`` move, by the number of its motion.
+        """Residuals of an interval in which the 1-based joints ``moving`` move; ``motion`` is the number of its motion.
 
         measured and simulated are (N, C), NaN where ``measured`` is missing. Empty while the motion is being learned.
         """
@@ -99,8 +99,8 @@ class Band:
 
 
 def _mean(values: Float) -> Float:
-    """Mean (C,) of values (N, C) without what is missing; NaN where all is."""
-    there = np.isfinite(values)
-    count = there.sum(axis=0)
-    total = np.where(there, values, 0.0).sum(axis=0)
+    """Mean (C,) of values (N, C) without missing ones; NaN if all are missing."""
+    known = np.isfinite(values)
+    count = known.sum(axis=0)
+    total = np.where(known, values, 0.0).sum(axis=0)
     return np.asarray(np.divide(total, count, out=np.full(values.shape[1], np.nan), where=count > 0))

@@ -1,4 +1,4 @@
-"""Schedule of explanations: when one starts, on which stretch, and what is reported."""
+"""Schedule of explanations: when one starts, on which stretch, and which alarms result."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from cellwatt_plugins.robot import RobotDescription
 class Explainer:
     """Explains one arm, one explanation at a time.
 
-    ``streamed``: the simulation is a source of the cell, and its torques are explained against. ``servos``: the MJCF
-    whose servos' law stands for torque.
+    ``streamed``: the simulation is a source of the cell, and its torques are compared. ``servos``: the MJCF whose
+    servos' law replaces measured torque.
 
-    Whether one is due depends on the frames alone. When it is done depends on the PC: that part of the results is not
-    repeated by a replay.
+    Whether an explanation is due depends on the frames alone. When it finishes depends on the PC: a replay does not
+    reproduce these alarms at the same time.
     """
 
     prefix: str
@@ -45,19 +45,19 @@ class Explainer:
     _book: AlarmBook = field(default_factory=AlarmBook)
 
     def step(self, now: int, watch: ChannelWatch, history: History) -> list[Alarm]:
-        """Alarms that change at ``now`` ns: begin what is due, tell what is done, clear what is over."""
+        """Alarms that change at ``now`` ns: start a due explanation, report a finished one, clear resolved alarms."""
         out = []
         if not watch.outside and self._running is None:
             out = self._clear(now, "Resolved: recording and simulation agree again")
         if self._running is not None and (outcome := self._running.poll()) is not None:
             self._running = None
-            out += self._tell(now, outcome)
+            out += self._report(now, outcome)
         if self._due(now, watch):
             out += self._begin(now, watch.since, history)
         return out
 
     def stop(self) -> None:
-        """End what runs."""
+        """Stop the running explanation."""
         if self._running is not None:
             self._running.stop()
             self._running = None
@@ -69,7 +69,7 @@ class Explainer:
 
     def _begin(self, now: int, since: int, history: History) -> list[Alarm]:
         time, rows = history.between(max(since, now - round(self.settings.recording * 1e9)), now)
-        if not len(time):  # nothing was compared for so long: it stays due
+        if not len(time):  # no frames were compared in that time: the explanation stays due
             return []
         self._started = now
         self._occasion = Occasion(self.prefix, self.intake.source, since, now, (int(time[-1]) - int(time[0])) * 1e-9)
@@ -90,13 +90,13 @@ class Explainer:
     def _name(self, now: int) -> str:
         return f"{self.cell}-{self.prefix}-{datetime.fromtimestamp(now * 1e-9, UTC):%Y%m%dT%H%M%SZ}"
 
-    def _tell(self, now: int, outcome: Outcome) -> list[Alarm]:
+    def _report(self, now: int, outcome: Outcome) -> list[Alarm]:
         if outcome.findings is None:
             return self._failed(now, outcome.failure)
-        told = self._at(now)
+        occasion = self._at(now)
         self._failures = 0
-        alarm = found(told, outcome, self.known)
-        over = self._clear(now, "Resolved: the difference could be explained", but=alarm.id)
+        alarm = found(occasion, outcome, self.known)
+        over = self._clear(now, "Resolved: the difference was explained", but=alarm.id)
         return [*over, *self._book.raise_(alarm)]
 
     def _clear(self, now: int, text: str, but: str = "") -> list[Alarm]:

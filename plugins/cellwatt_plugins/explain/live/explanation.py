@@ -1,4 +1,4 @@
-"""``cellwatt explain`` as a process of its own that nothing waits for; it is ended when it takes too much."""
+"""``cellwatt explain`` as a separate process, which nothing waits for, and which is stopped at its limits."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from cellwatt.errors import RecordingError
 from cellwatt.files import COMPUTED, read_text
 
 NICENESS = 19
-"""It gives way to everything else on the PC."""
+"""Lowest priority: every other process on the PC comes first."""
 RECORDING, SIMULATION, ROBOT = "recording.parquet", "simulation.parquet", "robot.yaml"
 LOG = "explain.log"
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Outcome of an explanation: the content of its findings.json, or why there is none."""
+    """Outcome of an explanation: the content of its findings.json, or the reason for its failure."""
 
     folder: Path
     findings: Mapping[str, Any] | None
@@ -40,13 +40,13 @@ class Outcome:
 
 
 class Explanation:
-    """One running explanation of the recording in ``folder``, which may take ``limit`` s and ``memory`` bytes.
+    """One running explanation of the recording in ``folder``, limited to ``limit`` s and ``memory`` bytes.
 
-    ``simulation``: what it is explained against; None: the law in the folder's robot.yaml.
+    ``simulation`` is the file it is compared with; None: the law in the folder's robot.yaml.
     """
 
     def __init__(self, folder: Path, simulation: Path | None, limit: float, memory: float) -> None:
-        """Start it. Raises ``RecordingError`` where it cannot be started."""
+        """Start the process. Raises ``RecordingError`` if it cannot be started."""
         self.folder = folder
         self._limit, self._memory = limit, memory
         command = [sys.executable, "-m", "cellwatt.commands", "explain", str(folder / RECORDING)]
@@ -66,10 +66,10 @@ class Explanation:
             raise RecordingError(f"cellwatt explain cannot be started: {error.strerror or error}") from error
         self._deadline = time.monotonic() + limit
         self.gives_way = _restrain(self._process.pid, limit)
-        """True if it has low priority; a service may not be allowed to give it."""
+        """True if the process has low priority; a service may not be permitted to set it."""
 
     def poll(self) -> Outcome | None:
-        """The outcome once there is one."""
+        """The outcome, or None while the process runs."""
         code = self._process.poll()
         if code is None:
             return self._too_much()
@@ -81,7 +81,7 @@ class Explanation:
             return Outcome(self.folder, None, f"its findings cannot be read: {error}")
 
     def stop(self) -> None:
-        """End it at once; what it was about to write is not needed."""
+        """Kill the process; its unfinished output is not needed."""
         self._process.kill()
         self._process.wait()
 
@@ -101,43 +101,44 @@ class Explanation:
             lines = (self.folder / LOG).read_text(errors="replace").split("\n")
         except OSError:
             return how
-        said = next((line.strip() for line in reversed(lines) if line.strip()), "")
-        return f"{said.removeprefix('cellwatt: ')} ({how})" if said else how
+        last = next((line.strip() for line in reversed(lines) if line.strip()), "")
+        return f"{last.removeprefix('cellwatt: ')} ({how})" if last else how
 
 
 def new_folder(parent: Path, name: str, keep: int) -> Path:
-    """The folder of that name, which a replay has made before; of those of the same stage the ``keep`` newest stay.
+    """Create the folder, which a replay may already have created; keep only the ``keep`` newest of the same stage.
 
-    ``name`` ends in a time after its last ``-``. Raises ``RecordingError`` where it cannot be made.
+    ``name`` ends in a time after its last ``-``. Raises ``RecordingError`` if it cannot be created.
     """
     folder = parent / name
     try:
         folder.mkdir(parents=True, exist_ok=True)
         stem = name.rpartition("-")[0]
         ours = [p for p in parent.glob(f"{stem}-*Z") if p.name.rpartition("-")[0] == stem]
-        # The new one is the newest, also where the clock went back, or where older frames are replayed.
+        # The new folder counts as the newest even if the clock went back, or older frames are replayed.
         for old in sorted(ours, key=lambda p: (p == folder, p.name))[:-keep]:
             shutil.rmtree(old)
     except OSError as error:
-        raise RecordingError(f"{folder}: cannot be made: {error.strerror or error}: set explain.folder") from error
+        raise RecordingError(f"{folder}: cannot be created: {error.strerror or error}: set explain.folder") from error
     return folder
 
 
 def _restrain(process: int, limit: float) -> bool:
-    """Let a child give way, and end by itself should no frames come to end it; whether that was allowed."""
+    """Lower a child's priority and limit its CPU time, in case no frames come to stop it; return whether that was
+    permitted."""
     seconds = int(limit) + 1
     try:
         resource.prlimit(process, resource.RLIMIT_CPU, (seconds, seconds))
         setpriority(PRIO_PROCESS, process, NICENESS)
     except PermissionError:
         return False
-    except ProcessLookupError:  # it has ended already
+    except ProcessLookupError:  # the process has ended
         pass
     return True
 
 
 def _resident(process: int) -> int:
-    """Bytes of memory that a process has now; 0 where it has ended."""
+    """Bytes of memory that a process uses; 0 if it has ended."""
     try:
         pages = int(Path(f"/proc/{process}/statm").read_text().split()[1])
     except (OSError, IndexError):

@@ -13,7 +13,7 @@ Integers = NDArray[np.int64]
 class History:
     """A table of the newest ``length`` rows: ``time`` (N,) ns, rising, and ``values`` (N, width).
 
-    Slices look into the table: they hold until more is added.
+    Slices are views into the table: they are valid until rows are added.
     """
 
     def __init__(self, length: int, width: int) -> None:
@@ -23,12 +23,12 @@ class History:
         self._end = 0
 
     def add(self, time: Integers, values: Float) -> None:
-        """Add rows that follow those there are; no more than ``length`` at once."""
+        """Append rows; no more than ``length`` at once."""
         if self._end + len(time) > len(self._time):
-            kept = self._length - len(time)
-            self._time[:kept] = self._time[self._end - kept : self._end]
-            self._values[:kept] = self._values[self._end - kept : self._end]
-            self._end = kept
+            stored = self._length - len(time)
+            self._time[:stored] = self._time[self._end - stored : self._end]
+            self._values[:stored] = self._values[self._end - stored : self._end]
+            self._end = stored
         rows = slice(self._end, self._end + len(time))
         self._time[rows], self._values[rows] = time, values
         self._end = rows.stop

@@ -1,4 +1,4 @@
-"""From the cell's frames to the arm's quantities: which columns are meant, and whether they will do."""
+"""Selects the columns of an arm in the cell's frames, and checks them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ UNITS: dict[str, str] = {
     "target_velocity": "rad/s",
     "target_acceleration": "rad/s^2",
 }
-"""Quantities taken of an arm where it gives them; the commanded motion sharpens the explanation."""
+"""Quantities of an arm that are used if present; the commanded motion sharpens the explanation."""
 SUPPLY = "supply.power"
 
 
@@ -37,7 +37,7 @@ class Judged:
     unit: str
     joint: int | None
     what: str
-    """Its name in messages."""
+    """Name in messages."""
 
 
 @dataclass(frozen=True)
@@ -46,22 +46,22 @@ class Intake:
 
     source: str
     joints: dict[str, tuple[int, ...]]
-    """Columns (n,) by quantity; torque, current or command, the others where the source gives them."""
+    """Columns (n,) by quantity: torque, current or command, and further quantities if the source has them."""
     power: int | None
     power_name: str
     gain: Float
-    """(n,) Nm for one unit of what is measured: 1, or the torque constants."""
+    """(n,) Nm per unit of the measured quantity: 1, or the torque constants."""
     efforts: tuple[str, ...]
-    """(n,) unit of each joint's torque: ``Nm``, of a prismatic joint ``N``."""
+    """(n,) unit of each joint's torque: ``Nm``, or ``N`` for a prismatic joint."""
 
     @property
     def driven(self) -> bool:
-        """True if no torque is measured: the law of the servos gives it, by what they are told."""
+        """True if no torque is measured, so that it is computed from the commands by the servos' law."""
         return "command" in self.joints
 
     @property
     def measured(self) -> str:
-        """Quantity from which torque is taken."""
+        """Quantity from which torque is computed."""
         return "current" if "current" in self.joints else "torque"
 
     @cached_property
@@ -102,10 +102,10 @@ class Intake:
 
 
 def intake(layout: Layout, arm: str | None, power: str | None, robot: RobotDescription) -> Intake:
-    """The columns of an arm with the joints of ``robot``, which knows their kinds and torque constants.
+    """The columns of an arm with the joints of ``robot``, which gives their kinds and torque constants.
 
-    Target positions are what its servos are told where it gives no torque and no current. Raises ``ConfigError`` where
-    a quantity is missing, or not in its unit.
+    Without torque and current, target positions are the commands of its servos. Raises ``ConfigError`` if a quantity is
+    missing, or has another unit.
     """
     constants = robot.column("torque_constant")
     positions = layout.joints("position", arm)
@@ -120,13 +120,13 @@ def intake(layout: Layout, arm: str | None, power: str | None, robot: RobotDescr
     if "torque" not in joints and "current" not in joints:
         if "target_position" not in joints:
             raise ConfigError(f"source {source} gives no joint_1.torque, joint_1.current or joint_1.target_position")
-        kept = {q: joints[q] for q in ("position", "temperature") if q in joints}
-        joints = kept | {"command": joints["target_position"]}
+        used = {q: joints[q] for q in ("position", "temperature") if q in joints}
+        joints = used | {"command": joints["target_position"]}
     gain = constants if "current" in joints else np.ones(len(constants))
     if unknown := [f"joint {i + 1}" for i, value in enumerate(gain) if value == 0]:
         raise ConfigError(
-            f"source {source} gives currents, no torques, and the torque_constant of "
-            f"{', '.join(unknown)} is 0: write it into the robot's description, in Nm/A at the joint side"
+            f"source {source} gives currents but no torques, and the torque_constant of "
+            f"{', '.join(unknown)} is 0: set it in the robot's description, in Nm/A at the joint side"
         )
     metered = power is not None or any(channel.short == SUPPLY for channel in layout.channels)
     supply = layout.index(power or SUPPLY, "W") if metered else None
@@ -135,10 +135,10 @@ def intake(layout: Layout, arm: str | None, power: str | None, robot: RobotDescr
 
 
 def streamed(source: str, layout: Layout, intake: Intake) -> list[int] | None:
-    """Columns of the simulation that a source of this name streams, as ``Intake.judged``; None where none has the name.
+    """Columns of a simulation that source ``source`` streams, as ``Intake.judged``; None if there is no such source.
 
-    Raises ``ConfigError`` where the source lacks a torque, or power where the supply is compared, and where the
-    arm gives no torque.
+    Raises ``ConfigError`` if the source lacks a torque, or power where the supply is compared, or if the arm has no
+    torque.
     """
     if all(channel.source != source for channel in layout.channels):
         return None
@@ -147,5 +147,5 @@ def streamed(source: str, layout: Layout, intake: Intake) -> list[int] | None:
     names = [f"{source}.joint_{j + 1}.torque" for j in range(len(intake.gain))]
     names += [] if intake.power is None else [f"{source}.{SUPPLY}"]
     if missing := [name for name in names if name not in layout.names]:
-        raise ConfigError(f"source {source} is to stream the simulation and gives no {', '.join(missing)}")
+        raise ConfigError(f"source {source} must stream the simulation, but gives no {', '.join(missing)}")
     return [layout.index(name, judged.unit) for name, judged in zip(names, intake.judged, strict=True)]

@@ -1,4 +1,4 @@
-"""Motions that recur: intervals in which the same joints make the same way from the same pose in the same time."""
+"""Motions that recur: intervals in which the same joints move the same distance from the same pose in the same time."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from cellwatt.results import Interval
 SAME_WAY = math.radians(2.0)
 SAME_POSE = math.radians(6.0)
 SAME_TIME = 0.10
-"""Intervals are the same motion where each joint's way and start differ by less, and the duration by this share."""
+"""Largest difference of displacements and starts (rad), and of durations (a share), within one motion."""
 MOST = 256
-"""Motions that are remembered; the one not seen for longest is forgotten."""
+"""Largest number of stored motions; the one unseen for longest is discarded."""
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""A stretch of the compared frames as a recording for ``cellwatt explain``."""
+"""Writes a stretch of the compared frames as a recording for ``cellwatt explain``."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from cellwatt_plugins.explain.live.intake import Intake
 from cellwatt_plugins.robot import RobotDescription
 
 WHOLE = 0.995
-"""Share of rows that a quantity must be there in to be told at all; the rest is mended in reading.
+"""Smallest share of rows with a quantity for it to be written; the reader interpolates the rest.
 
-Torques are told anyway: a joint without one is left out by itself.
+Torques are always written: a joint without torque is excluded on its own.
 """
 
 
 def write_recording(path: Path, intake: Intake, time: NDArray[np.int64], rows: Float) -> None:
-    """Write rows (N, width) at ``time`` (N,) ns as Parquet; t counts from the first, a torque by law is left out.
+    """Write rows (N, width) at ``time`` (N,) ns as Parquet; t starts at 0, torque computed by law is omitted.
 
     Raises ``RecordingError``.
     """
@@ -41,7 +41,7 @@ def write_recording(path: Path, intake: Intake, time: NDArray[np.int64], rows: F
 
 
 def write_simulation(path: Path, intake: Intake, time: NDArray[np.int64], rows: Float) -> None:
-    """Write what a streamed simulation said beside rows (N, width + C), of the commanded motion where that is known.
+    """Write the streamed simulation in rows (N, width + C), with the commanded motion where it is recorded.
 
     Raises ``RecordingError``.
     """
@@ -51,9 +51,9 @@ def write_simulation(path: Path, intake: Intake, time: NDArray[np.int64], rows: 
         source = f"target_{key}" if f"target_{key}" in places else key
         if source in places and _whole(table := rows[:, places[source]]):
             columns |= {f"{name}_{i + 1}": table[:, i] for i in range(table.shape[1])}
-    said = rows[:, max(place.stop for place in places.values()) :]
+    simulated = rows[:, max(place.stop for place in places.values()) :]
     names = ["power" if judged.joint is None else f"tau_{judged.joint}" for judged in intake.judged]
-    write_table(path, columns | dict(zip(names, said.T, strict=True)))
+    write_table(path, columns | dict(zip(names, simulated.T, strict=True)))
 
 
 def _whole(table: Float) -> bool:
@@ -61,7 +61,7 @@ def _whole(table: Float) -> bool:
 
 
 def write_robot(path: Path, robot: RobotDescription) -> None:
-    """Write the description, its URDF where it is. Raises ``RecordingError``."""
+    """Write the description with an absolute path to its URDF. Raises ``RecordingError``."""
     content = robot.model_dump(mode="json", exclude_none=True) | {"urdf": str(robot.urdf.absolute())}
     try:
         path.write_text(yaml.safe_dump(content, sort_keys=False))

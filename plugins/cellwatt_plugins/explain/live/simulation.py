@@ -1,4 +1,4 @@
-"""The simulation of a moving arm, a stretch of frames at a time. Imports Pinocchio and scipy."""
+"""Simulation of a moving arm, one stretch of frames at a time. Imports Pinocchio and scipy."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from cellwatt.arrays import Float
 from cellwatt.errors import ConfigError
 from cellwatt.files import Place
-from cellwatt_plugins.explain.fit.problem import said
+from cellwatt_plugins.explain.fit.problem import title
 from cellwatt_plugins.explain.input.driven import drive_of
 from cellwatt_plugins.explain.input.moved import moved
 from cellwatt_plugins.explain.input.run import Run
@@ -24,49 +24,50 @@ from cellwatt_plugins.robot.servo.law import Drive, Servo, earlier, servo_of
 from cellwatt_plugins.robot.simulated import described, is_simulator
 
 Driven = tuple[Float, Float]
-"""What servos are told (N, n) rad, so that it holds over each sample, and the torque (N, n) Nm that their law gives."""
+"""Commands (N, n) rad of the servos, shifted as if each held for one sample, and torque (N, n) Nm by their law."""
 
 PAST = 10.0
-"""s of past that effects with a state of their own (hysteresis, a spring) are simulated from."""
+"""s of past from which effects with an internal state (hysteresis, a spring) are simulated."""
 ALIKE = 0.05
-"""An effect follows where its last second hardly changes, by this share, when much more of the past is known."""
+"""Largest relative change of an effect's last second with much more known past, for a live simulation of it."""
 LONG = 60.0
-"""s of past that this is tried with."""
+"""s of past used for that test."""
 
 
 class Simulation:
-    """A model of an arm on ``recorded`` motion.
+    """A model of an arm on recorded motion.
 
-    ``left_out`` names the effects of the model that cannot be followed: they depend on more of the past than a daemon
-    can know (it was not there at the start of the run, nor when the joint was cold).
+    ``left_out`` names the effects of the model that cannot be simulated live: they depend on more of the past than a
+    daemon knows (the start of the run, or when the joint was cold).
     """
 
     def __init__(
         self, model: Model, step: float, warm: bool, servo: Servo | None = None, hold: float | None = None
     ) -> None:
-        """``step`` s from frame to frame; ``warm``: temperatures are recorded. Raises ``ConfigError``.
+        """``step`` is s from frame to frame; ``warm``: temperatures are recorded. Raises ``ConfigError``.
 
-        ``hold`` s is how long what a ``servo`` is told holds, ``step`` where left out.
+        ``hold`` is s for which a ``servo`` holds each command; ``step`` if omitted.
         """
         self._arm, self._servo = model.arm(), servo
         self._late = 0.0 if hold is None else (hold - step) / 2
         followed = _followed(model, self._arm, step, warm, servo is not None)
-        self.left_out = tuple(said(t.term) for t, follows in zip(model.terms, followed, strict=True) if not follows)
+        self.left_out = tuple(title(t.term) for t, follows in zip(model.terms, followed, strict=True) if not follows)
         self.model = replace(model, terms=tuple(t for t, f in zip(model.terms, followed, strict=True) if f))
         self.known = frozenset((t.term.effect.name, t.term.number) for t in model.terms)
         """Effects of the model by name and 1-based joint."""
 
     @property
     def lead(self) -> float:
-        """s of past that it wants."""
+        """s of past required before the first simulated frame."""
         return PAST if self.model.terms else 0.0
 
     def run(
         self, time: Float, position: Float, velocity: Float | None, temperature: Float | None, command: Float | None
     ) -> tuple[Prediction, Driven | None]:
-        """Simulate (N, n) recorded positions at ``time`` (N,) s, evenly spaced; accurate but at both ends.
+        """Simulate recorded positions (N, n) at ``time`` (N,) s, evenly spaced; inaccurate near both ends.
 
-        With a ``command`` (N, n) the torque is what the servos' law tells, too, both as slow as they can be compared.
+        With a ``command`` (N, n), also return the torque of the servos' law; both torques are low-pass filtered for
+        comparison.
         """
         recorded = Run("live", time, position, velocity, np.zeros_like(position), temperature=temperature)
         drive: Drive | None = None
@@ -83,25 +84,25 @@ class Simulation:
 
 
 def open_model(simulation: str, robot: Place | None, folder: Path, joints: int) -> Model:
-    """The model that the settings name; ``folder`` is where a relative path starts.
+    """The model that the settings name; ``folder`` is the base of a relative path.
 
-    Of a simulator's file as the ``robot``, the first ``joints`` are the arm. Raises ``ConfigError`` where there is no
-    model, or where it cannot be read.
+    If ``robot`` is a simulator's file, its first ``joints`` are the arm. Raises ``ConfigError`` if there is no model,
+    or if it cannot be read.
     """
     if simulation != "robot":
         return load_model(folder / simulation)
     if robot is None:
         raise ConfigError(
-            "no description of the robot: set `robot` to a folder with robot.yaml and its URDF, for the cell or here"
+            "no description of the robot: set `robot` to a folder with robot.yaml and its URDF, in the cell or stage"
         )
     own = described(Path(robot), joints) if is_simulator(Path(robot)) else load_robot(robot)
     return Model(own, Retuned.nothing(len(own.joints)))
 
 
 def servos(robot: Place | None, model: Model) -> tuple[Path, Servo]:
-    """The MJCF that tells the law of an arm's servos, and the servos of its joints.
+    """The MJCF with the law of an arm's servos, and the servos of its joints.
 
-    Raises ``ConfigError`` where neither ``robot`` nor the model's own file is an MJCF with a servo for each joint.
+    Raises ``ConfigError`` if neither ``robot`` nor the model's own file is an MJCF with a servo for each joint.
     """
     files = [*([] if robot is None else [Path(robot)]), model.robot.urdf]
     names = [joint.name for joint in model.robot.joints]
@@ -109,13 +110,13 @@ def servos(robot: Place | None, model: Model) -> tuple[Path, Servo]:
         if servo := servo_of(file, names):
             return file.absolute(), servo
     raise ConfigError(
-        "an arm that gives no torque and no current is compared by its servos' law: set `robot` to an MJCF with a "
+        "an arm without torque and current is compared by the law of its servos: set `robot` to an MJCF with a "
         f"<position> actuator for each of {', '.join(names)}"
     )
 
 
 def _followed(model: Model, arm: Arm, step: float, warm: bool, driven: bool) -> list[bool]:
-    """Tell of each term if it comes out alike with ``PAST`` and with far more past, on a motion of all joints."""
+    """For each term, whether it gives the same with ``PAST`` and with a much longer past, on a motion of all joints."""
     if not model.terms:
         return []
     long = _probe(arm, round((LONG + PAST + 1) / step), step, True)
@@ -127,7 +128,7 @@ def _followed(model: Model, arm: Arm, step: float, warm: bool, driven: bool) -> 
 
 
 def _probe(arm: Arm, samples: int, step: float, warm: bool) -> States:
-    """A motion that ends at t = 0, whenever it began."""
+    """A motion that ends at t = 0, whatever its length."""
     time: Float = step * np.arange(1.0 - samples, 1.0)
     turn: Float = 2 * np.pi * (0.2 + 0.05 * np.arange(arm.joints, dtype=np.float64))
     sine, cosine = np.sin(time[:, None] * turn), np.cos(time[:, None] * turn)

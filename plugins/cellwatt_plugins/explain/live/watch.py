@@ -1,4 +1,4 @@
-"""Channels outside their bands and since when: the alarms ``simulation_differs``."""
+"""Channels outside their bands, and since when: the alarms ``simulation_differs``."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from cellwatt_plugins.explain.live.band import IntervalResidual
 
 KIND = "simulation_differs"
 STALE = 100
-"""Readings of a channel after which a motion that was outside, and is not done any more, no longer counts."""
+"""Intervals of a channel after which a motion that was outside, and no longer occurs, stops counting."""
 
 
 @dataclass
 class _Motion:
-    """A motion that a channel was last outside in: since when (ns), how often, and inside in a row since then."""
+    """A motion in which a channel was outside its band: since when (ns), how often, and how often inside in a row since
+    then."""
 
     since: int
     outside: int = 0
@@ -30,31 +31,31 @@ class _Motion:
 class ChannelWatch:
     """The channels of one stage; ``prefix`` starts the alarms' ids.
 
-    A simulation may fit one motion and miss another, so each counts for itself: ``confirm`` readings outside, that no
-    reading inside of the same motion came after, raise a channel's alarm; it is cleared when each of those motions was
-    inside as many times in a row.
+    A simulation may fit one motion and miss another, so each motion is counted separately. ``confirm`` intervals
+    outside the band, with no later interval of the same motion inside, raise the channel's alarm. The alarm is cleared
+    when each of those motions was inside ``confirm`` times in a row.
     """
 
     prefix: str
     source: str
     confirm: int
     _outside: dict[str, dict[int, _Motion]] = field(default_factory=dict)
-    """By the ids of their alarms: the motions that a channel is outside in."""
+    """By alarm id: the motions in which the channel is outside."""
     _readings: Counter[str] = field(default_factory=Counter)
     _book: AlarmBook = field(default_factory=AlarmBook)
 
     def take(self, motion: int, interval: Interval, readings: Sequence[IntervalResidual]) -> list[Alarm]:
-        """Alarms that change with what was read of one more interval, which is of this motion."""
+        """Alarms that change with the residuals of one more interval of this motion."""
         return [alarm for reading in readings for alarm in self._take(motion, interval, reading)]
 
     @property
     def outside(self) -> int:
-        """Readings outside of the channel that has most, of those whose alarm is up; 0 where none is."""
+        """Largest number of intervals outside, of the channels with an active alarm; 0 if there is none."""
         return max((sum(motion.outside for motion in motions.values()) for motions in self._up), default=0)
 
     @property
     def since(self) -> int:
-        """ns of the first evidence of all alarms that are up."""
+        """ns of the first evidence of all active alarms."""
         return min(motion.since for motions in self._up for motion in motions.values())
 
     @property
@@ -77,7 +78,7 @@ class ChannelWatch:
         return self._book.clear(name, interval.end, text, interval=interval.number, evidence=evidence)
 
     def _count(self, name: str, motion: int, interval: Interval, outside: bool) -> dict[int, _Motion]:
-        """Count a reading; the motions that the channel is outside in then."""
+        """Count an interval; return the motions in which the channel is then outside."""
         self._readings[name] += 1
         now, motions = self._readings[name], self._outside.get(name, {})
         if outside or motion in motions:
@@ -92,8 +93,8 @@ class ChannelWatch:
         c = reading.channel
         how = "on average" if c.joint is None else "(root mean square)"
         text = (
-            f"{c.what} is off the simulation by {reading.residual:.3g} {c.unit} {how}, and was outside its "
-            f"band in {times} intervals; the band is {reading.limit:.3g} {c.unit}."
+            f"{c.what} differs from the simulation by {reading.residual:.3g} {c.unit} {how}, and was outside its "
+            f"band of {reading.limit:.3g} {c.unit} in {times} intervals."
         )
         evidence = {"channel": c.name, "intervals": times, **_figures(reading)}
         end, number = interval.end, interval.number

@@ -1,4 +1,4 @@
-"""Frames on their way to the simulation: it needs what comes before and after a frame to know its acceleration."""
+"""Frames on their way to the simulation, which derives a frame's acceleration from the frames before and after it."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from cellwatt.arrays import Bool, Float
 Integers = NDArray[np.int64]
 
 CHUNK = 1.0
-"""s of frames that are simulated at once."""
+"""s of frames simulated at once."""
 EDGE = 0.4
-"""s at both ends of a stretch in which velocity and acceleration are not yet as well known as further in."""
+"""s at both ends of a stretch in which velocity and acceleration are less accurate."""
 BRIDGED = 0.1
-"""s without a number that are interpolated where the motion is needed; what is longer ends a stretch."""
+"""Longest time in s without a value that is interpolated in the motion; a longer one ends a stretch."""
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """Frames without a hole: (N,) ns, (N,) numbers, (N, width) values; those in ``new`` were not given before.
+    """Frames without a gap: (N,) ns, (N,) sequence numbers, (N, width) values; ``new`` are those not returned before.
 
     ``bridged`` (N,) is true where a value of the motion was interpolated.
     """
@@ -38,8 +38,8 @@ class Stretch:
 class Window:
     """Cuts frames into stretches with ``lead`` s of past; blocks may be cut anywhere.
 
-    ``motion`` are the columns that must be there, ``step`` is that of the grid, ns. ``counts`` says what was left out:
-    frames in which the motion was ``missing``, and frames too near to the ``edge`` of a stretch.
+    ``motion`` are the required columns, ``step`` is the grid's step in ns. ``counts`` are the frames left out: those in
+    which the motion was ``missing``, and those too near to the ``edge`` of a stretch.
     """
 
     def __init__(self, motion: list[int], step: int, lead: float) -> None:
@@ -51,11 +51,11 @@ class Window:
         self._parts: list[tuple[Integers, Integers, Float]] = []
         self._waiting = 0
         self.settled = 0
-        """ns up to which all frames were given or left out."""
+        """ns up to which all frames were returned or left out."""
         self.counts: Counter[str] = Counter()
 
     def feed(self, time: Integers, sequence: Integers, values: Float) -> Iterator[list[Stretch]]:
-        """Take n frames; gives the stretches with frames that can be simulated each time that some have settled."""
+        """Add n frames; yield the stretches that can be simulated whenever a chunk is complete."""
         while len(time):
             n = min(len(time), self._chunk - self._waiting)
             self._parts.append((time[:n], sequence[:n], values[:n]))
@@ -66,7 +66,7 @@ class Window:
                 yield self._work()
 
     def _work(self) -> list[Stretch]:
-        """Look at all frames kept: what can be given, what is lost, and what the next ones still need."""
+        """Examine all stored frames: which can be returned, which are lost, and which the next ones still need."""
         time, sequence, values = (np.concatenate(parts) for parts in zip(*self._parts, strict=True))
         missing = ~np.isfinite(values[:, self._motion]).all(axis=1)
         spans = _spans(time, missing, self._step, self._most)
@@ -80,8 +80,8 @@ class Window:
         self.counts["edge"] += int(np.sum(~missing[:done] & fresh)) - whole
         if done:
             self.settled = max(self.settled, int(time[done - 1]))
-        kept = max(begin, done - self._lead) if goes_on else done
-        self._parts = [(time[kept:], sequence[kept:], values[kept:])]
+        first = max(begin, done - self._lead) if goes_on else done
+        self._parts = [(time[first:], sequence[first:], values[first:])]
         return given
 
     def _stretch(self, time: Integers, sequence: Integers, values: Float, missing: Bool) -> Stretch | None:
@@ -93,16 +93,17 @@ class Window:
 
 
 def _spans(time: Integers, missing: Bool, step: int, most: int) -> list[tuple[int, int]]:
-    """[start, end) of the parts of a block without a hole in the grid and without more than ``most`` missing rows."""
-    there = np.flatnonzero(~missing)
-    rows = np.diff(there)
-    ends = (rows > most + 1) | (np.diff(time[there]) > rows * step + step // 2)
-    parts = np.split(there, np.flatnonzero(ends) + 1)
+    """[start, end) of the stretches of a block without a gap in the grid and without more than ``most`` missing
+    rows."""
+    present = np.flatnonzero(~missing)
+    rows = np.diff(present)
+    ends = (rows > most + 1) | (np.diff(time[present]) > rows * step + step // 2)
+    parts = np.split(present, np.flatnonzero(ends) + 1)
     return [(int(part[0]), int(part[-1]) + 1) for part in parts if len(part)]
 
 
 def bridged(rows: Float, columns: Sequence[int]) -> Float:
-    """Rows (N, width) in which columns are interpolated where a number is missing; all must have one somewhere."""
+    """Rows (N, width) with missing values of ``columns`` interpolated; each column must have a value."""
     out = rows.copy()
     at = np.arange(len(rows))
     for column in columns:

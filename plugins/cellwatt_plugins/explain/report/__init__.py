@@ -1,1 +1,1 @@
-"""``report.html``: what ``explain`` found, on one page that needs nothing else."""
+"""``report.html``: the findings of ``explain`` on one self-contained page."""

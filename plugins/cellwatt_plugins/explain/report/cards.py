@@ -25,9 +25,9 @@ from cellwatt_plugins.explain.verdict.findings import (
 Row = list[str]
 _KINDS = ("refused", "kept")
 MOST_TRIALS = 16
-"""Shown at once; the rest is folded."""
+"""Number of candidates shown at once; the rest is folded."""
 MOST_OTHERS = 12
-"""Recordings shown at once; the rest is folded."""
+"""Number of recordings shown at once; the rest is folded."""
 
 
 def tiles(fit: Sequence[ChannelFit]) -> list[Tile]:
@@ -50,7 +50,7 @@ def found(findings: Findings) -> list[Block]:
 
 
 def _finding_card(finding: Finding) -> Card:
-    """One finding: what, how much, how sure, where, how much better, and what else it could be."""
+    """One finding: effect, parameters, confidence, location, improvement and alternatives."""
     unknown = finding.effect == wording.UNKNOWN
     kind = "value is off" if finding.kind == "mistuned" else "missing from the simulation"
     rows = [
@@ -95,13 +95,13 @@ def _where(where: Where, symbol: str) -> list[Block]:
 
 def _improvement(gain: Improvement) -> list[Block]:
     bars = Bars([("without", "simulation", gain.before), ("with", "model", gain.after)], gain.unit, gain.noise_floor)
-    data = "data the fit did not see" if gain.held_out else "the data of the fit"
+    data = "data left out of the fit" if gain.held_out else "the data of the fit"
     span = gain.before - gain.noise_floor
     closed = (gain.before - gain.after) / span if span > 0 else math.nan
     outcome = f"{_share(closed)} of the error beyond the noise is gone. " if math.isfinite(closed) else ""
     outcome = "Worse with it. " if gain.after > gain.before else outcome
     channel = capital(wording.channel_name(gain.channel))
-    return [bars, quiet(inline(bold(outcome), f"{channel}, rms on {data}; your numbers as they are."))]
+    return [bars, quiet(inline(bold(outcome), f"{channel}, rms on {data}; your numbers unchanged."))]
 
 
 def _share(closed: float) -> str:
@@ -114,7 +114,7 @@ def _remains(rms: float, symbol: str, floor: float) -> Bars:
 
 
 def others_table(others: Sequence[Other]) -> list[Block]:
-    """Recordings that nothing was fitted to, those first that the model fits worst."""
+    """Recordings that were not used for fitting, the worst fit first."""
     order = sorted(others, key=lambda o: (o.explained is not None, o.explained is True, -o.error / (o.usual or 1)))
     heads = ("recording", "channel furthest off", "error, rms", "of the usual", "")
     return _first("Other recordings", heads, [(bool(o.explained), _other(o)) for o in order], MOST_OTHERS)
@@ -129,7 +129,7 @@ def _other(other: Other) -> Row:
 
 
 def trials(tried: Sequence[Trial]) -> list[Block]:
-    """Candidates by evidence, each with the reason why it was kept or refused."""
+    """Candidates by evidence, each with the reason for its acceptance or rejection."""
     order = sorted(tried, key=lambda t: (-t.kept, -t.gain))
     top = max([1.0, *(t.gain for t in tried)])
     heads = ("candidate", "", "evidence, nats", "", "why")
@@ -143,7 +143,7 @@ def _trial(trial: Trial, top: float) -> Row:
 
 
 def _first(title: str, heads: Sequence[str], rows: Sequence[tuple[bool, Row]], most: int) -> list[Block]:
-    """A table of the first rows, each good or not, and one of the rest, folded."""
+    """A table of the first rows, and a folded table of the rest; each row is marked good or not."""
     tables = [
         Table(title, heads, [row for _, row in some], [_KINDS[good] for good, _ in some])
         for some in (rows[:most], rows[most:])

@@ -1,4 +1,4 @@
-"""Residual of one channel against what drives it, with what the model adds as a curve through the points."""
+"""Residual of one channel against the quantities on which it depends, with the model's contribution as a curve."""
 
 from __future__ import annotations
 
@@ -22,27 +22,27 @@ CURVE_CELLS, FEWEST = 44, 12
 
 @dataclass(frozen=True)
 class Coordinate:
-    """Quantity that a residual is drawn against; ``values`` (N,) over all recordings."""
+    """Quantity on the horizontal axis; ``values`` (N,) over all recordings."""
 
     title: str
     values: Float
     ways: tuple[tuple[str, Bool], ...]
-    """Masks of the samples (N,) that get a curve of their own, with the dash of its line."""
+    """Masks (N,) of the samples of each curve, with the dash of its line."""
     rooted: bool = False
-    """Cells of the curve narrow towards zero, where friction turns."""
+    """True if the curve's cells narrow towards zero, where friction reverses."""
     marked: tuple[float, float] | None = None
-    """Range of a finding."""
+    """Range of a finding, in the unit of the axis."""
 
 
 def draw(traces: Sequence[Trace], channel: str, floor: float, where: Where | None) -> Figure:
-    """Two panels: velocity and position of the joint; speed and mechanical power for the supply."""
+    """Two panels: velocity and position for a joint; speed and mechanical power for the supply."""
     before, after = (
         np.concatenate([t.residual(channel, getattr(t, which)) for t in traces]) for which in ("simulation", "model")
     )
     added = before - after
     symbol = unit(next(t.units[t.channels.index(channel)] for t in traces if channel in t.channels))
     panels = [_panel(axis, before, after, added, floor, symbol) for axis in _axes(traces, channel, where)]
-    label = f"Difference of {wording.channel_name(channel)} against what drives it, before and after the model"
+    label = f"Residual of {wording.channel_name(channel)} against what it depends on, before and after the model"
     return Figure(label, [panels], (246,), "y")
 
 
@@ -82,7 +82,7 @@ def _axes(traces: Sequence[Trace], channel: str, where: Where | None) -> tuple[C
 
 
 def _curve(axis: Coordinate, added: Float, part: Bool, dash: str) -> Json:
-    """Median of what the model adds in each cell along the axis."""
+    """Median of the model's contribution in each cell along the axis."""
     good = part & np.isfinite(axis.values) & np.isfinite(added)
     x, y = axis.values[good], added[good]
     warp, back = (root, unroot) if axis.rooted else (np.asarray, np.asarray)

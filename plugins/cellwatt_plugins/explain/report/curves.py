@@ -1,4 +1,4 @@
-"""One channel of one recording over time: measured, simulation and model; below, what is left of the difference."""
+"""One channel of one recording over time: measured, simulation and model; below them, the residuals."""
 
 from __future__ import annotations
 
@@ -15,16 +15,17 @@ from cellwatt_plugins.explain.report.trace import Trace, telling_stretch
 from cellwatt_plugins.explain.verdict.findings import Span
 
 CURVES = 5
-"""In each figure."""
+"""Curves per figure."""
 OPENING = 20.0
-"""Seconds shown at first, or more where the thinned curve would have fewer than ``OPENING_POINTS`` there."""
+"""Seconds shown at first; more if the thinned curve has fewer than ``OPENING_POINTS`` in that time."""
 OPENING_POINTS = 900
 MOST_MARKS = 80
 
 
 def draw(trace: Trace, channel: str, floor: float, found: Sequence[Span], points: int, run: int) -> Figure:
-    """``found``: stretches where findings on this channel sit; ``points``: most per curve; ``run``: its number."""
-    # A fiftieth of the noise the eye cannot tell from the whole.
+    """Draw a channel; ``found``: stretches of its findings; ``points``: most per curve; ``run``: number of the
+    recording."""
+    # The eye cannot distinguish a fiftieth of the noise from the exact value.
     digits, start = max(decimals_for(floor / 50, 1), 0), float(trace.time[0])
 
     def drawn(name: str, values: Float, colour: str, width: float) -> Json:
@@ -42,12 +43,12 @@ def draw(trace: Trace, channel: str, floor: float, found: Sequence[Span], points
     x, y = Axis("s", _opening(trace, channel, points)), Axis(unit(trace.units[trace.channels.index(channel)]))
     mine = [s for s in found if s.recording == trace.name][:MOST_MARKS]
     marks = [*band(-2 * floor, 2 * floor, NOISE), *(stretch(s.start, s.end, FOUND, 1.0, (0.97, 1.0)) for s in mine)]
-    label = f"{capital(wording.channel_name(channel))} in {trace.name} over time, and what is left of the difference"
+    label = f"{capital(wording.channel_name(channel))} in {trace.name} over time, and the residuals"
     return stacked(label, Panel(upper, x, y), Panel(lower, x, y, marks), ("run", run))
 
 
 def stacked(label: str, upper: Panel, lower: Panel, when: tuple[str, int]) -> Figure:
-    """Curves over time, and below them what is left of their difference; shown ``when`` a switch says so."""
+    """Curves over time, and their residuals below them; shown when the switch ``when`` has its value."""
     return Figure(label, [[upper], [lower]], (190, 118), "x", layout={"hovermode": "x unified"}, when=when)
 
 

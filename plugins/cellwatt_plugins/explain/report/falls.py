@@ -12,8 +12,8 @@ from cellwatt_plugins.explain.verdict.findings import Finding, Findings, Retuned
 
 LEAD = (
     "Error of a typical channel after each step (geometric mean over all channels), on data not used for fitting. "
-    "1× is sensor noise, the best possible. Each step adds one finding to your simulation as it is; only the last step "
-    "changes the numbers that your simulation has."
+    "1× is sensor noise, the best possible. Each step adds one finding to your unchanged simulation; only the last "
+    "step changes the numbers of your simulation."
 )
 COLUMNS = ("in your simulation", "on your arm, ± one standard deviation")
 CENTRE = ("com_x", "com_y", "com_z")
@@ -22,18 +22,18 @@ ROLES = {"simulation": "simulation", "finding": "model", "curve": "model", "retu
 
 @dataclass(frozen=True)
 class NumberRow:
-    """A number of the arm as a person reads of it."""
+    """A parameter of the arm as a row of text."""
 
     name: str
     was: str
-    """In the simulation."""
+    """Value in the simulation."""
     now: str
-    """On the arm."""
+    """Value on the arm."""
     remark: str
 
 
 def section(findings: Findings) -> Section:
-    """From the user's simulation to the model; empty where no cascade was made."""
+    """The steps from the user's simulation to the model; empty without a cascade."""
     steps = findings.cascade
     if not steps:
         return Section("What takes the error away", [])
@@ -42,14 +42,14 @@ def section(findings: Findings) -> Section:
 
 
 def numbers(findings: Findings) -> Section:
-    """Each number that is found or retuned: in the simulation, and on the arm."""
+    """Each parameter that is found or retuned: in the simulation, and on the arm."""
     rows = [(row.name, row.was, row.now, row.remark) for row in number_rows(findings)]
     table = Table("Numbers", ("number", *COLUMNS, ""), rows)
     return Section("Your simulation in numbers", [table] if rows else [])
 
 
 def number_rows(findings: Findings) -> list[NumberRow]:
-    """Each number that is found, then each that is retuned; a centre of mass is one."""
+    """Each parameter that is found, then each that is retuned; a centre of mass is one row."""
     rows = [row for f in findings.findings if f.followed for row in _found(f)]
     return [*rows, *(_retuned(moved) for moved in findings.retuned)]
 
@@ -90,7 +90,7 @@ def _retuned(moved: RetunedNumber) -> NumberRow:
 
 
 def label(step: Step, first: bool) -> str:
-    """A step as the page names it: the simulation, then what is added to it."""
+    """Label of a step: the simulation, then each added finding."""
     if step.kind == "finding" and step.effect:
         place = "" if step.joint is None else f" of joint {step.joint}"
         return f"+ {wording.effect_name(step.effect)}{place}"

@@ -1,4 +1,4 @@
-"""Sections of drawn figures: channels over time, what the difference follows."""
+"""Sections with figures: channels over time, and the quantities on which the difference depends."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from cellwatt_plugins.explain.report.trace import Trace, worst_first
 from cellwatt_plugins.explain.verdict.findings import Findings, Span, Where
 
 MOST_RUNS = 6
-"""Recordings drawn over time; of more, those whose simulation is furthest off."""
+"""Largest number of recordings drawn over time; of more, those with the largest error of the simulation."""
 ALL_POINTS, FEWEST_POINTS, MOST_POINTS = 800_000, 300, 8000
 """Points of all time curves together, and limits for one curve."""
 MOST_CLOUDS = 6
 FOLLOWED = (
-    "Residuals against what drives them; the curve is the median of what the model adds to the simulation. "
-    "Grey band: ± 2 noise floors. Yellow: where a finding sits."
+    "Residuals against the quantities on which they depend; the curve is the median of what the model adds. "
+    "Grey band: ± 2 noise floors. Yellow: range of a finding."
 )
 
 
 def sections(findings: Findings, traces: Sequence[Trace], floors: Mapping[str, float]) -> list[Section]:
-    """All sections; ``floors`` by channel."""
+    """All sections; ``floors`` are noise floors by channel."""
     first = _prominent(findings, floors)
     drawn = [_over_time(findings, traces, floors, first)]
     if findings.verdict != "no_mismatch":
@@ -53,15 +53,15 @@ def _over_time(
 
 
 def _time_lead(traces: Sequence[Trace], shown: Sequence[Trace], marked: bool) -> str:
-    parts = ["Opens where the simulation is furthest off; drag to zoom, double-click for the whole recording."]
+    parts = ["Opens where the error of the simulation is largest; drag to zoom, double-click for the whole recording."]
     parts += ["Grey band: ± 2 noise floors."]
-    parts += ["Yellow edge: a finding sits here."] if marked else []
-    parts += [f"These are the {len(shown)} that differ most of {len(traces)}."] if len(shown) < len(traces) else []
+    parts += ["Yellow edge: times of a finding."] if marked else []
+    parts += [f"Shown: the {len(shown)} of {len(traces)} that differ most."] if len(shown) < len(traces) else []
     return " ".join(parts)
 
 
 def _prominent(findings: Findings, floors: Mapping[str, float]) -> list[str]:
-    """Channels to show first: what is missing, what is unexplained, what is mistuned; with none of them the first."""
+    """Channels to show first: with missing effects, unexplained, mistuned; if there are none, the first channel."""
     missing, mistuned = (
         [f.improvement.channel for f in findings.findings if f.kind == kind] for kind in ("missing", "mistuned")
     )

@@ -1,4 +1,4 @@
-"""How the arm moved, beside the simulator rolled out under the same commands, as it is and mended."""
+"""Motion of the arm, and of the simulator rolled out under the same commands, original and mended."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from cellwatt_plugins.explain.report.curves import stacked
 from cellwatt_plugins.explain.simulators.rollout import WINDOW, rms_of, rolled_out
 
 POINTS = 3000
-"""Points of a curve at most."""
+"""Largest number of points of a curve."""
 SECONDS = 20.0
-"""Shown at first."""
+"""Seconds shown at first."""
 DIGITS = 5
 """Decimals of rad."""
 
 
 def section(runs: Sequence[Run], joints: Sequence[str], simulator: Path, mended: Path | None) -> Section:
-    """Commanded, measured, simulated and mended motion of each joint; ``mended`` is None where no file was."""
+    """Commanded, measured, simulated and mended motion of each joint; ``mended`` is None without a mended file."""
     before = rolled_out(simulator, joints, runs)
     after = None if mended is None else rolled_out(mended, joints, runs)
     errors = rms_of(before)
@@ -35,10 +35,10 @@ def section(runs: Sequence[Run], joints: Sequence[str], simulator: Path, mended:
             _figure(run, joint, before[i].position, None if after is None else after[i].position, i)
             for i, run in enumerate(runs)
         ]
-        told = f"Joint {joint + 1}: off by {errors[joint]:.2g} rad rms"
-        told += "" if after is None else f", mended {rms_of(after)[joint]:.2g} rad"
-        parts.append(Folded(told, drawn, not parts))
-    lead = f"The simulator rolled out under the recorded commands, begun anew each {WINDOW:.0f} s where the arm was."
+        title = f"Joint {joint + 1}: off by {errors[joint]:.2g} rad rms"
+        title += "" if after is None else f", mended {rms_of(after)[joint]:.2g} rad"
+        parts.append(Folded(title, drawn, not parts))
+    lead = f"The simulator rolled out under the recorded commands, restarted each {WINDOW:.0f} s where the arm was."
     return Section("How the arm and its simulation move", [Switch("moved", [run.name for run in runs]), *parts], lead)
 
 
@@ -60,5 +60,5 @@ def _figure(run: Run, joint: int, simulated: Float, mended: Float | None, number
         upper.append(drawn("mended", mended, MODEL, 1.3))
         lower.append(drawn("measured − mended", run.position - mended, MODEL, 1.1))
     x, y = Axis("s", (start, start + SECONDS)), Axis("rad")
-    label = f"Joint {joint + 1} in {run.name}: commanded, measured, simulated; and what is left of the difference"
+    label = f"Joint {joint + 1} in {run.name}: commanded, measured, simulated; and the residuals"
     return stacked(label, Panel(upper, x, y), Panel(lower, x, y), ("moved", number))

@@ -12,11 +12,11 @@ from cellwatt_plugins.explain.report.trace import Trace
 from cellwatt_plugins.explain.verdict.findings import Findings
 
 MOST_NAMES = 6
-"""Recordings named at the top; more are counted."""
+"""Largest number of recordings named at the top; further ones are counted."""
 TRIED = "Evidence that each candidate adds, in nats (5 nats are odds of 150 to 1); bars on a logarithmic scale."
-OTHERS = "Nothing was fitted to these; the usual error is that in data left out of the fit. Worst first."
+OTHERS = "Not used for fitting; the usual error is that on data left out of the fit. Worst first."
 BESIDE = Html(
-    "<p>Beside this page: <b>findings.json</b>, the same for programs; <b>model.yaml</b>, the model, "
+    "<p>Beside this page: <b>findings.json</b>, the same content for programs; <b>model.yaml</b>, the model, "
     "run with <code>cellwatt simulate --model model.yaml</code>.</p>"
 )
 TONES: Final[dict[str, Tone]] = {
@@ -35,9 +35,10 @@ def report(
     provenance: Provenance,
     moved: Sequence[Section] = (),
 ) -> Report:
-    """The page of what was found.
+    """The page with the findings.
 
-    ``floors`` are the noise floors of all channels by name; ``robot`` is the robot's name, ``moved`` how it moved.
+    ``floors`` are the noise floors of all channels by name; ``robot`` is the robot's name; ``moved`` are sections on
+    its motion.
     """
     return Report(
         name=robot,
@@ -53,11 +54,11 @@ def report(
             falls.section(findings),
             *moved,
             Section("What was found", cards.found(findings)),
-            Section("What the rest goes with", [Notes([curve.statement for curve in findings.curves])]),
+            Section("What the residual follows", [Notes([curve.statement for curve in findings.curves])]),
             *figures.sections(findings, traces, floors),
             Section("Other recordings", cards.others_table(findings.others), OTHERS),
             Section("What was tried", cards.trials(findings.tried), TRIED),
-            Section("What the data could not tell", [Notes(findings.notes)]),
+            Section("What the data could not show", [Notes(findings.notes)]),
         ],
         beside=BESIDE,
         provenance=provenance,
@@ -65,7 +66,7 @@ def report(
 
 
 def _facts(traces: Sequence[Trace], others: int) -> list[str]:
-    """Number, length and rate of the recordings that were looked at closely, and the number of ``others``."""
+    """Number, length and rate of the analysed recordings, and the number of ``others``."""
     names = [t.name for t in traces]
     shown = ", ".join(names[:MOST_NAMES]) + (f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else "")
     rates = sorted({round(1 / t.step, 1) for t in traces})

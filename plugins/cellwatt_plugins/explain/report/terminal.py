@@ -1,4 +1,4 @@
-"""Findings as a person reads them at the terminal: numbers, then what takes the error away, then each finding."""
+"""Findings for the terminal: parameters, then the error after each step, then each finding."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from cellwatt_plugins.explain.report.wording import verdict
 from cellwatt_plugins.explain.verdict.findings import Findings, Step
 
 BAR = 30
-"""Characters of the longest bar."""
+"""Length of the longest bar, in characters."""
 
 
 def in_words(found: Explained, out: Path, report: bool) -> str:
-    """The findings as a person reads them at the terminal, and what was written into ``out``."""
+    """The findings as text for the terminal, with the names of the files written to ``out``."""
     findings = found.findings
     with_curves = {curve.channel for curve in findings.curves}
     lines = [verdict(findings), *_numbers(findings), *_cascade(findings)]
@@ -28,7 +28,7 @@ def in_words(found: Explained, out: Path, report: bool) -> str:
             f"{gain.unit.replace('*', '')}{curved}, noise {gain.noise_floor:.3g}"
         )
         lines += [f"      or {other.effect.replace('_', ' ')}: {other.why}" for other in finding.alternatives]
-    lines += [f"  ? {left.statement}" for left in findings.without_finding]
+    lines += [f"  ? {rest.statement}" for rest in findings.without_finding]
     lines += [f"  = {moved.statement}" for moved in findings.retuned]
     lines += [f"  ~ {curve.statement}" for curve in findings.curves]
     lines += [f"  note: {note}" for note in findings.notes]
@@ -37,7 +37,7 @@ def in_words(found: Explained, out: Path, report: bool) -> str:
 
 
 def _numbers(findings: Findings) -> list[str]:
-    """Each number in the simulation and on the arm, in columns."""
+    """Each parameter in the simulation and on the arm, in columns."""
     rows = number_rows(findings)
     if not rows:
         return []
@@ -62,6 +62,6 @@ def _cascade(findings: Findings) -> list[str]:
 
 
 def _fallen(before: Step, after: Step, units: Mapping[str, str]) -> str:
-    """The channel of which a step takes the greatest share, with its error."""
+    """The channel whose error falls most in a step, relative to its error before, with both errors."""
     channel = min(after.channels, key=lambda c: after.channels[c] / max(before.channels[c], 1e-12))
     return f"{channel} {before.channels[channel]:.3g} → {after.channels[channel]:.3g} {units.get(channel, '')}"

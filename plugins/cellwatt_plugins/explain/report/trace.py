@@ -1,4 +1,4 @@
-"""One recording as the report draws it, and the arithmetic between the recording and its picture."""
+"""One recording as the report draws it, and the computations between recording and figure."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from cellwatt_plugins.explain.model import Model, predict_states
 
 @dataclass(frozen=True)
 class Trace:
-    """One recording of n joints beside the two predictions of it; N samples, C channels, NaN where unknown."""
+    """One recording of n joints with its two predictions; N samples, C channels, NaN where unknown."""
 
     name: str
-    """Of the recording, as in ``Span.recording``."""
+    """Name of the recording, as in ``Span.recording``."""
     time: Float
     """(N,) s, evenly spaced."""
     position: Float
@@ -28,7 +28,7 @@ class Trace:
     channels: tuple[str, ...]
     """``tau_1`` … ``tau_n``, ``power`` where recorded."""
     units: tuple[str, ...]
-    """Of the channels."""
+    """Units of the channels."""
     measured: Float
     """(N, C)."""
     simulation: Float
@@ -53,7 +53,7 @@ class Trace:
 
 
 def traces_of(runs: Sequence[Run], model: Model, solution: Solution) -> list[Trace]:
-    """One trace a run, at all samples; ``solution`` holds the runs' states."""
+    """One trace per run, at all samples; ``solution`` holds the runs' states."""
     out, joints = [], range(len(model.robot.joints))
     for run, states in zip(runs, solution.problem.states, strict=True):
         full = predict_states(model, states)
@@ -82,7 +82,7 @@ def mechanical_power(trace: Trace) -> Float:
 
 
 def root(values: Float) -> Float:
-    """Signed square root: gives low speeds, where friction shows, the room they need."""
+    """Signed square root: widens low speeds, where friction shows."""
     return np.asarray(np.sign(values) * np.sqrt(np.abs(values)), np.float64)
 
 
@@ -92,7 +92,7 @@ def unroot(values: Float) -> Float:
 
 
 def telling_stretch(trace: Trace, channel: str, length: float) -> tuple[float, float]:
-    """Start and end s of the stretch of ``length`` s in which the simulation is furthest off."""
+    """Start and end in s of the stretch of ``length`` s with the largest error of the simulation."""
     start, end = float(trace.time[0]), float(trace.time[-1])
     width = max(int(length / trace.step), 1)
     if width >= len(trace.time):
@@ -104,7 +104,7 @@ def telling_stretch(trace: Trace, channel: str, length: float) -> tuple[float, f
 
 
 def worst_first(traces: Sequence[Trace], floors: Mapping[str, float], most: int) -> list[Trace]:
-    """The ``most`` traces whose simulation is furthest off, in the order given."""
+    """The ``most`` traces with the largest error of the simulation, in the order given."""
 
     def off(trace: Trace) -> float:
         squares = [(trace.residual(c, trace.simulation) / floor) ** 2 for c, floor in floors.items()]

@@ -1,4 +1,4 @@
-"""Findings in plain words: numbers rounded to what is known of them, names, places, the verdict's sentence."""
+"""Findings in plain words: numbers rounded to their uncertainty, names, locations, and the verdict's sentence."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from cellwatt_plugins.explain.report.trace import joint_of
 from cellwatt_plugins.explain.verdict.findings import Alternative, Finding, Findings, Span
 
 UNKNOWN = "unknown"
-"""The effect's name where something is there that the library does not hold."""
+"""Name of an effect that is not in the library."""
 MOST_CAUSES = 3
-"""Named in the verdict's sentence; more are counted."""
+"""Number of causes named in the verdict's sentence; further ones are counted."""
 _NAMES = {"stribeck": "Stribeck", "coulomb": "Coulomb"}
 _WORDS = ((0.99, "near certain"), (0.95, "very likely"), (0.8, "likely"), (0.5, "more likely than not"))
 
@@ -26,7 +26,7 @@ def confidence(share: float) -> str:
 
 
 def effect_name(effect: str) -> str:
-    """An effect's identifier as a person would say it."""
+    """An effect's identifier in plain words."""
     if effect == UNKNOWN:
         return "an effect that is not in the library"
     text = effect.replace("_dependent", "-dependent").replace("_", " ")
@@ -40,7 +40,7 @@ def named(what: Finding | Alternative | Trial) -> str:
 
 
 def channel_name(channel: str) -> str:
-    """A channel as a person would say it."""
+    """A channel's name in plain words."""
     joint = joint_of(channel)
     return f"joint {joint} torque" if joint is not None else "supply power" if channel == "power" else channel
 
@@ -51,7 +51,7 @@ def between(limits: tuple[float, float], suffix: str) -> str:
 
 
 def degrees(limits: tuple[float, float]) -> str:
-    """A range of angles in degrees, for those who think in them."""
+    """A range of angles in rad and in degrees."""
     return between(limits, "rad") + f" ({fixed(math.degrees(limits[0]), 0)} to {fixed(math.degrees(limits[1]), 0)}°)"
 
 
@@ -68,7 +68,7 @@ def _causes(findings: Sequence[Finding]) -> str:
 
 
 def _open_places(findings: Findings) -> str:
-    """Places where something stays unexplained, e.g. ``joint 3 and the supply power``."""
+    """Locations of an unexplained residual, e.g. ``joint 3 and the supply power``."""
     joints = [f.joint for f in findings.findings if f.effect == UNKNOWN]
     joints += [joint_of(rest.channel) for rest in findings.unexplained if rest.looked_at]
     places = _joints([j for j in joints if j is not None])
@@ -82,11 +82,11 @@ def _joints(joints: Sequence[int]) -> list[str]:
 
 
 def _unlooked(findings: Findings) -> str:
-    """Channels that were not looked at, e.g. ``joints 5 and 6 were not looked at: the time was up``."""
+    """Channels that were not analysed, e.g. ``joint 5 was not looked at in full: the time limit was reached``."""
     late = [joint_of(rest.channel) for rest in findings.unexplained if not rest.looked_at]
     places = _joints([joint for joint in late if joint is not None])
     verb = "were" if len(places) > 1 else "was"
-    return f"{listed(places)} {verb} not looked at in full: the time was up" if places else ""
+    return f"{listed(places)} {verb} not looked at in full: the time limit was reached" if places else ""
 
 
 def verdict(findings: Findings) -> str:
@@ -114,5 +114,5 @@ def verdict(findings: Findings) -> str:
     if mistuned:
         return f"Nothing is missing from the simulation; only its value is off for {_causes(mistuned)}."
     if findings.retuned:
-        return "No physics is missing from the simulation; numbers of it are off, and these explain the difference."
+        return "No physics is missing from the simulation; some of its numbers are off: they explain the difference."
     return "Simulation and recordings agree: what differs is noise and tuning within tolerance."

@@ -117,7 +117,7 @@ def _choices(found: Explained) -> Iterator[Solution]:
     # Then, joint by joint, the terms that do not improve their joint are removed.
     problem = freed(free, all_fixed(free))
     folds, remaining = LeaveOut(problem, torque.factor), list(terms)
-    for joint in problem.told:
+    for joint in problem.observed:
         others = [t for t in remaining if t.joint != joint]
         if compared(folds.errors(others), folds.errors(remaining), [joint]).share <= 0:
             remaining = others
@@ -187,7 +187,7 @@ def _held_out(user: Placing, found: Explained, solution: Solution, runs: Sequenc
     return tuple(
         ChannelError(f"tau_{c + 1}", simulator.unit(c, "N*m"), float(b), float(a), float(f))
         for c, (b, a, f) in enumerate(zip(problem.rms(before), problem.rms(after), problem.floor, strict=True))
-        if c in problem.told
+        if c in problem.observed
     )
 
 

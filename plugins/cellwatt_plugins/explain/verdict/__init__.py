@@ -1,1 +1,1 @@
-"""From a fit to what is said: parameters, findings, and what stays unexplained."""
+"""From a fit to the report: parameters, findings, and what stays unexplained."""

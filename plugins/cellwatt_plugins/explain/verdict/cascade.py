@@ -1,4 +1,4 @@
-"""From the user's simulation to the model, step by step: what each finding takes off the error on data left out."""
+"""From the user's simulation to the model, step by step: the error on data left out that each finding removes."""
 
 from __future__ import annotations
 
@@ -10,54 +10,55 @@ import numpy as np
 
 from cellwatt.arrays import Float
 from cellwatt_plugins.explain.fit.leave_out import LeaveOut
-from cellwatt_plugins.explain.fit.problem import Place, Problem, Term, said
+from cellwatt_plugins.explain.fit.problem import Place, Problem, Term, title
 from cellwatt_plugins.explain.fit.retuning import all_fixed, freed
 from cellwatt_plugins.explain.fit.solution import Solution
 from cellwatt_plugins.explain.verdict.findings import Step, StepKind
 from cellwatt_plugins.robot.curves import Curve
 
 LEAST = 0.01
-"""Error in units of the noise that a channel counts for at least."""
+"""Smallest error of a channel, in units of the noise, that enters the mean."""
 
 
 @dataclass(frozen=True)
 class Added:
-    """A term that enters, with the rms error (C,) of its side before and after."""
+    """A term that is added, with the rms error (C,) of its side before and after."""
 
     term: Term
     before: Float
     after: Float
     drop: float
-    """Sum over the channels of the mean square error that it takes off, in units of the noise."""
+    """Decrease of the mean square error by the term, in units of the noise, summed over the channels."""
 
     @property
     def curve(self) -> bool:
-        """True of a curve of no known law."""
+        """True for a curve of unknown law."""
         return isinstance(self.term.effect, Curve)
 
 
 @dataclass(frozen=True)
 class Falling:
-    """The errors (C,) of one side from the simulation with the user's numbers to the model."""
+    """The errors (C,) of one side from the simulation with the user's parameters to the model."""
 
     problem: Problem
     simulation: Float
     added: tuple[Added, ...]
     """Laws, the largest first, then curves."""
     model: Float
-    """With the nominal numbers retuned, too."""
+    """With the nominal parameters retuned as well."""
 
     @property
     def untuned(self) -> Float:
-        """With all terms, before the nominal numbers are retuned."""
+        """Error with all terms, before the nominal parameters are retuned."""
         return self.added[-1].after if self.added else self.simulation
 
 
 def falling(solution: Solution) -> Falling:
-    """The errors of one side on data left out; coefficients are fitted without each fold, the user's numbers stay."""
+    """The errors of one side on data left out; coefficients are fitted without each fold, nominal parameters are
+    fixed."""
     best = solution.best
     steady = [t for t in best.terms if not t.effect.form.intermittent]
-    # Of what is there at one time only, no data can be left out: it counts as fitted.
+    # Intermittent effects cannot be tested on data left out: their fitted contributions are subtracted.
     once = {t.place: best.added(t) for t in _once(best)}
     fixed = LeaveOut(freed(best.problem, all_fixed(best.problem)), best.factor)
     free = LeaveOut(best.problem, best.factor)
@@ -84,32 +85,32 @@ def _once(solution: Solution) -> list[Term]:
 def _largest_first(
     held: LeaveOut, solution: Solution, steady: Sequence[Term], once: Mapping[Place, Float]
 ) -> list[Term]:
-    """Laws in the order of what each takes off the summed square error beside those before it."""
+    """Laws in order of the summed square error that each removes beside those before it."""
     root = solution.problem.design.root
     pushes = sorted(
         ((float(np.sum(np.square(once[t.place] * root))), i) for i, t in enumerate(_once(solution))), reverse=True
     )
-    left, chosen, order = list(steady), list[Term](), list[Term]()
+    remaining, chosen, order = list(steady), list[Term](), list[Term]()
     error = float(np.sum(held.errors([])))
-    while left or pushes:
-        rest = [float(np.sum(held.errors([*chosen, t]))) for t in left]
+    while remaining or pushes:
+        rest = [float(np.sum(held.errors([*chosen, t]))) for t in remaining]
         best = int(np.argmin(rest)) if rest else -1
         if pushes and (best < 0 or pushes[0][0] > error - rest[best]):
             order.append(_once(solution)[pushes.pop(0)[1]])
             continue
         error = rest[best]
-        chosen.append(left.pop(best))
+        chosen.append(remaining.pop(best))
         order.append(chosen[-1])
     return order
 
 
 def cascade(sides: Sequence[Falling], mounted: Float | None) -> tuple[Step, ...]:
-    """The steps of all sides, largest first; curves and retuned numbers last.
+    """The steps of all sides, largest first; curves and retuned parameters last.
 
-    ``mounted`` (C,) are the errors of the torques in the simulation's own gravity, where the arm is mounted otherwise.
+    ``mounted`` (C,) are the torque errors in the simulation's gravity, if the real mount differs.
     """
-    errors = {(i, c): float(side.simulation[c]) for i, side in enumerate(sides) for c in side.problem.told}
-    floors = {(i, c): float(side.problem.floor[c]) for i, side in enumerate(sides) for c in side.problem.told}
+    errors = {(i, c): float(side.simulation[c]) for i, side in enumerate(sides) for c in side.problem.observed}
+    floors = {(i, c): float(side.problem.floor[c]) for i, side in enumerate(sides) for c in side.problem.observed}
 
     def step(kind: StepKind, label: str, effect: str = "", joint: int | None = None, held_out: bool = True) -> Step:
         ratios = [max(errors[at] / floors[at], LEAST) for at in errors]
@@ -118,7 +119,7 @@ def cascade(sides: Sequence[Falling], mounted: Float | None) -> tuple[Step, ...]
         return Step(kind, label, effect, joint, total, named, held_out)
 
     def put(i: int, values: Float) -> None:
-        errors.update({(i, c): float(values[c]) for c in sides[i].problem.told})
+        errors.update({(i, c): float(values[c]) for c in sides[i].problem.observed})
 
     steps = []
     if mounted is None:
@@ -133,7 +134,7 @@ def cascade(sides: Sequence[Falling], mounted: Float | None) -> tuple[Step, ...]
     for i, added in heapq.merge(*parts, key=lambda pair: (pair[1].curve, -pair[1].drop)):
         put(i, added.after)
         term, held_out = added.term, not added.term.effect.form.intermittent
-        steps.append(step("curve" if added.curve else "finding", said(term), term.effect.name, term.number, held_out))
+        steps.append(step("curve" if added.curve else "finding", title(term), term.effect.name, term.number, held_out))
     for i, side in enumerate(sides):
         put(i, side.model)
     return (*steps, step("retuning", "your numbers retuned"))

@@ -20,7 +20,7 @@ from cellwatt_plugins.robot.regression import Prior
 
 
 def model_of(torque: Solution, supply: Solution | None, base: Baseline) -> Model:
-    """The model that both solutions make, added to ``base``."""
+    """The model that both solutions give, added to ``base``."""
     terms = [FittedTerm(term, _foreseen(torque, term)) for term in torque.terms]
     if supply is not None:
         terms += [FittedTerm(term, supply.coefficients(term)) for term in supply.terms]
@@ -31,7 +31,7 @@ def model_of(torque: Solution, supply: Solution | None, base: Baseline) -> Model
 
 
 def _foreseen(solution: Solution, term: Term) -> Float:
-    """Coefficients of a term; of one whose course is sensitive as much as other runs confirm."""
+    """Coefficients of a term; for a term simulated sample by sample, reduced to the share that other runs confirm."""
     own = solution.coefficients(term)
     if not term.effect.form.sample_by_sample:
         return own
@@ -39,7 +39,7 @@ def _foreseen(solution: Solution, term: Term) -> Float:
 
 
 def retuned(torque: Solution, supply: Solution | None) -> Retuned:
-    """Return the corrections of the nominal parameters by the fits."""
+    """Corrections of the nominal parameters from the fits."""
     found = {
         (number.name, number.joint): solution.fit.coefficients[place]
         for solution in (torque, supply)
@@ -71,7 +71,7 @@ def estimates(solution: Solution) -> dict[Place, Estimate]:
         if slope is not None:
             typical = np.array([max(abs(term.shape[i]), 1e-6) for i in _refined(term)])
             blocks.append(Block(slope, block.channel, Prior.spread(1e3 * typical)))
-    # Numbers that stay the user's are no more certain for that.
+    # Parameters that keep the user's values are not more certain for that.
     design = (solution.free or solution.problem).design
     fit = Regression(design, blocks, solution.factor)
     covariance = fit.covariance
@@ -97,7 +97,8 @@ def _refined(term: Term) -> list[int]:
 
 
 def _slopes(problem: Problem, term: Term, coefficients: Float) -> Float | None:
-    """Change of a term's contribution with each refined shape parameter, (N, k) or (N, C, k); None where none is."""
+    """Derivative of a term's contribution by each refined shape parameter, (N, k) or (N, C, k); None if there are
+    none."""
     out = []
     for i in _refined(term):
         step = 1e-3 * max(abs(term.shape[i]), 1e-3)

@@ -1,4 +1,5 @@
-"""One event is one finding: pushes that several joints feel, and what picking up a part does at its edges."""
+"""One event gives one finding: a push that several joints feel, or the push of a gripper that takes or releases a
+part."""
 
 from __future__ import annotations
 
@@ -10,23 +11,24 @@ from cellwatt_plugins.explain.verdict.findings import Finding, Span, Where
 TOGETHER = 0.4
 """s within which pushes on several joints are one push on the arm."""
 EDGE = 1.0
-"""s about the moment at which a part is picked up or put down in which the gripper, too, pushes."""
+"""s around the start or end of a payload within which the gripper pushes as well."""
 
 
 def merged(findings: Sequence[Finding]) -> list[Finding]:
-    """The findings, each event once: a push under the joint that shows it best, none at the edges of a payload."""
+    """The findings with each event once: a push is listed at the joint that shows it best, and not at a payload's start
+    or end."""
     pushes = [f for f in findings if f.effect == "external_contact"]
     edges = [s for f in findings if f.effect == "payload_change" for s in f.where.times]
-    left = sorted((p for p in pushes if not _at_edge(p, edges)), key=_size, reverse=True)
-    kept: list[Finding] = []
-    for push in left:
-        same = next((i for i, other in enumerate(kept) if _together(push, other)), None)
+    ordered = sorted((p for p in pushes if not _at_edge(p, edges)), key=_size, reverse=True)
+    events: list[Finding] = []
+    for push in ordered:
+        same = next((i for i, other in enumerate(events) if _together(push, other)), None)
         if same is None:
-            kept.append(push)
+            events.append(push)
         else:
-            kept[same] = _joined(kept[same], push)
-    # In the order in which they were found.
-    places = {f.joint: f for f in kept}
+            events[same] = _joined(events[same], push)
+    # Keep the order in which the findings were found.
+    places = {f.joint: f for f in events}
     return [places.get(f.joint, f) if f in pushes else f for f in findings if f not in pushes or f.joint in places]
 
 
@@ -52,7 +54,7 @@ def _together(one: Finding, other: Finding) -> bool:
 
 
 def _joined(main: Finding, more: Finding) -> Finding:
-    """The push with another joint that felt it."""
+    """The push, with another joint that felt it added."""
     torque = more.parameters["torque"]
     where = main.where
     channels = tuple(dict.fromkeys((*where.channels, *more.where.channels)))

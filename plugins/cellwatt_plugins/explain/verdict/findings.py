@@ -1,4 +1,4 @@
-"""Findings of ``explain`` with their parameters, place and gain; written as ``findings.json``."""
+"""Findings of ``explain`` with their parameters, location and improvement; written as ``findings.json``."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ class Span:
 
 @dataclass(frozen=True)
 class Where:
-    """Place of a mismatch; None: everywhere."""
+    """Location of a mismatch; None means everywhere."""
 
     channels: tuple[str, ...]
     position: tuple[float, float] | None = None
-    """rad, of the joint itself."""
+    """rad, of the joint."""
     velocity: tuple[float, float] | None = None
     """rad/s."""
     times: tuple[Span, ...] = ()
@@ -38,7 +38,7 @@ class Where:
 
 @dataclass(frozen=True)
 class Improvement:
-    """Error of one channel before and after the finding's step of the cascade: the user's numbers stay as they are."""
+    """Error of one channel before and after the finding's step of the cascade, with the user's parameters unchanged."""
 
     channel: str
     unit: str
@@ -49,7 +49,7 @@ class Improvement:
 
     @classmethod
     def at(cls, problem: Problem, channel: int, before: Float, after: Float, held_out: bool = True) -> Improvement:
-        """That of a channel (0-based) out of the errors (C,) of all."""
+        """Improvement of a channel (0-based), from the errors (C,) of all channels."""
         floor = float(problem.floor[channel])
         return cls(*problem.channel(channel), float(before[channel]), float(after[channel]), floor, held_out)
 
@@ -65,14 +65,14 @@ class Alternative:
 
 @dataclass(frozen=True)
 class Finding:
-    """One effect that the simulation lacks (or whose number is off)."""
+    """One effect that the simulation lacks, or one parameter that is off."""
 
     effect: str
     joint: int | None
     """1-based; None for the whole robot or the supply."""
     kind: Kind
     confidence: float
-    """Probability, 0 to 1, that the effect is there under this name."""
+    """Probability, 0 to 1, that the effect is present under this name."""
     statement: str
     """One plain sentence."""
     parameters: dict[str, Parameter]
@@ -80,9 +80,9 @@ class Finding:
     improvement: Improvement
     alternatives: tuple[Alternative, ...] = ()
     was: float | None = None
-    """The simulation's own number, from which the first parameter is how far off; None where it has no such term."""
+    """The simulation's value, which the first parameter corrects; None if the simulation has no such term."""
     followed: bool = True
-    """False of what the model has no law of: something unknown, and blows that nothing foretells."""
+    """False for an effect without a law in the model: an unknown effect, or unpredictable blows."""
 
 
 @dataclass(frozen=True)
@@ -96,23 +96,23 @@ class UnexplainedChannel:
     velocity: tuple[float, float] | None = None
     position: tuple[float, float] | None = None
     looked_at: bool = True
-    """False where the time was up before the channel's candidates were tried."""
+    """False if the time limit was reached before the channel's candidates were tried."""
 
 
 @dataclass(frozen=True)
 class FoundCurve:
-    """A curve of no known form that a joint's torque follows; it is in the model as a table."""
+    """A curve of unknown form that a joint's torque follows; stored in the model as a table."""
 
     channel: str
     along: str
-    """The course: ``its velocity``."""
+    """The quantity along the curve: ``its velocity``."""
     unit: str
-    """Of the knots."""
+    """Unit of the knots."""
     knots: tuple[float, ...]
     values: tuple[float, ...]
     """Nm at the knots."""
     share: float
-    """Of the mean square error on data left out that it takes off."""
+    """Share of the mean square error on data left out that the curve removes."""
     statement: str
 
 
@@ -123,33 +123,34 @@ class Step:
     kind: StepKind
     label: str
     effect: str
-    """Of a finding or a curve."""
+    """Name of the effect of a finding or a curve."""
     joint: int | None
     """1-based; None for the whole robot or the supply."""
     error: float
-    """Geometric mean over the channels of their errors, each in units of its noise: no channel outweighs the others."""
+    """Geometric mean of the channels' errors, each in units of its noise, so that no channel outweighs the others."""
     channels: dict[str, float]
     """Rms error of each channel."""
     held_out: bool
-    """True if the error is that on data left out of the fit."""
+    """True if the error is on data left out of the fit."""
 
 
 @dataclass(frozen=True)
 class RetunedNumber:
-    """A number that the simulation has, as the recordings tell it: no finding, but what explains much of a joint."""
+    """A parameter of the simulation with its value from the recordings: not a finding, but it explains much of a
+    joint."""
 
     parameter: str
     """``mass``, ``coulomb_friction``, …"""
     joint: int | None
-    """1-based; of a link's number the joint that moves the link, None for the supply."""
+    """1-based; for a link's parameter the joint that moves the link, None for the supply."""
     was: float
     now: float
     std: float
     unit: str
     tolerance: float
-    """One standard deviation, in ``unit``, of what the description allows."""
+    """Tolerance of the description: one standard deviation, in ``unit``."""
     beyond: bool
-    """True if the number is off by more than twice that."""
+    """True if the parameter is off by more than twice the tolerance."""
     statement: str
 
 
@@ -167,15 +168,15 @@ class ChannelFit:
 
 @dataclass(frozen=True)
 class Other:
-    """A recording that nothing was fitted to, beside the model: the channel that is furthest off."""
+    """A recording that was not used for fitting, compared with the model: the channel with the largest deviation."""
 
     recording: str
     explained: bool | None
-    """None where it could not be compared, with the reason in ``why``."""
+    """None if the recording could not be compared, for the reason in ``why``."""
     channel: str = ""
     unit: str = ""
     error: float = 0.0
-    """Rms error of the model; ``usual`` is that in the data left out of the fit."""
+    """Rms error of the model; ``usual`` is the error on data left out of the fit."""
     usual: float = 0.0
     why: str = ""
 
@@ -190,21 +191,21 @@ class Findings:
     fit: tuple[ChannelFit, ...] = ()
     tried: tuple[Trial, ...] = ()
     notes: tuple[str, ...] = field(default=())
-    """Remarks on what the data could not tell, e.g. effects that this motion cannot show."""
+    """Remarks on what the data could not show, e.g. effects that this motion does not excite."""
     others: tuple[Other, ...] = ()
-    """Recordings beyond those that were looked at closely."""
+    """Recordings that were compared with the model, but not analysed."""
     curves: tuple[FoundCurve, ...] = ()
-    """What is left goes with."""
+    """Curves that the residual follows."""
     retuned: tuple[RetunedNumber, ...] = ()
-    """Numbers of the simulation that are off beyond their tolerance, or by which a joint's error falls most."""
+    """Parameters of the simulation that are off beyond their tolerance, or that reduce a joint's error most."""
     cascade: tuple[Step, ...] = ()
-    """From the user's simulation to the model, each finding added in turn, largest first."""
+    """Steps from the user's simulation to the model: each finding added in turn, largest first."""
 
     @property
     def without_finding(self) -> tuple[UnexplainedChannel, ...]:
-        """The unexplained channels that no finding tells of."""
-        told = {f.improvement.channel for f in self.findings if not f.followed}
-        return tuple(rest for rest in self.unexplained if rest.channel not in told)
+        """The unexplained channels that have no finding."""
+        named = {f.improvement.channel for f in self.findings if not f.followed}
+        return tuple(rest for rest in self.unexplained if rest.channel not in named)
 
     def as_json(self) -> dict[str, Any]:
         """The content of ``findings.json``."""

@@ -1,4 +1,4 @@
-"""Lack of fit: channels whose residual is no noise, and where: an effect that is in no library."""
+"""Lack of fit: channels whose residual is not noise, and where: effects that are in no library."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from cellwatt_plugins.explain.fit.swinging_links import chi2_at_rest, swinging_c
 from cellwatt_plugins.explain.verdict.findings import Span, UnexplainedChannel
 
 SHARE = 0.2
-"""Beyond this share of what the named effects explain there; below, it is what they do not get quite right."""
+"""Residual that counts as lack of fit, as a share of the error that the named effects explain."""
 ROUGH = 4.0
-"""The same for effects that are simulated sample by sample and whose course is sensitive; and only where as much as
-``SHARE`` of it is left while no link swings, too."""
+"""The same for channels with effects that are simulated sample by sample and sensitive to their course; there the
+residual without swinging links must reach ``SHARE`` of the whole as well."""
 WINDOW = 0.5
-"""s of the windows that are looked at."""
+"""s of the windows in which the residual is judged."""
 STRONG = 6.0
-"""Mean square residual of a window, in units of the noise, that no chance makes."""
+"""Mean square residual of a window, in units of the noise, that chance does not produce."""
 AGAIN = 5
-"""Windows in which it acts so, at least: what happens once or twice is no physics of the arm."""
+"""Smallest number of strong windows: what happens once or twice is not physics of the arm."""
 
 
 @dataclass(frozen=True)
 class LackOfFit:
-    """A channel (0-based) whose residual is no noise, and where."""
+    """A channel (0-based) whose residual is not noise, and where."""
 
     channel: int
     rms: float
@@ -38,18 +38,18 @@ class LackOfFit:
 
 
 def lack_of_fit(before: Float, solution: Solution, most: float = 0.35, size: float = 0.03) -> list[LackOfFit]:
-    """Channels whose residual is no noise; ``before`` (C,): mean square residual with nominal parameters alone.
+    """Channels whose residual is not noise; ``before`` (C,) is the mean square residual with nominal parameters alone.
 
-    ``most`` is the mean square residual beyond noise, in units of the noise, over a whole channel; ``size`` the share
-    of what was measured (standard deviation) below which it is of no use to anybody. Of what acts only here and there,
-    its size is that in the windows where it does.
+    ``most`` is the largest acceptable mean square residual beyond noise of a channel, in units of the noise; ``size``
+    is the share of the measured standard deviation below which a residual is too small to matter. For an intermittent
+    residual, the size is that in the windows where it is strong.
     """
     problem, residual = solution.problem, solution.residual
-    left = problem.chi2(residual)
+    chi2 = problem.chi2(residual)
     rough, calm = swinging_channels(solution), chi2_at_rest(solution)
     out = []
-    for channel, excess in enumerate(left - 1.0):
-        explained = max(0.0, float(before[channel] - left[channel]))
+    for channel, excess in enumerate(chi2 - 1.0):
+        explained = max(0.0, float(before[channel] - chi2[channel]))
         share = ROUGH if channel in rough else SHARE
         theirs = channel in rough and calm[channel] - 1.0 < max(most, SHARE * excess)
         if excess > max(most, share * explained) and not theirs:
@@ -62,7 +62,7 @@ def lack_of_fit(before: Float, solution: Solution, most: float = 0.35, size: flo
 
 
 def _windows(solution: Solution, channel: int) -> list[Float]:
-    """Squared residual over its variance by windows of each run, (W, samples)."""
+    """Squared residual divided by its variance, in windows of each run, (W, samples)."""
     problem = solution.problem
     squared = np.square(solution.residual * problem.design.root)
     out = []
@@ -105,7 +105,7 @@ def _place(solution: Solution, channel: int, strong: NDArray[np.bool_]) -> LackO
 
 
 def mostly(values: Float, everywhere: Float) -> tuple[float, float] | None:
-    """Range that holds most of some values; None where that is nearly the whole range."""
+    """Range that holds 90 % of the values; None if it covers nearly the whole range."""
     low, high = np.quantile(values, [0.05, 0.95])
     return None if high - low > 0.7 * np.ptp(everywhere) else (float(low), float(high))
 
@@ -121,20 +121,20 @@ def _joined(spans: list[Span]) -> list[Span]:
 
 
 def between(found: LackOfFit, unit: str) -> str:
-    """Where a channel in ``unit`` mostly lacks fit, to end a sentence; empty where that is everywhere."""
+    """Phrase for the positions at which a channel in ``unit`` mostly lacks fit; empty if that is everywhere."""
     if found.position is None:
         return ""
     return f", mostly between {found.position[0]:.2f} and {found.position[1]:.2f} {'m' if unit == 'N' else 'rad'}"
 
 
 def unexplained_channel(found: LackOfFit, name: str, unit: str, looked_at: bool = True) -> UnexplainedChannel:
-    """An unexplained channel as ``findings.json`` has it; ``looked_at`` is False where the time was up before."""
+    """An unexplained channel for ``findings.json``; ``looked_at`` is False if the time limit came first."""
     times = found.rms / found.floor
     where = between(found, unit)
     size, noise = f"{found.rms:.3g} {unit.replace('*', '')}", f"{times:.1f} times its noise"
-    said = (
-        f"{name} keeps {size} that no known effect explains, {noise}{where}."
+    statement = (
+        f"{name} has a residual of {size} that no known effect explains, {noise}{where}."
         if looked_at
-        else f"{name} was not looked at in full: the time was up. It keeps {size}, {noise}{where}; give more --time."
+        else f"{name} was not looked at in full: the time limit was reached (--time); it has {size}, {noise}{where}."
     )
-    return UnexplainedChannel(name, found.rms, found.floor, said, found.velocity, found.position, looked_at)
+    return UnexplainedChannel(name, found.rms, found.floor, statement, found.velocity, found.position, looked_at)

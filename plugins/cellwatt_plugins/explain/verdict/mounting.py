@@ -1,4 +1,4 @@
-"""The set-up before the physics: an arm that is mounted otherwise than its simulation says."""
+"""The mount of the arm, checked before the physics: whether gravity points as in the simulation."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from cellwatt_plugins.robot.mount import Mount, mount
 def as_mounted(
     runs: Sequence[Run], states: Sequence[States], base: Baseline
 ) -> tuple[Baseline, Sequence[States], Finding | None]:
-    """Baseline and states in the gravity that the recordings tell; as given where the simulation's is right."""
+    """Baseline and states with the gravity found from the recordings; unchanged where the simulation's is right."""
     q, qd, qdd = (np.concatenate([getattr(s, name) for s in states]) for name in ("q", "qd", "qdd"))
     found = mount(states[0].arm.body, q, qd, qdd, _residual(runs, states))
     if found is None:
@@ -34,7 +34,7 @@ def as_mounted(
 
 
 def errors(runs: Sequence[Run], states: Sequence[States]) -> Float:
-    """Rms (n,) Nm of what was measured less what the simulation says; 0 where no torque was read."""
+    """Rms (n,) Nm of measured minus simulated torque; 0 where no torque was measured."""
     off = _residual(runs, states)
     read = np.isfinite(off)
     return np.asarray(np.sqrt(np.sum(np.where(read, off, 0.0) ** 2, axis=0) / np.maximum(np.sum(read, axis=0), 1)))
@@ -54,8 +54,8 @@ def _finding(found: Mount, base: Baseline, before: Float, after: Float) -> Findi
         for axis, value, std in zip("xyz", now, found.std, strict=True)
     }
     statement = (
-        f"The base is mounted otherwise than the simulation says: in its frame gravity is {_vector(now)} m/s², not "
-        f'{_vector(was)}. In an MJCF that is <option gravity="{_vector(now)[1:-1].replace(",", "")}"/> where the base '
+        f"The base is mounted differently from the simulation: in its frame gravity is {_vector(now)} m/s², not "
+        f'{_vector(was)}. In an MJCF, set <option gravity="{_vector(now)[1:-1].replace(",", "")}"/> if the base '
         "is not turned."
     )
     unit = base.arm.description.unit(best, "N*m")

@@ -1,4 +1,4 @@
-"""Findings from terms: statement, parameters, place, gain, and the names that fit nearly as well."""
+"""Findings from terms: statement, parameters, location, improvement, and the names that fit nearly as well."""
 
 from __future__ import annotations
 
@@ -20,19 +20,20 @@ from cellwatt_plugins.robot.effects.effect import INHERITED, Estimate, Parameter
 from cellwatt_plugins.robot.stretches import stretches
 
 NEARLY = 0.85
-"""A rival that reaches this share of a name's evidence is listed beside it."""
+"""Share of a name's evidence above which a rival is listed beside it."""
 CLOSE = 12.0
-"""nats: or one that is this close."""
+"""nats of evidence within which a rival is listed, too."""
 SIZEABLE = 0.1
-"""Share of the error beyond the noise that a finding takes off at least, in its step, to be near certain."""
+"""Smallest share of the error beyond the noise that a finding removes in its step to be near certain."""
 SEEN = 0.05
-"""Share of the whole error that it takes off at least for that."""
+"""Smallest share of the whole error that it removes for that."""
 
 
-def findings_of(solution: Solution, steps: Falling, left: Sequence[LackOfFit], gain: float = 0.0) -> list[Finding]:
+def findings_of(solution: Solution, steps: Falling, lacks: Sequence[LackOfFit], gain: float = 0.0) -> list[Finding]:
     """The terms of one side as findings, largest first, each with its step of the cascade.
 
-    ``left`` is what stays unexplained beside them; ``gain`` the tolerance of the common factor of all measured torques.
+    ``lacks`` are the channels that stay unexplained; ``gain`` is the tolerance of the common factor of all measured
+    torques.
     """
     known = estimates(solution)
     beside = LeaveOut(solution.problem, solution.factor)
@@ -43,17 +44,17 @@ def findings_of(solution: Solution, steps: Falling, left: Sequence[LackOfFit], g
         if not added.curve
     ]
     named = [finding for added, finding in found if not _open(added.term, finding)]
-    return [finding for finding in named if not _mean_of(left, finding)]
+    return [finding for finding in named if not _mean_of(lacks, finding)]
 
 
-def _mean_of(left: Sequence[LackOfFit], finding: Finding) -> bool:
-    """True of an offset that is smaller than what stays unexplained at its joint: it is as well the mean of that."""
-    rest = max((u.rms for u in left if finding.joint == u.channel + 1), default=0.0)
+def _mean_of(lacks: Sequence[LackOfFit], finding: Finding) -> bool:
+    """True for an offset smaller than the unexplained residual of its joint: it may be the mean of that residual."""
+    rest = max((u.rms for u in lacks if finding.joint == u.channel + 1), default=0.0)
     return finding.effect == "torque_offset" and abs(finding.parameters["offset"].value) < rest
 
 
 def _open(term: Term, finding: Finding) -> bool:
-    """True of a joint's term whose strength is no better known than that it is not 0."""
+    """True for a joint's term whose strength is smaller than its standard deviation."""
     strength = next(iter(finding.parameters.values()))
     return term.joint is not None and term.effect.acts_on != "links" and strength.std > abs(strength.value)
 
@@ -92,7 +93,7 @@ def _finding(
         statement=statement if term.joint is None else robot.unit(term.joint, statement),
         parameters=parameters,
         where=_where(solution, term, channels),
-        # Of what is there at one time only, no data can be left out.
+        # Intermittent effects cannot be tested on data left out.
         improvement=Improvement.at(solution.problem, main, added.before, added.after, held_out=not seen),
         alternatives=(*_alternatives(term, own, rivals), *_inseparable(term, gain)),
         was=described or None,
@@ -100,12 +101,12 @@ def _finding(
 
 
 def _within_gain(term: Term, gain: float) -> bool:
-    """True if a term is a gain that the description has, as a torque constant that nobody knows well."""
+    """True for a torque gain where the description has an imprecise torque constant."""
     return gain > 0 and term.effect.name == "torque_gain"
 
 
 def _mistuned(who: str, term: Term, parameters: Mapping[str, Parameter], described: float) -> str:
-    """One plain sentence on a parameter that the description has, but well off."""
+    """One plain sentence on a parameter of the description that is off."""
     name, off = term.effect.name.replace("_", " "), next(iter(parameters.values()))
     unit = off.unit.replace("N*m", "Nm").replace("*", "·")
     return (
@@ -115,7 +116,7 @@ def _mistuned(who: str, term: Term, parameters: Mapping[str, Parameter], describ
 
 
 def _scaled(parameter: Parameter, share: float) -> Parameter:
-    """A parameter that is uncertain by a share of its value, too."""
+    """The parameter with a further relative uncertainty ``share``."""
     return Parameter(parameter.value, float(np.hypot(parameter.std, share * parameter.value)), parameter.unit)
 
 
@@ -130,7 +131,7 @@ def _inseparable(term: Term, gain: float) -> tuple[Alternative, ...]:
 
 
 def curves_of(solution: Solution, held: LeaveOut) -> list[FoundCurve]:
-    """The curves of a solution, each with the share of the error that it takes off."""
+    """The curves of a solution, each with the share of the error that it removes."""
     robot, out = solution.problem.states[0].robot, []
     for term in solution.terms:
         curve, joint = term.effect, term.joint or 0
@@ -139,7 +140,7 @@ def curves_of(solution: Solution, held: LeaveOut) -> list[FoundCurve]:
         others = [t for t in solution.terms if t is not term]
         share = compared(held.errors(others), held.errors(solution.terms), [joint]).share
         statement = (
-            f"{100 * share:.0f} % of what is left at joint {joint + 1} goes with {curve.along}, by no known law: the "
+            f"{100 * share:.0f} % of the residual of joint {joint + 1} follows {curve.along}, by no known law: the "
             "curve is in the model."
         )
         name, unit = f"tau_{joint + 1}", robot.unit(joint, curve.unit)
@@ -149,14 +150,14 @@ def curves_of(solution: Solution, held: LeaveOut) -> list[FoundCurve]:
 
 
 def _channels(solution: Solution, term: Term) -> list[int]:
-    """Channels in which a term adds at least half of its noise floor, or the greatest one."""
+    """Channels in which a term adds at least half of the noise floor, or the one with the largest contribution."""
     size = rms(solution.added(term)) / solution.problem.floor
     felt = [int(c) for c in np.flatnonzero(size > 0.5)]
     return felt or [int(np.argmax(size))]
 
 
 def _share(solution: Solution, channel: int, before: Float, after: Float) -> float:
-    """Share of a channel's mean square error beyond the noise that is gone."""
+    """Share of a channel's mean square error beyond the noise that is removed."""
     beyond = float(before[channel] ** 2 - solution.problem.floor[channel] ** 2)
     return float(before[channel] ** 2 - after[channel] ** 2) / beyond if beyond > 0 else 0.0
 
@@ -176,21 +177,21 @@ def _where(solution: Solution, term: Term, channels: Sequence[int]) -> Where:
 
 
 def _spans(solution: Solution, term: Term) -> tuple[Span, ...]:
-    """Stretches of the runs during which a term that is there at times only is there."""
+    """Stretches of the runs during which an intermittent term is active."""
     if not term.effect.form.intermittent:
         return ()
     out = []
     for states, columns in zip(solution.problem.states, solution.problem.columns(term), strict=True):
         size = np.abs(columns).reshape(len(columns), -1).max(axis=1)
-        there = size > 0.1 * max(1e-12, float(np.max(size)))
-        out += [Span(states.name, float(states.time[a]), float(states.time[b - 1])) for a, b in stretches(there)]
+        active = size > 0.1 * max(1e-12, float(np.max(size)))
+        out += [Span(states.name, float(states.time[a]), float(states.time[b - 1])) for a, b in stretches(active)]
     return tuple(out[:40])
 
 
 def _confidence(term: Term, own: float, rivals: Sequence[Candidate]) -> float:
-    """Share of the name's evidence among all names that were tried in its place.
+    """Share of the name's evidence among all names tried in its place.
 
-    Fancier ones have no part in it, which always fit as well and must do better on data left out.
+    More complex names are excluded: they always fit as well, and must do better on data left out.
     """
     gains = np.array([own, *(r.gain for r in rivals if term.effect.name not in r.term.effect.relations.beats)])
     weights = np.exp(np.minimum(gains - own, 0.0))
@@ -198,18 +199,19 @@ def _confidence(term: Term, own: float, rivals: Sequence[Candidate]) -> float:
 
 
 def _seen(main: int, added: Added) -> bool:
-    """True if a term's step shows in its main channel without a statistician."""
+    """True if a term's step visibly reduces the error of its main channel."""
     return bool(added.after[main] < (1 - SEEN) * added.before[main])
 
 
 def _worth(step: float, share: float, seen: bool) -> float:
-    """Confidence at most in a finding that takes ``step`` off in its step, and ``share`` there or beside all else."""
+    """Upper limit of the confidence in a finding that removes ``step`` in its step, and ``share`` there or beside all
+    others."""
     most = 0.5 + 0.49 * min(1.0, max(0.0, share) / SIZEABLE)
     return most if seen and step >= SIZEABLE else min(most, 0.98)
 
 
 def _alternatives(term: Term, own: float, rivals: Sequence[Candidate]) -> tuple[Alternative, ...]:
-    """Names that fit nearly as well, with the experiment that separates."""
+    """Names that fit nearly as well, with the experiment that distinguishes them."""
     experiments: Mapping[str, str] = {c.effect: c.experiment for c in term.effect.confusions}
     out = []
     for rival in rivals:
@@ -219,5 +221,5 @@ def _alternatives(term: Term, own: float, rivals: Sequence[Candidate]) -> tuple[
         if rival.gain > NEARLY * own or own - rival.gain < CLOSE:
             why = experiments.get(name, "repeat with slower and faster motion, and with another load")
             close = "fits as well" if own - rival.gain < CLOSE else "fits nearly as well"
-            out.append(Alternative(name, rival.term.number, f"{close}; to tell them apart: {why}"))
+            out.append(Alternative(name, rival.term.number, f"{close}; to distinguish them: {why}"))
     return tuple(out[:3])

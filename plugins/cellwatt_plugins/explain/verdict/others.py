@@ -1,4 +1,4 @@
-"""Recordings that nothing was fitted to: does the model that was found in others explain them, too?"""
+"""Recordings that were not used for fitting: does the model explain them, too?"""
 
 from __future__ import annotations
 
@@ -19,38 +19,38 @@ from cellwatt_plugins.explain.verdict.findings import Findings, Other
 from cellwatt_plugins.robot.meter.held import held
 
 FACTOR = 2.0
-"""Error over that in the data left out of the fit from which on a recording is not explained."""
+"""Error relative to that on data left out of the fit above which a recording is not explained."""
 NAMED = 5
-"""Recordings that notes name; ``findings.json`` and the report have all."""
+"""Largest number of recordings named in notes; ``findings.json`` and the report list all."""
 
 
 def compare(
     files: Sequence[Source], findings: Findings, model: Model, simulator: Path | None, rate: float
 ) -> tuple[Other, ...]:
-    """Each recording beside the model, at ``rate`` Hz."""
+    """Compare each recording with the model, at ``rate`` Hz."""
     usual = {fit.channel: max(fit.model, fit.noise_floor) for fit in findings.fit}
     known = model, simulator, rate, usual
     return tuple(spread(_compared, files, "comparing the other recordings", shared=known))
 
 
 def with_others(findings: Findings, others: Sequence[Other], close: int) -> Findings:
-    """The findings in ``close`` recordings, and how the others go with them."""
+    """The findings from ``close`` recordings, with the comparison of the others added."""
     if not others:
         return findings
     odd = [other for other in others if other.explained is False]
-    told = (_summary(len(others), len(odd), close), *(_odd(other) for other in odd[:NAMED]))
+    notes = (_summary(len(others), len(odd), close), *(_odd(other) for other in odd[:NAMED]))
     left_out = tuple(f"{other.recording} was not compared: {other.why}" for other in others if other.explained is None)
     verdict = findings.verdict
     if odd:
         verdict = "partly_explained" if any(f.effect != "unknown" for f in findings.findings) else "unexplained"
-    return replace(findings, verdict=verdict, others=tuple(others), notes=(*findings.notes, *told, *left_out[:NAMED]))
+    return replace(findings, verdict=verdict, others=tuple(others), notes=(*findings.notes, *notes, *left_out[:NAMED]))
 
 
 def _summary(others: int, odd: int, close: int) -> str:
     return f"{close} of {close + others} recordings, those whose motions differ most, were looked at closely; " + (
-        f"{odd} of the others differ{'s' * (odd == 1)} from what was found in them"
+        f"{odd} of the others differ{'s' * (odd == 1)} from the findings"
         if odd
-        else "the others agree with them"
+        else "the others agree with the findings"
     )
 
 
@@ -62,7 +62,8 @@ def _odd(other: Other) -> str:
 
 
 def _compared(file: Source, known: tuple[Model, Path | None, float, dict[str, float]]) -> Other:
-    """The channel of a recording that is furthest off the model; ``usual`` is each channel's error in data left out."""
+    """The channel of a recording that deviates most from the model; ``usual`` is each channel's error on data left
+    out."""
     model, simulator, rate, usual = known
     try:
         run = read_one(file, model.robot, simulator, rate)
@@ -77,17 +78,17 @@ def _compared(file: Source, known: tuple[Model, Path | None, float, dict[str, fl
     if run.power is not None and held([(run.time, run.power)]) is None:
         parts.append(("power", "W", run.power, predicted.power))
     found = []
-    for name, unit, measured, said in parts:
+    for name, unit, measured, modelled in parts:
         read = np.isfinite(measured) & ~run.filled
         if name in usual and read.any():
-            off = float(np.sqrt(np.mean(np.square(measured - said)[read])))
+            off = float(np.sqrt(np.mean(np.square(measured - modelled)[read])))
             explained = _explained(off, usual[name], measured[read], model)
             found.append(Other(file.name, explained, name, unit, off, usual[name]))
     if not found:
-        return Other(file.name, None, why="no channel was read that the others were explained by")
+        return Other(file.name, None, why="it has no channel that was explained in the other recordings")
     return max(found, key=lambda other: (other.explained is False, other.error / other.usual))
 
 
 def _explained(error: float, usual: float, measured: Float, model: Model) -> bool:
-    """True unless a channel is off by more than usual, and by a share of what it measured that is of use to anybody."""
+    """True unless the error exceeds both the usual error and the share of the measured values that matters."""
     return error < max(FACTOR * usual, model.robot.tolerances.unexplained * float(np.std(measured)))

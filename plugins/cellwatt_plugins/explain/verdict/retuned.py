@@ -1,4 +1,4 @@
-"""Numbers of the simulation that moved: beyond their tolerance, or by so much that they explain most of a channel."""
+"""Parameters of the simulation that moved beyond their tolerance, or far enough to explain most of a channel."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from cellwatt_plugins.robot.effects.effect import INHERITED
 from cellwatt_plugins.robot.priors import link_prior
 
 MOST = 0.5
-"""Share of a channel's mean square error beyond the noise that retuning takes off for it to be the answer there."""
+"""Share of a channel's mean square error beyond the noise that retuning must remove to explain the channel."""
 OWN = 0.25
-"""Share of what retuning takes off a channel that would come back without a number, for the number to be named."""
+"""Share of the error removed by retuning that must return without a parameter for the parameter to be named."""
 SEEN = 2.0
-"""Error in units of the noise from which a channel differs from the simulation."""
+"""Error, in units of the noise, above which a channel differs from the simulation."""
 BEYOND = 2.0
-"""Tolerances, and standard errors, from which a number is off beyond its tolerance."""
+"""Tolerances, and standard errors, beyond which a parameter is out of tolerance."""
 CERTAIN = 2.0
-"""Standard errors by which a number is off for certain."""
+"""Standard errors beyond which a parameter is certainly off."""
 NUMBERS = {
     "coulomb_friction": ("N*m", "friction"),
     "viscous_friction": ("N*m*s/rad", "friction"),
@@ -34,12 +34,12 @@ NUMBERS = {
     "standby_power": ("W", "supply"),
     "winding_resistance": ("Ohm", "supply"),
 }
-"""Unit of each number, and the key of its tolerance."""
+"""Unit of each parameter, and the key of its tolerance."""
 
 
 @dataclass(frozen=True)
 class _Moved:
-    """A number with what the fit makes of it."""
+    """A parameter with its fitted correction."""
 
     parameter: str
     joint: int | None
@@ -51,17 +51,17 @@ class _Moved:
 
     @property
     def std(self) -> float:
-        """Standard deviation, with what a number inherits from the description that it is computed with."""
+        """Standard deviation, including the uncertainty inherited from the rest of the description."""
         return float(np.hypot(self.fitted_std, INHERITED * (self.was + self.off)))
 
     @property
     def beyond(self) -> bool:
-        """True if it is off beyond its tolerance, and for certain."""
+        """True if the parameter is certainly off by more than its tolerance."""
         return abs(self.off) > BEYOND * max(self.tolerance, self.std)
 
 
 def retuned_of(solution: Solution, fall: Falling) -> list[RetunedNumber]:
-    """The numbers of one side that are worth telling."""
+    """The retuned parameters of one side that are worth reporting."""
     best, out = solution.best, list[RetunedNumber]()
     answers, covariance = _answers(fall), best.fit.covariance
     for i, (number, place) in enumerate(zip(best.problem.nuisance, best.problem.design.slices, strict=True)):
@@ -71,33 +71,34 @@ def retuned_of(solution: Solution, fall: Falling) -> list[RetunedNumber]:
         explained = [c for c, gone in answers.items() if _share(best, i, c) > OWN * gone]
         most = max(moved, key=lambda m: abs(m.off) / max(m.tolerance, m.std, 1e-12))
         named = [m for m in moved if m.beyond or (explained and (m is most or abs(m.off) > CERTAIN * m.std))]
-        out += [_told(m, fall, explained) for m in named]
+        out += [_number(m, fall, explained) for m in named]
     return out
 
 
 def _answers(fall: Falling) -> dict[int, float]:
-    """Channels (0-based) of which retuning explains most, with the mean square error that it takes off."""
+    """Channels (0-based) that retuning mostly explains, with the mean square error that it removes."""
     floor = fall.problem.floor
     beyond = np.square(fall.simulation) - np.square(floor)
     gone = np.square(fall.untuned) - np.square(fall.model)
     return {
         c: float(gone[c])
-        for c in fall.problem.told
+        for c in fall.problem.observed
         if fall.simulation[c] > SEEN * floor[c] and gone[c] > MOST * beyond[c]
     }
 
 
 def _share(best: Solution, block: int, channel: int) -> float:
-    """Mean square error of a channel that comes back without what a block of nominal numbers adds."""
+    """Mean square error of a channel that returns without the contribution of a block of nominal parameters."""
     design = best.problem.design
     own, place = design.blocks[block], design.slices[block]
     added = own.times(best.fit.coefficients[place], len(best.problem.floor))[:, channel]
-    left = best.residual[:, channel]
-    return float(np.mean(np.square(left + added)) - np.mean(np.square(left)))
+    residual = best.residual[:, channel]
+    return float(np.mean(np.square(residual + added)) - np.mean(np.square(residual)))
 
 
 def _moved(arm: Arm, number: Nominal, off: Float, spread: Float) -> Sequence[_Moved]:
-    """A link's numbers, or one of a joint or the supply, fitted with covariance ``spread``; none without a number."""
+    """Parameters of a link, or one of a joint or the supply, fitted with covariance ``spread``; empty if they have no
+    name."""
     robot, name, joint = arm.description, number.name, number.joint
     if name == "link" and joint is not None:
         own = arm.body.parameters().reshape(-1, PER_LINK)[joint]
@@ -106,7 +107,7 @@ def _moved(arm: Arm, number: Nominal, off: Float, spread: Float) -> Sequence[_Mo
         return []
     unit, tolerance = NUMBERS[name]
     was = float(getattr(robot if joint is None else robot.joints[joint], name))
-    # Of a resistance the share is fitted by which it is off.
+    # A resistance is fitted by its relative correction.
     scale = was if name == "winding_resistance" else 1.0
     std, share = float(np.sqrt(spread[0, 0])), getattr(robot.tolerances, tolerance)
     unit = unit if joint is None else robot.unit(joint, unit)
@@ -114,7 +115,7 @@ def _moved(arm: Arm, number: Nominal, off: Float, spread: Float) -> Sequence[_Mo
 
 
 def _link(joint: int, own: Float, off: Float, spread: Float, tolerance: float) -> list[_Moved]:
-    """Mass and centre of mass of a link; its moments of inertia where only they moved."""
+    """Mass and centre of mass of a link; its moments of inertia if only they moved."""
     prior = np.sqrt(np.diag(link_prior(own, tolerance).covariance))
     mass, now = max(float(own[0]), 1e-6), max(float(own[0] + off[0]), 1e-6)
     out = [_Moved("mass", joint, float(own[0]), float(off[0]), float(np.sqrt(spread[0, 0])), "kg", float(prior[0]))]
@@ -132,7 +133,7 @@ def _link(joint: int, own: Float, off: Float, spread: Float, tolerance: float) -
     return out
 
 
-def _told(moved: _Moved, fall: Falling, explained: Sequence[int]) -> RetunedNumber:
+def _number(moved: _Moved, fall: Falling, explained: Sequence[int]) -> RetunedNumber:
     unit = moved.unit.replace("N*m", "Nm").replace("*", " ").replace("^2", "²")
     allowed = "beyond" if moved.beyond else "within"
     more, less = ("heavier", "lighter") if moved.parameter == "mass" else ("more", "less")

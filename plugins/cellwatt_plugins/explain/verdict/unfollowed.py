@@ -1,7 +1,7 @@
-"""Findings of what the model follows with no law: something unknown, a link's rebounds, a joint that rattles.
+"""Findings that the model follows with no law: something unknown, a link's rebounds, a joint that rattles.
 
-A link that has crossed the gap of its gear hits the flank and rebounds, in a way that no model foretells blow by blow.
-When it does so can be told: just after its load has turned over, and at no other time.
+A link that has crossed the gap of its gear hits the flank and rebounds; no model predicts each blow. The times of the
+blows are known: just after the load has reversed, and at no other time.
 """
 
 from __future__ import annotations
@@ -22,46 +22,46 @@ from cellwatt_plugins.robot.effects.effect import Parameter
 from cellwatt_plugins.robot.motion import FAST
 
 AT_ONCE = 1.0
-"""s: what shows from the beginning on has no first time that would tell anything."""
+"""s: a residual that starts earlier than this is present from the beginning, and its first time is not reported."""
 DIE_OUT = 0.15
-"""s after the load has turned over within which rebounds die out."""
+"""s after a reversal of the load within which rebounds die out."""
 AGAIN = 5
-"""Times that the load must turn over."""
+"""Smallest number of load reversals."""
 BLOWS = 5.0
-"""Mean square residual of these moments, in units of the noise, that blows leave at least."""
+"""Smallest mean square residual after reversals, in units of the noise, that counts as blows."""
 ELSEWHERE = 0.1
-"""Of what these moments have beyond the noise, the most that all others may have."""
+"""Largest residual beyond the noise at all other times, as a share of that after reversals."""
 SELDOM = 0.3
-"""Share of the time that these moments may be: beyond, they are no moments."""
+"""Largest share of the time that may lie after reversals; with more, the times do not distinguish rebounds."""
 RATTLES = 0.05
-"""Share of the time from which it is told that a joint rattles."""
+"""Share of the time above which a rattling joint is reported."""
 
 
-def unknown_findings(solution: Solution, left: Sequence[LackOfFit]) -> list[Finding]:
-    """Findings of channels where something real is left that no known effect follows."""
+def unknown_findings(solution: Solution, lacks: Sequence[LackOfFit]) -> list[Finding]:
+    """Findings of channels with a real residual that no known effect explains."""
     supply = solution.problem.side == "supply"
     error, after = (s.problem.rms(LeaveOut(s.problem, s.factor).residual(s.terms)) for s in (solution, solution.best))
-    return [_unknown(solution, u, error, after, None if supply else u.channel) for u in left]
+    return [_unknown(solution, u, error, after, None if supply else u.channel) for u in lacks]
 
 
-def _unknown(solution: Solution, left: LackOfFit, error: Float, after: Float, joint: int | None) -> Finding:
-    name, unit = solution.problem.channel(left.channel)
+def _unknown(solution: Solution, found: LackOfFit, error: Float, after: Float, joint: int | None) -> Finding:
+    name, unit = solution.problem.channel(found.channel)
     place = "The supply" if joint is None else f"Joint {joint + 1}"
-    where = between(left, unit)
-    if not where and left.times and left.times[0].start > AT_ONCE:
-        where = f", first at {left.times[0].start:.1f} s of {left.times[0].recording}"
-    parts = [part[:, left.channel : left.channel + 1] for part in solution.problem.split(solution.residual)]
+    where = between(found, unit)
+    if not where and found.times and found.times[0].start > AT_ONCE:
+        where = f", first at {found.times[0].start:.1f} s of {found.times[0].recording}"
+    parts = [part[:, found.channel : found.channel + 1] for part in solution.problem.split(solution.residual)]
     tone = hum(parts, [rows.step for rows in solution.problem.rows])
     if tone is not None:
         where += f"; it hums at {tone:.1f} Hz"
-    size = f"{left.rms:.3g} {unit.replace('*', '')}"
+    size = f"{found.rms:.3g} {unit.replace('*', '')}"
     share = None if joint is None else rebounds(solution, joint)
     statement = (
         f"{place} shows {size} that no known effect explains{where}."
         if share is None
-        else f"{place} shows {size} that no law follows, all of it just after its load turned over, in "
-        f"{100 * share:.0f} % of the time: the link rebounds in a play between motor and link. Backlash is missing; "
-        "its width cannot be told."
+        else f"{place} shows {size} that no law predicts, all of it just after its load reversed, in "
+        f"{100 * share:.0f} % of the time: the link rebounds in the play between motor and link. Backlash is missing; "
+        "its width cannot be estimated."
     )
     return Finding(
         effect="unknown" if share is None else "backlash",
@@ -69,17 +69,17 @@ def _unknown(solution: Solution, left: LackOfFit, error: Float, after: Float, jo
         kind="missing",
         confidence=0.9,
         statement=statement,
-        parameters={"rms": Parameter(left.rms, 0.0, unit)},
-        where=Where((name,), left.position, left.velocity, left.times),
-        improvement=Improvement.at(solution.problem, left.channel, error, after),
+        parameters={"rms": Parameter(found.rms, 0.0, unit)},
+        where=Where((name,), found.position, found.velocity, found.times),
+        improvement=Improvement.at(solution.problem, found.channel, error, after),
         followed=False,
     )
 
 
 def rattling_findings(solution: Solution) -> list[Finding]:
-    """Findings of joints that rattle, faster than a servo's law and the motion are compared.
+    """Findings of joints that rattle faster than the band in which a servo's law and the motion are compared.
 
-    Drives that act late let joints swing, too: where they do, nothing is said.
+    Drives that act late make joints swing, too: with a time delay, no joint is reported.
     """
     problem = solution.problem
     late = any(term.effect.name == "time_delay" for term in solution.terms)
@@ -91,7 +91,7 @@ def rattling_findings(solution: Solution) -> list[Finding]:
         if isinstance(rows, Filtered):
             lost = rattling(states.servos.torque - states.nominal, rows, least)
             shares += np.mean(lost > 0, axis=0) / len(problem.states)
-    told = {term.joint for term in solution.terms if term.effect.name == "backlash"}
+    found = {term.joint for term in solution.terms if term.effect.name == "backlash"}
     error = problem.rms(solution.residual)
     return [
         Finding(
@@ -99,8 +99,8 @@ def rattling_findings(solution: Solution) -> list[Finding]:
             joint=joint + 1,
             kind="missing",
             confidence=0.7,
-            statement=f"Joint {joint + 1} rattles in {100 * shares[joint]:.0f} % of the time, though no command asks "
-            "for it: play between drive and link does this. What the joint did meanwhile was not judged.",
+            statement=f"Joint {joint + 1} rattles in {100 * shares[joint]:.0f} % of the time without a command "
+            "for it: play between drive and link does this. Its motion during that time was not judged.",
             parameters={},
             where=Where((problem.channel(joint)[0],)),
             improvement=Improvement.at(problem, joint, error, error),
@@ -108,29 +108,29 @@ def rattling_findings(solution: Solution) -> list[Finding]:
             followed=False,
         )
         for joint in np.flatnonzero(shares > RATTLES).tolist()
-        if joint not in told
+        if joint not in found
     ]
 
 
 def rebounds(solution: Solution, joint: int) -> float | None:
-    """Share of the time after a joint's load turned over, if all that is left lies there; None where it does not.
+    """Share of the time just after a joint's load reversed, if the whole residual lies there; None otherwise.
 
-    Friction that turns over with the velocity is none of it: its moments are among the others.
+    Friction, which reverses with the velocity, is excluded: its times are among the others.
     """
     problem = solution.problem
     if min(1 / rows.step for rows in problem.rows) < FAST:
         return None
     squared = np.square(solution.residual[:, joint] * problem.design.root[:, joint])
-    there, turns = [], 0
+    reversed_load, turns = [], 0
     for states, rows in zip(problem.states, problem.rows, strict=True):
         load = np.sign(rows.of(states.load)[:, joint])
         turned = np.flatnonzero(load[1:] != load[:-1]) + 1
         after = np.zeros(len(load), np.bool_)
         for row in turned.tolist():
             after[row : row + round(DIE_OUT / rows.step) + 1] = True
-        there.append(after)
+        reversed_load.append(after)
         turns += len(turned)
-    after = np.concatenate(there)
+    after = np.concatenate(reversed_load)
     share = float(np.mean(after))
     if turns < AGAIN or not 0 < share < SELDOM:
         return None

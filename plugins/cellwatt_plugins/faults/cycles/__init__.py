@@ -1,1 +1,1 @@
-"""Whole cycles judged by physics: which joint's motion explains the power that healthy cycles do not have."""
+"""Judges whole cycles by physics: finds the joint whose motion explains the difference from healthy power."""

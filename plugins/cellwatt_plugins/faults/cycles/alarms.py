@@ -1,4 +1,4 @@
-"""Alarms from cycles: raised by the cycle in which a fault is found, cleared by healthy ones."""
+"""Alarms from cycles: raised by a cycle with a fault, cleared by healthy cycles."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ if TYPE_CHECKING:
     from cellwatt_plugins.faults.cycles.findings import CycleFinding
 
 SURE = 0.8
-"""Confidence from which a fault is an error; below, it is a warning."""
+"""Smallest confidence of an error; below it, the alarm is a warning."""
 
 
 @dataclass
 class CycleAlarms:
-    """The alarms of one arm; ``prefix`` starts their ids, ``clear_after`` cycles without the fault clear one.
+    """The alarms of one arm; ids start with ``prefix``, ``clear_after`` cycles without the fault clear an alarm.
 
-    ``behind`` s is how much later a slow power meter lets faults be told; each alarm says so.
+    ``behind`` is the delay of alarms due to a slow power meter, s; each alarm states it.
     """
 
     prefix: str
@@ -32,7 +32,7 @@ class CycleAlarms:
     _early: set[str] = field(default_factory=set)
 
     def take(self, cycle: CycleFinding, number: int, epoch: int) -> list[Alarm]:
-        """Alarms that change with the ``number``-th cycle; its times are s since ``epoch`` ns."""
+        """Return the alarms that change with the ``number``-th cycle, whose times are in s since ``epoch`` (ns)."""
         start, end = epoch + _ns(cycle.start), epoch + _ns(cycle.end)
         new_task = f"{self.prefix}.{self.source}.new_task"
         if cycle.status == "new_task":
@@ -47,9 +47,9 @@ class CycleAlarms:
         return out
 
     def take_early(self, cycle: CycleFinding, epoch: int) -> list[Alarm]:
-        """Alarms that a cycle under way raises: those that are not up yet.
+        """Return the alarms that a running cycle raises, without those already active.
 
-        Where it may as well be a joint whose alarm is up, it is taken for that.
+        A fault is also taken as already reported if one of its alternatives has an active alarm.
         """
         fresh = [alarm for alarm in self._alarms(cycle, epoch).values() if not self._is_up(alarm)]
         self._early |= {alarm.id for alarm in fresh}
@@ -63,7 +63,7 @@ class CycleAlarms:
         return [said for alarm in alarms for said in self._book.raise_(alarm)]
 
     def _clear(self, found: Collection[str], time: int, number: int) -> list[Alarm]:
-        """Clear alarms whose faults a cycle does not show, those of its own early words at once."""
+        """Clear the alarms of faults not found in a cycle; those raised while this cycle ran are cleared at once."""
         out: list[Alarm] = []
         for alarm in [standing.alarm for standing in self._book.raised if standing.alarm.id not in found]:
             who = f"joint {alarm.joint}" if alarm.joint else "the arm"
@@ -76,11 +76,11 @@ class CycleAlarms:
         return out
 
     def _name(self, joint: int, kind: str) -> str:
-        """Id of the alarm about a joint, or about the arm where that is 0."""
+        """Id of the alarm about a joint (1-based), or about an unknown joint if ``joint`` is 0."""
         return f"{self.prefix}.{self.source}.{f'joint_{joint}' if joint else 'some_joint'}.{kind}"
 
     def _alarms(self, cycle: CycleFinding, epoch: int) -> dict[str, Alarm]:
-        """The alarms for the faults of a cycle, by their ids."""
+        """The alarms for the faults of a cycle, by id."""
         alarms = [
             Alarm(
                 id=self._name(fault.joint, f"{fault.kind}_fault"),

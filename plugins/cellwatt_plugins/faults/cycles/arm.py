@@ -1,8 +1,8 @@
-"""Supply power of an arm from its motion: rigid bodies, rotors, friction, windings, supply.
+"""Model of an arm's supply power from its motion: rigid bodies, rotors, friction, windings, supply.
 
 Torque of joint j:  τ = Y(q, q̇, q̈) π + J q̈ + (F_c tanh(q̇ / 0.004) + F_v q̇)
-Power:              P = P_0 + g D,  D = Σ_j (q̇_j τ_j + c_j τ_j²),  g one number for D > 0 and one for D < 0
-(Sabry et al., equations (1) and (13) without the absolute value: what a drive gives back lowers the supply's power.)
+Power:              P = P_0 + g D,  D = Σ_j (q̇_j τ_j + c_j τ_j²),  g differs between D > 0 and D < 0
+(Sabry et al., equations (1) and (13) without the absolute value: power returned by a drive lowers the supply's power.)
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ class Motion:
 
 @dataclass(frozen=True)
 class Parameters:
-    """``link`` (10 n,) inertial; ``rotor``, ``coulomb``, ``viscous`` (n,); ``copper`` (n,) W/Nm²; supply ``standby`` W
-    and gains ``drive`` and ``regenerate``."""
+    """``link`` (10 n,) inertial parameters; ``rotor``, ``coulomb``, ``viscous`` (n,); ``copper`` (n,) W/(Nm)²; of the
+    supply, ``standby`` W and the gains ``drive`` and ``regenerate``."""
 
     link: Float
     rotor: Float
@@ -41,7 +41,7 @@ class Parameters:
     regenerate: float
 
     def packed(self) -> Float:
-        """All of them in one array."""
+        """All parameters in one array."""
         tail = [self.standby, self.drive, self.regenerate]
         return np.concatenate([self.link, self.rotor, self.coulomb, self.viscous, self.copper, tail])
 
@@ -54,7 +54,7 @@ class Parameters:
 
 
 def nominal(arm: Arm) -> Parameters:
-    """Return the parameters of the description."""
+    """Return the parameters according to the robot's description."""
     return Parameters(
         link=arm.body.parameters(),
         rotor=arm.column("rotor_inertia"),
@@ -78,5 +78,5 @@ def torque(parameters: Parameters, regressor: Float, motion: Motion) -> Float:
 
 
 def supply_power(parameters: Parameters, drives: Float) -> Float:
-    """Power (N,) W at the supply of all drives' (N, n)."""
+    """Power (N,) W at the supply for powers ``drives`` (N, n) W of the drives."""
     return np.asarray(parameters.standby + drawn(drives.sum(axis=1), parameters.drive, parameters.regenerate))

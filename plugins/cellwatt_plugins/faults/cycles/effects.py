@@ -1,7 +1,7 @@
-"""Supply power of each fault, and of each harmless change.
+"""Supply power of each type of fault and of harmless change.
 
-A torque Δτ more at joint j takes ΔP = g (q̇_j + 2 c_j τ_j) Δτ; a winding of (1 + a) times the resistance g c_j τ_j² a;
-a joint that a brake or nothing at all holds in place of its motor gives back its g c_j τ_j².
+An additional torque Δτ at joint j adds ΔP = g (q̇_j + 2 c_j τ_j) Δτ; a winding with (1 + a) times its resistance adds
+g c_j τ_j² a; a joint that a brake or nothing holds instead of its motor saves its g c_j τ_j².
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from cellwatt_plugins.faults.cycles.load import Load
 from cellwatt_plugins.robot.motion import direction
 
 SPRING = 10.0
-"""A spring's torque over a radian, and where it is slack, relative to the joint's Coulomb friction (one sigma)."""
+"""A spring's stiffness per radian and its offset torque, relative to the joint's Coulomb friction (one sigma)."""
 AT_REST = math.radians(2.0)
-"""A joint that goes less far only holds itself …"""
+"""A joint that moves less than this, rad, only holds its position …"""
 LEAST_UNHELD, MOST_UNHELD = 0.5, 1.5
-"""… with power that lacks as a whole, if it does: of which the model may have these shares."""
+"""… and if its motor does not hold it, all its holding power is missing: between these shares of the model's value."""
 PART = 0.3
 REACH = 0.06
 UNSURE = 0.03
-"""A part's mass, kg (one sigma), how far from the last link's frame it is, m, and how sure that is (one sigma)."""
+"""Change of a part's mass, kg (one sigma), its distance from the last link's frame, m, and that distance's sigma, m."""
 
 
 @dataclass(frozen=True, eq=False)
 class Effect:
-    """``columns`` (N, k) W for one sigma of each size; ``joint`` 0-based, None for a part in the gripper.
+    """``columns`` (N, k) W per sigma of each size; ``joint`` 0-based, None for a part in the gripper.
 
-    ``torque`` (N, k) Nm at the joint for one sigma, None where the effect is none of torque.
+    ``torque`` (N, k) Nm at the joint per sigma, None if the effect is not a torque.
     """
 
     what: str
@@ -45,11 +45,11 @@ class Effect:
 
     @property
     def harmless(self) -> bool:
-        """True if it is no fault."""
+        """True if the effect is not a fault."""
         return self.joint is None
 
     def sensible(self, sizes: Float) -> bool:
-        """True if the sizes have the sign that the cause must have, or are near the value they must have."""
+        """True if the sizes have the sign, or are near the value, that the cause requires."""
         if self.what == "unheld":
             return bool(LEAST_UNHELD < sizes[0] < MOST_UNHELD)
         return self.harmless or bool(sizes[0] > 0)
@@ -72,7 +72,7 @@ def joint_effects(arm: FittedArm, load: Load, joint: int) -> Iterator[Effect]:
 
 
 def part_effects(arm: FittedArm, load: Load, inside: Float) -> Iterator[Effect]:
-    """A heavier or lighter part held from one move to another; ``inside`` (N, M + 1) 1 after each move's start."""
+    """A heavier or lighter part, held between any two moves; ``inside`` (N, M + 1) is 1 after each move's start."""
     last = load.regressor[:, :, -10:]
     centre = arm.parameters.link[-9:-6]
     direction = centre / max(float(np.linalg.norm(centre)), 1e-9)
@@ -85,5 +85,5 @@ def part_effects(arm: FittedArm, load: Load, inside: Float) -> Iterator[Effect]:
 
 
 def warm_up(parameters: Parameters, load: Load) -> Float:
-    """Power (N,) W of all friction, relative to a warm arm's."""
+    """Power (N,) W of the friction of all joints."""
     return np.asarray(np.sum(load.lever * friction(parameters, load.motion.qd), axis=1))

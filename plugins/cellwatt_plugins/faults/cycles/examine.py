@@ -1,4 +1,4 @@
-"""Judges one known cycle: what of its power is harmless, and which faults explain the rest."""
+"""Judges one known cycle: separates harmless changes of power from faults."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ from cellwatt_plugins.faults.cycles.weigh import fit
 from cellwatt_plugins.robot.regression import Products, Whitener
 
 LEAST = 2.0
-"""W that a fault must move the power by, for a moment, to be named."""
+"""Smallest peak power of a reported fault, W."""
 BESIDE = 0.1
-"""Share of the largest fault's power below which nothing is named beside it: it may be the model's error."""
+"""Smallest peak power of a further fault, as a share of the largest fault's: a smaller one may be a model error …"""
 BESIDE_STOPPED = 0.2
-"""The same where a joint stands still: what its motion would have taken is the model's word alone."""
+"""… and if a joint stands still, as only the model gives the power that its motion would have needed."""
 CLOSE, CLOSE_YET = 3.0, 7.0
-"""Joints whose log odds are no further apart than this cannot be told apart; and not yet while a cycle runs."""
+"""Joints whose log odds differ by less than this cannot be distinguished, in a whole cycle and in a running one."""
 CERTAIN = 3.0
-"""Standard deviations by which a warm-up must differ from none to be told."""
+"""Smallest warm-up that is reported, in its standard deviations."""
 
 
 @dataclass(frozen=True)
 class Blame:
-    """A fault of ``joint`` (0-based) that moves the power by ``watts`` (N,); ``alternatives`` explain it as well.
+    """A fault of ``joint`` (0-based) that changes the power by ``watts`` (N,); ``alternatives`` explain it as well.
 
-    ``confidence`` that it is this joint, and ``certainty`` that it is any.
+    ``confidence``: probability that this joint is faulty; ``certainty``: probability that any joint is.
     """
 
     joint: int
@@ -50,10 +50,10 @@ class Blame:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Findings of a cycle: ``residual`` (N,) W against healthy power at ``tau`` (N,) s of the pattern, with its noise
-    ``sigma`` (N,) W; ``encoders`` off with their confidence; ``part`` kg and ``warm`` share of friction more than in
-    healthy cycles; ``misfit``, variance that nothing explains, relative to the noise's; ``foreign`` probability of
-    another task."""
+    """Findings on a cycle: ``residual`` (N,) W from healthy power at ``tau`` (N,) s of the pattern, with its noise
+    ``sigma`` (N,) W; ``encoders``: confidence by joint with a wrong encoder; ``part`` kg and ``warm`` share of friction
+    above the healthy value; ``misfit``: unexplained variance relative to the noise; ``foreign``: probability of another
+    task."""
 
     tau: Float
     residual: Float
@@ -67,7 +67,7 @@ class Verdict:
 
 
 def examine(recording: Recording, match: Match, known: Known, until: float = math.inf) -> Verdict | None:
-    """The verdict of one cycle, as far as the pattern's time ``until`` s; None where no power tells of it."""
+    """The verdict on one cycle up to the pattern time ``until`` s; None if it has too few power samples."""
     pattern, arm, odds = known.patterns[match.pattern], known.arm, odds_of(known.false_alarms)
     samples = sample(recording, match, pattern, arm, until)
     if samples is None:
@@ -102,20 +102,20 @@ def examine(recording: Recording, match: Match, known: Known, until: float = mat
 
 
 def _inside(pattern: Pattern, tau: Float, until: float) -> Float:
-    """(N, M + 1) 1 from the start of each move on, and from the end of the last; of those before ``until`` s."""
+    """(N, M + 1): 1 from the start of each move on, and from the end of the last; only moves before ``until`` s."""
     moves = [(start, end) for start, end in pattern.moves if start < until]
     edges = [start for start, _ in moves] + [moves[-1][1]]
     return np.column_stack([(tau >= edge).astype(np.float64) for edge in edges])
 
 
 def _weights(answers: Sequence[BestExplanation], temper: float, foreign: float) -> Float:
-    """Probability of each answer, up to a factor; ``foreign`` log odds against another task."""
+    """Probability of each explanation, up to a common factor; ``foreign``: log odds against another task."""
     scores = np.array([answer.score(temper) - foreign * answer.reading.foreign for answer in answers])
     return np.asarray(np.exp(scores - scores.max()))
 
 
 def _most_likely(answers: Sequence[BestExplanation], weights: Float) -> BestExplanation:
-    """The best answer with the most likely set of joints that stand still, whatever makes them."""
+    """The best explanation with the most likely set of joints that stand still, of whatever cause."""
     sums: dict[tuple[int, ...], float] = {}
     for answer, weight in zip(answers, weights, strict=True):
         sums[answer.reading.stopped] = sums.get(answer.reading.stopped, 0.0) + float(weight)
@@ -125,7 +125,7 @@ def _most_likely(answers: Sequence[BestExplanation], weights: Float) -> BestExpl
 
 
 def _stands(answers: Sequence[BestExplanation], weights: Float, joint: int) -> float:
-    """Probability that a joint stands still, among all readings."""
+    """Probability over all explanations that a joint stands still."""
     stands = np.array([joint in a.reading.stopped for a in answers])
     return float(weights[stands].sum() / weights.sum())
 
@@ -133,7 +133,7 @@ def _stands(answers: Sequence[BestExplanation], weights: Float, joint: int) -> f
 def _standing(
     rivals: dict[int, tuple[float, float]], joint: int, temper: float, width: float
 ) -> tuple[float, tuple[int, ...], float]:
-    """Confidence in a joint against all others and none, the joints that are close to it, and certainty of any."""
+    """Confidence in a joint against all others and none, its close alternatives, and the certainty of any fault."""
     scores = {other: gain / temper - odds for other, (gain, odds) in rivals.items()}
     top = max(scores.values())
     weights = {other: math.exp(score - top) for other, score in scores.items()}
@@ -143,7 +143,7 @@ def _standing(
 
 
 def _warm(arm: FittedArm, samples: Samples, best: BestExplanation, left: Float) -> float:
-    """Share by which friction of all joints was higher, 0 where that is not certain."""
+    """Share by which the friction of all joints was higher; 0 if that is not certain."""
     column = WARM * warm_up(arm.parameters, best.reading.load)
     harmless = np.column_stack([samples.harmless, best.reading.doubt])
     white = Whitener.of(samples.sigma, harmless, samples.group)

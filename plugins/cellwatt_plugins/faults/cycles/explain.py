@@ -1,4 +1,4 @@
-"""The few effects that explain a residual best: at most a part of another weight and two faults."""
+"""Finds the few effects that best explain a residual: at most a part of another weight and two faults."""
 
 from __future__ import annotations
 
@@ -18,32 +18,31 @@ from cellwatt_plugins.faults.cycles.weigh import Weighed, bend, fit, weigh
 from cellwatt_plugins.robot.regression import Products, Whitener
 
 WARM = 0.15
-"""Share by which friction of all joints may be higher or lower (one sigma)."""
+"""Harmless change of the friction of all joints, as a share (one sigma)."""
 PART_ODDS = 6.0
-"""Natural logarithm of the odds against a part of another weight, held in certain moves …"""
+"""Log odds against a part of another weight that is held in certain moves …"""
 FAULT_ODDS, USUAL_RATE = 7.0, 1e-4
-"""… and against any one fault in a cycle, where false alarms are accepted in such a share of healthy intervals."""
+"""… and against a given fault in a cycle, for this accepted share of healthy intervals with a false alarm."""
 MOST_FAULTS = 2
 SHORTLIST = 4
-"""So many sets that look best along a line are weighed in full, and readings of the part tried beside faults."""
+"""Number of sets with the best linear evidence that are evaluated in full, and of part effects tried with faults."""
 POOL = 10
-"""So many faults that look best alone are tried in pairs."""
+"""Number of faults with the best linear evidence that are tried in pairs."""
 UNEXPLAINED = 3.0
-"""Variance left, relative to the noise's, from which faults are weighed in full though along a line none explains it:
-where drives give back what the supply burns, power has no slope. With less, harmless changes may have done it: of them
-only lines are known."""
+"""Residual variance relative to the noise from which faults are evaluated in full even if no linear one explains it:
+while the supply burns the power that drives return, power has no slope. A smaller residual may come from harmless
+changes, which are modelled only linearly."""
 ALIKE = 5.0
-"""Samples over which an unexplained residual stays alike: its variance counts so many times."""
+"""Samples over which an unexplained residual is correlated: its variance is multiplied by this."""
 
 
 @dataclass(frozen=True)
 class BestExplanation:
-    """The best explanation in one reading.
+    """The best explanation under one interpretation.
 
-    ``effects`` with their ``sizes`` and ``watts`` (N,) each; ``likelihood`` its log, up to a constant of the cycle,
-    ``odds`` the log odds against it before the data; ``rivals`` one a fault among the effects: (likelihood, odds) of
-    each joint (0-based) in its place, and of none (-1); ``misfit`` what is left unexplained, as variance relative to
-    the noise's.
+    ``effects`` with their ``sizes`` and ``watts`` (N,); ``likelihood``: log likelihood up to a constant of the cycle;
+    ``odds``: prior log odds against it; ``rivals``: for each fault among the effects, (likelihood, odds) with the fault
+    moved to each joint (0-based), and without it (-1); ``misfit``: residual variance relative to the noise.
     """
 
     reading: Interpretation
@@ -56,20 +55,20 @@ class BestExplanation:
     misfit: float
 
     def score(self, temper: float) -> float:
-        """Log odds up to a constant of the cycle, of evidence that counts 1/``temper``."""
+        """Posterior log odds up to a constant of the cycle, with the evidence divided by ``temper``."""
         return self.likelihood / temper - self.odds
 
 
 def temper_of(misfit: float) -> float:
-    """By how much evidence is weaker than it looks, where ``misfit`` is left: the model's errors are no noise."""
+    """Factor by which a residual variance ``misfit`` weakens the evidence, as model errors are not white noise."""
     return 1.0 + ALIKE * max(0.0, misfit - 1.0)
 
 
 def odds_of(rate: float) -> float:
-    """Log odds against a fault where false alarms are accepted in a share ``rate`` of healthy intervals.
+    """Log odds against a fault for an accepted share ``rate`` of healthy intervals with a false alarm.
 
-    The mean of a likelihood ratio is 1 where there is no fault, so that one of e^x comes by chance in a share e^-x of
-    all cases at most: odds go with the logarithm of the share.
+    Without a fault the mean of a likelihood ratio is 1, so a ratio above e^x occurs by chance in a share of at most
+    e^-x of all cases: the log odds change with the logarithm of the share.
     """
     return FAULT_ODDS + math.log(USUAL_RATE / rate)
 
@@ -77,7 +76,7 @@ def odds_of(rate: float) -> float:
 def explain(
     arm: FittedArm, samples: Samples, reading: Interpretation, inside: Float, fault_odds: float = FAULT_ODDS
 ) -> BestExplanation:
-    """Explain what is left in one reading; ``inside`` (N, M + 1) says after which moves' starts each sample lies."""
+    """Explain the residual of one interpretation; ``inside`` (N, M + 1) is 1 for samples after each move's start."""
     effects = [
         e for j in range(arm.body.joints) if j not in reading.silent for e in joint_effects(arm, reading.load, j)
     ]
@@ -105,7 +104,7 @@ def explain(
 
 
 class _Search:
-    """Sets of effects, as indices, compared by evidence and prior odds; ``room`` for so many faults."""
+    """Compares sets of effects (as indices) by evidence and prior odds; a set has at most ``room`` faults."""
 
     def __init__(
         self,
@@ -126,7 +125,7 @@ class _Search:
         self._lines: dict[tuple[int, ...], float] = {}
 
     def weighed(self, chosen: tuple[int, ...]) -> Weighed:
-        """A set weighed with all that its torques do."""
+        """Evaluate a set with the full, nonlinear power of its torques."""
         if not chosen:
             return Weighed(0.0, (), self._straight.square)
         if chosen not in self._known:
@@ -135,11 +134,11 @@ class _Search:
         return self._known[chosen]
 
     def odds(self, chosen: Iterable[int]) -> float:
-        """Log odds against a set before the data."""
+        """Prior log odds against a set."""
         return sum(PART_ODDS if self.effects[k].harmless else self._fault_odds for k in chosen)
 
     def gain(self, chosen: tuple[int, ...]) -> float:
-        """Log evidence over no effect at all; minus infinity where a size has the wrong sign."""
+        """Log evidence relative to no effect; minus infinity if a size has the wrong sign."""
         found = self.weighed(chosen)
         return self._if_sensible(chosen, found.sizes, found.gain)
 
@@ -148,7 +147,7 @@ class _Search:
         return gain if right else -math.inf
 
     def extended(self, best: tuple[int, ...]) -> tuple[int, ...] | None:
-        """The best set with one effect more, if it beats ``best``; of two, the first may be another than before."""
+        """The best set with one more effect, if better than ``best``; a pair may exclude the effect of ``best``."""
         shortlist = self._singles() if not best else self._longer(best)
         top = max(shortlist, key=lambda chosen: self.gain(chosen) - self.odds(chosen), default=None)
         if top is None:
@@ -158,7 +157,7 @@ class _Search:
         return top if gained > 0.0 else None
 
     def settled(self, best: tuple[int, ...]) -> tuple[int, ...]:
-        """A set with each effect of a joint replaced by what does better in its place."""
+        """Replace faults of a set one at a time by better ones, until none improves it."""
         for _ in range(MOST_FAULTS):
             places = [k for k in best if not self.effects[k].harmless]
             sets = {s for k in places for s in self._in_place(best, k)} | {best}
@@ -169,7 +168,7 @@ class _Search:
         return best
 
     def rivals(self, best: tuple[int, ...], blamed: int) -> dict[int, tuple[float, float]]:
-        """Gain and odds of each joint in the place of one effect of ``best``; of none under -1."""
+        """Gain and odds with one effect of ``best`` moved to each joint; key -1: without the effect."""
         others = tuple(k for k in best if k != blamed)
         out = {-1: (self.gain(others), self.odds(others))}
         for chosen, k in self._in_place(best, blamed).items():
@@ -179,14 +178,14 @@ class _Search:
         return out
 
     def _in_place(self, best: tuple[int, ...], blamed: int) -> dict[tuple[int, ...], int]:
-        """Sets with a fault in the place of another, and that fault."""
+        """The sets in which a fault replaces ``blamed``, with the replacing fault."""
         others = tuple(k for k in best if k != blamed)
         faults = (k for k, effect in enumerate(self.effects) if not effect.harmless and k not in others)
         sets = {tuple(sorted((*others, k))): k for k in faults}
         return {chosen: k for chosen, k in sets.items() if self._allowed(chosen)}
 
     def _singles(self) -> list[tuple[int, ...]]:
-        """Single effects worth weighing: none where no line explains anything and little is to be explained."""
+        """Single effects to evaluate in full; none if the residual is small and no linear effect explains it."""
         gains = {k: self._line((k,)) - self.odds((k,)) for k in range(len(self.effects)) if self._allowed((k,))}
         ranked = sorted(gains, key=lambda k: gains[k], reverse=True)
         little = self._straight.square < UNEXPLAINED * len(self.residual)
@@ -196,7 +195,7 @@ class _Search:
         return [(k,) for k in ranked if not self.effects[k].harmless or k in parts]
 
     def _longer(self, best: tuple[int, ...]) -> list[tuple[int, ...]]:
-        """Sets of one effect more that look best: along the slope at ``best``, and pairs along that of no fault."""
+        """Best candidates with one more effect: by the slope at ``best``, and pairs by the slope without a fault."""
         extended = {tuple(sorted((*best, k))): k for k in range(len(self.effects)) if k not in best}
         extended = {chosen: k for chosen, k in extended.items() if self._allowed(chosen)}
         gains = dict(zip(extended, self._beside(best, list(extended.values())), strict=True))
@@ -207,7 +206,7 @@ class _Search:
         return out
 
     def _beside(self, best: tuple[int, ...], more: Sequence[int]) -> list[float]:
-        """Gain of each further effect beside ``best``, along the slope of power at its sizes."""
+        """Gain of each further effect in addition to ``best``, by the slope of power at the sizes of ``best``."""
         found = self.weighed(best)
         effects = [self.effects[k] for k in (*best, *more)]
         none = [np.zeros(effect.columns.shape[1]) for effect in effects[len(best) :]]
@@ -223,7 +222,7 @@ class _Search:
         return [fit(products.part(np.concatenate([own, np.arange(a, b)]))).evidence - alone for a, b in ends]
 
     def _line(self, chosen: tuple[int, ...]) -> float:
-        """Log evidence along the slope of power without any fault."""
+        """Linear log evidence, by the slope of power without any fault."""
         if chosen not in self._lines:
             columns = [self._columns[k] for k in chosen]
             found = fit(self._straight.part(np.concatenate(columns)))
@@ -237,7 +236,7 @@ class _Search:
         return len(joints) <= self.room and len(set(joints)) == len(joints) and parts <= 1
 
     def _pool(self, best: Sequence[int]) -> list[int]:
-        """The faults, and the readings of the part, that do best alone."""
+        """The faults and the part effects with the best linear evidence alone, and those of ``best``."""
         ranked = sorted(range(len(self.effects)), key=lambda k: self._line((k,)), reverse=True)
         faults = [k for k in ranked if not self.effects[k].harmless][:POOL]
         parts = [k for k in ranked if self.effects[k].harmless][:SHORTLIST]

@@ -26,28 +26,28 @@ Kind = Literal["joint", "encoder", "joint_and_encoder"]
 Status = Literal["healthy", "changed", "fault", "new_task"]
 
 OFF = 0.3
-"""An encoder is off in moves in which its deviation exceeds this share of its greatest."""
+"""An encoder is off in the moves in which its deviation exceeds this share of its largest deviation."""
 SHARE = 0.1
-"""A fault shows in moves in which its power exceeds this share of its greatest."""
+"""A fault shows in the moves in which its power exceeds this share of its largest power."""
 
 MEASURED = 0.8
-"""Share of a cycle's power that must have been measured."""
+"""Smallest share of a cycle's samples with power with which the cycle is judged."""
 STRANGE = "a task that is not in the reference: learn it from healthy cycles"
 NOT_JUDGED = "not judged: power is missing in more than a fifth of the cycle"
 TOO_SLOW = "not judged: the power meter has no value of this cycle alone"
 KIND_CERTAIN = 0.95
-"""Probability below which a joint off its path may be of either kind."""
+"""Probability below which the kind of fault of a joint off its path is left open."""
 CERTAIN = 0.999
-"""Probability of a fault from which it is told before its cycle is over."""
+"""Smallest probability of a fault that is reported before its cycle is over."""
 UNEXPLAINED = 3.0
-"""Variance left, relative to the noise's, from which the explanation of a cycle under way is not the right one yet."""
+"""Residual variance relative to the noise above which the explanation of a running cycle is not yet trusted."""
 
 
 @dataclass(frozen=True)
 class FaultFinding:
-    """A faulty ``joint`` (from 1; 0 where it is one of ``alternatives``, or any, and it cannot be told which): the
-    ``intervals`` (moves of the task, from 1) in which it shows, ``size_watt`` at most, ``alternatives`` that explain
-    the power nearly as well; ``or_kind`` where power is too little to tell the kind."""
+    """A faulty ``joint`` (1-based; 0 if unknown or one of ``alternatives``): the ``intervals`` (moves of the task, from
+    1) in which the fault shows, its largest power ``size_watt``, ``alternatives``: joints that explain the power nearly
+    as well; ``or_kind``: the other possible kind if power does not decide it."""
 
     joint: int
     kind: Kind
@@ -61,7 +61,7 @@ class FaultFinding:
 
 @dataclass(frozen=True)
 class CycleFinding:
-    """One cycle from ``start`` to ``end`` s of the recording; ``speed`` relative to the task's fastest learned one."""
+    """A cycle from ``start`` to ``end`` s of the recording; ``speed`` relative to the task's fastest learned speed."""
 
     start: float
     end: float
@@ -74,10 +74,10 @@ class CycleFinding:
 
 @dataclass(frozen=True)
 class Evidence:
-    """Power of a known cycle at N times ``tau`` s of its healthy pattern, as its finding rests on it.
+    """The evidence for the finding on a known cycle, at N times ``tau`` s of its healthy pattern.
 
-    ``moves`` are start and end of each interval, s of the pattern; ``residual`` (N,) W against healthy power, ``sigma``
-    (N,) W one standard deviation of healthy cycles, ``explained`` (N,) W what the faults named add.
+    ``moves``: start and end of each interval, s of the pattern; ``residual`` (N,) W from healthy power; ``sigma`` (N,)
+    W, one standard deviation of healthy cycles; ``explained`` (N,) W, the power of the reported faults.
     """
 
     finding: CycleFinding
@@ -89,7 +89,7 @@ class Evidence:
 
 
 def judge_recording(recording: Recording, known: Known, evidence: list[Evidence] | None = None) -> list[CycleFinding]:
-    """Judge every cycle in order; ``evidence`` is added to. Those of unknown tasks are said to be new."""
+    """Judge every cycle, in order; cycles of unknown tasks are reported as new. Appends to ``evidence``."""
     recording = replace(recording, meter=known.meter)
     runs = find_runs(recording)
     with stage("finding the cycles"):
@@ -110,16 +110,16 @@ def _judged(match: Match, given: tuple[Recording, Known]) -> tuple[CycleFinding,
 
 
 def stranger(recording: Recording, runs: Sequence[Run]) -> CycleFinding:
-    """Finding on a cycle of a task that is not known."""
+    """Finding on a cycle of an unknown task."""
     start, end = (recording.clock(float(recording.time[k])) for k in (runs[0].first, runs[-1].last))
     return CycleFinding(start, end, "new", None, "new_task", STRANGE, ())
 
 
 def judge_begun(recording: Recording, match: Match, known: Known) -> CycleFinding:
-    """Judge a known cycle that is under way, as far as its last move that has been seen.
+    """Judge a running known cycle up to its last move seen.
 
-    Only what is certain to be a fault is told, though it may leave the choice between joints, or whether a joint off
-    its path stands still; and of the others nothing while power still differs from what the best explanation says.
+    Only certain faults are reported; the joint, or whether a joint off its path stands still, may remain open. Faults
+    other than joints that stand still are not reported while the best explanation leaves too much power unexplained.
     """
     pattern = known.patterns[match.pattern]
     last = int(np.searchsorted([end for _, end in pattern.moves], match.warp.tau[-1] - pattern.step))
@@ -136,16 +136,16 @@ def judge_begun(recording: Recording, match: Match, known: Known) -> CycleFindin
 
 
 def _may_be_new(match: Match, verdict: Verdict) -> bool:
-    """True if this may be a new task that begins like a known one.
+    """True if the cycle may belong to a new task that begins like a known one.
 
-    Of a joint that stands still power cannot tell; the others that go exactly where they should can.
+    Power cannot decide it for a joint that stands still; the joints that follow the known path can.
     """
     stands = any(joint not in verdict.encoders for joint in match.odd)
     return verdict.foreign > 1.0 - CERTAIN or (stands and match.known < -math.log(1.0 - CERTAIN))
 
 
 def judge_cycle(recording: Recording, match: Match, known: Known) -> tuple[CycleFinding, Evidence | None]:
-    """Judge one known cycle; with what the finding rests on, where power was judged."""
+    """Judge one known cycle; returns the finding, and its evidence if power was judged."""
     pattern = known.patterns[match.pattern]
     end = pattern.moves[-1][1]
     if _measured(recording, match) < MEASURED:
@@ -163,13 +163,13 @@ def judge_cycle(recording: Recording, match: Match, known: Known) -> tuple[Cycle
 
 
 def _measured(recording: Recording, match: Match) -> float:
-    """Share of a cycle's samples that have power."""
+    """Share of a cycle's samples with power."""
     first, last = np.searchsorted(recording.time, [match.warp.t[0], match.warp.t[-1]])
     return float(np.mean(~np.isnan(recording.power[first : last + 1])))
 
 
 def _finding(match: Match, pattern: Pattern, note: str, faults: tuple[FaultFinding, ...], end: float) -> CycleFinding:
-    """A finding on a cycle as far as time ``end`` s of its pattern."""
+    """A finding on a cycle up to time ``end`` s of its pattern."""
     status: Status = "fault" if faults else "changed" if note else "healthy"
     start, stop = match.warp.to_recording(np.array([pattern.moves[0][0], end]))
     speed = round(pattern.speed * match.pace, 3)
@@ -179,7 +179,7 @@ def _finding(match: Match, pattern: Pattern, note: str, faults: tuple[FaultFindi
 def _faults(
     recording: Recording, match: Match, pattern: Pattern, verdict: Verdict, kind_certain: float
 ) -> tuple[FaultFinding, ...]:
-    """The faults of a verdict; the kind of a joint off its path is left open below a probability."""
+    """The faults of a verdict; the kind of fault of a joint off its path is open below probability ``kind_certain``."""
     blamed = {blame.joint: blame for blame in verdict.blames}
     gone = pattern.time[pattern.time <= verdict.tau[-1]]
     out = []
@@ -216,6 +216,6 @@ def _deviation(recording: Recording, match: Match, pattern: Pattern, joint: int)
 
 
 def _shows(pattern: Pattern, tau: Float, size: Float, share: float) -> set[int]:
-    """Moves, from 1, in which ``size`` (N,) at pattern times ``tau`` is more than a share of its greatest."""
+    """Moves, from 1, in which ``size`` (N,) at pattern times ``tau`` exceeds a share of its maximum."""
     inside = (size[(tau >= start) & (tau <= end)] for start, end in pattern.moves)
     return {move for move, part in enumerate(inside, start=1) if part.max(initial=0.0) > share * size.max()}

@@ -1,4 +1,4 @@
-"""Parameters of an arm from the power of its healthy cycles, held by what its description says."""
+"""Fits the parameters of an arm to the power of its healthy cycles, with its description as the prior."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ from cellwatt_plugins.robot.regression import Fit, Prior, Products, gauss_newton
 
 ROUNDS = 8
 LEAST = 0.05
-"""Share of the description's value above which a positive parameter stays."""
+"""Smallest value of a positive parameter, as a share of the description's value."""
 MISFIT = 1.0
 SHARE = 0.03
-"""W, and share of the power above standing, that no parameter explains …"""
+"""Model error that no parameter explains, W, and as a share of the power above standing power (one sigma) …"""
 ALIKE = 0.2
-"""… and that stays alike for so long, s."""
+"""… and the time over which it is correlated, s."""
 GAIN, BACK = 0.06, 0.4
-"""Distance of the supply's gains from 1 while drives take and give power."""
+"""Deviation of the supply's gains from 1 while drives take and return power (one sigma)."""
 LOAD = 0.5
-"""kg: what the last link may carry beside what the description says …"""
+"""Mass that the last link may carry in addition to the description, kg …"""
 REACH = 0.1
-"""… and m from its frame within which that is."""
+"""… and its largest distance from the link's frame, m."""
 
 
 @dataclass(frozen=True)
 class FittedArm:
-    """A robot's rigid body with parameters as its healthy power has them, and their covariance (k, k)."""
+    """A robot's rigid body with the parameters fitted to healthy power, and their covariance (k, k)."""
 
     body: Body
     parameters: Parameters
@@ -45,7 +45,7 @@ class FittedArm:
 
     @cached_property
     def deviations(self) -> Float:
-        """(k, k) with the covariance as its product with its transpose: one sigma in each column."""
+        """Cholesky factor (k, k) of the covariance: each column is one sigma."""
         return np.asarray(np.linalg.cholesky(self.covariance))
 
 
@@ -54,7 +54,7 @@ def identify(arm: Arm, patterns: Sequence[Pattern]) -> FittedArm:
     prior = _prior(arm)
 
     def possible(values: Float) -> Float:
-        # No inertia, friction or resistance turns negative; link moments may.
+        # Inertia, friction and resistance must stay positive; link moments may be negative.
         return np.where((values < 0) & (prior.mean > 0), LEAST * prior.mean, values)
 
     values, _ = gauss_newton(_Equations(arm.body, patterns), prior, prior.mean, ROUNDS, within=possible)
@@ -62,13 +62,13 @@ def identify(arm: Arm, patterns: Sequence[Pattern]) -> FittedArm:
 
 
 def with_covariance(arm: Arm, parameters: Parameters, patterns: Sequence[Pattern]) -> FittedArm:
-    """Return an arm of known parameters, with how well these patterns determine them."""
+    """Return an arm with known parameters, and their covariance from these patterns."""
     equations = _Equations(arm.body, patterns)(parameters.packed())
     return FittedArm(arm.body, parameters, Fit(equations, _prior(arm)).covariance)
 
 
 class _Equations:
-    """The patterns' power as equations that are linear about given parameters (k,)."""
+    """Equations of the patterns' power, linearised at given parameters (k,)."""
 
     def __init__(self, body: Body, patterns: Sequence[Pattern]) -> None:
         self.body, self.patterns = body, patterns
@@ -83,13 +83,13 @@ class _Equations:
         pairs = list(zip(self.patterns, loads, strict=True))
         slope = np.concatenate([_seen(p, load.slope(now)) for p, load in pairs])
         misfit = self.measured - np.concatenate([_seen(p, load.power) for p, load in pairs])
-        # Where the patterns hold more than the model knows (a part that is gripped on the way), they count for less.
+        # Power that the model cannot explain (a part gripped during the task) lowers the weight of the equations.
         more = max(1.0, float(np.mean(misfit**2 / self.variance)))
         return Products.of(slope, misfit + slope @ values, self.variance * self.thin * more)
 
 
 def _seen(pattern: Pattern, samples: Float) -> Float:
-    """Samples (T,) or (T, k) of a pattern as the meter that it was learnt from shows them."""
+    """Samples (T,) or (T, k) of a pattern, averaged as by the meter from which the pattern was learnt."""
     if not pattern.window:
         return samples
     half = pattern.window / 2
@@ -97,14 +97,14 @@ def _seen(pattern: Pattern, samples: Float) -> Float:
 
 
 def _variance(pattern: Pattern) -> Float:
-    """W² (T,) by which the model may miss each sample."""
+    """Variance (T,) W² of each sample about the model."""
     noise = float(np.median(pattern.spread)) ** 2 / pattern.cycles
     above = pattern.power - np.median(pattern.power)
     return np.asarray(noise + MISFIT**2 + (SHARE * above) ** 2)
 
 
 def _prior(arm: Arm) -> Prior:
-    """Return the prior of the packed parameters (k,): as described, within the tolerances."""
+    """Return the prior of the packed parameters (k,): the description within its tolerances."""
     start, t = nominal(arm), arm.description.tolerances
     links = links_prior(start.link, t.link).covariance
     links[-PER_LINK:, -PER_LINK:] += body_prior(LOAD, REACH).covariance

@@ -1,4 +1,4 @@
-"""Knowledge of a cell that runs healthily: its arm and its cycles, learned or read from the reference file."""
+"""Knowledge of a healthy cell, its arm and its cycles: learned, or read from the reference file."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ from cellwatt_plugins.robot.meter.model import Meter
 
 @dataclass(frozen=True)
 class Known:
-    """The arm with parameters as its power has them, and a pattern for each task and speed.
+    """The arm with its fitted parameters, and a pattern for each task and speed.
 
-    ``false_alarms`` is the share of healthy intervals in which one is accepted.
+    ``false_alarms`` is the accepted share of healthy intervals with a false alarm.
     """
 
     arm: FittedArm
     patterns: tuple[Pattern, ...]
     false_alarms: float = 1e-4
     meter: Meter | None = None
-    """The slow meter that power is from."""
+    """The slow meter that measured the power; None if the power was sampled."""
 
 
 def learn_known(recording: Recording, arm: Arm) -> Known:
-    """Learn from healthy running. Raises ``ModelError`` where the arm is another or nothing recurs."""
+    """Learn from a healthy recording. Raises ``ModelError`` if it is of another arm or no task recurs."""
     if recording.joints != arm.joints:
         raise ModelError(f"the recording has {recording.joints} joints, robot {arm.name} has {arm.joints}")
     recording = with_meter(recording, arm)
@@ -46,7 +46,7 @@ def learn_known(recording: Recording, arm: Arm) -> Known:
 
 
 def stored(known: Known, arm: Arm) -> tuple[StoredModel, tuple[Pattern, ...]]:
-    """Return the content of the file."""
+    """Return the model and the cycles for the reference file."""
     p = known.arm.parameters
     each = (p.rotor, p.coulomb, p.viscous, p.copper)
     rows = zip(arm.body.names, *(values.tolist() for values in each), p.link.reshape(-1, 10).tolist(), strict=True)
@@ -55,7 +55,7 @@ def stored(known: Known, arm: Arm) -> tuple[StoredModel, tuple[Pattern, ...]]:
 
 
 def restored(model: StoredModel, cycles: tuple[Pattern, ...], arm: Arm) -> Known:
-    """The inverse of ``stored``. Raises ``ModelError`` where the file is of another arm."""
+    """The inverse of ``stored``. Raises ``ModelError`` if the file belongs to another arm."""
     joints = model.joints
     if [joint.name for joint in joints] != list(arm.body.names):
         names = ", ".join(joint.name for joint in joints)
@@ -70,10 +70,10 @@ def restored(model: StoredModel, cycles: tuple[Pattern, ...], arm: Arm) -> Known
 
 
 def known_of(reference: Reference, path: Path, robot: Path, false_alarms: float = 1e-4) -> Known:
-    """Return the knowledge that a reference (of the file ``path``) has of a described robot.
+    """Return the knowledge of a described robot from ``reference``, read from the file ``path``.
 
-    ``false_alarms``: share of healthy intervals in which one is accepted. Raises ``ModelError`` where the reference has
-    no cycles or is of another arm.
+    ``false_alarms`` is the accepted share of healthy intervals with a false alarm. Raises ``ModelError`` if the
+    reference has no cycles or belongs to another arm.
     """
     if reference.power_model is None or not reference.cycles:
         raise ModelError(f"reference {path}: has no cycles; learn it again with --robot {robot}")

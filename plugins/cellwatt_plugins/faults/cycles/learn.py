@@ -1,4 +1,4 @@
-"""Learns the patterns of healthy cycles, one for each task and speed."""
+"""Learns a pattern of healthy cycles for each task and speed."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from cellwatt_plugins.faults.learn import by_speed
 from cellwatt_plugins.robot.samples import interpolated
 
 STEP = 0.02
-"""Step of the patterns, s."""
+"""Sample interval of the patterns, s."""
 SAME_SPEED = 1.06
-"""Cycles whose moves last no longer than this, relative to each other, are at one speed."""
+"""Largest ratio of moving times between cycles at one speed."""
 FEWEST = 2
-"""Cycles at one speed, at least."""
+"""Fewest cycles at one speed."""
 
 
 def learn_patterns(recording: Recording) -> list[Pattern]:
-    """Patterns of every task and speed seen often enough.
+    """Learn the pattern of every task and speed seen often enough.
 
-    Raises ``ModelError`` where nothing recurs.
+    Raises ``ModelError`` if no task recurs.
     """
     runs = find_runs(recording)
     patterns: list[Pattern] = []
@@ -47,12 +47,12 @@ def learn_patterns(recording: Recording) -> list[Pattern]:
 
 
 def _seconds(cycle: Sequence[Run]) -> float:
-    """Samples in motion."""
+    """Moving time of a cycle, in samples."""
     return float(sum(run.last - run.first for run in cycle))
 
 
 def _speed(recording: Recording, cycle: Sequence[Run], fastest: Pattern) -> float:
-    """Speed of a cycle relative to a pattern."""
+    """Speed of a cycle relative to the pattern ``fastest``."""
     joints = range(recording.joints)
     times = [timing(fastest, m, recording, (run.first, run.last), joints) for m, run in enumerate(cycle)]
     shares = [(b - a) / (t.end - t.start) for (a, b), t in zip(fastest.moves, times, strict=True)]
@@ -60,7 +60,7 @@ def _speed(recording: Recording, cycle: Sequence[Run], fastest: Pattern) -> floa
 
 
 def _pattern(recording: Recording, group: Sequence[Sequence[Run]], task: str) -> Pattern:
-    """Cycles laid over the middle one of them, and averaged."""
+    """Align the cycles with the one of median duration, and average them."""
     middle = sorted(group, key=lambda c: c[-1].last - c[0].first)[len(group) // 2]
     template = _cut(recording, middle, task)
     joints = range(recording.joints)
@@ -85,7 +85,7 @@ def _pattern(recording: Recording, group: Sequence[Sequence[Run]], task: str) ->
 
 
 def _cut(recording: Recording, cycle: Sequence[Run], task: str) -> Pattern:
-    """One cycle as it is."""
+    """Resample one cycle as a pattern without power."""
     begin = recording.time[cycle[0].first] - MARGIN
     length = recording.time[cycle[-1].last] + MARGIN - begin
     grid = begin + STEP * np.arange(round(length / STEP) + 1)
@@ -96,7 +96,7 @@ def _cut(recording: Recording, cycle: Sequence[Run], task: str) -> Pattern:
 
 
 def _power(pattern: Pattern, recording: Recording, when: Float) -> Float:
-    """Power (T,) of a cycle at the pattern's times, ``when`` (T,) s, averaged over the pattern's step."""
+    """Power (T,) W of a cycle at times ``when`` (T,) s of the pattern's samples, averaged over the pattern's step."""
     width = max(1, round(pattern.step / recording.step))
     power = np.convolve(recording.power, np.ones(width) / width, mode="same")
     centre = recording.time - (0.5 * recording.step if width % 2 == 0 else 0.0)
@@ -104,7 +104,7 @@ def _power(pattern: Pattern, recording: Recording, when: Float) -> Float:
 
 
 def _smooth(position: Float) -> Float:
-    """Takes out what is left of the encoders' noise: a local parabola over five samples."""
+    """Smooth residual encoder noise with a local parabola over five samples."""
     kernel = np.array([-3.0, 12.0, 17.0, 12.0, -3.0]) / 35.0
     padded = np.pad(position, ((2, 2), (0, 0)), mode="edge")
     return np.column_stack([np.convolve(column, kernel, mode="valid") for column in padded.T])

@@ -1,4 +1,4 @@
-"""Cycles judged as they run and as they end, by the same formulas as a recording."""
+"""Judges cycles while they run and when they end, with the same formulas as for a recording."""
 
 from __future__ import annotations
 
@@ -21,37 +21,37 @@ from cellwatt_plugins.faults.cycles.runs import Run, find_runs
 from cellwatt_plugins.faults.trace import Trace
 
 REST = 0.5
-"""Frames are looked at once the arm has rested for this long, s …"""
+"""Frames are judged once the arm has rested for this long, s …"""
 LATEST = 15.0
-"""… or has not for this long."""
+"""… or at the latest after this time, s."""
 STILL = 0.01
-"""rad: what an encoder at rest covers at most."""
+"""Largest range of an encoder at rest, rad."""
 BRIEF = 0.16
 AT_ONCE = 0.003
-"""s of rest after a move, and rad that encoders cover in it, from which the cycle so far is judged."""
+"""Rest after a move, s, and largest range of the encoders in it, rad, after which the running cycle is judged."""
 PIECE = 0.04
-"""Frames are taken in pieces of this, s, so that no rest is missed between them."""
+"""Frames are processed in pieces of this length, s, so that no rest is missed."""
 SETTLED = 0.4
-"""A cycle is over this long after its last move, s."""
+"""Time after its last move at which a cycle is over, s."""
 MARGIN = 0.5
-"""Frames are kept this long before the first run that is still open, s."""
+"""Time before the first open run for which frames are stored, s."""
 PATIENCE = 3.0
-"""Frames that no cycle claims are kept for so many times the longest cycle that is known."""
+"""Time for which frames that belong to no cycle are stored, in durations of the longest known cycle."""
 GAP = 2.5
-"""A hole in the positions of more than so many steps begins a new recording: no cycle goes across."""
+"""A hole in the positions longer than this many steps starts a new recording: no cycle spans it."""
 
 
 @dataclass(frozen=True, slots=True)
 class CycleReport:
-    """Findings on a cycle that is ``over``; of one under way only its faults so far."""
+    """Finding on a cycle that is ``over``, or the faults so far of a running one."""
 
     finding: CycleFinding
     over: bool
 
 
 class CycleWatch:
-    """Takes frames of one arm on an even grid of ``step`` s; tells faults after the move that shows them, and what is
-    said of each cycle once it is over."""
+    """Judges frames of one arm on an even grid of ``step`` s; reports a fault after the move that shows it, and the
+    finding on each cycle once it is over."""
 
     def __init__(self, known: Known, step: float) -> None:
         self._known, self._step = known, step
@@ -62,11 +62,11 @@ class CycleWatch:
 
     @property
     def behind(self) -> float:
-        """s that cycles are told later because of a slow meter: its last value of a cycle comes so late."""
+        """Delay of the findings, s: the last value of a cycle from a slow meter arrives so late."""
         return 0.0 if self._known.meter is None else self._known.meter.delay
 
     def feed(self, time: Float, position: Float, power: Float) -> list[CycleReport]:
-        """Return what n more frames settle: ``time`` (n,) s, ``position`` (n, joints) rad, ``power`` (n,) W."""
+        """Return the findings after n more frames: ``time`` (n,) s, ``position`` (n, joints) rad, ``power`` (n,) W."""
         there = ~np.isnan(position).any(axis=1)
         time, position, power = time[there], position[there], power[there]
         size = max(1, round(PIECE / self._step))
@@ -78,7 +78,7 @@ class CycleWatch:
         ]
 
     def close(self) -> list[CycleReport]:
-        """Return what the end of the frames settles."""
+        """Return the findings at the end of the frames."""
         return self._look(ended=True)
 
     def _take(self, time: Float, position: Float, power: Float) -> list[CycleReport]:
@@ -105,8 +105,8 @@ class CycleWatch:
         return ended
 
     def _worth_a_look(self, fresh: int) -> bool:
-        """True if the arm has come to rest since the last look, or power has caught up with its rest; ``fresh`` frames
-        are new.
+        """True if the arm has come to rest since the last judgement, or a slow meter's power of the time up to that
+        rest has arrived; ``fresh`` is the number of new frames.
         """
         rest = self._seen.position[-max(2, round(REST / self._step)) :]
         newest = self._seen.position[-max(fresh, len(rest)) :]
@@ -121,7 +121,7 @@ class CycleWatch:
         return True
 
     def _glance(self) -> list[CycleReport]:
-        """Faults that the cycle under way shows already."""
+        """Return the faults of the running cycle so far."""
         match = None if self._few else begun_cycle(self._seen, find_runs(self._seen), self._known.patterns)
         if match is None:
             return []
@@ -130,7 +130,7 @@ class CycleWatch:
 
     @property
     def _few(self) -> bool:
-        """True if frames that are kept are too few to show a rest."""
+        """True if the stored frames are too few to contain a rest."""
         return len(self._seen.time) < max(2, 2 * round(SETTLED / self._step))
 
     def _forget(self) -> None:
@@ -138,7 +138,7 @@ class CycleWatch:
         self._looked, self._moved, self._fresh_move, self._due = -np.inf, False, False, np.inf
 
     def _look(self, *, ended: bool) -> list[CycleReport]:
-        """Cycles that are over, with what came before them; their frames are dropped."""
+        """Report the cycles that are over and unknown cycles before them, and discard their frames."""
         if self._few:
             return []
         recording, runs = self._seen, find_runs(self._seen)
@@ -146,7 +146,7 @@ class CycleWatch:
         over = list(takewhile(lambda match: ended or self._is_over(match, runs), matches))
         last = len(runs) - 1 if ended else over[-1].last if over else -1
         if not over and len(runs) and recording.time[-1] - recording.time[runs[0].first] > self._keep:
-            # Nothing claims these runs: the older half of them is told as strange and dropped.
+            # These runs belong to no known cycle: report the older half as unknown tasks and discard it.
             last = len(runs) // 2
         if last < 0:
             self._drop(runs[0].first - self._margin if runs else len(recording.time) - self._margin)
@@ -154,13 +154,13 @@ class CycleWatch:
         strange = new_tasks(runs[: last + 1], over, self._known.patterns)
         found = [judge_cycle(recording, m, self._known)[0] for m in over]
         found += [stranger(recording, runs[first : end + 1]) for first, end in strange]
-        # What is told of must leave nothing behind that would be a run again.
+        # Discard the reported runs completely, so that no remainder is found as a run again.
         following = runs[last + 1].first if last + 1 < len(runs) else len(recording.time)
         self._drop(max(runs[last].last, following - self._margin))
         return [CycleReport(finding, over=True) for finding in sorted(found, key=lambda finding: finding.start)]
 
     def _is_over(self, match: Match, runs: list[Run]) -> bool:
-        """True if nothing more of a cycle can come: a last move that encoders do not show may still be due."""
+        """True if a cycle is complete; a last move that the encoders do not show may still follow."""
         pattern = self._known.patterns[match.pattern]
         if len(pattern.moves) - 1 in match.unseen:
             return match.last + 1 < len(runs)
@@ -171,13 +171,13 @@ class CycleWatch:
         return round(MARGIN / self._step)
 
     def _drop(self, before: int) -> None:
-        """Forget frames up to a sample."""
+        """Discard frames before the sample with index ``before``."""
         kept, seen = slice(max(0, before), None), self._seen
         self._seen = replace(seen, time=seen.time[kept], position=seen.position[kept], power=seen.power[kept])
 
 
 class CycleStage:
-    """Whole cycles of one arm judged while frames of ``step`` ns come."""
+    """Judges whole cycles of one arm on live frames with a step of ``step`` ns."""
 
     def __init__(self, known: Known, step: int, alarms: CycleAlarms) -> None:
         self._watch = CycleWatch(known, step * 1e-9)
@@ -186,7 +186,7 @@ class CycleStage:
         self._epoch: int | None = None
 
     def process(self, block: Trace) -> list[Alarm]:
-        """Alarms that changed with some more frames."""
+        """Return the alarms that changed with a block of frames."""
         if not len(block):
             return []
         if self._epoch is None:
@@ -195,7 +195,7 @@ class CycleStage:
         return self._alarmed(told, self._epoch)
 
     def close(self) -> list[Alarm]:
-        """Alarms that the end of the frames settles."""
+        """Return the alarms that changed at the end of the frames."""
         return [] if self._epoch is None else self._alarmed(self._watch.close(), self._epoch)
 
     def _alarmed(self, told: Sequence[CycleReport], epoch: int) -> list[Alarm]:

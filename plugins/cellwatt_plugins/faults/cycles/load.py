@@ -1,4 +1,4 @@
-"""Load of the drives in a motion, and its change with every parameter."""
+"""Load of the drives during a motion, and its derivative with respect to every parameter."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from cellwatt_plugins.robot.motion import direction
 
 @dataclass(frozen=True)
 class Load:
-    """Torques (N, n) Nm of a motion, ``lever`` (N, n) W/Nm, the ``gain`` (N,) of the supply and the regressor."""
+    """``torque`` (N, n) Nm of a motion, ``lever`` (N, n) W/Nm (change of power per torque), supply ``gain`` (N,),
+    ``regressor``, powers of the ``drives`` (N, n) W and supply ``power`` (N,) W."""
 
     motion: Motion
     regressor: Float
@@ -29,7 +30,7 @@ class Load:
     power: Float
 
     def slope(self, parameters: Parameters) -> Float:
-        """Derivative (N, k) of power by the packed parameters."""
+        """Derivative (N, k) of supply power with respect to the packed parameters."""
         qd, total = self.motion.qd, self.drives.sum(axis=1)
         alive = self.lever != 0.0
         columns = [
@@ -44,7 +45,7 @@ class Load:
 
 
 def load_of(body: Body, parameters: Parameters, motion: Motion, dead: Sequence[int] = ()) -> Load:
-    """Return the load of a motion by the model; joints in ``dead`` take no power at all."""
+    """Compute the load of a motion; joints in ``dead`` take no power."""
     regressor = body.regressor(motion.q, motion.qd, motion.qdd)
     forces = torque(parameters, regressor, motion)
     alive = np.array([j not in dead for j in range(motion.q.shape[1])])
@@ -55,16 +56,17 @@ def load_of(body: Body, parameters: Parameters, motion: Motion, dead: Sequence[i
 
 
 def motor_alone(parameters: Parameters, motion: Motion, joint: int) -> tuple[Float, Float]:
-    """Power (N,) W of friction and of the rotor's acceleration, where a motor turns without its link.
+    """Power (N,) W of friction and of the rotor's acceleration of a motor that turns without its link.
 
-    How much of a joint's friction and inertia is on the motor's side of a belt no description says.
+    These are upper limits: no description states the share of a joint's friction and inertia on the motor's side of
+    the belt.
     """
     qd = motion.qd[:, joint]
     return qd * friction(parameters, motion.qd)[:, joint], qd * motion.qdd[:, joint] * parameters.rotor[joint]
 
 
 def unsure_friction(load: Load, joint: int, rubbing: Float) -> Float:
-    """Torques (N, k) Nm that friction ``rubbing`` (N,) may have more, one sigma of each law that a sound joint has."""
+    """Uncertainty (N, k) Nm of friction ``rubbing`` (N,) Nm: one sigma of each friction law of a healthy joint."""
     strain = np.abs(load.torque[:, joint])
     sliding = Sliding(load.motion.qd[:, joint], rubbing, strain / max(float(strain.max()), 1e-9))
     known = [(law, *law.doubt) for law in FRICTION if law.doubt]

@@ -1,4 +1,4 @@
-"""Tasks in healthy running: closed loops of moves that recur, whatever comes between them."""
+"""Finds the tasks in a healthy recording: closed loops of moves that recur, whatever motion lies between them."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from cellwatt.arrays import Float
 from cellwatt_plugins.faults.cycles.runs import Run
 
 SAME_POSE = math.radians(0.8)
-"""Rest poses no further apart than this, in every joint, are one."""
+"""Largest difference between equal rest poses, per joint, rad."""
 LONGEST = 80
-"""Moves in a task, at most."""
+"""Most moves in a task."""
 FEWEST = 3
-"""Cycles of a task, at least."""
+"""Fewest cycles of a task."""
 
 Token = tuple[int, int]
 
@@ -32,7 +32,7 @@ class Loop:
 
 
 def find_loops(runs: Sequence[Run]) -> list[Loop]:
-    """Tasks by first appearance. A loop that covers more of the runs is found first; the rest is searched again."""
+    """Tasks by first occurrence; the loop that covers most runs is found first, then the other runs are searched."""
     tokens = _tokens(runs)
     free = np.ones(len(tokens), dtype=bool)
     found: list[Loop] = []
@@ -44,12 +44,12 @@ def find_loops(runs: Sequence[Run]) -> list[Loop]:
 
 
 def closed_spans(runs: Sequence[Run], fewest: int) -> list[tuple[int, int]]:
-    """First and last of ``runs`` of each loop of ``fewest`` moves or more, one for each turn."""
+    """First and last index in ``runs`` of each turn of a loop of at least ``fewest`` moves."""
     return sorted(_spans(_tokens(runs), 0, fewest))
 
 
 def _spans(tokens: Sequence[Token], offset: int, fewest: int) -> list[tuple[int, int]]:
-    """The longest loop, and what is left and right of it."""
+    """The turns of the longest loop, and of the loops before and after it."""
     left = {before: a for a, (before, _) in reversed(list(enumerate(tokens)))}
     reached = {after: b for b, (_, after) in enumerate(tokens)}
     closed = [(a, reached[pose]) for pose, a in left.items() if reached.get(pose, -1) - a + 1 >= fewest]
@@ -79,7 +79,7 @@ def _node(poses: list[Float], pose: Float) -> int:
 
 
 def _best(tokens: Sequence[Token], free: NDArray[np.bool_], runs: Sequence[Run]) -> Loop | None:
-    """The loop that covers most; of equals, the one with the longest rests before it."""
+    """The loop that covers most runs; among equals, the one with the longest rests before it."""
     places: dict[tuple[Token, ...], list[int]] = defaultdict(list)
     for start in range(len(tokens)):
         for end in range(start + 2, min(start + LONGEST, len(tokens)) + 1):
@@ -94,14 +94,14 @@ def _best(tokens: Sequence[Token], free: NDArray[np.bool_], runs: Sequence[Run])
 
 
 def _compound(loop: Loop, places: Mapping[tuple[Token, ...], Sequence[int]]) -> bool:
-    """True if a loop holds a shorter one that also runs without it: then it is several tasks in a row."""
+    """True if a loop contains a shorter one that also occurs alone: it is then several tasks in sequence."""
     n = len(loop.moves)
     inner = Counter(loop.moves[a:b] for a in range(n) for b in range(a + 2, n + 1) if b - a < n)
     return any(len(places.get(part, ())) - times * len(loop.starts) >= FEWEST for part, times in inner.items())
 
 
 def _primitive(moves: tuple[Token, ...]) -> bool:
-    """True if a loop is no repetition of a shorter one."""
+    """True if a loop does not repeat a shorter one."""
     return not any(_repeats(moves, k) for k in range(1, len(moves) // 2 + 1))
 
 

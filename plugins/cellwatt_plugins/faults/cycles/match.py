@@ -1,4 +1,4 @@
-"""Finds known cycles in runs of motion, also where one or two encoders do not show their joint's path."""
+"""Finds known cycles in runs of motion, even if one or two encoders do not show the known path."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import Run, without_jumps
 
 COINCIDENCE = 4.0
-"""Natural logarithm of the odds against another task for each move of a joint that ends where it should: within half a
-degree or so of any place in a range of a radian."""
+"""Log odds against another task per move of a joint that ends at its known position: within about half a degree, in a
+range of a radian."""
 FOREIGN_ODDS = 12.0
-"""The same at most, and where more moves than one beside one for each joint off its path are those of the pattern."""
+"""Largest log odds; reached if more moves match the pattern than one, plus one for each joint off its path."""
 BEYOND = 2.0
-"""An encoder is right again only where a wrong scale would be off by so many times the limit."""
+"""An encoder counts as right again only if a wrong scale would cause an error of this many times the limit."""
 
 
 def known_odds(seen: Sequence[tuple[int, Run, Run]], pattern: Pattern, odd: Sequence[int]) -> float:
-    """Natural logarithm of the odds against another task that begins like ``pattern``.
+    """Log odds against another task that begins like ``pattern``.
 
-    ``seen`` are its moves with the first and last run of each, ``odd`` the joints (0-based) off their path. Each of
-    them but the first takes back what one that keeps to its path has given: there are more to choose from.
+    ``seen``: its moves with the first and last run of each; ``odd``: the joints (0-based) off their path. Each joint in
+    ``odd`` but the first cancels the evidence of one joint on its path, as there are more sets to choose from.
     """
     if any(_right_again(seen, pattern, joint) for joint in odd):
         return 0.0
@@ -43,8 +43,8 @@ def known_odds(seen: Sequence[tuple[int, Run, Run]], pattern: Pattern, odd: Sequ
 
 
 def _right_again(seen: Sequence[tuple[int, Run, Run]], pattern: Pattern, joint: int) -> bool:
-    """True if a joint goes back to its path after a rest off it, as no encoder does that is shifted, stuck or of a
-    wrong scale; that one shows no error near the cycle's start."""
+    """True if a joint returns to its path after a rest off it, which a shifted or stuck encoder, or one of a wrong
+    scale (whose error is small near the cycle's start pose), does not show."""
     shown = np.array([seen[0][1].before[joint], *(last.after[joint] for _, _, last in seen)])
     healthy = pattern.poses[1][[move for move, _, _ in seen], joint]
     healthy = np.concatenate([[pattern.poses[0][seen[0][0], joint]], healthy])
@@ -59,29 +59,29 @@ def _right_again(seen: Sequence[tuple[int, Run, Run]], pattern: Pattern, joint: 
 
 
 MOST_ODD = 2
-"""Joints that may be off their path in a known cycle."""
+"""Most joints off their path in a known cycle."""
 FEWEST_SEEN = 0.5
-"""Share of a cycle's moves that must be seen."""
+"""Smallest share of a cycle's moves that must be seen."""
 FEWEST_BEGUN = 1
-"""Moves of a cycle under way that must be seen."""
+"""Fewest moves of a running cycle that must be seen."""
 ALIKE = 0.05
-"""An encoder that is off goes the same share of its healthy way in every move, but for this …"""
+"""A wrong encoder shows the same share of its healthy displacement in every move, within this …"""
 LEAST_SHARE, MOST_SHARE = 0.5, 1.6
-"""… and that share is between these."""
+"""… and the share lies between these."""
 EVEN = 0.03
-"""A move that the pattern's timing misses by more than this, s, was interrupted."""
+"""Largest timing error of an uninterrupted move, s."""
 EVEN_ALONE = 0.01
-"""The same, where only joints off their path show the move: then it is not timed."""
+"""Largest timing error of a move shown only by joints off their path, s; above it the move counts as unseen."""
 SLOWEST, FASTEST = 0.2, 2.5
-"""Pace relative to the pattern within which a move is that of the pattern."""
+"""Range of the pace, relative to the pattern, of a move that matches the pattern."""
 
 
 @dataclass(frozen=True)
 class Match:
-    """A known cycle: ``pattern`` index, runs ``first`` to ``last`` (index), ``odd`` joints (0-based) off their path,
-    ``warp`` to the pattern, moves that are ``unseen`` or ``broken`` by a stop, ``pace`` relative to the pattern.
+    """A known cycle: index of its ``pattern``, indices of its ``first`` and ``last`` run, ``odd`` joints (0-based) off
+    their path, ``warp`` to the pattern, moves ``unseen`` or ``broken`` by a stop, ``pace`` relative to the pattern.
 
-    ``known`` are the log odds against another task that begins like it, from the joints that keep to their path.
+    ``known``: log odds against another task that begins like it, from the joints on their path.
     """
 
     pattern: int
@@ -97,9 +97,9 @@ class Match:
 
 @dataclass(frozen=True, slots=True)
 class _Step:
-    """A move of the pattern and the runs (first, last index) that make it; None where none is seen.
+    """A move of the pattern and its ``runs`` (first, last index), None if unseen.
 
-    Its time is told by ``joints`` (0-based): those on their path, or the others where only those move.
+    ``joints`` (0-based) give its timing: those on their path, or the others if only those move.
     """
 
     move: int
@@ -108,7 +108,7 @@ class _Step:
 
 
 def find_cycles(recording: Recording, runs: Sequence[Run], patterns: Sequence[Pattern]) -> list[Match]:
-    """Known cycles in the order of their runs; what lies between them is something else."""
+    """Known cycles in the order of their runs."""
     found: list[Match] = []
     recording = replace(recording, position=without_jumps(recording.position))
     at = 0
@@ -123,9 +123,9 @@ def find_cycles(recording: Recording, runs: Sequence[Run], patterns: Sequence[Pa
 
 
 def begun_cycle(recording: Recording, runs: Sequence[Run], patterns: Sequence[Pattern]) -> Match | None:
-    """The known cycle that is under way after the last run, as far as it has gone; None where it may be of two tasks.
+    """The known cycle that is running after the last run, up to that run; None if several tasks are possible.
 
-    Its last move is that of the last run, so it must have ended.
+    The last run must have ended, as it is the cycle's last move so far.
     """
     recording = replace(recording, position=without_jumps(recording.position))
     for number in range(MOST_ODD + 1):
@@ -137,7 +137,7 @@ def begun_cycle(recording: Recording, runs: Sequence[Run], patterns: Sequence[Pa
 
 
 def _match_at(recording: Recording, runs: Sequence[Run], patterns: Sequence[Pattern], at: int) -> Match | None:
-    """The cycle that begins with a run: with the fewest joints off their path, at the pace most like its pattern's."""
+    """The cycle that begins with run ``at``: with the fewest joints off their path, then the best of these."""
     for number in range(MOST_ODD + 1):
         if options := _options(recording, runs, patterns, at, number, whole=True):
             return _best(options)
@@ -151,7 +151,7 @@ def _best(options: Iterable[Match]) -> Match:
 def _options(
     recording: Recording, runs: Sequence[Run], patterns: Sequence[Pattern], at: int, number: int, *, whole: bool
 ) -> list[Match]:
-    """Cycles, whole or begun, that begin with a run while ``number`` joints are off their path."""
+    """Whole or running cycles that begin with run ``at`` while ``number`` joints are off their path."""
     out: list[Match] = []
     for index, pattern in enumerate(patterns):
         far = _far(runs[at], pattern)
@@ -167,21 +167,21 @@ def _options(
 
 
 def _reach(steps: Sequence[_Step], last: int) -> bool:
-    """True if the last move that is seen is that of run ``last``."""
+    """True if a move ends with run ``last``."""
     return any(step.runs is not None and step.runs[1] == last for step in steps)
 
 
 def _far(run: Run, pattern: Pattern) -> list[int]:
-    """Joints (0-based) too far from where the pattern begins, even if its first move is not seen."""
+    """Joints (0-based) too far from the pattern's start pose, even if the first move is unseen."""
     limit = pattern.limits + WAY
     far: list[int] = np.flatnonzero(np.abs(run.before - pattern.poses[0][0]) > limit).tolist()
     return far
 
 
 def _walk(runs: Sequence[Run], pattern: Pattern, at: int, odd: Sequence[int], *, whole: bool) -> list[_Step] | None:
-    """Run by run through the moves of a pattern, looking only at joints that are not ``odd``.
+    """Match runs from ``at`` on with the moves of a pattern, by the joints that are not ``odd``.
 
-    Where no ``whole`` cycle is wanted, as far as runs go.
+    Unless a ``whole`` cycle is wanted, the match may end with the last run.
     """
     keep = np.array([j for j in range(len(pattern.repeat)) if j not in odd])
     on_path = tuple(keep.tolist())
@@ -211,19 +211,19 @@ def _walk(runs: Sequence[Run], pattern: Pattern, at: int, odd: Sequence[int], *,
 
 
 def _without(steps: Sequence[_Step], joints: Collection[int]) -> list[_Step]:
-    """Steps that ``joints`` do not time; none is seen that only they showed."""
+    """The steps without timing by ``joints``; steps shown only by these become unseen."""
     left = [(step, tuple(joint for joint in step.joints if joint not in joints)) for step in steps]
     return [replace(step, runs=step.runs if rest else None, joints=rest) for step, rest in left]
 
 
 def _stirs(run: Run, pattern: Pattern, move: int, odd: Sequence[int]) -> bool:
-    """True if a run moves a joint off its path that this move should; else it is a later move's."""
+    """True if a run moves an ``odd`` joint that this move should move; if not, the run belongs to a later move."""
     due = pattern.ways[move, list(odd)] > WAY
     return bool(np.any((np.abs(run.after - run.before)[list(odd)] > POSE) & due))
 
 
 def _alone(run: Run, pattern: Pattern, move: int, shares: Mapping[int, list[float]]) -> tuple[int, ...]:
-    """Joints off their path that show a move nobody else makes; ``shares`` of their healthy ways are added to."""
+    """Joints off their path that show a move of no other joint; adds the shown shares of displacement to ``shares``."""
     there = pattern.poses[1][move] - pattern.poses[0][move]
     out = []
     for joint, of in shares.items():
@@ -237,7 +237,7 @@ def _alone(run: Run, pattern: Pattern, move: int, shares: Mapping[int, list[floa
 
 
 def _end(runs: Sequence[Run], at: int, keep: NDArray[np.intp], after: Float, limit: Float) -> int | None:
-    """The run that ends a move begun with run ``at``: that one, or the next where the move stopped on its way."""
+    """The run that ends a move begun with run ``at``: the same one, or the next if the move was interrupted."""
     if at < len(runs) and _is(runs[at].after[keep], after, limit):
         return at
     if at + 1 >= len(runs):
@@ -254,7 +254,7 @@ def _is(pose: Float, other: Float, limit: Float) -> bool:
 def _timed(
     recording: Recording, runs: Sequence[Run], pattern: Pattern, index: int, steps: Sequence[_Step], odd: Sequence[int]
 ) -> Match | None:
-    """The match with its time map; None where its pace is not that of one task."""
+    """The match with its time map; None if its pace is out of range."""
     timings: list[tuple[int, Timing]] = []
     broken: list[int] = []
     unseen = [step.move for step in steps if step.runs is None]

@@ -1,4 +1,4 @@
-"""Cycles whose power comes from a slow meter: which meter it is, and what they take between its values."""
+"""Cycles whose power comes from a slow meter: identifies the meter, and reconstructs power between its values."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from cellwatt_plugins.robot.meter.model import Meter, Readings, Windows
 from cellwatt_plugins.robot.motion import rates
 
 STIFFNESS = np.geomspace(1e-4, 1e4, 9)
-"""Weights of the power's second differences against the readings that are tried."""
+"""Weights tried for the power's second differences, relative to the meter's values."""
 NEAR = 0.15
-"""s of the pattern over which the scatter of readings is averaged."""
+"""Width over which the scatter of the meter's values is averaged, s of the pattern."""
 
 
 def with_meter(recording: Recording, arm: Arm) -> Recording:
-    """The same with the slow meter that its power is from, where it is.
+    """The recording with the slow meter that measured its power, if it was one.
 
-    Raises ``ModelError`` where the motion does not tell what its values stand for.
+    Raises ``ModelError`` if the motion does not show which time each value covers.
     """
     readings = recording.readings_every(None)
     if readings is None:
         return recording
     q, qd, qdd = rates(without_jumps(recording.position), recording.step)
-    # Rotors and friction are not as described: what they take has weights of its own.
+    # Rotors and friction may differ from the description: their power has weights of its own.
     kinds = np.column_stack([kinds_of_power(arm.torque(q, qd, qdd), qd), qd * qdd, qd**2])
     meter = find([readings], [Course(recording.time, kinds)])
     if meter is None:
@@ -47,9 +47,10 @@ def with_meter(recording: Recording, arm: Arm) -> Recording:
 
 
 def power_through(meter: Meter, readings: Readings, pattern: Pattern, warps: Sequence[Warp]) -> tuple[Float, Float]:
-    """Power (T,) W of a pattern and the scatter of readings about it, from cycles that each met the meter elsewhere.
+    """Power (T,) W of a pattern, and the scatter (T,) W of the meter's values about it.
 
-    The smoothest power whose means are the readings; how smooth is what foretells the readings of a cycle left out.
+    The values fall at other times in every cycle. The power is the smoothest whose means match them; the smoothness is
+    the one that best predicts the values of a cycle left out.
     """
     cycles = [_of_cycle(meter.windows(readings), readings.value, pattern, warp) for warp in warps]
     count = len(pattern.time)
@@ -70,7 +71,7 @@ def power_through(meter: Meter, readings: Readings, pattern: Pattern, warps: Seq
 
 
 def _of_cycle(windows: Windows, value: Float, pattern: Pattern, warp: Warp) -> tuple[csr_array, Float]:
-    """Weights (M, T) of a pattern's samples in the readings of one cycle, and these (M,) W."""
+    """Weights (M, T) of a pattern's samples in the meter's values of one cycle, and these values (M,) W."""
     own = Windows(warp.to_pattern(windows.start), warp.to_pattern(windows.end))
     inside = own.inside(pattern.time)
     return rows_of(own, inside).weights(pattern.time), value[inside]

@@ -1,4 +1,4 @@
-"""Motion that is no known cycle: new tasks, and moves between tasks."""
+"""Finds new tasks in motion outside known cycles."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from cellwatt_plugins.faults.cycles.pattern import POSE, Pattern
 from cellwatt_plugins.faults.cycles.runs import Run
 
 FEWEST = 3
-"""Moves in a row that are in no known task before they are called a task."""
+"""Fewest moves between known cycles that are in no known task and count as a new task."""
 
 
 def new_tasks(runs: Sequence[Run], matches: Sequence[Match], patterns: Sequence[Pattern]) -> list[tuple[int, int]]:
-    """First and last run of each cycle of a task that is not known.
+    """First and last run of each cycle of an unknown task.
 
-    Moves of known tasks, as where the recording begins or ends within a cycle, and moves to a start are none.
+    Excludes moves of known tasks (the recording may begin or end within a cycle) and moves to a start pose.
     """
     out: list[tuple[int, int]] = []
     begins = [0, *(match.last + 1 for match in matches)]
@@ -32,6 +32,6 @@ def new_tasks(runs: Sequence[Run], matches: Sequence[Match], patterns: Sequence[
 
 
 def _known(run: Run, patterns: Sequence[Pattern]) -> bool:
-    """True if some pattern has a move from and to these poses."""
+    """True if a pattern has a move between these poses."""
     here = np.hstack([run.before, run.after])
     return any((np.abs(np.hstack(pattern.poses) - here) < POSE).all(axis=1).any() for pattern in patterns)

@@ -1,7 +1,7 @@
-"""Meanings of a joint off its path: a wrong encoder, or a joint that its drive does not move.
+"""Interpretations of a joint off its path: a wrong encoder, or a joint that its drive does not move.
 
-Only power tells: with a wrong encoder it is as in healthy cycles, without a drive the joint's share is missing, and
-with the belt off the motor turns its own rotor and bearings.
+Only power distinguishes them: with a wrong encoder it is as in healthy cycles, with the drive cut off the joint's share
+is missing, and with the belt off the motor drives only its own rotor and bearings.
 """
 
 from __future__ import annotations
@@ -26,40 +26,40 @@ from cellwatt_plugins.faults.cycles.samples import DOUBT, Samples
 from cellwatt_plugins.robot.motion import rates
 
 Cause = Literal["encoder", "drive_cut", "belt_off", "moved"]
-"""``moved``: it did as its encoder shows, so this is another task."""
+"""``moved``: the joint moved as its encoder shows, so this is another task."""
 
 STOPPED: tuple[Cause, ...] = ("drive_cut", "belt_off")
 
 STILL = 0.1
-"""A joint that covers less than this share of its healthy range stands still."""
+"""A joint whose range is below this share of its healthy range stands still."""
 MODEL = 0.05
-"""Share of the missing power by which the model may be wrong beyond its parameters."""
+"""Model error beyond its parameters, as a share of the missing power (one sigma)."""
 RUBBING, RUBBING_DOUBT = 0.5, 0.3
-"""Share of a joint's friction that is on the motor's side of its belt."""
+"""Share of a joint's friction on the motor's side of its belt, and its uncertainty (one sigma)."""
 UNMODELLED = 0.5
-"""Of what the fitted arm misses of healthy power, as of a part that it holds, a joint may have had so much of its share
-(one sigma: between nothing and all)."""
+"""Uncertainty of a joint's part of the healthy power that the fitted arm does not model (as of a gripped part), as a
+share of it (one sigma: between nothing and all)."""
 MARGIN = 0.25
-"""s beyond the times that are asked for in which a shown path is smoothed, too."""
+"""Time before and after the requested times that is included when an encoder's path is smoothed, s."""
 LEAST_KNOWN = 1.5
-"""W by which the model may miss what a joint takes, however little it is (one sigma)."""
+"""Smallest model error of a joint's power, W (one sigma)."""
 OFFSET = math.radians(0.4)
-"""rad by which an encoder that is merely shifted may be off its shift."""
+"""Largest variation of the offset of an encoder that is merely shifted, rad."""
 TURNING_DOUBT = 0.5
-"""Share of a rotor's power that may be seen of a motor without its belt."""
+"""Share of the rotor's power that a motor without its belt may take (one sigma)."""
 
 
 @dataclass(frozen=True)
 class Interpretation:
-    """``causes`` of each joint (0-based) off its path, the ``load`` of the arm as it then moves, ``residual`` (N,) W
-    that is left to explain and ``doubt`` (N, k) W of it (one sigma each)."""
+    """``causes`` of each joint (0-based) off its path, the ``load`` of the arm in the resulting motion, the unexplained
+    ``residual`` (N,) W and its uncertainty ``doubt`` (N, k) W (one sigma per column)."""
 
     causes: tuple[tuple[int, Cause], ...]
     load: Load
     residual: Float
     doubt: Float
     silent: tuple[int, ...] = ()
-    """Joints (0-based) that their encoders show at rest: they stand still, or only their encoders are wrong."""
+    """Joints (0-based) whose encoders show rest: they stand still, or their encoders are wrong."""
 
     @property
     def stopped(self) -> tuple[int, ...]:
@@ -68,14 +68,14 @@ class Interpretation:
 
     @property
     def foreign(self) -> bool:
-        """True if it means that this is another task."""
+        """True if the interpretation is another task."""
         return any(cause == "moved" for _, cause in self.causes)
 
 
 def readings(
     recording: Recording, match: Match, pattern: Pattern, arm: FittedArm, samples: Samples
 ) -> Iterator[Interpretation]:
-    """Every combination of causes; and that all is well in another task, where a joint shows another way."""
+    """Every combination of causes, and, if a joint moves along another path, a healthy cycle of another task."""
     gone = pattern.time <= samples.tau[-1]
     options: list[list[tuple[int, Cause]]] = []
     silent: list[int] = []
@@ -100,7 +100,7 @@ def readings(
 def _reading(
     recording: Recording, arm: FittedArm, samples: Samples, causes: Sequence[tuple[int, Cause]], vague: Float
 ) -> Interpretation:
-    """Residual once joints stand where they were at the cycle's start, or go where they show."""
+    """The residual if stopped joints stay at their start position and moved joints follow their encoders."""
     healthy = samples.healthy
     if all(cause == "encoder" for _, cause in causes):
         return Interpretation(tuple(causes), healthy, samples.residual, vague)
@@ -122,7 +122,7 @@ def _reading(
 
 
 def _load(recording: Recording, arm: FittedArm, samples: Samples, causes: Sequence[tuple[int, Cause]]) -> Load:
-    """The load of the arm while joints stand or go as the causes say."""
+    """The load of the arm while joints stand still or move according to ``causes``."""
     healthy = samples.healthy
     stopped = [joint for joint, cause in causes if cause in STOPPED]
     q, qd, qdd = healthy.motion.q.copy(), healthy.motion.qd.copy(), healthy.motion.qdd.copy()
@@ -134,7 +134,7 @@ def _load(recording: Recording, arm: FittedArm, samples: Samples, causes: Sequen
 
 
 def _goes_elsewhere(recording: Recording, match: Match, pattern: Pattern, joint: int, until: float) -> bool:
-    """True if an encoder shows other ways between rests than the healthy ones: not if it is merely shifted."""
+    """True if an encoder shows other displacements between rests than in healthy cycles, not merely a shift."""
     edges = np.minimum([edge for move in pattern.moves if move[0] < until for edge in move], until)
     when = match.warp.to_recording(edges)
     rows = _rows(recording, when, 0)
@@ -144,13 +144,13 @@ def _goes_elsewhere(recording: Recording, match: Match, pattern: Pattern, joint:
 
 
 def _rows(recording: Recording, time: Float, margin: int) -> slice:
-    """The samples from the first to the last of some times, and ``margin`` on either side."""
+    """The samples from ``time[0]`` to ``time[-1]``, and ``margin`` samples on either side."""
     first, last = np.searchsorted(recording.time, [time[0], time[-1]])
     return slice(max(0, int(first) - margin), int(last) + margin + 1)
 
 
 def _shown(recording: Recording, joint: int, time: Float) -> tuple[Float, Float, Float]:
-    """Angle, speed and acceleration of an encoder at times (N,) s."""
+    """Angle, velocity and acceleration (N,) of an encoder at times (N,) s."""
     rows = _rows(recording, time, round(MARGIN / recording.step))
     shown = rates(without_jumps(recording.position[rows][:, [joint]]), recording.step)
     angle, velocity, acceleration = (np.interp(time, recording.time[rows], rate[:, 0]) for rate in shown)

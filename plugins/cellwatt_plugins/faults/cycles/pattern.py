@@ -1,7 +1,7 @@
-"""Pattern of a healthy cycle, and the time map that lays any cycle over it.
+"""Pattern of a healthy cycle, and the time map that aligns any cycle with it.
 
-Time is warped move by move along the path of the encoders, so that a pause, a speed override or a slow start of one
-move is no difference of power.
+Time is warped move by move along the path of the encoders, so that a pause, a speed override or a slow start of a move
+does not appear as a difference of power.
 """
 
 from __future__ import annotations
@@ -22,30 +22,30 @@ from cellwatt_plugins.robot.motion import rates
 from cellwatt_plugins.robot.samples import interpolated
 
 MARGIN = 0.1
-"""A pattern begins and ends this long outside its first and last move, s."""
+"""Time by which a pattern extends beyond its first and last move, s."""
 POSE = math.radians(0.4)
-"""A rest pose this far from the pattern's, in any joint, is another …"""
+"""Largest distance of a joint from a rest pose of the pattern, rad …"""
 REPEAT = 8.0
-"""… or so many standard deviations of healthy rest poses."""
+"""… or, if larger, in standard deviations of the healthy rest pose."""
 WAY = math.radians(2.0)
-"""A joint that goes less far in a move does not time it."""
+"""Smallest displacement, rad, with which a joint gives the timing of a move."""
 LEVELS = np.linspace(0.08, 0.92, 15)
-"""Shares of a move's way at which its timing is read."""
+"""Shares of a move's path at which its timing is measured."""
 CREEP = 0.01
-"""rad/s below which a joint stands: the encoders' noise goes no way."""
+"""Speed below which the arm is at rest, rad/s, so that encoder noise adds no path."""
 SMOOTH = 0.05
-"""Positions are averaged over this before their way is measured, s."""
+"""Positions are averaged over this time before the path is measured, s."""
 
 
 def _columns(by_joint: Mapping[int, tuple[float, ...]]) -> Float:
-    """(T, n) from the column of each joint, counted from 1."""
+    """Convert columns by joint (1-based) to an array (T, n)."""
     if sorted(by_joint) != list(range(1, len(by_joint) + 1)) or len({*map(len, by_joint.values())}) != 1:
         raise ValueError("position must have every joint, all of the same length")
     return np.column_stack([by_joint[joint] for joint in range(1, len(by_joint) + 1)])
 
 
 def _read(convert: Callable[[Any], Float], kind: Any) -> GetPydanticSchema:
-    """An array that stands in a file as a ``kind``."""
+    """An array that is stored in a file as a ``kind``."""
     return GetPydanticSchema(lambda _, schema: no_info_after_validator_function(convert, schema(kind)))
 
 
@@ -55,12 +55,12 @@ _Columns = Annotated[Float, _read(_columns, dict[int, tuple[float, ...]])]
 
 @dataclass(frozen=True)
 class Pattern:
-    """One task at one speed, averaged over healthy cycles, as it stands in the reference file.
+    """One task at one speed, averaged over healthy cycles, as stored in the reference file.
 
-    ``step`` s; ``position`` (T, n) rad and ``power`` (T,) W from ``MARGIN`` before the first move, with ``spread`` W,
-    the standard deviation over ``cycles`` cycles; ``moves`` their start and end, s from the first sample;
-    ``repeat`` (n,) rad, the standard deviation of rest poses over cycles; ``window`` s that each value of the power
-    that it was learnt from stands for, 0 for that of a sample.
+    ``step`` s; ``position`` (T, n) rad and ``power`` (T,) W from ``MARGIN`` before the first move, with ``spread`` (T,)
+    W, the standard deviation over ``cycles`` cycles; ``moves``: start and end, s from the first sample; ``repeat`` (n,)
+    rad, the standard deviation of rest poses over cycles; ``window`` s, the averaging time of the power meter, 0 if the
+    power was sampled.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
@@ -87,43 +87,43 @@ class Pattern:
 
     @cached_property
     def time(self) -> Float:
-        """(T,) s from the first sample."""
+        """Time (T,) of the samples, s from the first."""
         return np.asarray(self.step * np.arange(len(self.power)), np.float64)
 
     @cached_property
     def rates(self) -> tuple[Float, Float]:
-        """Velocity and acceleration (T, n) along the pattern's own time, rad/s and rad/s²."""
+        """Velocity and acceleration (T, n) at the pattern's pace, rad/s and rad/s²."""
         return rates(self.position, self.step)[1:]
 
     @cached_property
     def slope(self) -> Float:
-        """(T,) W/s of the power."""
+        """Derivative (T,) W/s of the power."""
         return np.gradient(self.power, self.step)
 
     @cached_property
     def poses(self) -> tuple[Float, Float]:
-        """Rest poses (M, n) before and after each move."""
+        """Rest poses (M, n) rad before and after each move."""
         starts = np.array([start for start, _ in self.moves])
         ends = np.array([end for _, end in self.moves])
         return self.position_at(starts - 0.02), self.position_at(ends + 0.02)
 
     @cached_property
     def limits(self) -> Float:
-        """Permitted distance (n,) rad of each joint from a rest pose."""
+        """Largest distance (n,) rad of each joint from a rest pose."""
         return np.asarray(np.maximum(POSE, REPEAT * self.repeat))
 
     @cached_property
     def ways(self) -> Float:
-        """Way (M, n) rad of each joint in each move, from its lowest to its highest angle."""
+        """Range (M, n) rad of each joint's angle in each move."""
         return np.stack([np.ptp(self.position[self.part(m)], axis=0) for m in range(len(self.moves))])
 
     def part(self, move: int) -> slice:
-        """The samples of a move."""
+        """Slice of the samples of a move."""
         start, end = self.moves[move]
         return slice(max(0, round(start / self.step)), round(end / self.step) + 1)
 
     def passing(self, move: int, joints: tuple[int, ...]) -> Float:
-        """Times in s at which each of ``LEVELS`` of a move's way, as ``joints`` (0-based) go it, has been gone."""
+        """Times in s at which ``joints`` (0-based) have covered each of ``LEVELS`` of a move's path."""
         if (move, joints) not in self._passings:
             part = self.part(move)
             way = _passing(self.time[part], self.position[part][:, list(joints)], self.step)
@@ -135,29 +135,29 @@ class Pattern:
         return {}
 
     def position_at(self, tau: Float) -> Float:
-        """(k, n) rad at times tau (k,) s of the pattern."""
+        """Position (k, n) rad at times tau (k,) s of the pattern."""
         return interpolated(tau, self.time, self.position)
 
 
 @dataclass(frozen=True)
 class Warp:
-    """Pattern times ``tau`` (K,) s that belong to times ``t`` (K,) s of a recording, both rising."""
+    """Time map: pattern times ``tau`` (K,) s and recording times ``t`` (K,) s, both rising."""
 
     tau: Float
     t: Float
 
     def to_pattern(self, t: Float) -> Float:
-        """Pattern time of recording times; at the recording's own pace outside the moves."""
+        """Pattern times of recording times; at a pace of 1 before and after the moves."""
         inside = np.interp(t, self.t, self.tau)
         return np.asarray(inside + np.minimum(t - self.t[0], 0.0) + np.maximum(t - self.t[-1], 0.0))
 
     def to_recording(self, tau: Float) -> Float:
-        """Recording time of pattern times."""
+        """Recording times of pattern times."""
         inside = np.interp(tau, self.tau, self.t)
         return np.asarray(inside + np.minimum(tau - self.tau[0], 0.0) + np.maximum(tau - self.tau[-1], 0.0))
 
     def pace(self, t: Float) -> Float:
-        """Pattern seconds in a second of the recording, at times t (k,) s."""
+        """Pattern seconds per second of the recording, at times t (k,) s."""
         slope = np.diff(self.tau) / np.diff(self.t)
         part = np.clip(np.searchsorted(self.t, t) - 1, 0, len(slope) - 1)
         return np.asarray(np.where((t < self.t[0]) | (t > self.t[-1]), 1.0, slope[part]))
@@ -173,7 +173,7 @@ class Timing:
 
 
 def timing(pattern: Pattern, move: int, recording: Recording, span: tuple[int, int], joints: Sequence[int]) -> Timing:
-    """Lay a move of the pattern over samples ``span`` of the recording, by the way of ``joints`` (0-based)."""
+    """Align a move of the pattern with the samples ``span`` of the recording, by the path of ``joints`` (0-based)."""
     margin = round(MARGIN / recording.step)
     seen = slice(max(0, span[0] - margin), span[1] + margin + 1)
     own = _passing(recording.time[seen], recording.position[seen][:, list(joints)], recording.step)
@@ -187,7 +187,7 @@ def timing(pattern: Pattern, move: int, recording: Recording, span: tuple[int, i
 
 
 def warp_of(pattern: Pattern, timings: Sequence[tuple[int, Timing]]) -> Warp:
-    """The time map through the moves whose timing is known, (move, timing) in order."""
+    """The time map from the moves with known timing: (move, timing), in order."""
     tau = np.array([edge for move, _ in timings for edge in pattern.moves[move]])
     t = np.array([edge for _, found in timings for edge in (found.start, found.end)])
     rising = np.concatenate([[True], np.diff(t) > 1e-3])
@@ -195,7 +195,7 @@ def warp_of(pattern: Pattern, timings: Sequence[tuple[int, Timing]]) -> Warp:
 
 
 def _passing(time: Float, position: Float, step: float) -> Float:
-    """Times in s at which each of ``LEVELS`` of the way has been gone."""
+    """Times in s at which each of ``LEVELS`` of the path has been covered."""
     width = max(1, round(SMOOTH / step))
     kernel = np.ones(width) / width
     padded = np.pad(position, ((width // 2, width - 1 - width // 2), (0, 0)), mode="edge")

@@ -1,4 +1,4 @@
-"""A stretch of one arm on an even grid: encoders and supply power."""
+"""A recording of one arm on an even grid: encoder positions and supply power."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from cellwatt_plugins.robot.meter.held import held
 from cellwatt_plugins.robot.meter.model import Meter, Readings
 
 LONGEST_HOLE = 0.5
-"""s of missing positions up to which they are bridged; where the arm was meanwhile is not known in longer ones."""
+"""Longest hole in the positions that is interpolated, s; in longer ones the pose is unknown."""
 LONGEST_PAUSE = 60.0
-"""s that longer holes are taken to last: files of several days must fit into memory."""
+"""Length to which longer holes are cut, s, so that files of several days fit into memory."""
 
 
 @dataclass(frozen=True)
@@ -30,27 +30,27 @@ class Recording:
     position: Float
     power: Float
     meter: Meter | None = None
-    """The slow meter that power is from."""
+    """The slow meter that measured the power; None if the power was sampled."""
     unknown: NDArray[np.bool_] | None = None
-    """Samples (N,) in holes of the positions that are too long to be bridged; None: there are none."""
+    """True (N,) for samples in holes of the positions too long to interpolate; None: no such samples."""
     pauses: tuple[tuple[float, float], ...] = ()
-    """``time`` from which clocks showed so many s more, for each hole that was cut to ``LONGEST_PAUSE``."""
+    """For each hole cut to ``LONGEST_PAUSE``: the ``time`` of its end, s, and the time cut out of it, s."""
 
     def clock(self, time: float) -> float:
-        """What clocks showed at ``time`` s."""
+        """Clock time at ``time`` s, holes uncut."""
         return time + sum(more for begin, more in self.pauses if time >= begin)
 
     @cached_property
     def readings(self) -> Readings | None:
-        """The values of a slow meter, each once; None where power is not from one."""
+        """The values of the slow meter, each once; None without a slow meter."""
         return None if self.meter is None else self.readings_every(self.meter.interval)
 
     def readings_every(self, interval: float | None) -> Readings | None:
-        """The values of a slow meter of one every ``interval`` s, or of any; None where power is not from one."""
+        """The values of a slow meter with this ``interval`` (s), or with any; None if power is not held from one."""
         known = ~np.isnan(self.power)
         if known.sum() < 2:
             return None
-        # A hole holds the value before it: what comes with its end counts from there.
+        # A hole holds the value before it; a new value counts from the end of the hole.
         last = np.maximum.accumulate(np.where(known, np.arange(len(known)), np.argmax(known)))
         found = held([(self.time, self.power[last])], interval)
         return None if found is None else found[0]
@@ -67,9 +67,9 @@ class Recording:
 
 
 def recording_of(blocks: Sequence[Frames], arm: str | None, power: str) -> Recording:
-    """The frames of one arm with the power channel ``power``; holes in positions are bridged, long ones are told.
+    """Recording of one arm with the power channel ``power``; holes in the positions are interpolated, long ones marked.
 
-    Raises ``RecordingError`` where there is nothing to judge.
+    Raises ``RecordingError`` if no frame has the positions of all joints.
     """
     layout = one_layout(blocks)
     time = np.concatenate([block.time for block in blocks])

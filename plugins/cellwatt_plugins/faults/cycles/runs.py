@@ -1,4 +1,4 @@
-"""Runs of motion between rests of the whole arm, from encoders that may jump or stand still."""
+"""Finds runs of motion between rests of the whole arm, from encoders that may jump or stand still."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from cellwatt_plugins.noise import white_noise
 from cellwatt_plugins.robot.stretches import stretches
 
 WINDOW = 0.06
-"""Speeds are differences over this, s."""
+"""Time over which speed is computed, s."""
 MOVING = math.radians(0.6)
-"""rad/s above which a joint moves …"""
+"""Speed above which a joint moves, rad/s …"""
 NOISE = 8.0
-"""… or so many standard deviations of the noise of its speed."""
+"""… or, if larger, in standard deviations of the noise of its speed."""
 SHORTEST_REST = 0.06
 SHORTEST_RUN = 0.12
-"""Rests and runs shorter than these, s, are none."""
+"""Shortest rest and shortest run, s."""
 LEAST_WAY = math.radians(1.0)
-"""A run in which no joint goes further than this is none."""
+"""A run in which no joint moves by more than this, rad, is ignored."""
 SETTLED = 0.1
-"""Poses before and after a run are medians over this, s."""
+"""Time over which the poses before and after a run are averaged (median), s."""
 JUMP = math.radians(0.5)
-"""A step between two samples of more than this, out of proportion to the steps around it, is no motion."""
+"""A step between two samples larger than this, rad, and out of proportion to its neighbours, is not motion."""
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Samples ``first`` to ``last`` in which something moves; ``before`` and ``after`` (n,) rad, the poses around."""
+    """Samples ``first`` to ``last`` of one motion; ``before`` and ``after`` (n,) rad are the poses around it."""
 
     first: int
     last: int
@@ -53,7 +53,7 @@ def find_runs(recording: Recording) -> list[Run]:
     moving = np.asarray(np.any(np.abs(speed) > limit, axis=1))
     if (unknown := recording.unknown) is not None:
         broken = np.union1d(broken, np.flatnonzero(unknown[1:] | unknown[:-1]))
-        moving &= np.convolve(unknown, np.ones(2 * half + 1), "same") == 0  # a speed takes in half a window either way
+        moving &= np.convolve(unknown, np.ones(2 * half + 1), "same") == 0  # a speed uses half a window on each side
     spans = _spans(moving, max(1, round(SHORTEST_REST / step)))
     settled = max(1, round(SETTLED / step))
     out = []
@@ -71,7 +71,7 @@ def find_runs(recording: Recording) -> list[Run]:
 
 
 def jumps(position: Float) -> Float:
-    """Steps (N - 1, n) rad from one sample to the next that no motion makes, as where an encoder fails; else 0."""
+    """Steps (N - 1, n) rad between samples that no motion causes, as when an encoder fails; else 0."""
     step = np.diff(position, axis=0)
     size = np.abs(step)
     around = np.zeros_like(size)
@@ -88,7 +88,7 @@ def without_jumps(position: Float) -> Float:
 
 
 def _spans(moving: NDArray[np.bool_], gap: int) -> list[tuple[int, int]]:
-    """First and last sample of each stretch that moves, those ``gap`` samples apart or less joined."""
+    """First and last sample of each motion; motions at most ``gap`` samples apart are joined."""
     joined: list[tuple[int, int]] = []
     for first, end in stretches(moving):
         if joined and first - joined[-1][1] <= gap:

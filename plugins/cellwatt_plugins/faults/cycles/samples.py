@@ -1,4 +1,4 @@
-"""A cycle laid over its healthy pattern: power that was expected, what differs, and what may differ harmlessly."""
+"""A cycle aligned with its healthy pattern: residual of the power, and the harmless variation of healthy cycles."""
 
 from __future__ import annotations
 
@@ -19,30 +19,29 @@ from cellwatt_plugins.robot.meter.model import Meter, Readings
 from cellwatt_plugins.robot.samples import interpolated
 
 STEP = 0.04
-"""Power is averaged over this before it is judged, s."""
+"""Time over which power is averaged, s."""
 SHIFT = 0.004
-"""s by which a move's power may lead or lag its encoders (one sigma) …"""
+"""Time by which a move's power may lead or lag its encoders, s (one sigma) …"""
 UNSEEN_SHIFT = 0.05
-"""… and a move that no encoder shows."""
+"""… and for a move that no encoder shows."""
 SHARE = 0.01
-"""Share of a move's power by which healthy cycles may differ (one sigma)."""
+"""Variation of a move's power between healthy cycles, as a share (one sigma)."""
 LEVEL = 2.0
-"""W by which the supply's standing power may differ (one sigma)."""
+"""Variation of the supply's standing power, W (one sigma)."""
 DOUBT = 2.0
-"""The model may be wrong by so many standard deviations of its parameters."""
+"""Factor on the standard deviations of the model's parameters."""
 STANDING = 0.5
-"""Pace below which the arm pauses: no more is learned from it."""
+"""Pace below which the arm pauses; samples in a pause are not used."""
 
 
 @dataclass(frozen=True)
 class Samples:
     """N points of a cycle.
 
-    ``time`` s, ``tau`` s of the pattern, ``residual`` W against healthy power, ``sigma`` W its noise, ``harmless``
-    (N, h) W what may differ in healthy cycles (one sigma each), ``healthy`` the load of the healthy path at this pace,
-    ``unmodelled`` (N,) W what healthy power has more than the fitted arm says, as of a part that is held on the way.
-    Of a slow meter, ``group`` points after each other lie within what one of its values stands for: only their mean
-    was measured.
+    ``time`` s, ``tau`` s of the pattern, ``residual`` W from healthy power, ``sigma`` W its noise, ``harmless`` (N, h)
+    W the variation of healthy cycles (one sigma per column), ``healthy`` the load of the healthy path at this pace,
+    ``unmodelled`` (N,) W healthy power minus that of the fitted arm, as of a gripped part. ``group``: number of
+    consecutive points whose mean is one value of a slow meter; 1 otherwise.
     """
 
     time: Float
@@ -56,9 +55,9 @@ class Samples:
 
 
 def sample(recording: Recording, match: Match, pattern: Pattern, arm: FittedArm, until: float) -> Samples | None:
-    """The points of one cycle up to pattern time ``until`` s, without moves broken by a stop and standing pauses.
+    """The points of one cycle up to pattern time ``until`` s, without pauses and moves broken by a stop.
 
-    None where the meter has told no power of it alone.
+    None if no value of the meter covers this cycle alone.
     """
     time, watts, group = _measured(recording, match, pattern, until)
     if len(time) < 2:
@@ -80,7 +79,7 @@ def sample(recording: Recording, match: Match, pattern: Pattern, arm: FittedArm,
 
 
 def inside_moves(pattern: Pattern, tau: Float, margin: float) -> NDArray[np.bool_]:
-    """True for pattern times (N,) within a move, or ``margin`` s from it."""
+    """True for pattern times (N,) within a move or less than ``margin`` s from it."""
     inside = np.zeros(len(tau), dtype=bool)
     for start, end in pattern.moves:
         inside |= (tau > start - margin) & (tau < end + margin)
@@ -88,7 +87,7 @@ def inside_moves(pattern: Pattern, tau: Float, margin: float) -> NDArray[np.bool
 
 
 def _measured(recording: Recording, match: Match, pattern: Pattern, until: float) -> tuple[Float, Float, int]:
-    """Times and power of the points of the cycle, and how many of them make one value."""
+    """Times and power of the points of the cycle, and the number of points per measured value."""
     begin, end = float(match.warp.t[0] - MARGIN), float(match.warp.t[-1] + MARGIN)
     if recording.meter is not None and recording.readings is not None:
         time, watts, group = _within_readings(recording.meter, recording.readings, begin, end)
@@ -100,7 +99,7 @@ def _measured(recording: Recording, match: Match, pattern: Pattern, until: float
 
 
 def _within_readings(meter: Meter, readings: Readings, begin: float, end: float) -> tuple[Float, Float, int]:
-    """Points evenly within what each value of a slow meter stands for."""
+    """Evenly spaced points within the window of each value of a slow meter."""
     windows = meter.windows(readings)
     inside = (windows.start >= begin) & (windows.end <= end)
     group = max(2, round(meter.window / STEP))
@@ -110,7 +109,7 @@ def _within_readings(meter: Meter, readings: Readings, begin: float, end: float)
 
 
 def _means(recording: Recording, begin: float, end: float) -> tuple[Float, Float]:
-    """Times and mean power of every ``STEP``."""
+    """Times and mean power of each span of ``STEP`` s."""
     first, last = np.searchsorted(recording.time, [begin, end])
     width = max(1, round(STEP / recording.step))
     count = (last - first) // width
@@ -120,7 +119,7 @@ def _means(recording: Recording, begin: float, end: float) -> tuple[Float, Float
 
 
 def _usable(match: Match, pattern: Pattern, time: Float, until: float) -> NDArray[np.bool_]:
-    """Points in which power can be compared: not in pauses, nor in moves that were interrupted."""
+    """True for points outside pauses and interrupted moves, where power can be compared."""
     tau = match.warp.to_pattern(time)
     usable = (tau < until) & ((match.warp.pace(time) > STANDING) | inside_moves(pattern, tau, MARGIN))
     for move in match.broken:
@@ -130,13 +129,13 @@ def _usable(match: Match, pattern: Pattern, time: Float, until: float) -> NDArra
 
 
 def _motion(pattern: Pattern, tau: Float, pace: Float) -> Motion:
-    """The healthy path at the pace of a cycle."""
+    """The healthy motion at the pace of a cycle."""
     velocity, acceleration = (interpolated(tau, pattern.time, rate) for rate in pattern.rates)
     return Motion(pattern.position_at(tau), velocity * pace[:, None], acceleration * pace[:, None] ** 2)
 
 
 def _spread(pattern: Pattern) -> Float:
-    """W (T,) by which the pattern's mean may be off, and a healthy cycle differs from it beyond the noise."""
+    """Standard deviation (T,) W of a healthy cycle about the pattern beyond its noise, and of the pattern's mean."""
     width = 9
     padded = np.pad(pattern.spread**2, width // 2, mode="edge")
     variance = np.convolve(padded, np.ones(width) / width, mode="valid")
@@ -145,7 +144,7 @@ def _spread(pattern: Pattern) -> Float:
 
 
 def _variation(match: Match, pattern: Pattern, tau: Float, expected: Float, slope: Float, shift: float) -> Float:
-    """Columns (N, h) W: level of the supply, timing and size of each move."""
+    """Columns (N, h) W, one sigma each: level of the supply, timing and power of each move."""
     resting = expected[~inside_moves(pattern, tau, 0.0)]
     level = float(np.median(resting)) if len(resting) else float(expected.min())
     columns = [np.full(len(tau), LEVEL)]

@@ -1,7 +1,7 @@
-"""The evidence of a few effects together, with what their torques do to power in full.
+"""Evaluates the evidence of a few effects together, with the full, nonlinear power of their torques.
 
-Power is no line in a torque: copper loss grows with its square, and a supply that keeps what drives give back has a
-corner where they begin to. So power is taken along its slope at the sizes found, and the sizes are found again.
+Power is not linear in torque: copper loss grows with its square, and the supply's gain changes where the drives begin
+to return power. Power is therefore linearised at the sizes found, and the sizes are fitted again.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from cellwatt_plugins.robot.regression import Fit, Prior, Products, Whitener
 
 ROUNDS = 5
 SETTLED = 0.02
-"""Sizes that change by less than this share are found."""
+"""The fit ends when the sizes change by less than this share."""
 EFFECT_DOUBT = 0.03
 COPPER_DOUBT = 0.15
-"""Shares of a fault's power, and of its copper loss, by which the model may misjudge it (one sigma)."""
+"""Model error as a share of a fault's power, and of its copper loss (one sigma)."""
 
 
 @dataclass(frozen=True)
 class Weighed:
-    """Effects together: ``gain`` log evidence over none, ``sizes`` of each, ``misfit`` the sum of squares, in standard
-    deviations, that they leave."""
+    """Effects fitted together: ``gain``, the log evidence relative to no effect; ``sizes`` of each; ``misfit``, the sum
+    of squared residuals in standard deviations."""
 
     gain: float
     sizes: tuple[Float, ...]
@@ -38,7 +38,7 @@ class Weighed:
 
 @dataclass(frozen=True)
 class Bent:
-    """Power (N,) W of effects at their sizes, its ``slope`` (N, k) W by the sizes, ``doubt`` (N, d) W of it."""
+    """``power`` (N,) W of effects at given sizes, ``slope`` (N, k) W per size, its uncertainty ``doubt`` (N, d) W."""
 
     power: Float
     slope: Float
@@ -53,7 +53,7 @@ def weigh(
     effects: Sequence[Effect],
     rounds: int = ROUNDS,
 ) -> Weighed:
-    """Fit effects to a white residual (N,), ``rounds`` times anew along the slope of power."""
+    """Fit effects to a white residual (N,) in up to ``rounds`` iterations."""
     widths = [effect.columns.shape[1] for effect in effects]
     cuts: list[int] = np.cumsum(widths)[:-1].tolist()
     sizes = tuple(np.zeros(width) for width in widths)
@@ -75,7 +75,7 @@ def weigh(
 
 
 def fit(products: Products) -> Fit:
-    """Fit columns that are scaled to one sigma of their sizes."""
+    """Fit columns with unit priors: each column is scaled to one sigma of its size."""
     return Fit(products, _unit(len(products.pull)))
 
 
@@ -85,7 +85,7 @@ def _unit(count: int) -> Prior:
 
 
 def bend(parameters: Parameters, load: Load, effects: Sequence[Effect], sizes: Sequence[Float]) -> Bent:
-    """Power of effects of these sizes, without drawing the line longer than it is."""
+    """Nonlinear power of effects of these sizes, with its slope and uncertainty."""
     before = load.drives.sum(axis=1)
     more, slopes, doubts = np.zeros(len(before)), [], [np.empty((len(before), 0))]
     for effect, size in zip(effects, sizes, strict=True):
@@ -105,7 +105,7 @@ def bend(parameters: Parameters, load: Load, effects: Sequence[Effect], sizes: S
 
 
 def _doubt(load: Load, what: str, joint: int, extra: Float, copper: float) -> Float:
-    """Columns (N, d) W at the drives by which the power of a torque ``extra`` (N,) Nm may be misjudged."""
+    """Uncertainty (N, d) W, at the drives, of the power of a torque ``extra`` (N,) Nm; one sigma per column."""
     speed, torque = load.motion.qd[:, joint], load.torque[:, joint]
     losses = copper * (2 * torque + extra) * extra
     columns = [EFFECT_DOUBT * (speed * extra + losses), COPPER_DOUBT * losses]

@@ -1,4 +1,4 @@
-"""Findings in plain sentences."""
+"""Sentences on findings."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from cellwatt_plugins.faults.cycles.examine import Blame, Verdict
 from cellwatt_plugins.faults.cycles.match import Match
 
 ANOTHER_PACE = 0.01
-"""A cycle whose pace differs by more than this is said to run faster or slower."""
+"""Smallest relative difference of pace that is reported."""
 PAUSE = 0.3
-"""A rest that is longer than the task's by more than this, s, is a pause."""
+"""A rest that exceeds the task's by more than this, s, is reported as a pause."""
 LEAST_PART = 0.02
 LEAST_WARM = 0.03
-"""kg and share of friction below which nothing is said of a part or of a warm-up."""
+"""Smallest reported change of a part's mass, kg, and of friction, as a share."""
 
 _WHAT = {
     "friction": "turns harder than in healthy cycles: friction in its gear, bearing or brake",
@@ -30,7 +30,7 @@ _WHAT = {
 def statement_on(
     joint: int, kind: str, blame: Blame | None, deviation: float, moves: Sequence[int], or_kind: str | None
 ) -> str:
-    """One sentence on a fault; ``joint`` 0-based, ``deviation`` rad of its encoder, ``moves`` from 1."""
+    """Sentence on a fault; ``joint`` 0-based, ``deviation`` rad of its encoder, ``moves`` from 1."""
     where = f" (interval{'s' * (len(moves) > 1)} {', '.join(map(str, moves))})" if moves else ""
     off = f"The encoder of joint {joint + 1} is off the path by up to {math.degrees(deviation):.1f}°"
     if or_kind is not None:
@@ -46,7 +46,7 @@ def statement_on(
 
 
 def note_on(match: Match, verdict: Verdict) -> str:
-    """Describe what was different and harmless; empty if nothing was."""
+    """Describe the harmless differences; empty if there are none."""
     parts = []
     if abs(match.pace - 1.0) > ANOTHER_PACE:
         more = "faster" if match.pace > 1 else "slower"
@@ -62,6 +62,6 @@ def note_on(match: Match, verdict: Verdict) -> str:
 
 
 def _pause(match: Match) -> float:
-    """The longest time by which a rest or a stop within a move exceeds the task's, s."""
+    """Largest excess of a rest, or of a stop within a move, over the task's, s."""
     edges = list(zip(match.warp.tau, match.warp.t, strict=True))
     return max(((b[1] - a[1]) - (b[0] - a[0]) / match.pace for a, b in pairwise(edges)), default=0.0)

@@ -1,1 +1,1 @@
-"""Faults judged interval by interval, while the cell runs: power and encoders against the healthy reference."""
+"""Finds faults by interval while the cell runs: compares power and encoders with the healthy reference."""

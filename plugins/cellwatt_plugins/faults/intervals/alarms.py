@@ -1,4 +1,4 @@
-"""Alarms from intervals: raised by findings of deviations, cleared by clean intervals of the same joint."""
+"""Alarms from intervals: raised by deviations, cleared by healthy intervals of the same joint."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from cellwatt_plugins.faults.isolate import Suspect, suspects
 from cellwatt_plugins.faults.reference import Reference
 
 PATIENCE = 10
-"""So many times more clean intervals clear an alarm whose deviating interval is never run again."""
+"""Factor on the clean intervals that clear an alarm whose deviating interval has not run again."""
 UNKNOWN = 3
-"""Intervals in a row that are not in the reference before a new task is announced."""
+"""Consecutive intervals that are not in the reference, after which a new task is reported."""
 
 _WHAT = {
     "joint_fault": "Joint {joint} {power}, though it follows its path: a fault in the joint or a load on it",
@@ -31,7 +31,7 @@ _WHAT = {
 
 @dataclass
 class IntervalAlarms:
-    """The alarms of one arm; ``prefix`` starts their ids, ``clear_after`` clean intervals clear one."""
+    """The alarms of one arm; ids start with ``prefix``, ``clear_after`` clean intervals clear an alarm."""
 
     prefix: str
     source: str
@@ -43,7 +43,7 @@ class IntervalAlarms:
     _unknown: int = 0
 
     def take(self, finding: Finding, *, final: bool) -> list[Alarm]:
-        """Alarms that change with one more finding; ``final`` is false while its interval still runs."""
+        """Return the alarms that change with a finding; ``final`` is false while its interval still runs."""
         out = self._withdraw(finding) if final else []
         if finding.place is None:
             self._unknown += 1
@@ -68,7 +68,7 @@ class IntervalAlarms:
         return out
 
     def _withdraw(self, finding: Finding) -> list[Alarm]:
-        """Withdraw the alarms of an interval while it ran, if its end shows that it was another motion or speed."""
+        """Withdraw the alarms raised during an interval that proves, at its end, to be another motion or speed."""
         if finding.course not in ("other_motion", "other_speed"):
             return []
         interval = finding.interval
@@ -77,7 +77,7 @@ class IntervalAlarms:
         return self._clear(mine, finding, "Withdrawn: joint {joint} made a motion that is not that of the reference")
 
     def _encoder(self, joint: int, verdict: Verdict, finding: Finding) -> list[Alarm]:
-        """Raise the alarm of an encoder that deviates; once power has differed too, the stronger verdict stays."""
+        """Raise the alarm of a deviating encoder; once power has differed too, the joint-and-encoder alarm stays."""
         both = self._name("joint_and_encoder_fault", joint)
         if verdict == "encoder_fault" and both in self._book:
             return self._book.raise_(self._book[both].alarm, update=False)
@@ -88,7 +88,7 @@ class IntervalAlarms:
         return [*out, *self._raise(joint, verdict, finding, ())]
 
     def _joints(self, finding: Finding) -> list[Alarm]:
-        """Raise joint faults that the codes of this task's intervals speak for; clear those explained away."""
+        """Raise the joint faults that explain the codes of this task's intervals; clear those no longer needed."""
         if not finding.code:
             return []
         out: list[Alarm] = []
@@ -103,13 +103,13 @@ class IntervalAlarms:
         return [*out, *self._clear(others, finding, text)]
 
     def _named(self, suspect: Suspect) -> tuple[int, tuple[int, ...]]:
-        """The joint to name and its alternatives: among equals, the one whose alarm is up stays."""
+        """The joint to name and its alternatives; among equals, a joint whose alarm is active is preferred."""
         equals = (suspect.joint, *suspect.alternatives)
         joint = next((j for j in equals if self._name("joint_fault", j) in self._book), suspect.joint)
         return joint, tuple(sorted(j for j in equals if j != joint))
 
     def _blamed(self, finding: Finding) -> list[Suspect]:
-        """The joints that explain the newest codes of the task's intervals, since the first that deviates."""
+        """The joints that explain the newest codes of the task's intervals, from the first deviation on."""
         assert finding.place is not None
         known = [f for (task, _), f in self._codes.items() if task == finding.place.task]
         begun = min((f.interval.start for f in known if f.code), default=0)
@@ -133,9 +133,9 @@ class IntervalAlarms:
     def _raise(
         self, joint: int, kind: str, finding: Finding, alternatives: tuple[int, ...], score: float | None = None
     ) -> list[Alarm]:
-        """Raise an alarm, or update its evidence once an interval has given new figures.
+        """Raise an alarm, or update its evidence when another interval gives new figures.
 
-        Its sentence stays as it was raised: a spring draws more in one interval and less in the next.
+        The statement does not change: a spring increases the power in one interval and reduces it in the next.
         """
         assert finding.place is not None
         name, task = self._name(kind, joint), self.reference.tasks[finding.place.task]
@@ -156,7 +156,7 @@ class IntervalAlarms:
         return self._book.raise_(alarm, update=not (before and same and before.interval == number))
 
     def _count_clean(self, finding: Finding) -> list[Alarm]:
-        """Count an interval in which joints moved without a deviation; enough of them clear an alarm."""
+        """Count an interval without deviation for the alarms of its joints; clear those with enough such intervals."""
         out: list[Alarm] = []
         text = "Resolved: joint {joint} has moved {times} times as in healthy cycles"
         for alarm in self._up():
@@ -169,7 +169,7 @@ class IntervalAlarms:
         return out
 
     def _still(self, joint: int) -> bool:
-        """True if some interval in which a joint moves deviated when it last ran."""
+        """True if any interval in which the joint moves deviated in its latest run."""
         return any(f.code and joint in self._moving(f) for f in self._codes.values())
 
     def _clear(self, alarms: Sequence[Alarm], finding: Finding, text: str, after: Patience = AT_ONCE) -> list[Alarm]:
@@ -184,7 +184,7 @@ class IntervalAlarms:
         return out
 
     def _up(self, *kinds: str) -> list[Alarm]:
-        """Alarms about joints that are up, of some kinds or all."""
+        """Active alarms about joints, of the given kinds or of all."""
         up = [standing.alarm for standing in self._book.raised]
         return [alarm for alarm in up if alarm.joint is not None and (not kinds or alarm.kind in kinds)]
 
@@ -194,7 +194,7 @@ class IntervalAlarms:
         return f"{self.prefix}.{self.source}.{about}{kind}"
 
     def _say(self, kind: str, finding: Finding, statement: str) -> list[Alarm]:
-        """Say something worth knowing, once."""
+        """Report information once."""
         if kind in self._said:
             return []
         self._said.add(kind)
@@ -203,13 +203,13 @@ class IntervalAlarms:
         return self._book.raise_(Alarm(name, kind, "info", True, since, time, statement, source, interval=number))
 
     def _known_again(self, finding: Finding) -> list[Alarm]:
-        """Take notices down: the arm is back in the reference."""
+        """Clear the notices, as the arm runs a task of the reference again."""
         text = "Resolved: the arm runs as in the reference again"
         return [a for kind in sorted(self._said) for a in self._book.clear(self._name(kind), finding.time, text)]
 
 
 def _statement(joint: int, kind: str, alternatives: tuple[int, ...], evidence: dict[str, Any]) -> str:
-    """One plain sentence for the person at the cell."""
+    """The statement of an alarm, for the person at the cell."""
     residual = evidence.get("power_residual_W", 0.0)
     more = "more" if residual > 0 else "less"
     power = (

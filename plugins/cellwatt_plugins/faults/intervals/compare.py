@@ -1,4 +1,4 @@
-"""One interval against its healthy reference, point by point."""
+"""Compares one interval with its healthy reference, point by point."""
 
 from __future__ import annotations
 
@@ -15,33 +15,34 @@ from cellwatt_plugins.faults.trace import Trace
 Bools = NDArray[np.bool_]
 
 BASE = (-0.1, 0.0)
-"""Power just before the onset, s, whose median deviation is the base level: a joint at rest shows no fault."""
+"""Span before the onset, s, whose median power deviation is the base level: a joint at rest shows no fault."""
 SPREADS = 3.0
-"""A healthy spread beyond the tolerance widens it to so many standard deviations."""
+"""The tolerance is at least this many standard deviations of healthy power."""
 SHIFT = 0.15
-"""An onset that encoder noise or a jolt has put too early or late is put right by up to so many s …"""
+"""Largest correction of an onset that encoder noise or a jolt has made too early or late, s …"""
 FITS = 0.25
-"""… where positions then agree to this share of the position tolerance."""
+"""… made if positions then agree to within this share of the position tolerance."""
 SPEED_SHARE, SPEED_FLOOR = 0.03, 0.01
 ACCELERATION_SHARE, ACCELERATION_FLOOR = 0.06, 0.15
-"""The motion follows the reference while it agrees to these shares of the peaks plus floors (rad/s, rad/s²)."""
+"""The motion follows the reference while it agrees within these shares of the peaks plus floors (rad/s, rad/s²)."""
 STEP_SIDE = 4
 STEP_SHARE = 0.7
 STEP_CALM = 0.5
 STEP_FLAT = 0.25
-"""A step of the base level: so many frames on each side differ, most of it between neighbours, while the reference
-changes by less than ``STEP_CALM`` of it and the residual on either side by less than ``STEP_FLAT`` of it."""
+"""A step of the base level: the medians of ``STEP_SIDE`` frames on each side differ, ``STEP_SHARE`` of it between
+neighbouring frames, while the reference changes by less than ``STEP_CALM`` of it and the residual on either side by
+less than ``STEP_FLAT`` of it."""
 WINDOW = 0.04
-"""Time to each side over which speed and acceleration are taken, s."""
+"""Time on each side over which speed and acceleration are computed, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """n frames from just before the onset on.
+    """Comparison of n frames, from ``LEAD`` s before the onset.
 
-    ``t`` (n,) s from the onset; ``position`` (n, joints) rad and ``power`` (n,) W: how far outside of what
-    the reference and a jitter of the onset explain, NaN where missing; ``limit`` (n,) W: epsilon_p;
-    ``reference`` (n,) W; ``follows`` (n,): the motion is that of the reference, so that power may be judged.
+    ``t`` (n,) s from the onset; ``position`` (n, joints) rad and ``power`` (n,) W: distance from the band that the
+    reference and onset jitter explain, NaN where missing; ``limit`` (n,) W: epsilon_p; ``reference`` (n,) W;
+    ``follows`` (n,): true while the motion is that of the reference, so that power can be judged.
     """
 
     t: Float
@@ -68,7 +69,7 @@ class Comparison:
 
 
 def compare(reference: ReferenceInterval, onset: int, trace: Trace, tolerance: Tolerance, reach: float) -> Comparison:
-    """Frames of ``trace`` against ``reference``, aligned at ``onset`` (ns); ``reach`` s is the jitter allowed."""
+    """Compare ``trace`` with ``reference``, aligned at ``onset`` (ns); ``reach`` is the allowed onset jitter, s."""
     longest = reference.duration + TAIL
     wide = trace.between(onset - round((LEAD + SHIFT) * 1e9), onset + round((longest + SHIFT) * 1e9))
     onset += round(_shift(reference, wide.since(onset), wide.position, tolerance, reach) * 1e9)
@@ -94,7 +95,7 @@ def compare(reference: ReferenceInterval, onset: int, trace: Trace, tolerance: T
 
 
 def _shift(reference: ReferenceInterval, t: Float, position: Float, tolerance: Tolerance, reach: float) -> float:
-    """Time in s by which the onset is later than found, if that makes the moving joints follow their paths."""
+    """Correction of the onset, s (positive: later), if with it the moving joints follow their paths; 0 otherwise."""
     before = (t >= -LEAD) & (t < BASE[0] / 2)
     since = t >= -SHIFT
     if not before.any():
@@ -118,18 +119,18 @@ def _shift(reference: ReferenceInterval, t: Float, position: Float, tolerance: T
 
 
 def base_level(t: Float, residual: Float) -> float:
-    """The median of a power residual (n,) W just before the onset; 0 where it is not known."""
+    """Median of a power residual (n,) W over the span ``BASE`` before the onset; 0 if it is missing there."""
     around = residual[(t >= BASE[0]) & (t <= BASE[1])]
     known = around[~np.isnan(around)]
     return float(np.median(known)) if len(known) else 0.0
 
 
 def steps(residual: Float, limit: Float, swing: Float, calm: Bools) -> Float:
-    """Steps of a power residual (n,) W that no motion has made, added up, (n,) W.
+    """Cumulative steps (n,) W of a power residual (n,) W that no motion caused.
 
-    Something was switched or hooked on between two frames, while the reference (``swing`` (n,) W: how much it
-    changes thereabouts) does not change; the motion is judged by how power changes from there on. ``calm``
-    (n,) is false near the start and end of a motion, where friction makes steps too.
+    Such a step is a load switched or attached between two frames, while the reference hardly changes (``swing``
+    (n,) W: its change nearby); the motion is judged by the changes of power after it. ``calm`` (n,) is false near
+    the start and end of a motion, where friction causes steps too.
     """
     level = np.zeros(len(residual))
     k = STEP_SIDE
@@ -149,7 +150,7 @@ def steps(residual: Float, limit: Float, swing: Float, calm: Bools) -> Float:
 def _follows(
     reference: ReferenceInterval, t: Float, measured: Float, error: Float, tolerance: Tolerance, reach: float
 ) -> Bools:
-    """True while the moving joints have followed the reference; not yet known for the last frames."""
+    """True (n,) while the moving joints have followed the reference; false for the last frames, not yet known."""
     follows = np.zeros(len(t), dtype=bool)
     n = max(1, round(WINDOW / float(np.median(np.diff(t))))) if len(t) > 1 else 1
     if len(t) <= 2 * n:
@@ -170,13 +171,13 @@ def _follows(
 
 
 def _near(value: Float, around: Float, share: float, floor: float) -> Bools:
-    """True for values (n,) in the band of ``around`` (shifts, n), widened by a share of its peak and a floor."""
+    """True for values (n,) within the band of ``around`` (shifts, n), widened by a share of its peak and a floor."""
     low, high = around.min(axis=0), around.max(axis=0)
     return np.asarray(np.abs(outside(value, low, high)) <= share * float(np.abs(around).max()) + floor)
 
 
 def _motion(pattern: Pattern, t: Float, half: Float, reach: float) -> tuple[Float, Float]:
-    """Speed and acceleration (shifts, n) of a position pattern within ``reach`` s around each time."""
+    """Speed and acceleration (shifts, n) of a position pattern within ``reach`` s of each time."""
     near = t + np.linspace(-reach, reach, 5)[:, None]
     before, here, after = pattern.at(near - half), pattern.at(near), pattern.at(near + half)
     return (after - before) / (2 * half), (after - 2 * here + before) / half**2
@@ -185,7 +186,7 @@ def _motion(pattern: Pattern, t: Float, half: Float, reach: float) -> tuple[Floa
 def power_agrees(
     reference: ReferenceInterval, trace: Trace, start: int, end: int, tolerance: Tolerance, frames: int
 ) -> bool:
-    """True if the power of an interval that the encoders did not show is found between ``start`` and ``end`` (ns)."""
+    """True if the power between ``start`` and ``end`` (ns) contains that of an interval without measured motion."""
     window = trace.between(start - round(LEAD * 1e9), end)
     for onset in window.time[(window.time >= start) & (window.time + round(reference.duration * 1e9) <= end)].tolist():
         t = window.since(onset)

@@ -1,4 +1,4 @@
-"""Place of the arm in the reference: by the set of moving joints, the start pose and the place in the sequence."""
+"""Finds the reference interval that the arm runs, by the moving joints, the start pose and the sequence."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from cellwatt_plugins.faults.reference import Reference, ReferenceInterval
 from cellwatt_plugins.faults.trace import Trace
 
 POSE = math.radians(3.0)
-"""A joint starts from the pose of the reference up to this difference, rad."""
+"""Largest difference between start poses of one interval, per joint, rad."""
 MISFIT = 0.1
-"""Mean position difference, rad, that weighs as much as one joint in the wrong pose."""
+"""Mean position difference, rad, with the weight of one joint in a wrong start pose."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,10 +29,10 @@ class IntervalKey:
 
 @dataclass(frozen=True, slots=True)
 class Match:
-    """A place that an interval may be.
+    """A reference interval that a measured interval may be.
 
-    ``foreign`` joints move in only one of the two, ``displaced`` joints start elsewhere; ``skipped`` reference
-    intervals lie between the last place and this one (``None``: no sequence to follow).
+    ``foreign``: joints that move in only one of the two; ``displaced``: joints with another start pose; ``skipped``:
+    reference intervals between the last recognised one and this one (``None``: no sequence).
     """
 
     place: IntervalKey
@@ -43,7 +43,7 @@ class Match:
 
 @dataclass
 class Follower:
-    """Follows one arm through the reference; ``last`` is the place of the last interval that was recognised."""
+    """Follows one arm through the reference; ``last`` is the interval recognised last."""
 
     reference: Reference
     last: IntervalKey | None = None
@@ -65,12 +65,12 @@ class Follower:
         return [joint in joints for joint in range(1, self.reference.joints + 1)]
 
     def after(self, place: IntervalKey, steps: int = 1) -> IntervalKey:
-        """The place ``steps`` later in the same task, which repeats."""
+        """The interval ``steps`` later in the same task, which repeats."""
         length = len(self.reference.tasks[place.task].variants[place.variant].intervals)
         return IntervalKey(place.task, place.variant, (place.index + steps) % length)
 
     def best(self, interval: Interval, trace: Trace) -> Match | None:
-        """The place that an interval, open or closed, most likely is; ``None`` where none will do."""
+        """The most likely match of an open or closed interval; ``None`` if no reference interval matches."""
         scored = [(self._misfit(match, interval, trace), match) for match in self._matches(interval)]
         return min(scored, key=lambda entry: entry[0])[1] if scored else None
 
@@ -84,7 +84,7 @@ class Follower:
                 yield Match(self._places[k], int(foreign[k]), int(displaced[k]), skipped)
 
     def _skipped(self, place: IntervalKey) -> int | None:
-        """0 for the place after the last, 1 if one interval was left out, at any speed of the same task."""
+        """0 for the interval after the last, 1 if one was skipped, at any speed of the same task; else ``None``."""
         if self.last is None or self.last.task != place.task:
             return None
         for skipped in (0, 1):
@@ -93,7 +93,7 @@ class Follower:
         return None
 
     def _misfit(self, match: Match, interval: Interval, trace: Trace) -> float:
-        """Small is good: 1 for a joint that starts elsewhere (2 out of sequence), 2 for a foreign one, plus path."""
+        """Cost of a match: 1 per displaced joint (2 out of sequence), 2 per foreign joint, plus path and order."""
         reference = self[match.place]
         so_far = trace.between(interval.start, interval.end)
         t = so_far.since(interval.start)

@@ -1,4 +1,4 @@
-"""Findings on the arm by interval: power while it runs, encoders once the next shows that the task goes on."""
+"""Judges intervals: power while an interval runs, encoders once the next interval shows that the task continues."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from cellwatt_plugins.faults.reference import Reference, ReferenceInterval
 from cellwatt_plugins.faults.trace import Trace
 
 POWER_KNOWN = 0.8
-"""An interval is judged when at least this share of its power was measured."""
+"""Smallest share of measured power with which an interval is judged."""
 SAME_DURATION = 0.03
-"""Beyond this relative difference of duration, a path that fits when stretched is a run at another speed."""
+"""Relative difference of duration beyond which a path that fits when stretched is a run at another speed."""
 WAY = (-0.05, 1.5)
-"""A faulty joint or encoder covers between these shares of the reference's way; anything else is another motion."""
+"""A faulty joint or encoder moves between these shares of the reference displacement; else it is another motion."""
 TOGETHER = 0.1
-"""Joints of an interrupted motion have covered the same share of their ways, up to this."""
+"""Largest difference between the covered shares of displacement of the joints in an interrupted motion."""
 
 Course = Literal["follows", "other_speed", "interrupted", "deviates", "other_motion"]
 
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """Tolerances, ``frames`` in a row that count, and the jitter ``reach`` of onsets, s."""
+    """Tolerances, ``frames`` (consecutive frames that count as a deviation), and ``reach``, the onset jitter, s."""
 
     tolerance: Tolerance = field(default_factory=Tolerance)
     frames: int = 5
@@ -42,9 +42,9 @@ class Rules:
 class Finding:
     """Finding on one interval.
 
-    ``place`` is ``None`` where the interval is not in the reference. ``code`` is equation (20) on power for
-    motion that follows the reference, ``None`` where power could not be judged. ``verdicts`` holds joints
-    whose encoder deviates; ``clean`` those whose encoder was judged and agrees. ``since`` and ``time`` in ns.
+    ``place`` is ``None`` if the interval is not in the reference. ``code`` is the code of equation (20) for power
+    while the motion follows the reference, ``None`` if power could not be judged. ``verdicts`` are for joints whose
+    encoder deviates; ``clean`` are joints whose encoder agrees. ``since`` and ``time`` in ns.
     """
 
     interval: Interval
@@ -61,7 +61,7 @@ class Finding:
 
 @dataclass
 class _Doubt:
-    """Joints whose encoder deviated in an interval; settled by the interval that follows."""
+    """Joints whose encoder deviated in an interval; the following interval decides whether they are faulty."""
 
     interval: Interval
     place: IntervalKey
@@ -72,7 +72,7 @@ class _Doubt:
 
 
 class Judge:
-    """Follows the intervals of one arm; ``running`` and ``closed`` give findings as they become known."""
+    """Judges the intervals of one arm; ``running`` and ``closed`` return findings as soon as they are known."""
 
     def __init__(self, reference: Reference, rules: Rules) -> None:
         self.follower = Follower(reference)
@@ -81,7 +81,7 @@ class Judge:
         self._last_end = 0
 
     def running(self, interval: Interval, trace: Trace, now: int) -> Finding | None:
-        """A deviation of power in an interval that still runs, seen at ``now`` (ns)."""
+        """Return a power deviation in a running interval at time ``now`` (ns), if there is one."""
         so_far = replace(interval, end=now)
         match = self.follower.best(so_far, trace)
         if match is None or match.foreign or match.displaced or not interval.complete:
@@ -92,7 +92,7 @@ class Judge:
         return finding if finding.code else None
 
     def closed(self, interval: Interval, trace: Trace) -> list[Finding]:
-        """Judge a moving interval at its end, and settle the one before."""
+        """Judge a moving interval at its end, and decide on the encoders of the one before."""
         if not interval.complete:
             self.lost()
             return []
@@ -119,7 +119,7 @@ class Judge:
         return [*settled, power]
 
     def lost(self) -> None:
-        """Frames are missing: forget the sequence."""
+        """Discard the sequence, as frames are missing."""
         self.follower.last = None
         self._doubt = None
 
@@ -131,12 +131,12 @@ class Judge:
         return compare(reference, interval.start, trace, self.rules.tolerance, self.rules.reach)
 
     def _doubtful(self, reference: ReferenceInterval, comparison: Comparison) -> tuple[int, ...]:
-        """Moving joints whose position is outside for some frames in a row, equation (16)."""
+        """Moving joints whose position is outside the tolerance for ``frames`` consecutive frames, equation (16)."""
         codes = comparison.position_codes(self.rules.tolerance.position)
         return tuple(j for j in reference.moving if longest(codes[:, j - 1]) >= self.rules.frames)
 
     def _power(self, match: Match, interval: Interval, comparison: Comparison, course: Course, now: int) -> Finding:
-        """Equation (20) on power where the motion follows the reference from the same pose."""
+        """Apply equation (20) to power if the motion follows the reference from the same pose."""
         reference = self.follower[match.place]
         usable = comparison.follows & (comparison.t >= 0)
         codes = np.where(usable, comparison.power_codes, 0).astype(np.int8)
@@ -159,7 +159,7 @@ class Judge:
         )
 
     def _resumes(self, interval: Interval) -> bool:
-        """True if this interval takes up a motion that was interrupted: a pause, not a fault."""
+        """True if this interval continues an interrupted motion: a pause, not a fault."""
         doubt = self._doubt
         if doubt is None or not doubt.interrupted or interval.moving != doubt.interval.moving:
             return False
@@ -172,11 +172,11 @@ class Judge:
         return bool(np.all(ways[joints] > 0) and np.all(beyond <= self.rules.tolerance.position))
 
     def _settle(self, interval: Interval, match: Match, trace: Trace) -> list[Finding]:
-        """The task went on: joints whose encoder deviated before, or showed no motion at all, are faulty."""
+        """Report joints whose encoder deviated, or showed no motion, in the interval before, as the task continues."""
         doubt, rules, end = self._doubt, self.rules, interval.end
         missed = np.abs(np.subtract(interval.pose, self.follower[match.place].pose))
         if match.skipped == 0 and doubt is not None and not match.foreign:
-            # Of an interrupted motion, the joints that this interval finds short of their goal.
+            # After an interrupted motion, only the joints that start this interval off their goal.
             short = [j for j in doubt.joints if not doubt.interrupted or missed[j - 1] > rules.tolerance.position]
             found = verdict(position_outside=True, power_outside=doubt.power_outside)
             return _off(doubt.interval, doubt.place, short, found, doubt.evidence, end)
@@ -200,7 +200,7 @@ def _off(
     evidence: Mapping[str, float],
     now: int,
 ) -> list[Finding]:
-    """The finding on joints whose encoder deviates; none where there are none."""
+    """The finding on joints whose encoder deviates; empty if ``joints`` is empty."""
     verdicts = dict.fromkeys(joints, found)
     finding = Finding(interval, place, "deviates", interval.start, now, verdicts=verdicts, evidence=evidence)
     return [finding] if joints else []
@@ -234,7 +234,7 @@ def _course(
 
 
 def _stretched(reference: ReferenceInterval, interval: Interval, trace: Trace, rules: Rules) -> bool:
-    """True if the same path was covered, only faster or slower throughout."""
+    """True if the arm followed the same path, uniformly faster or slower."""
     inside = trace.between(interval.start, interval.end)
     ratio = reference.duration / ((interval.end - interval.start) * 1e-9)
     t = inside.since(interval.start) * ratio
@@ -247,7 +247,7 @@ def _stretched(reference: ReferenceInterval, interval: Interval, trace: Trace, r
 
 
 def _shape(reference: ReferenceInterval, comparison: Comparison, usable: NDArray[np.bool_]) -> dict[int, float]:
-    """Per moving joint, how much the residual looks like its speed or its way."""
+    """Likeness of the power residual and the speed or position of each moving joint."""
     t = comparison.t[usable]
     residual = np.nan_to_num(comparison.power[usable])
     shape = {}
@@ -258,7 +258,7 @@ def _shape(reference: ReferenceInterval, comparison: Comparison, usable: NDArray
 
 
 def _evidence(comparison: Comparison, worst: int) -> dict[str, float]:
-    """The figures behind a finding, units in their names."""
+    """The figures behind a finding, with units in their names."""
     if not len(comparison.t):
         return {}
     return {

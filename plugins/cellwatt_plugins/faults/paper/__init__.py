@@ -1,1 +1,1 @@
-"""The method of Sabry et al. as the paper has it: power patterns by vector fitting, fault tables, and their network."""
+"""The method of Sabry et al. as published: power patterns by vector fitting, fault tables, and their network."""

@@ -1,11 +1,11 @@
 """BEVF, Bode equations vector fitting of a power pattern (Sabry et al., section III and Fig. 6).
 
-Three steps. The input adaptor takes time as frequency, s = j t, and the pattern as the magnitude of a response; the
-phase that a stable response of least phase then has follows from Bode's relation of gain and phase. Vector fitting
-gives poles, residues and a constant. The output adaptor is the magnitude again.
+The input adaptor takes time as frequency, s = j t, and the pattern as the magnitude of a response; the phase of the
+stable minimum-phase response follows from Bode's relation of gain and phase. Vector fitting gives poles, residues and
+a constant. The output adaptor takes the magnitude again.
 
-The paper prints the magnitude as eq. (17), a sum of moduli, which is not the modulus of the sum. The pattern is
-``PowerEquation.power``, and its rms falls as in Fig. 11.
+The paper prints the magnitude as eq. (17), a sum of moduli, which is not the modulus of the sum.
+``PowerEquation.power`` uses the modulus of the sum; its rms decreases as in Fig. 11.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from cellwatt.errors import ModelError
 from cellwatt_plugins.faults.paper.rational import Complex, Rational, iterations, starting_poles
 
 ORDERS = (24, 34, 44)
-"""Orders of approximation in Fig. 10 …"""
+"""Orders of approximation of Fig. 10 …"""
 ITERATIONS = 12
-"""… each till the 12th iteration."""
+"""… and the number of iterations of each."""
 BEYOND = 8
-"""The pattern is taken to stay at its last value for so many times its length."""
+"""Length for which the pattern is extended with its last value, in lengths of the pattern."""
 
 
 @dataclass(frozen=True, slots=True)
 class PowerEquation:
     """A power pattern of ``duration`` s as an equation in t; ``rms`` W is eq. (19) after each iteration.
 
-    ``task`` and ``speed`` say of what in a reference it is, where it is of one.
+    ``task`` and ``speed`` name the task of the reference, if the pattern belongs to one.
     """
 
     response: Rational
@@ -52,10 +52,10 @@ class PowerEquation:
 
 
 def fit(t: Float, power: Float, *, order: int, iterations_done: int = ITERATIONS) -> PowerEquation:
-    """Vector fit of a power pattern (n,) W at evenly spaced times t (n,) s from 0 on.
+    """Fit a power pattern (n,) W at evenly spaced times t (n,) s from 0 on.
 
-    The equation is that of the iteration with the least rms. Raises ``ModelError`` where the pattern cannot be
-    fitted: an odd order, too few points, or power that is not above 0.
+    The equation is that of the iteration with the smallest rms. Raises ``ModelError`` if the order is odd, the points
+    are too few, or power is not above 0.
     """
     _check(t, power, order)
     s = _axis(t)
@@ -66,7 +66,7 @@ def fit(t: Float, power: Float, *, order: int, iterations_done: int = ITERATIONS
 
 
 def bode_response(power: Float) -> Complex:
-    """The response (n,) of least phase whose magnitude is ``power`` (n,) W at s = j t, t evenly spaced from 0 on.
+    """The minimum-phase response (n,) whose magnitude is ``power`` (n,) W at s = j t, t evenly spaced from 0 on.
 
     Bode's relation: the phase is the Hilbert transform of the logarithm of the magnitude, which is even in t.
     """
@@ -76,7 +76,7 @@ def bode_response(power: Float) -> Complex:
     keep = np.zeros(len(even))
     keep[0] = keep[half] = 1
     keep[1:half] = 2
-    # The cepstrum of such a response is one-sided.
+    # The cepstrum of a minimum-phase response is one-sided.
     log_response = np.fft.fft(np.fft.ifft(even).real * keep)[: len(power)]
     return np.asarray(np.exp(log_response), dtype=np.complex128)
 
@@ -87,7 +87,7 @@ def rms(power: Float, estimate: Float) -> float:
 
 
 def pattern(cycles: Sequence[Float]) -> Float:
-    """Mean power (n,) W of several healthy cycles (each (m,) W from the same onset), as long as the shortest."""
+    """Mean power (n,) W of several healthy cycles (each (m,) W from the same onset), of the length of the shortest."""
     length = min(len(cycle) for cycle in cycles)
     return np.asarray(np.mean([cycle[:length] for cycle in cycles], axis=0), dtype=np.float64)
 

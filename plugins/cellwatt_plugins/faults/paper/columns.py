@@ -1,4 +1,4 @@
-"""The fault table of a task, learnt from cycles with a known fault: recorded or simulated ones."""
+"""Learns the fault table of a task from recorded or simulated cycles with a known fault."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from cellwatt_plugins.robot.drive import drive_power
 from cellwatt_plugins.robot.motion import differentiate
 
 SPRINGS = (4.0, 8.0, 16.0)
-"""Springs that are simulated, slack where the task begins: torque over a radian in multiples of the joint's Coulomb
+"""Stiffness of the simulated springs, slack at the task's start: torque per radian in multiples of the joint's Coulomb
 friction."""
 
 
 def recorded(
     blocks: Iterable[Frames], courses: Sequence[Course], tolerance: Tolerance, arm: str | None, power: str
 ) -> dict[Key, list[Codes]]:
-    """Codes (20) of every whole cycle in some frames, (intervals,) each, by the course that it is of."""
+    """Codes (20), (intervals,), of every whole cycle in ``blocks``, by course."""
     found: defaultdict[Key, list[Codes]] = defaultdict(list)
     seen: CyclesSeen | None = None
     for block, results in segmented(blocks, arm, power):
@@ -41,7 +41,7 @@ def recorded(
 
 
 def simulated(arm: FittedArm, course: Course, joint: int, tolerance: Tolerance) -> list[Codes]:
-    """Codes (20) of a course's healthy cycle with springs on a joint (from 1), as the arm's equations have them."""
+    """Codes (20) of a course's healthy cycle with each spring on a joint (1-based), by the arm's equations."""
     slack = float(course.intervals[0].readings.q[0, joint - 1])
     motions = [_motion(interval.readings) for interval in course.intervals]
     regressors = [arm.body.regressor(m.q, m.qd, m.qdd) for m in motions]
@@ -58,9 +58,9 @@ def simulated(arm: FittedArm, course: Course, joint: int, tolerance: Tolerance) 
 
 
 def column_of(cycles: Sequence[Codes]) -> Codes:
-    """Code of each interval in most of the cycles (intervals,), 0 where not more than half agree.
+    """Majority code (intervals,) over the cycles; 0 where no more than half of the cycles agree.
 
-    Cycles without any code say nothing: their fault is below the tolerance.
+    Cycles without any code are ignored, as their fault is within the tolerance.
     """
     told = np.stack([codes for codes in cycles if codes.any()] or [np.zeros_like(cycles[0])])
     share = [np.mean(told == sign, axis=0) for sign in (1, -1)]
@@ -74,7 +74,8 @@ def _motion(readings: Readings) -> Motion:
 def _with_spring(
     arm: FittedArm, expected: ExpectedInterval, motion: Motion, regressor: Float, j: int, stiffness: float, slack: float
 ) -> Readings:
-    """An interval's healthy readings with a spring on joint ``j`` (0-based), Nm/rad from ``slack`` rad."""
+    """An interval's healthy samples with a spring of ``stiffness`` Nm/rad on joint ``j`` (0-based), slack at ``slack``
+    rad."""
     p, readings = arm.parameters, expected.readings
     forces = torque(p, regressor, motion)
     pulled = forces.copy()

@@ -1,4 +1,4 @@
-"""A task at one speed, as it is expected to run."""
+"""The expected course of a task at one speed."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from cellwatt_plugins.faults.paper.expected import ExpectedInterval, Readings, f
 from cellwatt_plugins.faults.reference import Reference
 
 POSE = math.radians(3.0)
-"""A joint starts a cycle where the reference does up to this, rad …"""
+"""Largest difference of a joint's start position from the reference, rad …"""
 ELSEWHERE = 2
-"""… but for so many joints, whose encoders may be faulty."""
+"""… except for this number of joints, whose encoders may be faulty."""
 FAR = 0.1
-"""rad; a motion in which half of the joints are as far off is none of the reference."""
+"""Mean distance, rad, at which a joint is off the course; a motion with half of its joints off matches no course."""
 
 Key = tuple[str, float]
 """Name and speed of a task."""
@@ -24,7 +24,7 @@ Key = tuple[str, float]
 
 @dataclass(frozen=True)
 class Course:
-    """A task at one speed, as it is expected to run."""
+    """The expected course of a task at one speed."""
 
     task: str
     speed: float
@@ -41,14 +41,14 @@ class Course:
         return f"{self.task} at speed {self.speed:.2f}"
 
     def begins_with(self, interval: Interval) -> bool:
-        """True if a motion may be the first of this course: it starts in its pose and moves none but its joints."""
+        """True if a motion may be the first of this course: it has its start pose and moves only its joints."""
         first = self.intervals[0]
         off = np.abs(np.asarray(interval.pose) - first.readings.q[0]) > POSE
         return bool(interval.moving) and set(interval.moving) <= set(first.moving) and int(off.sum()) <= ELSEWHERE
 
     def misfit(self, readings: Readings, until: float) -> float:
-        """Sum over all joints of the mean distance, rad, to this course from its start to ``until`` s, each at most
-        ``FAR``: a faulty encoder does not decide."""
+        """Mean distance from this course from its start to ``until`` s, rad, summed over the joints; each joint counts
+        at most ``FAR``, so that a faulty encoder does not decide."""
         expected = self.intervals[0].readings
         t = expected.t[expected.t <= until]
         off = np.abs(resampled(readings, t).q - expected.q[: len(t)]).mean(axis=0)
@@ -56,7 +56,7 @@ class Course:
 
 
 def courses_of(reference: Reference) -> list[Course]:
-    """Every task of a reference at every speed that was learned."""
+    """The course of every task of a reference at every learned speed."""
     return [
         Course(task.name, variant.speed, from_variant(variant)) for task in reference.tasks for variant in task.variants
     ]

@@ -1,8 +1,8 @@
-"""A power equation as a YAML file that a person can read, and that is evaluated again from the file.
+"""Stores a power equation in a YAML file that people can read and programs can evaluate.
 
 cellwatt_power_equation: 1                                   version of this format
 power: abs(K + sum(r[k] / (1j*t - p[k]))) W, t in s          how to evaluate it
-task: task_1                                                 of a reference; left out where it is of none
+task: task_1                                                 of a reference; absent if it belongs to none
 speed: 1.0
 order: 44
 duration: 7.8                                                s
@@ -36,7 +36,7 @@ _Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class _File(BaseModel):
-    """Content of the file; see the module."""
+    """Content of the file; the module's docstring describes it."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -53,7 +53,7 @@ class _File(BaseModel):
 
 
 def save(equation: PowerEquation, path: Path) -> None:
-    """Write the YAML file; raises ``CellwattError`` where it cannot be written."""
+    """Write the YAML file. Raises ``CellwattError`` if it cannot be written."""
     content = {
         "cellwatt_power_equation": 1,
         "power": FORMULA,
@@ -69,7 +69,7 @@ def save(equation: PowerEquation, path: Path) -> None:
 
 
 def load(path: Path) -> PowerEquation:
-    """Read the YAML file; raises ``ModelError`` with file, line and column, and what was expected."""
+    """Read the YAML file. Raises ``ModelError`` with file, line, column and the expected content."""
     file = read_settings(path, _File, _check, refusal=ModelError, computed=True)
     return PowerEquation(
         Rational(_complex(file.p), _complex(file.r), file.K), file.duration, file.rms, file.task, file.speed

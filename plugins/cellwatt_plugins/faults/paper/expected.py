@@ -1,4 +1,4 @@
-"""Course of a healthy cycle: positions and power in each interval, counted from the cycle's start."""
+"""Expected positions and power in each interval of a healthy cycle, by time from the cycle's start."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from cellwatt_plugins.robot.samples import interpolated
 
 @dataclass(frozen=True, slots=True)
 class Readings:
-    """One cycle, or a part of it: times (n,) s from its start, encoders (n, joints) rad, supply power (n,) W."""
+    """Samples of a cycle or an interval: ``t`` (n,) s from the cycle's start, encoder positions ``q`` (n, joints) rad,
+    supply ``power`` (n,) W."""
 
     t: Float
     q: Float
@@ -24,7 +25,7 @@ class Readings:
 
 @dataclass(frozen=True, slots=True)
 class ExpectedInterval:
-    """``readings`` of interval ``number`` (from 1), in which the joints ``moving`` (from 1) move."""
+    """Expected samples (``readings``) of interval ``number`` and its ``moving`` joints, both numbered from 1."""
 
     number: int
     moving: tuple[int, ...]
@@ -32,17 +33,17 @@ class ExpectedInterval:
 
     @property
     def start(self) -> float:
-        """s from the start of the cycle."""
+        """First time, s from the start of the cycle."""
         return float(self.readings.t[0])
 
     @property
     def end(self) -> float:
-        """s from the start of the cycle."""
+        """Last time, s from the start of the cycle."""
         return float(self.readings.t[-1])
 
 
 def from_variant(variant: Variant) -> tuple[ExpectedInterval, ...]:
-    """Intervals of a learned reference, which follow one another with their rests."""
+    """Expected intervals of a learned variant, in sequence with their rests."""
     out, start = [], -variant.intervals[0].rest
     for number, interval in enumerate(variant.intervals, start=1):
         start += interval.rest
@@ -57,14 +58,15 @@ def from_variant(variant: Variant) -> tuple[ExpectedInterval, ...]:
 
 
 def resampled(readings: Readings, t: Float) -> Readings:
-    """Readings at other times t (n,) s, held at both ends."""
+    """Interpolate samples at times t (n,) s; constant beyond both ends."""
     return Readings(t, *(interpolated(t, readings.t, values) for values in (readings.q, readings.power)))
 
 
 def fault_table(expected: Sequence[ExpectedInterval]) -> Codes:
-    """A table (intervals, joints) like I and II for a task of which no fault is known: 1 where a joint moves.
+    """Fault table (intervals, joints) like tables I and II for a task without known faults: 1 where a joint moves.
 
-    The signs of tables I and II only number the joints (odd 1, even -1); those of a residual say whether power rises.
+    The signs in tables I and II only number the joints (odd 1, even -1); the sign of a residual's code means that power
+    rises or falls.
     """
     joints = expected[0].readings.q.shape[1]
     return np.array([[int(j in interval.moving) for j in range(1, joints + 1)] for interval in expected], np.int8)

@@ -1,4 +1,4 @@
-"""Finds the cycles of a running arm and judges their intervals as soon as each is over."""
+"""Finds the cycles of a running arm and judges each interval as soon as it is over."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from cellwatt_plugins.faults.paper.judging import IntervalVerdict, judge_interva
 from cellwatt_plugins.faults.trace import Trace
 
 AFTER = 0.12
-"""An interval is judged when it has been over for so long, s."""
+"""Time after its end at which an interval is judged, s."""
 BEFORE = 0.2
-"""A cycle whose last so many s of rest were not seen may have begun earlier: it is not judged."""
+"""Rest, s, that must have been recorded before a cycle; otherwise it may have begun earlier and is not judged."""
 GAP = 0.1
-"""Nor is one in which frames are missing for longer than this, s."""
+"""Longest hole in the frames of a judged cycle, s."""
 MARGIN = 2 * 10**9
-"""Frames kept before the cycle under way, ns."""
+"""Time before the running cycle for which frames are stored, ns."""
 
 
 @dataclass(frozen=True)
 class CycleSoFar:
-    """A cycle since ``start`` (ns) and what its intervals said until now; ``over`` when it was the last."""
+    """A cycle from ``start`` (ns) with the verdicts on its intervals so far; ``over`` after its last interval."""
 
     course: Course
     start: int
@@ -37,9 +37,9 @@ class CycleSoFar:
 
 @dataclass
 class CyclesSeen:
-    """Follows the cycles of one arm out of its frames and its intervals, block by block.
+    """Follows the cycles of one arm from its frames and intervals, block by block.
 
-    ``latest`` is the number of the motion under way.
+    ``latest`` is the number of the latest moving interval.
     """
 
     courses: Sequence[Course]
@@ -57,10 +57,10 @@ class CyclesSeen:
         self._trace = Trace.empty(self.joints)
 
     def feed(self, block: Trace, intervals: Iterable[Interval]) -> Iterator[CycleSoFar]:
-        """The cycle under way after each of its intervals that is known to be over; ``intervals`` are of this block."""
+        """Yield the running cycle after each of its finished intervals; ``intervals`` are those of this block."""
         self._trace = Trace.joined([self._trace, block])
         for interval in intervals:
-            # An interval comes open, ending at the frame that confirmed it, and closed later.
+            # An interval is reported open, ending at the frame that confirmed it, and closed later.
             if interval.moving and not interval.closed:
                 yield from self._judge(self._trace.between(0, interval.end))
                 self.latest = interval.number
@@ -71,7 +71,7 @@ class CyclesSeen:
             self._trace = self._trace.between((self._start or newest) - MARGIN, newest)
 
     def _see(self, interval: Interval) -> None:
-        """A motion has begun: it may be the first of a cycle."""
+        """Start a cycle if a motion that has begun may be the first of a course."""
         if self._start is not None or interval.start < self._free_from or not interval.complete:
             return
         self._possible = [course for course in self.courses if course.begins_with(interval)]
@@ -79,7 +79,7 @@ class CyclesSeen:
             self._start = interval.start
 
     def _judge(self, trace: Trace) -> Iterator[CycleSoFar]:
-        """The cycle under way after each interval that has ended within ``trace``."""
+        """Yield the running cycle after each interval that has ended within ``trace``."""
         while (start := self._start) is not None and len(trace):
             now = (int(trace.time[-1]) - start) * 1e-9
             if not self._decided(trace, now) or self._course is None:
@@ -98,7 +98,7 @@ class CyclesSeen:
                 self._end(end)
 
     def _decided(self, trace: Trace, now: float) -> bool:
-        """True if the speed is known: that which fits best, for as long as the fastest takes for its first interval."""
+        """True if the course is known: the one that fits best over the shortest first interval of the candidates."""
         if self._course is not None:
             return True
         assert self._start is not None
@@ -123,13 +123,13 @@ class CyclesSeen:
 
 
 def _readings(trace: Trace, start: int) -> Readings:
-    """Readings from a second before ``start`` (ns) on; frames with something missing are left out."""
+    """Samples from one second before ``start`` (ns) on, without frames with missing values."""
     part = trace.between(start - 10**9, int(trace.time[-1]))
     known = np.isfinite(part.power) & np.isfinite(part.position).all(axis=1)
     return Readings(part.since(start)[known], part.position[known], part.power[known])
 
 
 def _known(readings: Readings, start: float, end: float) -> bool:
-    """True if no stretch longer than ``GAP`` is missing between two times, s."""
+    """True if samples have no hole longer than ``GAP`` between two times, s."""
     inside = readings.t[(readings.t > start) & (readings.t < end)]
     return bool(np.diff(np.concatenate([[start], inside, [end]])).max() <= GAP)

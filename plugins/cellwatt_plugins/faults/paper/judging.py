@@ -1,7 +1,7 @@
-"""A cycle against its healthy reference as in Sabry et al.: criteria (16), both rules, codes (20), and the isolation.
+"""Judges a cycle as in Sabry et al.: criteria (16), both rules, codes (20), and the isolation of the joint.
 
-Time is compared with time, interval by interval, with fixed tolerances: a cycle that runs at another speed is another
-cycle. That is the paper's method with its limits, and the measure for what goes beyond it.
+Intervals are compared with the reference at equal times, with fixed tolerances, so a cycle at another speed is another
+cycle. This is the method of the paper with its limits; the project's own method is measured against it.
 """
 
 from __future__ import annotations
@@ -20,22 +20,21 @@ from cellwatt_plugins.faults.paper.network import FaultNetwork
 
 Kind = Literal["joint", "encoder", "joint_and_encoder"]
 Isolation = Callable[[Codes], tuple[int, ...]]
-"""Codes (intervals,) of a cycle → the joint (from 1) that explains them, then those that do so as well; or none."""
+"""Maps the codes (intervals,) of a cycle to the joint (1-based) that explains them, then its alternatives; or none."""
 
 REACH = 0.1
-"""An interval may begin so much, s, before or after its time: rests are never quite the same …"""
+"""Largest shift of an interval, s, before or after its expected time, as rests vary …"""
 SHIFTS = 20
-"""… tried in so many steps to each side."""
+"""… and the number of steps tried on each side."""
 
 
 @dataclass(frozen=True, slots=True)
 class IntervalVerdict:
     """Verdict on one interval.
 
-    ``code`` is equation (20), ``power_left`` whether power left (16). ``off`` holds the moving joints whose encoder
-    left (16), ``still`` those of them that did not move at all. ``watts`` is the largest
-    residual of power, with its sign, ``limit`` its tolerance there, ``off_by`` the largest residual of each joint,
-    rad.
+    ``code``: equation (20); ``power_left``: power left tolerance (16); ``off``: moving joints whose encoder left (16);
+    ``still``: those of them that did not move; ``watts``: largest power residual, signed, and ``limit``: its
+    tolerance; ``off_by``: largest position residual of each joint, rad.
     """
 
     interval: ExpectedInterval
@@ -50,8 +49,8 @@ class IntervalVerdict:
 
 @dataclass(frozen=True, slots=True)
 class NamedFault:
-    """A ``joint`` (from 1) that is faulty, the intervals that say so, the largest residual of power in them, W,
-    and joints that explain them as well."""
+    """A faulty ``joint`` (1-based), the ``intervals`` that show the fault, their largest power residual ``watts``, and
+    the ``alternatives``: joints that explain them equally well."""
 
     joint: int
     kind: Kind
@@ -63,7 +62,7 @@ class NamedFault:
 def judge_interval(
     expected: ExpectedInterval, readings: Readings, tolerance: Tolerance, residual: Residual = "samples"
 ) -> IntervalVerdict:
-    """One interval of a cycle; ``readings`` hold its time. ``residual`` is what its code is about."""
+    """Judge one interval of a cycle; ``readings`` include its time. ``residual`` is the quantity of its code."""
     reference = expected.readings
     seen = _aligned(expected, readings)
     power = seen.power - reference.power
@@ -86,7 +85,7 @@ def judge_interval(
 
 
 def _aligned(expected: ExpectedInterval, readings: Readings) -> Readings:
-    """The readings at the interval's times, shifted so that the better half of its moving joints fits best."""
+    """The samples at the interval's times, shifted so that the better half of its moving joints fits best."""
     reference = expected.readings
     joints = np.asarray(expected.moving) - 1
     half = (len(joints) + 1) // 2
@@ -101,10 +100,10 @@ def _aligned(expected: ExpectedInterval, readings: Readings) -> Readings:
 
 
 def by_encoders(verdicts: Sequence[IntervalVerdict]) -> tuple[NamedFault, ...]:
-    """The two rules under (16), for each joint whose encoder left its path.
+    """Apply the two rules under (16) to each joint whose encoder left its path.
 
-    Power inside: the encoder. Power outside: the joint; the encoder too, unless it says what power says, that the
-    joint stands still ("healthy but merely reflects the joint failure").
+    Power inside: the encoder is faulty. Power outside: the joint is, and its encoder too, unless the encoder shows
+    that the joint stands still ("healthy but merely reflects the joint failure").
     """
     out = []
     for joint in sorted({j for verdict in verdicts for j in verdict.off}):
@@ -119,7 +118,7 @@ def by_encoders(verdicts: Sequence[IntervalVerdict]) -> tuple[NamedFault, ...]:
 
 
 def by_codes(verdicts: Sequence[IntervalVerdict], isolate: Isolation) -> tuple[NamedFault, ...]:
-    """The joint that the codes (20) of all intervals of a cycle speak for, where every encoder keeps its path."""
+    """The joint that explains the codes (20) of all intervals of a cycle, if every encoder follows its path."""
     codes = np.array([verdict.code for verdict in verdicts], dtype=np.int8)
     joints = isolate(codes) if codes.any() else ()
     if not joints:
@@ -132,14 +131,14 @@ def by_codes(verdicts: Sequence[IntervalVerdict], isolate: Isolation) -> tuple[N
 def codes_of(
     expected: Sequence[ExpectedInterval], cycle: Readings, tolerance: Tolerance, residual: Residual = "samples"
 ) -> Codes:
-    """Codes (20) of a cycle, (intervals,): with a known fault in the arm they are its column of a fault table."""
+    """Codes (20) of a cycle, (intervals,); those of a cycle with a known fault are the fault's column of the table."""
     return np.array([judge_interval(interval, cycle, tolerance, residual).code for interval in expected], np.int8)
 
 
 def by_agreement(table: Codes, *, signed: bool = False) -> Isolation:
-    """Isolation by direct comparison with the columns of a fault table, without a network.
+    """Isolate by direct comparison with the columns of a fault table, without a network.
 
-    ``signed`` where the table was learnt from faults, so that a rise of power is not a fall.
+    ``signed``: the table was learnt from faults, so codes must also agree in sign.
     """
 
     def isolate(codes: Codes) -> tuple[int, ...]:
@@ -153,9 +152,9 @@ def by_agreement(table: Codes, *, signed: bool = False) -> Isolation:
 
 
 def by_network_or_agreement(network: FaultNetwork) -> Isolation:
-    """Isolation by a trained network; where it says "free" of codes that are not, its table is compared.
+    """Isolate by a trained network; if its output is "free" for nonzero codes, compare with its table.
 
-    Power has left (16) then, so that something is wrong: a network that saw a few columns cannot say that nothing is.
+    Nonzero codes mean that power left (16), so a fault is present; a network trained on few columns cannot exclude it.
     """
     signed, unsigned = (by_agreement(network.table, signed=each) for each in (network.signed, False))
     return lambda codes: network.joints(codes) or signed(codes) or unsigned(codes)

@@ -1,16 +1,16 @@
-"""The neural network that names the joint from the ternary codes of a task's intervals (Sabry et al., section V.D).
+"""Neural network that names the joint from the ternary codes of a task's intervals (Sabry et al., section V.D).
 
-As many inputs as intervals, three times as many hidden neurons, one output for each joint and one more for "free".
-It is trained by back-propagation on the columns of the task's fault table and on a column of zeros, and decides by
-its largest output (Table III). Training needs scikit-learn and onnx (the extra ``train``), running it onnxruntime.
+It has one input per interval, three times as many hidden neurons, one output per joint and one for "free". It is
+trained by back-propagation on the columns of the task's fault table and on a column of zeros, and its largest output
+decides (Table III). Training requires scikit-learn and onnx (the extra ``train``), running it onnxruntime.
 
-Whether power must rise or fall is part of a table that was learnt from faults (``signed``). A table of the motion says
-only in which intervals a joint's faults show; its network is given codes without their signs.
+A table learnt from faults contains the sign of the power change (``signed``). A table made from the motion contains
+only the intervals in which a joint's faults show; its network receives codes without signs.
 
-Joints whose columns are the same cannot be told apart: they share one output and are named together.
+Joints with equal columns cannot be distinguished: they share one output and are named together.
 
-Table III prints for joint 5 the output code 0000101, which is also that of "free": the largest output of both its
-rows is Y7, so by the paper's own rule a fault of joint 5 is taken as none. Here each fault has one output of its own.
+Table III prints the output code 0000101 for joint 5, whose largest output, as of "free", is Y7: by the paper's own rule
+a fault of joint 5 counts as none. In this network each fault has its own output.
 """
 
 from __future__ import annotations
@@ -34,19 +34,19 @@ from cellwatt_plugins.faults.paper.trained_for import TrainedFor
 from cellwatt_plugins.onnx_file import OnnxFile
 
 OPSET, IR_VERSION = 17, 8
-"""Old enough for every onnxruntime that cellwatt takes."""
+"""ONNX versions that every onnxruntime supported by cellwatt can read."""
 MADE_BY = ("cellwatt", "scikit-learn", "onnx")
-"""Packages whose versions stand in a file."""
+"""Packages whose versions are stored in the file."""
 HIDDEN = 3
-"""Hidden neurons for each interval."""
+"""Hidden neurons per interval."""
 SURE = 0.95
-"""Output of the right joint on the column that it was trained on, at least."""
+"""Smallest output of the correct joint on its training column."""
 DECAY = 1e-4
-"""Weight decay of the training: small enough that the table is learnt, large enough that weights stay bounded."""
+"""Weight decay of the training: small enough to learn the table, large enough to bound the weights."""
 KEY = "cellwatt_fault_table"
-"""Metadata of the file: the table that it was trained on …"""
+"""Metadata of the file: the training table …"""
 MADE = "cellwatt_fault_network"
-"""… and of which task it is, whether signs count, and how it was made."""
+"""… and the task, whether codes have signs, and how the network was made."""
 VERSION = 1
 
 
@@ -58,13 +58,12 @@ def train(
     signed: bool | None = None,
     made: Mapping[str, Any] | None = None,
 ) -> bytes:
-    """A network for a fault table (intervals, joints) of -1, 0, 1, as an ONNX file.
+    """Train a network on a fault table (intervals, joints) of -1, 0, 1; returns an ONNX file.
 
     Input ``codes`` (n, intervals) float32, output ``joints`` (n, distinct columns + 1) from 0 to 1, the last one for
-    "free". ``task`` is what a cell must do for it to be used, ``signed`` whether the table was learnt from faults
-    (where left out: whether a code is -1), ``made`` goes into the metadata as it is. Raises ``ConfigError`` where
-    scikit-learn or onnx is missing, ``ModelError`` where no column has a code or the training does not reach ``SURE``
-    on each.
+    "free". ``task`` is the task that the network applies to, ``signed`` whether the table was learnt from faults
+    (default: whether it contains -1), ``made`` is copied to the metadata. Raises ``ConfigError`` if scikit-learn or
+    onnx is missing, ``ModelError`` if no column has a code or an output stays below ``SURE``.
     """
     groups = groups_of(table)
     if not groups:
@@ -90,13 +89,13 @@ def train(
 
 
 class FaultNetwork:
-    """A trained network, run by onnxruntime; ``intervals`` inputs, an output for each of ``groups`` and for "free".
+    """A trained network, run by onnxruntime, with ``intervals`` inputs and an output for each of ``groups`` and "free".
 
-    ``groups`` are the joints (from 1) with one column each, in the order of the first of them; ``task`` of which it is,
-    None where the file does not say; ``signed`` whether its codes have signs.
+    ``groups`` are the joints (1-based) with equal columns, by the first joint of each; ``task`` is the task of the
+    network, None if the file does not name one; ``signed``: its codes have signs.
 
-    ``model`` is the file or its bytes. Raises ``ConfigError`` where onnxruntime is missing, ``ModelError`` where it
-    cannot load the model, the model is not one of fault codes, or does not agree with what its metadata says.
+    ``model`` is the file or its bytes. Raises ``ConfigError`` if onnxruntime is missing, ``ModelError`` if it cannot
+    load the model, or the model is not a network of fault codes or disagrees with its metadata.
     """
 
     def __init__(self, model: Path | bytes | OnnxFile) -> None:
@@ -115,19 +114,19 @@ class FaultNetwork:
             )
 
     def outputs(self, codes: Codes) -> Float:
-        """Y1 … Yn and the one for "free", (m, groups + 1), for the codes of m cycles (m, intervals)."""
+        """Outputs Y1 … Yn and that of "free", (m, groups + 1), for the codes of m cycles (m, intervals)."""
         if codes.ndim != 2 or codes.shape[1] != self.intervals:
             raise ModelError(f"fault network: codes are {codes.shape}, expected (cycles, {self.intervals} intervals)")
         return self._network.run((codes if self.signed else np.abs(codes)).astype(np.float32))
 
     def joints(self, codes: Codes) -> tuple[int, ...]:
-        """The joints (from 1) of the largest output for one cycle's codes (intervals,); none for "free"."""
+        """The joints (1-based) of the largest output for one cycle's codes (intervals,); none for "free"."""
         largest = int(np.argmax(self.outputs(codes[None])[0]))
         return () if largest == len(self.groups) else self.groups[largest]
 
 
 class _Made(BaseModel):
-    """Metadata under ``MADE``."""
+    """Metadata stored under ``MADE``."""
 
     version: Annotated[int, reads_version(VERSION, "train it anew, or update cellwatt")]
     task: TrainedFor | None
@@ -135,7 +134,7 @@ class _Made(BaseModel):
 
 
 def _table(network: OnnxFile) -> Codes:
-    """The table in a file's metadata."""
+    """The fault table in a file's metadata."""
     content = network.told(KEY, list[list[Literal[-1, 0, 1]]])
     if len({len(row) for row in content}) != 1:
         raise network.refused(f"its table is no table of codes -1, 0 and 1: {str(content)[:60]}")
@@ -143,7 +142,7 @@ def _table(network: OnnxFile) -> Codes:
 
 
 def groups_of(table: Codes) -> tuple[tuple[int, ...], ...]:
-    """Joints (from 1) whose columns are the same, without those that have no code at all."""
+    """Groups of joints (1-based) with equal columns, without columns of zeros."""
     found: dict[tuple[int, ...], list[int]] = {}
     for joint, column in enumerate(table.T.tolist(), start=1):
         if any(column):
@@ -164,7 +163,7 @@ def _trained(inputs: Float, targets: Float, seed: int) -> list[tuple[Float, Floa
         (HIDDEN * inputs.shape[1],), activation="tanh", solver="lbfgs", alpha=DECAY, max_iter=2000, random_state=seed
     )
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)  # whether it learnt is checked on its outputs
+        warnings.simplefilter("ignore", ConvergenceWarning)  # train() checks the outputs
         network.fit(inputs, targets.astype(np.int64))
     return list(zip(network.coefs_, network.intercepts_, strict=True))
 

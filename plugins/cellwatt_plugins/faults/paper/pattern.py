@@ -1,4 +1,4 @@
-"""The power of a whole healthy cycle as one curve out of a learned reference, and equations (17) in its place."""
+"""Power of a whole healthy cycle as one curve from a learned reference, or from equations (17)."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from cellwatt_plugins.faults.paper.equation import load
 from cellwatt_plugins.faults.reference import LEAD, TAIL, Variant
 
 OFF = 0.15
-"""s by which an equation may be longer or shorter than its task: it was made of another reference if by more."""
+"""Largest difference between the durations of an equation and its task, s; beyond it, it is of another reference."""
 
 
 def cycle_pattern(variant: Variant) -> tuple[Float, Float]:
-    """Times (n,) s, evenly from the first motion on to the end of the last, and the mean power there (n,) W.
+    """Evenly spaced times (n,) s from the start of the first motion to the end of the last, and the mean power (n,) W.
 
-    A rest between two motions is what was learned of its ends, with a straight line in between.
+    A rest between two motions has the learned power at its ends and a straight line between them.
     """
     times, powers, start = [], [], 0.0
     rests = [0.0, *(interval.rest for interval in variant.intervals[1:]), 2 * TAIL]
@@ -38,9 +38,9 @@ def cycle_pattern(variant: Variant) -> tuple[Float, Float]:
 
 
 def by_equations(courses: Sequence[Course], folder: Path) -> list[Course]:
-    """Courses whose power is that of the equations in a folder, in place of the mean of healthy cycles.
+    """The courses with the power of the equations in a folder instead of the mean of healthy cycles.
 
-    Raises ``ModelError`` where a course has no equation, or one of another length, or an equation says not of which.
+    Raises ``ModelError`` if a course has no equation or one of another length, or an equation names no task.
     """
     found: dict[Key, PowerEquation] = {}
     for file in sorted(folder.glob("*.yaml")):

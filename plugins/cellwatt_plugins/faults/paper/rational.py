@@ -1,4 +1,4 @@
-"""Relaxed vector fitting: a rational function through samples on the imaginary axis.
+"""Relaxed vector fitting: fits a rational function to samples on the imaginary axis.
 
 Gustavsen and Semlyen, "Rational approximation of frequency domain responses by vector fitting" (IEEE Trans. Power
 Delivery 14, 1999; [27] of Sabry et al.), with the relaxed scaling of Gustavsen, "Improving the pole relocating
@@ -18,16 +18,16 @@ from cellwatt.arrays import Float
 Complex = NDArray[np.complex128]
 
 REAL = 1e-9
-"""A pole whose imaginary part is smaller than this share of its modulus is real."""
+"""A pole is real if its imaginary part is smaller than this share of its modulus."""
 LEAST_SCALE = 1e-8
-"""The constant of the scaling function never comes closer to 0: its zeros would run away (2006, section IV)."""
+"""Smallest absolute constant of the scaling function; nearer 0 its zeros would diverge (2006, section IV)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rational:
     """f(s) = sum of r_k / (s - p_k), plus K.
 
-    ``poles`` and ``residues`` (N,) hold both of each conjugate pair; ``constant`` is real.
+    ``poles`` and ``residues`` (N,) contain both members of each conjugate pair; ``constant`` is real.
     """
 
     poles: Complex
@@ -41,15 +41,15 @@ class Rational:
 
 
 def starting_poles(length: float, order: int) -> Complex:
-    """``order`` / 2 poles in the upper half plane, evenly over 0 … ``length`` j, half a spacing from the axis."""
+    """``order`` / 2 poles in the upper half plane, evenly over 0 … ``length`` j, half a spacing left of that axis."""
     spacing = length / (order // 2)
     return np.asarray(spacing * (-0.5 + 1j * (np.arange(order // 2) + 0.5)), dtype=np.complex128)
 
 
 def iterations(s: Complex, f: Complex, poles: Complex) -> Iterator[Rational]:
-    """The fit to f (n,) at s (n,) after each relocation of the poles, for ever.
+    """Yield the fit to f (n,) at s (n,) after each relocation of the poles, without end.
 
-    ``poles`` to start with: one of each conjugate pair (imaginary part > 0), and real ones; all stable.
+    ``poles`` are the starting poles: one of each conjugate pair (imaginary part > 0), and real ones; all stable.
     """
     while True:
         poles = _relocated(s, f, poles)
@@ -75,7 +75,7 @@ def _relocated(s: Complex, f: Complex, poles: Complex) -> Complex:
     width = columns.shape[1]
     both = np.hstack([columns, -f[:, None] * columns])
     triangle: Float = np.asarray(np.linalg.qr(np.vstack([both.real, both.imag]), mode="r"))
-    # Of the joint least squares only the part of sigma matters; the mean of its real part is held at 1 (2006, (8)).
+    # Only the rows of sigma in the joint least squares matter; the mean of its real part is fixed at 1 (2006, (8)).
     weight = float(np.linalg.norm(f)) / len(s)
     rows = np.vstack([triangle[width:, width:], weight * columns.real.sum(axis=0)])
     wanted = np.zeros(len(rows))
@@ -109,7 +109,7 @@ def _fitted(s: Complex, f: Complex, poles: Complex) -> Rational:
 
 
 def _solved(rows: Float, wanted: Float) -> Float:
-    """Least squares with columns brought to one length, so that narrow and wide poles weigh alike."""
+    """Least squares with normalised columns, so that narrow and wide poles have equal weight."""
     length = np.linalg.norm(rows, axis=0)
     found = np.linalg.lstsq(rows / length, wanted, rcond=None)[0]
     return np.asarray(found / length, dtype=np.float64)
@@ -129,7 +129,7 @@ def _realisation(poles: Complex) -> tuple[Float, Float]:
 
 
 def _stable(zeros: Complex) -> Complex:
-    """One of each conjugate pair, mirrored into the left half plane, in rising order."""
+    """One of each conjugate pair, mirrored into the left half plane, by rising imaginary part."""
     left = np.where(zeros.real > 0, -zeros.conj(), zeros)
     small = np.abs(left.imag) <= REAL * np.abs(left)
     left = np.where(small, left.real, left)

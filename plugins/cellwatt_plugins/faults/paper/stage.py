@@ -1,4 +1,4 @@
-"""The live side of the paper's method: frames and intervals in, alarms out."""
+"""The stage of the paper's method: computes alarms from frames and intervals."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ TRAIN = "train it with `cellwatt faults train`"
 
 
 def networks_of(path: Path, courses: Sequence[Course], where: Path) -> dict[Key, FaultNetwork]:
-    """The network in a file, or those in a folder, by task; ``courses`` are of the reference of the file ``where``.
+    """The network in a file, or the networks in a folder, by task; ``courses`` are those of the reference ``where``.
 
-    Raises ``ModelError`` where there is none, one is of no task of the reference, or two are of the same;
-    ``ConfigError`` where a package is missing that it needs.
+    Raises ``ModelError`` if there is no network, one is for no task of the reference, or two are for one task;
+    ``ConfigError`` if a required package is missing.
     """
     files = sorted(path.glob("*.onnx")) if path.is_dir() else [path]
     if not files:
@@ -73,19 +73,19 @@ _WHAT = {
 
 
 class PaperFaultsSettings(ReferenceSettings):
-    """Compares whole cycles with healthy ones by the clock, as Sabry et al. does: fixed tolerances, fault tables."""
+    """Compares whole cycles with healthy ones at equal times, as Sabry et al. do: fixed tolerances, fault tables."""
 
     network: Path | None = None
-    """Network of a task made by ``cellwatt faults train`` (ONNX), or the folder of several; it names the joint in place
-    of a comparison with the motion."""
+    """Network of a task made by ``cellwatt faults train`` (ONNX), or a folder with several; without it, the joint is
+    named by comparison with the motion."""
     equations: Path | None = None
-    """Folder made by ``cellwatt train pattern``: power is held against these equations, not against mean cycles."""
+    """Folder made by ``cellwatt train pattern``: power is compared with these equations instead of mean cycles."""
     residual: Residual = "samples"
-    """Quantity that the codes of intervals compare: each sample of power, or the interval's energy as in the paper."""
+    """Quantity compared for the codes of intervals: each sample of power, or the interval's energy as in the paper."""
 
 
 class PaperFaultsStage(ReferenceStage[PaperFaultsSettings]):
-    """Gives alarms ``joint_fault``, ``encoder_fault``, ``joint_and_encoder_fault`` after intervals and cycles."""
+    """Raises alarms ``joint_fault``, ``encoder_fault``, ``joint_and_encoder_fault`` after intervals and cycles."""
 
     Settings = PaperFaultsSettings
     title = "faulty joints and encoders by the method of the paper: fixed tolerances, fault tables"
@@ -101,12 +101,12 @@ class PaperFaultsStage(ReferenceStage[PaperFaultsSettings]):
         self._book = AlarmBook()
 
     def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
-        """Alarms that changed with this block."""
+        """Return the alarms that changed with this block."""
         block, intervals = self._seen(frames, upstream)
         return [alarm for cycle in self._following.feed(block, intervals) for alarm in self._take(cycle)]
 
     def _take(self, cycle: CycleSoFar) -> list[Alarm]:
-        """Alarms after one more interval: encoders at once, what only codes tell at the end of the cycle."""
+        """Alarms after one more interval: by encoders at once, by codes at the end of the cycle."""
         named = by_encoders(cycle.verdicts)
         if cycle.over and not named:
             course = cycle.course
@@ -141,7 +141,7 @@ class PaperFaultsStage(ReferenceStage[PaperFaultsSettings]):
 
 
 def _evidence(fault: NamedFault, course: Course, shown: Sequence[IntervalVerdict]) -> Mapping[str, Any]:
-    """The figures behind a fault, units in their names."""
+    """The figures behind a fault, with units in their names."""
     worst = max(shown, key=lambda verdict: abs(verdict.watts))
     return {
         "task": course.task,

@@ -1,4 +1,4 @@
-"""``cellwatt train pattern``: the power equation of each task."""
+"""``cellwatt train pattern``: writes the power equation of each task."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from cellwatt_plugins.faults.paper.pattern import cycle_pattern
 from cellwatt_plugins.faults.reference import Variant, load
 
 PUBLISHED: Final = {"BEVF 24": 19.26, "BEVF 34": 6.44, "BEVF 44": 0.2715}
-"""rms errors (19) of the paper's pick-and-place, W."""
+"""rms errors (19) published for the paper's pick-and-place task, W."""
 
 
 @click.command("pattern")
@@ -34,8 +34,8 @@ PUBLISHED: Final = {"BEVF 24": 19.26, "BEVF 34": 6.44, "BEVF 44": 0.2715}
 def train_pattern(reference: Path, out: Path, order: int, as_json: bool) -> None:
     """Write the power pattern of each task of REFERENCE as an equation, by vector fitting (BEVF).
 
-    REFERENCE is a file made by `cellwatt reference`. The stage faults_by_paper takes the folder as `equations` and
-    compares power with them in place of the mean of healthy cycles. Prints how well they fit.
+    REFERENCE is a file written by `cellwatt reference`. The stage faults_by_paper reads the folder given as `equations`
+    and compares power with the equations instead of the mean of healthy cycles. Prints the error of each fit.
     """
     learned = load(reference)
     wanted = [(task.name, variant) for task in learned.tasks for variant in task.variants]
@@ -46,7 +46,7 @@ def train_pattern(reference: Path, out: Path, order: int, as_json: bool) -> None
 
 
 def _fitted(known: tuple[str, Variant], order: int) -> tuple[dict[str, Any], PowerEquation]:
-    """What is told of one task at one speed, errors and spread in W; and its equation of the order asked for."""
+    """The report on one task at one speed, errors and spread in W, and its equation of the given order."""
     task, variant = known
     t, power = cycle_pattern(variant)
     orders = {order, *(each for each in ORDERS if len(t) > 2 * each)}

@@ -1,4 +1,4 @@
-"""Of which task a network is: what stands in its file, held against the tasks of a reference."""
+"""The task of a network, stored in its file and compared with the tasks of a reference."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from pydantic import ConfigDict
 from cellwatt_plugins.faults.paper.course import Course
 
 WAY = math.radians(3.0)
-"""rad by which a joint's way in an interval may differ from the way in the task that was trained …"""
+"""Largest difference of a joint's displacement in an interval from the trained task, rad …"""
 PACE = 0.1
-"""… and share by which the interval may last longer or shorter: another speed is another task."""
+"""… and largest relative difference of the interval's duration: another speed is another task."""
 
 
 @dataclass(frozen=True)
 class TrainedFor:
-    """A task at one speed: of each interval the ``moving`` joints (from 1), the ``way`` of every joint, rad, and its
-    ``seconds``."""
+    """A task at one speed: the ``moving`` joints (1-based) of each interval, the displacement (``way``) of every joint,
+    rad, and the duration in ``seconds``."""
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
@@ -51,7 +51,7 @@ class TrainedFor:
         return f"{self.task} at speed {self.speed:.2f}"
 
     def differs(self, course: Course) -> str:
-        """Name what differs between a course and the task; empty if nothing does."""
+        """Describe the first difference between a course and the task; empty if there is none."""
         other = TrainedFor.of(course)
         if (other.joints, len(other.moving)) != (self.joints, len(self.moving)):
             return f"{other.joints} joints, {len(other.moving)} intervals, expected {self.joints}, {len(self.moving)}"

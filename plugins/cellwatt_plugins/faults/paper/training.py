@@ -1,4 +1,4 @@
-"""Learns the fault table of each task from cycles with known faults, and the paper's network from the table."""
+"""Learns the fault table of each task from cycles with known faults, and trains the paper's network on it."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from cellwatt_plugins.faults.paper.trained_for import TrainedFor
 
 @dataclass(frozen=True)
 class Sources:
-    """Sources of cycles with a fault: codes of recorded ones by joint (from 1) and task; the ``arm`` to simulate
-    springs on, if any. ``calm`` are codes of healthy cycles, by task, that a network is tried on."""
+    """Sources of cycles with a fault: codes of ``recorded`` ones by joint (1-based) and task, and the ``arm`` for
+    simulated springs, if any. ``calm``: codes of healthy cycles by task, on which the networks are tested."""
 
     recorded: Mapping[int, Mapping[Key, Sequence[Codes]]]
     arm: FittedArm | None
@@ -31,9 +31,9 @@ class Sources:
     seed: int
 
     def cycles(self, course: Course, joint: int) -> tuple[str, Sequence[Codes]]:
-        """Codes (intervals,) of each cycle with a fault of a joint (from 1), and where they are from.
+        """Origin and codes (intervals,) of each cycle with a fault of a joint (1-based).
 
-        Raises ``ModelError`` where there is none.
+        Raises ``ModelError`` if there is no such cycle.
         """
         if not fault_table(course.intervals)[:, joint - 1].any():
             return "at rest", [np.zeros(len(course.intervals), np.int8)]
@@ -48,9 +48,9 @@ class Sources:
 
 
 def train_codes(course: Course, sources: Sources) -> tuple[dict[str, Any], bytes | None]:
-    """Learn the fault table of a course column by column: what is told of it, and its network as an ONNX file.
+    """Learn the fault table of a course column by column; returns the report and the network as an ONNX file.
 
-    No network where no fault moves the power beyond its tolerance. Raises ``CellwattError``.
+    No network is made if no fault moves the power beyond its tolerance. Raises ``CellwattError``.
     """
     joints = range(1, course.intervals[0].readings.q.shape[1] + 1)
     cycles = [sources.cycles(course, joint) for joint in steps(joints, "cycles with a fault of joint")]

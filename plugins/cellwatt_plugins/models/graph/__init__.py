@@ -1,4 +1,4 @@
-"""ONNX graphs that hold the physics of a robot, so that a model file needs nothing beside itself."""
+"""ONNX graphs that contain the physics of a robot, so that a model file needs no other file."""
 
 from cellwatt_plugins.models.graph.builder import Graph
 from cellwatt_plugins.models.graph.chain import Chain

@@ -1,4 +1,4 @@
-"""ONNX graphs written node by node: names are made here, numbers are float64."""
+"""ONNX graphs written node by node: names are generated, numbers are float64."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ IR_VERSION: Final = 8
 
 
 class Graph:
-    """A graph with one input and one output tensor; tensors are known by their names.
+    """A graph with one input and one output tensor; tensors are identified by their names.
 
     ``columns`` is the size of the input's last axis, ``window`` that of the one before it where it is above 1.
     """
@@ -37,7 +37,8 @@ class Graph:
         self._initializers: list[Any] = []
 
     def constant(self, value: ArrayLike) -> str:
-        """Numbers in the graph, float64; integers stay int64 (shapes, axes, indices). Equal ones are stored once."""
+        """Numbers in the graph, float64; integers stay int64 (shapes, axes, indices). Equal constants are stored
+        once."""
         array = np.asarray(value)
         array = np.ascontiguousarray(array, np.int64 if array.dtype.kind in "iu" else np.float64).reshape(array.shape)
         key = (array.dtype.str, array.shape, array.tobytes())
@@ -47,7 +48,7 @@ class Graph:
         return self._constants[key]
 
     def op(self, kind: str, *inputs: str | ArrayLike, **attributes: Any) -> str:
-        """Adds a node with one output and gives the output's name; what is no name becomes a constant."""
+        """Add a node with one output and return the output's name; an input that is not a name becomes a constant."""
         return self.ops(kind, 1, *inputs, **attributes)[0]
 
     def ops(self, kind: str, outputs: int, *inputs: str | ArrayLike, **attributes: Any) -> list[str]:
@@ -58,7 +59,7 @@ class Graph:
         return made
 
     def reshape(self, x: str, shape: Sequence[int]) -> str:
-        """The tensor in another shape; −1 once for what is left."""
+        """The tensor in another shape; one axis may be −1, for the remaining size."""
         return self.op("Reshape", x, np.array(shape, np.int64))
 
     def slice(self, x: str, start: int, stop: int, axis: int = -1) -> str:

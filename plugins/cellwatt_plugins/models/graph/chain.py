@@ -1,4 +1,4 @@
-"""A serial arm as plain numbers: what of its URDF stands in a model file."""
+"""A serial arm as plain numbers: the data of its URDF that a model file contains."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from cellwatt_plugins.robot.body import PER_LINK
 
 @dataclass(frozen=True)
 class Chain:
-    """Revolute joints in a row, each with the link that it moves."""
+    """Revolute joints in series, each with the link that it moves."""
 
     placements: Float
-    """(n, 4, 4): each joint's frame in the frame of the joint before it, at angle 0; m."""
+    """(n, 4, 4): each joint's frame in the frame of the previous joint, at angle 0; m."""
     axes: Float
     """(n, 3): unit vectors in the joints' own frames."""
     inertial: Float
@@ -27,7 +27,7 @@ class Chain:
 
     @classmethod
     def of(cls, body: Body) -> Chain:
-        """The chain of an arm. Raises ``ConfigError`` where a joint is not revolute."""
+        """The chain of an arm. Raises ``ConfigError`` if a joint is not revolute."""
         if straight := [name for name, turns in zip(body.names, body.turns, strict=True) if not turns]:
             raise ConfigError(f"joint {straight[0]} does not turn: only arms with revolute joints are modelled")
         return cls(body.placements, body.axes, body.parameters().reshape(-1, PER_LINK), body.gravity_field)
@@ -38,7 +38,7 @@ class Chain:
         return len(self.axes)
 
     def with_inertial(self, parameters: Float) -> Chain:
-        """The same arm with other inertial parameters, (10 n,) as ``Body.parameters`` gives them."""
+        """The same arm with other inertial parameters, (10 n,) as in ``Body.parameters``."""
         return replace(self, inertial=parameters.reshape(self.joints, PER_LINK))
 
     def transforms(self) -> tuple[Float, Float, Float]:

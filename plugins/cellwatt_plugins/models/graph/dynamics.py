@@ -2,7 +2,7 @@
 
 In 4 × 4 matrices, all in the base's frame (Uicker's and Kahn's Lagrangian form; Paul, Robot Manipulators, 1981, ch. 6):
 T_i the frame of joint i, Z_i its unit twist, V_i = Σ_{k≤i} Z_k q̇_k, J_i the link's pseudo-inertia. A frame's points
-accelerate by A_i = V̇_i + V_i² less gravity, and τ_k = ⟨Z_k, Σ_{i≥k} A_i T_i J_i T_iᵀ⟩. Both sums over the joints are
+accelerate by A_i = V̇_i + V_i² minus gravity, and τ_k = ⟨Z_k, Σ_{i≥k} A_i T_i J_i T_iᵀ⟩. Both sums over the joints are
 products with a triangular matrix of ones.
 """
 

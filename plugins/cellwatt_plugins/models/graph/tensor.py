@@ -30,7 +30,7 @@ _NODES: Final[dict[Any, str]] = {
 
 
 class Tensor(NDArrayOperatorsMixin):
-    """A tensor of a graph that numpy's operators and ufuncs take: ``np.tanh(x / width) * weight`` adds nodes."""
+    """A tensor of a graph, for numpy's operators and ufuncs: ``np.tanh(x / width) * weight`` adds nodes."""
 
     def __init__(self, graph: Graph, name: str) -> None:
         self.graph = graph

@@ -1,4 +1,4 @@
-"""``cw.train_power``: what ``cellwatt train power`` calls."""
+"""``cw.train_power``: the function behind ``cellwatt train power``."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from cellwatt_plugins.robot.description import robot_file
 
 
 def write(path: Path, fitted: Fitted, moves: Moves, arm: Arm, created: datetime | None = None) -> Metadata:
-    """Writes the ONNX file and gives its metadata. Raises ``ModelError``.
+    """Writes the ONNX file and returns its metadata. Raises ``ModelError``.
 
     Inputs are positions and velocities, then the payload and temperatures where the model uses them; outputs are
     ``power`` where it was measured, and ``current_1`` …
@@ -51,7 +51,7 @@ def write(path: Path, fitted: Fitted, moves: Moves, arm: Arm, created: datetime 
 
 
 def write_published(path: Path, model: Nls | Scg, tuning: Tuning, moves: Moves, arm: Arm) -> Metadata:
-    """The same for one of the paper's two models; inputs are positions and velocities. Raises ``ModelError``."""
+    """The same for one of the paper's two models; its inputs are positions and velocities. Raises ``ModelError``."""
     inputs = joint_inputs(moves.joints, "position", "velocity")
     training = Training.of(np.concatenate([moves.q, moves.qd], axis=1))
     power = bool(np.isfinite(moves.power).any())
@@ -62,7 +62,7 @@ def write_published(path: Path, model: Nls | Scg, tuning: Tuning, moves: Moves, 
 
 
 def _about(arm: Arm, name: str, moves: Moves, smoother: Smoother, power: bool, beside: int = 0) -> dict[str, Any]:
-    """Metadata that both kinds of file have; windows reach ``beside`` rows further than the smoother's."""
+    """Metadata of both kinds of files; windows reach ``beside`` rows further than the smoother's."""
     outputs = [Output("power", "W")] if power else []
     return {
         "name": f"{arm.name}-power{name}",
@@ -76,7 +76,7 @@ def _about(arm: Arm, name: str, moves: Moves, smoother: Smoother, power: bool, b
 
 @dataclass(frozen=True)
 class PowerModel:
-    """The models of an arm's power in motion, their errors on moves that they have not seen, and what they are of."""
+    """The models of an arm's power in motion, their errors on held-out moves, and their training data."""
 
     trained: Trained
     moves: Moves
@@ -101,7 +101,7 @@ class PowerModel:
         return [out / name for name in ("model.onnx", *published, "power.json")]
 
     def report(self, path: Place) -> None:
-        """Write the page of the training. Raises ``CellwattError`` where that fails or plotly is missing."""
+        """Write the page of the training. Raises ``CellwattError`` if that fails or plotly is missing."""
         from cellwatt.report import Provenance
         from cellwatt_plugins.models.power.report import report
 
@@ -111,10 +111,12 @@ class PowerModel:
 def train_power(recordings: Places, *, robot: Place, meter: Places = (), seed: int = 0) -> PowerModel:
     """Train a model of the currents (A) and the supply power (W) of a moving arm, on recordings of its moves.
 
-    ``recordings`` are tables with t (s), q_i (rad), qd_i (rad/s), current_i (A) and power (W), and move where a file
-    holds several, or cellwatt's own; ``robot`` is robot.yaml, or its folder. ``meter`` are tables of power on a clock
-    of their own, one a recording. The same moves and ``seed`` give the same model. Raises ``RecordingError`` where a
-    file cannot be used, ``ConfigError`` where the description lacks what it needs.
+    ``recordings`` are tables with t (s), q_i (rad), qd_i (rad/s), current_i (A) and power (W), and move if a file holds
+    several moves, or cellwatt's own; ``robot`` is robot.yaml, or its folder. ``meter`` are tables of power with their
+    own
+    clocks, one per recording. The same moves and ``seed`` give the same model. Raises ``RecordingError`` if a file
+    cannot
+    be used, ``ConfigError`` if the description lacks a required key.
     """
     arm = Arm.load(robot)
     recorded, metered = paths_of(recordings), paths_of(meter)

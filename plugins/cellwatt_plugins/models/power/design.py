@@ -1,4 +1,4 @@
-"""The torque of every joint as columns times unknown numbers, and what is believed of these before any data."""
+"""The torque of every joint as columns times unknown coefficients, and the prior of these coefficients."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from cellwatt_plugins.robot.priors import links_prior
 from cellwatt_plugins.robot.regression import Prior
 
 CARRIED: Final = 4
-"""Parameters of what is carried, per kg of the stated payload: its mass and m·c at the last joint's frame."""
+"""Number of parameters of the load, per kg of the stated payload: its mass and m·c at the last joint's frame."""
 CARRIED_AS_STATED: Final = np.array([1.0, 0.0, 0.0, 0.0])
-"""… where it is a point at the last joint's frame, as heavy as stated."""
+"""The load's parameters as stated: a point mass at the last joint's frame."""
 REACH: Final = 0.1
-"""m: how far from the flange a payload's centre of mass may be."""
+"""Standard deviation in m of a payload's centre of mass from the last joint's frame."""
 SHARES: Final = {"gain": 0.1, "friction by load": 0.1, "viscous load": 0.1}
-"""Spreads of terms that are shares of the load."""
+"""Prior standard deviations of terms that are shares of the load."""
 PER_WARMTH: Final = 10.0
-"""K of joint temperature that count as 1."""
+"""K of joint temperature per unit of warmth."""
 
 
 @dataclass(frozen=True)
 class Rows:
-    """N rows of smoothed motion with what was measured there; n joints."""
+    """N rows of smoothed motion with the measured torque and power; n joints."""
 
     q: Float
     qd: Float
@@ -45,16 +45,16 @@ class Rows:
     payload: Float | None
     """(N,) kg."""
     warmth: Float | None
-    """(N, n): joint temperature beyond its mean, in ``PER_WARMTH``."""
+    """(N, n): joint temperature minus its mean, in ``PER_WARMTH``."""
     shown: Shown
-    """Measured power of all of the rows."""
+    """Measured power of these rows."""
 
     def __len__(self) -> int:
         return len(self.q)
 
     @classmethod
     def of(cls, moves: Moves, smoother: Smoother, constant: Float, most: int, whole: bool = True) -> Rows:
-        """At most ``most`` rows, evenly spread, only those whose window is ``whole``."""
+        """At most ``most`` rows, evenly spread; if ``whole``, only rows with a complete window."""
         q, qd, qdd = smoother.apply(moves)
         kept = np.flatnonzero(smoother.whole(moves) if whole else np.ones(len(moves), bool))
         if not len(kept):
@@ -67,37 +67,38 @@ class Rows:
         return rows.with_temperature(moves.temperature[kept], mean_temperature(moves.temperature))
 
     def with_temperature(self, temperature: Float, mean: Float) -> Rows:
-        """Warmth from joint temperatures (N, n) beyond a training's mean (n,), °C."""
+        """Add the warmth: joint temperatures (N, n) minus a training's mean (n,), °C."""
         return replace(self, warmth=(temperature - mean) / PER_WARMTH)
 
 
 def mean_temperature(temperature: Float) -> Float:
-    """(n,) °C of columns (N, n)."""
+    """Mean (n,) °C of joint temperatures (N, n)."""
     return np.asarray(np.nanmean(temperature, axis=0))
 
 
 @dataclass(frozen=True)
 class Design:
-    """Columns of the torque: shared by all joints, and of each joint alone."""
+    """Columns of the torque: columns shared by all joints, and each joint's own."""
 
     shared: Float
-    """(N, n, R): inertial parameters of all links, then those of what is carried where a payload was recorded."""
+    """(N, n, R): inertial parameters of all links, then those of the load if a payload was recorded."""
     own: Float
-    """(N, n, F): one column a term."""
+    """(N, n, F): one column per term."""
     names: tuple[str, ...]
-    """The F terms."""
+    """Names of the F terms."""
     width: float
-    """rad/s in which the direction of friction turns over."""
+    """rad/s within which friction reverses."""
 
     @classmethod
     def of(cls, rows: Rows, shared: Float, inertial: Float, width: float, names: Sequence[str]) -> Design:
-        """All ``names`` as columns beside ``shared`` ones; ``inertial`` (R,) makes the load that some depend on."""
+        """The columns of all ``names`` beside the ``shared`` ones; ``inertial`` (R,) gives the load that some depend
+        on."""
         motion = Motion(rows.q, rows.qd, rows.qdd, shared @ inertial, np.tanh(rows.qd / width), rows.warmth)
         return cls(shared, np.stack([TORQUE[name](motion) for name in names], axis=2), tuple(names), width)
 
     @classmethod
     def stated(cls, rows: Rows, body: Body, width: float, names: Sequence[str]) -> tuple[Design, Float]:
-        """The same where the load is that of the URDF and of the payload as stated; and these numbers, (R,)."""
+        """The same with the load of the URDF and of the payload as stated; and the load's parameters, (R,)."""
         links, carrying = body.parameters(), rows.payload is not None
         inertial = np.concatenate([links, CARRIED_AS_STATED]) if carrying else links
         return cls.of(rows, shared_columns(rows, body, carrying), inertial, width, names), inertial
@@ -105,23 +106,24 @@ class Design:
 
 @dataclass(frozen=True)
 class Belief:
-    """Prior of the numbers before any data."""
+    """Prior of the coefficients."""
 
     shared: Prior
-    """Of the R numbers that all joints share."""
+    """Prior of the R coefficients that all joints share."""
     own: Float
     own_spread: Float
-    """(F, n): mean and standard deviation of each joint's own."""
+    """(F, n): mean and standard deviation of each joint's own coefficients."""
 
     @classmethod
     def of(cls, arm: Arm, design: Design, scale: Float, doubt: float) -> Belief:
-        """Return what the description says; ``scale`` (n,) Nm: size of the torques, ``doubt``: tolerances of links."""
+        """Return the description's prior; ``scale`` (n,) Nm: size of the torques, ``doubt``: factor on links'
+        tolerances."""
         links = arm.body.parameters()
         shared = Prior(links, links_prior(links, doubt * arm.description.tolerances.link).covariance)
         if design.shared.shape[2] > len(links):
             shared = Prior.joined(shared, Prior.spread(np.array([0.02, REACH, REACH, REACH]), CARRIED_AS_STATED))
         size = np.sqrt(np.mean(design.own**2, axis=0)).T
-        # A joint that hardly moved is as likely to have friction as the others.
+        # A joint that hardly moves is as likely as the others to have friction.
         size = np.maximum(size, 0.5 * size.max(axis=1, keepdims=True))
         own, own_spread = np.zeros_like(size), scale / np.maximum(size, 1e-9)
         for name in SHARES.keys() & set(design.names):
@@ -135,7 +137,7 @@ class Belief:
 
 
 def shared_columns(rows: Rows, body: Body, carrying: bool) -> Float:
-    """(N, n, 10 n): torque for 1 of each inertial parameter; 4 more where the arm is ``carrying``."""
+    """(N, n, 10 n): torque for 1 of each inertial parameter; with 4 more of the load if the arm is ``carrying``."""
     columns = body.regressor(rows.q, rows.qd, rows.qdd)
     if not carrying or rows.payload is None:
         return columns

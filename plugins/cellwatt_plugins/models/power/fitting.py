@@ -1,4 +1,4 @@
-"""Fits the model: torque by its columns, effects by what they bring on held-out moves, then all numbers together."""
+"""Fits the model: torque by its columns, effects by their gain on held-out moves, then all coefficients together."""
 
 from __future__ import annotations
 
@@ -24,44 +24,44 @@ from cellwatt_plugins.models.power.tuning import DOUBT, Tuning
 from cellwatt_plugins.robot import Arm
 
 DOUBTS: Final = (1.0, 3.0, 10.0)
-"""Tolerances by which the links of the URDF may be off, tried on held-out moves."""
+"""Factors on the tolerances of the URDF's links that are tried on held-out moves."""
 USUAL: Final = ("Stribeck friction (0.1 rad/s)",)
-"""Effects of an arm whose currents were not measured: power alone tells no more."""
+"""Effects of an arm whose currents were not measured: power alone does not show others."""
 WEIGHINGS: Final = 2
-"""Of the rows by what is left of them, beyond the first."""
+"""Number of times that rows are weighed by their residuals, after the first fit."""
 HELPS: Final = 0.95
-"""Share of the square of the torques' held-out error that a network must bring it down to."""
+"""Share to which a network must reduce the mean square of the torques' held-out error."""
 TRIALS: Final = 4
-"""Folds on which that is tried."""
+"""Number of folds on which a network is tried."""
 SEED: Final = 0
-"""Of the network's first weights."""
+"""Seed of the network's first weights."""
 
 
 @dataclass(frozen=True)
 class Structure:
-    """Structure of a model, before its numbers."""
+    """Structure of a model, without its coefficients."""
 
     effects: tuple[str, ...]
     losses: tuple[str, ...]
     sharing: Sharing
     doubt: float
-    """Tolerances by which the links of the URDF may be off."""
+    """Factor on the tolerances of the URDF's links."""
     network: bool = False
-    """True if a network takes what physics leaves of the torques."""
+    """True if a network models the torque residuals of the physics."""
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """A model and what it rests on."""
+    """A model, its structure and its standard errors."""
 
     model: Hybrid
     structure: Structure
     errors: Float
-    """(p,) standard errors, see ``fit_together``; none where no power was measured."""
+    """(p,) standard errors, see ``fit_together``; empty if no power was measured."""
 
 
 def structure_of(moves: Moves, arm: Arm, tuning: Tuning) -> Structure:
-    """Effects and losses that hold on moves that were left out, among them the fastest and the slowest."""
+    """Effects and losses that hold on held-out moves, among them the fastest and the slowest."""
     problem = Problem.of(moves, arm, tuning, DOUBT)
     rows = problem.rows
     fold = row_folds(moves, rows)
@@ -80,7 +80,8 @@ def structure_of(moves: Moves, arm: Arm, tuning: Tuning) -> Structure:
 
 
 def _effects(problem: Problem, fold: NDArray[np.int64]) -> tuple[Problem, tuple[str, ...], float]:
-    """Effects of the torque, found twice as the rows' weights depend on them, and the doubt of the links."""
+    """Effects of the torque, selected twice as the rows' weights depend on them, and the factor on links'
+    tolerances."""
     effects: tuple[str, ...] = ()
     for _ in range(2):
         folds = [problem.sums(fold == k) for k in np.unique(fold)]
@@ -92,7 +93,7 @@ def _effects(problem: Problem, fold: NDArray[np.int64]) -> tuple[Problem, tuple[
 
 
 def _network_helps(moves: Moves, arm: Arm, tuning: Tuning, structure: Structure) -> bool:
-    """True if it lowers the error of the torques on moves left out, the fastest and the slowest first."""
+    """True if a network lowers the torques' error on held-out moves, the fastest and the slowest first."""
     if not np.isfinite(moves.current).any():
         return False
     fold = folds_of(moves)
@@ -110,7 +111,7 @@ def _network_helps(moves: Moves, arm: Arm, tuning: Tuning, structure: Structure)
 
 
 def fit(moves: Moves, arm: Arm, tuning: Tuning, structure: Structure) -> Fitted:
-    """All numbers of a structure: currents and power together, Gauss–Newton with priors."""
+    """All coefficients of a structure: currents and power together, Gauss–Newton with priors."""
     problem = Problem.of(moves, arm, tuning, structure.doubt, structure.effects)
     for _ in range(WEIGHINGS):
         problem = problem.reweighed(structure.effects)

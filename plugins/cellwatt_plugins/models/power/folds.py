@@ -1,4 +1,4 @@
-"""Moves held out together: by turns, and the fastest and the slowest, as models must carry beyond both."""
+"""Folds of held-out moves: in turn, and the fastest and the slowest moves, as models must extrapolate to both."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ TURNS: Final = 4
 EXTREME: Final = 0.15
 """Share of the moves that count as fastest, and as slowest."""
 FEW: Final = 12
-"""Moves below which each is a fold of its own."""
+"""Number of moves below which each is a fold of its own."""
 BLOCKS: Final = 8
-"""Folds of a recording that is one long move."""
+"""Number of folds of a recording that is one long move."""
 GAIN: Final = 0.995
-"""An effect must bring the held-out error down to this share of its square."""
+"""Largest ratio of the held-out mean square error, with an effect to without, on average over the folds."""
 HARM: Final = 1.02
-"""And raise it nowhere above this."""
+"""Largest such ratio in any fold."""
 
 
 def folds_of(moves: Moves) -> NDArray[np.int64]:
-    """The fold (N,) of each row: the fastest moves, the slowest, and the others by turns.
+    """The fold (N,) of each row: the fastest moves, the slowest, and the others in turn.
 
     Below ``FEW`` moves each is a fold; a recording in one or two pieces is cut into ``BLOCKS``.
     """
@@ -45,9 +45,10 @@ def folds_of(moves: Moves) -> NDArray[np.int64]:
 def grown(
     scores: Callable[[Sequence[Sequence[str]]], Sequence[Float]], tried: Callable[[Sequence[str]], Sequence[str]]
 ) -> tuple[list[str], Float]:
-    """Return the effects that lower the held-out error, the best first, and what they leave of it in each fold.
+    """Return the effects that lower the held-out error, the best first, and the remaining error in each fold.
 
-    ``scores`` gives the mean square (folds,) with each of some sets of effects, ``tried`` the effects worth a trial
+    ``scores`` gives the mean square error (folds,) for each of several sets of effects, ``tried`` the effects worth a
+    trial
     beside a set.
     """
     found: list[str] = []

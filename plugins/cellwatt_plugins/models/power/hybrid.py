@@ -1,4 +1,4 @@
-"""The model: rigid bodies, friction and drives of an arm, fitted; as formulas that arrays and model files share."""
+"""The fitted model of rigid bodies, friction and drives of an arm, as formulas for both arrays and model files."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.drive import Drives
 
 AT_ONCE: Final = 5000
-"""Rows whose columns are in memory together."""
+"""Number of rows whose columns are in memory together."""
 
 
 @dataclass(frozen=True)
@@ -28,24 +28,24 @@ class Hybrid:
 
     smoother: Smoother
     width: float
-    """rad/s in which the direction of friction turns over."""
+    """rad/s within which friction reverses."""
     inertial: Float
-    """(10 n,), or (10 n + 4,) where a payload was recorded: then also what is carried per kg of it."""
+    """(10 n,), or (10 n + 4,) if a payload was recorded: the last 4 are the load's, per kg of payload."""
     terms: tuple[str, ...]
     weights: Float
-    """(terms, n): Nm for 1 of each term."""
+    """(terms, n): Nm per unit of each term."""
     constant: Float
     """(n,) Nm/A."""
     resistance: Float
     """(n,) Ω."""
     supply: Supply | None
-    """None where no power was recorded."""
+    """None if no power was recorded."""
     temperature: Float | None
-    """(n,) °C: mean of the training, where friction depends on it."""
+    """Mean (n,) °C of the training, if friction depends on temperature."""
     leftover: Leftover | None = None
 
     def torque(self, motion: Motion) -> Any:
-        """(N, n) Nm from the motion with its load."""
+        """Torque (N, n) Nm for a motion with its load."""
         terms = zip(self.terms, self.weights, strict=True)
         torque = motion.load + sum(TORQUE[name](motion) * weight for name, weight in terms)
         return torque if self.leftover is None else torque + self.leftover(motion)
@@ -77,12 +77,12 @@ class Hybrid:
         return motion, self.torque(motion)
 
     def outputs(self, torque: Any, qd: Any) -> tuple[Any, Any]:
-        """Power (N, 1) W, None where the model has none, and currents (N, n) A."""
+        """Power (N, 1) W, None if the model has none, and currents (N, n) A."""
         drive = self.drive(torque, qd)
         return None if self.supply is None else self.supply.power(drive), drive.current
 
     def estimate(self, rows: Rows, body: Body) -> tuple[Float, Float]:
-        """Power (N,) W, NaN where the model has none, and currents (N, n) A of smoothed rows."""
+        """Power (N,) W, NaN if the model has none, and currents (N, n) A of smoothed rows."""
         power, current = np.full(len(rows), np.nan), np.empty_like(rows.q)
         for first in range(0, len(rows), AT_ONCE):
             part = rows_of(rows, slice(first, first + AT_ONCE))
@@ -94,7 +94,7 @@ class Hybrid:
         return power, current
 
     def content(self, chain: Chain) -> bytes:
-        """The ONNX graph, from positions, velocities, payload and temperatures where needed, to power and currents."""
+        """The ONNX graph from positions, velocities, and payload and temperatures if used, to power and currents."""
         joints = chain.joints
         columns = (2 + (self.temperature is not None)) * joints + self.carries(joints)
         graph = Graph(columns, self.smoother.window)

@@ -1,4 +1,4 @@
-"""A small network a joint on what physics leaves of its torque; kept only where it helps on held-out moves."""
+"""A small network for each joint, of the torque residual of the physics; used only if it helps on held-out moves."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ NEURONS: Final = 8
 ITERATIONS: Final = 200
 ROWS: Final = 6000
 EVERY: Final = 7
-"""One block of rows in so many tells when to stop."""
+"""One of so many blocks of rows decides when to stop."""
 BLOCK: Final = 50
-"""Rows."""
+"""Number of rows in a block."""
 LEAST: Final = 0.3
-"""An input counts as spread by at least this share of what it is in the median joint."""
+"""Smallest scale of an input, as a share of its standard deviation in the median joint."""
 
 
 def inputs(motion: Motion) -> list[Any]:
@@ -43,13 +43,13 @@ class Leftover:
     """(n,) Nm."""
 
     def __call__(self, motion: Motion) -> Any:
-        """(N, n) Nm."""
+        """Torque (N, n) Nm of a motion."""
         x = beside(inputs(motion))
         return np.tanh(x @ self.hidden + self.bias) @ self.out + (x @ self.direct + self.level)
 
     @classmethod
     def train(cls, motion: Motion, left: Float, seed: int) -> Leftover:
-        """From what is left, (N, n) Nm; rows where it is not known are passed over."""
+        """Train on the torque residuals ``left``, (N, n) Nm; rows without a value are skipped."""
         kept = np.flatnonzero(np.isfinite(left).all(axis=1))
         kept = kept[:: max(1, len(kept) // ROWS)]
         held = np.arange(len(kept)) // BLOCK % EVERY == EVERY - 1
@@ -63,7 +63,7 @@ class Leftover:
 
     @classmethod
     def of(cls, networks: list[Perceptron]) -> Leftover:
-        """One network out of one a joint; their scaling goes into the weights."""
+        """Combine the joints' networks into one; their scaling is merged into the weights."""
         n, each = len(networks), len(networks[0].mean)
         hidden, bias = np.zeros((each, n, n, NEURONS)), np.zeros((n, NEURONS))
         direct, out, level = np.zeros((each, n, n)), np.zeros((n, NEURONS, n)), np.zeros(n)

@@ -21,19 +21,19 @@ from cellwatt_plugins.robot.meter.model import Meter
 from cellwatt_plugins.robot.samples import interpolated
 
 POWER = ("supply.power", "bus.power")
-"""Channels that a model of the supply power may be trained on; the first that holds numbers counts."""
+"""Channels of the power that a model may be trained on; the first with numbers is used."""
 UNEVEN = 0.02
-"""Steps that differ by more than this share are put on an even grid."""
+"""Largest relative difference between steps; rows with larger ones are interpolated to an even grid."""
 SHORTEST = 10
-"""Rows that a move must have to count."""
+"""Fewest rows of a move."""
 
 
 @dataclass(frozen=True)
 class Moves:
-    """N rows of n joints; rows of one move follow each other at an even step."""
+    """N rows of n joints; the rows of a move are consecutive, with an even step."""
 
     move: NDArray[np.int64]
-    """(N,) which move, rising from 0."""
+    """(N,) number of the move, rising from 0."""
     time: Float
     """(N,) s."""
     q: Float
@@ -41,17 +41,17 @@ class Moves:
     qd: Float
     """(N, n) rad/s."""
     current: Float
-    """(N, n) A; NaN where it was not measured."""
+    """(N, n) A; NaN if not measured."""
     power: Float
-    """(N,) W; NaN where it was not measured."""
+    """(N,) W; NaN if not measured."""
     payload: Float | None = None
-    """(N,) kg at the flange, where it was recorded."""
+    """(N,) kg at the flange, if recorded."""
     temperature: Float | None = None
-    """(N, n) °C of the joints, where it was recorded."""
+    """(N, n) °C of the joints, if recorded."""
     came: Float | None = None
-    """(N,) s when a row's power came, of a slow meter; NaN in rows that repeat a value."""
+    """(N,) s when a row's value came from a slow meter; NaN in rows that repeat a value."""
     meter: Meter | None = None
-    """The slow meter that power is from."""
+    """The slow meter that measured the power."""
 
     def __len__(self) -> int:
         return int(self.time.size)
@@ -78,20 +78,20 @@ class Moves:
         return list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
 
     def where(self, rows: NDArray[np.bool_]) -> Moves:
-        """Some whole moves, numbered anew."""
+        """Some complete moves, renumbered."""
         kept = rows_of(self, rows)
         return replace(kept, move=np.unique(kept.move, return_inverse=True)[1].astype(np.int64))
 
     def only(self, moves: Iterable[int]) -> Moves:
-        """Some moves."""
+        """The moves with these numbers, renumbered."""
         return self.where(np.isin(self.move, list(moves)))
 
 
 def read_moves(paths: Sequence[Path], joints: int, meters: Sequence[Path] = ()) -> Moves:
     """Moves of one or several tables: Parquet, CSV, or recordings of cellwatt.
 
-    A move ends where ``move`` changes, time jumps, or a position or velocity is missing. ``meters`` logged the power
-    of the tables in the same place. Raises ``RecordingError`` where a column is missing, or nothing is left.
+    A move ends where ``move`` changes, time jumps, or a position or velocity is missing. ``meters`` are the files with
+    the power of the tables, in the same order. Raises ``RecordingError`` if a column is missing, or no move remains.
     """
     found = spread(_parts, with_meters(paths, meters), "reading recordings", shared=joints)
     parts = [part for of_file in found for part in of_file]
@@ -109,7 +109,7 @@ def read_moves(paths: Sequence[Path], joints: int, meters: Sequence[Path] = ()) 
 
 
 def _parts(file: tuple[Path, Path | None], joints: int) -> list[Moves]:
-    """The moves of one file, and that of its meter, each numbered 0."""
+    """The moves of a file and its meter's file, each numbered 0."""
     path, meter = file
     table = read_table(path)
     time = table.time
@@ -129,7 +129,7 @@ def _parts(file: tuple[Path, Path | None], joints: int) -> list[Moves]:
 
 
 def _quantities(table: Table, joints: int, metered: Float | None) -> dict[str, Float]:
-    """The fields of ``Moves`` that a file has, beside the time."""
+    """The fields of ``Moves``, other than the time, that a file has."""
     missing = np.full(len(table), np.nan)
     current = _each(table, "current", joints)
     known = [metered] if metered is not None else [table.whole(name) for name in POWER]
@@ -147,7 +147,7 @@ def _quantities(table: Table, joints: int, metered: Float | None) -> dict[str, F
 
 
 def _each(table: Table, quantity: str, joints: int) -> Float | None:
-    """A quantity of the first joints, (N, joints); None where the file has it, or numbers of it, of fewer."""
+    """A quantity of the first joints, (N, joints); None if the file lacks it, or its numbers, at one of these."""
     found = table.joints(quantity)
     if found is None or found.shape[1] < joints:
         return None
@@ -156,7 +156,7 @@ def _each(table: Table, quantity: str, joints: int) -> Float | None:
 
 
 def _even(part: Moves, step: float) -> Moves:
-    """The same on an even grid of ``step`` s; as it is where its steps are even."""
+    """The same move on an even grid of ``step`` s; unchanged if its steps are even."""
     steps = np.diff(part.time)
     if np.abs(steps / step - 1).max(initial=0.0) < UNEVEN:
         return part

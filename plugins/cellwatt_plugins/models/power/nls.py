@@ -1,8 +1,8 @@
 """The paper's physical model, fitted by nonlinear least squares: its equations (10) to (14).
 
 Torque by (11) with Stribeck friction, current by (12), power by (13); (10) is solved by Gauss–Newton in a trust region.
-The torque constant k_m is one number in (12) and (13), as printed. Inductances, resistances and friction stay within
-what a motor can have; where the data ask for more, the number stands for something that the equations lack, and
+The torque constant k_m is one number in (12) and (13), as printed. Inductances, resistances and friction are limited to
+what a motor can have; where the data exceed a limit, the number compensates for effects that the equations lack, and
 ``doubts`` says so.
 """
 
@@ -24,20 +24,20 @@ from cellwatt_plugins.models.power.terms import Motion
 from cellwatt_plugins.robot import RobotDescription
 
 JOINT_NUMBERS: Final = ("k_m", "inertia", "viscous", "coulomb", "excess", "stribeck_velocity", "offset")
-"""Of each joint: Nm/A, kg m², Nm s/rad, Nm, Nm, rad/s, Nm."""
+"""Numbers of each joint, in Nm/A, kg m², Nm s/rad, Nm, Nm, rad/s, Nm."""
 NUMBERS: Final = (*JOINT_NUMBERS, "inductance", "resistance")
 MOST: Final = 3.0
 """Bound of each friction number, as a multiple of the torque's size."""
 STRIBECK: Final = (0.01, 1.0)
-"""rad/s: bounds of the Stribeck velocity."""
+"""Bounds of the Stribeck velocity, rad/s."""
 HENRY: Final = 0.1
-"""Bound of a winding's inductance."""
+"""Upper bound of a winding's inductance, H."""
 OHM: Final = (1e-3, 20.0)
-"""Bounds of a winding's resistance where none is stated; else half and twice what is."""
+"""Bounds of a winding's resistance, Ω, if none is stated; else half and twice the stated one."""
 APART: Final = 0.1
-"""Share by which power alone may want another k_m than currents do."""
+"""Largest relative difference between the k_m of power alone and that of the currents."""
 AT_BOUND: Final = 1e-3
-"""Share of the width between its bounds within which a number is at one."""
+"""Share of the distance between its bounds within which a number is at a bound."""
 
 
 @dataclass(frozen=True)
@@ -47,15 +47,16 @@ class Nls:
     joints: Float
     """(n, 7): see ``JOINT_NUMBERS``."""
     power: Float
-    """(1 + 2 n,): P_c (with all k_d, which are constants too) W, then L in H, then R in Ω of every joint."""
+    """(1 + 2 n,): P_c (with all k_d, which are also constants) in W, then L in H, then R in Ω of every joint."""
     errors: tuple[Float, Float]
-    """Standard errors of both."""
+    """Standard errors of ``joints`` and ``power``."""
     doubts: tuple[str, ...]
-    """Numbers that stand for something else, a line each."""
+    """Numbers that compensate for effects the equations lack, one line each."""
 
     @classmethod
     def fit(cls, moves: Moves, seen: Seen, robot: RobotDescription) -> Nls:
-        """Currents first, joint by joint; then power with what the currents say of k_m; then currents with that k_m."""
+        """Fit the currents joint by joint; then power, with the currents' k_m as prior; then currents with the new
+        k_m."""
         kept = np.arange(0, len(moves), max(1, len(moves) // ROWS))
         alone = [_joint(moves.current[kept, j], _part(seen.motion, kept, j), robot, j) for j in range(moves.joints)]
         joints, errors = (np.array(each) for each in zip(*alone, strict=True))
@@ -87,7 +88,7 @@ class Nls:
         return self._supply(current, seen.rate(current), seen.motion.qd)[:, 0], current
 
     def content(self, traced: Traced) -> bytes:
-        """The model file, from positions and velocities to power, where it was measured, and currents."""
+        """The model file, from positions and velocities to currents, and to power if it was measured."""
         current = _current(self.joints, traced.motion)
         here = traced.here(current)
         power = None
@@ -103,7 +104,7 @@ class Nls:
 
 
 def _current(joints: Float, m: Motion) -> Any:
-    """Equations (11) and (12): currents, A, of the joints whose numbers (n, 7) are given."""
+    """Equations (11) and (12): currents in A for the joints' numbers (n, 7)."""
     constant, inertia, viscous, coulomb, excess, speed, offset = joints.T
     slowness = m.qd * (1 / speed)
     friction = (coulomb + excess * np.exp(-(slowness * slowness))) * m.sign + viscous * m.qd + offset
@@ -117,7 +118,7 @@ def _part(m: Motion, rows: NDArray[np.intp], j: int) -> Motion:
 def _joint(
     current: Float, motion: Motion, robot: RobotDescription, j: int, constant: float | None = None
 ) -> tuple[Float, Float]:
-    """The numbers (7,) of one joint and their standard errors, with this k_m where it is given."""
+    """The numbers (7,) of one joint and their standard errors; with a ``constant``, k_m is fixed."""
     known = np.isfinite(current)
     if not known.any():
         return np.full(7, np.nan), np.full(7, np.nan)
@@ -146,7 +147,7 @@ def _joint_bounds(robot: RobotDescription, j: int, spread: float) -> tuple[Float
 
 
 def _columns(current: Float, seen: Seen) -> Float:
-    """Of equation (13): 1, i di/dt, i², q̇ i; (N, 1 + 3 n)."""
+    """Columns of equation (13): 1, i di/dt, i², q̇ i; (N, 1 + 3 n)."""
     ones = np.ones((len(current), 1))
     return np.concatenate([ones, current * seen.rate(current), current**2, seen.motion.qd * current], axis=1)
 
@@ -158,7 +159,7 @@ def _start(shown: Shown, robot: RobotDescription) -> Float:
 
 
 def _bounds(robot: RobotDescription) -> tuple[Float, Float]:
-    """Of P_c, L, R, k_m."""
+    """Bounds of P_c, L, R, k_m."""
     constant, resistance = robot.column("torque_constant"), robot.column("winding_resistance")
     stated = resistance > 0
     low = [np.zeros(1), 0 * constant, np.where(stated, 0.5 * resistance, OHM[0]), 0.5 * constant]
@@ -180,7 +181,7 @@ def _solved(
 def _doubts(
     joints: Float, power: Float, free: Float, by_current: Float, robot: RobotDescription, moves: Moves
 ) -> tuple[str, ...]:
-    """Numbers at a bound, where a motor's or gear's would not be, and each k_m of which power alone wants another."""
+    """Numbers at a bound that no motor or gear would have, and each k_m that differs from that of power alone."""
     n, (least, most) = len(joints), _bounds(robot)
     found = []
     for j in np.flatnonzero(np.isfinite(joints).all(axis=1)).tolist():

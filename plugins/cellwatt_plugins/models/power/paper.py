@@ -1,7 +1,7 @@
 """Inputs of the paper's two estimators, and the layout of their model files.
 
-Development of Deep Learning for Power Energy Optimization in the Industrial Robot System: ``nls`` has its physical
-model, equations (10) to (14), ``scg_network`` the networks that it trains by scaled conjugate gradient, (6) to (9).
+Development of Deep Learning for Power Energy Optimization in the Industrial Robot System: ``nls`` holds its physical
+model, equations (10) to (14), ``scg_network`` its networks, trained by scaled conjugate gradient, (6) to (9).
 """
 
 from __future__ import annotations
@@ -20,31 +20,31 @@ from cellwatt_plugins.models.power.tuning import Tuning
 from cellwatt_plugins.robot import Arm
 
 ROWS: Final = 8000
-"""That each is trained on."""
+"""Number of rows that each is trained on."""
 BESIDE: Final = 1
-"""Rows before and after the one that is estimated, from which the rate of a current is taken."""
+"""Number of rows before and after an estimated row, from which the rate of a current is computed."""
 
 
 @dataclass(frozen=True)
 class Seen:
-    """N rows of smoothed motion with the torque that the URDF has for it."""
+    """N rows of smoothed motion with the URDF's torque."""
 
     motion: Motion
     bounds: tuple[tuple[int, int], ...]
-    """First and last row of the moves."""
+    """First row of each move, and the row after its last."""
     step: float
     constant: Float
     """(n,) Nm/A, as stated."""
 
     @classmethod
     def of(cls, moves: Moves, arm: Arm, tuning: Tuning) -> Seen:
-        """All rows."""
+        """All rows of the moves."""
         q, qd, qdd = tuning.smoother.apply(moves)
         motion = Motion(q, qd, qdd, arm.body.inverse_dynamics(q, qd, qdd), np.tanh(qd / tuning.width))
         return cls(motion, tuple(moves.bounds()), moves.step, arm.column("torque_constant"))
 
     def rate(self, values: Float) -> Float:
-        """Derivative by time of columns (N, n), move by move."""
+        """Time derivative of columns (N, n), move by move."""
         out = np.zeros_like(values)
         for a, b in self.bounds:
             if b - a > 2 * BESIDE:
@@ -54,7 +54,7 @@ class Seen:
 
 @dataclass(frozen=True)
 class Traced:
-    """A motion in a model file: tensors (3 N, n) of the rows before, those that are estimated, and those after."""
+    """A motion in a model file: tensors (3 N, n) of the rows before, the estimated rows, and the rows after."""
 
     graph: Graph
     motion: Motion
@@ -64,7 +64,8 @@ class Traced:
 
     @classmethod
     def of(cls, chain: Chain, smoother: Smoother, width: float, step: float) -> Traced:
-        """In a new graph of positions and velocities whose window is that of the smoother and ``BESIDE`` more."""
+        """In a new graph of positions and velocities, whose window is the smoother's plus ``BESIDE`` rows on both
+        sides."""
         joints, window = chain.joints, smoother.window
         graph = Graph(2 * joints, window + 2 * BESIDE)
         windows = [graph.slice(graph.input, i, i + window, axis=1) for i in (0, BESIDE, 2 * BESIDE)]
@@ -73,17 +74,17 @@ class Traced:
         return cls(graph, Motion(q, qd, qdd, load, np.tanh(qd / width)), joints, step)
 
     def here(self, values: Tensor) -> Tensor:
-        """The rows that are estimated, (N, n)."""
+        """The estimated rows, (N, n)."""
         return self._parts(values)[1]
 
     def rate(self, values: Tensor) -> Tensor:
-        """Their derivative by time, (N, n)."""
+        """Time derivative of the estimated rows, (N, n)."""
         before, _, after = self._parts(values)
         rate: Tensor = (after - before) * (1 / (2 * BESIDE * self.step))
         return rate
 
     def model(self, power: Tensor | None, current: Tensor) -> bytes:
-        """The model file that gives power (N, 1), where it is known, and currents (N, n)."""
+        """The model file that gives power (N, 1), if known, and currents (N, n)."""
         if power is None:
             return self.graph.model(current.name, self.joints)
         return self.graph.model(self.graph.concat([power.name, current.name]), 1 + self.joints)

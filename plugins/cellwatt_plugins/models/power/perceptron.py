@@ -1,4 +1,4 @@
-"""A network of one hidden layer beside direct connections, trained by Scaled Conjugate Gradient."""
+"""A network of one hidden layer and direct connections, trained by Scaled Conjugate Gradient."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from cellwatt.arrays import Float
 from cellwatt_plugins.models.power.scg import minimise
 
 DECAY: Final = 1e-4
-"""Penalty on the weights' squares, beside a mean square error of standardised outputs."""
+"""Penalty on the squares of the weights, relative to the mean square error of standardised outputs."""
 PATIENCE: Final = 50
-"""Steps without a lower error on the rows held out, after which training ends."""
+"""Number of steps without a lower error on the held-out rows after which training ends."""
 
 
 @dataclass(frozen=True)
 class Perceptron:
-    """Outputs from inputs through one layer of tanh, and straight; scaling of both is inside."""
+    """Outputs from inputs through one layer of tanh, and through direct connections; both are scaled inside."""
 
     mean: Float
     scale: Float
     """(inputs,)."""
     hidden: Float
-    """(inputs + 1, neurons), the last row is the bias."""
+    """(inputs + 1, neurons); the last row is the bias."""
     direct: Float
-    """(inputs + 1, outputs), likewise, in the outputs' units."""
+    """(inputs + 1, outputs) in the outputs' units; the last row is the bias."""
     out: Float
     """(neurons, outputs), in the outputs' units."""
 
@@ -41,9 +41,9 @@ class Perceptron:
     def train(
         cls, x: Float, y: Float, held: NDArray[np.bool_], neurons: int, iterations: int, seed: int, least: Float
     ) -> Perceptron:
-        """Weights that are best on the rows ``held`` (N,) out, among those that training on the others passes.
+        """Weights with the lowest error on the rows ``held`` (N,) out, of all steps of the training on the other rows.
 
-        Inputs are divided by their spread, or by ``least`` (inputs,) where they hardly vary.
+        Inputs are divided by their standard deviation, or by ``least`` (inputs,) if that is larger.
         """
         mean, scale = x.mean(axis=0), np.maximum(x.std(axis=0), np.maximum(least, 1e-9))
         level, size = y.mean(axis=0), np.maximum(y.std(axis=0), 1e-9)
@@ -67,7 +67,7 @@ class Perceptron:
 
 @dataclass(frozen=True)
 class _Shape:
-    """Numbers of inputs, neurons and outputs; the weights in a row."""
+    """Numbers of inputs, neurons and outputs; all weights are one vector."""
 
     inputs: int
     neurons: int
@@ -94,7 +94,7 @@ class _Shape:
         return inside, inside @ out + x @ direct[:-1] + direct[-1]
 
     def loss(self, w: Float, x: Float, y: Float) -> tuple[float, Float]:
-        """Half the mean square error with the penalty on what is not linear, and its gradient."""
+        """Half the mean square error with the penalty on all weights but the direct ones, and its gradient."""
         inside, given = self.forward(w, x)
         left = given - y
         by_out = left / left.size

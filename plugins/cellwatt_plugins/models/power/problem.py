@@ -1,4 +1,4 @@
-"""Everything that a fit of currents needs: rows, columns, beliefs and weights."""
+"""Data of a fit of currents: rows, columns, priors and weights."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.drive import Drives
 
 MOST: Final = 20_000
-"""Rows that a fit is made on."""
+"""Largest number of rows of a fit."""
 LEAST_SPREAD: Final = 0.5
-"""Of a joint's current, as a share of the median joint's: one that was hardly moved has friction too."""
+"""Smallest spread of a joint's current, as a share of the median joint's: a joint at rest has friction, too."""
 
 
 @dataclass(frozen=True)
 class Problem:
-    """Data and beliefs before the fit, and the weight of each row."""
+    """Data and priors of the fit, and the weight of each row."""
 
     arm: Arm
     rows: Rows
     design: Design
     belief: Belief
     variance: Float
-    """(N, n) Nm²: of what the columns leave of the torques."""
+    """(N, n) Nm²: variance of the torque residuals."""
     constant: Float
     """(n,) Nm/A."""
     effects: tuple[str, ...]
@@ -46,7 +46,8 @@ class Problem:
     def of(
         cls, moves: Moves, arm: Arm, tuning: Tuning, doubt: float, effects: tuple[str, ...] | None = None
     ) -> Problem:
-        """With columns for some effects, or for all that the rows can show; links are off by ``doubt`` tolerances."""
+        """With columns for ``effects``, or for all that the rows can show; ``doubt`` is a factor on links'
+        tolerances."""
         constant = arm.column("torque_constant")
         rows = Rows.of(moves, tuning.smoother, constant, MOST)
         able = possible(rows, tuning.width) if effects is None else effects
@@ -58,23 +59,23 @@ class Problem:
         return cls(arm, rows, design, belief, variance, constant, able).reweighed(effects or ())
 
     def chosen(self, effects: tuple[str, ...]) -> list[int]:
-        """Places of the terms that are always there and of those of some effects, among the columns."""
+        """Indices, among the columns, of the terms of every model and of those of some effects."""
         return [self.design.names.index(name) for name in terms_of(effects)]
 
     def sums(self, rows: NDArray[np.bool_]) -> Sums:
-        """Over some rows."""
+        """Sums over some rows."""
         return torques.sums_of(self.design, self.rows.torque, self.variance, rows)
 
     def everything(self) -> Sums:
-        """Over all rows."""
+        """Sums over all rows."""
         return self.sums(np.ones(len(self.rows), bool))
 
     def solution(self, effects: tuple[str, ...]) -> Solution:
-        """The torque's numbers from the currents alone."""
+        """The torque's coefficients from the currents alone."""
         return torques.solve(self.everything(), self.belief, self.chosen(effects))
 
     def reweighed(self, effects: tuple[str, ...]) -> Problem:
-        """The same with the load, and the rows' weights, from what the numbers so far leave."""
+        """The same with the load of the current coefficients, and rows weighed by their residuals."""
         solution, rows, design = self.solution(effects), self.rows, self.design
         left = rows.torque - solution.torque(design)
         known = np.isfinite(left).any(axis=0)
@@ -84,7 +85,7 @@ class Problem:
         return replace(self, variance=torques.variance_by_speed(left, rows.qd, least), design=loaded)
 
     def doubting(self, doubt: float) -> Belief:
-        """Return the belief where links may be off by ``doubt`` tolerances."""
+        """Return the prior with ``doubt`` as the factor on links' tolerances."""
         scale = _scale(self.rows, self.design, self.belief.shared.mean, self.constant)
         return Belief.of(self.arm, self.design, scale, doubt)
 
@@ -95,7 +96,7 @@ class Problem:
 
 
 def row_folds(moves: Moves, rows: Rows) -> NDArray[np.int64]:
-    """The fold of each kept row."""
+    """The fold of each row of the fit."""
     fold = folds_of(moves)
     if moves.count < 3:
         return np.asarray(fold[np.linspace(0, len(moves) - 1, len(rows)).astype(int)])
@@ -104,7 +105,7 @@ def row_folds(moves: Moves, rows: Rows) -> NDArray[np.int64]:
 
 
 def _scale(rows: Rows, design: Design, inertial: Float, constant: Float) -> Float:
-    """Size (n,) Nm of the torques: as measured, or as the URDF has them; no drive's is far below the others'."""
+    """Size (n,) Nm of the torques, measured or from the URDF; no drive's is far below the others'."""
     torque = rows.torque if np.isfinite(rows.torque).any() else design.shared @ inertial
     current = np.nanstd(torque, axis=0) / constant
     return np.asarray(np.maximum(current, LEAST_SPREAD * np.median(current)) * constant) + 1e-6

@@ -1,4 +1,4 @@
-"""The page of ``train power``: power beside predictions, residuals, rivals, and the model's numbers."""
+"""The page of ``train power``: measured and predicted power, residuals, compared methods, and the parameters."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from cellwatt_plugins.models.report import left_by_joint
 COLOURS: Final = {"NLS": SIMULATION, "SCG": GOOD, BEST: MODEL}
 ROLES: Final = {"NLS": "simulation", "SCG": "good", BEST: "model"}
 SHOWN = 3
-"""Moves drawn over time."""
+"""Number of moves drawn over time."""
 CURRENTS = "Currents: root mean square error of each joint, in per cent of the current's spread."
 OVER_TIME = "Each move predicted by models that had not seen it: the slowest, a middling and the fastest move."
 
@@ -70,7 +70,7 @@ def report(trained: Trained, moves: Moves, robot: str, provenance: Provenance) -
 
 
 def _over_time(trained: Trained, moves: Moves) -> list[Block]:
-    """Power of three moves, and what is left of it; nothing without power."""
+    """Measured and predicted power of three moves, and the residual; nothing without power."""
     bounds = [(a, b) for a, b in moves.bounds() if np.isfinite(moves.power[a:b]).any()]
     speeds = [float(np.sqrt(np.mean(moves.qd[a:b] ** 2))) for a, b in bounds]
     order = np.argsort(speeds)
@@ -94,7 +94,7 @@ def _move(trained: Trained, moves: Moves, bounds: tuple[int, int], which: int) -
 
 
 def _residuals(trained: Trained, moves: Moves) -> list[Block]:
-    """Measured less predicted current of each joint over its velocity."""
+    """Measured minus predicted current of each joint over its velocity."""
     if not np.isfinite(moves.current).any():
         return []
     label, left = "Residual of each joint's current over its speed", moves.current - trained.predictions[BEST][1]
@@ -102,7 +102,7 @@ def _residuals(trained: Trained, moves: Moves) -> list[Block]:
 
 
 def _parameters(trained: Trained) -> Sequence[Block]:
-    """Numbers of the torque by joint, and of the supply, with standard errors where power was measured."""
+    """Coefficients of the torque by joint, and of the supply, with standard errors if power was measured."""
     model, errors = trained.fitted.model, trained.fitted.errors
     shared, joints = len(model.inertial), model.weights.shape[1]
     unsure: Float = np.full(model.weights.shape, np.nan)

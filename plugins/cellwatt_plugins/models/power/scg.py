@@ -1,7 +1,7 @@
 """Scaled Conjugate Gradient: Møller, A scaled conjugate gradient algorithm for fast supervised learning, Neural
 Networks 6 (1993) 525–533; equations (6)–(9) of the paper of power models.
 
-Step size from a model of the curvature along the search direction, made positive by λ: no line search.
+The step size follows from a model of the curvature along the search direction, made positive by λ: no line search.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from cellwatt.arrays import Float
 from cellwatt.progress import steps
 
 SIGMA: Final = 1e-5
-"""σ: length of the step over which curvature is measured, times 1/|p|; 0 < σ ≤ 1e-4."""
+"""σ: length of the step with which curvature is measured, times 1/|p|; 0 < σ ≤ 1e-4."""
 LAMBDA: Final = 1e-7
 """λ₁; 0 < λ₁ ≤ 1e-6."""
 LAMBDA_MOST: Final = 1e30
-"""No direction leads down any more."""
+"""λ above which no direction reduces the value any more."""
 
 
 def minimise(
@@ -29,10 +29,11 @@ def minimise(
     tolerance: float = 1e-8,
     watch: Callable[[int, Float], bool] | None = None,
 ) -> Float:
-    """Minimum of a function that gives its value and gradient.
+    """Minimum of a ``function`` that returns its value and gradient.
 
-    Ends where the gradient's norm is below ``tolerance``, after ``iterations``, or where ``watch`` (called with the
-    iteration and the point after each step down) says so. The number of the steps is that of Møller's algorithm 1.
+    Ends if the gradient's norm is below ``tolerance``, after ``iterations``, or if ``watch`` (called with the iteration
+    and
+    the point after each step down) returns true. The numbers in comments are the steps of Møller's algorithm 1.
     """
     w = np.array(start, np.float64)
     value, gradient = function(w)

@@ -20,14 +20,14 @@ from cellwatt_plugins.models.power.terms import Motion
 NEURONS: Final = 8
 ITERATIONS: Final = 400
 HELD: Final = 0.15
-"""Share of the rows that tell SCG when to stop; whole moves."""
+"""Share of the rows, in complete moves, that decide when SCG stops."""
 ALIKE: Final = 0.3
-"""An input of a joint's network counts as spread by at least this share of what it is in the median joint."""
+"""Smallest scale of a network's input, as a share of its standard deviation in the median joint."""
 
 
 @dataclass(frozen=True)
 class Scg:
-    """A network a joint, from its motion and load to its current, and one from equation (13)'s terms to power."""
+    """A network for each joint, from motion and load to current, and one from equation (13)'s terms to power."""
 
     currents: tuple[Perceptron, ...]
     supply: Perceptron | None
@@ -36,7 +36,7 @@ class Scg:
 
     @classmethod
     def fit(cls, moves: Moves, seen: Seen, seed: int) -> Scg:
-        """Every seventh move or so tells when to stop."""
+        """Train all networks; about every seventh move decides when to stop."""
         every = max(2, round(1 / HELD))
 
         def train(x: Float, y: Float, least: Float, at: NDArray[np.intp]) -> Perceptron:
@@ -78,9 +78,9 @@ class Scg:
         return beside([network(_joint_inputs(motion, j)) for j, network in enumerate(self.currents)])
 
     def _terms(self, current: Any, qd: Any) -> Any:
-        """Copper and mechanical terms of equation (13) by joint and in sum, the latter also without their sign.
+        """Copper and mechanical terms of equation (13) by joint and in sum, the latter also as absolute values.
 
-        What a drive gives back is not worth what it takes: with |x| beside x both have a weight of their own.
+        Power that a drive returns is worth less than power that it draws: with |x| beside x, each has its own weight.
         """
         copper = current * current
         work = self.constant * qd * current

@@ -1,4 +1,4 @@
-"""Errors of predictions: energy of each move, power, currents; in the layout of the paper's tables too."""
+"""Errors of predictions: energy of each move, power, currents; also in the layout of the paper's tables."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.shown import readings_of
 
 SAME_START: Final = 0.02
-"""rad: moves whose joints start nearer than this start from the same position."""
+"""rad: moves whose joints start closer together than this start from the same position."""
 
 
 @dataclass(frozen=True)
@@ -20,28 +20,28 @@ class Score:
     """Errors of predictions."""
 
     energy: tuple[float | None, ...]
-    """% of each move's energy (equation 14); None where power was not measured."""
+    """Error in % of each move's energy (equation 14); None if power was not measured."""
     power: float | None
-    """Root mean square, W."""
+    """Root mean square error, W."""
     current: tuple[float | None, ...]
-    """Root mean square of each joint, as a share of the current's spread."""
+    """Root mean square error of each joint's current, as a share of the current's standard deviation."""
     current_rms: tuple[float | None, ...]
     """The same in A."""
 
     @property
     def energy_mean(self) -> float | None:
-        """% a move."""
+        """Mean error of a move's energy, %."""
         known = [each for each in self.energy if each is not None]
         return float(np.mean(known)) if known else None
 
     @property
     def energy_worst(self) -> float | None:
-        """%."""
+        """Largest error of a move's energy, %."""
         return max((each for each in self.energy if each is not None), default=None)
 
     @classmethod
     def of(cls, moves: Moves, power: Float, current: Float) -> Score:
-        """Of predicted power (N,) and currents (N, n)."""
+        """Errors of predicted power (N,) W and currents (N, n) A."""
         pairs = [_compared(moves, power, a, b) for a, b in moves.bounds()]
         energy = tuple(_energy_error(measured, predicted) for measured, predicted in pairs)
         left = _rms(np.concatenate([predicted - measured for measured, predicted in pairs]))
@@ -52,7 +52,7 @@ class Score:
 
 
 def _compared(moves: Moves, power: Float, first: int, end: int) -> tuple[Float, Float]:
-    """Measured and predicted power of one move: row by row, or as a slow meter shows it."""
+    """Measured and predicted power of one move: row by row, or as means over a slow meter's windows."""
     if moves.meter is None:
         return moves.power[first:end], power[first:end]
     time = moves.time[first:end]
@@ -77,13 +77,13 @@ class PoseTable:
     """Tables I and II of the paper: an error for each pose of each start position."""
 
     positions: tuple[tuple[float, ...], ...]
-    """Joint angles (n,) of each start, rad."""
+    """Joint angles (n,) rad of each start position."""
     errors: tuple[tuple[float | None, ...], ...]
-    """% by position, then pose in the order of the moves; None where the arm was not moved to."""
+    """Error in % by start position, then by pose in the order of the moves; None for poses without a move."""
 
     @classmethod
     def of(cls, moves: Moves, energy: tuple[float | None, ...]) -> PoseTable:
-        """From the error of each move."""
+        """From the energy error of each move."""
         starts: list[Float] = []
         errors: list[list[float | None]] = []
         for (first, _), error in zip(moves.bounds(), energy, strict=True):
@@ -98,6 +98,6 @@ class PoseTable:
         return cls(tuple(tuple(s.tolist()) for s in starts), padded)
 
     def averages(self) -> tuple[float | None, ...]:
-        """% of each position."""
+        """Mean error in % of each start position."""
         known = [[error for error in each if error is not None] for each in self.errors]
         return tuple(float(np.mean(each)) if each else None for each in known)

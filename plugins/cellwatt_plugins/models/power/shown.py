@@ -1,4 +1,4 @@
-"""Measured power beside the rows of a fit: in a row, or the mean that a slow meter showed."""
+"""Measured power for the rows of a fit: the value of a row, or the mean over a slow meter's window."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ from cellwatt_plugins.robot.meter.model import Readings
 from cellwatt_plugins.robot.motion import differentiate
 
 PER_WINDOW: Final = 3
-"""Rows that a window has at least, where the recording has them."""
+"""Fewest rows in a window, if the recording has them."""
 
 
 @dataclass(frozen=True)
 class Shown:
-    """M values of power, and the rows that they are of."""
+    """M values of power, and the rows that they were measured in."""
 
     power: Float
     """(M,) W."""
     rows: NDArray[np.intp]
-    """(R,) of the fit that matter."""
+    """(R,) rows of the fit with a share in the values."""
     at: NDArray[np.intp]
-    """(M,) a row of the move that each is from."""
+    """(M,) a row of the move that each value is from."""
     matrix: csr_array | None
-    """(M, R): weight of each row in each value; None where they are one to one."""
+    """(M, R): weight of each row in each value; None if each value belongs to one row."""
 
     @classmethod
     def of(cls, moves: Moves, kept: NDArray[np.intp]) -> Shown:
-        """Of the rows of some moves that are ``kept`` for a fit, evenly spread in each move."""
+        """The power of rows that are ``kept`` for a fit, evenly spread in each move."""
         if moves.meter is None:
             known = np.flatnonzero(np.isfinite(moves.power[kept]))
             return cls(moves.power[kept][known], known, known, None)
@@ -58,12 +58,12 @@ class Shown:
         return cls(np.concatenate(values), np.arange(len(kept)), np.concatenate(at), matrix)
 
     def seen(self, rows: Float) -> Float:
-        """Rows (N, k) of the fit as they were measured: (M, k)."""
+        """Rows (N, k) of the fit averaged as the meter does: (M, k)."""
         return rows[self.rows] if self.matrix is None else np.asarray(self.matrix @ rows)
 
 
 def readings_of(moves: Moves, first: int, end: int) -> Readings:
-    """The values of a slow meter in some rows of one move."""
+    """The values of a slow meter in rows ``first`` to ``end`` of one move."""
     assert moves.came is not None
     rows = first + np.flatnonzero(np.isfinite(moves.came[first:end]))
     came = moves.came[rows]
@@ -71,7 +71,7 @@ def readings_of(moves: Moves, first: int, end: int) -> Readings:
 
 
 def spacing(moves: Moves, most: int, rows: int) -> int:
-    """Every how many rows are kept so that about ``most`` are; a slow meter's windows keep some each."""
+    """Step between rows of a fit, for about ``most`` of ``rows``; a slow meter's windows retain some rows each."""
     every = -(-rows // most)
     if moves.meter is None:
         return every
@@ -79,9 +79,9 @@ def spacing(moves: Moves, most: int, rows: int) -> int:
 
 
 def through_its_meter(moves: Moves, arm: Arm) -> Moves:
-    """The same with its meter, where power is from a slow one.
+    """The same moves with their meter, if the power is from a slow meter.
 
-    Raises ``RecordingError`` where the motion does not tell what its values stand for.
+    Raises ``RecordingError`` if window and delay of its values cannot be found from the motion.
     """
     bounds = moves.bounds()
     readings = held([(moves.time[a:b], moves.power[a:b]) for a, b in bounds])

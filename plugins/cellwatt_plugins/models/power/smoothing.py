@@ -1,7 +1,8 @@
 """Position, velocity and acceleration from noisy encoders: local polynomials through position and velocity together.
 
-Savitzky and Golay (Analytical Chemistry 36, 1964) with both channels, each weighed by its noise. The weights are fixed
-numbers: a product with the window in the model file.
+Savitzky and Golay (Analytical Chemistry 36, 1964) with both channels, each weighed by its noise. The weights are
+constant:
+the model file multiplies the window by them.
 """
 
 from __future__ import annotations
@@ -18,10 +19,10 @@ from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.noise import white_noise
 
 DIFFERENCES = 4
-"""Noise is read off differences of this order, which leave nothing of a smooth motion."""
+"""Order of the differences from which noise is estimated: a smooth motion has none of this order."""
 LEAST_NOISE = 1e-8
 AT_ONCE = 20_000
-"""Rows whose windows are in memory together."""
+"""Number of rows whose windows are in memory together."""
 
 
 @dataclass(frozen=True)
@@ -35,18 +36,18 @@ class Noise:
 
     @classmethod
     def of(cls, moves: Moves) -> Noise:
-        """From the data: the median over all joints."""
+        """Estimate from the moves: the median over all joints."""
         return cls(float(np.median(noise_of(moves.q))), float(np.median(noise_of(moves.qd))))
 
 
 def noise_of(values: Float) -> Float:
-    """Return the standard deviation (c,) of white noise in columns (N, c) of moves; NaN where nothing was measured."""
+    """Return the standard deviation (c,) of white noise in columns (N, c) of moves; NaN for columns without values."""
     return np.maximum(white_noise(values, DIFFERENCES), LEAST_NOISE)
 
 
 @dataclass(frozen=True)
 class Span:
-    """A window that looks equally far to both sides, or only back: its rows, and the order of its polynomial."""
+    """A window that reaches equally far to both sides, or only back: its rows, and the order of its polynomial."""
 
     rows: int
     order: int
@@ -54,9 +55,9 @@ class Span:
 
 @dataclass(frozen=True)
 class Smoother:
-    """Weights (3, 2 · window) of the window's positions and velocities, row by row in turn, for q, q̇, q̈.
+    """Weights (3, 2 · window) for q, q̇, q̈ of the window's positions and velocities, which alternate row by row.
 
-    The newest row of the window is ``delay`` rows after the one that is estimated.
+    The newest row of the window is ``delay`` rows after the estimated one.
     """
 
     weights: Float
@@ -65,7 +66,7 @@ class Smoother:
 
     @classmethod
     def design(cls, noise: Noise, step: float, velocity: Span, acceleration: Span, ahead: bool) -> Smoother:
-        """Position and velocity by one span, acceleration by another; ``ahead``: both reach as far forth as back."""
+        """Position and velocity by one span, acceleration by another; ``ahead``: both reach as far ahead as back."""
         window = max(velocity.rows, acceleration.rows)
         delay = (window - 1) // 2 if ahead else 0
         weights = np.zeros((3, window, 2))
@@ -88,9 +89,9 @@ class Smoother:
         return out[0], out[1], out[2]
 
     def trace(self, graph: Graph, joints: int, columns: int, seen: str | None = None) -> list[Tensor]:
-        """The same in a model file whose rows hold n positions, n velocities and more: q, q̇, q̈ (N, n).
+        """The same in a model file whose rows hold n positions, n velocities and more columns: q, q̇, q̈ (N, n).
 
-        ``seen`` are the windows, where they are not the file's input itself.
+        ``seen`` are the windows, if they are not the file's input itself.
         """
         seen = graph.input if seen is None else seen
         if columns > 2 * joints:
@@ -100,7 +101,7 @@ class Smoother:
         return [Tensor(graph, graph.reshape(part, (-1, joints))) for part in parts]
 
     def trace_as_is(self, graph: Graph, first: int, count: int) -> Tensor:
-        """Columns of the row that is estimated, not smoothed: (N, ``count``)."""
+        """Columns of the estimated row, not smoothed: (N, ``count``)."""
         here = graph.input
         if self.window > 1:
             row = self.window - 1 - self.delay

@@ -1,4 +1,4 @@
-"""Fit of the supply (``robot.drive``) to measured power: which losses it has, and who uses what drives give back."""
+"""Fit of the supply (``robot.drive``) to measured power: its losses, and which drives use regenerated power."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ Sharing = Literal["bus", "joint"]
 
 ROUNDS: Final = 12
 STILL: Final = 1e-6
-"""Steps of all numbers, in prior standard deviations, below which it has ended."""
+"""Step of all coefficients, in prior standard deviations, below which the fit ends."""
 GAIN_SPREAD: Final = 0.03
-"""Share by which a stated torque constant may be off."""
+"""Standard deviation of a stated torque constant, as a share."""
 WARMER: Final = 0.15
-"""Share that a winding has more resistance 40 K above where it was stated, beside the tolerance."""
+"""Rise of a winding's resistance at 40 K above its stated temperature, as a share, beside the tolerance."""
 GUESSED: Final = 1.0
-"""Ω where none is stated; it may then be off by as much again."""
+"""Assumed resistance in Ω of a winding without a stated one; its standard deviation is the same."""
 LOSS: Final = 3.0
-"""W that a loss of one joint may amount to."""
+"""Prior standard deviation of one joint's loss, W."""
 BRAKES: Final = "brakes held open while the arm moves"
 POSSIBLE: Final = (*LOSSES, BRAKES)
 MOVING: Final = 0.02
-"""rad/s above which an arm moves."""
+"""Sum of the joints' velocities in rad/s above which an arm moves."""
 
 
 @dataclass(frozen=True)
@@ -46,15 +46,15 @@ class Supply:
     up: float
     down: float
     brakes: float
-    """W more while the arm moves."""
+    """W of the brakes, drawn while the arm moves."""
     terms: tuple[str, ...]
     weights: Float
     """(terms, n)."""
     sharing: Sharing
-    """``bus`` if drives use what others give back, ``joint`` if each burns its own."""
+    """``bus`` if drives use the power that others return, ``joint`` if each drive dissipates its own."""
 
     def power(self, drive: Drives) -> Any:
-        """(N, 1) W."""
+        """Supply power (N, 1) W."""
         taken = sum(TERMS[name](drive) * weight for name, weight in zip(self.terms, self.weights, strict=True))
         if self.sharing == "bus":
             taken = taken.sum(axis=-1, keepdims=True)
@@ -66,18 +66,18 @@ class Supply:
         return self.standby + flow + self.brakes * moving(drive)
 
     def vector(self) -> Float:
-        """All numbers in a row: standby, up, down, brakes, weights."""
+        """All coefficients as a vector: standby, up, down, brakes, weights."""
         return np.concatenate([[self.standby, self.up, self.down, self.brakes], self.weights.ravel()])
 
     def with_vector(self, x: Float) -> Supply:
-        """The same with other numbers."""
+        """The same supply with other coefficients."""
         standby, up, down, brakes = x[:4].tolist()
         return replace(
             self, standby=standby, up=up, down=down, brakes=brakes, weights=x[4:].reshape(self.weights.shape)
         )
 
     def slopes(self, drive: Drives) -> tuple[Float, Float]:
-        """Derivatives of the power by all numbers (N, p), and by what each drive takes (N, n)."""
+        """Derivatives of the power by all coefficients (N, p), and by the power drawn by each drive (N, n)."""
         columns = np.stack([TERMS[name](drive) for name in self.terms])
         taken = np.einsum("tnj,tj->nj", columns, self.weights)
         if self.sharing == "bus":
@@ -99,19 +99,19 @@ def moving(drive: Drives) -> Any:
 
 
 def resistances(robot: RobotDescription) -> Float:
-    """(n,) Ω of the windings, guessed where unknown."""
+    """Resistance (n,) Ω of the windings, assumed where unknown."""
     stated = robot.column("winding_resistance")
     return np.where(stated > 0, stated, GUESSED)
 
 
 Believed = tuple[Supply, Prior]
-"""A supply as thought before any data, and the prior of its ``vector``."""
+"""A supply before the data, and the prior of its ``vector``."""
 
 
 def believed(
     drive: Drives, power: Float, effects: Sequence[str], sharing: Sharing, robot: RobotDescription
 ) -> Believed:
-    """Before any data: what is stated of the drives is about right, losses are small."""
+    """Prior of the supply: stated numbers of the drives are about right, losses are small."""
     names = (*DRIVE_ALWAYS, *(term for effect in effects if effect in LOSSES for term in LOSSES[effect]))
     weights = np.array([[float(name in DRIVE_ALWAYS)] * drive.qd.shape[1] for name in names])
     copper = np.where(robot.column("winding_resistance") > 0, np.hypot(robot.tolerances.supply, WARMER), 1.0)
@@ -119,7 +119,7 @@ def believed(
     spreads = []
     for name in names:
         size = np.sqrt(np.mean(TERMS[name](drive) ** 2, axis=0))
-        # A joint that hardly moved may lose as much as the others once it does.
+        # A joint that hardly moved may have as much loss as the others once it moves.
         spreads.append(known[name] if name in known else LOSS / np.maximum(size, 0.5 * size.max() + 1e-6))
     level = float(np.median(power))
     mean = Supply(robot.standby_power or level, 1.1, 0.55, 0.0, names, weights, sharing)
@@ -129,9 +129,9 @@ def believed(
 
 
 def fit(drive: Drives, power: Float, belief: Believed, meter: csr_array | None = None) -> tuple[Supply, float]:
-    """Return the most probable supply, and the rms of what it leaves, W, which is also the noise.
+    """Return the most probable supply, and the rms in W of its residuals, which is also the noise.
 
-    ``power`` (M,) W is of the N rows, or what a slow ``meter`` (M, N) makes of them.
+    ``power`` (M,) W belongs to the N rows, or is averaged from them by a slow ``meter`` (M, N).
     """
     mean, prior = belief
 
@@ -149,21 +149,21 @@ def fit(drive: Drives, power: Float, belief: Believed, meter: csr_array | None =
 
 
 def possible(x: Float, at: int = 0) -> Float:
-    """Return numbers whose supply begins ``at`` a place, with no more fed back than is taken, and no less than 0."""
+    """Return coefficients, the supply's from index ``at``, with ``down`` limited to 0 … ``up``."""
     x = x.copy()
     x[at + 2] = np.clip(x[at + 2], 0.0, max(x[at + 1], 0.0))
     return x
 
 
 def through(meter: csr_array | None, rows: Float) -> Float:
-    """Rows (N, k) as a slow meter (M, N) shows them."""
+    """Rows (N, k) averaged as a slow meter (M, N) does."""
     return rows if meter is None else np.asarray(meter @ rows)
 
 
 def select(
     drive: Drives, power: Float, fold: NDArray[np.int64], robot: RobotDescription, meter: csr_array | None = None
 ) -> tuple[tuple[str, ...], Sharing]:
-    """Losses that lower the held-out error, and how drives share what comes back; ``power`` as in ``fit``."""
+    """Losses that lower the held-out error, and how drives share regenerated power; ``power`` as in ``fit``."""
     measured = drive, power, fold, robot, meter
 
     def chosen(sharing: Sharing) -> tuple[list[str], Float]:
@@ -180,7 +180,7 @@ def _score(
     trial: tuple[tuple[str, ...], Sharing],
     measured: tuple[Drives, Float, NDArray[np.int64], RobotDescription, csr_array | None],
 ) -> Float:
-    """Mean square (folds,) W² of what a supply with some losses leaves of each fold, fitted to the others."""
+    """Mean square (folds,) W² of the residuals in each fold, of a supply with some losses fitted to the others."""
     drive, power, fold, robot, meter = measured
 
     def part(kept: NDArray[np.bool_]) -> tuple[Drives, csr_array | None]:

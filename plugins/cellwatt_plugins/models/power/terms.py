@@ -29,15 +29,15 @@ class Motion:
     load: Any
     """Torque of the rigid bodies, Nm."""
     sign: Any
-    """tanh(q̇ / width): the direction, which turns over within ``width``."""
+    """tanh(q̇ / width): the direction, which reverses within ``width``."""
     warmth: Any = None
-    """Joint temperature above that of the training's mean, in 10 K."""
+    """Joint temperature minus the training's mean, in 10 K."""
 
 
 Formula = Callable[[Motion], Any]
 
 LAWS: Final = {words: (law, shape) for law in FRICTION for words, shape in law.trained.items()}
-"""Laws of friction that may be found, by the words that tell them, each with its shape."""
+"""Laws of friction that may be selected, by their name in the report, each with its shape."""
 
 
 def _rubbing(law: Friction, shape: Shape) -> Formula:
@@ -45,7 +45,7 @@ def _rubbing(law: Friction, shape: Shape) -> Formula:
 
 
 HARMONICS: Final = tuple(range(1, 13))
-"""Periods a turn of torques that come back with the angle."""
+"""Periods per turn of torques that repeat with the angle."""
 
 
 def _sine(n: int) -> Formula:
@@ -73,7 +73,7 @@ TORQUE: Final[Mapping[str, Formula]] = {
     "warm coulomb": lambda m: m.sign * m.warmth,
     "warm viscous": lambda m: m.qd * m.warmth,
 }
-"""Torque of a joint beyond the rigid bodies', each times a number of the joint; Nm."""
+"""Torque of a joint beyond the rigid bodies', in Nm, each times a coefficient of the joint."""
 
 ALWAYS: Final = ("rotor", "coulomb", "viscous")
 EFFECTS: Final[Mapping[str, tuple[str, ...]]] = {
@@ -87,12 +87,12 @@ EFFECTS: Final[Mapping[str, tuple[str, ...]]] = {
     **{f"torque by angle, {n} a turn": ("offset", f"sine {n}", f"cosine {n}") for n in HARMONICS},
     "friction by temperature": ("warm coulomb", "warm viscous"),
 }
-"""Effects that may be found beside the terms that are always there, and the terms of each."""
+"""Effects that may be selected beside the terms of every model, and the terms of each."""
 WARM: Final = "friction by temperature"
 
 
 def terms_of(effects: Iterable[str]) -> tuple[str, ...]:
-    """The terms that are always there, and those of effects, each once."""
+    """The terms of every model and those of ``effects``, each once."""
     return tuple(dict.fromkeys([*ALWAYS, *(term for effect in effects for term in EFFECTS[effect])]))
 
 
@@ -102,4 +102,4 @@ LOSSES: Final[Mapping[str, tuple[str, ...]]] = {
     "eddy-current loss": ("eddy",),
     "loss of the inverters by current": ("switching",),
 }
-"""Effects that may be found beside the terms that are always there, and the terms of each."""
+"""Losses that may be selected beside the terms of every model, and the terms of each."""

@@ -1,4 +1,4 @@
-"""Currents and power fitted together: Gauss–Newton on all numbers of torque and supply, with their priors."""
+"""Currents and power fitted together: Gauss–Newton on all coefficients of torque and supply, with their priors."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from cellwatt_plugins.robot.regression import Prior, Products, gauss_newton
 
 ROUNDS: Final = 6
 ROUNDS_BLIND: Final = 24
-"""Rounds where no current was measured and the start is far."""
+"""Largest number of rounds if no current was measured: the start is then far from the result."""
 STILL: Final = 1e-5
-"""Steps of all numbers, in prior standard deviations, below which it has ended."""
+"""Step of all coefficients, in prior standard deviations, below which the fit ends."""
 
 
 def fit_together(
@@ -55,7 +55,7 @@ def fit_together(
 
 
 def _columns(problem: Problem, chosen: list[int], shared: int) -> Float:
-    """(N, n, p): torque for 1 of each unknown of ``Solution.row``, in the rows with power."""
+    """(N, n, p): torque for 1 of each coefficient of ``Solution.row``, in the rows with power."""
     design, known, terms = problem.design, problem.rows.shown.rows, len(chosen)
     joints = problem.arm.joints
     columns = np.zeros((len(known), joints, shared + joints * terms))
@@ -66,7 +66,7 @@ def _columns(problem: Problem, chosen: list[int], shared: int) -> Float:
 
 
 def _taken_by_torque(problem: Problem, supply: Supply, drive: Drives) -> Float:
-    """Derivative (N, n) of what a drive takes by its torque."""
+    """Derivative (N, n) of the power drawn by each drive, by its torque."""
     weight = dict(zip(supply.terms, supply.weights, strict=True))
     resistance, constant = supplies.resistances(problem.arm.description), problem.constant
     out = weight["mechanical"] * drive.qd + weight["copper"] * 2 * drive.current * resistance / constant

@@ -1,4 +1,4 @@
-"""Torques of all joints as one prior-weighted least squares on sums over the rows alone; which effects are there."""
+"""Torques of all joints as one least squares with priors, from sums over the rows alone; selection of effects."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from cellwatt_plugins.models.power.terms import terms_of
 from cellwatt_plugins.robot.regression import Fit, Prior, Products, variance_of
 
 Sums = tuple[Products, ...]
-"""Of each joint's torque with all of its columns, R shared ones and F of its own."""
+"""Products of each joint's torque with all of its columns: R shared ones and F of its own."""
 
 SPEEDS: Final = (0.003, 0.03)
-"""rad/s: rows at rest, turning and moving are weighed apart, as noise in velocity tells near rest only."""
+"""rad/s between rows at rest, near rest and moving, which have their own weights: velocity noise matters near rest."""
 FEWEST: Final = 20
-"""Rows of such a kind that tell its noise."""
+"""Fewest rows of such a kind for a noise estimate of its own."""
 TRIED: Final = 4
-"""Effects that are tried on held-out moves in each round, those that fit best."""
+"""Number of effects, those that fit best, that are tried on held-out moves in each round."""
 
 
 def sums_of(design: Design, torque: Float, variance: Float, kept: NDArray[np.bool_]) -> Sums:
-    """Return the sums over some rows; those without a torque are left out."""
+    """Return the sums over the ``kept`` rows; rows without a torque are left out."""
     out = []
     for j in range(torque.shape[1]):
         rows = kept & np.isfinite(torque[:, j])
@@ -38,7 +38,7 @@ def sums_of(design: Design, torque: Float, variance: Float, kept: NDArray[np.boo
 
 @dataclass(frozen=True)
 class Solution:
-    """Numbers of the shared columns (R,) and of the chosen terms (T, n), ``chosen`` by their place among all."""
+    """Coefficients of the shared columns (R,) and of the chosen terms (T, n); ``chosen`` are indices of these terms."""
 
     shared: Float
     own: Float
@@ -46,23 +46,23 @@ class Solution:
 
     @classmethod
     def of(cls, x: Float, shared: int, joints: int, chosen: Sequence[int]) -> Solution:
-        """Return the solution of unknowns (p,) in a row."""
+        """Return the solution for a vector of coefficients (p,)."""
         return cls(x[:shared], x[shared:].reshape(joints, len(chosen)).T.copy(), tuple(chosen))
 
     @property
     def row(self) -> Float:
-        """All unknowns (p,) in a row: shared ones, then the terms of each joint in turn."""
+        """All coefficients (p,) as a vector: shared ones, then the terms of each joint in turn."""
         return np.concatenate([self.shared, self.own.T.ravel()])
 
     def torque(self, design: Design) -> Float:
-        """(N, n) Nm."""
+        """Torque (N, n) Nm."""
         return np.asarray(
             design.shared @ self.shared + np.einsum("njt,tj->nj", design.own[:, :, list(self.chosen)], self.own)
         )
 
 
 def together(sums: Sums, shared: int, chosen: Sequence[int]) -> Products:
-    """Return the equations of all unknowns (p,), in the order of ``Solution.row``."""
+    """Return the equations of all coefficients (p,), in the order of ``Solution.row``."""
     terms, size = np.arange(len(chosen)), shared + len(sums) * len(chosen)
     of = np.concatenate([np.arange(shared), shared + np.asarray(chosen, np.intp)])
     out = Products(np.zeros((size, size)), np.zeros(size))
@@ -72,26 +72,26 @@ def together(sums: Sums, shared: int, chosen: Sequence[int]) -> Products:
 
 
 def prior_of(belief: Belief, chosen: Sequence[int]) -> Prior:
-    """Return the prior of all unknowns (p,) in the same order."""
+    """Return the prior of all coefficients (p,), in the same order."""
     rows = list(chosen)
     return Prior.joined(belief.shared, Prior.spread(belief.own_spread[rows].T.ravel(), belief.own[rows].T.ravel()))
 
 
 def solve(sums: Sums, belief: Belief, chosen: Sequence[int]) -> Solution:
-    """Return the most probable numbers."""
+    """Return the most probable coefficients."""
     shared = len(belief.shared.mean)
     fit = Fit(together(sums, shared, chosen), prior_of(belief, chosen))
     return Solution.of(fit.coefficients, shared, len(sums), chosen)
 
 
 def misfit(sums: Sums, solution: Solution) -> float:
-    """Return the mean weighed square of what is left, over joints and rows."""
+    """Return the mean weighted square of the residuals, over joints and rows."""
     all_rows = together(sums, len(solution.shared), solution.chosen)
     return all_rows.misfit(solution.row) / max(all_rows.rows, 1.0)
 
 
 def variance_by_speed(left: Float, qd: Float, least: Float) -> Float:
-    """Return the variance (N, n) of what is left: one number a joint for rest, turning and moving each."""
+    """Return the variance (N, n) of residuals ``left``: for each joint one number at rest, near rest and moving."""
     speed = np.digitize(np.abs(qd), SPEEDS)
     joints = zip(left.T, speed.T, least, strict=True)
     return np.column_stack([variance_of(own, kind, low**2, FEWEST) for own, kind, low in joints])
@@ -103,7 +103,7 @@ def _all(folds: Sequence[Sums]) -> Sums:
 
 
 def misfits(folds: Sequence[Sums], belief: Belief, chosen: Sequence[int]) -> Float:
-    """Misfit of each fold under the solution of the others, from the sums of each: (folds,)."""
+    """Misfit (folds,) of each fold with the solution of the others, from the sums of each."""
     everything = _all(folds)
     known = (tuple(a - b for a, b in zip(everything, held, strict=True)) for held in folds)
     return np.array([misfit(held, solve(rest, belief, chosen)) for held, rest in zip(folds, known, strict=True)])

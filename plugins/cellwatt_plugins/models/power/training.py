@@ -1,4 +1,4 @@
-"""From moves to a model file and to what is known of its errors."""
+"""Training of a power model from moves, and its errors on held-out moves."""
 
 from __future__ import annotations
 
@@ -30,40 +30,40 @@ from cellwatt_plugins.robot.meter.model import Meter
 Predictions = dict[str, tuple[Float, Float]]
 """Power (N,) W and currents (N, n) A by method."""
 SHARES: Final = (0.05, 0.15, 0.8)
-"""Of the time of a training: smoothing, effects, and the models of the folds and of all moves, about."""
+"""Approximate shares of a training's time: smoothing, effects, and the models of the folds and of all moves."""
 
 METHODS: Final = ("NLS", "SCG", "best")
 BEST: Final = "best"
 AHEAD: Final = True
-"""True if windows reach ahead of the value that is estimated."""
+"""True if windows reach ahead of the estimated row."""
 
 
 @dataclass(frozen=True)
 class Trained:
-    """A model, and the errors of all methods on moves that they were not fitted to."""
+    """A model, and the errors of all methods on held-out moves."""
 
     fitted: Fitted
     nls: Nls | None
-    """None where no current was measured, as the next."""
+    """None if no current was measured; ``scg`` likewise."""
     scg: Scg | None
     tuning: Tuning
     predictions: Predictions
-    """Power (N,) and currents (N, n) by method, each row by a model that has not seen its move."""
+    """Power (N,) and currents (N, n) by method; each row is from a model that was not trained on its move."""
     scores: dict[str, Score]
     faster: dict[str, Score]
-    """On the fastest moves, by models of slower ones only; empty where there are too few moves."""
+    """Scores on the fastest moves, of models of slower moves only; empty if there are too few moves."""
     slower: dict[str, Score]
     power_noise: float
-    """W: white noise of the measured power; NaN where not measured."""
+    """White noise of the measured power, W; NaN if not measured."""
     current_noise: Float
-    """(n,) A."""
+    """White noise (n,) of the measured currents, A."""
     meter: Meter | None
-    """The slow meter that power is from."""
+    """The slow meter that measured the power."""
 
 
 @stage("", sum(SHARES))
 def train(moves: Moves, arm: Arm, seed: int = 0) -> Trained:
-    """Chooses, fits, and judges by leaving moves out. The same moves and seed give the same model."""
+    """Select, fit, and score on held-out moves. The same moves and seed give the same model."""
     check_known(arm)
     moves = through_its_meter(moves, arm)
     with stage("smoothing of the encoders", share=SHARES[0]):
@@ -91,7 +91,7 @@ def train(moves: Moves, arm: Arm, seed: int = 0) -> Trained:
 
 
 def model_of(moves: Moves, arm: Arm) -> Fitted:
-    """The best model alone, without judging it: for short recordings and the demonstration, in seconds."""
+    """The best model alone, without scores: for short recordings and the demonstration, in seconds."""
     check_known(arm)
     moves = through_its_meter(moves, arm)
     tuning = tune(moves, arm, AHEAD)
@@ -99,7 +99,7 @@ def model_of(moves: Moves, arm: Arm) -> Fitted:
 
 
 def check_known(arm: Arm) -> None:
-    """Raises ``ConfigError`` where a torque constant is missing: currents say nothing without it."""
+    """Raises ``ConfigError`` if a torque constant is missing: without it, currents give no torque."""
     if lacking := [joint.name for joint in arm.description.joints if not joint.torque_constant]:
         raise ConfigError(
             f"torque_constant of {', '.join(lacking)} is missing in robot.yaml (Nm/A at the joint): "
@@ -118,7 +118,7 @@ def estimate(fitted: Fitted, moves: Moves, arm: Arm) -> tuple[Float, Float]:
 
 @dataclass(frozen=True)
 class _Known:
-    """Moves of an arm, each row in a ``fold`` (N,), and the ``seed`` of the networks."""
+    """Moves of an arm, the ``fold`` (N,) of each row, and the ``seed`` of the networks."""
 
     moves: Moves
     arm: Arm
@@ -127,16 +127,16 @@ class _Known:
 
 
 _Part = tuple[str, int | None, Tuning, Structure]
-"""One method, fitted to all moves but those of a fold, or to all of them."""
+"""One method, fitted to all moves but those of a fold, or to all of them if the fold is None."""
 
 
 def _fitted(
     known: _Known, methods: Sequence[str], tuning: Tuning, structure: Structure
 ) -> tuple[dict[str, Any], Predictions]:
-    """The model of each method, and what others of it say of moves that they have not seen."""
+    """The model of each method, and the predictions of held-out moves by models of the others."""
     moves, which = known.moves, np.unique(known.fold).tolist()
     chosen = [(tuning, structure)] * len(which)
-    if moves.count < FEW:  # of so few, what is left out would have a say in the choice of windows and effects
+    if moves.count < FEW:  # of so few moves, a held-out one would influence the choice of windows and effects
         chosen = spread(_chosen, which, "choosing effects without fold", shared=known)
     folds = [*zip(which, chosen, strict=True), (None, (tuning, structure))]
     parts: list[_Part] = [(method, k, *own) for k, own in folds for method in methods]
@@ -152,14 +152,14 @@ def _fitted(
 
 
 def _chosen(k: int, known: _Known) -> tuple[Tuning, Structure]:
-    """Choose windows and effects by all moves but those of a fold."""
+    """Select windows and effects from all moves but those of a fold."""
     moves = known.moves.where(known.fold != k)
     tuning = tune(moves, known.arm, AHEAD)
     return tuning, structure_of(moves, known.arm, tuning)
 
 
 def _done(part: _Part, known: _Known) -> Any:
-    """Return the model of all moves, or the predictions for a fold of one that was fitted to the others."""
+    """Return the model of all moves, or, for a fold, its predictions by a model fitted to the other folds."""
     method, k, tuning, structure = part
     arm, held = known.arm, known.fold == (-1 if k is None else k)
     moves, unseen = known.moves.where(~held), known.moves.where(held)

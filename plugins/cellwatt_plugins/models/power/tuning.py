@@ -1,4 +1,4 @@
-"""Choice of the smoothing, and of the width over which friction turns over, by the error of the currents."""
+"""Choice of the smoothing, and of the width within which friction reverses, by the error of the currents."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ Trial = tuple[Span, Span, float]
 """Spans of velocity and acceleration, and the width, rad/s."""
 
 TRIED: Final = 5000
-"""Rows that a trial is made on."""
+"""Number of rows of a trial."""
 LONGEST: Final = 0.4
-"""s."""
+"""Longest and shortest window, s."""
 SHORTEST: Final = 0.02
 SPANS: Final = (3, 5, 7, 9, 11, 15, 21, 27, 35, 45, 61)
-"""Rows of a window."""
+"""Numbers of rows in a window."""
 WIDTHS: Final = (0.0005, 0.001, 0.002, 0.003, 0.004, 0.006, 0.008, 0.012, 0.02, 0.04, 0.08)
-"""rad/s."""
+"""Widths in rad/s that are tried."""
 TERMS: Final = ("rotor", "coulomb", "viscous", "Stribeck friction (0.1 rad/s)", "offset")
 DOUBT: Final = 3.0
-"""Tolerances by which links may be off, before that is tried."""
+"""Factor on the tolerances of links until others are tried."""
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """Smoothing and width that were chosen."""
+    """The chosen smoothing and width."""
 
     smoother: Smoother
     width: float
@@ -44,7 +44,7 @@ class Tuning:
 
 @dataclass(frozen=True)
 class _Known:
-    """What a trial needs: ``moves`` and the ``noise`` of all of them."""
+    """Data of a trial: ``moves``, and the ``noise`` of all of them."""
 
     moves: Moves
     noise: Noise
@@ -57,7 +57,7 @@ class _Known:
 
 
 def tune(moves: Moves, arm: Arm, ahead: bool) -> Tuning:
-    """Spans of velocity and acceleration one after the other, then the width of friction's turning over."""
+    """Spans of velocity and acceleration one after the other, then the width within which friction reverses."""
     known = _Known(_some(moves), Noise.of(moves), arm, ahead)
     step = known.moves.step
     rows = [n for n in SPANS if SHORTEST <= n * step <= LONGEST] or [3]
@@ -90,7 +90,7 @@ def _some(moves: Moves) -> Moves:
 
 
 def _left(trial: Trial, known: _Known) -> float:
-    """Sum over the joints of the logarithm of what is left of their torques."""
+    """Sum over the joints of the logarithm of the mean square torque residual."""
     velocity, acceleration, width = trial
     arm, smoother = known.arm, known.smoother(velocity, acceleration)
     rows = Rows.of(known.moves, smoother, arm.column("torque_constant"), TRIED, whole=False)

@@ -15,7 +15,7 @@ from cellwatt_plugins.models.power.training import BEST, Trained
 
 
 def as_json(trained: Trained, moves: Moves) -> dict[str, Any]:
-    """Everything that is said, as plain numbers."""
+    """The content of ``power.json``."""
     fitted = trained.fitted
     return {
         "moves": moves.count,
@@ -40,7 +40,7 @@ def as_json(trained: Trained, moves: Moves) -> dict[str, Any]:
 
 
 def parameters(trained: Trained) -> dict[str, Any]:
-    """The best model's numbers: terms of the torque by joint, and the supply."""
+    """The best model's coefficients: terms of the torque by joint, and the supply."""
     model = trained.fitted.model
     out: dict[str, Any] = {
         name: [round(float(x), 5) for x in row] for name, row in zip(model.terms, model.weights, strict=True)
@@ -58,7 +58,7 @@ def parameters(trained: Trained) -> dict[str, Any]:
 
 
 def in_words(trained: Trained, moves: Moves, files: list[str]) -> str:
-    """For the terminal."""
+    """The report for the terminal."""
     parts = [f"{moves.count} moves, {len(moves)} rows at {1 / moves.step:.4g} Hz"]
     parts += [table.text() for table in rivals(trained)]
     parts += [table.text() for table in pose_tables(trained, moves)]
@@ -66,7 +66,7 @@ def in_words(trained: Trained, moves: Moves, files: list[str]) -> str:
 
 
 def rivals(trained: Trained) -> list[Table]:
-    """The errors of all methods on the moves left out, on the fastest and on the slowest, as far as there are any."""
+    """The errors of all methods on held-out moves, and on the fastest and the slowest, if these were held out."""
     groups = (
         ("Moves held out", trained.scores),
         ("Fastest moves, trained on slower ones", trained.faster),
@@ -145,7 +145,7 @@ def _table(moves: Moves, score: Score) -> dict[str, Any]:
 
 
 def _nls(nls: Nls) -> dict[str, Any]:
-    """Parameters with their standard errors, by joint and of equation (13), and which stand for something else."""
+    """Parameters with their standard errors, by joint and of equation (13), and those that compensate for effects."""
     n = len(nls.joints)
     names = [JOINT_NUMBERS, ("P_c", *(f"{name}_{i + 1}" for name in ("L", "R") for i in range(n)))]
     joints = [

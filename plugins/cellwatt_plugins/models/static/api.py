@@ -1,4 +1,4 @@
-"""``cw.train_static``: what ``cellwatt train static`` calls."""
+"""``cw.train_static``: the function behind ``cellwatt train static``."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class StaticModel:
         return write(self.trained, self.arm, Path(folder))
 
     def report(self, path: Place) -> None:
-        """Write the page of the training. Raises ``CellwattError`` where that fails or plotly is missing."""
+        """Write the page of the training. Raises ``CellwattError`` if that fails or plotly is missing."""
         from cellwatt.report import Provenance
         from cellwatt_plugins.models.static.report import report
 
@@ -44,8 +44,8 @@ def train_static(recordings: Places, *, robot: Place) -> StaticModel:
     """Train a model of the torque (Nm) that an arm needs to hold still, on recordings of held poses.
 
     ``recordings`` are tables with q_i (rad), torque_percent_i or torque_i (Nm) and pose, or cellwatt's own, in which
-    poses are recognised; ``robot`` is robot.yaml, or its folder. Raises ``RecordingError`` where a file cannot be used,
-    ``ConfigError`` where the description lacks what it needs, ``ModelError`` where there are too few poses.
+    poses are recognised; ``robot`` is robot.yaml, or its folder. Raises ``RecordingError`` if a file cannot be used,
+    ``ConfigError`` if the description lacks a required key, ``ModelError`` if there are too few poses.
     """
     described = Arm.load(robot)
     recorded = paths_of(recordings)

@@ -1,4 +1,4 @@
-"""Quantities that the physics of held poses needs of each pose, worked out once."""
+"""Quantities of each pose for the physics of held poses, computed once."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from cellwatt_plugins.robot import Body, RobotDescription
 from cellwatt_plugins.robot.body import PER_LINK
 
 PER_GRAVITY: Final = 4
-"""Parameters of a link that gravity feels: m and m·c (3)."""
+"""Parameters of a link that gravity acts on: m and m·c (3)."""
 BEYOND: Final = 1.1
-"""Beyond this share of a joint's range, springs and hoses pull no harder: nobody has seen how they would."""
+"""Share of a joint's range beyond which the torques of springs and hoses are constant: no pose shows them there."""
 _STEP: Final = 1e-4  # rad, for slopes over the joint angles
 
 
@@ -30,17 +30,17 @@ class Basis:
     slopes: Float
     """(n, N, n, 4n): slope of ``vertical`` over each joint angle; Nm/rad."""
     share: Float
-    """(N, n): joint angles, −1 … 1 within the joint's limits, and no further than ``BEYOND``."""
+    """(N, n): joint angles, −1 … 1 within the joint's limits, clipped to ±``BEYOND``."""
     direction: Float
-    """(N, n): −1, 0 or 1, the way each joint came to the pose; 0 where that is not known."""
+    """(N, n): −1, 0 or 1, the direction in which each joint came to the pose; 0 if unknown."""
     payload: Float
-    """(N,): kg at the tool beside what the arm always carries; 0 where not known."""
+    """(N,): kg at the tool beside the arm's permanent load; 0 if unknown."""
     half: Float
     """(n,): half of each joint's range, rad."""
 
     @classmethod
     def of(cls, body: Body, limits: Float, q: Float, direction: Float, payload: Float) -> Basis:
-        """The basis of poses ``q`` (N, n) rad; ``limits`` (n, 2) rad, ``payload`` (N,) kg; NaN where not known."""
+        """The basis of poses ``q`` (N, n) rad; ``limits`` (n, 2) rad, ``payload`` (N,) kg; NaN if unknown."""
         half = 0.5 * (limits[:, 1] - limits[:, 0])
         slopes = np.empty((body.joints, len(q), body.joints, PER_GRAVITY * body.joints))
         for joint in range(body.joints):
@@ -68,14 +68,14 @@ def gravity_parameters(body: Body) -> Float:
 
 
 def joint_limits(robot: RobotDescription, q: Float) -> Float:
-    """Lowest and highest angle of each joint, (n, 2) rad; those of the poses ``q`` (N, n) where robot.yaml has none."""
+    """Lowest and highest angle of each joint, (n, 2) rad; those of the poses ``q`` (N, n) if robot.yaml has none."""
     limits = np.where(np.isnan(robot.limits), np.column_stack([q.min(axis=0), q.max(axis=0)]), robot.limits)
     flat = limits[:, 1] - limits[:, 0] < 1e-3
     return np.where(flat[:, None], limits.mean(axis=1)[:, None] + np.array([-0.5, 0.5]), limits)
 
 
 def _gravity(body: Body, q: Float, along: Float | None = None) -> Float:
-    """Regressor (N, n, 4n) of gravity's torques; ``along`` (3,) is −g's direction, up where left out."""
+    """Regressor (N, n, 4n) of gravity's torques; ``along`` (3,) is the direction opposite to g, by default up."""
     if along is not None:
         body = body.with_gravity(-np.linalg.norm(body.gravity_field) * along)
     still = np.zeros_like(q)

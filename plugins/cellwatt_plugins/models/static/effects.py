@@ -1,10 +1,11 @@
-"""Torques that hold or load a still arm, by their parameters, and their slopes over every parameter.
+"""Torques of a still arm: gravity, springs, hoses and friction, by their parameters, with their derivatives.
 
     τ = (1 + γ) ∘ G(q + δ; θ, tilt, payload) + springs(q) + hoses(q) + d ∘ (f + μ ∘ |load|)
 
-G is gravity (eq. 2 of the paper), linear in the masses and first moments θ of the links. d is the way a joint came to
-the pose: friction holds part of the load, so that the motor gives less or more (Coulomb's f, and μ of the load itself).
-Springs and hoses are slopes of energies that are polynomials (Legendre's) of one joint's angle, or of two joints'.
+G is gravity (eq. 2 of the paper), linear in the masses and first moments θ of the links. d is the direction in which a
+joint came to the pose: friction holds a share of the load, so that the motor needs more or less torque (Coulomb's f,
+and a share μ of the load). Springs and hoses are derivatives of energies that are polynomials (Legendre's) of one
+joint's angle, or of two joints' angles.
 """
 
 from __future__ import annotations
@@ -22,41 +23,41 @@ from cellwatt_plugins.models.static.basis import PER_GRAVITY, Basis
 from cellwatt_plugins.robot.priors import body_prior, link_prior
 
 GAIN: Final = 0.05
-"""Torque gains are thought to be off by this share (one standard deviation, as all here)."""
+"""Prior standard deviation of torque gains (all here are prior standard deviations)."""
 TILT: Final = 0.01
-"""rad, of the base."""
+"""rad, tilt of the base."""
 ZERO: Final = 0.003
-"""rad, of each joint's zero."""
+"""rad, error of each joint's zero."""
 FRICTION: Final = 0.015
-"""Of the rated torque."""
+"""Share of the rated torque."""
 LOAD_FRICTION: Final = 0.05
-"""Of the load."""
+"""Share of the load."""
 PAYLOAD: Final = 0.15
-"""m, of a payload's centre of mass from the flange."""
+"""m, distance of a payload's centre of mass from the flange."""
 SPRING: Final = 0.05
-"""Of the rated torque, at a joint's limit."""
+"""Share of the rated torque, at a joint's limit."""
 ADDED: Final = 0.01
-"""Of the arm's own mass: what may be added to any link beside its tolerance (hoses, cables, tools)."""
+"""Share of the arm's own mass, added to any link beside its tolerance (hoses, cables, tools)."""
 PLAIN: Final = 3
-"""Degree up to which a hose's energy is one group: a straight spring. Above it is bent."""
+"""Highest degree of the group of a hose's energy that is a linear spring; higher degrees are bent."""
 BENT: Final = 7
 """Highest degree of a bent spring's or hose's energy."""
 DECAY: Final = 0.5
-"""Each degree is thought to be smaller by this."""
+"""Ratio of the prior standard deviation of each degree to that of the degree below."""
 
 
 def degrees(low: int, high: int) -> tuple[tuple[int, int], ...]:
-    """Degrees in the one and in the other angle of an energy over two joints, their sum above low and up to high."""
+    """Degrees in the first and in the second angle of an energy over two joints; their sum is above low, up to high."""
     return tuple((a, total - a) for total in range(max(low + 1, 2), high + 1) for a in range(1, total))
 
 
 @dataclass(frozen=True)
 class Group:
-    """Parameters that come and go together; ``scale`` (k,) is how large each may be, before the data (σ)."""
+    """Parameters that are selected together; ``scale`` (k,) is the prior standard deviation (σ) of each."""
 
     kind: str
     joints: tuple[int, ...]
-    """Empty: all of them."""
+    """Empty for all joints."""
     scale: Float
 
     @property
@@ -79,32 +80,32 @@ class Effects:
 
     @cached_property
     def groups(self) -> tuple[Group, ...]:
-        """In the order of the parameters."""
+        """The groups in the order of their parameters."""
         return tuple(self._groups())
 
     @cached_property
     def slices(self) -> dict[str, slice]:
-        """Parameters of each group."""
+        """Slice of each group's parameters."""
         ends = np.cumsum([len(group.scale) for group in self.groups])
         return {g.name: slice(int(e) - len(g.scale), int(e)) for g, e in zip(self.groups, ends, strict=True)}
 
     @cached_property
     def scale(self) -> Float:
-        """(P,)."""
+        """Prior standard deviations (P,)."""
         return np.concatenate([group.scale for group in self.groups])
 
     @property
     def joints(self) -> int:
-        """n."""
+        """Number of joints, n."""
         return len(self.rated)
 
     @cached_property
     def pairs(self) -> tuple[tuple[int, int], ...]:
-        """Joints that a hose may span: neighbours, and those with one between."""
+        """Joints that a hose may span: neighbours, and joints with one between."""
         return tuple((a, b) for a, b in combinations(range(self.joints), 2) if b - a <= 2)
 
     def evaluate(self, basis: Basis, p: Float) -> tuple[Float, Float]:
-        """Torques (N, n) Nm for parameters ``p`` (P,), and their slopes (N, n, P)."""
+        """Torques (N, n) Nm for parameters ``p`` (P,), and their derivatives (N, n, P)."""
         load, slope = self.load(basis, p)
         d, (_, mu) = basis.direction, self.friction_of(p)
         sign = np.sign(load)
@@ -118,12 +119,12 @@ class Effects:
         return torque, slope
 
     def friction(self, p: Float, load: Any) -> Any:
-        """Part (N, n) Nm of a ``load`` (N, n) Nm, an array or a ``Tensor``, that friction holds."""
+        """Share (N, n) Nm of a ``load`` (N, n) Nm, an array or a ``Tensor``, that friction can hold."""
         f, mu = self.friction_of(p)
         return f + mu * np.abs(load)
 
     def load(self, basis: Basis, p: Float) -> tuple[Float, Float]:
-        """Load without friction: torques (N, n), and their slopes (N, n, P)."""
+        """Load without friction: torques (N, n), and their derivatives (N, n, P)."""
         at, n = self.slices, self.joints
         slope = np.zeros((len(basis), n, len(self.scale)))
         theta = self.cad + np.concatenate([p[at[f"link {i + 1}"]] for i in range(n)])
@@ -145,7 +146,7 @@ class Effects:
 
     @cached_property
     def linear(self) -> slice:
-        """The parameters of springs and hoses, which the load is linear in."""
+        """Slice of the parameters of springs and hoses, in which the load is linear."""
         return slice(self.slices["spring 1"].start, self.slices["friction 1"].start)
 
     def _springs(self, basis: Basis, slope: Float) -> None:
@@ -195,7 +196,7 @@ class Effects:
 
 
 def legendre(x: Float) -> tuple[Float, Float]:
-    """Legendre's polynomials of degree 0 to ``BENT`` at ``x`` (…), and their slopes: (``BENT`` + 1, …) each."""
+    """Legendre's polynomials of degree 0 to ``BENT`` at ``x`` (…), and their derivatives: (``BENT`` + 1, …) each."""
     value, slope = [np.ones_like(x), x], [np.zeros_like(x), np.ones_like(x)]
     for k in range(2, BENT + 1):
         value.append(((2 * k - 1) * x * value[-1] - (k - 1) * value[-2]) / k)

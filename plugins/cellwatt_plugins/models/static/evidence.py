@@ -1,8 +1,7 @@
-"""Bayesian fit of a model that is nearly linear: the parameters that the data ask for, and their size.
+"""Bayesian fit of a nearly linear model: selection of the parameters that the data support, and their values.
 
-Each group of parameters has a spread of its own and each joint its own noise; both are set to what makes the data most
-probable (MacKay, Neural Computation 4, 1992), and groups that the data do not ask for are left out (Savage–Dickey
-ratio).
+Each group of parameters has its own spread and each joint its own noise; both are set to the most probable values
+(MacKay, Neural Computation 4, 1992), and groups without evidence are left out (Savage–Dickey ratio).
 """
 
 from __future__ import annotations
@@ -19,29 +18,29 @@ from cellwatt.errors import CellwattError
 from cellwatt_plugins.robot.regression import Fit, Prior, Products
 
 Evaluate = Callable[[Float], tuple[Float, Float]]
-"""From parameters (P,) to what they predict (N, n), and its slopes (N, n, P)."""
+"""From parameters (P,) to predictions (N, n), and their derivatives (N, n, P)."""
 
 _LINEARISED: Final = 3
 _SWEEPS: Final = 8
 _BELIEF: Final = 1.0
-"""Parameters' worth of evidence of a group's stated scale."""
+"""Weight of a group's stated scale, in parameters' worth of evidence."""
 _NOISE_BELIEF: Final = 2.0
 
 
 @dataclass(frozen=True)
 class Belief:
-    """Groups of parameters by ``slices`` and each parameter's ``scale`` (P,), as thought before the data.
+    """Prior: groups of parameters by ``slices``, and each parameter's ``scale`` (P,).
 
-    ``needs`` says by how much (natural log) a group must make the data more probable to be taken in.
+    ``needs`` is the evidence (natural log) that each group must have to be included.
     """
 
     slices: tuple[slice, ...]
     scale: Float
     needs: Float
     noise: Float
-    """(n,)."""
+    """(n,): noise of each joint's torque, Nm."""
     outputs: tuple[tuple[int, ...], ...]
-    """Outputs that each group changes."""
+    """Outputs that each group affects."""
 
 
 @dataclass(frozen=True)
@@ -49,15 +48,15 @@ class Posterior:
     """Posterior: parameters and their covariance after the data."""
 
     mean: Float
-    """(P,); 0 where left out."""
+    """(P,); 0 for parameters left out."""
     covariance: Float
     """(P, P)."""
     noise: Float
     """(n,): standard deviation of each joint's measured torque, Nm."""
     active: NDArray[np.bool_]
-    """(groups,): taken in."""
+    """(groups,): true for included groups."""
     gain: Float
-    """(groups,): by how much (natural log) each makes the data more probable."""
+    """(groups,): evidence (natural log) of each group."""
 
     @property
     def deviation(self) -> Float:
@@ -66,9 +65,9 @@ class Posterior:
 
 
 def fit(evaluate: Evaluate, measured: Float, used: NDArray[np.bool_], prior: Belief) -> Posterior:
-    """Fit to ``measured`` (N, n), where ``used`` (N, n).
+    """Fit to ``measured`` (N, n) where ``used`` (N, n) is true.
 
-    Raises ``CellwattError`` where the poses do not determine a model.
+    Raises ``CellwattError`` if the poses do not determine a model.
     """
     search = _Search(prior)
     try:
@@ -88,14 +87,14 @@ def fit(evaluate: Evaluate, measured: Float, used: NDArray[np.bool_], prior: Bel
 
 
 def _sums(evaluate: Evaluate, measured: Float, used: NDArray[np.bool_], mean: Float) -> list[Products]:
-    """Equations of each joint's torque, linear about ``mean`` (P,)."""
+    """Equations of each joint's torque, linearised about ``mean`` (P,)."""
     predicted, slopes = evaluate(mean)
     values = measured - predicted + slopes @ mean
     return [Products.of(slopes[rows, j], values[rows, j]) for j, rows in enumerate(used.T)]
 
 
 class _Search:
-    """Parameters, their groups' spreads and each joint's noise, as found so far."""
+    """Parameters, spreads of their groups and noise of each joint, as estimated so far."""
 
     fit: Fit
 
@@ -107,11 +106,11 @@ class _Search:
 
     @property
     def on(self) -> NDArray[np.intp]:
-        """Places of the parameters that are taken in."""
+        """Indices of the parameters that are included."""
         return np.flatnonzero(np.repeat(self.active, self._width))
 
     def sweep(self, sums: Sequence[Products]) -> None:
-        """Parameters for the spreads and noises, and those for the parameters, in turn."""
+        """Estimate parameters from spreads and noises, and these from the parameters, in turn."""
         on, count = self.on, len(self._width)
         owner, scale = np.repeat(np.arange(count), self._width)[on], self.prior.scale[on]
         parts = [each.part(on) for each in sums]
@@ -135,15 +134,15 @@ class _Search:
         self.mean[on] = found
 
     def gains(self) -> Float:
-        """Natural log of how much more probable each group makes the data; 0 for those left out."""
+        """Evidence (natural log) of each group; 0 for groups left out."""
         ends = np.cumsum(self._width * self.active)
         parts = zip(ends - self._width, ends, self.active, strict=True)
         return np.array([self.fit.gain(slice(int(a), int(b))) if active else 0.0 for a, b, active in parts])
 
     def not_asked_for(self) -> NDArray[np.bool_]:
-        """Groups to leave out next, (groups,): the weakest, and others that have nothing to do with it.
+        """Groups to leave out next, (groups,): the weakest one, and others that affect none of its outputs.
 
-        Where two say the same, one of them must be left out before the other shows what it is worth.
+        Of two equivalent groups, one must be left out before the evidence of the other shows.
         """
         gain = self.gains() - self.prior.needs
         dropped = np.zeros(len(gain), dtype=np.bool_)

@@ -1,4 +1,4 @@
-"""The models of held poses as ONNX graphs: the robot's gravity, scaling and all physics inside, in float64."""
+"""The models of held poses as ONNX graphs in float64, with the robot's gravity, scaling and all physics inside."""
 
 from __future__ import annotations
 
@@ -22,30 +22,30 @@ from cellwatt_plugins.models.static.poses import Poses
 from cellwatt_plugins.robot.drive import copper_gain
 
 TOTAL: Final = "torque_sum"
-"""Output: absolute sum of the torques, eq. 5."""
+"""Output: sum of the torques' absolute values, eq. 5."""
 _INTERVAL: Final = (f"{TOTAL}_low", f"{TOTAL}_high")
 HOLDING: Final = "holding_power"
-"""Output, where robot.yaml has every torque constant and winding resistance: power that holds the pose, eqs. 3 and 4.
+"""Output, if robot.yaml has every torque constant and winding resistance: power that holds the pose, eqs. 3 and 4.
 
-At rest a motor's voltage is R I, so P = τ V / K_t is R (τ / K_t)²; what stands by is not in it.
+At rest a motor's voltage is R I, so P = τ V / K_t is R (τ / K_t)²; standby power is not included.
 """
 
 
 @dataclass(frozen=True)
 class Widths:
-    """Half widths of the prediction interval of the sum, Nm: told how the arm came to the pose, and not told."""
+    """Half widths of the sum's prediction interval, Nm: with known directions of approach, and with unknown ones."""
 
     told: float
     blind: float
 
 
 def write_best(path: Path, model: Identified, widths: Widths, arm: HeldArm, poses: Poses) -> None:
-    """The best model: torques of the joints, their absolute sum, the interval that this lies in, and holding power."""
+    """The best model: the joints' torques, their absolute sum, its prediction interval, and holding power."""
     n, carries = arm.arm.body.joints, model.effects.carries
     graph = Graph(2 * n + carries)
     q, approach = graph.slice(graph.input, 0, n), graph.slice(graph.input, n, 2 * n)
     load = _load(graph, model, arm, q, graph.slice(graph.input, 2 * n, 2 * n + 1) if carries else None)
-    given = graph.op("Equal", approach, approach)  # NaN, for not known, is not equal to itself
+    given = graph.op("Equal", approach, approach)  # NaN, for unknown, is not equal to itself
     direction = Tensor(graph, graph.op("Sign", graph.op("Where", given, approach, 0.0)))
     held = model.effects.friction(model.posterior.mean, load)
     torque = load + direction * held
@@ -105,7 +105,7 @@ _DOUBLE: Final = 11  # onnx.TensorProto.DOUBLE
 
 
 def _load(graph: Graph, model: Identified, arm: HeldArm, q: str, payload: str | None) -> Any:
-    """Gravity, springs, hoses and what is left over."""
+    """Torques of gravity, springs, hoses and the leftover network."""
     effects, mean = model.effects, model.posterior.mean
     turned = Tensor(graph, q) + mean[effects.slices["zero"]]
     gravity = Tensor(graph, inverse_dynamics(graph, _chain(model, arm), turned.name))
@@ -122,7 +122,7 @@ def _load(graph: Graph, model: Identified, arm: HeldArm, q: str, payload: str | 
 
 
 def _chain(model: Identified, arm: HeldArm) -> Chain:
-    """The arm's chain with the masses that were found, on the base as it stands."""
+    """The arm's chain with the identified masses, on the tilted base."""
     effects, mean = model.effects, model.posterior.mean
     chain = Chain.of(arm.arm.body)
     inertial = chain.inertial.copy()
@@ -133,7 +133,7 @@ def _chain(model: Identified, arm: HeldArm) -> Chain:
 
 
 def _one_kilogram(model: Identified, arm: HeldArm) -> Chain:
-    """Nothing but a payload of 1 kg at the last link."""
+    """A chain whose only mass is a payload of 1 kg at the last link."""
     chain = Chain.of(arm.arm.body)
     inertial = np.zeros_like(chain.inertial)
     inertial[-1, :PER_GRAVITY] = [1.0, *model.posterior.mean[model.effects.slices["payload"]]]
@@ -141,7 +141,7 @@ def _one_kilogram(model: Identified, arm: HeldArm) -> Chain:
 
 
 def _springs(graph: Graph, model: Identified, share: str) -> str:
-    """Springs over one joint, and hoses over two: polynomials of the joints' shares (N, n)."""
+    """Springs over one joint, and hoses over two: polynomials of the shares (N, n) of the joints' ranges."""
     effects, mean = model.effects, model.posterior.mean
     n, order = effects.joints, BENT + 1
     own = np.zeros((n, order))
@@ -169,7 +169,7 @@ def _springs(graph: Graph, model: Identified, share: str) -> str:
 
 
 def _energy(model: Identified, pair: tuple[int, int]) -> Float:
-    """Coefficients of a hose's energy, by degree in the one and in the other joint."""
+    """Coefficients of a hose's energy, by degree in the first and in the second joint."""
     out = np.zeros((BENT + 1, BENT + 1))
     name = f"{pair[0] + 1}-{pair[1] + 1}"
     for kind, terms in (("hose", degrees(0, PLAIN)), ("bent hose", degrees(PLAIN, BENT))):

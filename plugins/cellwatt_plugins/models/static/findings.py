@@ -1,4 +1,4 @@
-"""Findings on an arm that its CAD model lacks: in words, with figures and their standard deviations."""
+"""Findings about an arm that its CAD model lacks: in words, with figures and their standard deviations."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from cellwatt_plugins.models.static.effects import Group
 from cellwatt_plugins.models.static.identify import HeldArm, Identified
 
 _CLEAR: Final = 3.0
-"""Standard deviations below which nothing is told: of the forty figures looked at, two would pass two by chance."""
-_DETERMINED: Final = 0.5  # of what was thought before: the data have halved the doubt
+"""Standard deviations below which no figure is reported: of forty figures, two would exceed two by chance."""
+_DETERMINED: Final = 0.5  # share of the prior standard deviation: the data have halved the uncertainty
 
 
 @dataclass(frozen=True)
@@ -34,9 +34,9 @@ class Number:
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that the arm has and its CAD model lacks; joints count from 1.
+    """One property of the arm that its CAD model lacks; joints count from 1.
 
-    ``evidence``: natural log of how much more probable it makes the measurements; None where it is always there.
+    ``evidence``: evidence (natural log) of the finding; None for terms of every model.
     """
 
     kind: str
@@ -46,12 +46,12 @@ class Finding:
     evidence: float | None
 
     def as_json(self) -> dict[str, Any]:
-        """For ``--json``."""
+        """Return the finding as ``--json`` prints it."""
         return asdict(self)
 
 
 def findings(model: Identified, arm: HeldArm, basis: Basis) -> list[Finding]:
-    """Of the model, on the ``basis`` of the poses that it was made from."""
+    """Findings of the model, on the ``basis`` of the poses that it was trained on."""
     found = [*_gravity(model, basis), *_masses(model)]
     for index, group in enumerate(model.effects.groups):
         if model.posterior.active[index] and group.kind in _TOLD:
@@ -89,14 +89,15 @@ class _Told:
         return Finding(self.group.kind, tuple(j + 1 for j in self.group.joints), text, figures, self.evidence)
 
     def pull(self, joint: int) -> tuple[Number, int]:
-        """The group's strongest torque at a joint in any of the poses, and which pose (from 0) that is."""
+        """The group's strongest torque at a joint in any of the poses, and the index of that pose (from 0)."""
         slope = self.model.effects.load(self.basis, self.model.posterior.mean)[1][:, joint, self.part]
         pose = int(np.argmax(np.abs(slope @ self.mean)))
         return self.figure(f"torque of joint {joint + 1}", slope[pose], "Nm"), pose
 
 
 def _gravity(model: Identified, basis: Basis) -> Iterator[Finding]:
-    """Gravity about each joint in the heaviest pose: what the masses beyond it come to, however they are shared out."""
+    """Gravity about each joint in its heaviest pose: the total of the masses beyond it, however they are
+    distributed."""
     effects, posterior = model.effects, model.posterior
     links = slice(0, PER_GRAVITY * effects.joints)
     for joint in range(effects.joints):
@@ -177,7 +178,7 @@ def _payload(told: _Told) -> list[Finding]:
 
 
 def _each(told: _Told) -> list[Finding]:
-    """Those of the figures that are clearly not 0, in one sentence."""
+    """The figures that clearly differ from 0, in one sentence."""
     text, factor, unit, names = _EACH[told.group.kind]
     names = names or tuple(f"joint {j + 1}" for j in range(told.model.effects.joints))
     common = np.ones((len(names), len(told.mean) - len(names)))
@@ -194,7 +195,7 @@ _EACH: Final[dict[str, tuple[str, float, str, tuple[str, ...]]]] = {
     "zero": ("Zero positions are off", float(np.degrees(1.0)), "°", ()),
     "tilt": ("The base is not level", float(np.degrees(1.0)), "°", ("down along x", "down along y")),
 }
-"""Of groups with a figure a joint (what all joints share comes first): words, factor to the unit, names but joints'."""
+"""Groups with one figure per joint, after common ones: words, factor to the unit, unit, names if not joints."""
 _TOLD: Final = {
     "friction": _friction,
     "spring": _spring,

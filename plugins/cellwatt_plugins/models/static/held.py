@@ -9,17 +9,17 @@ import numpy as np
 from cellwatt.arrays import Float, Nanoseconds
 
 STILL: Final = 5e-4
-"""rad: an arm whose joints all stay within this of where they stopped is at rest."""
+"""rad: an arm is at rest while all joints stay within this distance of where they stopped."""
 SETTLE: Final = 0.5e9
-"""ns at rest before the torque counts."""
+"""ns at rest before torque samples are used."""
 HOLD: Final = 2e9 - 1e6
-"""ns over which it is averaged, but for rounding."""
+"""ns over which the torque is averaged, less rounding."""
 HOLE: Final = 0.25e9
-"""ns without a sample, after which the pose is not held any more."""
+"""ns without a sample after which the pose is no longer held."""
 
 
 def held(time: Nanoseconds, q: Float) -> list[slice]:
-    """Samples that count of each pose in order, each once, of times (N,) ns and angles ``q`` (N, n) rad."""
+    """The samples used of each held pose, once each and in order, from times (N,) ns and angles ``q`` (N, n) rad."""
     found: list[slice] = []
     anchor, since, begun, told = np.full(q.shape[1], np.inf), 0, 0, False
     for i, gap in enumerate(np.diff(time, prepend=time[:1])):
@@ -34,9 +34,9 @@ def held(time: Nanoseconds, q: Float) -> list[slice]:
 
 
 def turned(q: Float) -> Float:
-    """Angle (N, n) rad at which each joint last turned round, of its angles; NaN until it has been seen to move.
+    """Angle (N, n) rad at which each joint last reversed; NaN until it has moved.
 
-    Back and forth within ``STILL`` is no turn.
+    A movement within ``STILL`` is no reversal.
     """
     out = np.full_like(q, np.nan)
     if not len(q):

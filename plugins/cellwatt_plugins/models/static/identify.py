@@ -1,4 +1,4 @@
-"""From held poses to the best model of an arm: physics that the data ask for, and what is left if it helps."""
+"""Identification of an arm from held poses: physics with evidence, and a model of its residual if that helps."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from cellwatt_plugins.models.static.poses import Poses
 from cellwatt_plugins.robot import Arm
 
 FOLDS: Final = 5
-_NOISE: Final = 0.002  # of the rated torque, before the data
+_NOISE: Final = 0.002  # of the rated torque, prior
 _NEEDS: Final = {
     "link": -np.inf,
     "payload": -np.inf,
     "friction": 0.0,
     "load friction": 0.0,
-}  # masses always differ, joints always rub
-_NEEDED: Final = 3.0  # natural log: twenty to one
-_IDLE: Final = 0.01  # a joint that needs no torque is thought to have this share of the strongest one's
+}  # every arm's masses differ from the description, and every joint has friction
+_NEEDED: Final = 3.0  # evidence, natural log: twenty to one
+_IDLE: Final = 0.01  # assumed torque of a joint that needs none, as a share of the strongest joint's
 _ODD: Final = 6.0  # standard deviations
-_ROUNDS: Final = 4  # of leaving out what does not fit: the worst hides the next
+_ROUNDS: Final = 4  # of leaving out outliers: the worst outlier hides the next
 
 
 @dataclass(frozen=True)
 class HeldArm:
-    """An arm that holds poses, as far as it is known before any of them."""
+    """An arm that holds poses, before any measurement."""
 
     arm: Arm
     limits: Float
@@ -41,15 +41,15 @@ class HeldArm:
 
     @classmethod
     def of(cls, arm: Arm, q: Float) -> HeldArm:
-        """The arm with the ranges of its joints: the description's, else those of the poses ``q`` (N, n) rad."""
+        """The arm with its joints' ranges: the description's, else those of the poses ``q`` (N, n) rad."""
         return cls(arm, joint_limits(arm.description, q))
 
     def basis(self, poses: Poses) -> Basis:
-        """Return the basis of some poses; ``torque`` is not looked at."""
+        """Return the basis of some poses; it does not depend on their ``torque``."""
         return Basis.of(self.arm.body, self.limits, poses.q, np.sign(poses.approach), poses.payload)
 
     def effects(self, poses: Poses) -> Effects:
-        """The parameters of this arm; a joint without a rated torque is thought to use half of it in these poses."""
+        """The parameters of this arm; a joint without a rated torque is assumed to need half of it in these poses."""
         used = np.abs(poses.torque).max(axis=0)
         thought = 2.0 * np.maximum(used, _IDLE * max(float(used.max()), 1.0))
         stated = self.arm.column("rated_torque")
@@ -61,16 +61,16 @@ class HeldArm:
 
 @dataclass(frozen=True)
 class Identified:
-    """An arm as its held poses say it is."""
+    """An arm as identified from its held poses."""
 
     effects: Effects
     posterior: Posterior
     leftover: Leftover | None
     odd: NDArray[np.bool_]
-    """(N, n): torques that do not fit the rest, and were not used."""
+    """(N, n): outliers, which were not used."""
 
     def torque(self, basis: Basis) -> Float:
-        """Torques (N, n) Nm; those of a joint whose approach is not known lie between the two directions."""
+        """Torques (N, n) Nm; for a joint with unknown approach, the mean of the two directions."""
         load = self.load(basis)
         return np.asarray(load + basis.direction * self.effects.friction(self.posterior.mean, load))
 
@@ -80,7 +80,8 @@ class Identified:
         return load if self.leftover is None else load + self.leftover(basis.share)
 
     def total(self, basis: Basis) -> Float:
-        """Absolute sum (N,) Nm, eq. 5; over both directions where the approach is not known."""
+        """Sum of absolute torques (N,) Nm, eq. 5; for an unknown approach, each torque is the larger of load and
+        friction."""
         load = self.load(basis)
         held = np.abs(self.effects.friction(self.posterior.mean, load))
         either = np.maximum(np.abs(load), held)
@@ -89,7 +90,7 @@ class Identified:
 
 
 def identify(basis: Basis, torque: Float, effects: Effects) -> Identified:
-    """Physics alone, for measured ``torque`` (N, n) Nm; the direction of each approach must be known to be used."""
+    """Physics alone, for measured ``torque`` (N, n) Nm; only torques with a known direction of approach are used."""
     used = np.isfinite(torque) & (basis.direction != 0)
     prior = _prior(effects)
     odd = np.zeros_like(used)
@@ -106,17 +107,17 @@ def identify(basis: Basis, torque: Float, effects: Effects) -> Identified:
 
 @dataclass(frozen=True)
 class Checked:
-    """A model of all poses, and what models that had not seen a pose said of it."""
+    """A model of all poses, and predictions of each pose by models that were not trained on it."""
 
     model: Identified
     predicted: Float
-    """(N,) Nm: absolute sum, out of sample."""
+    """(N,) Nm: sum of absolute torques of held-out poses."""
     blind: Float
-    """(N,) Nm: the same, not told how the arm came to the pose."""
+    """(N,) Nm: the same, predicted without the direction of approach."""
 
 
 def identify_checked(poses: Poses, basis: Basis, effects: Effects, seed: int) -> Checked:
-    """The best model; the Gaussian process is in it only where poses left out are predicted better with it."""
+    """The best model; it has the Gaussian process only if that improves the predictions of held-out poses."""
     parts = folds(len(poses), seed)
     said = spread(_left_out, parts, "models that leave poses out", shared=(poses, basis, effects))
     plain, with_rest = np.empty((2, 2, len(poses)))
@@ -130,9 +131,10 @@ def identify_checked(poses: Poses, basis: Basis, effects: Effects, seed: int) ->
 
 
 def _left_out(part: NDArray[np.intp], known: tuple[Poses, Basis, Effects]) -> tuple[Float, Float, Float]:
-    """Absolute sums (2, k) Nm of k poses, told and blind, by models of all others: physics, and with what is left over.
+    """Sums of absolute torques (2, k) Nm of k held-out poses, with and without the approach: physics, and with
+    leftover.
 
-    Last, what the latter gained (k,).
+    The last item is the gain (k,) of the leftover.
     """
     poses, basis, effects = known
     rest = np.setdiff1d(np.arange(len(poses)), part)
@@ -146,13 +148,13 @@ def _left_out(part: NDArray[np.intp], known: tuple[Poses, Basis, Effects]) -> tu
 
 
 def with_leftover(model: Identified, basis: Basis, torque: Float) -> Identified:
-    """The same model with what it leaves over."""
+    """The same model with a process fitted to its residual."""
     used = (basis.direction != 0) & ~model.odd & np.isfinite(torque)
     return replace(model, leftover=learned(basis.share, torque - model.torque(basis), used))
 
 
 def folds(count: int, seed: int) -> list[NDArray[np.intp]]:
-    """Rows left out in turn; drawn, as the places of a Halton sequence repeat."""
+    """Rows held out in turn; drawn at random, as a Halton sequence repeats its positions."""
     rows = np.random.default_rng(seed).permutation(count)
     return [np.sort(part) for part in np.array_split(rows, min(FOLDS, count))]
 

@@ -1,4 +1,4 @@
-"""Learning curve: error by number of poses, and the number from which more no longer help."""
+"""Learning curve: error by number of poses, and the number above which more poses no longer help."""
 
 from __future__ import annotations
 
@@ -17,45 +17,45 @@ SIZES: Final = (20, 40, 80, 160, 320, 640)
 REPEATS: Final = 3
 _LARGEST: Final = 0.8  # of the poses; the rest are for testing
 ENOUGH: Final = 1.05
-"""More poses no longer help where twice as many would not make the error smaller by this factor."""
+"""Factor by which twice as many poses must reduce the error for more poses to help."""
 
 
 @dataclass(frozen=True)
 class Point:
-    """Models of so many poses, drawn at random, on the poses that they had not seen."""
+    """Errors of models of this number of random poses, on the other poses."""
 
     poses: int
     rmse: float
-    """Nm, of the absolute sum; root mean square over the draws."""
+    """Nm, of the sum of absolute torques; root mean square over the draws."""
     lowest: float
     highest: float
-    """Nm, of the single draws."""
+    """Nm, smallest and largest error of a single draw."""
 
 
 @dataclass(frozen=True)
 class Curve:
-    """Error by number of poses; ``floor`` Nm is what the same pose differs by when it is measured again."""
+    """Error by number of poses; ``floor`` Nm is the scatter of repeated measurements of one pose."""
 
     points: tuple[Point, ...]
     floor: float
     reached: float
-    """Nm: RMSE of the model of all poses, out of sample."""
+    """Nm: RMSE on held-out poses of models of all others."""
     poses: int
 
     @property
     def enough(self) -> int | None:
-        """So many poses are as good as all; None where all are not enough yet."""
+        """Smallest number of poses that is as good as all; None if all are not enough yet."""
         tried = [*((p.poses, p.rmse) for p in self.points), (self.poses, self.reached)]
         if len(tried) < 2 or tried[-2][1] > ENOUGH * tried[-1][1]:
             return None
         return next(count for count, rmse in tried if rmse <= ENOUGH * self.reached)
 
     def as_json(self) -> dict[str, Any]:
-        """For ``--json``."""
+        """Return the curve as ``--json`` prints it."""
         return {**asdict(self), "enough": self.enough}
 
     def in_words(self) -> str:
-        """Advice for the person who collects."""
+        """Advice on the number of poses."""
         floor = min(self.floor, self.reached)
         error = f"{self.reached:.2f} Nm on poses left out, of which {floor:.2f} Nm is the scatter of a pose"
         if self.enough is None:
@@ -66,7 +66,7 @@ class Curve:
 
 
 def learning_curve(poses: Poses, basis: Basis, effects: Effects, floor: float, reached: float, seed: int) -> Curve:
-    """Trains on part of the poses, ``REPEATS`` times each; physics alone."""
+    """Train on some of the poses, ``REPEATS`` times for each number; physics alone."""
     sizes = [size for size in SIZES if size <= _LARGEST * len(poses)]
     draws = [(seed, size, repeat) for size in sizes for repeat in range(REPEATS)]
     errors = spread(_error, draws, "models of fewer poses", shared=(poses, basis, effects))
@@ -79,7 +79,7 @@ def learning_curve(poses: Poses, basis: Basis, effects: Effects, floor: float, r
 
 
 def _error(draw: tuple[int, int, int], known: tuple[Poses, Basis, Effects]) -> float:
-    """Root mean square error in Nm of a model of some poses, drawn by seed, size and repeat, on the others."""
+    """Root mean square error in Nm, on the other poses, of a model of poses drawn by seed, size and repeat."""
     poses, basis, effects = known
     rows = np.random.default_rng(draw).permutation(len(poses))
     size = draw[1]

@@ -1,9 +1,9 @@
 """Residual of the physics, learned from neighbouring poses: a Gaussian process for each joint's torque.
 
-Squared-exponential kernel over the joint angles; its length and each joint's size and noise are those that make the
-data most probable (Rasmussen, Williams, Gaussian Processes for Machine Learning, 2006, ch. 5). One eigendecomposition
-serves all joints, sizes and noises; scikit-learn's process factors the kernel anew for each: twenty times the time for
-the same error.
+Squared-exponential kernel over the joint angles; its length and each joint's size and noise are the most probable ones
+(Rasmussen, Williams, Gaussian Processes for Machine Learning, 2006, ch. 5). One eigendecomposition serves all joints,
+sizes and noises; scikit-learn's process factorises the kernel for each of them, and takes twenty times as long for the
+same error.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _RATIOS: Final = np.geomspace(1e-3, 1e2, 41)  # size² / noise²
 
 @dataclass(frozen=True)
 class Leftover:
-    """A sum of bells around the poses of the training."""
+    """A sum of Gaussians centred at the poses of the training."""
 
     centres: Float
     """(M, n): joint angles, −1 … 1 within the limits."""
@@ -36,7 +36,8 @@ class Leftover:
 
 
 def learned(share: Float, rest: Float, used: NDArray[np.bool_]) -> Leftover:
-    """From what is left ``rest`` (N, n) Nm at joint angles ``share`` (N, n), in poses ``used`` (N, n) at all joints."""
+    """Learn the residuals ``rest`` (N, n) Nm at joint angles ``share`` (N, n), in poses ``used`` (N, n) at all
+    joints."""
     rows = used.all(axis=1)
     share, rest = share[rows], rest[rows]
     candidates = [_of_length(share, rest, length) for length in _LENGTHS]

@@ -1,4 +1,4 @@
-"""The three methods of the paper: gravity of the CAD model, a plain network, and a network on what gravity leaves."""
+"""The three methods of the paper: gravity of the CAD model, a plain network, and a network of gravity's residual."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from cellwatt.scheduler import spread
 NEURONS: Final = (8, 1000)
 """The paper's range of hidden neurons."""
 TRIALS: Final = 20
-"""Networks that the search trains for each method …"""
+"""Number of networks that the search trains for each method …"""
 DRAWN: Final = 10
-"""… of which the sizes of the first are drawn at random."""
+"""… the first of which have random sizes."""
 TEST: Final = 0.2
-"""Share of the poses that is kept for testing."""
-_VALIDATION: Final = 0.2  # of the rest, for the search: the test is never looked at
+"""Share of the poses that is held out for testing."""
+_VALIDATION: Final = 0.2  # of the rest, for the search: it does not use the test
 EPOCHS: Final = 100
-"""Neither these nor the batch are in the paper."""
+"""Neither the number of epochs nor the batch size is in the paper."""
 _BATCH: Final = 32
 
 
@@ -57,9 +57,9 @@ class Sigmoids:
 
 
 def split(count: int, seed: int, share: float = TEST) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows for training and for testing; ``share`` is that of the test.
+    """Rows for training and for testing; ``share`` of the rows are for testing.
 
-    The paper has 80/20 and n = 132 of 532 in the test, which are 24.8 %: a fifth is 106.
+    The paper states 80/20 but n = 132 of 532 in the test, which is 24.8 %: a fifth is 106.
     """
     rows = np.random.default_rng(seed).permutation(count)
     test = max(1, round(share * count))
@@ -71,8 +71,8 @@ Pair = tuple[Float, Float]
 
 
 def searched(pairs: Sequence[Pair], seed: int) -> list[Sigmoids]:
-    """For each of some ``pairs`` the network with the number of neurons that tree-structured Parzen estimators find
-    best, trained on all rows."""
+    """For each of some ``pairs`` the network with the best number of neurons according to tree-structured Parzen
+    estimators, trained on all rows."""
     return spread(_best, pairs, "networks of the best size", shared=seed)
 
 
@@ -88,7 +88,7 @@ def _best(pair: Pair, seed: int) -> Sigmoids:
 
 
 def _error(inputs: Float, target: Float, neurons: int, seed: int) -> float:
-    """Mean square error of a network of so many neurons on rows that are held out."""
+    """Mean square error on held-out rows of a network with this number of neurons."""
     rows = np.random.default_rng(seed).permutation(len(inputs))
     held, rows = np.split(rows, [max(1, round(_VALIDATION * len(rows)))])
     learnt = trained(inputs[rows], target[rows], neurons, seed)
@@ -96,7 +96,7 @@ def _error(inputs: Float, target: Float, neurons: int, seed: int) -> float:
 
 
 def trained(inputs: Float, target: Float, neurons: int, seed: int, epochs: int = EPOCHS) -> Sigmoids:
-    """One network, trained with Adam: the same as with fewer ``epochs`` up to there."""
+    """One network, trained with Adam; more ``epochs`` continue the same training."""
     from sklearn.exceptions import ConvergenceWarning  # type: ignore[import-untyped]
     from sklearn.neural_network import MLPRegressor  # type: ignore[import-untyped]
 

@@ -1,4 +1,4 @@
-"""Plan of the poses to hold: spread evenly over the joints' ranges, safe, short ways between them."""
+"""Plan of the poses to hold: spread evenly over the joints' ranges, free of collisions, with short moves between."""
 
 from __future__ import annotations
 
@@ -15,33 +15,33 @@ from cellwatt.progress import stage, steps
 from cellwatt_plugins.robot.collision import Checker
 
 STAGE: Final = 40
-"""So many poses may be enough for a model."""
-_TRIED: Final = 20  # times as many places of the sequence as poses are wanted
+"""Number of poses that may be enough for a model."""
+_TRIED: Final = 20  # positions of the sequence per wanted pose
 _PASSES: Final = 60
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Poses in the order in which they are to be held."""
+    """Poses in the order in which they are held."""
 
     q: Float
     """(N, n) rad."""
     unsafe: int
-    """Places of the sequence that were left out: the arm would touch itself or the floor there."""
+    """Number of positions of the sequence left out because the arm would touch itself or the floor."""
     unreachable: int
-    """Poses left out as the straight way to them is not safe."""
+    """Number of poses left out because the straight path to them is not safe."""
     travel: float
-    """s of all moves, at full speed."""
+    """Total time of all moves at full speed, s."""
     unordered: float
-    """s, in the order of the sequence."""
+    """The same in the order of the sequence, s."""
     rising: Float
-    """(n,): share of the moves in which each joint comes from below."""
+    """(n,): share of the moves in which each joint moves upwards."""
 
 
 def plan_poses(count: int, limits: Float, speed: Float, checker: Checker) -> Plan:
     """``count`` poses within ``limits`` (n, 2) rad, for joints of ``speed`` (n,) rad/s.
 
-    Raises ``ConfigError`` where too few places within the limits are safe.
+    Raises ``ConfigError`` if too few positions within the limits are safe.
     """
     with stage("choosing poses"):
         q, unsafe = safe_places(count, limits, checker)
@@ -58,7 +58,8 @@ def plan_poses(count: int, limits: Float, speed: Float, checker: Checker) -> Pla
 
 
 def safe_places(count: int, limits: Float, checker: Checker) -> tuple[Float, int]:
-    """The first ``count`` safe places (count, n) rad of the Halton sequence, and how many before them were not."""
+    """The first ``count`` safe positions (count, n) rad of the Halton sequence, and the number of unsafe ones
+    skipped."""
     tried = within(limits, halton(_TRIED * count, len(limits)))
     kept: list[Float] = []
     seen = have = 0
@@ -76,8 +77,8 @@ def safe_places(count: int, limits: Float, checker: Checker) -> tuple[Float, int
 
 
 def halton(count: int, dimensions: int) -> Float:
-    """Places 1 to ``count`` of the Halton sequence, (count, dimensions) in 0 … 1; Numerische Mathematik 2, 1960."""
-    from scipy.stats import qmc  # a second to load, for plans alone
+    """Positions 1 to ``count`` of the Halton sequence, (count, dimensions) in 0 … 1; Numerische Mathematik 2, 1960."""
+    from scipy.stats import qmc  # takes a second to load, and only plans need it
 
     return np.asarray(qmc.Halton(dimensions, scramble=False).random(count + 1)[1:])
 
@@ -88,14 +89,14 @@ def within(limits: Float, share: Float) -> Float:
 
 
 def travel(q: Float, speed: Float) -> float:
-    """Time s through poses in their order, all joints at once, the slowest says how long."""
+    """Time in s through poses in their order; all joints move at once, the slowest determines the time of a move."""
     return float(np.sum(np.max(np.abs(np.diff(q, axis=0)) / speed, axis=1)))
 
 
 def staged_order(q: Float, speed: Float) -> NDArray[np.intp]:
-    """Short ways within the first ``STAGE`` poses, the next as many, then twice as many, and so on.
+    """Short paths within the first ``STAGE`` poses, then within the next as many, then twice as many, and so on.
 
-    A collection that is stopped early then has poses from everywhere.
+    A collection that is stopped early then has poses from the whole range.
     """
     edges = [0, STAGE]
     while edges[-1] < len(q):
@@ -103,7 +104,7 @@ def staged_order(q: Float, speed: Float) -> NDArray[np.intp]:
     order = np.zeros(0, dtype=np.intp)
     for first, last in pairwise(edges):
         stage = np.arange(first, min(last, len(q)))
-        if len(order):  # begin with what is nearest to where the last stage ended
+        if len(order):  # begin with the pose nearest to the end of the last stage
             away = np.max(np.abs(q[stage] - q[order[-1]]) / speed, axis=1)
             stage = stage[np.argsort(away, kind="stable")]
         order = np.concatenate([order, stage[short_order(q[stage], speed)]])
@@ -111,7 +112,7 @@ def staged_order(q: Float, speed: Float) -> NDArray[np.intp]:
 
 
 def short_order(q: Float, speed: Float) -> NDArray[np.intp]:
-    """From the first pose, an order in which the ways are short: to the nearest next, then 2-opt (Croes, 1958)."""
+    """An order with short moves from the first pose: to the nearest next one, then 2-opt (Croes, 1958)."""
     scaled = q / speed
     apart = np.max(np.abs(scaled[:, None] - scaled), axis=2)
     order = _nearest(apart)
@@ -132,7 +133,7 @@ def _nearest(apart: Float) -> NDArray[np.intp]:
 
 
 def _untangled(order: NDArray[np.intp], apart: Float) -> bool:
-    """Turns stretches round, in place, wherever the way becomes shorter; whether any was."""
+    """Reverse sections of the ``order`` in place where that shortens the path; return whether any was reversed."""
     better = False
     for i in range(len(order) - 2):
         a, b = order[i], order[i + 1]

@@ -19,14 +19,14 @@ from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.collision import Checker
 
 LONGEST: Final = 900
-"""Poses in one job: controllers take 999 steps."""
+"""Largest number of poses in one job: controllers accept 999 steps."""
 _LARGEST: Final = 2**31 - 1
 
 
 def pulses_of(q: Float, encoders: Any) -> NDArray[np.int64]:
     """Pulses of joint angles ``q`` (N, n) rad, by ``encoders``, the settings of a yaskawa source.
 
-    Joint angles are coupling · motor angles + zero. Raises ``ConfigError`` where the settings are of another number of
+    Joint angles are coupling · motor angles + zero. Raises ``ConfigError`` if the settings have another number of
     joints.
     """
     n, per_degree = q.shape[1], np.array(encoders.pulses_per_degree, np.float64)
@@ -45,7 +45,7 @@ def pulses_of(q: Float, encoders: Any) -> NDArray[np.int64]:
 def jobs(name: str, q: Float, encoders: Any, speed: float, hold: float, when: datetime) -> dict[str, str]:
     """File name → text of the jobs that visit ``q`` (N, n) rad and wait ``hold`` s in each.
 
-    ``speed`` is the per cent of the joints' full speed.
+    ``speed`` is a percentage of the joints' full speed.
     """
     pulses = pulses_of(q, encoders)
     parts = np.array_split(pulses, -(-len(pulses) // LONGEST))
@@ -72,22 +72,22 @@ def _job(name: str, pulses: NDArray[np.int64], speed: float, hold: float, when: 
 PAPERS: Final = "mh12"
 """The robot of the paper, packaged with the limits of its Table II."""
 UNSTATED: Final = 1.0
-"""rad/s of a joint without a velocity limit."""
-_RAMP: Final = 0.4  # s a move takes longer than at full speed throughout: speeding up and slowing down
+"""Assumed velocity in rad/s of a joint without a velocity limit."""
+_RAMP: Final = 0.4  # s that acceleration and deceleration add to a move at full speed
 
 
 @dataclass(frozen=True)
 class PlanReport:
-    """Plan and the file that it was written to."""
+    """Plan and the files that it was written to."""
 
     robot: str
     plan: Plan
     duration: float
-    """s, with the pauses."""
+    """Duration in s, with the pauses."""
     files: tuple[str, ...]
 
     def as_json(self) -> dict[str, Any]:
-        """For ``--json``."""
+        """Return the report as ``--json`` prints it."""
         plan = self.plan
         return {
             "robot": self.robot,
@@ -102,7 +102,7 @@ class PlanReport:
         }
 
     def in_words(self) -> str:
-        """For a person."""
+        """Return the report as text."""
         plan = self.plan
         even = ", ".join(f"{100 * share:.0f} %" for share in plan.rising)
         lines = [

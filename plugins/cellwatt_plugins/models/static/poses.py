@@ -1,4 +1,4 @@
-"""Held poses, one row each, from the tables and recordings that a person has."""
+"""Held poses, one row each, from tables and recordings."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.samples import torque_in
 
 FEWEST: Final = 12
-"""Poses that a training needs."""
-_LIGHT: Final = 0.05  # kg: payloads that differ by less teach nothing
+"""Fewest poses for a training."""
+_LIGHT: Final = 0.05  # kg: payloads that differ by less do not show a payload's effect
 COLUMNS: Final = ("q", "torque", "approach", "payload")
-"""Fields of ``Poses`` with a row a pose."""
+"""Fields of ``Poses`` with one row per pose."""
 _ALIKE: Final = 1e-3  # rad: poses in which no joint differs by more are one
 _SHORT: Final = 0.25
 """Poses with less than this share of the usual number of samples are left out."""
@@ -37,9 +37,9 @@ class Poses:
     torque: Float
     """(N, n) Nm at the joint, mean over the pose."""
     approach: Float
-    """(N, n) rad, the way each joint came to the pose; NaN where that is not known."""
+    """(N, n) rad, the last movement of each joint towards the pose; NaN if unknown."""
     payload: Float
-    """(N,) kg at the tool beside what the arm always carries; NaN where not known."""
+    """(N,) kg at the tool beside the arm's permanent load; NaN if unknown."""
     notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
@@ -47,18 +47,18 @@ class Poses:
 
     @property
     def payload_known(self) -> bool:
-        """True if poses with different payloads say what a payload does."""
+        """True if poses with different payloads show a payload's effect."""
         known = self.payload[np.isfinite(self.payload)]
         return bool(len(known) and np.ptp(known) > _LIGHT)
 
     @property
     def total(self) -> Float:
-        """Absolute sum of the torques (N,) Nm; eq. 5 of the paper."""
+        """Sum of absolute torques (N,) Nm; eq. 5 of the paper."""
         return np.asarray(np.sum(np.abs(self.torque), axis=1))
 
     @property
     def digest(self) -> str:
-        """SHA-256 of what a model may learn from."""
+        """SHA-256 of the data that a model may be trained on."""
         parts = (self.q, self.torque, self.approach, self.payload[:, None])
         return hashlib.sha256(np.hstack(parts).astype("<f8").tobytes()).hexdigest()
 
@@ -66,9 +66,9 @@ class Poses:
 def read_poses(paths: Sequence[Path], robot: RobotDescription) -> Poses:
     """The poses of all files in the order given.
 
-    A table has a column ``pose`` and as many rows of each as were sampled, in the order in which they were visited; or
-    one row a pose with a column ``count``; or plain rows ``t``, ``q_i`` and torques in which the poses are recognised.
-    Recordings of cellwatt are read like the last. Raises ``RecordingError``.
+    A table has a column ``pose`` with one row per sample, in the order in which the poses were visited; or one row per
+    pose with a column ``count``; or plain rows ``t``, ``q_i`` and torques, in which poses are recognised, as in
+    recordings of cellwatt. Raises ``RecordingError``.
     """
     return _joined(spread(_read, paths, "reading recordings", shared=robot), paths)
 
@@ -107,7 +107,7 @@ def _unknown(count: int) -> Float:
 
 
 def _grouped(pose: Float, q: Float, torque: Float, known: Float, payload: Float) -> Poses:
-    """Means of neighbouring rows of one pose; each is come to from the one before it unless its approach is known."""
+    """Means of neighbouring rows of one pose; the approach is from the pose before, unless it is known."""
     starts = np.flatnonzero(np.concatenate([[True], np.diff(pose) != 0]))
     count = np.diff(np.append(starts, len(q)))
     means, angles = (np.add.reduceat(each, starts) / count[:, None] for each in (torque, q))

@@ -1,4 +1,4 @@
-"""The page of ``train static``: predictions beside measurements, the learning curve, rivals, and the arm's figures."""
+"""The page of ``train static``: predictions and measurements, the learning curve, compared methods, the figures."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def report(trained: Trained, robot: str, provenance: Provenance) -> Report:
 
 
 def _predicted(trained: Trained) -> Figure:
-    """Predicted over measured sums, and what is left over them."""
+    """Predicted over measured sums, and their difference."""
     total, predicted = trained.poses.total, trained.checked.predicted
     ends = np.array([total.min(), total.max()])
     x = Axis("measured, Nm")
@@ -71,7 +71,7 @@ def _predicted(trained: Trained) -> Figure:
 
 
 def _residuals(trained: Trained) -> Figure:
-    """Measured less modelled torque of each joint over its position."""
+    """Measured minus modelled torque of each joint over its position."""
     bands = [band(-2 * noise, 2 * noise, NOISE) for noise in trained.checked.model.posterior.noise]
     label = "Residual of each joint over its position"
     return left_by_joint(label, "pose", trained.poses.q, trained.residual, ("rad", "Nm"), bands)

@@ -1,4 +1,4 @@
-"""``cellwatt train static``: all methods on one collection, the best model's file, and what was learned on the way."""
+"""``cellwatt train static``: all methods on one set of poses, the best model's file, and findings about the arm."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from cellwatt_plugins.models.static.poses import Poses
 
 @dataclass(frozen=True)
 class Scores:
-    """One method on poses that it has not seen."""
+    """Errors of one method on held-out poses."""
 
     rmse: float
     """Nm (eq. 4)."""
@@ -39,7 +39,7 @@ class Scores:
     mape: float
     """Mean absolute error as a share of the measured value, per cent. Eq. 6 as printed lacks the division."""
     mean_absolute: float
-    """Nm; a hundred times this is what eq. 6 says as printed."""
+    """Nm; eq. 6 as printed gives a hundred times this."""
 
     @property
     def accuracy(self) -> float:
@@ -48,7 +48,7 @@ class Scores:
 
     @classmethod
     def of(cls, measured: Float, predicted: Float) -> Scores:
-        """For values (N,) each, Nm."""
+        """Scores of values (N,) each, Nm."""
         error = predicted - measured
         return cls(
             rmse=float(np.sqrt(np.mean(error**2))),
@@ -58,13 +58,13 @@ class Scores:
         )
 
     def as_json(self) -> dict[str, Any]:
-        """For ``--json``."""
+        """Return the scores as ``--json`` prints them."""
         return {**asdict(self), "accuracy": self.accuracy}
 
 
 SEED: Final = 0
 SHARES: Final = (0.7, 0.15, 0.15)
-"""Of the time of a training: networks as published, the best model on poses left out, and the learning curve, about."""
+"""Approximate shares of a training's time: published networks, the best model on held-out poses, learning curve."""
 PUBLISHED: Final = {
     "gravity": (29.31, 0.687, 15.783),
     "network": (30.19, 0.663, 16.671),
@@ -72,7 +72,7 @@ PUBLISHED: Final = {
 }
 """Table III of the paper: RMSE Nm, R², MAPE %."""
 COVERAGE: Final = 0.9
-"""Share of new poses that lie in the interval around the prediction."""
+"""Share of new poses within the interval around the prediction."""
 
 
 @dataclass(frozen=True)
@@ -89,27 +89,27 @@ class Trained:
     """Result of a training."""
 
     methods: tuple[Method, ...]
-    """On the fifth of the poses that none of them had seen."""
+    """Scores on the fifth of the poses that was held out of all methods."""
     checked: Checked
     scores: Scores
-    """Of the best model on all poses, each left out in turn."""
+    """Scores of the best model on all poses, each held out in turn."""
     widths: Widths
     curve: Curve
     findings: tuple[Finding, ...]
     poses: Poses
     residual: Float
-    """(N, n) Nm: measured less modelled torque, of all poses."""
+    """(N, n) Nm: measured minus modelled torque of all poses."""
     networks: tuple[Sigmoids, Sigmoids]
-    """The paper's plain network, and that of its hybrid."""
+    """The paper's plain network, and its hybrid's network."""
 
     @property
     def left_out(self) -> list[str]:
-        """A sentence on the poses with torques that were not used, where there are any."""
+        """A sentence on the poses with outliers, whose torques were not used; empty if there are none."""
         odd = np.unique(np.argwhere(self.checked.model.odd)[:, 0]) + 1
         return [f"Not used, as they fit nothing else: torques in pose {', '.join(map(str, odd))}."] if odd.size else []
 
     def as_json(self) -> dict[str, Any]:
-        """For ``--json``."""
+        """Return the result as ``--json`` prints it."""
         return {
             "poses": len(self.poses),
             "methods": [
@@ -138,7 +138,7 @@ class Trained:
 
 @stage("", sum(SHARES))
 def train(poses: Poses, arm: HeldArm) -> Trained:
-    """Trains all methods."""
+    """Train all methods."""
     basis, effects = arm.basis(poses), arm.effects(poses)
     with stage("networks as published", 1, share=SHARES[0]):
         methods, networks = _published(poses, basis, effects)
@@ -157,10 +157,10 @@ def train(poses: Poses, arm: HeldArm) -> Trained:
 
 
 def half_width(errors: Float) -> float:
-    """Half width that holds at least ``COVERAGE`` of new errors like ``errors`` (N,), whatever their distribution.
+    """Half width that contains at least ``COVERAGE`` of new errors like ``errors`` (N,), whatever their distribution.
 
-    Split conformal prediction on the errors of models that had not seen the pose (Vovk, Gammerman, Shafer 2005; on
-    cross-validation Barber et al., Annals of Statistics 49, 2021).
+    Split conformal prediction on the errors of held-out poses (Vovk, Gammerman, Shafer 2005; on cross-validation
+    Barber et al., Annals of Statistics 49, 2021).
     """
     size = np.sort(np.abs(errors))
     rank = int(np.ceil((len(size) + 1) * COVERAGE))
@@ -168,7 +168,7 @@ def half_width(errors: Float) -> float:
 
 
 def write(trained: Trained, arm: HeldArm, out: Path) -> list[Path]:
-    """The model files: the best, and the paper's three."""
+    """Write the model files: the best, and the paper's three."""
     plain, hybrid = trained.networks
     files = [out / "model.onnx", *(out / "paper" / f"{name}.onnx" for name in PUBLISHED)]
     exported.write_best(files[0], trained.checked.model, trained.widths, arm, trained.poses)
@@ -196,7 +196,7 @@ def _published(poses: Poses, basis: Basis, effects: Effects) -> tuple[list[Metho
 
 
 def _held_out(poses: Poses, basis: Basis, effects: Effects, checked: Checked) -> Scores:
-    """The best model on the same split."""
+    """Scores of the best model on the same split."""
     rows, test = paper.split(len(poses), SEED)
     model = identify(basis.rows(rows), poses.torque[rows], effects)
     if checked.model.leftover is not None:

@@ -1,4 +1,4 @@
-"""The table of the methods, and what else a training has to say, for a person at the terminal."""
+"""The table of the methods, and the other results of a training, for the terminal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The physics that an arm can have beyond its description, one module each, by kind.
+"""Effects: physics that an arm can have beyond its description; one module each, in a folder for each kind.
 
 To add an effect, write its module.
 """
@@ -13,7 +13,7 @@ from cellwatt_plugins.robot.effects.friction import Friction
 
 
 def _written_here() -> list[Effect]:
-    """One of each kind of effect that a module below this folder defines, by name."""
+    """One instance of each effect that a module below this folder defines, sorted by name."""
     modules = [importlib.import_module(found.name) for found in pkgutil.walk_packages(__path__, f"{__name__}.")]
     kinds = {
         kind

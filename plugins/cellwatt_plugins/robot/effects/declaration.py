@@ -12,9 +12,9 @@ ActsOn = Literal["joint", "friction", "links", "drive", "reading", "supply"]
 """Signal that an effect changes:
 
 - ``joint``: the torque of a joint, Nm;
-- ``friction``: the same, but as a change of Coulomb friction, which must be there;
-- ``links``: the load that the links are, Nm at all joints;
-- ``drive``: the torque that a servo gives for its command, where no torque was measured;
+- ``friction``: the torque of a joint as a change of its Coulomb friction, which it must have;
+- ``links``: the load by the links, Nm at all joints;
+- ``drive``: the torque of a servo for its command, where no torque was measured;
 - ``reading``: the torque as measured, after all mechanics (gain, delay, clipping, offset);
 - ``supply``: the power of the supply, W.
 """
@@ -22,9 +22,9 @@ DependsOn = Literal["motion", "load", "fitted torque", "residual"]
 """States that the columns or the shapes to try are computed from, besides the motion:
 
 - ``motion``: nothing; columns are computed once;
-- ``load``: the torque that the links need, by the model of the moment;
-- ``fitted torque``: the torque of the fit;
-- ``residual``: what is unexplained yet.
+- ``load``: the torque that the links need, in the current model;
+- ``fitted torque``: the torque of the current fit;
+- ``residual``: the current residual.
 """
 
 
@@ -35,13 +35,13 @@ class Form:
     to_scale: bool = False
     """Simulated to scale: the coefficient is 1 within a few per cent."""
     reverses: bool = False
-    """The first coefficient (Nm) changes sign with the velocity, whose sign is not known well near stops."""
+    """The first coefficient (Nm) changes sign with the velocity, whose sign is uncertain near stops."""
     intermittent: bool = False
-    """There at some times only: no data can be left out."""
+    """Active at some times only: data left out cannot test it."""
     sample_by_sample: bool = False
-    """Simulated sample by sample, which is slow and sensitive: tried only where fast residuals are left."""
+    """Simulated sample by sample, which is slow and sensitive: tried only where fast residuals remain."""
     error: float = 0.0
-    """Share of what it adds by which its form may be wrong: what adds less beside it is not accepted."""
+    """Relative error of its form: an effect that adds a smaller share of it is not accepted beside it."""
 
 
 @dataclass(frozen=True)
@@ -51,21 +51,22 @@ class Acceptance:
     above: float | None = None
     """Value that the first coefficient must exceed; None: it has either sign."""
     inside_bounds: bool = False
-    """Its shape may not run to one of its bounds."""
+    """Its shape may not end at one of its bounds."""
     several_channels: bool = False
-    """A fact of the whole recording or arm: more than one channel must ask for it."""
+    """A property of the whole recording or arm: more than one channel must show it."""
     prior_deviations: float = float("inf")
-    """Standard deviations of its prior that a coefficient may be off: beyond, it stands for something else."""
+    """Largest deviation of a coefficient from its prior, in standard deviations: beyond, it stands for another
+    effect."""
     longest_run: float = 0.0
-    """s that the longest run must last to show it."""
+    """Duration in s that the longest run must have to show it."""
     least_rate: float = 0.0
-    """Samples a second that it takes to show it."""
+    """Sampling rate in Hz that recordings must have to show it."""
     usual: bool = False
-    """Most arms have it: data left out alone may confirm it, where much else is unexplained."""
+    """Most arms have it: data left out are enough to confirm it, where much else is unexplained."""
     by_evidence: float = float("inf")
-    """nats from which evidence alone confirms it, whatever data left out say."""
+    """Evidence in nats that confirms it alone, whatever data left out show."""
     common: bool = False
-    """No rare thing: half as much evidence is asked."""
+    """Not rare: half as much evidence is required."""
 
 
 @dataclass(frozen=True)
@@ -73,27 +74,27 @@ class Relations:
     """Relations to other effects."""
 
     contains: tuple[str, ...] = ()
-    """Effects that it contains as a special case: it always fits as well, and is no rival of theirs."""
+    """Effects that are special cases of it: it always fits as well as they do, and is not their rival."""
     family: str = ""
-    """Effects of one family stand for one another: one of them at a joint."""
+    """Effects of one family are alternatives: at most one of them at a joint."""
     plainer: float = 0.0
-    """nats by which it goes before a name that fits as well: the plainer fact of an installation."""
+    """Advantage in nats over another effect that fits as well: the plainer property of an installation."""
     along: Literal["", "position", "velocity"] = ""
-    """What its torque is a law of, where it is a law of one thing: a free curve of that must not fit much better."""
+    """The one state that its torque is a law of, if so: a free curve of that state must not fit much better."""
     upon: tuple[str, ...] = ()
-    """Effects that are there wherever it is: with evidence of their own, they stay though it can stand for them."""
+    """Effects that are present wherever it is: with evidence of their own, they remain although it can replace them."""
     beats: tuple[str, ...] = ()
-    """Plainer effects in whose place it must lower the error on data left out."""
+    """Plainer effects: compared with each of them, it must lower the error on data left out."""
 
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Uncertainty of its parameters that no data remove."""
+    """Uncertainty of its parameters that no data reduce."""
 
     inherited: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
-    """Share of a parameter that is uncertain with the description it is computed with; ``INHERITED`` if left out."""
+    """Relative uncertainty of a parameter from the description that it is computed with; ``INHERITED`` if left out."""
     torque_gain: tuple[str, ...] = ()
-    """Parameters that are off by the factor by which all measured torques are off: nothing in the data shows it."""
+    """Parameters that are wrong by the common factor of all measured torques, which no data show."""
 
 
 @dataclass(frozen=True)

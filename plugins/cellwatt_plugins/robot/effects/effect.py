@@ -1,4 +1,4 @@
-"""Effect: a physical kind with its columns, parameters, confusions and the experiment that separates."""
+"""Effect: one kind of physics with its columns, parameters and confusions, and the experiments that separate these."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.regression import Prior
 
 Shape = tuple[float, ...]
-"""Parameters of an effect that are not linear, e.g. a velocity or a time constant."""
+"""Nonlinear parameters of an effect, e.g. a velocity or a time constant."""
 Names = tuple[tuple[str, str], ...]
 """Names of parameters, with their units."""
 Plausible = tuple[Callable[[Float], float], float, float]
-"""A number of the coefficients (m,), and the least and the greatest that it can physically be."""
+"""A number computed from the coefficients (m,), and its physically possible minimum and maximum."""
 UNIT_SPREAD = 0.05
-"""Standard deviation from 1 of the coefficient of an effect that is simulated to scale."""
+"""Prior standard deviation of the coefficient of an effect that is simulated to scale; its mean is 1."""
 WIDE = 10.0
-"""Times the size that counts as considerable, of what arms have: in some joints friction is most of the torque."""
+"""Factor on the prior of effects that descriptions have a number for: friction is most of some joints' torque."""
 INHERITED = 0.01
-"""Share of a parameter that no data make certain: links, friction and sampling are known to a few per cent each."""
+"""Relative uncertainty of a parameter that no data reduce: links, friction, sampling are known to a few per cent."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Parameter:
     unit: str
 
     def __format__(self, spec: str) -> str:
-        """The value as ``spec`` says, else with its uncertainty as people write it, e.g. ``4.1 ± 0.2 Nm``."""
+        """The value in the format ``spec``, or, without one, with its uncertainty, e.g. ``4.1 ± 0.2 Nm``."""
         unit = self.unit.replace("N*m", "Nm").replace("*", "·")
         if spec or not np.isfinite(self.std) or self.std <= 0:
             return format(self.value, spec) if spec else f"{self.value:.3g} {unit}".rstrip()
@@ -90,69 +90,69 @@ class Effect(ABC):
     """One term for all joints, not one for each."""
     depends_on: ClassVar[DependsOn] = "motion"
     nominal: ClassVar[str] = ""
-    """The parameter of the description that it stands for: where that is not 0, it is mistuned rather than missing."""
+    """The parameter of the description that it corrects: if that is not 0, it is mistuned rather than missing."""
     form: ClassVar[Form] = Form()
     acceptance: ClassVar[Acceptance] = Acceptance()
     relations: ClassVar[Relations] = Relations()
     uncertainty: ClassVar[Uncertainty] = Uncertainty()
     confusions: ClassVar[tuple[Confusion, ...]] = ()
     tried: ClassVar[Sequence[Shape]] = ((),)
-    """Shapes to try, where recordings have no say in them."""
+    """Shapes to try, if they do not depend on the recordings."""
     coefficients_are: ClassVar[Names] = ()
     shape_is: ClassVar[Names] = ()
-    """Its first coefficients, and its shape, as parameters; a number without a name is not told."""
+    """Names of its first coefficients, and of its shape, as parameters; a number without a name is not reported."""
     plausible: ClassVar[Plausible | None] = None
-    """Where it could otherwise stand for anything."""
+    """Limits for an effect that could otherwise stand for anything."""
     sentence: ClassVar[str] = ""
     """One plain sentence with ``{who}`` (``{joint}`` inside it) and parameters, as ``{force}`` or ``{speed:.2g}``."""
 
     @property
     def place(self) -> Place:
-        """Place: a joint, the whole robot, or the supply."""
+        """Where it acts: a joint, the whole robot, or the supply."""
         if self.acts_on == "supply":
             return "supply"
         return "robot" if self.whole_arm else "joint"
 
     @property
     def by_motion_alone(self) -> bool:
-        """True if its columns and shapes stay as they are whatever is fitted."""
+        """True if its columns and shapes do not depend on the fit."""
         return self.depends_on == "motion"
 
     @property
     def mechanical(self) -> bool:
-        """True if it is part of the torque that moves the arm, not of how that is told."""
+        """True if it is part of the torque that moves the arm, not of its measurement or of a servo's law."""
         return self.acts_on not in ("reading", "drive")
 
     @property
     def usual(self) -> bool:
-        """True for what most arms have: friction of any law, and what descriptions have a number for."""
+        """True for effects of most arms: friction of any law, and effects that descriptions have a number for."""
         return self.acceptance.usual or self.acts_on == "friction" or bool(self.nominal)
 
     def described(self, robot: RobotDescription, joint: int | None) -> float:
-        """The value that the description has for it, 0 where it has none (0-based joint)."""
+        """Its value in the description, 0 if that has none (0-based joint)."""
         if not self.nominal:
             return 0.0
         return float(getattr(robot if joint is None else robot.joints[joint], self.nominal))
 
     def sensible(self, coefficients: Float, shape: Shape, robot: RobotDescription, joint: int | None) -> bool:
-        """True if coefficients (m,) are this effect, not a plainer fact that looks the same (0-based joint)."""
+        """True if coefficients (m,) are this effect, not a plainer one that looks the same (0-based joint)."""
         if self.plausible is None:
             return True
         number, low, high = self.plausible
         return low <= number(coefficients) <= high
 
     def possible(self, robot: RobotDescription, joint: int | None) -> bool:
-        """True if the simulation lacks it at all (0-based joint)."""
+        """True if the simulation can lack it (0-based joint)."""
         return True
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
-        """Shapes to try, given each run's states and what is left unexplained there, (N, C) each."""
+        """Shapes to try, given each run's states and residual, (N, C) each."""
         return self.tried
 
     def reshaped(self, runs: Sequence[States], joint: int | None, course: Sequence[Float], own: Float) -> Shape | None:
-        """The shape anew, now that coefficients ``own`` (m,) are known; ``course`` (N, C): what is left without it.
+        """The shape for known coefficients ``own`` (m,); ``course`` (N, C): each run's residual with this term removed.
 
-        None where an effect's shape does not depend on them.
+        None if the effect's shape does not depend on its coefficients.
         """
         return None
 
@@ -161,25 +161,25 @@ class Effect(ABC):
         """Contribution of one unit of each coefficient: (N, m) for a joint or the supply, (N, n, m) for the robot."""
 
     def resolved(self, runs: Sequence[States], joint: int | None, shape: Shape) -> bool:
-        """True if these recordings can show such a shape, not only what their sampling makes of motion."""
+        """True if these recordings resolve the shape, so that it is not an artefact of their sampling."""
         return True
 
     def fuller(self, runs: Sequence[States], joint: int | None, shape: Shape) -> Sequence[Shape]:
-        """Shapes that this one is a part of, tried once it is found."""
+        """Shapes that contain this one as a special case, tried once this one is found."""
         return []
 
     def unlike(self, runs: Sequence[States], joint: int | None, shape: Shape) -> Sequence[Shape]:
-        """Shapes so unlike this one that they must fit clearly worse, if it is this one."""
+        """Shapes so different from this one that they must fit clearly worse, if this one is right."""
         return []
 
     def grid(self, run: States, joint: int | None, shapes: Sequence[Shape]) -> Sequence[Float]:
-        """Columns of several shapes; effects that are simulated do all at once."""
+        """Columns of several shapes; simulated effects compute all shapes at once."""
         return [self.columns(run, joint, shape) for shape in shapes]
 
     def prior(self, runs: Sequence[States], joint: int | None, columns: Float, size: Float) -> Prior:
-        """Prior of the coefficients: each column may add about ``size`` (C,) of its channel's unit.
+        """Prior of the coefficients: each column may contribute about ``size`` (C,) in the unit of its channel.
 
-        What descriptions have a number for may be ``WIDE`` times as much.
+        Effects that descriptions have a number for may contribute ``WIDE`` times as much.
         """
         if self.form.to_scale:
             return Prior.spread(np.full(columns.shape[-1], UNIT_SPREAD), 1.0)
@@ -190,11 +190,12 @@ class Effect(ABC):
         return Prior.spread((WIDE if self.nominal else 1.0) / np.maximum(strength, 1e-9))
 
     def charge(self, runs: Sequence[States], shape: Shape) -> float:
-        """nats that the evidence is charged: logarithm of the places and times that this shape was picked from."""
+        """Penalty on the evidence in nats: logarithm of the number of places and times that this shape was chosen
+        from."""
         return 0.0
 
     def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
-        """Least and greatest value of each shape parameter, for its refinement; () where it is not refined."""
+        """Lowest and highest value of each shape parameter, for its refinement; () if it is not refined."""
         return ()
 
     def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:

@@ -1,4 +1,4 @@
-"""States of the arm along one run that an effect may depend on; measured values are left out."""
+"""States of the arm along one run that an effect may depend on; no measured torque or power."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
 
 REST = 0.3
-"""s for which a joint must not move to be at rest."""
+"""Time in s without motion from which a joint is at rest."""
 MOVING = 0.002
-"""rad/s from which a joint counts as moving."""
+"""Velocity in rad/s from which a joint counts as moving."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class States:
     name: str
     """The run's name."""
     index: int
-    """Its place among the runs explained; -1 for a motion that is only predicted."""
+    """Its index among the explained runs; -1 for a motion that is only predicted."""
     time: Float
     """(N,) s."""
     moved: Moved
@@ -41,15 +41,15 @@ class States:
     temperature: Float | None = None
     """(N, n) °C where recorded."""
     beyond: Float | None = None
-    """(N, n) Nm that the simulation has beyond the description's law."""
+    """Torque (N, n) Nm of the simulation beyond the description's law."""
     beyond_power: Float | None = None
-    """(N,) W, likewise."""
+    """Supply power (N,) W of the simulation beyond the description's law."""
     fitted: Float | None = None
-    """(N, n) Nm: motor torque as the model of the moment has it; the nominal law's before there is one."""
+    """Motor torque (N, n) Nm of the current model; None before the first fit."""
     carried: Float | None = None
-    """(N, n) Nm that the links need beyond the nominal, as the model of the moment has it."""
+    """Torque (N, n) Nm that the links need beyond the nominal, in the current model."""
     drive: Drive | None = None
-    """The servos, where their law stands for a measured torque."""
+    """The servos, if their law replaces a measured torque."""
 
     @property
     def servos(self) -> Drive:
@@ -84,7 +84,7 @@ class States:
 
     @cached_property
     def turning(self) -> Turning:
-        """How friction goes with the motion."""
+        """Sign of friction along the motion."""
         return self.moved.turning(self.robot.friction_lead)
 
     @property
@@ -104,12 +104,12 @@ class States:
 
     @property
     def unplanned(self) -> bool:
-        """True if the motion had to be differentiated from encoders."""
+        """True if the motion was differentiated from encoders alone."""
         return not self.moved.planned
 
     @property
     def load(self) -> Float:
-        """Torque (N, n) Nm that the links and what they carry need, as the model of the moment has it."""
+        """Torque (N, n) Nm that the links and their load need, in the current model."""
         return self.rigid if self.carried is None else self.rigid + self.carried
 
     @cached_property
@@ -125,24 +125,24 @@ class States:
 
     @cached_property
     def nominal(self) -> Float:
-        """Motor torque (N, n) Nm that the simulation says."""
+        """Motor torque (N, n) Nm of the simulation."""
         law = self.rigid + self.arm.column("rotor_inertia") * self.qdd + self.friction
         return law if self.beyond is None else law + self.beyond
 
     @property
     def nominal_power(self) -> Float:
-        """Supply power (N,) W that the simulation says, with the torque that the model of the moment has."""
+        """Supply power (N,) W of the simulation, at the motor torque of the current model."""
         law = nominal_power(self.arm.description, self.torque, self.qd)
         return law if self.beyond_power is None else law + self.beyond_power
 
     @property
     def torque(self) -> Float:
-        """Motor torque (N, n) Nm as the model of the moment has it."""
+        """Motor torque (N, n) Nm of the current model."""
         return self.nominal if self.fitted is None else self.fitted
 
     @cached_property
     def resting(self) -> NDArray[np.bool_]:
-        """(N, n) true within a rest of a joint."""
+        """(N, n) true where a joint is at rest."""
         still = np.abs(self.qd) < MOVING
         return np.asarray(minimum_filter1d(still, max(1, round(REST / self.step)), axis=0))
 
@@ -152,7 +152,7 @@ class States:
         return np.asarray(np.any(np.abs(self.qd) > MOVING, axis=1))
 
     def with_torque(self, torque: Float, carried: Float | None = None) -> States:
-        """The same run with another fitted torque (and load, where given); what is cached stays."""
+        """The same run with another fitted torque (and load, if given); cached values are shared."""
         new = replace(self, fitted=torque, carried=self.carried if carried is None else carried)
         for name in ("regressor", "rigid", "own_inertia", "friction", "nominal", "moving", "turning", "resting"):
             if name in self.__dict__:

@@ -1,4 +1,4 @@
-"""Power that a meter logged into a file of its own, on its own clock, beside a recording of the robot."""
+"""Power that a meter logged into a separate file, on its own clock, beside a recording of the robot."""
 
 from __future__ import annotations
 
@@ -18,17 +18,18 @@ from cellwatt_plugins.robot.meter.model import Readings
 from cellwatt_plugins.robot.samples import interpolated
 
 FURTHEST: Final = 5.0
-"""s: the two clocks are taken to differ by no more."""
+"""Largest difference in s between the two clocks."""
 USUAL: Final = 0.2
-"""s that a value is taken to come after what it stands for; how late it really is, is found with the torques."""
+"""Assumed delay in s of a value after its window; the actual delay is found with the torques."""
 ROWS: Final = 3
-"""Rows of the recording that a value stands for at least: a faster meter's are averaged."""
+"""Fewest rows of the recording per value: the values of a faster meter are averaged."""
 SHORTEST: Final = 4 * FURTHEST
-"""s of a recording in which the clocks can be found."""
+"""Shortest recording in s in which the difference between the clocks can be found."""
 
 
 def with_meters(recordings: Sequence[Path], meters: Sequence[Path]) -> list[tuple[Path, Path | None]]:
-    """Each recording with the file of its meter, where there are any. Raises ``RecordingError`` for another number."""
+    """Each recording with its meter's file, if there are any. Raises ``RecordingError`` if the numbers of files
+    differ."""
     if meters and len(meters) != len(recordings):
         raise RecordingError(
             f"{len(recordings)} recordings but {len(meters)} meters: give one for each, in their order"
@@ -37,10 +38,10 @@ def with_meters(recordings: Sequence[Path], meters: Sequence[Path]) -> list[tupl
 
 
 def power_beside(path: Path, time: Float, position: Float) -> Float:
-    """Power (N,) W in the rows of a recording, each value of the meter's file held from when it came to the next.
+    """Power (N,) W in the rows of a recording; each value of the meter's file is held until the next one.
 
-    ``path`` is a table with time and power; ``time`` (N,) s and ``position`` (N, n) rad, NaN where not known, are the
-    recording's. The clocks may differ by up to ``FURTHEST`` s: the motion tells by how much. Raises
+    ``path`` is a table with time and power; ``time`` (N,) s and ``position`` (N, n) rad, NaN where unknown, are the
+    recording's. The clocks may differ by up to ``FURTHEST`` s: the difference is found from the motion. Raises
     ``RecordingError``.
     """
     readings = _read(path, float(np.median(np.diff(time))))
@@ -65,7 +66,7 @@ def power_beside(path: Path, time: Float, position: Float) -> Float:
 
 
 def _read(path: Path, step: float) -> Readings:
-    """The values of a meter's file; where it is nearly as fast as ``step`` s, means over some rows."""
+    """The values of a meter's file, averaged over some rows if the meter is nearly as fast as ``step`` s."""
     table = read_table(path)
     time, power = table.rising_time(), table.whole("supply.power")
     if power is None:
@@ -84,7 +85,7 @@ def _read(path: Path, step: float) -> Readings:
 
 
 def _course(time: Float, known: Float, position: Float) -> Course:
-    """Kinds of power as far as positions alone tell, which are ``known`` at some of the times."""
+    """Kinds of power from positions alone, which are ``known`` at some of the times."""
     even = np.linspace(time[0], time[-1], len(time))
     path = interpolated(even, known, position)
     return Course(even, kinds_of_motion(path, float(even[1] - even[0])))

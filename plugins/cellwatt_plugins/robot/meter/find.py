@@ -1,4 +1,4 @@
-"""Finds a meter's window and delay: where motion and torques explain most of what it shows."""
+"""Finds a meter's window and delay: those with which motion and torques explain most of the meter's values."""
 
 from __future__ import annotations
 
@@ -15,44 +15,44 @@ from cellwatt_plugins.robot.meter.kinds import Course
 from cellwatt_plugins.robot.meter.model import Meter, Readings
 
 WINDOWS: Final = (0.05, 0.25, 0.5, 0.75, 1.0, 1.4, 2.0, 3.0)
-"""Windows that are tried, in intervals from one value to the next."""
+"""Windows that are tried, in intervals between values."""
 LONGEST: Final = 2.0
-"""s: no meter averages over more."""
+"""Longest window in s of a meter."""
 LATEST: Final = 1.0
-"""s: nor is one later, where its values are in the robot's own recording."""
+"""Largest delay in s of a meter whose values are in the robot's own recording."""
 FINEST: Final = 0.01
-"""s from one delay to the next, at least."""
+"""Smallest step in s between delays that are tried."""
 STEPS: Final = 12
 STILL: Final = 1e-5
-"""s by which the last steps change window and delay."""
+"""Change of window and delay in s below which the steps end."""
 RIDGE: Final = 1e-10
 SMOOTH: Final = 0.08
-"""s over which instruments are averaged."""
+"""Time in s over which instruments are averaged."""
 USUAL: Final = 0.05
-"""Share of the interval by which a usual window differs from it (one sigma) …"""
+"""Standard deviation of a window from the usual one, as a share of the interval …"""
 AGAINST: Final = 3.0
-"""… unless the data say so by this many."""
+"""… which is assumed unless the data differ from it by this many standard deviations."""
 LIKE: Final = 2.0
-"""s within which what is left may be alike: so much is one draw."""
+"""Time in s within which residuals may be correlated: they count as one draw."""
 MOST: Final = 1000
-"""Values that the grid is searched with."""
+"""Largest number of values in the search on the grid."""
 OWN: Final = 0.055
-"""s: window whose smoothing an arm's bus may have of its own (one sigma), or the kinds may lack."""
+"""Window in s that an arm's bus smooths the power with, or that the kinds lack (one standard deviation)."""
 ALIKE: Final = 0.25
-"""Share of the values' variance that the motion must explain."""
+"""Smallest share of the values' variance that the motion must explain."""
 LASTS: Final = 0.7
-"""s that an arm speeds up or slows down: what the kinds lack of the power may look like a window so long."""
+"""Time in s for which an arm accelerates: power that the kinds lack may look like a window of this length."""
 FEWEST: Final = 3.0
-"""Values for each unknown, at least."""
+"""Fewest values for each unknown."""
 
 
 @dataclass(frozen=True)
 class _Sums:
-    """Running sums of the kinds over all segments, one behind the other."""
+    """Running sums of the kinds over all segments, concatenated."""
 
     sums: Float
     first: NDArray[np.intp]
-    """Row at which each segment begins."""
+    """First row of each segment."""
     rows: NDArray[np.intp]
     start: Float
     """s, half a row before each segment's first row."""
@@ -69,7 +69,7 @@ class _Sums:
         return cls(sums, np.cumsum(rows) - rows, rows, start, step)
 
     def means(self, segment: NDArray[np.intp], start: Float, end: Float) -> Float:
-        """(M, k) over windows of segments (M,); beyond a segment its ends are held."""
+        """Means (M, k) over windows in segments (M,); beyond a segment its end values are held."""
         return (self._until(segment, end) - self._until(segment, start)) * (self.step / (end - start))[:, None]
 
     def inside(self, segment: NDArray[np.intp], start: Float, end: Float) -> NDArray[np.bool_]:
@@ -85,7 +85,7 @@ class _Sums:
 
 @dataclass(frozen=True)
 class _Shown:
-    """All values with the segment that each belongs to."""
+    """All values, with the segment of each."""
 
     segment: NDArray[np.intp]
     time: Float
@@ -106,15 +106,16 @@ def find(
     earliest: float = 0.0,
     usual: float | None = None,
 ) -> Meter | None:
-    """The meter of all segments; None where they are too few, all the same, or do not follow the motion.
+    """The meter of all segments; None if their values are too few, constant, or do not follow the motion.
 
-    Its values are taken as means of a sum of the kinds, each with a weight of its own, and a level: window and delay
-    are where least is left, first on a grid between ``earliest`` and ``latest``, then by Gauss-Newton. Their standard
-    deviations take what is left within ``LIKE`` s as one draw. ``usual`` s is the window that its maker tells; left
-    out: as long as from one value to the next.
+    Its values are modelled as means of a weighted sum of the kinds and a constant: window and delay minimise the
+    residual,
+    first on a grid between ``earliest`` and ``latest``, then by Gauss-Newton. Their standard deviations count the
+    residuals
+    within ``LIKE`` s as one draw. ``usual`` is the declared window in s; if left out, the interval between values.
     """
     shown, sums = _Shown.of(readings), _Sums.of(courses)
-    # Beyond a segment its ends are held: recordings begin and end at rest, and short ones would lose too much.
+    # Beyond a segment its end values are held: recordings begin and end at rest, and short ones would lose too much.
     kept = np.arange(len(shown.time)) % max(1, -(-len(shown.time) // MOST)) == 0
     value = shown.value[kept]
     if len(shown.time) < FEWEST * (sums.sums.shape[1] + 3) or not np.ptp(value):
@@ -127,16 +128,17 @@ def find(
     if not unexplained < 1 - ALIKE:
         return None
     usual = usual or shown.interval
-    # The wider a window, the less noise of torques and velocities is left in its mean: least squares would find windows
-    # too wide. So every other row is fitted with those between, smoothed, as its instruments: what is wrong with one
-    # half is not wrong with the other.
+    # The wider a window, the less noise of torques and velocities remains in its mean: least squares would find windows
+    # too wide. So each half of the rows is fitted with the other half, smoothed, as its instruments: the errors of the
+    # two
+    # halves are independent.
     halves = [_Sums.of([Course(c.time[i::2], c.kinds[i::2]) for c in courses]) for i in (0, 1)]
     return _refined(shown, halves, window, float(late), usual, unexplained)
 
 
 def _design(shown: _Shown, sums: _Sums, kept: NDArray[np.bool_], window: float, ago: float) -> Float:
-    """Kinds (M, k + 1) over windows whose middle was ``ago`` s before a value came, and a level."""
-    # A row holds for a step: it has been averaged over that already.
+    """Means of the kinds and a constant (M, k + 1) over windows whose middle was ``ago`` s before a value came."""
+    # A row is already an average over one step.
     own = float(np.sqrt(max(window**2 - sums.step**2, (sums.step / 10) ** 2)))
     middle = shown.time[kept] - ago
     means = sums.means(shown.segment[kept], middle - own / 2, middle + own / 2)
@@ -156,7 +158,7 @@ def _solved(instruments: Float, design: Float, value: Float) -> Float:
 def _refined(
     shown: _Shown, sides: Sequence[_Sums], window: float, late: float, usual: float, unexplained: float
 ) -> Meter:
-    """Gauss-Newton on the middle and the width of the window, and all weights; the ``sides`` fit each other."""
+    """Gauss-Newton on middle and width of the window, and all weights; the ``sides`` are each other's instruments."""
     step, ago = sides[0].step, late + window / 2
     for _ in range(STEPS):
         middle = shown.time - ago
@@ -195,7 +197,7 @@ def _slopes(shown: _Shown, sums: _Sums, kept: NDArray[np.bool_], window: float, 
 
 
 def _covariance(pulls: Float, gram: Float, left: Float, segment: NDArray[np.intp], time: Float) -> Float:
-    """Of window and middle (2, 2): what is left in a stretch of ``LIKE`` s is one draw."""
+    """Covariance (2, 2) of window and middle: the residuals in a stretch of ``LIKE`` s are one draw."""
     inverse = np.linalg.pinv(gram)[:2]
     stretch = np.unique(np.column_stack([segment, np.floor(time / LIKE)]), axis=0, return_inverse=True)[1].ravel()
     each = np.zeros((stretch.max() + 1, pulls.shape[1]))
@@ -203,14 +205,14 @@ def _covariance(pulls: Float, gram: Float, left: Float, segment: NDArray[np.intp
     free = max(1, len(left) - pulls.shape[1])
     together = inverse @ (each.T @ each) @ inverse.T * len(left) / free
     alone = np.sum(left**2) / free * inverse @ (pulls.T @ pulls) @ inverse.T
-    # The first is too narrow where stretches are few; noise without memory is the least that there is.
+    # The first is too small if stretches are few; noise without memory is the least possible.
     return np.asarray(together if np.trace(together) > np.trace(alone) else alone)
 
 
 def _believed(window: float, ago: float, covariance: Float, told: float, own: float) -> Meter:
-    """With the window that is told, or usual. It is not believed where the data are against it.
+    """The meter with its declared or usual window ``told``, unless the data contradict that window.
 
-    In squares: what smooths the power beside the meter adds to the window's square, up to ``own`` s² (one sigma).
+    In squares: smoothing of the power beside the meter adds to the window's square, up to ``own`` s² (one sigma).
     """
     square, usual = window**2, told**2
     to_square = np.array([[2 * window, 0.0], [0.0, 1.0]])

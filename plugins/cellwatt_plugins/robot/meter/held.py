@@ -1,4 +1,4 @@
-"""Recognises the power of a slow meter in the rows of a faster recording: each of its values is held until the next."""
+"""Recognises a slow meter's power in the rows of a faster recording, where each value is held until the next one."""
 
 from __future__ import annotations
 
@@ -12,27 +12,26 @@ from cellwatt.arrays import Float
 from cellwatt_plugins.robot.meter.model import Readings
 
 SHORTEST: Final = 2
-"""Rows that nearly every value is held for at least, where the meter is slower than the rows."""
+"""Fewest rows for which nearly every value is held, if the meter is slower than the rows."""
 SELDOM: Final = 0.1
-"""Share of values that may be held for less."""
+"""Largest share of values that are held for fewer rows."""
 SAME: Final = 1e-7
-"""Share of the power's range by which two values differ at least."""
+"""Smallest difference of two values, as a share of the power's range."""
 IRREGULAR: Final = 0.1
-"""Share of an interval by which values come early or late on average, at most; by chance it would be a quarter."""
+"""Largest mean deviation of the times of values, in intervals; by chance it would be a quarter."""
 COARSE: Final = 0.25
-"""Rows that are a larger share of the interval do not show whether values come regularly."""
+"""Step of the rows, in intervals, above which they do not show whether values come regularly."""
 FEWEST: Final = 8
-"""Changes from which something can be said."""
+"""Fewest changes that are judged."""
 EVEN: Final = 1.0
-"""Rows by which values of a meter with a beat of its own come off that beat, at most: rows see it with such a delay."""
+"""Largest deviation of values from a meter's regular beat, in rows: rows show a value with such a delay."""
 
 
 def held(segments: Sequence[tuple[Float, Float]], interval: float | None = None) -> list[Readings] | None:
     """The values of a slow meter, for each segment of rows: times (N,) s, evenly spaced, and power (N,) W.
 
-    A value counts from the row that it is first seen in; the one that a segment begins with is left out, as nobody
-    saw when it came. None where power is a meter's that is as fast as the rows, or not one of the ``interval`` s that
-    is known.
+    A value counts from the row in which it first appears; the first value of a segment is left out, as its time is
+    unknown. None if the power is from a meter as fast as the rows, or not from one of the known ``interval`` s.
     """
     changes = [_changes(power) for _, power in segments]
     lasting = np.concatenate([np.empty(0), *(np.diff(each) for each in changes)])
@@ -50,7 +49,7 @@ def held(segments: Sequence[tuple[Float, Float]], interval: float | None = None)
 def onto(when: Float, time: Float, power: Float) -> Float:
     """Power (N,) at ``time`` (N,) s brought to times ``when`` (M,) s: (M,).
 
-    Interpolated; of a slow meter the last value, as a value between two of its own is one that it never showed.
+    It is interpolated; a slow meter's last value is held, as the meter never gave a value between two of its own.
     """
     lasting = np.diff(_changes(power))
     if len(lasting) < FEWEST or not _lasts(lasting):
@@ -60,26 +59,26 @@ def onto(when: Float, time: Float, power: Float) -> Float:
 
 
 def _lasts(rows: NDArray[np.intp]) -> bool:
-    """True if values that last for so many rows (M,) each are those of a meter slower than the rows."""
+    """True if values that last for these numbers of rows (M,) are those of a meter slower than the rows."""
     return not len(rows) or float(np.mean(rows < SHORTEST)) <= SELDOM
 
 
 def _regular(lasting: Float, row: float) -> bool:
-    """True if values last for whole intervals, not until the power has gone a step of a coarse meter.
+    """True if values last for whole intervals, not until the power has changed by a step of a coarse meter.
 
-    In intervals (M,), of which a ``row`` is a share.
+    ``lasting`` (M,) and the step of a ``row`` are in intervals.
     """
     off = np.abs(lasting - np.round(lasting))
     return row > COARSE or float(np.mean(off)) < IRREGULAR + row / 2
 
 
 def _changes(power: Float) -> NDArray[np.intp]:
-    """Rows with another value than the row before, but for what interpolation between equal times makes of it."""
+    """Rows whose value differs from the row before by more than interpolation between equal values causes."""
     return np.flatnonzero(np.abs(np.diff(power)) > SAME * np.ptp(power)) + 1
 
 
 def _interval(times: Sequence[Float], step: float) -> float:
-    """s from one value to the next: the beat that all changes are multiples of, values that repeat among them."""
+    """s from one value to the next: the beat that all changes are multiples of, as values may repeat."""
     gaps = np.concatenate([np.diff(each) for each in times])
     interval = float(np.median(gaps))
     for _ in range(3):
@@ -88,7 +87,7 @@ def _interval(times: Sequence[Float], step: float) -> float:
             if len(each) < 2:
                 continue
             number = np.cumsum(np.maximum(1, np.round(np.diff(each) / interval)))
-            # Slope of the least squares line through when each came, all segments together.
+            # Slope of the least squares line through the times of the values, all segments together.
             x, y = np.concatenate([[0.0], number]), each - each[0]
             x, y = x - x.mean(), y - y.mean()
             counts, spans = counts + float(x @ x), spans + float(x @ y)
@@ -97,7 +96,7 @@ def _interval(times: Sequence[Float], step: float) -> float:
 
 
 def _on_beat(time: Float, power: Float, changes: NDArray[np.intp], interval: float) -> Readings:
-    """The values of a segment; those that repeat the one before are told by the beat, where there is one."""
+    """The values of a segment; the beat, if there is one, shows those that repeat the value before."""
     if not len(changes):
         return Readings(np.empty(0), np.empty(0), interval)
     step = float((time[-1] - time[0]) / (len(time) - 1))

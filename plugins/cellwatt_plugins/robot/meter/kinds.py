@@ -1,4 +1,4 @@
-"""Kinds of power that an arm takes, by its motion and torques; their weights are not known."""
+"""Kinds of power that an arm draws, from its motion and torques; their weights are unknown."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cellwatt.arrays import Float
 from cellwatt_plugins.robot.motion import rates
 
 MOVES: Final = 0.01
-"""rad/s above which a joint moves."""
+"""Velocity in rad/s above which a joint moves."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Course:
 
 
 def kinds_of_motion(position: Float, step: float) -> Float:
-    """Kinds (N, 4 n + 1) from positions (N, n) rad every ``step`` s alone: what lifts and what drives each joint."""
+    """Kinds (N, 4 n + 1) from positions (N, n) rad every ``step`` s alone: power that lifts and drives each joint."""
     _, qd, qdd = rates(position, step)
     moving = np.any(np.abs(qd) > MOVES, axis=1)
     return np.column_stack([qd, np.abs(qd), qd**2, qd * qdd, moving])
@@ -34,8 +34,8 @@ def kinds_of_motion(position: Float, step: float) -> Float:
 def kinds_of_power(torque: Float, qd: Float) -> Float:
     """Kinds (N, 3 n + 3) from torques (N, n) Nm and velocities (N, n) rad/s.
 
-    Of each joint mechanical power, heat by torque squared, and what grows with its speed; of the bus what it takes and
-    what comes back; and brakes that are held open while the arm moves.
+    For each joint mechanical power, heat by torque squared, and a loss that grows with its speed; for the bus the power
+    drawn and the power returned; and brakes, which are released while the arm moves.
     """
     mechanical = torque * qd
     bus = mechanical.sum(axis=1)

@@ -1,4 +1,4 @@
-"""Model of a meter: the time that each value stands for, and the time at which it is there."""
+"""Model of a meter: the window of time that each value averages, and the time at which the value is available."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from cellwatt.arrays import Float, rows_of
 
 @dataclass(frozen=True)
 class Readings:
-    """M values of a meter, each only once, on the clock of what they are compared with."""
+    """M values of a meter, each once, on the clock of the data that they are compared with."""
 
     time: Float
-    """(M,) s, when each came."""
+    """(M,) s, when each value came."""
     value: Float
     """(M,) W."""
     interval: float
-    """s from one to the next."""
+    """s from one value to the next."""
 
 
 @dataclass(frozen=True)
 class Windows:
-    """The times that M values stand for."""
+    """Windows of time that M values average."""
 
     start: Float
     end: Float
@@ -57,13 +57,13 @@ class Windows:
         return csr_array((share, (window, within)), shape=(len(first), len(time)))
 
     def inside(self, time: Float) -> NDArray[np.bool_]:
-        """True (M,) for those within ``time`` (N,) s."""
+        """(M,) true for windows within ``time`` (N,) s."""
         return np.asarray((self.start >= time[0]) & (self.end <= time[-1]))
 
 
 @dataclass(frozen=True)
 class Meter:
-    """Means over ``window`` s, there ``late`` s after its end; how well each is known: one standard deviation."""
+    """Means over ``window`` s, available ``late`` s after its end; the spreads are standard deviations."""
 
     window: float
     late: float
@@ -72,20 +72,20 @@ class Meter:
     window_spread: float = 0.0
     late_spread: float = 0.0
     unexplained: float = 0.0
-    """Share of the values' variance that the motion leaves."""
+    """Share of the values' variance that the motion does not explain."""
 
     @property
     def delay(self) -> float:
-        """s from the beginning of what a value stands for until it is there: nothing is known of it earlier."""
+        """s from the beginning of a value's window until the value is available."""
         return self.window + self.late
 
     def windows(self, readings: Readings) -> Windows:
-        """Window that each of them stands for."""
+        """Window of each value."""
         end = readings.time - self.late
         return Windows(end - self.window, end)
 
     def within(self, readings: Readings, time: Float) -> tuple[Windows, Float]:
-        """Of those whose whole window lies within ``time`` (N,) s: what they stand for, and their values (M,) W."""
+        """Windows and values (M,) W of the readings whose whole window lies within ``time`` (N,) s."""
         windows = self.windows(readings)
         inside = windows.inside(time)
         return rows_of(windows, inside), readings.value[inside]

@@ -1,4 +1,4 @@
-"""The live side of slow meters: what their values stand for, found from the frames, held against what is declared."""
+"""The live side of slow meters: window and delay of their values, found from frames and compared with the declared."""
 
 from __future__ import annotations
 
@@ -25,30 +25,30 @@ from cellwatt_plugins.robot.meter.model import Meter, Readings
 from cellwatt_plugins.robot.motion import rates
 
 POWER: Final = "supply.power"
-"""Name that drivers give the power of a supply."""
+"""Name that drivers give to the power of a supply."""
 MEMORY: Final = 120.0
-"""s of frames that a meter is found in."""
+"""Length in s of the frames in which a meter is found."""
 SHORTEST: Final = 2.0
-"""s of motion without a hole that are looked at."""
+"""Shortest stretch in s of motion without a gap that is used."""
 EFFORTS: Final = ("torque", "current")
-"""Quantities of joints beside positions, the better first: either tells more of the power than motion alone."""
+"""Quantities of joints beside positions, the better first: each explains more of the power than motion alone."""
 DOUBT: Final = 3.0
-"""Standard deviations by which a window differs from the declared one …"""
+"""Standard deviations by which a window must differ from the declared one …"""
 SHARE: Final = 0.2
-"""… and share of the declared one, at least."""
+"""… and share of the declared one, for a warning."""
 NEWS: Final = 0.01
-"""s by which window or delay have changed, at least, where they are told anew."""
+"""Change in s of window or delay from which they are reported again."""
 
 
 class MeterSettings(StageSettings):
-    """Finds what the values of slow power meters stand for: means over which time, and how late they come."""
+    """Finds over which time the values of slow power meters are averaged, and how late they come."""
 
     power: str | None = None
     """Channel of the power; left out: ``supply.power`` of every source that is slower than the frames."""
     arm: str | None = None
-    """Source with the joints that the meter supplies; left out: the one whose motion explains most."""
+    """Source with the joints that the meter supplies; left out: the one whose motion explains most of the power."""
     every: Seconds = Field(default=60.0, gt=0)
-    """Time between looks at the meter."""
+    """Time between two searches."""
 
 
 @dataclass(frozen=True)
@@ -56,11 +56,12 @@ class _Arm:
     source: str
     positions: tuple[int, ...]
     efforts: tuple[int, ...]
-    """Columns of the frames; efforts may be none."""
+    """Columns of the frames; efforts may be empty."""
 
 
 class MeterStage(Stage[MeterSettings]):
-    """Gives alarms ``meter_timing``, one a meter: for information, a warning where it is not as declared."""
+    """Raises alarms ``meter_timing``, one per meter: information, or a warning if it differs from the declared
+    window."""
 
     Settings = MeterSettings
     title = "what the values of a slow power meter stand for: means over which time, how late"
@@ -70,13 +71,14 @@ class MeterStage(Stage[MeterSettings]):
         self._meters = _meters(layout, settings.power)
         self._arms = _arms(layout, settings.arm)
         self._seen: deque[tuple[NDArray[Any], ...]] = deque()
-        """Frames of the last minutes: times (n,) ns, all values, stamps of the meters' columns, and where they are."""
+        """Frames of the last minutes: times (n,) ns, all values, stamps of the meters' columns, and which are
+        present."""
         self._looked: int | None = None
         self._told: dict[int, Meter] = {}
         self._book = AlarmBook()
 
     def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
-        """Alarms about what has become known of the meters, or has changed."""
+        """Alarms about meters whose window and delay are now known or have changed."""
         if not len(frames):
             return ()
         stamps = np.column_stack([frames.stamps(column) for column in self._meters])
@@ -93,7 +95,7 @@ class MeterStage(Stage[MeterSettings]):
         return self._look()
 
     def close(self) -> Sequence[Result]:
-        """Alarms about what all frames since the last look tell."""
+        """Alarms from all frames since the last search."""
         return self._look() if self._seen else ()
 
     def _look(self) -> list[Result]:
@@ -115,7 +117,7 @@ class MeterStage(Stage[MeterSettings]):
     def _found(
         self, time: Nanoseconds, values: Float, shown: tuple[Nanoseconds, Float], channel: FrameChannel, arm: _Arm
     ) -> Meter | None:
-        """The meter, as far as the motion of one arm tells; by its efforts where it has any."""
+        """The meter, as found from the motion of one arm, and from its efforts if it has any."""
         positions, efforts = values[:, arm.positions], values[:, arm.efforts]
         if np.isnan(efforts).all():
             efforts = efforts[:, :0]
@@ -132,11 +134,11 @@ class MeterStage(Stage[MeterSettings]):
 def _readings(stamp: Nanoseconds, value: Float, during: Nanoseconds, origin: int) -> Readings | None:
     """Values in rows (n,), each once, that came ``during`` some frames; a held one has the stamp of the row before.
 
-    On a clock that begins at ``origin`` ns. None where they are too few to have an interval.
+    Their clock begins at ``origin`` ns. None if they are too few to have an interval.
     """
     inside = np.flatnonzero((stamp >= during[0]) & (stamp <= during[-1]))
     new = inside[np.unique(stamp[inside], return_index=True)[1]]
-    # A meter asked again before it has a new value tells the last one once more.
+    # A meter that is polled before it has a new value returns the last one again.
     fresh = new[np.flatnonzero(np.diff(value[new], prepend=np.nan) != 0)]
     came = np.asarray((stamp[fresh] - origin) * 1e-9, np.float64)
     return Readings(came, value[fresh], float(np.median(np.diff(came)))) if len(fresh) > 1 else None
@@ -156,7 +158,7 @@ def _meters(layout: Layout, power: str | None) -> tuple[int, ...]:
 
 
 def _arms(layout: Layout, arm: str | None) -> list[_Arm]:
-    """The arms that may be meant. Raises ``ConfigError`` where there are none."""
+    """The arms that may be meant. Raises ``ConfigError`` if there are none."""
     sources = sorted({c.source for c in layout.channels if c.short == "joint_1.position"}) if arm is None else [arm]
     if not sources:
         raise ConfigError("no source gives joint_1.position: without a motion nothing tells what a meter's values are")
@@ -189,7 +191,7 @@ def _course(time: Nanoseconds, positions: Float, efforts: Float) -> Course:
 
 
 def _differs(before: Meter, now: Meter) -> bool:
-    """True if a meter is no longer the one that was told."""
+    """True if a meter differs from the one reported last."""
     pairs = (
         (before.window, now.window, np.hypot(before.window_spread, now.window_spread)),
         (before.late, now.late, np.hypot(before.late_spread, now.late_spread)),

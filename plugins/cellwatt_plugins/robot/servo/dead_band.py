@@ -1,4 +1,4 @@
-"""A drive that does nothing as long as its joint is near enough where it was told to be."""
+"""A drive that gives no torque while its joint is near its command."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from cellwatt_plugins.robot.effects.states import States
 SHARES = (0.01, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 """Quantiles of the error that are tried as the half width of the band."""
 FROM_EDGE, FROM_CENTRE = 0.0, 1.0
-"""What is beyond the band pulls by how far it is beyond the edge, or by all of the error."""
+"""Beyond the band, the torque is proportional to the distance from its edge, or to the whole error."""
 
 
 class DriveDeadBand(Effect):
-    """No pull while abs(command - position) is below the half width of the band."""
+    """No torque while abs(command - position) is below the half width of the band."""
 
     name = "drive_dead_band"
     acts_on = "drive"

@@ -14,13 +14,13 @@ from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.servo.law import earlier
 
 DELAYS = tuple((float(d),) for d in np.geomspace(0.003, 0.15, 14))
-"""s that are tried."""
+"""Delays in s that are tried."""
 SHARE = 0.4
-"""Of a row: a delay as short as that is when commands were logged."""
+"""Smallest resolved delay, in rows: a shorter one depends on when commands were logged."""
 
 
 class CommandDelay(Effect):
-    """The drives do what they were told ``delay`` s before."""
+    """The drives follow the command of ``delay`` s before."""
 
     name = "time_delay"
     acts_on = "drive"

@@ -12,29 +12,30 @@ from cellwatt_plugins.robot.motion import Moved, differentiate, expected_sign, f
 FIRST = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12
 SECOND = np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / 12
 HELD = np.array([-1.0, 13.0, 13.0, -1.0, 0.0]) / 24
-"""Passes slow courses as holding does, to the fourth order of their frequency."""
+"""Passes slow signals as holding does, to the fourth order of their frequency."""
 BAND = 0.3
-"""Bandwidth times step of the motion that is kept."""
+"""Bandwidth times step of the filtered motion."""
 FASTEST = 25.0
-"""Hz beyond which nothing of it is asked for."""
+"""Greatest bandwidth in Hz of the filtered motion."""
 COMPARED, LEAST, MOST = 0.1, 3.0, 8.0
-"""Bandwidth times step, and Hz, up to which law and motion are compared: beyond, servos filter what drives them."""
+"""Bandwidth times step, and its limits in Hz, up to which law and motion are compared: servos filter their input."""
 CREEPS = 0.015
-"""rad/s within which friction turns over: simulators that step it in time soften it, each in its own way."""
+"""rad/s within which friction reverses: simulators that step it in time soften it, each in its own way."""
 FINE = 0.3
-"""Share of that which the noise of a velocity may have for its sign to be told sample by sample."""
+"""Largest noise of a velocity, as a share of that width, for which its sign is known sample by sample."""
 TURNOVERS = (0.003, 0.007, 0.03, 0.06)
-"""rad/s of the others that are allowed for."""
+"""Other widths of the reversal, rad/s, that are allowed for."""
 EDGE = 0.25
-"""s at both ends of a run that a filter does not know."""
+"""Time in s at both ends of a run in which the filter is not valid."""
 WINDOW = 25
-"""Samples of a window in which noise is taken."""
+"""Samples of a window in which noise is estimated."""
 
 
 def filtered(encoders: Float, step: float) -> tuple[Moved, Float]:
-    """Motion of ``encoders`` (N, n) rad every ``step`` s; and the signs (N, n, k) of other ``TURNOVERS``.
+    """Motion of ``encoders`` (N, n) rad every ``step`` s; and the friction signs (N, n, k) of other ``TURNOVERS``.
 
-    The others are less the motion's own. Where the velocity is too noisy for signs, that of ``from_encoders`` has them.
+    The motion's own sign is subtracted from these. Where the velocity is too noisy, signs are those of
+    ``from_encoders``.
     """
     position = smooth(encoders, step, min(BAND / step, FASTEST))
     velocity, acceleration = derivatives(position, step)
@@ -52,7 +53,7 @@ def filtered(encoders: Float, step: float) -> tuple[Moved, Float]:
 def derivatives(values: Float, step: float) -> tuple[Float, Float]:
     """First and second derivative (N, n) of values (N, n) every ``step`` s, by five points of each.
 
-    Three points would take several per cent off what a servo's damping does near the end of the band.
+    Three points would reduce the effect of a servo's damping by several per cent near the end of the band.
     """
     first, second = differentiate(values, step)
     inner = slice(2, -2)
@@ -62,12 +63,13 @@ def derivatives(values: Float, step: float) -> tuple[Float, Float]:
 
 
 def held(command: Float) -> Float:
-    """Commands (N, n) that hold over a row each, as they act at the rows' instants, half a row late."""
+    """Commands (N, n), each held over a row, as they act at the rows' times, half a row late."""
     return np.asarray(correlate1d(command, HELD, axis=0, mode="nearest"))
 
 
 def resolution(encoders: Float) -> Float:
-    """Noise (n,) rad of positions (N, n): of third differences in the middle of all windows, and of the steps seen."""
+    """Noise (n,) rad of positions (N, n): median over windows of third differences, and at least that of their
+    steps."""
     count = max(1, (len(encoders) - 3) // WINDOW)
     jumps = np.diff(encoders, n=3, axis=0)[: count * WINDOW]
     squares = np.mean(np.square(jumps.reshape(count, -1, encoders.shape[1])), axis=1) / 20.0
@@ -81,12 +83,12 @@ def compared(step: float) -> float:
 
 
 def _speed_noise(step: float) -> float:
-    """rad/s of the motion's velocity for 1 rad of white noise on the encoders."""
+    """rad/s of noise of the filtered velocity, for 1 rad of white noise on the encoders."""
     return float(np.sqrt(np.sum(np.square(_answers(step)[1]))))
 
 
 def _answers(step: float) -> tuple[Float, Float, Float]:
-    """Position, velocity and acceleration (N, 1) that an impulse on the encoders makes."""
+    """Position, velocity and acceleration (N, 1) in response to an impulse on the encoders."""
     count = 2 * max(50, round(2.0 / step)) + 1
     impulse = np.zeros((count, 1))
     impulse[count // 2] = 1.0
@@ -97,7 +99,7 @@ def _answers(step: float) -> tuple[Float, Float, Float]:
 def noise(
     stiffness: Float, damping: Float, inertia: Float, resolution: Float, step: float, fast: bool = False
 ) -> Float:
-    """Noise (n,) Nm of the law less the motion's torque, by the encoders' (n,) rad: within ``compared``, or all."""
+    """Noise (n,) Nm of the law minus the motion's torque, by the encoders' (n,) rad: within ``compared``, or all."""
     parts = [part[:, 0] if fast else smooth(part, step, compared(step))[:, 0] for part in _answers(step)]
     own = np.outer(stiffness, parts[0]) + np.outer(damping, parts[1]) + np.outer(inertia, parts[2])
     return np.asarray(resolution * np.sqrt(np.sum(own**2, axis=1)))

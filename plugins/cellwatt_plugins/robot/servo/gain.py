@@ -1,4 +1,4 @@
-"""A drive's position loop that is stiffer or softer than the simulation has it."""
+"""A drive's position loop that is stiffer or softer than the simulation's."""
 
 from __future__ import annotations
 
@@ -14,16 +14,17 @@ from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.regression import Prior
 
 LIKELY = 0.3
-"""Share by which a gain is off, one standard deviation, where it is."""
+"""Prior standard deviation of a gain that is wrong, as a share."""
 LEAST = 0.06
-"""Share from which it is: three times what a gain that is right may be off by."""
+"""Smallest share by which a gain is wrong: three times the error of a correct gain."""
 
 
 class DriveGain(Effect):
-    """The drive pulls with (1 + gain) · stiffness · error, so that error and motion say other torques.
+    """The drive's torque is (1 + gain) · stiffness · error, so that the error and the motion imply different torques.
 
-    What moves the arm is told by the motion without the noise of the error: the law's torque is that, and a share of
-    what pulls. The share is 1 / (1 + gain) - 1.
+    The motion shows the torque that moves the arm without the noise of the error: the law's torque is that torque, plus
+    a
+    share of the position loop's. The share is 1 / (1 + gain) - 1.
     """
 
     name = "drive_gain"
@@ -43,7 +44,7 @@ class DriveGain(Effect):
         return Prior.spread(np.full(columns.shape[-1], LIKELY))
 
     def sensible(self, coefficients: Float, shape: Shape, robot: RobotDescription, joint: int | None) -> bool:
-        """A loop that pulls, within reason, and not as the file says."""
+        """True if the loop is possible, and clearly different from the file's."""
         return bool(-0.8 < coefficients[0] < 4.0 and abs(coefficients[0]) > LEAST)
 
     def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:

@@ -1,9 +1,9 @@
-"""The law of position servos: the torque that a drive gives for what it was told and how its joint moved.
+"""The law of position servos: the torque of a drive for its command and the motion of its joint.
 
     torque = pull · command - stiffness · position - damping · velocity, within the drive's limits
 
-A command holds until the next one; over a row of the log it is that of the row's beginning, so a course of commands is
-half a row late beside the positions.
+A command holds until the next one. A row of the log has the command of the row's beginning, so a series of commands is
+half a row late against the positions.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from cellwatt_plugins.robot.motion import Moved
 from cellwatt_plugins.robot.servo.filtered import held
 
 WITHIN = (0.1, 0.3, 0.5, 0.7, 0.9)
-"""Parts of a row at which a drive is looked at."""
+"""Shares of a row at which the law is evaluated."""
 
 
 @dataclass(frozen=True)
@@ -30,16 +30,16 @@ class Servo:
     """Position servos of n joints, (n,) each, at the joint side."""
 
     pull: Float
-    """Nm a unit of the command."""
+    """Nm per unit of the command."""
     stiffness: Float
     """Nm/rad."""
     damping: Float
     """Nm s/rad."""
     low: Float
-    """Nm."""
+    """Limits, Nm."""
     high: Float
     delay: Float
-    """s by which its commands act later."""
+    """s after which its commands act."""
 
 
 @dataclass(frozen=True)
@@ -48,39 +48,39 @@ class Drive:
 
     servo: Servo
     command: Float
-    """(N, n), as it acts at the instants of the motion."""
+    """(N, n), as it acts at the times of the motion."""
     moved: Moved
-    """The motion that the encoders tell."""
+    """The motion from the encoders."""
     turnovers: Float
-    """(N, n, k): what the sign of the velocity would be if friction turned over in less speed, or in more, less it."""
+    """(N, n, k): change of the velocity's sign if friction reversed within a lower speed, or within a higher one."""
     step: float
     """s between samples."""
     told_at: Float
-    """(N, n), the commands themselves: each holds until the next."""
+    """(N, n), the logged commands: each holds until the next one."""
     late: float = 0.0
-    """s by which commands act later, about: so much later the law reaches its limits."""
+    """s by which commands act later, approximately; the law reaches its limits later by the same time."""
 
     @cached_property
     def error(self) -> Float:
-        """(N, n) rad by which the joints are off where they were told to be."""
+        """(N, n) rad from the joints' positions to their commanded positions."""
         servo = self.servo
         return np.asarray(servo.pull / servo.stiffness * self.command - self.moved.position)
 
     @cached_property
     def told(self) -> Float:
-        """(N, n) rad/s at which the place that the joints were told to be moves."""
+        """(N, n) rad/s: velocity of the commanded position."""
         return np.asarray(np.gradient(self.servo.pull / self.servo.stiffness * self.command, self.step, axis=0))
 
     @cached_property
     def torque(self) -> Float:
-        """Torque (N, n) Nm that the law gives; what its limits take off is told by the commands ``late`` s before."""
+        """Torque (N, n) Nm of the law; its limits are applied to the commands of ``late`` s before."""
         off = [
             self.beyond(j, low, high) for j, (low, high) in enumerate(zip(self.servo.low, self.servo.high, strict=True))
         ]
         return np.asarray(self.asked(self.command) - np.stack(off, axis=1))
 
     def beyond(self, joint: int, low: float, high: float) -> Float:
-        """Torque (N,) Nm that a joint's law asks for beyond limits."""
+        """Torque (N,) Nm by which a joint's law exceeds limits."""
         servo = self.servo
 
         def excess(command: Float, position: Float, velocity: Float) -> Float:
@@ -90,9 +90,9 @@ class Drive:
         return self.over_rows(joint, excess)
 
     def over_rows(self, joint: int, law: Callable[[Float, Float, Float], Float]) -> Float:
-        """Means (N,) over rows of what a ``law`` says of command, position and velocity (N,), at the rows' instants.
+        """Means (N,) over rows of a ``law`` of command, position and velocity (N,), at the rows' times.
 
-        A command holds while the joint moves on: what is no straight line is not that of the mean command.
+        A command holds while the joint moves: the mean of a nonlinear law is not the law of the mean command.
         """
         rows, late = np.arange(len(self.told_at)), (self.late + self.servo.delay[joint]) / self.step
         position, velocity = self.moved.position[:, joint], self.moved.velocity[:, joint]
@@ -104,19 +104,20 @@ class Drive:
         return held(out[:, None] / len(WITHIN))[:, 0]
 
     def asked(self, command: Float) -> Float:
-        """Torque (N, n) Nm that the law asks for with a ``command`` (N, n), before its limits."""
+        """Torque (N, n) Nm of the law for a ``command`` (N, n), before its limits."""
         servo, moved = self.servo, self.moved
         return np.asarray(servo.pull * command - servo.stiffness * moved.position - servo.damping * moved.velocity)
 
 
 def earlier(values: Float, late: float | Float, step: float) -> Float:
-    """Values (N, n), each ``step`` s, of ``late`` s, or (n,), before; those before the first are as the first."""
+    """Values (N, n), every ``step`` s, from ``late`` s, or (n,), before; the first row also stands for times before
+    it."""
     rows, each = np.arange(len(values)), np.broadcast_to(late, values.shape[1])
     return np.column_stack([np.interp(rows - ago / step, rows, one) for ago, one in zip(each, values.T, strict=True)])
 
 
 def servo_of(path: Path, joints: Sequence[str]) -> Servo | None:
-    """The position servos of ``joints`` in an MJCF, from the base; None where not every joint has one of its own.
+    """The position servos of ``joints`` in an MJCF, from the base; None if a joint has no servo of its own.
 
     Raises ``ConfigError`` where the file cannot be read.
     """
@@ -148,6 +149,6 @@ def _one(path: Path, model: Any, name: str) -> tuple[float, ...] | None:
 
 
 def actuator_of(model: Any, joint: int) -> int:
-    """The one actuator that acts on a joint alone; -1 where none or several do."""
+    """The one actuator that acts on a joint alone; -1 if there are none or several."""
     acting = [i for i in range(model.nu) if model.actuator_trntype[i] == 0 and model.actuator_trnid[i, 0] == joint]
     return acting[0] if len(acting) == 1 else -1

@@ -1,4 +1,4 @@
-"""A drive whose force is limited below what the simulation says."""
+"""A drive whose force limit is lower than the simulation's."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from cellwatt_plugins.robot.effects.effect import Effect, Shape
 from cellwatt_plugins.robot.effects.states import States
 
 MOST = (0.5, 0.7, 0.8, 0.88, 0.93, 0.96, 0.98, 0.99, 0.997)
-"""Quantiles of the torque asked for; what moves the joint where more is asked is tried as the limit."""
+"""Quantiles of the law's torque; the median torque of the motion above each is tried as the limit."""
 FOLLOWS = 0.5
-"""Share of what is asked that the torque of the motion follows: more up to the limit, less beyond it."""
+"""Share of the law's torque that the motion's torque follows: more up to the limit, less beyond it."""
 UP_TO = 0.5
-"""Share of the limit from which the drive is seen to follow up to it."""
+"""Share of the limit from which the drive must follow its law."""
 CLIPPED = 8
-"""Samples that must be beyond the limit."""
+"""Fewest samples beyond the limit."""
 
 
 class DriveLimit(Effect):
-    """The drive gives no more than its limit, whatever its law asks for."""
+    """The drive's torque is at most its limit, whatever its law gives."""
 
     name = "torque_saturation"
     acts_on = "drive"
@@ -37,7 +37,8 @@ class DriveLimit(Effect):
         return [(level,) for level in levels if level > 0 and np.count_nonzero(asked > level) >= CLIPPED]
 
     def resolved(self, runs: Sequence[States], joint: int | None, shape: Shape) -> bool:
-        """Up to its limit a drive gives what is asked, and beyond it the same, whatever is asked."""
+        """True if the drive follows its law up to the limit, and beyond it gives the same torque whatever the law
+        gives."""
         asked, given = self._torques(runs, joint or 0)
         beyond, below = asked > shape[0], (asked > UP_TO * shape[0]) & (asked < shape[0])
         if np.sum(given[below]) < FOLLOWS * np.sum(asked[below]):
@@ -49,7 +50,7 @@ class DriveLimit(Effect):
 
     @staticmethod
     def _torques(runs: Sequence[States], at: int) -> tuple[Float, Float]:
-        """Nm (N,) of a joint that its drive is asked for, and those in that direction that move it."""
+        """Torque (N,) Nm of a joint by the law of its drive, and the motion's torque in that direction."""
         asked = np.concatenate([run.servos.torque[:, at] for run in runs])
         return np.abs(asked), np.sign(asked) * np.concatenate([run.nominal[:, at] for run in runs])
 

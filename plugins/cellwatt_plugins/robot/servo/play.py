@@ -1,4 +1,4 @@
-"""Play between a drive and its link, as an encoder on the link sees it."""
+"""Play between a drive and its link, as seen by an encoder on the link."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from cellwatt_plugins.robot.servo.filtered import derivatives
 WIDTHS = (0.02, 0.06, 0.15, 0.4)
 """Shares of the load's spread within which the drive crosses the gap."""
 SMALL, LARGE = 1e-3, 0.06
-"""rad of half a gap: less is not seen, more is a broken gear."""
+"""rad of half a gap: a smaller one is not resolved, a larger one is a broken gear."""
 
 
 class Play(Effect):
-    """The link rests on one flank or the other; where its load turns over, the rotor crosses the gap by itself.
+    """The link rests on one flank or the other; where its load reverses, the rotor alone crosses the gap.
 
     The encoder is on the link: the rotor is half the gap ahead of it, in the load's direction, and must be accelerated
     and braked to get there.
@@ -31,7 +31,7 @@ class Play(Effect):
     name = "backlash"
     form = Form(sample_by_sample=True)
     acceptance = Acceptance(least_rate=FAST, above=SMALL, by_evidence=80.0)
-    """A link that rebounds in the gap is not followed one by one, in data left out no more than in others."""
+    """The law does not follow single rebounds of a link in the gap, in data left out as little as in others."""
     confusions = (
         Confusion("presliding_hysteresis", "reverse slowly where gravity loads the joint: a gap then stays closed"),
     )

@@ -9,11 +9,11 @@ from cellwatt_plugins.robot.effects.friction.presliding_hysteresis import SLOW, 
 from cellwatt_plugins.robot.effects.states import States
 
 SLOWEST = 0.1
-"""rad/s: what turns over within less may be how the simulator softens friction at a stop; see ``TURNOVERS``."""
+"""rad/s: a build-up within less may be how the simulator softens friction at a stop; see ``TURNOVERS``."""
 
 
 class BuiltUp(PreslidingHysteresis):
-    """The same law where it goes with the way, or with speeds that no simulator softens friction within."""
+    """The same law, over a displacement, or over speeds within which no simulator softens friction."""
 
     def resolved(self, runs: Sequence[States], joint: int | None, shape: Shape) -> bool:
         return super().resolved(runs, joint, shape) and (shape[0] != SLOW or shape[1] > SLOWEST)

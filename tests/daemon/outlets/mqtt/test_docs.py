@@ -47,7 +47,7 @@ def test_the_table_of_topics_has_all_and_says_which_are_kept() -> None:
             kept[message.topic.removeprefix("cellwatt/SITE/CELL/")] = message.retain
     kept["alarm/SEVERITY/KIND/ID"] = kept.pop("alarm/error/joint_fault/faults.arm.1")
     kept.pop("backfill/frame/CHANNEL")
-    section = TEXT[TEXT.index("## Topics") : TEXT.index("## Into Ignition")]
+    section = TEXT[TEXT.index("## Topics") : TEXT.index("## Ignition")]
     rows = re.findall(r"^\| (`.*?) \| .* \| (.*?) \|$", section, re.MULTILINE)
     said = {
         topic: "yes" in keeps or "until" in keeps for names, keeps in rows for topic in re.findall(r"`(.*?)`", names)

@@ -54,7 +54,7 @@ async def test_each_recipient_is_tried(tmp_path: Path) -> None:
 
 def test_mistakes_of_the_user(tmp_path: Path) -> None:
     arguments = ["--test", str(written(tmp_path, None))]
-    with pytest.raises(ConfigError, match="there is none: name the recipients"):
+    with pytest.raises(ConfigError, match="no notify section: name the recipients"):
         command.main(arguments, standalone_mode=False)
     written(tmp_path, {"desk": {"webhook": {"url": "http://127.0.0.1:1/"}}})
     with pytest.raises(ConfigError, match=r"no recipient 'dsek' \(there are: desk\)"):

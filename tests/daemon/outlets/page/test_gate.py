@@ -147,7 +147,7 @@ async def test_tries_at_passwords_have_to_wait(browser: aiohttp.ClientSession, p
         body = {"name": user, "password": "guess"}
         async with browser.post(f"{page.url}/api/login", json=body, headers=header) as response:
             answers.append((response.status, (await response.json())["error"], response.headers.get("Retry-After")))
-    assert answers[:5] == [(401, "this name and password do not fit", None)] * 5
+    assert answers[:5] == [(401, "wrong name or password", None)] * 5
     assert answers[5][0] == 429
     assert answers[5][1].startswith("too many tries: wait ")
     assert int(str(answers[5][2])) >= 1

@@ -373,7 +373,7 @@ def test_a_disk_that_takes_no_level_files_costs_time_alone(tmp_path, monkeypatch
         assert refused["complete"] and reader.counts["unwritten"] == 3
         reader.look(int)
         assert reader.counts["unwritten"] == 3, "not tried again at each look"
-    assert ("no room for level files" if full else "Read-only file system") in caplog.text
+    assert ("too little disk space for level files" if full else "Read-only file system") in caplog.text
     assert not (tmp_path / "levels").exists()
     assert curves(Store(tmp_path, CELL), *span) == refused
 

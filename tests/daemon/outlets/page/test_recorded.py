@@ -103,7 +103,7 @@ async def test_questions_about_the_past_hold_up_nobody() -> None:
     try:
         slow = [asyncio.create_task(desk.ask(over.wait)) for _ in range(THREADS + WAITING)]
         await asyncio.sleep(0)
-        with pytest.raises(OutletError, match="too many questions about the past are waiting"):
+        with pytest.raises(OutletError, match="too many requests for past data are waiting"):
             await desk.ask(over.wait)
         slow[-1].cancel()  # a browser that leaves
         over.set()

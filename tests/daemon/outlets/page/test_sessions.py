@@ -90,7 +90,7 @@ def test_a_file_that_is_damaged_or_that_others_may_read_is_void(world: World, ca
             world.file.write_text(content)
         assert world.sessions().name_of(token) is None
         assert "everybody has to log in again" in caplog.text
-    assert "others may read it" in caplog.text
+    assert "other users may read it" in caplog.text
 
 
 def test_a_folder_that_cannot_be_written_is_told(world: World, caplog: pytest.LogCaptureFixture) -> None:

@@ -185,7 +185,7 @@ def one(type_: str, more: str) -> str:
         (f"<!DOCTYPE r [<!ENTITY a0 'ha'>{LAUGHS}]><robot>&a9;{J}</robot>", "DOCTYPE"),
         ("<!DOCTYPE r SYSTEM 'file:///etc/passwd'><robot/>", "DOCTYPE"),
         (f"<robot>{J}{joint_xml('k', 'revolute', 'c', 'b')}</robot>", "not one tree"),
-        (f"<robot>{J}{joint_xml('k', 'revolute', 'c', 'd')}</robot>", "2 links hang on nothing"),
+        (f"<robot>{J}{joint_xml('k', 'revolute', 'c', 'd')}</robot>", "2 links have no parent"),
         (f"<robot>{J}{joint_xml('k', 'fixed', 'x', 'y')}{joint_xml('m', 'fixed', 'y', 'x')}</robot>", "not one tree"),
         ("<robot><joint name='j' type='revolute'/></robot>", "lacks its type"),
         (one("fixed", '<origin xyz="1 2"/>'), "not three numbers"),

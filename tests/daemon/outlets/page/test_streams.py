@@ -113,7 +113,7 @@ async def test_there_is_a_limit_of_browsers(tmp_path: Path) -> None:
             assert (first.status, second.status) == (200, 200)
             async with browser.get(url) as third:
                 assert third.status == 503
-                assert "2 browsers follow already" in (await third.json())["error"]
+                assert "2 browsers are connected" in (await third.json())["error"]
         page.feed.take_gap("x")
         await eventually(lambda: page.feed.take_gap("x") or len(page.browsers) == 0, "room")
         async with browser.get(url) as again:

@@ -44,7 +44,10 @@ class Recorded(FakeView):
     def __init__(self, folder: Path, session: int = SESSION) -> None:
         super().__init__(session)
         recorder: Any = SimpleNamespace(
-            cell=CELL, live=lambda: None, flush=lambda timeout: False, repairing=lambda session: False
+            cell=CELL,
+            live=lambda: None,
+            flush=lambda timeout: False,
+            upkeep=SimpleNamespace(repairing=lambda session: False),
         )
         self._made = History(folder, recorder)
 

@@ -196,7 +196,7 @@ def finding(effect, joint, kind="missing"):
             2,
             "backlash at 2. viscous_friction at 2.",
         ),
-        (said("explained", [finding("spring_load", 4)]), "warning", None, "Only effects that the model has already"),
+        (said("explained", [finding("spring_load", 4)]), "warning", None, "Only effects that the model already has"),
     ],
 )
 def test_an_outcome_in_words(tmp_path, findings, severity, joint, statement):

@@ -49,5 +49,5 @@ def test_what_the_twin_leaves_out_raises_the_alarm(robot):
 
 def test_a_twin_without_a_torque_is_refused(robot):
     block = beside(recorded(4, 50), recorded(4, 50), without=("twin.joint_3.torque",))
-    with pytest.raises(ConfigError, match=r"twin is to stream the simulation and gives no twin\.joint_3\.torque"):
+    with pytest.raises(ConfigError, match=r"twin must stream the simulation, but gives no twin\.joint_3\.torque"):
         told(robot, block)

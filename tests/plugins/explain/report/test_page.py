@@ -134,7 +134,7 @@ def test_long_recordings_stay_below_five_megabytes(tmp_path: Path) -> None:
 def test_many_recordings_are_drawn_in_part_and_said_so(tmp_path: Path) -> None:
     traces = [reported.trace(f"run_{i}", i, 500, 2, effects=i > 4) for i in range(9)]
     html = page(tmp_path, replace(reported.arm()[0], fit=reported.fit(traces)), traces)
-    assert "These are the 6 that differ most of 9." in html
+    assert "Shown: the 6 of 9 that differ most." in html
     assert "(run_0, run_1, run_2, run_3, run_4, run_5 and 3 more)" in html
     assert [t.name for t in worst_first(traces, {"tau_2": 0.6}, 4)] == ["run_5", "run_6", "run_7", "run_8"]
 

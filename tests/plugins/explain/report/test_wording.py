@@ -17,7 +17,7 @@ LATE = UnexplainedChannel("tau_5", 9.0, 4.0, "The time was up.", looked_at=False
     [
         (
             Findings("no_mismatch", (), retuned=(HEAVIER,)),
-            "No physics is missing from the simulation; numbers of it are off, and these explain the difference.",
+            "No physics is missing from the simulation; some of its numbers are off: they explain the difference.",
         ),
         (
             Findings("explained", (STRIBECK, STANDBY, INERTIA)),
@@ -27,7 +27,7 @@ LATE = UnexplainedChannel("tau_5", 9.0, 4.0, "The time was up.", looked_at=False
         (
             Findings("partly_explained", (STANDBY,), (REST, LATE)),
             "Standby power explains part of the difference; at the supply something remains unexplained; joint 5 was "
-            "not looked at in full: the time was up.",
+            "not looked at in full: the time limit was reached.",
         ),
     ],
 )

@@ -33,7 +33,7 @@ def test_joints_that_the_search_had_no_time_for_are_not_called_unexplained(arm):
     (late,) = [u for u in lack_of_fit(np.ones(3), solution) if u.channel == 2]
     told = unexplained_channel(late, "tau_3", "N*m", looked_at=False)
     assert not told.looked_at
-    assert "not looked at in full: the time was up" in told.statement
+    assert "not looked at in full: the time limit was reached" in told.statement
     assert "no known effect" not in told.statement
 
 
@@ -63,7 +63,7 @@ def test_the_position_is_told(arm):
     assert high - low < 1.8
     said = unexplained_channel(found, "tau_1", "N*m")
     assert said.channel == "tau_1"
-    assert said.statement.startswith("tau_1 keeps")
+    assert said.statement.startswith("tau_1 has a residual of")
     assert "rad" in said.statement
     assert said.noise_floor == found.floor
 

@@ -71,7 +71,7 @@ def test_the_odd_ones_are_named_with_the_reason(found: Explained) -> None:
     notes = "\n".join(findings.notes)
     assert (
         "6 of 11 recordings, those whose motions differ most, were looked at closely; 1 of the others differs from "
-        "what was found in them" in notes
+        "the findings" in notes
     )
     (pushed,) = [other for other in findings.others if other.explained is False]
     assert pushed.channel == "tau_2"

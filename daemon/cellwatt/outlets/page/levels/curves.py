@@ -1,4 +1,4 @@
-"""Curves of a cell's record for a browser: short spans from the frames themselves, long ones from levels."""
+"""Curves of a cell's recordings for a browser: short spans from the frames themselves, long spans from levels."""
 
 from __future__ import annotations
 
@@ -23,32 +23,32 @@ from cellwatt.record.folder import RecordFile
 from cellwatt.record.survey import open_recording
 
 PATIENCE: Final = 5.0
-"""s after which an answer is given as far as it goes."""
+"""Time, s, after which the answer is returned incomplete."""
 MOMENTS: Final = 60 * 10**9
-"""Longest span, ns, that is answered from the frames themselves, …"""
+"""Longest span, ns, that is read from the frames themselves, …"""
 FINER: Final = STEPS[0] // 2
-"""… where the step asked for is shorter than this, ns."""
+"""… if the requested step is shorter than this, ns."""
 BESIDE: Final = 10**9
-"""ns, more than the step of most frames."""
+"""Margin, ns, read on both sides of a span: more than the step of most frames."""
 USUAL: Final = 20_000_000
-"""Step of frames, ns, where none is known."""
+"""Assumed step of frames, ns, if it is unknown."""
 EXACT: Final = 9
-"""Significant digits that tell a single-precision number from all others."""
+"""Significant digits that represent a single-precision number exactly."""
 
 
 def curves(
     store: Store, channels: Sequence[str], start_ms: float, end_ms: float, points: int, memory: Memory = Memory()
 ) -> dict[str, Any]:
-    """Curves from ``start_ms`` to before ``end_ms`` UTC ms, and the intervals and alarms there, JSON-ready.
+    """Curves, intervals and alarms from ``start_ms`` to before ``end_ms``, UTC ms, ready for JSON.
 
-    There are at most ``points`` (2 or more) times ``t``, ms. ``v`` has by channel ``min`` and ``max`` of all
-    samples from each time to the next, None where there are none; the first step begins at or before ``start_ms``.
-    Of a short span the last one has the newest sample; where a step is one frame there is no ``max``. Channels are
-    those of the frames, or ``prediction/<model>/<output>``; of one that was not recorded all is None. ``memory``
-    has what may not be recorded yet. ``complete`` is false where something is left out, for want of time or because
-    it is too much. Never call it on an event loop.
+    There are at most ``points`` (2 or more) times ``t``, ms. ``v`` contains by channel ``min`` and ``max`` of all
+    samples from each time to the next, None without samples; the first step begins at or before ``start_ms``. In a
+    short span, the last step contains the newest sample; if a step is one frame, there is no ``max``. Channels are
+    those of the frames, or ``prediction/<model>/<output>``; for a channel that was not recorded all values are None.
+    ``memory`` contains data that may not be recorded yet. ``complete`` is false if data are left out, for lack of time
+    or because there are too many. Never call it on an event loop.
 
-    Raises ``RecordingError`` where the folder cannot be read.
+    Raises ``RecordingError`` if the folder cannot be read.
     """
     start, end = span_of(start_ms, end_ms)
     recordings, pace = store.recordings(), ends_at(time.monotonic() + PATIENCE)
@@ -64,7 +64,7 @@ def curves(
 
 @dataclass(frozen=True, slots=True)
 class _Question:
-    """A question, with the recordings that are there; times UTC ns. ``pace`` raises ``TimeoutError`` in the end."""
+    """A request and the recordings present; times UTC ns. ``pace`` raises ``TimeoutError`` when the time is over."""
 
     store: Store
     recordings: Sequence[RecordFile]
@@ -76,11 +76,11 @@ class _Question:
     memory: Memory
 
     def moments(self) -> dict[str, Any] | None:
-        """Curves of a short span out of the frames; None where levels serve better."""
+        """Curves of a short span from the frames; None if levels are the better source."""
         length, points = self.end - self.start, self.points
         if length > MOMENTS or length >= points * FINER:
             return None
-        beside = length // (points - 1) + BESIDE  # the first and the last step reach beyond the span
+        beside = length // (points - 1) + BESIDE  # the first and the last step extend beyond the span
         try:
             step, samples = self._samples(self.start - beside, self.end + beside)
         except TimeoutError:
@@ -95,9 +95,9 @@ class _Question:
         return {**found, "complete": True}
 
     def _samples(self, start: int, end: int) -> tuple[int, Mapping[str, Sequence[Samples]]]:
-        """Step of the frames, and the samples of each channel from ``start`` to before ``end`` UTC ns, or more.
+        """Step of the frames, and the samples of each channel from ``start`` to before ``end``, UTC ns, or more.
 
-        Raises ``TimeoutError`` where that takes too long, ``OSError`` where the disk cannot be read.
+        Raises ``TimeoutError`` if that takes too long, ``OSError`` if the disk cannot be read.
         """
         steps = set[int]()
         pieces: dict[str, list[Samples]] = {name: [] for name in self.names}
@@ -105,7 +105,7 @@ class _Question:
             known = self.store.known(kept) if kept.closed else None
             if known is not None and (known.end < start or known.start >= end):
                 continue
-            # One that was removed meanwhile, or of which nothing can be read, has nothing to give.
+            # Skip a recording that was removed meanwhile or is unreadable.
             with suppress(FileNotFoundError, RecordingError):
                 places = self.store.places(kept, self.pace)
                 _, file = open_recording(kept.path)
@@ -125,7 +125,7 @@ class _Question:
     # long spans -----------------------------------------------------------------------------------
 
     def levels(self) -> dict[str, Any]:
-        """Curves out of the level files; those that are missing are made, newest first, as far as there is time."""
+        """Curves from the level files; missing ones are written, newest first, while there is time."""
         level, grid = chosen(self.start, self.end, self.points)
         parts: dict[str, list[Buckets]] = {name: [] for name in self.names}
         complete = True
@@ -143,7 +143,7 @@ class _Question:
 
 
 def _bucketed(grid: Grid, *pieces: Samples) -> Buckets:
-    """Buckets of a grid's step of the samples of one channel."""
+    """Buckets, with the step of ``grid``, of the samples of one channel."""
     times, values = (np.concatenate(arrays) for arrays in zip(*pieces, strict=True))
     return of_samples(times, values[:, None], grid.step)
 
@@ -159,6 +159,6 @@ def _drawn(grid: Grid, parts: Mapping[str, Sequence[Buckets]], digits: int | Non
 
 
 def _plain(values: NDArray[np.float64]) -> list[float | None]:
-    """Values for JSON, None for what is no number."""
+    """Values for JSON, None if not finite."""
     plain: list[float | None] = np.where(np.isfinite(values), values, np.array(None)).tolist()
     return plain

@@ -1,4 +1,4 @@
-"""Intervals and alarms of a span out of the record, the alarms from raise to clear, with what people said of them."""
+"""Intervals and alarms of a span, from recordings; alarms from raise to clear, with acknowledgements and shelving."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ from cellwatt.record.reader import EVER
 from cellwatt.results import Alarm, Event
 
 MOST: Final = 2000
-"""Intervals, and alarms, that an answer has at most: the longest intervals, the newest alarms."""
+"""Largest number of intervals, and of alarms, in an answer: the longest intervals, the newest alarms."""
 PATIENCE: Final = 10.0
-"""s after which an answer is given as far as it goes."""
+"""Time, s, after which the answer is returned incomplete."""
 
 Found = Mapping[FileName, tuple[Sequence[Alarm | Event], Sequence[Span]]]
-"""What was said in recordings, and intervals there."""
+"""Alarms and their events, and intervals, of each recording."""
 
 
 @dataclass
 class Episode:
-    """One alarm: its ``first`` message, the newest that was active, times in UTC ns, and what people said of it.
+    """One alarm: its ``first`` message, its newest active message, times in UTC ns, and users' events about it.
 
-    ``cleared`` is None while it is up.
+    ``cleared`` is None while the alarm is active.
     """
 
     first: Alarm
@@ -47,29 +47,30 @@ class Episode:
     acknowledged: Acknowledgement | None = None
     words: list[Event] = field(default_factory=list)
     pack: str | None = None
-    """File of the evidence, as the daemon told it."""
+    """File name of the evidence, as reported by the daemon."""
 
     def overlaps(self, start: int, end: int) -> bool:
-        """True if it was up at some time from ``start`` to before ``end`` UTC ns."""
+        """True if the alarm was active at some time from ``start`` to before ``end``, UTC ns."""
         return self.raised < end and (self.cleared is None or self.cleared >= start)
 
     def is_part_of(self, other: Episode) -> bool:
-        """True if it is of the same alarm as one that memory has whole."""
+        """True if it is part of ``other``, the complete episode of the same alarm in memory."""
         return self.first.id == other.first.id and self.overlaps(
             other.raised, EVER if other.cleared is None else other.cleared + 1
         )
 
     def end(self, time: int, statement: str) -> None:
-        """It is over, if it was not before."""
+        """Set the end of the alarm, unless it is set already."""
         if self.cleared is None:
             self.cleared, self.cleared_statement = time, statement
 
 
 @dataclass(frozen=True)
 class Memory:
-    """The end of the present, which may not be recorded yet.
+    """The most recent data, which may not be recorded yet.
 
-    ``step`` of the frames, ns; samples by channel, intervals (UTC ns), alarms, and how many older ones were forgotten.
+    ``step`` of the frames, ns; samples by channel; intervals (UTC ns); alarms; ``forgotten``: number of older alarms
+    that were discarded.
     """
 
     step: int = 0
@@ -80,7 +81,7 @@ class Memory:
 
 
 def episodes(recordings: Sequence[RecordFile], found: Found) -> list[Episode]:
-    """Alarms by time of raise, of what was said in order; those of a session end with the begin of the next."""
+    """Alarms by time of raise, from messages in order; the start of a session ends the alarms of the one before."""
     by_id: dict[str, list[Episode]] = {}
     sessions = sorted({kept.name.session for kept in recordings})
     for session, group in groupby(sorted(found), key=lambda name: name.session):
@@ -96,10 +97,10 @@ def episodes(recordings: Sequence[RecordFile], found: Found) -> list[Episode]:
 
 
 def _hear(alarm: Alarm, known: list[Episode]) -> None:
-    """Take a message of an alarm: it begins, goes on, or is over."""
+    """Add a message of an alarm: it begins, updates or ends an episode."""
     up = known[-1] if known and known[-1].cleared is None else None
     if up is not None and up.alarm.since != alarm.since and alarm.active:
-        up.end(alarm.since, alarm.statement)  # its clear is lost
+        up.end(alarm.since, alarm.statement)  # its clear message is lost
         up = None
     if up is None:
         up = Episode(alarm, alarm, alarm.time if alarm.active else alarm.since)
@@ -111,7 +112,7 @@ def _hear(alarm: Alarm, known: list[Episode]) -> None:
 
 
 def _note(event: Event, known: Mapping[str, Sequence[Episode]]) -> None:
-    """Give an event to the alarms that it is about: the last of each id, of evidence the first that has none yet."""
+    """Add an event to its alarms: to the last episode of each id; evidence to the first episode without evidence."""
     ids = event.data.get("alarms", [event.data.get("alarm")])
     for raised in (known[alarm_id] for alarm_id in ids if alarm_id in known):
         if event.kind != "evidence":
@@ -125,17 +126,17 @@ def _note(event: Event, known: Mapping[str, Sequence[Episode]]) -> None:
 def marks(
     store: Store, recordings: Sequence[RecordFile], start: int, end: int, pace: Pace, memory: Memory
 ) -> dict[str, Any]:
-    """Intervals and alarms from ``start`` to before ``end`` UTC ns, as far as ``pace`` lets them be read.
+    """Intervals and alarms from ``start`` to before ``end``, UTC ns, as far as ``pace`` allows reading.
 
-    Recordings of long before are asked only if they have a level file: an alarm that is still up may stand there.
+    Much older recordings are read only if they have a level file: they may contain an alarm that is still active.
     """
     rows = {(span.source, span.number, span.start): span for span in memory.spans if span.overlaps(start, end)}
     found, complete = read(store, recordings, start, end, pace, intervals=True)
-    for name in sorted(found):  # of an interval that ran on into the next recording that has the last of it
+    for name in sorted(found):  # the later recording overrides an interval that continues in it
         spans = (span for span in found[name][1] if span.overlaps(start, end))
         rows |= {(span.source, span.number, span.start): span for span in spans}
     held = [episode for episode in memory.alarms if episode.overlaps(start, end)]
-    # Memory knows since when, the record when it was told, and by its stage: there it may come and go meanwhile.
+    # Memory has the start of an alarm; the record has the times of its messages, per stage, with possible gaps.
     known = [e for e in episodes(recordings, found) if e.overlaps(start, end) and not any(map(e.is_part_of, held))]
     alarms = [*known, *held]
     longest = sorted(rows.values(), key=lambda span: span.end - span.start)[-MOST:]
@@ -152,9 +153,9 @@ def marks(
 def read(
     store: Store, recordings: Sequence[RecordFile], start: int, end: int, pace: Pace, *, intervals: bool = False
 ) -> tuple[Found, bool]:
-    """Recordings begun before ``end``, with intervals if they are asked for, and true if these are all.
+    """Data of recordings begun before ``end``, with ``intervals`` if requested; True if they are complete.
 
-    The newest are read first, until ``pace`` raises ``TimeoutError``; those of before ``start`` only from level files.
+    The newest are read first, until ``pace`` raises ``TimeoutError``; those before ``start`` only from level files.
     """
     wanted = {kept.path for kept in near(recordings, start, end)}
     found: dict[FileName, tuple[Sequence[Alarm | Event], Sequence[Span]]] = {}
@@ -179,12 +180,12 @@ def read(
 def alarm_history(
     store: Store, start_ms: float, end_ms: float, limit: int, memory: Memory = Memory()
 ) -> dict[str, Any]:
-    """Alarms that were up from ``start_ms`` to ``end_ms`` UTC ms, at most ``limit``, the newest first, JSON-ready.
+    """Alarms active from ``start_ms`` to ``end_ms``, UTC ms, at most ``limit``, the newest first, ready for JSON.
 
-    Without a record they are those of ``memory``. ``evidence_page`` is the path of the page below the route of reports.
-    ``complete`` is false where older ones are left out. Never call it on an event loop.
+    Without recordings they come from ``memory``. ``evidence_page`` is the path of the page below the route of reports.
+    ``complete`` is false if older alarms are left out. Never call it on an event loop.
 
-    Raises ``RecordingError`` where the folder cannot be read.
+    Raises ``RecordingError`` if the folder cannot be read.
     """
     start, end = span_of(start_ms, end_ms)
     recordings = store.recordings()
@@ -202,7 +203,7 @@ def alarm_history(
 def _told(episode: Episode, store: Store) -> dict[str, Any]:
     known = next((word for word in reversed(episode.words) if word.kind == "acknowledged"), None)
     said = episode.acknowledged if known is None else Acknowledgement(**_person(known), time=known.time)
-    pack = episode.pack or f"{packs.name_of(store.cell, episode.first)}.mcap"  # where the alarm itself names it
+    pack = episode.pack or f"{packs.name_of(store.cell, episode.first)}.mcap"  # or named by the alarm
     page = packs.page_of(store.folder / packs.FOLDER / Path(pack).name)
     there = store.recorded and page.exists()
     return {

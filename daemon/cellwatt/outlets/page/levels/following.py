@@ -1,4 +1,4 @@
-"""Reads the chunks of recordings: all of a closed one, those of a span, and of an open one what came since."""
+"""Reads the chunks of recordings: of a closed recording all or those of a span, of an open one the new ones."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ from cellwatt.record.survey import open_recording, survey
 _LAST: Final = int(max(Opcode))
 
 Pace = Callable[[], None]
-"""Called after each chunk: may sleep, or raise to stop."""
+"""Called after each chunk; may sleep, or raise an exception to stop."""
 
 
 @dataclass
 class Places:
-    """The chunks of a recording, in order of the file, and the readers of its channels."""
+    """The chunks of a recording, in file order, and the decoders of its channels."""
 
     chunks: Sequence[Chunk] = ()
     tracks: Mapping[int, Track] = field(default_factory=dict)
 
     def items(self, file: FileIO, topics: frozenset[str], start: int = 0, end: int = 2**63) -> Iterator[list[Item]]:
-        """The items of some topics, of each chunk that reaches into a span in UTC ns; a damaged chunk gives nothing."""
+        """Items of ``topics`` per chunk that overlaps the span ``start`` to ``end``, UTC ns; skips damaged chunks."""
         wanted = {number for number, track in self.tracks.items() if track.topic in topics}
         for chunk in self.chunks:
             told = chunk.indexes and wanted.isdisjoint(number for number, _ in chunk.indexes)
@@ -49,13 +49,13 @@ class Places:
 
 @lru_cache(maxsize=3)
 def places_in(path: Path, size: int) -> Places:
-    """Those of a closed recording of ``size`` bytes. Raises ``RecordingError``."""
+    """The chunks of a closed recording of ``size`` bytes. Raises ``RecordingError``."""
     contents = survey(path).contents
     return Places(contents.chunks, tracks_of(contents.channels)[0])
 
 
 def gather(path: Path, size: int, topics: frozenset[str], pace: Pace) -> Digest:
-    """Some topics of a closed recording. Raises ``OSError``, and ``RecordingError`` where it cannot be read."""
+    """Digest of ``topics`` of a closed recording. Raises ``OSError``, and ``RecordingError`` if it is unreadable."""
     gathering = Gathering()
     with open_file(path) as file:
         for items in places_in(path, size).items(file, topics):
@@ -66,9 +66,9 @@ def gather(path: Path, size: int, topics: frozenset[str], pace: Pace) -> Digest:
 
 
 class Growing:
-    """A recording that is open, or was when it was first seen; used under ``lock``.
+    """A recording that is open, or was open when first read; hold ``lock`` to use it.
 
-    A record that is not whole yet waits for the next look.
+    An MCAP record that is not completely written yet is read by the next call of ``grow``.
     """
 
     def __init__(self, path: Path) -> None:
@@ -81,7 +81,10 @@ class Growing:
         self._contents = Contents()
 
     def grow(self, pace: Pace) -> None:
-        """Take what came since. Raises ``OSError``, and what ``pace`` raises: the rest is taken by the next call."""
+        """Read the records written since the last call.
+
+        Raises ``OSError``, and exceptions of ``pace``: then the next call reads the remainder.
+        """
         self._path, file = open_recording(self._path)
         with file:
             size = os.fstat(file.fileno()).st_size
@@ -102,7 +105,7 @@ class Growing:
                     pace()
 
     def _define(self, body: bytes) -> None:
-        """Take over the definitions of channels, which stand before the chunk that needs them."""
+        """Read the definitions of channels, which precede the chunk that needs them."""
         with suppress(ValueError):
             attachment = parse_attachment(body)
             if attachment.name == DEFINITIONS:

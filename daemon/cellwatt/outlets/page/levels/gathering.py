@@ -1,4 +1,4 @@
-"""The part of a recording that the page shows: curves, intervals, alarms and what was said of them."""
+"""The content of a recording that the page shows: curves, intervals, alarms and events about them."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ Samples = tuple[NDArray[np.int64], NDArray[np.float64]]
 
 CURVES: Final = frozenset([FRAME_TOPIC, TOPICS[Prediction]])
 TELLING: Final = frozenset([TOPICS[Interval], TOPICS[Alarm], TOPICS[Event]])
-"""Topics of a recording that hold what the page shows beside the curves."""
+"""Topics of a recording with the intervals and alarms that the page shows."""
 FOLD: Final = 64
-"""Blocks of samples that wait until they become buckets."""
+"""Number of blocks of samples that are collected before they are reduced to buckets."""
 
 
 class Span(NamedTuple):
@@ -39,16 +39,16 @@ class Span(NamedTuple):
     closed: bool
 
     def overlaps(self, start: int, end: int) -> bool:
-        """True if any of it is from ``start`` to before ``end`` UTC ns."""
+        """True if the interval overlaps the time from ``start`` to before ``end``, UTC ns."""
         return self.end >= start and self.start < end
 
 
 @dataclass(frozen=True, slots=True)
 class Digest:
-    """What the page shows of a recording, from ``start`` to ``end`` UTC ns.
+    """The content of a recording that the page shows, from ``start`` to ``end``, UTC ns.
 
-    ``said`` are alarms, of their updates only the last, and the events about them, in recorded order; ``finest`` are
-    buckets of the first of ``STEPS`` by the channels that they have.
+    ``said``: alarm messages (only the last of successive updates) and events about alarms, in recorded order;
+    ``finest``: buckets of the first of ``STEPS``, by their tuple of channels.
     """
 
     start: int
@@ -58,18 +58,18 @@ class Digest:
     finest: Mapping[Columns, Buckets]
 
     def intervals(self) -> Sequence[Span]:
-        """Intervals."""
+        """Intervals of the recording."""
         return self.spans
 
     def levels(self, level: int, wanted: Sequence[str]) -> Iterator[tuple[str, Buckets]]:
-        """Buckets of one of ``STEPS`` of each channel in ``wanted``, once for each set of channels that has it."""
+        """Buckets of ``STEPS[level]`` of each channel in ``wanted``, once per set of channels that contains it."""
         for columns, finest in self.finest.items():
             for name in set(wanted).intersection(columns):
                 yield name, coarser(finest.channel(columns.index(name)), STEPS[level] // STEPS[0])
 
 
 class Gathering:
-    """Takes the items of one recording in order."""
+    """Builds the digest of one recording from its items, in order."""
 
     def __init__(self) -> None:
         self._start, self._end = 2**62, 0
@@ -78,10 +78,10 @@ class Gathering:
         self._spans: dict[tuple[str, int], Span] = {}
         self._said: list[Alarm | Event] = []
         self._up: dict[str, tuple[int, int | None]] = {}
-        """``since`` of each alarm that is up, and the place of its newest update."""
+        """``since`` of each active alarm, and the index in ``_said`` of its newest update."""
 
     def add(self, item: Item) -> None:
-        """Take an item; those that the page does not show are passed over."""
+        """Add an item; items that the page does not show are ignored."""
         if (found := samples_of(item)) is not None and len(found[1]):
             columns, time, values = found
             waiting = self._waiting.setdefault(columns, [])
@@ -99,7 +99,7 @@ class Gathering:
             self._said.append(item)
 
     def digest(self) -> Digest:
-        """All that was taken so far."""
+        """Digest of all items so far."""
         for columns in list(self._waiting):
             self._fold(columns)
         finest = {columns: joined(parts) for columns, parts in self._folded.items()}
@@ -115,7 +115,7 @@ class Gathering:
         self._start, self._end = min(self._start, first), max(self._end, last)
 
     def _alarm(self, alarm: Alarm) -> None:
-        """Keep the raise of an alarm, its newest update and its clear."""
+        """Store the raise of an alarm, its newest update and its clear."""
         since, place = self._up.get(alarm.id, (None, None))
         if alarm.active and since == alarm.since and place is not None:
             self._said[place] = alarm
@@ -128,9 +128,9 @@ class Gathering:
 
 
 def samples_of(item: Item) -> tuple[Columns, NDArray[np.int64], NDArray[np.float64]] | None:
-    """Names, times (n,) UTC ns and values (n, names) of frames, or of a prediction as far as all its outputs go.
+    """Names, times (n,), UTC ns, and values (n, names) of frames, or of a prediction, cut to its shortest output.
 
-    Outputs are named ``prediction/<model>/<output>``. ``None`` of any other item.
+    Outputs are named ``prediction/<model>/<output>``. ``None`` for any other item.
     """
     if isinstance(item, Frames):
         return item.layout.names, item.time, item.values

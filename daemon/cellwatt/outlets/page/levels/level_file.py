@@ -1,6 +1,6 @@
-"""Level files: the digest of a recording in a zip archive beside the recordings, whose checksums tell of damage.
+"""Level files: the digest of a recording as a zip archive beside the recordings, whose checksums detect damage.
 
-It holds ``head`` and ``intervals`` (JSON), and under ``<set>/<level>`` the buckets of each level of each set of
+An archive contains ``head`` and ``intervals`` (JSON), and as ``<set>/<level>`` the buckets of each level of each set of
 channels, little-endian.
 """
 
@@ -29,22 +29,22 @@ from cellwatt.record.header import FileName, plain_cell
 from cellwatt.results import Alarm, Event
 
 FOLDER: Final = "levels"
-"""Folder of the level files, in that of the recordings."""
+"""Name of the folder of level files, inside the folder of the recordings."""
 SUFFIX: Final = ".levels"
 _NEW: Final = ".new"
-"""At the end of the name of one that is being written."""
+"""Suffix of the name of a level file that is being written."""
 VERSION: Final = 3
 _HEAD_NAME, _INTERVALS = "head", "intervals"
 _LARGEST_HEAD: Final = 1 << 26  # bytes, unpacked
 _DAMAGED: Final = (
     zipfile.BadZipFile, zlib.error, struct.error, EOFError, KeyError, NotImplementedError, RuntimeError,
 )  # fmt: skip
-"""Errors of reading an archive that was changed; ``ValueError`` beside them."""
+"""Exceptions from reading a damaged archive, beside ``ValueError``."""
 
 
 @dataclass(frozen=True, slots=True)
 class Head:
-    """Of which recording a level file is, its span in UTC ns, its sets of channels, and what was said, as JSON."""
+    """Head of a level file: name and size, bytes, of its recording, span in UTC ns, sets of channels, messages."""
 
     version: int
     recording: str
@@ -53,7 +53,7 @@ class Head:
     end: int
     sets: tuple[Columns, ...]
     said: tuple[tuple[bool, str], ...]
-    """True of an alarm, false of an event, and the message."""
+    """True for an alarm, False for an event; and the message as JSON."""
 
 
 _HEAD: Final = TypeAdapter(Head)
@@ -66,7 +66,7 @@ def path_of(recording: Path) -> Path:
 
 
 def write(recording: RecordFile, digest: Digest) -> None:
-    """Write the level file of a closed recording, wholly or not at all. Raises ``OSError``."""
+    """Write the level file of a closed recording atomically. Raises ``OSError``."""
     said = tuple((isinstance(message, Alarm), messages.encode(message).decode()) for message in digest.said)
     about = (VERSION, recording.path.name, recording.size, digest.start, digest.end)
     path = path_of(recording.path)
@@ -88,9 +88,10 @@ def write(recording: RecordFile, digest: Digest) -> None:
 
 
 class LevelFile:
-    """A level file to be read as a ``Digest``.
+    """A level file, with the interface of a ``Digest``.
 
-    Raises ``OSError``, and ``ValueError`` where it is damaged or of another recording. So do its methods.
+    The constructor and all methods raise ``OSError``, and ``ValueError`` if the file is damaged or belongs to another
+    recording.
     """
 
     def __init__(self, recording: RecordFile) -> None:
@@ -144,7 +145,7 @@ def _archive(path: Path) -> Iterator[zipfile.ZipFile]:
 
 
 def remove_begun(folder: Path, cell: str) -> None:
-    """Remove what a process that was killed has left of level files of a cell. Raises ``OSError``."""
+    """Remove incomplete level files of a cell, left by a killed process. Raises ``OSError``."""
     for path in (folder / FOLDER).glob(f"*{SUFFIX}.*{_NEW}"):
         name = FileName.parse(f"{path.name.partition(SUFFIX)[0]}.mcap")
         if name is not None and name.cell == plain_cell(cell):

@@ -1,7 +1,7 @@
-"""What the page shows of one cell's recordings: level files of the closed ones, the open one as it is written.
+"""The page's data from one cell's recordings: level files of closed recordings, and the open recording as it grows.
 
-Recordings are only read. One without a level file, as the disk has no room or the budget is spent, is read again for
-each answer.
+Recordings are only read. A recording without a level file, for lack of disk space or budget, is read again for each
+answer.
 """
 
 from __future__ import annotations
@@ -29,24 +29,24 @@ from cellwatt.record.survey import ATTEMPTS
 log = logging.getLogger(__name__)
 
 RESERVE: Final = 256e6
-"""Bytes of the disk that level files leave free: what is left belongs to the record."""
+"""Disk space, bytes, that level files leave free for recordings."""
 LATE: Final = 3600.0
-"""s by which the clocks of a cell and of its disk may differ."""
+"""Largest difference, s, between the clocks of a cell and of its disk."""
 TICK: Final = 1.0
-"""s within which two changes of a folder may have the same time."""
+"""Time, s, within which two changes of a folder may have the same modification time."""
 RETRY: Final = 60.0
-"""Pause, s, before what failed is tried again."""
+"""Pause, s, before a failed read or write is tried again."""
 PERIOD: Final = 2.0
-"""s from one look at the folder to the next."""
+"""Interval, s, between two checks of the folder."""
 TRIES: Final = 2
-"""Times that a level file is asked before what it has counts as missing."""
+"""Number of attempts to read a level file before its data count as missing."""
 WORK, REST = 0.01, 0.03
-"""s of reading, and of rest after it: the page's other threads go first."""
+"""Time, s, of reading and of the rest after it, so that the page's other threads take precedence."""
 
 T = TypeVar("T")
 
 Source = LevelFile | Digest
-"""Levels, intervals and alarms of one recording, which reaches from ``start`` to ``end`` UTC ns."""
+"""Levels, intervals and alarms of one recording, from ``start`` to ``end``, UTC ns."""
 
 
 class _Closed(Exception):  # noqa: N818
@@ -54,41 +54,41 @@ class _Closed(Exception):  # noqa: N818
 
 
 class Store:
-    """Sources of a cell's recordings in ``folder``, if any, with level files up to ``most`` bytes. Any thread may ask.
+    """Sources of a cell's recordings in ``folder``, with level files up to ``most`` bytes; thread-safe.
 
-    From ``start`` to ``close`` a thread of its own keeps the level files up to date.
+    ``folder`` ``None``: the cell has no recordings. From ``start`` to ``close`` a thread updates the level files.
     """
 
     def __init__(self, folder: Path | None, cell: str, most: float = math.inf) -> None:
         self.folder, self.cell, self._most = folder or Path(), cell, most
         self.recorded = folder is not None
         self.counts: Counter[str] = Counter()
-        """Level files unwritten, damaged and over the budget; recordings that could not be read."""
+        """Level files unwritten, damaged and over budget; unreadable recordings."""
         self._listing: tuple[float, float, list[RecordFile]] = (0.0, 0.0, [])
-        """UTC s at which the folder was listed, its last change then, and what was in it."""
+        """Time of the listing, UTC s, modification time of the folder, UTC s, and its files."""
         self._files: dict[FileName, LevelFile] = {}
         self._growing: dict[FileName, Growing] = {}
         self._over: FileName | None = None
-        """The newest recording whose level file went to keep to the budget."""
+        """The newest recording whose level file was removed to stay within the budget."""
         self._again: dict[Path, float] = {}
-        """Monotonic time, s, before which a recording that could not be read, or the folder, is not tried again."""
+        """Monotonic time, s, before which a failed recording or folder is not tried again."""
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="levels", daemon=True)
         self._rest_at = 0.0
 
     def start(self) -> None:
-        """Begin to keep the level files up to date, where there is a record."""
+        """Start the thread that updates the level files, if there is a folder."""
         if self.recorded:
             self._thread.start()
 
     def close(self) -> None:
-        """End, in the middle of a recording if need be."""
+        """Stop the thread, even in the middle of a recording."""
         self._closing.set()
         if self._thread.is_alive():
             self._thread.join()
 
     def _run(self) -> None:
-        with suppress(OSError):  # it will be told of what is written next
+        with suppress(OSError):  # a later write reports the error
             level_file.remove_begun(self.folder, self.cell)
         while not self._closing.is_set():
             try:
@@ -96,11 +96,11 @@ class Store:
             except _Closed:
                 return
             except (OSError, CellwattError) as error:
-                log.warning("the record cannot be followed: %s", error)
+                log.warning("cannot read new recordings: %s", error)
             self._closing.wait(PERIOD)
 
     def _rest(self) -> None:
-        """Rest after some work; end where all is to end."""
+        """Rest after ``WORK`` s of work; raise ``_Closed`` when the store is closed."""
         if time.monotonic() < self._rest_at:
             return
         if self._closing.wait(REST):
@@ -108,16 +108,16 @@ class Store:
         self._rest_at = time.monotonic() + WORK
 
     def recordings(self) -> list[RecordFile]:
-        """Recordings that are there, in order; those of which nothing can be read are among them.
+        """Recordings in the folder, in order, including unreadable ones.
 
-        Raises ``RecordingError`` where the folder cannot be read.
+        Raises ``RecordingError`` if the folder cannot be read.
         """
         if not self.recorded:
             return []
         try:
             changed = self.folder.stat().st_mtime
             listed, of_change, found = self._listing
-            # A folder that is changed twice within one tick of the clock has the same time both times.
+            # Two changes of a folder within one clock tick have the same modification time.
             if of_change != changed or listed - changed < TICK:
                 listed, found = time.time(), self._settled()
                 self._listing = (listed, changed, found)
@@ -128,7 +128,7 @@ class Store:
         return found
 
     def _settled(self) -> list[RecordFile]:
-        """A listing that no rename has disturbed, as far as that can be had: a file is missing in one of them."""
+        """List the folder until two listings agree, at most ``ATTEMPTS`` times: a rename may hide a file from one."""
         before: list[Path] | None = None
         for _ in range(ATTEMPTS):
             found = files_of(self.folder, self.cell)
@@ -139,9 +139,10 @@ class Store:
         return found
 
     def source(self, kept: RecordFile, pace: Pace, *, curves: bool = True) -> Source | None:
-        """Source of a recording, made if it is not there; without ``curves`` it may lack its levels, and is not made.
+        """Source of a recording; writes its level file if missing. Without ``curves``, it may lack levels, and no level
+        file is written.
 
-        None where nothing in it can be read. Raises what ``pace`` raises.
+        None if the recording is unreadable. Raises exceptions of ``pace``.
         """
         try:
             if not kept.closed:
@@ -156,23 +157,23 @@ class Store:
         except TimeoutError:
             raise
         except (OSError, RecordingError) as error:
-            # One that was removed to make room is no fault.
+            # A recording removed to free disk space is not an error.
             if not isinstance(error, FileNotFoundError) and not isinstance(error.__cause__, FileNotFoundError):
                 self.counts["unreadable"] += 1
                 self._failed(kept.path, f"{kept.path} has no curves: {error}")
             return None
 
     def read(self, kept: RecordFile, pace: Pace, ask: Callable[[Source], T], *, curves: bool = True) -> T | None:
-        """What ``ask`` finds in the source of a recording; a level file that is damaged or gone is made anew.
+        """Result of ``ask`` for the source of a recording; a damaged or missing level file is written again.
 
-        See ``source``. Raises ``TimeoutError`` where it is damaged again, as it can neither be removed nor made anew.
+        See ``source``. Raises ``TimeoutError`` if it is still damaged, as it can be neither removed nor written.
         """
         for _ in range(TRIES):
             if (source := self.source(kept, pace, curves=curves)) is None:
                 return None
             try:
                 return ask(source)
-            except FileNotFoundError:  # it went with its recording, or to keep to the budget
+            except FileNotFoundError:  # removed with its recording, or to stay within the budget
                 self._files.pop(kept.name, None)
             except ValueError as error:
                 self.spoiled(kept, str(error))
@@ -180,7 +181,7 @@ class Store:
         raise TimeoutError
 
     def known(self, kept: RecordFile) -> LevelFile | None:
-        """The level file of a closed recording; None where there is no sound one."""
+        """The level file of a closed recording; None if it is missing or damaged."""
         file = self._files.get(kept.name)
         if file is not None and file.size == kept.size:
             return file
@@ -194,23 +195,23 @@ class Store:
         return file
 
     def spoiled(self, kept: RecordFile, reason: str) -> None:
-        """Forget and remove a level file that is damaged: it is made anew."""
+        """Remove a damaged level file, so that it is written again."""
         self._files.pop(kept.name, None)
         self.counts["damaged"] += 1
         path = level_file.path_of(kept.path)
-        log.warning("%s %s: it is made anew", path, reason)
+        log.warning("%s %s: it is written again", path, reason)
         try:
             path.unlink(missing_ok=True)
         except OSError as error:
             log.warning("%s cannot be removed: %s", path, why(error))
 
     def _made(self, kept: RecordFile, pace: Pace) -> Digest:
-        """Read a closed recording, and write its level file where that may be."""
+        """Read a closed recording, and write its level file if budget and disk space allow it."""
         digest = gather(kept.path, kept.size, CURVES | TELLING, pace)
         if self._allows(kept):
             try:
                 if not self._room():
-                    raise OSError("there is no room for level files: curves of long spans are slow")
+                    raise OSError("too little disk space for level files: curves of long spans are slow")
                 level_file.write(kept, digest)
                 self._hold()
             except (OSError, ValueError) as error:
@@ -219,7 +220,7 @@ class Store:
         return digest
 
     def places(self, kept: RecordFile, pace: Pace) -> Places:
-        """The chunks of a recording. Raises ``OSError``, ``RecordingError``, and what ``pace`` raises."""
+        """The chunks of a recording. Raises ``OSError``, ``RecordingError``, and exceptions of ``pace``."""
         if kept.closed:
             return places_in(kept.path, kept.size)
         growing = self._growing.setdefault(kept.name, Growing(kept.path))
@@ -228,9 +229,9 @@ class Store:
             return Places(growing.chunks[:], growing.tracks)
 
     def look(self, pace: Pace) -> None:
-        """Make the level files that are missing, newest first, and remove those of recordings that are gone.
+        """Write missing level files, newest first, and remove those of removed recordings.
 
-        Raises ``OSError``, ``RecordingError``, and what ``pace`` raises.
+        Raises ``OSError``, ``RecordingError``, and exceptions of ``pace``.
         """
         recordings = self.recordings()
         for kept in reversed(recordings) if recordings and self._room() else ():
@@ -248,7 +249,7 @@ class Store:
                 del self._growing[name]
 
     def _hold(self) -> None:
-        """Keep to the budget: the level files of the oldest recordings go. Raises ``OSError``."""
+        """Remove level files of the oldest recordings until the budget is met. Raises ``OSError``."""
         files = level_file.listing(self.folder, self.cell)
         if over := surplus(files, keep=self._most, age=0, now=0, reserve=0):
             remove(over)
@@ -258,11 +259,11 @@ class Store:
                 self._files.pop(file.name, None)
 
     def _room(self) -> bool:
-        """True where the disk has room for level files, and takes them."""
+        """True if the disk has space for level files, and no write failed recently."""
         return not self._waits(self.folder) and shutil.disk_usage(self.folder).free >= RESERVE
 
     def _allows(self, kept: RecordFile) -> bool:
-        """False for a recording that is as old as one whose level file was beyond the budget, or older."""
+        """False for the newest recording whose level file was removed for the budget, and for older ones."""
         return self._over is None or kept.name > self._over
 
     def _waits(self, path: Path) -> bool:
@@ -275,13 +276,13 @@ class Store:
 
 
 def near(recordings: Iterable[RecordFile], start: int, end: int) -> list[RecordFile]:
-    """Recordings that may have something of a span in UTC ns: begun before its end, and written after its start."""
+    """Recordings that may overlap a span in UTC ns: begun before its end and written after its start."""
     late = LATE * 1e9
     return [k for k in recordings if k.name.session < end + late and (not k.closed or k.modified * 1e9 + late >= start)]
 
 
 def ends_at(until: float) -> Pace:
-    """No rests, and ``TimeoutError`` at monotonic time ``until``."""
+    """A pace without rests that raises ``TimeoutError`` after monotonic time ``until``, s."""
 
     def pace() -> None:
         if time.monotonic() > until:

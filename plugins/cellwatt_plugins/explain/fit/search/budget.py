@@ -1,4 +1,4 @@
-"""The time that a search may take."""
+"""The time limit of a search."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from cellwatt.scheduler import workers
 
 
 def now() -> float:
-    """Seconds on the clock of a search: computing of this process, whose waiting is nobody's fault.
+    """Seconds on the clock of a search: CPU time of this process, so that waiting does not count.
 
-    Where workers do the computing it is the time of day's.
+    With worker processes it is elapsed time.
     """
     return time.process_time() if workers() is None else time.monotonic()

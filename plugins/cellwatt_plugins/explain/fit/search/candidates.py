@@ -1,4 +1,4 @@
-"""The candidates of a step: every effect at every place, each with its best shape, beside the terms already there."""
+"""The candidates of a step: every effect at every joint, each with its best shape, beside the current terms."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from cellwatt_plugins.robot.blocks import Block
 from cellwatt_plugins.robot.effects.effect import Effect
 
 MOSTLY = 0.5
-"""Share of a joint's residual beyond the noise that is fast, from which effects that ring or clack are tried."""
+"""Share of a joint's residual beyond the noise that must be fast for effects that ring or clack to be tried."""
 SAME_LOAD = 0.05
-"""Share by which a load may change before what swings under it is simulated anew."""
+"""Relative change of a load above which the effects that swing under it are simulated again."""
 
 
 def candidates(state: SearchState, now: Solution) -> list[Candidate]:
-    """Return what each effect would add, greatest evidence first."""
+    """The evidence that each effect would add, greatest first."""
     return _ordered(state, now, now, lambda effect, joint: True)
 
 
 def rivals(state: SearchState, now: Solution, term: Term) -> tuple[Solution, float, list[Candidate]]:
-    """Return the other terms alone, the evidence of a term beside them, and what could stand in its place, best first.
+    """The solution without a term, the term's evidence beside it, and the candidates in its place, best first.
 
-    That is any effect at its joint, and one of the whole arm that can look the same; those alone that cost little once
-    the time is up.
+    Candidates are the effects at its joint, and effects of the whole arm that can look the same; after the time limit,
+    only those that cost little.
     """
     others, spent = without(state, now, term), state.spent()
     alike = {confusion.effect for confusion in term.effect.confusions}
@@ -41,23 +41,23 @@ def rivals(state: SearchState, now: Solution, term: Term) -> tuple[Solution, flo
             return False
         return term.joint is None or joint == term.joint or (joint is None and effect.name in alike)
 
-    # A term that leaves nothing fast has no rival among what rings and clacks.
+    # A term that leaves no fast residual has no rival among effects that ring or clack.
     fast = others if term.effect.form.sample_by_sample else now
     own = others.fit.gain(others.problem.block(term))[0]
     return others, own, [c for c in _ordered(state, others, fast, rival) if c.term.place != term.place]
 
 
 def _ordered(
-    state: SearchState, now: Solution, fast: Solution, asked: Callable[[Effect, int | None], bool]
+    state: SearchState, now: Solution, fast: Solution, chosen: Callable[[Effect, int | None], bool]
 ) -> list[Candidate]:
-    """Candidates at the places asked for; what was found beside the same terms is as it was."""
+    """Candidates at the joints for which ``chosen`` is true; results for the same terms are reused."""
     quick, every = fast.problem.fast_chi2(fast.residual) - 1, fast.problem.chi2(fast.residual) - 1
     rings = (quick > state.thresholds.costly - 1) & (quick > MOSTLY * every)
     places = [
         (effect, joint)
         for effect in state.effects
         for joint in _places(state, effect)
-        if asked(effect, joint) and _open(state, now, effect, joint, rings)
+        if chosen(effect, joint) and _open(state, now, effect, joint, rings)
     ]
     out = []
     for effect, joint in steps(places, "trying", lambda place: place[0].name.replace("_", " ")):
@@ -70,7 +70,7 @@ def _ordered(
 
 
 def has_friction(state: SearchState, joint: int | None, terms: Sequence[Term]) -> bool:
-    """True if there is Coulomb friction that an effect could change."""
+    """True if the joint has Coulomb friction that an effect could change."""
     described = state.robot.column("coulomb_friction")[joint or 0]
     return bool(described > 0) or any(t.place == ("coulomb_friction", joint) for t in terms)
 
@@ -89,7 +89,8 @@ def _places(state: SearchState, effect: Effect) -> list[int | None]:
 
 
 def _open(state: SearchState, now: Solution, effect: Effect, joint: int | None, rings: NDArray[np.bool_]) -> bool:
-    """True if an effect is worth a try beside the terms that are there; what ``rings`` at joints that do."""
+    """True if an effect is worth trying beside the current terms; sample-by-sample effects only at joints that ring
+    (``rings``)."""
     if any(t.joint == joint and _stands_for(t.effect, effect) for t in now.terms):
         return False
     if effect.form.sample_by_sample and joint is not None and not rings[joint]:
@@ -103,7 +104,7 @@ def _stands_for(one: Effect, other: Effect) -> bool:
 
 
 def _best_shape(state: SearchState, now: Solution, effect: Effect, joint: int | None) -> Candidate | None:
-    """The shape with the greatest evidence; None where the recordings resolve none or no coefficients can be."""
+    """The shape with the greatest evidence; None if the recordings resolve none or no coefficients are possible."""
     states = now.problem.states
     shapes = effect.shapes(states, joint, state.every_sample(now))
     terms = [Term(effect, joint, shape) for shape in shapes if effect.resolved(states, joint, shape)]
@@ -120,7 +121,7 @@ def _best_shape(state: SearchState, now: Solution, effect: Effect, joint: int | 
 
 
 def _blocks(state: SearchState, now: Solution, effect: Effect, joint: int | None, terms: Sequence[Term]) -> list[Block]:
-    """Blocks of all shapes of an effect; made once for a motion, and costly ones for a load."""
+    """Blocks of all shapes of an effect; computed once per motion, and for costly effects once per load."""
     key, problem = (effect.name, joint), now.problem
     costly = effect.form.sample_by_sample and effect.depends_on == "load"
     load = np.concatenate([s.load[:, joint or 0] for s in problem.states]) if costly else np.zeros(0)

@@ -1,4 +1,4 @@
-"""What is left at a joint, as a curve of what it goes with; and laws whose form such a curve gives the lie."""
+"""The residual of a joint as a curve of a quantity, and laws that such a curve disproves."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from cellwatt_plugins.explain.fit.solution import Solution
 from cellwatt_plugins.robot.curves import CURVE, CURVES, Curve
 
 EXCESS = 0.35
-"""Mean square residual beyond noise from which a curve of it is looked for."""
+"""Mean square residual beyond noise, in units of the noise, above which a curve is searched."""
 SHARE, SURE = 0.08, 2.0
-"""Share of a joint's mean square error on data left out, and standard errors, that a curve must take off."""
+"""Share of a joint's mean square error on data left out, and standard errors, that a curve must remove."""
 BESIDE = 0.5
-"""Share of what a law takes off that a free curve of the same course may take off beside it."""
+"""Largest error that a free curve of the same quantity may remove beside a law, as a share of what the law removes."""
 EACH = 2
-"""Curves of a joint at most."""
+"""Largest number of curves per joint."""
 
 
 def with_curves(state: SearchState, now: Solution) -> Solution:
@@ -49,7 +49,7 @@ def _best(state: SearchState, now: Solution, joint: int) -> Solution | None:
 
 
 def drop_ill_formed(state: SearchState, now: Solution) -> Solution:
-    """Laws leave beside which a free curve of the same course takes off nearly as much as they do."""
+    """Remove laws beside which a free curve of the same quantity removes about as much error as they do."""
     for term in [t for t in now.terms if t.effect.relations.along]:
         curve = _term(now, CURVE[f"{term.effect.relations.along}_curve"], term.joint or 0)
         if curve is None:
@@ -58,10 +58,10 @@ def drop_ill_formed(state: SearchState, now: Solution) -> Solution:
         joint = [term.joint or 0]
         bare, own, both = (held.errors(t) for t in (rest.terms, now.terms, [*now.terms, curve]))
         law, beyond = float(np.sum((bare - own)[:, joint])), float(np.sum((own - both)[:, joint]))
-        # Where loosened links can stand for a law, what it takes off tells nothing of its form.
+        # Where loosened links can replace a law, the error that it removes says nothing about its form.
         if law > 0 and beyond > BESIDE * law and compared(own, both, joint).sure > SURE:
             share = 100 * beyond / (law + beyond)
-            why = f"has not this form: {share:.0f} % of it is another curve of the {term.effect.relations.along}"
+            why = f"does not have this form: {share:.0f} % of it is another curve of the {term.effect.relations.along}"
             state.refuse(term, 0.0, why)
             now = rest
     return now

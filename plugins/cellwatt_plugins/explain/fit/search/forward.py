@@ -1,4 +1,4 @@
-"""Forward steps: the best candidate enters, and each term is tried under every other name."""
+"""Forward steps: the best candidate is added, and each term is tried under every other name."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections import Counter
 
 from cellwatt.progress import steps
 from cellwatt_plugins.explain.fit.acceptance import collinear, rejection
-from cellwatt_plugins.explain.fit.problem import Term, said
+from cellwatt_plugins.explain.fit.problem import Term, title
 from cellwatt_plugins.explain.fit.search.backward import shares_channel
 from cellwatt_plugins.explain.fit.search.candidates import candidates, rivals
 from cellwatt_plugins.explain.fit.search.refine import refine
@@ -15,27 +15,27 @@ from cellwatt_plugins.explain.fit.search.state import SearchState
 from cellwatt_plugins.explain.fit.solution import Solution
 
 BEST, USUAL = 2, 5
-"""Candidates at one place (a joint, the whole arm) that are looked at closely in a step, and where one is usual."""
+"""Largest number of candidates per joint (or whole arm) that are fitted in a step; the second for usual effects."""
 RIVALS = 3
-"""Other names that are fitted in a term's place."""
+"""Largest number of other names fitted in a term's place."""
 AHEAD = 3.0
-"""nats by which a name must lead the one in whose place it comes."""
+"""nats by which a name must exceed the name that it replaces."""
 
 
 def enter(state: SearchState, now: Solution) -> Solution | None:
-    """The solution with the best new term; None where none is accepted."""
+    """The solution with the best new term; None if none is accepted."""
     looked_at: Counter[int | None] = Counter()
     skipped: set[int | None] = set()
-    for candidate in steps(candidates(state, now), "fitting", lambda candidate: said(candidate.term)):
+    for candidate in steps(candidates(state, now), "fitting", lambda candidate: title(candidate.term)):
         if candidate.gain < state.thresholds.least:
             state.refuse(candidate.term, candidate.gain, "adds too little evidence")
             continue
         if looked_at[candidate.term.joint] >= (USUAL if candidate.term.effect.usual else BEST):
-            state.refuse(candidate.term, candidate.gain, "others at its place add more evidence and were refused")
+            state.refuse(candidate.term, candidate.gain, "rivals of the same place with more evidence were refused")
             state.unlooked.discard(candidate.term.joint)
             continue
         if state.spent():
-            state.refuse(candidate.term, candidate.gain, "was not looked at closely: the time was up")
+            state.refuse(candidate.term, candidate.gain, "was not fitted: the time limit was reached")
             skipped.add(candidate.term.joint)
             continue
         looked_at[candidate.term.joint] += 1
@@ -44,7 +44,7 @@ def enter(state: SearchState, now: Solution) -> Solution | None:
             if (instead := _instead(state, now, like, new.terms[-1])) is not None:
                 state.changed(like.joint, candidate.term.joint)
                 return instead
-            why: str | None = f"cannot be told from {like.effect.name.replace('_', ' ')} in these recordings"
+            why: str | None = f"cannot be distinguished from {like.effect.name.replace('_', ' ')} in these recordings"
         else:
             why = rejection(now, new, state.thresholds, candidate.gain)
         if why is None:
@@ -56,7 +56,7 @@ def enter(state: SearchState, now: Solution) -> Solution | None:
 
 
 def _instead(state: SearchState, now: Solution, old: Term, new: Term) -> Solution | None:
-    """The solution with a new term in an old one's place; None where the old one has more evidence."""
+    """The solution with a new term in place of an old one; None if the old one has more evidence."""
     others = without(state, now, old)
     own, other = (others.fit.gain(others.problem.block(t))[0] + t.effect.relations.plainer for t in (old, new))
     if other < own + AHEAD:
@@ -66,8 +66,9 @@ def _instead(state: SearchState, now: Solution, old: Term, new: Term) -> Solutio
 
 
 def swap(state: SearchState, now: Solution, beside: Term | None = None) -> Solution:
-    """Each term under the name that explains it best, the others held; only what shares a channel with ``beside``."""
-    for term in steps(list(now.terms), "other names for", said):
+    """Each term under the name that explains it best, with the others fixed; only terms that share a channel with
+    ``beside``."""
+    for term in steps(list(now.terms), "other names for", title):
         if not shares_channel(term, beside):
             continue
         if state.spent():

@@ -1,4 +1,4 @@
-"""Friction first: what every arm has is asked of all joints in one step, before anything finer."""
+"""Friction first: the terms that every arm has are added at all joints in one step, before finer effects."""
 
 from __future__ import annotations
 
@@ -12,33 +12,32 @@ from cellwatt_plugins.explain.fit.solution import Solution
 
 ALWAYS = ("coulomb_friction", "viscous_friction")
 PLAIN = (*ALWAYS, "torque_offset")
-"""Measured torques may have an offset, too."""
+"""Measured torques may also have an offset."""
 SUPPLY = ("standby_power", "copper_loss")
 
 
 def plain_terms(state: SearchState, now: Solution) -> Solution:
-    """The solution with what every arm has and the simulation knows nothing of, where it holds.
+    """The solution with the terms that every arm has and the simulation lacks, where they are physical.
 
-    That is friction and an offset of each joint without known friction, or constant power and heat of the windings,
-    where no term is at that joint yet.
-    All of it is fitted together. What is finer is asked for beside it, and only then whether all of it is needed: where
-    nobody knows of a balancer yet, no friction shows.
+    These are friction and an offset of each joint without known friction, or standby power and copper losses of the
+    supply, where no term acts yet. All are fitted together; finer effects are searched beside them, and only then is
+    each tested for need: before an unknown balancer is found, friction may not show.
     """
-    asked = _asked(state, {t.joint for t in now.terms})
-    if not asked:
+    plain = _lacking(state, {t.joint for t in now.terms})
+    if not plain:
         return now
-    now = reweigh(state, solve(state, [*now.terms, *asked]))
-    for term in sorted(asked, key=lambda t: now.fit.added(now.block(t)[1])):
+    now = reweigh(state, solve(state, [*now.terms, *plain]))
+    for term in sorted(plain, key=lambda t: now.fit.added(now.block(t)[1])):
         if not physical(term, now.coefficients(term), state.robot):
-            state.refuse(term, now.fit.added(now.block(term)[1]), "would push with the motion")
+            state.refuse(term, now.fit.added(now.block(term)[1]), "has a sign that is not physical")
             now = without(state, now, term)
     return reweigh(state, now)
 
 
-def _asked(state: SearchState, there: Collection[int | None]) -> list[Term]:
+def _lacking(state: SearchState, occupied: Collection[int | None]) -> list[Term]:
     effects = {effect.name: effect for effect in state.effects}
     if state.problem.side == "supply":
-        if there:
+        if occupied:
             return []
         return [
             Term(effect, None, ())
@@ -48,6 +47,6 @@ def _asked(state: SearchState, there: Collection[int | None]) -> list[Term]:
     if not all(name in effects for name in ALWAYS):
         return []
     own = [effects[name] for name in PLAIN if name in effects]
-    bare = [j for j in state.moving if j not in there]
+    bare = [j for j in state.moving if j not in occupied]
     unknown = [j for j in bare if not any(effect.described(state.robot, j) for effect in own)]
     return [Term(effect, joint, ()) for joint in unknown for effect in own]

@@ -1,4 +1,4 @@
-"""Refinement of one term's shape, the other terms held."""
+"""Refinement of one term's shape, with the other terms fixed."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from cellwatt_plugins.explain.fit.solution import Solution
 from cellwatt_plugins.robot.effects.effect import Shape
 
 ROUNDS = 4
-"""Times that a schedule is found anew with the coefficients that the last one gave."""
+"""Largest number of times that a shape is derived again from the coefficients of the last fit."""
 
 
 def refine(state: SearchState, now: Solution, term: Term) -> Solution:
-    """The solution with the shape of a term where the evidence is greatest."""
+    """The solution with the shape of greatest evidence for a term."""
     for _ in range(ROUNDS):
         again = _reshaped(state, now, term)
         if again is None:
@@ -45,7 +45,7 @@ def refine(state: SearchState, now: Solution, term: Term) -> Solution:
 
 
 def _reshaped(state: SearchState, now: Solution, term: Term) -> tuple[Solution, Term] | None:
-    """The solution with the shape anew that a term's own coefficients ask for; None where it is no better."""
+    """The solution with a new shape derived from the term's own coefficients; None if it is no better."""
     own, states = now.coefficients(term), now.problem.states
     course = now.residual + now.added(term)
     shape = term.effect.reshaped(states, term.joint, now.problem.every_sample(course), own)

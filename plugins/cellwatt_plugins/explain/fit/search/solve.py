@@ -1,4 +1,4 @@
-"""The fit of given terms: a least-squares step, repeated until noise and fitted torque agree with it."""
+"""The fit of given terms: least squares, repeated until noise and fitted torque are consistent with it."""
 
 from __future__ import annotations
 
@@ -13,42 +13,42 @@ from cellwatt_plugins.explain.fit.search.state import SearchState
 from cellwatt_plugins.explain.fit.solution import Solution
 from cellwatt_plugins.robot.blocks import Regression
 
-KEPT = 6
-"""Solutions that are kept: each term is left out again and again, and tried beside the same others."""
+CACHED = 6
+"""Number of cached solutions: each term is left out repeatedly, and tried beside the same others."""
 
 
 def solve(state: SearchState, terms: Sequence[Term]) -> Solution:
-    """Fit terms; effects that act on the measured torque see the torque of this fit."""
+    """Fit terms; effects that depend on torque use the torque of this fit."""
     key = tuple(terms)
     if key not in state.solved:
         state.solved[key] = fitted(state.problem, terms)
-        while len(state.solved) > KEPT:
+        while len(state.solved) > CACHED:
             del state.solved[next(iter(state.solved))]
     return replace(state.solved[key], terms=list(terms))
 
 
 def fitted(problem: Problem, terms: Sequence[Term]) -> Solution:
-    """Fit terms to a problem outside a search."""
-    # Columns that go with the motion alone stay as they are whatever torque is fitted.
+    """Fit terms to a problem, outside a search."""
+    # Columns that depend on the motion alone are the same for every fitted torque.
     steady = all(t.effect.by_motion_alone for t in terms)
     rounds = 2 if steady or all(t.effect.mechanical for t in terms) else 3
     factor: Float | None = None
-    for left in reversed(range(rounds)):
+    for remaining in reversed(range(rounds)):
         fit = problem.fit([problem.block(t) for t in terms], factor)
         factor = problem.noise_factor(fit.residual)
-        if not (steady and left):
+        if not (steady and remaining):
             problem = _with_fitted_torque(problem, terms, fit)
     fit = problem.fit([problem.block(t) for t in terms], factor)
     return Solution(problem, list(terms), fit, problem.noise_factor(fit.residual))
 
 
 def without(state: SearchState, now: Solution, term: Term) -> Solution:
-    """The other terms alone."""
+    """The solution without ``term``."""
     return solve(state, [t for t in now.terms if t is not term])
 
 
 def reweigh(state: SearchState, now: Solution) -> Solution:
-    """The same terms where friction that they add makes the samples near stops count less, as late as they are read."""
+    """The same terms, with samples near stops weighted for the friction and the delay that the terms add."""
     turning, late, terms = np.zeros_like(state.turning), 0.0, now.terms
     for term in now.terms:
         if term.effect.form.reverses and term.joint is not None:
@@ -58,7 +58,7 @@ def reweigh(state: SearchState, now: Solution) -> Solution:
     step = now.problem.states[0].step
     if np.all(np.abs(turning - state.turning) < 0.1 * turning + 1e-12) and abs(late - state.late) < step:
         return now
-    # Near stops a delay was not told from torque that turns over slowly.
+    # Near stops, a delay was not distinguished from torque that reverses slowly.
     if abs(late - state.late) >= step:
         terms = [replace(t, shape=(late,)) if t.effect.name == "time_delay" else t for t in terms]
     state.turn(turning.tolist(), late)

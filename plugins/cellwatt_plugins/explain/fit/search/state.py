@@ -1,4 +1,4 @@
-"""State that the steps of a search share: the task, the present problem, and the terms refused."""
+"""State that the steps of a search share: the task, the current problem, and the rejected terms."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.effect import Effect
 
 Make = Callable[[Float, float], Problem]
-"""Makes the problem for friction (C,) Nm beyond the nominal that turns over with the velocity's sign, read so many s
-late."""
+"""Creates the problem for friction (C,) Nm beyond the nominal that reverses with the velocity, and the delay of the
+measured torques in s."""
 
 
 @dataclass
@@ -31,92 +31,91 @@ class SearchState:
     make: Make
     thresholds: Thresholds
     effects: tuple[Effect, ...]
-    """Those of this side."""
+    """The effects of this side."""
     turning: Float
-    """The friction (C,) Nm that the problem was made for."""
+    """The friction (C,) Nm for which the problem was created."""
     problem: Problem
-    """Nominal parameters alone; terms are fitted beside them."""
+    """The problem with nominal parameters alone; terms are fitted beside them."""
     blocks: dict[Place, list[Block]] = field(default_factory=dict)
-    """All shapes of the effects whose columns depend on the motion alone, or are costly."""
+    """All shapes of the effects whose columns depend on the motion alone, or are costly to compute."""
     loads: dict[Place, Float] = field(default_factory=dict)
-    """Load (N,) Nm at the joint with which those of costly effects were simulated."""
+    """Load (N,) Nm of the joint with which the costly effects were simulated."""
     solved: dict[tuple[Term, ...], Solution] = field(default_factory=dict)
-    """The last solutions of the present problem."""
+    """The last solutions of the current problem."""
     refused: dict[Place, Trial] = field(default_factory=dict)
-    """The last reason why a candidate did not enter or a term left."""
+    """The last reason for which a candidate was rejected or a term removed."""
 
     unlooked: set[int | None] = field(default_factory=set)
-    """Joints (0-based) at which no candidate has been refused since a term last entered there."""
-    left: tuple[tuple[Term, ...], list[Float]] | None = None
-    """What some terms leave at all samples of each run."""
+    """Joints (0-based) where a term was added and the candidates have not all been rejected since."""
+    residuals: tuple[tuple[Term, ...], list[Float]] | None = None
+    """Terms, and their residual at all samples of each run."""
     late: float = 0.0
-    """s after the motion at which the problem's torques were read."""
+    """Delay in s of the problem's measured torques."""
     looseness: float = 1.0
     """See ``loose``."""
     known: dict[tuple[str, int | None, frozenset[Term]], Candidate | None] = field(default_factory=dict)
-    """What an effect would add at a joint (0-based) beside the terms that act there."""
+    """What an effect would add at a joint (0-based), given the terms that act there."""
     powered: bool = False
-    """True where the supply tells what is friction and what is in the measurement."""
+    """True if the supply's power was recorded: it separates friction from errors of the measurement."""
     until: float = float("inf")
-    """s at which nothing more is tried; see ``now``."""
+    """s after which nothing more is tried; see ``now``."""
 
     def spent(self) -> bool:
-        """True once the time is up: the search then reports what it has found."""
+        """True once the time limit is reached: the search then reports what it has found."""
         return now() > self.until
 
     def changed(self, *joints: int | None) -> None:
-        """Note that a term entered or left at ``joints``, None for the whole arm: they are to be looked at again."""
+        """Note that a term was added or removed at ``joints`` (None: the whole arm), whose candidates must be tried
+        again."""
         self.unlooked |= set(self.moving) if None in joints else set(joints)
 
     def turn(self, turning: Sequence[float], late: float) -> None:
-        """Make the problem anew where another friction (C,) Nm turns over with the sign of the velocity.
-
-        The torque shows that ``late`` s after.
-        """
+        """Create the problem anew if the friction (C,) Nm that reverses with the velocity, or the torque's delay
+        ``late`` s, changed."""
         if not np.array_equal(turning, self.turning) or late != self.late:
             self.turning, self.late = np.array(turning), late
             self._anew()
 
     def loosen(self, looseness: float) -> None:
-        """Begin anew with other tolerances; see ``loose``."""
+        """Restart with other tolerances; see ``loose``."""
         self.looseness, self.turning, self.late = looseness, np.zeros_like(self.turning), 0.0
         self._anew()
 
     def _anew(self) -> None:
-        # What motion and priors alone determine stays; the weight of each sample does not.
+        # Results of motion and priors alone remain valid; the weight of each sample changes.
         old = self.problem
         self.problem = replace(
             loose(self.make(self.turning, self.late), self.looseness), simulated=old.simulated, made=old.made
         )
         self.solved.clear()
         self.known.clear()
-        self.left = None
+        self.residuals = None
 
     def use(self, problem: Problem) -> None:
-        """Go on with the same problem under other priors."""
+        """Continue with the same problem under other priors."""
         self.problem = problem
         self.solved.clear()
 
     def every_sample(self, now: Solution) -> list[Float]:
-        """What a solution leaves at all samples of each run, (N, C)."""
+        """Residual (N, C) of a solution at all samples of each run."""
         key = tuple(now.terms)
-        if self.left is None or self.left[0] != key:
-            self.left = key, now.problem.every_sample(now.residual)
-        return self.left[1]
+        if self.residuals is None or self.residuals[0] != key:
+            self.residuals = key, now.problem.every_sample(now.residual)
+        return self.residuals[1]
 
     @cached_property
     def moving(self) -> list[int]:
-        """Joints (0-based) that move and of which torque was read: nothing else can be told of a joint."""
+        """Joints (0-based) that move and whose torque was measured; other joints give no evidence."""
         if self.problem.side == "supply":
             travel = np.max([np.ptp(s.q, axis=0) for s in self.problem.states], axis=0)
             return [int(joint) for joint in np.flatnonzero(travel > MOVES)]
-        return self.problem.told
+        return self.problem.observed
 
     @property
     def robot(self) -> RobotDescription:
-        """The arm as described."""
+        """The arm's description."""
         return self.problem.states[0].robot
 
     def refuse(self, term: Term, gain: float, why: str) -> None:
-        """Note why a term is not there, and the log evidence that it would add."""
+        """Note the reason why a term is absent, and the log evidence that it would add."""
         self.refused[term.place] = Trial.of(term, gain, False, why)

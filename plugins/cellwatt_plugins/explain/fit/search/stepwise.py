@@ -1,7 +1,7 @@
 """Stepwise selection: the set of terms with the greatest evidence, found step by step.
 
-Forward: of all candidates the one that adds most evidence enters, and each term is tried against every other name.
-Backward: terms leave that the others make needless, or that do not show on data left out. Nominal parameters are free
+Forward: the candidate that adds the most evidence is added, and each term is tried against every other name. Backward:
+terms are removed that the others make needless, or that data left out do not confirm. Nominal parameters are free
 throughout.
 """
 
@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cellwatt.progress import steps
-from cellwatt_plugins.explain.fit.problem import Place, Term, said
+from cellwatt_plugins.explain.fit.problem import Place, Term, title
 from cellwatt_plugins.explain.fit.retuning import confirmed, freed, looseness
 from cellwatt_plugins.explain.fit.search.backward import (
     drop_ambiguous,
@@ -34,7 +34,7 @@ from cellwatt_plugins.robot.effects import EFFECTS
 from cellwatt_plugins.robot.effects.effect import Effect
 
 CHECKS = (drop_within_model_error, drop_for_plainer, drop_ambiguous, drop_ill_formed, drop_unconfirmed)
-"""What each term must pass beside the others, in this order."""
+"""Checks that each term must pass beside the others, in this order."""
 
 
 def search(
@@ -45,12 +45,10 @@ def search(
     until: float = float("inf"),
     powered: bool = False,
 ) -> Solution:
-    """The terms of one side that the data ask for; ``powered`` where the supply's power is judged afterwards.
+    """Terms of one side that the data support; ``powered``: the supply's power is judged afterwards.
 
-    Nothing more is tried from ``until`` s on; see ``budget.now``.
-
-    ``make`` gives the problem for friction (C,) Nm beyond the nominal that turns over with the velocity's sign, and for
-    the s by which torques are read late.
+    Nothing more is tried from ``until`` s on; see ``budget.now``. ``make`` creates the problem for friction (C,) Nm
+    beyond the nominal that reverses with the velocity, and for a delay of the measured torques in s.
     """
     still = np.zeros(channels)
     problem = make(still, 0.0)
@@ -68,13 +66,13 @@ def search(
     now.unlooked = tuple(j for j in state.moving if j in state.unlooked) if now.spent else ()
     now.rivals = {term.place: others[term.place] for term in now.terms}
     refused = [trial for place, trial in state.refused.items() if place not in now.rivals]
-    now.tried = [_kept(now, term) for term in now.terms] + sorted(refused, key=lambda t: -t.gain)
+    now.tried = [_accepted(now, term) for term in now.terms] + sorted(refused, key=lambda t: -t.gain)
     now.curved = with_curves(state, now)
     return now
 
 
 def _found(state: SearchState, terms: Sequence[Term]) -> Solution:
-    """The terms found from some on."""
+    """Run the search from the given terms."""
     state.changed(None)
     now = drop_needless(state, reweigh(state, solve(state, terms))) if terms else plain_terms(state, solve(state, []))
     while len(now.terms) < state.thresholds.most and not state.spent() and (entered := enter(state, now)) is not None:
@@ -82,32 +80,32 @@ def _found(state: SearchState, terms: Sequence[Term]) -> Solution:
         now = swap(state, now, beside=now.terms[-1])
         now = drop_needless(state, now, beside=now.terms[-1])
     now = drop_needless(state, swap(state, now))
-    for term in steps(now.terms[:-1], "refining", said):
+    for term in steps(now.terms[:-1], "refining", title):
         if not state.spent():
             now = refine(state, now, term)
     now = _checked(state, now)
-    # What has left may have stood for what every arm has.
+    # A removed term may have replaced one that every arm has.
     again = plain_terms(state, now)
     return now if again.terms == now.terms else _checked(state, again)
 
 
 def _checked(state: SearchState, now: Solution) -> Solution:
     now = drop_needless(state, now)
-    for drop in steps(CHECKS, "test of what was found"):
+    for drop in steps(CHECKS, "checking the terms"):
         now = drop(state, now)
     return now
 
 
 def _rivals(state: SearchState, now: Solution) -> dict[Place, tuple[float, tuple[Candidate, ...]]]:
-    """Evidence of each term beside the others, and of the names that come nearest in its place."""
+    """Evidence of each term beside the others, and of the best names in its place."""
     out = {}
-    for term in steps(now.terms, "other names for", said):
+    for term in steps(now.terms, "other names for", title):
         _, own, found = rivals(state, now, term)
         out[term.place] = own, tuple(found[:RIVALS])
     return out
 
 
-def _kept(now: Solution, term: Term) -> Trial:
+def _accepted(now: Solution, term: Term) -> Trial:
     gain, others = now.rivals[term.place]
     best = f"{others[0].term.effect.name} in its place: {others[0].gain:.0f}" if others else "no other name fits"
     return Trial.of(term, gain, True, best)

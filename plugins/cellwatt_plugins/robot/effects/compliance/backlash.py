@@ -15,22 +15,22 @@ from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import FAST
 
 GAPS = tuple(float(g) for g in np.geomspace(0.001, 0.04, 14))
-"""rad that are tried."""
+"""Gaps in rad that are tried."""
 FREQUENCIES = (8.0, 14.0, 25.0)
-"""Hz of the link on the closed gear that are tried."""
+"""Frequencies in Hz, of the link on the closed gear, that are tried."""
 DAMPINGS = (0.03, 0.2)
 
 
 class Backlash(TwoMass):
-    """A spring with a dead zone; the link hits its flanks when the load turns over. See ``two_mass``."""
+    """A spring with a dead zone; the link hits its flanks when the load reverses. See ``two_mass``."""
 
     name = "backlash"
     depends_on = "load"
     form = Form(sample_by_sample=True)
     acceptance = Acceptance(least_rate=FAST, above=0.05)
-    """Rebounds that are not followed make the coefficient small; less follows none at all."""
+    """Rebounds that the model does not follow reduce the coefficient; below this, it follows none."""
     uncertainty = Uncertainty({"gap": 0.15})
-    """Rebounds in the gap are not followed one by one."""
+    """The model does not follow single rebounds in the gap."""
     confusions = (
         Confusion("joint_elasticity", "reverse slowly at zero load, and tap the link"),
         Confusion("presliding_hysteresis", "reverse slowly where gravity loads the joint: a gap then stays closed"),

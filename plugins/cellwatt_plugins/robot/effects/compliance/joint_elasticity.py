@@ -14,9 +14,9 @@ from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import FAST
 
 FREQUENCIES = np.geomspace(1.5, 40.0, 110)
-"""Hz of the link on its spring that are tried."""
+"""Frequencies in Hz, of the link on its spring, that are tried."""
 DAMPINGS = (0.003, 0.012, 0.05, 0.15)
-"""Shares of critical damping that are tried."""
+"""Damping ratios that are tried."""
 MOVES_ALONG, AT_REST = 0.0, 1.0
 
 
@@ -27,7 +27,7 @@ class JointElasticity(TwoMass):
     form = Form(to_scale=True, sample_by_sample=True)
     acceptance = Acceptance(least_rate=FAST)
     uncertainty = Uncertainty({"stiffness": 0.03, "damping": 0.1})
-    """It swings with the links: stiffness is as uncertain as their inertia."""
+    """The motion shows only stiffness / inertia: stiffness is as uncertain as the links' inertia."""
     confusions = (
         Confusion("backlash", "tap the link, and reverse slowly at zero load: a spring rings, a gap clacks"),
         Confusion("time_delay", "move with and without jerk: a spring rings on"),

@@ -1,4 +1,4 @@
-"""Motor and link as two masses: what the motor feels beyond what a rigid joint would need.
+"""Motor and link as two masses: the torque at the motor beyond that of a rigid joint.
 
 The encoder is at the motor, whose motion is given. With δ the twist, s(δ, dδ/dt) the torque through the spring and u
 the torque that the link needs for the motor's motion, the link obeys M d²δ/dt² + s = u. The motor feels s instead of
@@ -20,25 +20,25 @@ from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.regression import Prior
 
 MOST_STEP = 0.2
-"""Steps of the numerical integration are at most this share of a radian of the natural frequency."""
+"""Largest step of the numerical integration, in radians of the natural frequency."""
 CHUNK = 2000
-"""Samples whose transition matrices are made at a time."""
+"""Number of samples whose transition matrices are computed at a time."""
 OTHERS = (0.5, 0.5)
-"""Share of a link's swinging that the other joints feel, and its standard deviation."""
+"""Share of a link's oscillation that the other joints feel, and its standard deviation."""
 LEAST_INERTIA = 1e-6
-"""kg m² of a link that can swing; a description may leave the last link's out."""
+"""Smallest inertia in kg m² of a link that can oscillate; a description may omit the last link's."""
 BEFORE, WINDOW = 0.1, 1.5
-"""s: a gap is followed from before the load turns over until the link has settled on its other flank."""
+"""Times in s: a gap is simulated from ``BEFORE`` a reversal of the load, until the link rests on its other flank."""
 
 
 class TwoMass(Effect):
-    """A link that moves against its motor: what it adds at its joint, at the others, and by its weight."""
+    """A link that moves against its motor: the torques that it adds at its joint, at the others, and by its weight."""
 
     relations = Relations(family="two_mass")
 
     @abstractmethod
     def twist(self, run: States, joint: int, own: Float, shape: Shape) -> Float:
-        """How far (N,) rad the link is behind its motor, with what it adds to the torque, ``own`` (N,) Nm."""
+        """Angle (N,) rad by which the link lags its motor; ``own`` (N,) Nm is the torque that the link adds."""
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
         own, at = self.grid(run, joint, [shape])[0][:, 0], joint or 0
@@ -46,7 +46,7 @@ class TwoMass(Effect):
         return np.concatenate([with_others(run, at, own), hanging(run, at, twist)], axis=2)
 
     def prior(self, runs: Sequence[States], joint: int | None, columns: Float, size: Float) -> Prior:
-        """Of a link's own column, and of what comes of it: how much the others feel depends on their drives."""
+        """Prior of a link's own column, and of the columns derived from it, whose share depends on the other drives."""
         if columns.ndim == 2:
             return super().prior(runs, joint, columns, size)
         own = super().prior(runs, joint, columns[:, joint or 0, :1], size)
@@ -55,7 +55,7 @@ class TwoMass(Effect):
 
 
 def swinging(runs: Sequence[States], joint: int) -> float:
-    """Mean inertia kg m² of the link that hangs on ``joint`` (0-based); 0 where it has too little to swing anywhere."""
+    """Mean inertia in kg m² of the link on ``joint`` (0-based); 0 if at any sample it is too small to oscillate."""
     inertia = np.concatenate([run.own_inertia[:, joint] for run in runs])
     return float(np.mean(inertia)) if np.min(inertia) > LEAST_INERTIA else 0.0
 
@@ -63,8 +63,8 @@ def swinging(runs: Sequence[States], joint: int) -> float:
 def elastic(run: States, joint: int, stiffness: Float, damping: Float, at_rest: Float) -> Float:
     """Torque (N, P) Nm that a linear spring adds, for P springs: ``stiffness`` Nm/rad, ``damping`` Nm s/rad.
 
-    ``at_rest`` is true (1) where the link stood still at the start of the run although the motor moved, else the link
-    moved along. The solution is exact for inertia and torque held over a sample.
+    ``at_rest`` is 1 if the link stood still at the start of the run although the motor moved, else 0: the link moved
+    along. The solution is exact for inertia and torque held over a sample.
     """
     inertia = run.own_inertia[:, joint]
     inertia = 0.5 * (inertia + np.append(inertia[1:], inertia[-1]))
@@ -84,7 +84,7 @@ def elastic(run: States, joint: int, stiffness: Float, damping: Float, at_rest: 
 
 
 def with_others(run: States, joint: int, own: Float) -> Float:
-    """Columns (N, n, 2): ``own`` (N,) Nm that a swinging link adds at its joint, and what the others feel of it.
+    """Columns (N, n, 2): torque ``own`` (N,) Nm of an oscillating link at its joint, and its effect at the others.
 
     The link's acceleration differs from the motor's by own / M_jj; joint k needs M_kj of that.
     """
@@ -96,7 +96,7 @@ def with_others(run: States, joint: int, own: Float) -> Float:
 
 
 def hanging(run: States, joint: int, twist: Float) -> Float:
-    """Column (N, n, 1): a link that is ``twist`` (N,) rad behind its motor turns all that it carries under gravity."""
+    """Column (N, n, 1): change of the gravity torques as a link lags its motor by ``twist`` (N,) rad."""
     return np.asarray(-twist[:, None, None] * run.arm.body.gravity_slope(run.q)[:, :, joint, None])
 
 
@@ -115,7 +115,7 @@ def _transition(inertia: Float, stiffness: Float, damping: Float, step: float) -
 def with_gap(run: States, joint: int, stiffness: Float, gap: Float, damping: Float) -> Float:
     """Torque (N, P) Nm that a spring with a dead zone of ``gap`` rad (whole width) adds, for P such springs.
 
-    Away from where the load turns over the gear rests on one flank and nothing is added.
+    Away from reversals of the load the gear rests on one flank and adds no torque.
     """
     need, inertia = run.load[:, joint], run.own_inertia[:, joint]
     out = np.zeros((len(need), len(stiffness)))
@@ -132,7 +132,7 @@ def with_gap(run: States, joint: int, stiffness: Float, gap: Float, damping: Flo
 
 
 def _turnovers(need: Float, before: int, length: int) -> NDArray[np.intp]:
-    """First samples of windows from ``before`` the load turns over; each turn is followed for half a window or more."""
+    """First samples of windows that begin ``before`` a reversal of the load and follow it for half a window or more."""
     out: list[int] = []
     for turn in np.flatnonzero(np.diff(np.sign(need)) != 0):
         if not out or turn >= out[-1] + length // 2:
@@ -141,7 +141,7 @@ def _turnovers(need: Float, before: int, length: int) -> NDArray[np.intp]:
 
 
 def _windows(need: Float, inertia: Float, step: float, spring: tuple[Float, Float, Float]) -> Float:
-    """Torque (W, L, P) added in W windows of L samples, loads and inertias (W, L); all windows go side by side."""
+    """Torque (W, L, P) added in W windows of L samples with loads and inertias (W, L), simulated side by side."""
     stiffness, half, damping = spring
     parts = max(1, int(np.ceil(float(np.sqrt(np.max(stiffness) / np.min(inertia))) * step / MOST_STEP)))
     small = step / parts

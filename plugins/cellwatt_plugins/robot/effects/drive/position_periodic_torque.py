@@ -13,17 +13,17 @@ from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Parameter, S
 from cellwatt_plugins.robot.effects.states import States
 
 LEAST = 3
-"""Fewer cycles a turn are gravity or a spring."""
+"""Fewest cycles per turn: fewer are gravity or a spring."""
 MOST = 60
-"""Cycles a turn that are tried, beside those of the gear."""
+"""Most cycles per turn that are tried, beside those of the gear."""
 SECOND = 2.0
-"""Cycles of the second harmonic for one of the first."""
+"""Cycles of the second harmonic per cycle of the first."""
 APART = 1.5
-"""Periods over the way of the joint by which two ripples differ clearly."""
+"""Periods over the joint's range of motion by which two ripples differ clearly."""
 
 
 class PositionPeriodicTorque(Effect):
-    """A sin(n q + phase), and its second harmonic where the shape names that: (n,) or (n, 2)."""
+    """A sin(n q + phase), and its second harmonic if the shape has one: (n,) or (n, 2)."""
 
     name = "position_periodic_torque"
     relations = Relations(along="position")

@@ -9,7 +9,7 @@ from cellwatt_plugins.robot.effects.states import States
 
 
 class RotorInertia(Effect):
-    """I qdd: absent from the description, or well off there."""
+    """I qdd: absent from the description, or with a clearly wrong value."""
 
     name = "rotor_inertia"
     nominal = "rotor_inertia"

@@ -13,23 +13,23 @@ from cellwatt_plugins.robot.effects.effect import Effect, Shape
 from cellwatt_plugins.robot.effects.states import States
 
 BELOW = (0.0, 1.0, 2.0, 3.0)
-"""Standard deviations below the greatest measured torque at which the limit is tried."""
+"""Standard deviations below the greatest measured torque at which a limit is tried."""
 CLIPPED = 10
-"""Samples that must be clipped."""
+"""Fewest samples that must be clipped."""
 FINEST = 0.002
-"""Share of the greatest reading that its noise is at least."""
+"""Smallest noise of a measured torque, as a share of the greatest one."""
 APART = 4
-"""Samples from reading to reading of which the noise is taken: all of these are fitted."""
+"""Samples from one value of the noise estimate to the next: it uses rows of the fit only."""
 FLAT = 2.0
-"""Standard deviations from the limit within which most samples read that are clipped, and ask for more."""
+"""Standard deviations from the limit: most clipped samples measure within, and their mean fitted torque is beyond."""
 BEYOND = 0.3
-"""Share of the readings about the limit that may be more than one standard deviation beyond it."""
+"""Largest share of the torques measured about the limit that may exceed it by more than one standard deviation."""
 AMONG = (10, 20, 40)
-"""Greatest asked torques over whose readings the limit is also tried: clipped ones all read about the same."""
+"""Numbers of greatest fitted torques whose median measured torque is also tried as a limit: it is that of clipping."""
 
 
 class TorqueSaturation(Effect):
-    """Torque beyond a limit reads as the limit."""
+    """A torque beyond the limit is measured as the limit."""
 
     name = "torque_saturation"
     acts_on = "reading"
@@ -40,12 +40,12 @@ class TorqueSaturation(Effect):
     sentence = "The torque measured at {joint} is clipped at {limit}."
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
-        # A torque that is clipped never reads more than the limit.
+        # A clipped torque is never measured above the limit.
         read = np.concatenate(
             [np.abs(run.torque[:, joint] + r[:, joint]) for run, r in zip(runs, residual, strict=True)]
         )
         asked = np.concatenate([np.abs(run.torque[:, joint]) for run in runs])
-        # What the model does not explain yet is no noise of the reading; what lies between fitted rows has none.
+        # A residual not explained yet is no measurement noise; values between the rows of the fit have no noise.
         left = float(np.median(np.abs(np.concatenate([r[:, joint] for r in residual])))) / 0.6745
         spread = max(min(left, float(white_noise(read[::APART])[0])), FINEST * float(np.max(read)))
         levels = [float(np.max(read)) - below * spread for below in BELOW]
@@ -62,7 +62,7 @@ class TorqueSaturation(Effect):
 
 
 def _clipped(read: Float, asked: Float, level: float, spread: float) -> bool:
-    """True if what asks for clearly more than a limit reads as the limit, and hardly anything reads as more."""
+    """True if fitted torques clearly above a limit are measured as the limit, and hardly any is measured above it."""
     over, near = asked > level, read > level - spread
     return (
         int(np.count_nonzero(over)) >= CLIPPED

@@ -24,7 +24,7 @@ class Sliding:
     qd: Any
     """rad/s."""
     sign: Any
-    """Direction, -1 … 1, which turns over smoothly around 0."""
+    """Direction, -1 … 1, smooth about 0."""
     load: Any
     """Torque that the links need, Nm."""
 
@@ -32,22 +32,23 @@ class Sliding:
 class Friction(Effect):
     """A law of friction as a formula.
 
-    ``explain`` tries its ``shapes``, as of every effect. The others take the shapes that it names here, if any.
+    ``explain`` tries its ``shapes``, as of every effect. The other users take the shapes declared here, if any.
     """
 
     trained: ClassVar[Mapping[str, Shape]] = {}
-    """Shapes that ``train power`` tries, each with the words that it tells them in."""
+    """Shapes that ``train power`` tries, by their name in its report."""
     doubt: ClassVar[tuple[float, Shape] | None] = None
-    """Share of a sound joint's friction that may follow this law (one sigma), and the shape, for ``faults``."""
+    """Share of a sound joint's friction that may follow this law (one standard deviation), and the shape:
+    ``faults``."""
     split: ClassVar[tuple[float, Shape] | None] = None
-    """Spread of the coefficient before the data, and the shape, with which ``disaggregate`` fits the law."""
+    """Prior standard deviation of the coefficient, and the shape, with which ``disaggregate`` fits the law."""
 
     @abstractmethod
     def torque(self, sliding: Sliding, shape: Shape) -> Any:
         """Torque against the motion, Nm for a coefficient of 1; numpy's operators and ufuncs only."""
 
     def shown(self, shape: Shape, slowest: float, fastest: float) -> bool:
-        """Return whether a motion whose velocities are told apart from ``slowest`` to ``fastest`` rad/s shows it."""
+        """Return whether a motion that resolves velocities from ``slowest`` to ``fastest`` rad/s shows this law."""
         return True
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:

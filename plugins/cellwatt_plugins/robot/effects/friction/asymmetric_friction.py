@@ -29,7 +29,7 @@ class AsymmetricFriction(Effect):
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
         described = runs[0].arm.column("coulomb_friction")[joint or 0]
-        # Friction one way only is half of it both ways and an offset: not where friction itself is to be found.
+        # Friction one way only is half of it both ways plus an offset: not tried where friction itself is unknown.
         return [(BOTH,), (UP,), (DOWN,)] if described > 0 else [(BOTH,)]
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:

@@ -10,7 +10,7 @@ from cellwatt_plugins.robot.effects.friction import Friction, Sliding
 
 
 class CoulombFriction(Friction):
-    """Fc sign(w): absent from the description, or well off there."""
+    """Fc sign(w): absent from the description, or with a clearly wrong value."""
 
     name = "coulomb_friction"
     nominal = "coulomb_friction"

@@ -21,9 +21,9 @@ class LoadDependentFriction(Friction):
     depends_on = "load"
     acceptance = Acceptance(above=0.0)
     uncertainty = Uncertainty({"coefficient": 0.015})
-    """A share of the load, which is as uncertain as the links."""
+    """The coefficient is a share of the load, which is as uncertain as the links."""
     plausible = (lambda c: float(c[0])), 0.0, 0.6
-    """A gear that loses more than this under load would not turn back."""
+    """A gear with more friction under load would not turn backwards."""
     trained = MappingProxyType({"friction by load": ()})
     doubt = 0.1, ()
     confusions = (

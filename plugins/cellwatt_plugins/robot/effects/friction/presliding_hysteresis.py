@@ -1,4 +1,4 @@
-"""Friction that builds up over a way after reversal instead of at once (Dahl)."""
+"""Friction that builds up over a displacement after a reversal instead of at once (Dahl)."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import FAST
 
 WAYS = np.geomspace(1.5e-4, 0.3, 16)
-"""rad that are tried."""
+"""Displacements in rad that are tried."""
 
 RESOLVED = 6.0
-"""Standard deviations of the encoder's noise that a way must be to be told from a sign."""
+"""Smallest resolved displacement, in standard deviations of the encoder's noise."""
 
 RESOLVED_SPEED = 3.0
-"""Standard deviations of the velocity that a speed must be to be told from a sign."""
+"""Smallest resolved speed, in standard deviations of the velocity."""
 BLIND, SAMPLES = 0.02, 2.0
-"""s, and samples where those are more, after a reversal: smoothed encoders do not show how friction builds up then."""
+"""s after a reversal, or samples if longer, in which smoothed encoders do not show how friction builds up."""
 
 
 SLOW = 0.0
-"""In the place of the way: friction that turns over within a speed."""
+"""In place of the displacement: friction builds up within a speed instead."""
 SPEEDS = (0.015, 0.025, 0.04, 0.07, 0.12, 0.2)
-"""rad/s that are tried."""
+"""Speeds in rad/s that are tried."""
 
 
 class PreslidingHysteresis(Effect):
     """F (z - sign(w)), dz/dq = (1 - z sign(w)) / way: Dahl, Solid Friction Damping of Mechanical Vibrations (1976).
 
-    Or z = tanh(w / speed): gears whose friction turns over with the speed, slowly, as the lubricant builds up.
+    Or z = tanh(w / speed): in some gears friction builds up with the speed, slowly, as the film of lubricant does.
     """
 
     name = "presliding_hysteresis"
@@ -43,7 +43,7 @@ class PreslidingHysteresis(Effect):
     relations = Relations(beats=("coulomb_friction",))
     acceptance = Acceptance(least_rate=FAST, above=0.0, inside_bounds=True)
     uncertainty = Uncertainty({"displacement": 0.05})
-    """The law of the way after a reversal differs from gear to gear."""
+    """How friction builds up after a reversal differs from gear to gear."""
     confusions = (
         Confusion("stribeck_friction", "reverse slowly at one place: presliding depends on the way since reversal"),
         Confusion("backlash", "reverse slowly at zero load"),
@@ -59,7 +59,7 @@ class PreslidingHysteresis(Effect):
             return shape[1] > RESOLVED_SPEED * max(float(np.median(run.moved.velocity_spread[:, axis])) for run in runs)
         least = RESOLVED * max(float(run.moved.resolution[axis]) for run in runs)
         if any(run.unplanned for run in runs):
-            # What passes between two samples after a reversal is seen as the reversal itself.
+            # Motion between two samples after a reversal cannot be distinguished from the reversal itself.
             moving = np.concatenate([run.qdd[run.moving, axis] for run in runs])
             hasty = float(np.sqrt(np.mean(np.square(moving)))) if len(moving) else 0.0
             least = max(least, 0.5 * hasty * max(BLIND, SAMPLES * runs[0].step) ** 2)
@@ -91,7 +91,7 @@ class PreslidingHysteresis(Effect):
 
 
 def dahl_state(position: Float, way: float) -> Float:
-    """State z (N,) from -1 to 1 of a bristle that turns over within ``way`` rad, from rest."""
+    """State z (N,) from -1 to 1 of a bristle that reverses within ``way`` rad, from rest."""
     moves = np.diff(position)
     decay = np.exp(-np.abs(moves) / way)
     pull = np.sign(moves) * (1 - decay)

@@ -15,14 +15,14 @@ from cellwatt_plugins.robot.effects.friction import Friction, Sliding
 from cellwatt_plugins.robot.effects.states import States
 
 FASTEST = 0.5
-"""rad/s: what falls off more slowly is no boundary lubrication of a gear but a bent viscous friction."""
+"""Greatest ws in rad/s: a slower decay is nonlinear viscous friction, not boundary lubrication of a gear."""
 SPEEDS = np.geomspace(0.008, 0.4, 12)
-"""rad/s that are tried."""
+"""Velocities ws in rad/s that are tried."""
 LORENTZ = 1.0
 FASTEST_LORENTZ = 0.2
-"""rad/s: the same of a form that falls off slowly."""
+"""Greatest ws in rad/s of the form that decays slowly."""
 TRAINED = (0.03, 0.06, 0.1, 0.16, 0.25)
-"""rad/s that a power model is trained with."""
+"""Velocities ws in rad/s that a power model is trained with."""
 
 
 class StribeckFriction(Friction):

@@ -15,25 +15,25 @@ from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.effects.supply.thermal import warmth
 
 SCALES = (4.0, 7.0, 10.0, 14.0, 20.0, 35.0)
-"""°C over which friction falls by e, where the temperature is recorded."""
+"""Rises in °C over which friction falls by e, tried where the temperature is recorded."""
 TIME_CONSTANTS = (60.0, 120.0, 240.0, 480.0, 900.0, 1800.0)
-"""s that are tried where it is not recorded."""
+"""Time constants in s, tried where the temperature is not recorded."""
 DEPTHS = (0.4, 0.8, 1.3, 2.0, 3.0)
-"""Warming in the long run at the mean loss of all runs, in units of the scale, where it is not recorded."""
+"""Steady-state warming at the mean loss of all runs, in units of the scale, where no temperature is recorded."""
 
 
 class TemperatureDependentFriction(Effect):
-    """Friction · exp(-(T - start) / scale) on top; T recorded, or a state warmed by the joint's own losses.
+    """Added friction · exp(-(T - start) / scale); T is recorded, or a state warmed by the joint's own losses.
 
-    Two coefficients: the Coulomb and the viscous part. Shape: (scale, 0) with a recorded temperature, else
-    (time constant, warming): in the long run per W of loss, in units of the scale.
+    The coefficient is Nm of Coulomb and viscous friction, in their described ratio. Shape: (scale, 0) with a recorded
+    temperature, else (time constant, warming): the steady state per W of loss, in units of the scale.
     """
 
     name = "temperature_dependent_friction"
     acts_on = "friction"
     acceptance = Acceptance(above=0.0, longest_run=100.0)
     uncertainty = Uncertainty({"cold_factor": 0.15, "scale": 0.05, "time_constant": 0.15, "warming": 0.15})
-    """A share of nominal friction, which may be off by its tolerance."""
+    """They are relative to nominal friction, which may be wrong by its tolerance."""
     confusions = (
         Confusion("viscous_friction", "repeat the same cycle cold and warm"),
         Confusion("torque_drift", "hold the arm still for minutes: friction rests, a drift goes on"),
@@ -86,7 +86,7 @@ class TemperatureDependentFriction(Effect):
 
 
 def _loss(run: States, axis: int) -> Float:
-    """Heat (N,) W that a joint makes in its gear and winding."""
+    """Heat (N,) W of a joint's gear and winding."""
     return np.abs(run.friction[:, axis] * run.qd[:, axis]) + copper_loss(run.robot, run.nominal)[:, axis]
 
 

@@ -10,7 +10,7 @@ from cellwatt_plugins.robot.effects.friction import Friction, Sliding
 
 
 class ViscousFriction(Friction):
-    """Fv w: absent from the description, or well off there."""
+    """Fv w: absent from the description, or with a clearly wrong value."""
 
     name = "viscous_friction"
     nominal = "viscous_friction"

@@ -16,17 +16,17 @@ from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import FAST
 
 WIDTHS = (0.06, 0.12, 0.25, 0.45)
-"""s (standard deviation of the push's course) that are tried."""
+"""Widths in s (standard deviation of the push over time) that are tried."""
 STOPPED, NEAR = 0.02, 0.3
-"""rad/s and s: a joint is about to stop or has just stopped."""
+"""rad/s and s: a joint at such a velocity at most, or so short a time from it, is near a stop."""
 BLOW = 0.045
-"""s: a collision, tried where stops are kept apart anyway."""
+"""Width in s of a collision, tried only where times near stops are excluded anyway."""
 SHORTEST = 0.05
-"""s: what is shorter may be a stop."""
+"""Width in s below which a push may be a stop."""
 OF_FRICTION = 0.5
 """Share of Coulomb friction that a push must exceed."""
 PEAKS = 2
-"""Places tried per run and width."""
+"""Number of times tried per run and width."""
 
 
 class ExternalContact(Effect):
@@ -46,7 +46,7 @@ class ExternalContact(Effect):
     sentence = "{who} was pushed once with {torque} at {time:.2f} s: an external contact."
 
     def sensible(self, coefficients: Float, shape: Shape, robot: RobotDescription, joint: int | None) -> bool:
-        """Less than a share of the friction is how friction turns over at a stop."""
+        """True if the push exceeds a share of the friction: a smaller one is how friction reverses at a stop."""
         return abs(float(coefficients[0])) > OF_FRICTION * robot.joints[joint or 0].coulomb_friction
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
@@ -58,7 +58,7 @@ class ExternalContact(Effect):
         ]
 
     def resolved(self, runs: Sequence[States], joint: int | None, shape: Shape) -> bool:
-        """True if it is at a time that was recorded."""
+        """True if the push was at a recorded time."""
         return any(run.time[0] < shape[1] < run.time[-1] for run in runs if run.index == round(shape[0]))
 
     def charge(self, runs: Sequence[States], shape: Shape) -> float:
@@ -76,7 +76,7 @@ class ExternalContact(Effect):
 
 
 def _turns(run: States, joint: int) -> NDArray[np.bool_]:
-    """Samples (N,) near a stop of the joint where the velocity is differentiated: friction looks like a push there."""
+    """Samples (N,) near a stop of the joint, if the velocity is differentiated: friction looks like a push there."""
     if not run.unplanned:
         return np.zeros(len(run.time), np.bool_)
     slow = np.abs(run.qd[:, joint]) < STOPPED
@@ -84,7 +84,8 @@ def _turns(run: States, joint: int) -> NDArray[np.bool_]:
 
 
 def peaks(residual: Float, step: float, width: float) -> list[int]:
-    """Samples where a bump of this width fits best, greatest first and apart; none where it is longer than the run."""
+    """Samples where a bump of this width fits best, greatest first, not overlapping; none if it is longer than the
+    run."""
     half = max(1, round(3 * width / step))
     if 2 * half + 1 > len(residual):
         return []

@@ -21,16 +21,16 @@ class GravityTilt(Effect):
     whole_arm = True
     acceptance = Acceptance(several_channels=True)
     uncertainty = Uncertainty({"roll": 0.015, "pitch": 0.015, "yaw": 0.015})
-    """The weight that tilts is as uncertain as the links."""
+    """The tilted weight is as uncertain as the links."""
     plausible = (lambda c: float(np.hypot(c[0], c[1]))), 0.0, 0.18
-    """A base that leans by more than 10 degrees is meant to: it is a mount."""
+    """A base that leans by more than 10 degrees was mounted so on purpose."""
     confusions = (
         Confusion("payload", "turn joint 1 about its vertical axis: a tilt loads it, a payload does not"),
         Confusion("link_inertial_error", "turn joint 1 about its vertical axis"),
     )
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
-        # The axes come as the shape: after the fit nothing else tells which they were.
+        # The shape holds the axes: after the fit they cannot be known otherwise.
         return [tuple(float(axis) for axis in level(runs[0].arm.body.gravity_field))]
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:

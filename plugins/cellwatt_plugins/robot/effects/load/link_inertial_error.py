@@ -1,4 +1,4 @@
-"""Mass, centre of mass or inertia of a link well off."""
+"""Mass, centre of mass or inertia of a link, clearly different from the description."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.regression import Prior
 
 OFF = 0.4
-"""Share of its mass, of its inertia, and of its centre's distance by which a link may be off."""
+"""Standard deviation of a link's mass, of its inertia and of its centre's distance, as a share."""
 NEAR = 0.03
-"""m by which the centre of mass of a link that has it on its axis is thought to be away from there."""
+"""m added to the distance of the centre of mass, as it may be wrong for a link that has it on its axis."""
 BESIDES = 0.02
-"""Share of each parameter that may be off by itself."""
+"""Share of each parameter that may be wrong independently."""
 
 
 class LinkInertialError(Effect):
@@ -38,7 +38,7 @@ class LinkInertialError(Effect):
     )
 
     def sensible(self, coefficients: Float, shape: Shape, robot: RobotDescription, joint: int | None) -> bool:
-        # More on the last link looks the same as a payload in every motion, and a payload is what changes in a cell.
+        # In every motion, more mass on the last link equals a payload, and the payload is what changes in a cell.
         return joint != len(robot.joints) - 1 or bool(coefficients[0] < 0)
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
@@ -46,10 +46,11 @@ class LinkInertialError(Effect):
         return run.regressor[:, :, first : first + 10]
 
     def prior(self, runs: Sequence[States], joint: int | None, columns: Float, size: Float) -> Prior:
-        """Well off as links are: all of it scaled, its centre of mass elsewhere, its inertia scaled; little besides.
+        """Typical errors of a link: all of it scaled, its centre of mass moved, its inertia scaled; little else.
 
-        Ten parameters that were free of one another could stand for the link before or after, too: what a mass adds
-        at this link's centre must come with the mass.
+        Ten independent parameters could also stand for the link before or after: the moments of an added mass at this
+        link's
+        centre must come with that mass.
         """
         own = runs[0].arm.body.parameters()[10 * (joint or 0) :][:10]
         mass = max(float(own[0]), 0.1)

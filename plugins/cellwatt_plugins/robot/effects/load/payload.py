@@ -1,4 +1,4 @@
-"""Mass at the flange that the simulation does not have."""
+"""Mass at the flange that the simulation lacks."""
 
 from __future__ import annotations
 

@@ -15,13 +15,13 @@ from cellwatt_plugins.robot.effects.load.schedule import levels, switching_charg
 from cellwatt_plugins.robot.effects.states import States
 
 TYPICAL = np.array([1.0, 0.0, 0.0, 0.05, *(6 * [0.0])])
-"""A body of 1 kg before the flange, (10,), with which the search for the stretches begins."""
+"""A body of 1 kg in front of the flange, (10,), with which the search for the stretches begins."""
 SHORTEST = 0.4
-"""s that a part is carried at least."""
+"""Shortest time in s for which a part is carried."""
 
 
 class PayloadChange(Payload):
-    """A payload that is there during some stretches. Shape: run, start, end, run, start, end, …"""
+    """A payload that is present during some stretches. Shape: run, start, end, run, start, end, …"""
 
     name = "payload_change"
     depends_on = "residual"
@@ -62,7 +62,7 @@ def inside(run: States, shape: Shape) -> Float:
 
 
 def _carried(runs: Sequence[States], residual: Sequence[Float], body: Float) -> Shape | None:
-    """Stretches during which a multiple of ``body`` (10,) is on the flange; None where there are none."""
+    """Stretches during which a multiple of ``body`` (10,) is on the flange; None if there are none."""
     courses = [_mass_course(run, left, body) for run, left in zip(runs, residual, strict=True)]
     masses, weights = zip(*courses, strict=True)
     found = levels(masses, weights, [run.step for run in runs], SHORTEST)
@@ -71,7 +71,7 @@ def _carried(runs: Sequence[States], residual: Sequence[Float], body: Float) -> 
 
 
 def _mass_course(run: States, residual: Float, body: Float) -> tuple[Float, Float]:
-    """Multiple (N,) of ``body`` (10,) that fits each sample, and its weight."""
+    """Multiple (N,) of ``body`` (10,) that fits each sample's residual, and its weight."""
     typical = run.regressor[:, :, -10:] @ body
     size = 1 / np.maximum(np.var(residual, axis=0), 1e-12)
     weight = np.sum(typical**2 * size, axis=1)

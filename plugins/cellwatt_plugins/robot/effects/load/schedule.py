@@ -1,4 +1,4 @@
-"""Two-level schedules: when something was on, found from a noisy course of its size."""
+"""Two-level schedules: when a load was on, found from a noisy signal of its size."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.stretches import stretches
 
 BLOCK = 0.04
-"""s that are averaged before the search."""
+"""Time in s over which a signal is averaged before the search."""
 
 
 def levels(
     courses: Sequence[Float], weights: Sequence[Float], steps: Sequence[float], shortest: float
 ) -> list[tuple[int, int, int]]:
-    """Stretches (run, first, last sample) where the courses (N,) sit at the higher of two levels.
+    """Stretches (run, first, last sample) where the signals ``courses`` (N,) are at the higher of two levels.
 
-    The two levels and the switching are found together: Viterbi's path between them with a cost for each switch,
-    levels updated until they stay (two-state segmental k-means). Stretches under ``shortest`` s do not count unless the
-    recording cuts them; [] where there are no two levels.
+    The two levels and the switching times are found together: Viterbi's path between the levels with a cost for each
+    switch, levels updated until they no longer change (two-state segmental k-means). Stretches under ``shortest`` s are
+    ignored unless the recording cuts them; [] if there are no two levels.
     """
     blocks = [_blocks(c, w, max(1, round(BLOCK / s))) for c, w, s in zip(courses, weights, steps, strict=True)]
     values = np.concatenate([v for v, _ in blocks])
     weight = np.concatenate([w for _, w in blocks])
     usual = float(np.median(weight))
-    # A few samples that would tell a lot must not decide alone.
+    # A few samples of great weight must not decide alone.
     blocks = [(v, np.minimum(w, 2 * usual)) for v, w in blocks]
     weight = np.minimum(weight, 2 * usual)
     usable = weight > 0.2 * usual
@@ -59,7 +59,7 @@ def levels(
 
 
 def _edge(course: Float, about: int, width: int, sides: tuple[float, float]) -> int:
-    """First sample of the right side of a step ``about`` there, where the course fits its two ``sides`` best."""
+    """First sample after a step ``about`` this sample, where the signal fits its levels on both ``sides`` best."""
     if about <= 0 or about >= len(course):
         return about
     begin, end = max(0, about - width), min(len(course), about + width)
@@ -70,7 +70,7 @@ def _edge(course: Float, about: int, width: int, sides: tuple[float, float]) -> 
 
 
 def switching_charge(runs: Sequence[States], switches: int) -> float:
-    """nats for picking so many instants of switching from all of the time."""
+    """nats for choosing this number of switching times from the whole recorded time."""
     total = sum(float(run.time[-1] - run.time[0]) for run in runs)
     return switches * float(np.log(max(total / BLOCK, 1.0)))
 
@@ -82,7 +82,7 @@ def _blocks(course: Float, weight: Float, width: int) -> tuple[Float, Float]:
 
 
 def _spread(values: Float, weight: Float, low: float, high: float) -> float:
-    """Weighted square distance to the nearer level: what one unit of weight is worth."""
+    """Weighted mean square distance to the nearer level: the variance of a value of weight 1."""
     off = np.minimum(np.square(values - low), np.square(values - high)) * weight
     return float(np.mean(off)) + 1e-12
 
@@ -90,7 +90,7 @@ def _spread(values: Float, weight: Float, low: float, high: float) -> float:
 def _paths(blocks: Sequence[tuple[Float, Float]], low: float, high: float, spread: float) -> list[NDArray[np.bool_]]:
     """Most likely path (True: high) through the values and weights of each run, with a cost of switching of 12 nats.
 
-    All runs go side by side: a step of many takes as long as a step of one.
+    All runs are searched side by side: a step of many takes as long as a step of one.
     """
     lengths = np.array([len(values) for values, _ in blocks])
     cost = np.zeros((int(lengths.max()), len(blocks), 2))

@@ -14,7 +14,7 @@ from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.regression import Prior
 
 NEAR = 1.5
-"""rad about the middle of the joint's motion within which a spring is expected to rest."""
+"""Prior standard deviation in rad of a spring's rest about the middle of the joint's motion."""
 
 
 class SpringLoad(Effect):
@@ -23,7 +23,7 @@ class SpringLoad(Effect):
     name = "spring_load"
     acceptance = Acceptance(above=0.0)
     plausible = (lambda c: float(-c[1] / c[0]) if c[0] else np.inf), -3 * np.pi, 3 * np.pi
-    """A hose or balancer rests within a turn of where the joint goes."""
+    """A hose or balancer rests within a turn of the joint's motion."""
     relations = Relations(contains=("torque_offset",), along="position", beats=("torque_offset",))
     confusions = (
         Confusion("link_inertial_error", "move the joint over its whole range: gravity turns back, a spring does not"),
@@ -35,7 +35,7 @@ class SpringLoad(Effect):
         return np.column_stack([run.q[:, joint], np.ones(len(run.time))])
 
     def prior(self, runs: Sequence[States], joint: int | None, columns: Float, size: Float) -> Prior:
-        """A spring at rest near where the joint works, wherever its angles count from."""
+        """A spring that rests near the joint's motion, whatever the zero of the joint's angle."""
         q = np.concatenate([run.q[:, joint] for run in runs])
         middle, stiffness = float(np.mean(q)), size[joint or 0] / max(float(np.std(q)), 1e-3)
         covariance = np.array([[1.0, -middle], [-middle, middle**2 + NEAR**2]])

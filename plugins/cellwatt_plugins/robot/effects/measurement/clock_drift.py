@@ -15,8 +15,8 @@ from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import FAST
 
 APART = tuple(sign * float(s) for s in np.geomspace(0.004, 0.15, 10) for sign in (1, -1))
-"""s by which the clocks have come apart at the end of the longest run: drifts that are tried, so near to each other
-that one of them is within the scale that is accepted."""
+"""Drifts that are tried, in s at the end of the longest run, so close to each other that one of them is within the
+scale that is accepted."""
 
 
 class ClockDrift(Effect):
@@ -27,7 +27,7 @@ class ClockDrift(Effect):
     depends_on = "fitted torque"
     whole_arm = True
     form = Form(to_scale=True)
-    # Both together follow whatever comes early in one half of a run and late in the other.
+    # A delay and a drift together fit any signal that is early in one half of a run and late in the other.
     relations = Relations(family="lateness")
     acceptance = Acceptance(least_rate=FAST, several_channels=True)
     confusions = (Confusion("time_delay", "record for longer: a delay stays, a drift grows"),)
@@ -37,7 +37,7 @@ class ClockDrift(Effect):
         return [(apart / longest,) for apart in APART]
 
     def resolved(self, runs: Sequence[States], joint: int | None, shape: Shape) -> bool:
-        # What is logged in one row, and compared with no plan, is of one clock.
+        # Channels logged in one row, and compared with no plan, share one clock.
         return not any(run.unplanned for run in runs)
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:

@@ -1,4 +1,4 @@
-"""Torque and position channels that are not of the same instant."""
+"""Torque and position channels that were not sampled at the same time."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import FAST
 
 DELAYS = tuple((sign * float(d),) for d in np.geomspace(0.002, 0.1, 11) for sign in (1, -1))
-"""s, so near to each other that one of them is within the scale that is accepted."""
+"""Delays in s that are tried, so close to each other that one of them is within the scale that is accepted."""
 
 UNPLANNED = 1.0
-"""Of a sample: within a row that long, channels of logs without a plan are read one after the other."""
+"""Smallest resolved delay, in samples, without a plan: logs read the channels of a row one after the other."""
 LEAST = 0.6
-"""Of a step: a delay as short as that is how torque was sampled, as simulators log a step's torque after it."""
+"""Smallest resolved delay, in steps: simulators log a step's torque after the step, which looks like a delay."""
 CYCLE = 0.01
-"""s of a step of simulation or control at most; what is recorded at longer intervals was picked from those."""
+"""Longest step in s of simulation or control; a recording with longer intervals was decimated."""
 
 
 class TimeDelay(Effect):
-    """Torque of t - delay; a negative delay is torque that comes first."""
+    """Torque of t - delay; the delay is negative if the torque comes first."""
 
     name = "time_delay"
     acts_on = "reading"
@@ -65,5 +65,5 @@ class TimeDelay(Effect):
 
 
 def shifted(time: Float, values: Float, delay: float | Float) -> Float:
-    """Values (N, n) as they were ``delay`` s before, a number or (N,), by cubic splines; the ends are held."""
+    """Values (N, n) at ``delay`` s earlier, a number or (N,), by cubic splines; the end values are held."""
     return np.asarray(CubicSpline(time, values)(np.clip(time - delay, time[0], time[-1])))

@@ -13,7 +13,7 @@ from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Parameter, S
 from cellwatt_plugins.robot.effects.states import States
 
 TIMES = (0.0, 10.0, 40.0, 150.0)
-"""s: time constants that are tried; 0 is a steady drift."""
+"""Time constants in s that are tried; 0 is a steady drift."""
 
 
 class TorqueDrift(Effect):

@@ -1,4 +1,4 @@
-"""Measured torque off by a factor."""
+"""Measured torque wrong by a factor."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class TorqueGain(Effect):
     acts_on = "reading"
     depends_on = "fitted torque"
     plausible = (lambda c: float(c[0])), -0.35, 0.35
-    """A torque constant that is more than a third off is another drive's or unit's."""
+    """A torque constant that is wrong by more than a third belongs to another drive or unit."""
     confusions = (
         Confusion(
             "link_inertial_error", "compare with the supply's power at constant speed: a wrong gain draws no power"

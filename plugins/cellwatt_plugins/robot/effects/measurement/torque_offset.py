@@ -1,4 +1,4 @@
-"""Measured torque off by a constant."""
+"""Measured torque wrong by a constant."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cellwatt_plugins.robot.effects.states import States
 
 
 class TorqueOffset(Effect):
-    """A constant, at rest too."""
+    """A constant, which is also there at rest."""
 
     name = "torque_offset"
     acceptance = Acceptance(usual=True)

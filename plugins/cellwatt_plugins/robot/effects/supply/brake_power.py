@@ -12,12 +12,12 @@ from cellwatt_plugins.robot.effects.effect import Effect, Shape
 from cellwatt_plugins.robot.effects.states import States
 
 DELAYS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0)
-"""s after the last motion at which the brakes close, that are tried."""
+"""Times in s, from the last motion until the brakes close, that are tried."""
 LEADS = (0.0, 0.1, 0.25, 0.5)
-"""s before the first motion at which they open, that are tried."""
+"""Times in s, from the opening of the brakes until the first motion, that are tried."""
 
 MOSTLY = 0.97
-"""Share of the time released from which nothing tells the brakes from standby power."""
+"""Share of the time with released brakes from which brakes cannot be distinguished from standby power."""
 
 
 class BrakePower(Effect):
@@ -28,7 +28,7 @@ class BrakePower(Effect):
     form = Form(intermittent=True)
     acceptance = Acceptance(above=0.0)
     uncertainty = Uncertainty({"power": 0.04, "delay": 0.06})
-    """The moment in which the arm came to rest is known to some samples."""
+    """The time at which the arm came to rest is known to some samples."""
     confusions = (
         Confusion("iron_loss", "hold the arm with the brakes released: brakes draw power at rest, iron does not"),
         Confusion("standby_power", "record some minutes at rest with the brakes closed"),
@@ -56,7 +56,7 @@ class BrakePower(Effect):
 
 
 def released(run: States, delay: float, lead: float) -> Float:
-    """1 (N,) from ``lead`` s before motion to ``delay`` s after it, else 0; edges share their sample."""
+    """1 (N,) from ``lead`` s before motion to ``delay`` s after it, else 0; samples at an edge have a share."""
     moving = np.flatnonzero(run.moving)
     if not len(moving):
         return np.zeros(len(run.time))

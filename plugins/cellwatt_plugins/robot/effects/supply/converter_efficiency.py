@@ -15,7 +15,7 @@ from cellwatt_plugins.robot.effects.states import States
 
 ALL, MOTORING, BOTH_WAYS = 0.0, 1.0, 2.0
 BACK = 0.9
-"""About the efficiency with which power comes back, where it is lossy both ways."""
+"""Typical efficiency of regenerated power, if the converter is lossy both ways."""
 
 
 class ConverterEfficiency(Effect):

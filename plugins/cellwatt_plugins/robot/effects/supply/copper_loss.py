@@ -14,7 +14,7 @@ from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.regression import Prior
 
 APART = 0.2
-"""Share of their variance by which the windings' resistances differ from one another: motors of one arm are alike."""
+"""Share of the variance of the windings' resistances that is independent: the motors of one arm are alike."""
 
 
 class CopperLoss(Effect):
@@ -37,7 +37,7 @@ class CopperLoss(Effect):
         return np.square(run.torque / np.where(constants > 0, constants, 1.0))
 
     def prior(self, runs: Sequence[States], joint: int | None, columns: Float, size: Float) -> Prior:
-        """Resistances of one size, at which a winding heats by about ``size`` W on average."""
+        """Resistances of similar size, at which a winding heats by about ``size`` W on average."""
         scale = size[0] / max(float(np.sqrt(np.mean(np.square(columns)))), 1e-9)
         joints = columns.shape[1]
         alike = APART * np.eye(joints) + (1 - APART) * np.ones((joints, joints))

@@ -16,7 +16,7 @@ from cellwatt_plugins.robot.effects.load.schedule import levels, switching_charg
 from cellwatt_plugins.robot.effects.states import States
 
 SHORTEST = 2.0
-"""s that a thermostat keeps a fan on at least."""
+"""Shortest time in s for which a thermostat runs a fan."""
 
 
 class FanSwitching(Effect):

@@ -14,11 +14,11 @@ from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.regression import Prior
 
 BOTH = 0.0
-"""In an exponent's place: |w| and w² together, as hysteresis and eddy currents are."""
+"""In place of an exponent: |w| and w² together, for hysteresis and eddy currents."""
 
 
 class IronLoss(Effect):
-    """Σ c |w|^a over the joints, or Σ h |w| + e w²; coefficients of one size but not the same: motors differ."""
+    """Σ c |w|^a over the joints, or Σ h |w| + e w²; coefficients of similar size, as motors differ."""
 
     name = "iron_loss"
     acts_on = "supply"

@@ -23,7 +23,7 @@ class RegenerationDissipated(Effect):
     depends_on = "fitted torque"
     acceptance = Acceptance(above=0.05)
     plausible = (lambda c: float(c[0])), 0.0, 1.2
-    """No more can be lost than the braking drives give back."""
+    """No more power can be lost than the braking drives return."""
     confusions = (Confusion("converter_efficiency", "lower a load fast, then lift it at the same speed"),)
     coefficients_are = (("share", ""),)
     tried = ((TOTAL,), (EACH,))

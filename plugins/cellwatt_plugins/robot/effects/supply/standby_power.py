@@ -11,14 +11,14 @@ from cellwatt_plugins.robot.effects.states import States
 
 
 class StandbyPower(Effect):
-    """A constant: absent from the description, or well off there."""
+    """A constant: absent from the description, or with a clearly wrong value."""
 
     name = "standby_power"
     acts_on = "supply"
     nominal = "standby_power"
     relations = Relations(plainer=6.0)
     uncertainty = Uncertainty({"power": 0.002})
-    """Read at rest, where nothing else is drawn."""
+    """Measured at rest, where no other power is drawn."""
     confusions = (Confusion("brake_power", "record some minutes at rest with the brakes closed"),)
     coefficients_are = (("power", "W"),)
     sentence = "The supply draws {power} at all times: standby power is missing."

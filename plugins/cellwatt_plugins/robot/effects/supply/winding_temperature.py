@@ -15,9 +15,9 @@ from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.effects.supply.thermal import warmth
 
 TIME_CONSTANTS = (20.0, 50.0, 120.0, 300.0, 700.0, 1500.0)
-"""s that are tried."""
+"""Time constants in s that are tried."""
 COPPER = 0.00393
-"""1/K: rise of copper's resistance."""
+"""Relative rise of copper's resistance, 1/K."""
 
 
 class WindingTemperature(Effect):
