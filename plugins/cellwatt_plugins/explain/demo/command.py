@@ -51,14 +51,14 @@ def command(wanted: tuple[str, ...], seed: int | None, out: Path | None, only_fi
     """
     seed = secrets.randbelow(10_000) if seed is None else seed
     folder = Path(f"demo-explain-{seed}") if out is None else out
-    say = (lambda _: None) if as_json else click.echo
+    echo = (lambda _: None) if as_json else click.echo
     concealed = write_files(folder, wanted, np.random.default_rng(seed))
     if only_files:
         click.echo("\n".join(each.sentence + "." for each in concealed) or "Nothing is concealed.")
         return
     words = ["run_1.csv", "run_2.csv", "--simulation", "arm.xml", "--mend", "arm.xml", "--out", "result"]
-    say(f"{folder}: arm.xml is your simulation, run_1.csv and run_2.csv are what the arm's sensors measured")
-    say(f"$ cd {shlex.quote(str(folder))} && cellwatt explain {shlex.join(words)}\n")
+    echo(f"{folder}: arm.xml is your simulation, run_1.csv and run_2.csv are what the arm's sensors measured")
+    echo(f"$ cd {shlex.quote(str(folder))} && cellwatt explain {shlex.join(words)}\n")
     revealed = _explained(folder, concealed, as_json)
     if as_json:
         click.echo((folder / "revealed.json").read_text())

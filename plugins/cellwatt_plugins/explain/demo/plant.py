@@ -73,23 +73,23 @@ def _moves(rng: np.random.Generator, seconds: float) -> Motion:
     n = round(seconds / STEP)
     q, qd, qdd = (np.zeros((n, JOINTS)) for _ in range(3))
     middle, half = RANGES.mean(axis=1), 0.38 * np.ptp(RANGES, axis=1)
-    here, at, count = middle + half * rng.uniform(-1, 1, JOINTS), 0, 0
+    pose, at, count = middle + half * rng.uniform(-1, 1, JOINTS), 0, 0
     while at < n:
-        there = middle + half * rng.uniform(-1, 1, JOINTS)
+        target = middle + half * rng.uniform(-1, 1, JOINTS)
         if count % 3 == 2:
-            there = here + 0.25 * (there - here)
+            target = pose + 0.25 * (target - pose)
         lasts = rng.uniform(3.0, 4.0) if count % 3 == 2 else rng.uniform(1.2, 2.2)
         s = np.arange(round(lasts / STEP)) * STEP / lasts
-        way = there - here
+        way = target - pose
         course = 10 * s**3 - 15 * s**4 + 6 * s**5
         rate = (30 * s**2 - 60 * s**3 + 30 * s**4) / lasts
         bend = (60 * s - 180 * s**2 + 120 * s**3) / lasts**2
         end = min(n, at + len(s))
-        for out, values, start in ((q, course, here), (qd, rate, 0.0), (qdd, bend, 0.0)):
+        for out, values, start in ((q, course, pose), (qd, rate, 0.0), (qdd, bend, 0.0)):
             out[at:end] = (start + values[:, None] * way)[: end - at]
-        at, here, count = end, there, count + 1
+        at, pose, count = end, target, count + 1
         rest = min(n, at + round(rng.uniform(0.2, 0.6) / STEP))
-        q[at:rest] = here
+        q[at:rest] = pose
         at = rest
     return Motion(q, qd, qdd)
 
@@ -137,9 +137,9 @@ def _with(arm: Arm, concealed: Sequence[Concealed]) -> str:
             joint.set("springref", repr(value["rest"]))
         elif each.kind == "payload":
             last = list(root.iter("body"))[-1]
-            held = ET.SubElement(last, "body", pos=f"{each.hidden['aside']} 0 {each.hidden['reach']}")
+            body = ET.SubElement(last, "body", pos=f"{each.hidden['aside']} 0 {each.hidden['reach']}")
             size = 0.4 * value["mass"] * 0.04**2
-            ET.SubElement(held, "inertial", pos="0 0 0", mass=str(value["mass"]), diaginertia=f"{size} {size} {size}")
+            ET.SubElement(body, "inertial", pos="0 0 0", mass=str(value["mass"]), diaginertia=f"{size} {size} {size}")
     return ET.tostring(root, encoding="unicode")
 
 

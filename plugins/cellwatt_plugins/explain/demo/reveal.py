@@ -76,8 +76,8 @@ def in_words(revealed: Revealed) -> str:
             found, std = _found(answer.finding, name)
             off = _off(answer.finding, name, value)
             sign = "right" if off <= FAR else f"named, {off:.0f} σ off"
-            true, said = (f"{text} {unit(symbol)}".strip() for text in (number(value), measured(found, std)))
-            lines.append(f"    {name}: {true}; explain says {said}: {sign}")
+            true, stated = (f"{text} {unit(symbol)}".strip() for text in (number(value), measured(found, std)))
+            lines.append(f"    {name}: {true}; explain says {stated}: {sign}")
     lines += [f"  Not concealed: {finding['statement']}  WRONG" for finding in revealed.invented]
     return "\n".join(lines if len(lines) > 1 else [*lines, "  Nothing: only numbers are off, by a few per cent."])
 

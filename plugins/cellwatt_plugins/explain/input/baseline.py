@@ -78,71 +78,71 @@ class Baseline:
 
     def along(self, run: Run, index: int, motion: Moved, torque: Float | None, power: Float | None) -> States:
         """``states`` for a known motion and the known torque and power ``beyond`` the law."""
-        told = torque, power
-        return States(run.name, index, run.time, motion, self.recorded, run.temperature, *told, drive=run.drive)
+        beyond = torque, power
+        return States(run.name, index, run.time, motion, self.recorded, run.temperature, *beyond, drive=run.drive)
 
     def beyond(self, run: Run) -> tuple[Float | None, Float | None]:
         """Torque (N, n) Nm and power (N,) W of a run's simulation beyond the law; None if the simulation has none."""
-        said = run.simulated
-        if said is None:
+        simulated = run.simulated
+        if simulated is None:
             return None, None
-        torque = said.torque - self.arm.torque(*said.plan.courses)
-        onto = interpolated(run.time, said.time, torque)
+        torque = simulated.torque - self.arm.torque(*simulated.plan.courses)
+        onto = interpolated(run.time, simulated.time, torque)
         power = None
-        if said.power is not None:
-            law = nominal_power(self.arm.description, said.torque, said.plan.velocity)
-            power = np.interp(run.time, said.time, said.power - law)
+        if simulated.power is not None:
+            law = nominal_power(self.arm.description, simulated.torque, simulated.plan.velocity)
+            power = np.interp(run.time, simulated.time, simulated.power - law)
         return later(onto, run.time, servo_lag(run)), power
 
 
 def baseline(runs: Sequence[Run], arm: Arm) -> Baseline:
     """The law that the simulations of the runs follow; the description's if no run has a simulation."""
-    told = [run.simulated for run in runs if run.simulated is not None]
-    if not told:
+    simulations = [run.simulated for run in runs if run.simulated is not None]
+    if not simulations:
         return Baseline(arm)
-    said = _thinned(told)
-    found = _mechanics(said, arm)
-    return Baseline(replace(found, description=_supply(said, found.description)))
+    simulated = _thinned(simulations)
+    found = _mechanics(simulated, arm)
+    return Baseline(replace(found, description=_supply(simulated, found.description)))
 
 
-def _thinned(told: Sequence[Simulated]) -> Simulated:
+def _thinned(simulations: Sequence[Simulated]) -> Simulated:
     """Thinned samples of all simulations; with power if all have it."""
-    thin = max(1, sum(len(each.time) for each in told) // ROWS)
-    powers = [each.power for each in told if each.power is not None]
+    thin = max(1, sum(len(each.time) for each in simulations) // ROWS)
+    powers = [each.power for each in simulations if each.power is not None]
 
     def together(parts: Sequence[Float]) -> Float:
         return np.concatenate([part[::thin] for part in parts])
 
-    plan = Plan(*map(together, zip(*(each.plan.courses for each in told), strict=True)))
-    power = together(powers) if len(powers) == len(told) else None
-    return Simulated(together([each.time for each in told]), plan, together([each.torque for each in told]), power)
+    plan = Plan(*map(together, zip(*(each.plan.courses for each in simulations), strict=True)))
+    power = together(powers) if len(powers) == len(simulations) else None
+    return Simulated(together([s.time for s in simulations]), plan, together([s.torque for s in simulations]), power)
 
 
-def _mechanics(said: Simulated, arm: Arm) -> Arm:
-    if lead := _lead(said, arm.body):
+def _mechanics(simulated: Simulated, arm: Arm) -> Arm:
+    if lead := _lead(simulated, arm.body):
         arm = arm.with_friction_lead(lead)
-    if _left(said, arm).max() < SAME:
+    if _residual(simulated, arm).max() < SAME:
         return arm
-    plan = said.plan
-    beside = said.torque - arm.torque(*plan.courses)
+    plan = simulated.plan
+    beside = simulated.torque - arm.torque(*plan.courses)
     if (found := mount(arm.body, *plan.courses, beside)) is not None:
         arm = arm.with_gravity(found.field)
-    rubbing = _with_friction(said, arm)
-    if _left(said, rubbing).max() < SAME:
+    rubbing = _with_friction(simulated, arm)
+    if _residual(simulated, rubbing).max() < SAME:
         return rubbing
-    other = _other_links(said, arm)
-    believed = np.sum(np.square(_left(said, other))) < LINKS * np.sum(np.square(_left(said, rubbing)))
+    other = _other_links(simulated, arm)
+    believed = np.sum(np.square(_residual(simulated, other))) < LINKS * np.sum(np.square(_residual(simulated, rubbing)))
     return other if believed else rubbing
 
 
-def _left(said: Simulated, arm: Arm) -> Float:
+def _residual(simulated: Simulated, arm: Arm) -> Float:
     """Rms (n,) of a law's torque residual, as a share of the rms torque."""
-    left = np.where(_clear(said.plan, arm), said.torque - arm.torque(*said.plan.courses), 0.0)
-    return np.asarray(np.sqrt(np.mean(left**2, axis=0)) / np.maximum(_size(said), 1e-9))
+    residual = np.where(_clear(simulated.plan, arm), simulated.torque - arm.torque(*simulated.plan.courses), 0.0)
+    return np.asarray(np.sqrt(np.mean(residual**2, axis=0)) / np.maximum(_size(simulated), 1e-9))
 
 
-def _size(said: Simulated) -> Float:
-    size = np.sqrt(np.mean(said.torque**2, axis=0))
+def _size(simulated: Simulated) -> Float:
+    size = np.sqrt(np.mean(simulated.torque**2, axis=0))
     return np.asarray(np.maximum(size, 0.01 * size.max()))
 
 
@@ -158,13 +158,13 @@ def _courses(plan: Plan, joint: int, lead: float) -> Float:
     return np.column_stack([direction(speed + lead * gain), speed, gain])
 
 
-def _lead(said: Simulated, body: Body) -> float:
+def _lead(simulated: Simulated, body: Body) -> float:
     """s by which friction of the simulation reverses before the velocity; 0 if a lead explains little."""
-    plan = said.plan
-    rest = said.torque - body.inverse_dynamics(*plan.courses)
-    size = _size(said)
+    plan = simulated.plan
+    rest = simulated.torque - body.inverse_dynamics(*plan.courses)
+    size = _size(simulated)
 
-    def left(lead: float) -> float:
+    def residual(lead: float) -> float:
         """Mean square residual, joints summed, after fitting each joint's own friction and rotor."""
         out = 0.0
         for joint in range(body.joints):
@@ -173,22 +173,22 @@ def _lead(said: Simulated, body: Body) -> float:
             out += float(np.mean(np.square(apart / size[joint])))
         return out
 
-    found = {lead: left(lead) for lead in LEADS}
+    found = {lead: residual(lead) for lead in LEADS}
     best = min(found, key=lambda lead: found[lead])
     return best if found[best] < SOONER * found[0.0] else 0.0
 
 
-def _with_friction(said: Simulated, arm: Arm) -> Arm:
+def _with_friction(simulated: Simulated, arm: Arm) -> Arm:
     """The arm with friction and rotors identified for its links; joints that do not move stay unchanged."""
-    plan = said.plan
-    rest = said.torque - arm.body.inverse_dynamics(*plan.courses)
+    plan = simulated.plan
+    rest = simulated.torque - arm.body.inverse_dynamics(*plan.courses)
     clear, travelled, numbers = _clear(plan, arm), np.ptp(plan.position, axis=0) > MOVES, _friction(arm)
     for i, own in enumerate(numbers):
         courses = _courses(plan, i, arm.description.friction_lead)[clear[:, i]]
         moved = np.sqrt(np.mean(courses**2, axis=0)) if len(courses) else np.zeros(len(FRICTION))
         if travelled[i] and np.all(moved > 0):
             found = nnls(courses / moved, rest[clear[:, i], i])[0] / moved
-            small = FINE * float(np.sqrt(np.mean(said.torque[:, i] ** 2)))
+            small = FINE * float(np.sqrt(np.mean(simulated.torque[:, i] ** 2)))
             found = np.where(found * moved < small, 0.0, found)
             numbers[i] = np.where(np.abs(found - own) * moved < small, own, found)
     return _rubbing(arm, numbers)
@@ -206,18 +206,18 @@ def _rubbing(arm: Arm, numbers: Float) -> Arm:
     return replace(arm, description=arm.description.model_copy(update={"joints": joints}))
 
 
-def _other_links(said: Simulated, arm: Arm) -> Arm:
+def _other_links(simulated: Simulated, arm: Arm) -> Arm:
     """Identify links, friction and rotors together; a number is the description's, or 0, if that fits as well."""
     own = _friction(arm).ravel()
-    fit = _LinkFit(said, arm, own)
-    resting = np.repeat(np.ptp(said.plan.position, axis=0) <= MOVES, len(FRICTION))
+    fit = _LinkFit(simulated, arm, own)
+    resting = np.repeat(np.ptp(simulated.plan.position, axis=0) <= MOVES, len(FRICTION))
     fixed = {int(i): float(own[i]) for i in np.flatnonzero(resting)}
-    best = fit.left(fixed)
+    best = fit.residual(fixed)
     for i in np.flatnonzero(~resting).tolist():
         for value in dict.fromkeys((float(own[i]), 0.0)):
-            left = fit.left({**fixed, i: value})
-            if left < NO_WORSE * best:
-                fixed[i], best = value, max(best, left)
+            residual = fit.residual({**fixed, i: value})
+            if residual < NO_WORSE * best:
+                fixed[i], best = value, max(best, residual)
                 break
     links, friction = fit.solved(fixed)
     described = _rubbing(arm, np.maximum(friction, 0.0).reshape(-1, len(FRICTION))).description
@@ -227,10 +227,10 @@ def _other_links(said: Simulated, arm: Arm) -> Arm:
 class _LinkFit:
     """Least squares of links, friction and rotors on a simulated torque."""
 
-    def __init__(self, said: Simulated, arm: Arm, own: Float) -> None:
-        self._own, body, plan = own, arm.body, said.plan
-        self._target = said.torque - body.inverse_dynamics(*plan.courses)
-        self._variance = np.where(_clear(plan, arm), np.square(FINE * _size(said)), 1e12)
+    def __init__(self, simulated: Simulated, arm: Arm, own: Float) -> None:
+        self._own, body, plan = own, arm.body, simulated.plan
+        self._target = simulated.torque - body.inverse_dynamics(*plan.courses)
+        self._variance = np.where(_clear(plan, arm), np.square(FINE * _size(simulated)), 1e12)
         regressor = body.regressor(*plan.courses)
         links = body.parameters().reshape(-1, PER_LINK)
         priors = [link_prior(each, OFF) for each in links]
@@ -242,9 +242,9 @@ class _LinkFit:
         lead = arm.description.friction_lead
         courses = [(j, _courses(plan, j, lead)) for j in range(body.joints)]
         self._courses = [(j, each[:, k : k + 1]) for j, each in courses for k in range(len(FRICTION))]
-        self._wide = [_size(said)[j] / max(float(np.sqrt(np.mean(c**2))), 1e-6) for j, c in self._courses]
+        self._wide = [_size(simulated)[j] / max(float(np.sqrt(np.mean(c**2))), 1e-6) for j, c in self._courses]
 
-    def left(self, fixed: dict[int, float]) -> float:
+    def residual(self, fixed: dict[int, float]) -> float:
         """Rms of the residual with some friction numbers fixed, in units of the standard deviation."""
         fit = self._fit(fixed)
         return float(np.sqrt(np.mean(np.square(fit.residual) / self._variance)))
@@ -269,17 +269,17 @@ class _LinkFit:
         return Prior(self._own[i : i + 1], np.array([[self._wide[i] ** 2]]))
 
 
-def _supply(said: Simulated, robot: RobotDescription) -> RobotDescription:
+def _supply(simulated: Simulated, robot: RobotDescription) -> RobotDescription:
     """The description with standby power, windings and converter losses identified from the simulation."""
-    if said.power is None:
+    if simulated.power is None:
         return robot
-    left = said.power - nominal_power(robot, said.torque, said.plan.velocity)
-    if np.sqrt(np.mean(left**2)) < SAME * np.sqrt(np.mean(said.power**2)):
+    residual = simulated.power - nominal_power(robot, simulated.torque, simulated.plan.velocity)
+    if np.sqrt(np.mean(residual**2)) < SAME * np.sqrt(np.mean(simulated.power**2)):
         return robot
-    drives = np.sum(said.torque * said.plan.velocity, axis=1)
-    plain = _drawn(said, np.column_stack([np.ones_like(drives), np.square(said.torque)]), said.power - drives)
+    drives = np.sum(simulated.torque * simulated.plan.velocity, axis=1)
+    plain = _drawn(np.column_stack([np.ones_like(drives), np.square(simulated.torque)]), simulated.power - drives)
     ways = np.column_stack([np.ones_like(drives), np.maximum(drives, 0.0), np.minimum(drives, 0.0)])
-    lossy = _drawn(said, np.column_stack([ways, np.square(said.torque)]), said.power)
+    lossy = _drawn(np.column_stack([ways, np.square(simulated.torque)]), simulated.power)
     if lossy[1] > LINKS * plain[1] or not 1 <= lossy[0][1] < 1 / LOSSIEST:
         (standby, *gains), gain, back = plain[0].tolist(), 1.0, 1.0
     else:
@@ -294,7 +294,7 @@ def _supply(said: Simulated, robot: RobotDescription) -> RobotDescription:
     return robot.model_copy(update={**supply, "joints": tuple(joints)})
 
 
-def _drawn(said: Simulated, columns: Float, power: Float) -> tuple[Float, float]:
+def _drawn(columns: Float, power: Float) -> tuple[Float, float]:
     """Nonnegative coefficients, small ones 0, of columns (N, m) fitted to ``power`` (N,) W; mean square residual."""
     scale = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-12)
     found = nnls(columns / scale, power)[0]

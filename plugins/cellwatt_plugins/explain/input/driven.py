@@ -48,16 +48,16 @@ def drive_of(servo: Servo, position: Float, command: Float, step: float) -> Driv
 
 def _late(drives: Sequence[Drive], simulator: Simulator) -> float:
     """Approximate delay of the commands, s, if drives seem to reach their limits; 0 if none is found."""
-    tells = []
+    limited = []
     for drive in drives:
-        servo, asked, moved = drive.servo, drive.asked(drive.command), drive.moved
-        if np.any((asked < servo.low) | (asked > servo.high)):
+        servo, demanded, moved = drive.servo, drive.asked(drive.command), drive.moved
+        if np.any((demanded < servo.low) | (demanded > servo.high)):
             needed = simulator.torque(*moved.courses)
-            tells.append((drive, needed, np.maximum(np.std(needed, axis=0), 1e-9)))
+            limited.append((drive, needed, np.maximum(np.std(needed, axis=0), 1e-9)))
 
     def off(late: float) -> float:
         total = 0.0
-        for drive, needed, size in tells:
+        for drive, needed, size in limited:
             servo = drive.servo
             given = np.clip(drive.asked(earlier(drive.command, late, drive.step)), servo.low, servo.high)
             total += float(np.sum(np.median(np.abs(given - needed), axis=0) / size))

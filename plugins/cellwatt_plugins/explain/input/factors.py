@@ -37,5 +37,5 @@ def order_text(stem: str, order: Sequence[int]) -> str:
 
 def usable(run: Run, most: int | None = None) -> NDArray[np.intp]:
     """Indices of the samples of a run that were not filled in; about ``most`` at most, evenly spread."""
-    there = np.flatnonzero(~run.filled)
-    return there if most is None else there[:: max(1, len(there) // most)]
+    indices = np.flatnonzero(~run.filled)
+    return indices if most is None else indices[:: max(1, len(indices) // most)]

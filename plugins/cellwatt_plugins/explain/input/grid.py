@@ -68,8 +68,8 @@ def even(
     ``positions`` are replaced. ``lossy`` columns stay NaN where more than a few values are missing. ``power`` of a slow
     meter is held. Raises ``RecordingError`` if too much is missing, or if the time does not rise or jumps.
     """
-    kept, notes = _rising(place, time)
-    time, columns = time[kept], {name: values[kept] for name, values in columns.items()}
+    valid, notes = _rising(place, time)
+    time, columns = time[valid], {name: values[valid] for name, values in columns.items()}
     _in_seconds(place, time)
     bad = np.zeros(len(time), bool)
     filled: dict[str, Float] = {}
@@ -111,21 +111,21 @@ def even(
 
 def _rising(place: str, time: Float) -> tuple[Bool, list[str]]:
     """Mask (R,) of the rows that have a time of their own, and notes."""
-    kept = np.isfinite(time)
-    kept[kept] = np.diff(time[kept], prepend=-np.inf) != 0
-    lost = len(time) - int(kept.sum())
+    valid = np.isfinite(time)
+    valid[valid] = np.diff(time[valid], prepend=-np.inf) != 0
+    lost = len(time) - int(valid.sum())
     if len(time) < LEAST_ROWS or lost > max(1, FEW * len(time)):
         reason = f"only {len(time)} rows" if len(time) < LEAST_ROWS else f"{lost} of {len(time)} rows have no new time"
         raise RecordingError(f"{place}: {reason}: record at least some seconds, each row with its own time")
-    steps = np.diff(time[kept])
+    steps = np.diff(time[valid])
     if np.any(steps < 0):
         i = int(np.argmax(steps < 0))
-        before, after = time[kept][i], time[kept][i + 1]
+        before, after = time[valid][i], time[valid][i + 1]
         raise RecordingError(
             f"{place}: the time goes back from {before:.3f} to {after:.3f} s in row {i + 2}: "
             "give consecutive recordings as separate files"
         )
-    return kept, [f"{place}: {lost} rows without a time of their own left out"] if lost else []
+    return valid, [f"{place}: {lost} rows without a time of their own left out"] if lost else []
 
 
 def _in_seconds(place: str, time: Float) -> None:

@@ -70,12 +70,12 @@ def _loaded(simulator: Path | None, robot: RobotDescription) -> tuple[Simulator 
     return loaded, loaded.control_gains()
 
 
-def _prepared(told: tuple[Source, Signals], known: tuple[RobotDescription, Float | None]) -> Run:
+def _prepared(entry: tuple[Source, Signals], known: tuple[RobotDescription, Float | None]) -> Run:
     """Make a run from its source and its signals.
 
     ``known``: the robot, and the torque (n,) Nm per unit of a simulator's controls, NaN where a control is no torque.
     """
-    (source, signals), (robot, gains) = told, known
+    (source, signals), (robot, gains) = entry, known
     signals = signals.with_controls(gains)
     run = without_unread(
         Run(
@@ -198,8 +198,8 @@ def _cut(run: Run, part: slice) -> Run:
         return run
     note = f"{run.name}: {lost * run.step:.2f} s of the recording lie outside its simulation and are left out"
     columns = {name: getattr(run, name) for name in COLUMNS}
-    kept: dict[str, Any] = {name: None if column is None else column[part] for name, column in columns.items()}
-    return replace(run, **kept, notes=(*run.notes, note))
+    fields: dict[str, Any] = {name: None if column is None else column[part] for name, column in columns.items()}
+    return replace(run, **fields, notes=(*run.notes, note))
 
 
 def _planned(signals: Signals, prefix: str) -> Plan:

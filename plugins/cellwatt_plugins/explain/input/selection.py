@@ -40,7 +40,7 @@ def select(files: Sequence[Source], robot: RobotDescription) -> tuple[list[Sourc
     order = list(islice(furthest_first(np.stack([motion for _, motion in looked])), enough))
     best, most = np.searchsorted(np.cumsum(seconds[order]), [SAMPLES / RATE, SAMPLES / SLOWEST], side="right").tolist()
     close = set(order[: max(LEAST, best, min(FEW, most))])
-    chosen, others = ([file for i, file in enumerate(files) if (i in close) == asked] for asked in (True, False))
+    chosen, others = ([file for i, file in enumerate(files) if (i in close) == wanted] for wanted in (True, False))
     return chosen, others
 
 
@@ -52,10 +52,10 @@ def furthest_first(places: Float) -> Iterator[int]:
     size = np.std(places, axis=0)
     scaled = (places - np.mean(places, axis=0)) / np.where(size > 0, size, 1.0)
     away = np.sum(scaled**2, axis=1)
-    taken = np.zeros(len(scaled), bool)
+    used = np.zeros(len(scaled), bool)
     for turn in range(len(scaled)):
-        last = int(np.argmax(np.where(taken, -1.0, away)))
-        taken[last] = True
+        last = int(np.argmax(np.where(used, -1.0, away)))
+        used[last] = True
         yield last
         near = np.sum((scaled - scaled[last]) ** 2, axis=1)
         away = np.minimum(away, near) if turn else near

@@ -140,11 +140,11 @@ def read_signals(path: Path, robot: RobotDescription) -> Signals:
         raise RecordingError(f"{path}: no position: expected {wanted}; {table.there()}{hint(table)}")
     columns = {name: column for q in joints for name, column in zip(names[q], joints[q].T, strict=True) if name}
     # Rows without the position of any joint are removed, which turns them into holes in time.
-    heard = np.isfinite(joints[positions]).any(axis=1)
+    recorded = np.isfinite(joints[positions]).any(axis=1)
     grid = even(
         path.name,
-        time[heard],
-        {name: column[heard] for name, column in (columns if power is None else columns | {POWER: power}).items()},
+        time[recorded],
+        {name: column[recorded] for name, column in (columns if power is None else columns | {POWER: power}).items()},
         slow=names.get(SLOW, ()),
         positions=names[positions],
         lossy=[name for q in LOSSY for name in names.get(q, ())],
@@ -214,8 +214,8 @@ def motor_torque(signals: Signals, robot: RobotDescription) -> Float:
     if "torque" in signals.joints or "current" not in signals.joints:
         return signals.needed("torque", "current")
     currents, constants = signals.joints["current"], robot.column("torque_constant")
-    heard = np.flatnonzero(np.isfinite(currents).any(axis=0) & (constants == 0)).tolist()
-    if unknown := [robot.joints[i].name for i in heard]:
+    recorded = np.flatnonzero(np.isfinite(currents).any(axis=0) & (constants == 0)).tolist()
+    if unknown := [robot.joints[i].name for i in recorded]:
         raise ConfigError(
             f"{signals.place} has currents, no torques, and the torque_constant of {listed(unknown)} is 0: "
             "write it into the robot's description, in Nm/A at the joint side"

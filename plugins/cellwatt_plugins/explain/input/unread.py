@@ -55,21 +55,21 @@ def unread_remarks(runs: Sequence[Run]) -> Iterator[str]:
 
 
 def _dead(run: Run) -> Bool:
-    kept = usable(run, SAMPLES)
-    torque = run.torque[kept]
-    moves = np.ptp(run.position[kept], axis=0) > MOVES
+    rows = usable(run, SAMPLES)
+    torque = run.torque[rows]
+    moves = np.ptp(run.position[rows], axis=0) > MOVES
     dead = unread(run)
-    heard = np.flatnonzero(~dead)
-    if not len(heard):
+    recorded = np.flatnonzero(~dead)
+    if not len(recorded):
         return dead
     size = np.zeros(run.joints)
-    size[heard] = np.nanstd(run.torque[:, heard], axis=0)
+    size[recorded] = np.nanstd(run.torque[:, recorded], axis=0)
     constant = np.zeros(run.joints, bool)
-    constant[heard] = np.nanmax(run.torque[:, heard], axis=0) == np.nanmin(run.torque[:, heard], axis=0)
+    constant[recorded] = np.nanmax(run.torque[:, recorded], axis=0) == np.nanmin(run.torque[:, recorded], axis=0)
     dead |= constant & (moves | (run.torque[0] == 0))
     suspect = moves & ~dead & ((size < LITTLE * size.max()) | (_levels(run.torque) <= COUNTS))
     if suspect.any():
-        terms = _terms(run)[kept]
+        terms = _terms(run)[rows]
         dead[suspect] = [_related(terms, torque[:, i]) < RELATED for i in np.flatnonzero(suspect)]
     return dead
 
@@ -93,5 +93,5 @@ def _related(terms: Float, torque: Float) -> float:
         return 1.0
     wanted = torque[rows] - torque[rows].mean()
     centred = terms[rows] - terms[rows].mean(axis=0)
-    left = wanted - centred @ np.linalg.lstsq(centred, wanted, rcond=None)[0]
-    return float(1 - np.var(left) / np.var(wanted) * (count - 1) / (count - unknowns))
+    residual = wanted - centred @ np.linalg.lstsq(centred, wanted, rcond=None)[0]
+    return float(1 - np.var(residual) / np.var(wanted) * (count - 1) / (count - unknowns))

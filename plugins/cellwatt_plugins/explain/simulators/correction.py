@@ -109,9 +109,9 @@ def remainder(fitted: FittedTerm, states: States, every: Sequence[States]) -> Fl
     course = fitted.course(states)
     if fitted.term.effect.place == "supply":
         return course[:, None]
-    held = correction(Retuned.nothing(course.shape[1]), [fitted], every)
-    course -= held.friction * states.sign
-    course -= np.einsum("nji,ji->nj", powers(states.qd), held.damping)
+    expressed = correction(Retuned.nothing(course.shape[1]), [fitted], every)
+    course -= expressed.friction * states.sign
+    course -= np.einsum("nji,ji->nj", powers(states.qd), expressed.damping)
     return course
 
 
@@ -120,7 +120,7 @@ def powers(speed: Float) -> Float:
     return np.stack([speed, speed * np.abs(speed), speed**3], axis=-1)
 
 
-def why_left(fitted: FittedTerm) -> str:
+def why_unwritten(fitted: FittedTerm) -> str:
     """Why a simulator of an arm has no term for an effect."""
     effect = fitted.term.effect
     if effect.place == "supply":

@@ -98,5 +98,5 @@ def _scale(row: Float) -> Float:
 def _clipped(row: Float) -> Float:
     """Lower triangle L (4, 4) with L Lᵀ near the pseudo-inertia of a row (10,)."""
     values, vectors = np.linalg.eigh(pseudo_inertia(row))
-    kept = vectors @ np.diag(np.maximum(values, 1e-6 * max(float(values[-1]), 1e-6))) @ vectors.T
-    return np.asarray(np.linalg.cholesky(kept))
+    positive = vectors @ np.diag(np.maximum(values, 1e-6 * max(float(values[-1]), 1e-6))) @ vectors.T
+    return np.asarray(np.linalg.cholesky(positive))

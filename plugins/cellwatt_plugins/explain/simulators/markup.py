@@ -91,9 +91,9 @@ def number(value: float) -> str:
 
 
 def _with_attribute(tag: str, name: str, value: str) -> str:
-    there = re.search(rf"(\s{re.escape(name)}\s*=\s*)(\"[^\"]*\"|'[^']*')", tag)
-    if there:
-        return tag[: there.start()] + there.group(1) + quoteattr(value) + tag[there.end() :]
+    found = re.search(rf"(\s{re.escape(name)}\s*=\s*)(\"[^\"]*\"|'[^']*')", tag)
+    if found:
+        return tag[: found.start()] + found.group(1) + quoteattr(value) + tag[found.end() :]
     body, close = (tag[:-2].rstrip(), "/>") if tag.endswith("/>") else (tag[:-1].rstrip(), ">")
     return f"{body} {name}={quoteattr(value)}{close}"
 

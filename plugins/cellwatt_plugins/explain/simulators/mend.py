@@ -20,7 +20,7 @@ from cellwatt_plugins.explain.fit.search.solve import fitted
 from cellwatt_plugins.explain.fit.solution import Solution
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.explain.model import FittedTerm
-from cellwatt_plugins.explain.simulators.correction import EXPRESSED, correction, holds, remainder, why_left
+from cellwatt_plugins.explain.simulators.correction import EXPRESSED, correction, holds, remainder, why_unwritten
 from cellwatt_plugins.explain.simulators.mujoco import Simulator, load_simulator
 from cellwatt_plugins.explain.simulators.placing import Placing, placing
 from cellwatt_plugins.explain.simulators.target import Target, expected, target
@@ -40,7 +40,7 @@ WORTH = 0.02
 
 
 @dataclass(frozen=True)
-class Left:
+class Unwritten:
     """Finding that is not in the mended file."""
 
     effect: str
@@ -68,7 +68,7 @@ class Mended:
 
     path: Path
     applied: tuple[Applied, ...]
-    left: tuple[Left, ...]
+    left: tuple[Unwritten, ...]
     error: tuple[ChannelError, ...]
     notes: tuple[str, ...] = ()
 
@@ -100,7 +100,7 @@ def mend(found: Explained, runs: Sequence[Run], user: Placing, out: Path) -> Men
         verify(user, goal, solution.problem, written)
         refused = [*goal.refused, *written.refused]
         notes = (*simulator.notes, *user.notes, *goal.notes)
-        return Mended(written.path, tuple(written.applied), tuple(left_of(found, solution, refused)), error, notes)
+        return Mended(written.path, tuple(written.applied), tuple(unwritten(found, solution, refused)), error, notes)
     raise ConfigError(
         f"{simulator.path}: not mended: whatever is written, its error on data left out would rise at "
         f"{', '.join(worse)}; what was found is in findings.json and model.yaml"
@@ -116,12 +116,12 @@ def _choices(found: Explained) -> Iterator[Solution]:
         yield fitted(freed(free, factors), terms)
     # Then, joint by joint, the terms that do not improve their joint are removed.
     problem = freed(free, all_fixed(free))
-    held, kept = LeaveOut(problem, torque.factor), list(terms)
+    folds, remaining = LeaveOut(problem, torque.factor), list(terms)
     for joint in problem.observed:
-        others = [t for t in kept if t.joint != joint]
-        if compared(held.errors(others), held.errors(kept), [joint]).share <= 0:
-            kept = others
-    yield fitted(problem, kept)
+        others = [t for t in remaining if t.joint != joint]
+        if compared(folds.errors(others), folds.errors(remaining), [joint]).share <= 0:
+            remaining = others
+    yield fitted(problem, remaining)
 
 
 def target_of(user: Placing, solution: Solution, mount: Float | None) -> Target:
@@ -173,13 +173,13 @@ def _mended(simulator: Simulator, written: Written) -> tuple[Simulator, Float]:
 def _held_out(user: Placing, found: Explained, solution: Solution, runs: Sequence[Run]) -> tuple[ChannelError, ...]:
     """Errors of the torque before and after mending; each block is tested on a file mended without its fold."""
     simulator, problem = user.simulator, solution.problem
-    held = LeaveOut(problem, solution.factor)
+    folds = LeaveOut(problem, solution.factor)
     measured = problem.stack([run.torque for run in runs])
     motion = [problem.stack([getattr(s, name) for s in problem.states]) for name in ("q", "qd", "qdd")]
     before = measured - simulator.torque(*motion)
     after = np.empty_like(before)
-    for k, coefficients in enumerate(held.coefficients(solution.terms)):
-        rows = held.fold == k
+    for k, coefficients in enumerate(folds.coefficients(solution.terms)):
+        rows = folds.fold == k
         with tempfile.TemporaryDirectory() as folder:
             goal = target_of(user, solution.with_coefficients(coefficients), found.mounted)
             new, factor = _mended(simulator, write(simulator, goal, Path(folder)))
@@ -191,7 +191,7 @@ def _held_out(user: Placing, found: Explained, solution: Solution, runs: Sequenc
     )
 
 
-def left_of(found: Explained, solution: Solution, refused: Sequence[tuple[str, int | None, str]]) -> list[Left]:
+def unwritten(found: Explained, solution: Solution, refused: Sequence[tuple[str, int | None, str]]) -> list[Unwritten]:
     """Findings that the file cannot hold, with the rms torque or power of each."""
     problem, why = found.torque.problem, {(effect, joint): text for effect, joint, text in refused}
     out = []
@@ -203,10 +203,10 @@ def left_of(found: Explained, solution: Solution, refused: Sequence[tuple[str, i
         elif effect.place == "supply":
             states = (problem if found.supply is None else found.supply.problem).states
             course = [remainder(term, s, states) for s in states]
-            out.append(Left(effect.name, None, why_left(term), float(rms(np.concatenate(course))[0]), "W"))
+            out.append(Unwritten(effect.name, None, why_unwritten(term), float(rms(np.concatenate(course))[0]), "W"))
         elif effect.name not in EXPRESSED:
             course = [remainder(term, s, problem.states) for s in problem.states]
-            out += _entries(effect.name, why_left(term), course, problem)
+            out += _entries(effect.name, why_unwritten(term), course, problem)
     rotor = retuned(solution, None).rotor_inertia
     if any(effect == "rotor_inertia" for effect, _ in why):
         reason = next(text for (effect, _), text in why.items() if effect == "rotor_inertia")
@@ -214,8 +214,8 @@ def left_of(found: Explained, solution: Solution, refused: Sequence[tuple[str, i
     return out
 
 
-def _entries(effect: str, why: str, course: Sequence[Float], problem: Problem) -> list[Left]:
+def _entries(effect: str, why: str, course: Sequence[Float], problem: Problem) -> list[Unwritten]:
     """One entry for each joint at which the torque ``course``, (N, n) Nm per run, exceeds ``WORTH``."""
     size = rms(np.concatenate(course))
-    there, robot = np.flatnonzero(size > WORTH * problem.floor), problem.states[0].robot
-    return [Left(effect, joint + 1, why, float(size[joint]), robot.unit(joint, "N*m")) for joint in there.tolist()]
+    joints, robot = np.flatnonzero(size > WORTH * problem.floor), problem.states[0].robot
+    return [Unwritten(effect, j + 1, why, float(size[j]), robot.unit(j, "N*m")) for j in joints.tolist()]

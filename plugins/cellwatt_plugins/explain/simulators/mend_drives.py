@@ -23,8 +23,8 @@ from cellwatt_plugins.explain.simulators.mend import (
     RISES,
     ChannelError,
     Mended,
-    left_of,
     target_of,
+    unwritten,
     verify,
     write,
 )
@@ -136,19 +136,19 @@ def mend_driven(found: Explained, runs: Sequence[Run], user: Placing, out: Path)
                 break
             # Friction, rotors and drives of these joints keep the user's values.
             factors = np.where([block.channel in worse for block in free.nuisance], FIXED, factors)
-        left = float(np.sum(np.log((after + noise) / (before + noise))))
-        if not worse and left < best[0]:
-            best = left, goal, solution, after
+        score = float(np.sum(np.log((after + noise) / (before + noise))))
+        if not worse and score < best[0]:
+            best = score, goal, solution, after
     _, goal, solution, after = best
     written = write(simulator, goal, out)
     verify(user, goal, solution.problem, written)
     stiffness = solution.problem.states[0].servos.servo.stiffness
     refused = [*goal.refused, *written.refused]
     left_out = [
-        replace(left, rms=left.rms / float(stiffness[at]), unit=simulator.unit(at, "rad"))
-        for left in left_of(found, solution, refused)
-        for at in [(left.joint or 1) - 1]
-        if left.effect not in WRITTEN or left.effect in [effect for effect, *_ in refused]
+        replace(finding, rms=finding.rms / float(stiffness[at]), unit=simulator.unit(at, "rad"))
+        for finding in unwritten(found, solution, refused)
+        for at in [(finding.joint or 1) - 1]
+        if finding.effect not in WRITTEN or finding.effect in [effect for effect, *_ in refused]
     ]
     error = tuple(
         ChannelError(f"q_{j + 1}", simulator.unit(j, "rad"), float(b), float(a), float(f))

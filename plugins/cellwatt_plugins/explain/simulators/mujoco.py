@@ -144,10 +144,10 @@ def _matched(path: Path, model: Any, joints: Sequence[str]) -> tuple[list[str], 
     if not missing:
         return list(joints), []
     if len(missing) < len(joints) or len(scalar) < len(joints) or "" in scalar[: len(joints)]:
-        there = ", ".join(name or "one without name" for name in scalar) or "none"
-        raise ConfigError(f"{path}: no joint {', '.join(missing)}; its hinges and slides are {there}")
-    taken = scalar[: len(joints)]
-    return taken, [f"{path.name}: has none of the joints of robot.yaml; matched by order: {', '.join(taken)}"]
+        present = ", ".join(name or "one without name" for name in scalar) or "none"
+        raise ConfigError(f"{path}: no joint {', '.join(missing)}; its hinges and slides are {present}")
+    matched = scalar[: len(joints)]
+    return matched, [f"{path.name}: has none of the joints of robot.yaml; matched by order: {', '.join(matched)}"]
 
 
 def _check_base(path: Path, model: Any, names: Sequence[str]) -> None:

@@ -68,8 +68,8 @@ def target(user: Placing, found: Correction, states: Sequence[States], floor: Fl
     below = {"friction loss": friction < 0, "damping": damping[:, 0] < 0, "armature": armature < 0}
     notes = [
         f"The {name} of joint {simulator.joints[joint]} came out below 0: 0 is written"
-        for name, there in below.items()
-        for joint in np.flatnonzero(there)
+        for name, negative in below.items()
+        for joint in np.flatnonzero(negative)
     ]
     damping[:, 0] = np.maximum(damping[:, 0], 0.0)
     stiffness, rest, refused = _springs(simulator, found.spring)

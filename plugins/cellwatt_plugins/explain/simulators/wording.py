@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-from cellwatt_plugins.explain.simulators.mend import Left, Mended
+from cellwatt_plugins.explain.simulators.mend import Mended, Unwritten
 from cellwatt_plugins.explain.simulators.written import Applied
 
-SAID = 0.05
+LISTED = 0.05
 """Relative change of a number above which it is listed on a line of its own."""
 
 
 def mended_in_words(mended: Mended) -> str:
     """Describe what was written, what could not be, and the simulator's error before and after."""
     lines = [f"mended: {mended.path}"]
-    told = [change for change in mended.applied if _worth_a_line(change)]
-    lines += [f"  {change.where}: {change.what} {_values(change)}" for change in told]
-    if rest := len(mended.applied) - len(told):
+    listed = [change for change in mended.applied if _worth_a_line(change)]
+    lines += [f"  {change.where}: {change.what} {_values(change)}" for change in listed]
+    if rest := len(mended.applied) - len(listed):
         lines.append(
-            f"  and {rest} other numbers: off by less than {100 * SAID:.0f} %, or centre and inertia of a body"
+            f"  and {rest} other numbers: off by less than {100 * LISTED:.0f} %, or centre and inertia of a body"
         )
-    lines += [f"  left out: {_left(left)}" for left in mended.left]
+    lines += [f"  left out: {_unwritten(finding)}" for finding in mended.left]
     lines += [f"  note: {note}" for note in mended.notes]
-    held = "" if any(e.channel.startswith("q_") for e in mended.error) else "held-out "
-    lines.append(f"  {held}error of the simulator, before → after (noise):")
+    held_out = "" if any(e.channel.startswith("q_") for e in mended.error) else "held-out "
+    lines.append(f"  {held_out}error of the simulator, before → after (noise):")
     lines += [
         f"    {e.channel}: {e.before:.3g} → {e.after:.3g} {_plain(e.unit)} ({e.noise_floor:.3g})" for e in mended.error
     ]
@@ -32,9 +32,9 @@ def _plain(unit: str) -> str:
     return unit.replace("*", "")
 
 
-def _left(left: Left) -> str:
-    where = "" if left.joint is None else f" at joint {left.joint}"
-    return f"{left.effect.replace('_', ' ')}{where}, {left.rms:.3g} {_plain(left.unit)} rms: {left.why}"
+def _unwritten(finding: Unwritten) -> str:
+    where = "" if finding.joint is None else f" at joint {finding.joint}"
+    return f"{finding.effect.replace('_', ' ')}{where}, {finding.rms:.3g} {_plain(finding.unit)} rms: {finding.why}"
 
 
 def _worth_a_line(change: Applied) -> bool:
@@ -42,7 +42,7 @@ def _worth_a_line(change: Applied) -> bool:
         return change.was is None and change.what.startswith("centre")
     if isinstance(change.value, tuple) or isinstance(change.was, tuple) or change.was is None:
         return True
-    return abs(change.value - change.was) > SAID * max(abs(change.value), abs(change.was))
+    return abs(change.value - change.was) > LISTED * max(abs(change.value), abs(change.was))
 
 
 def _values(change: Applied) -> str:

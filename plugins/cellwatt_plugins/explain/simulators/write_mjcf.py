@@ -41,16 +41,16 @@ def write_mjcf(simulator: Simulator, goal: Target, folder: Path) -> Written:
 
 
 def _joint(files: Files, name: str) -> Element:
-    there = [
+    found = [
         e
         for e in files.all("joint")
         if e.attributes.get("name") == name and e.parent is not None and e.parent.tag in _KINEMATIC
     ]
-    if len(there) != 1:
+    if len(found) != 1:
         raise ConfigError(
             f"{files.path}: joint {name} does not occur in it exactly once (attached or replicated?): cannot mend"
         )
-    return there[0]
+    return found[0]
 
 
 def _body(joint: Element, path: Path) -> Element:
@@ -88,14 +88,14 @@ def _write_joint(simulator: Simulator, goal: Target, at: int, joint: Element, do
     for what, value, was, unit, per in numbers:
         if differs(value, was):
             joint.set(**{what: number(value / per)})
-            done.say(what, f"joint {name}", value, was, simulator.unit(at, unit))
+            done.record(what, f"joint {name}", value, was, simulator.unit(at, unit))
     wanted, damping = goal.damping[at], damping_of(simulator)[at]
     if differ(wanted, damping):
         # One number, or three if powers of the speed are used.
         if not (np.any(wanted[1:] != 0) or np.any(damping[1:] != 0)):
             wanted, damping = wanted[0], damping[0]
         joint.set(damping=" ".join(map(number, np.atleast_1d(wanted))))
-        done.say("damping", f"joint {name}", wanted, damping, simulator.unit(at, "N*m*s/rad"))
+        done.record("damping", f"joint {name}", wanted, damping, simulator.unit(at, "N*m*s/rad"))
 
 
 def _write_turnover(simulator: Simulator, width: float, goal: Target, at: int, joint: Element, done: Written) -> None:
@@ -109,8 +109,8 @@ def _write_turnover(simulator: Simulator, width: float, goal: Target, at: int, j
     time = max(way / (1 - HARDNESS[0]), 2 * model.opt.timestep)
     hardness = float(np.clip(1 - way / time, *HARDNESS))
     joint.set(solreffriction=f"{number(time)} 1", solimpfriction=f"{number(hardness)} {number(hardness)}")
-    done.say("solreffriction", where, (time, 1.0), model.dof_solref[dof], "s")
-    done.say("solimpfriction", where, (hardness, hardness), model.dof_solimp[dof, :2], "")
+    done.record("solreffriction", where, (time, 1.0), model.dof_solref[dof], "s")
+    done.record("solimpfriction", where, (hardness, hardness), model.dof_solimp[dof, :2], "")
 
 
 def _inertial(parameters: Float) -> str:
@@ -126,11 +126,11 @@ def _write_links(simulator: Simulator, goal: Target, bodies: Sequence[Element], 
     for body, joint, new, own in zip(bodies, simulator.joints, goal.links, simulator.links(), strict=True):
         if differ(new, own):
             write_inertial(body, _inertial(new))
-            done.say_inertial(new, own, f"body {body.attributes.get('name', f'of joint {joint}')}")
+            done.record_inertial(new, own, f"body {body.attributes.get('name', f'of joint {joint}')}")
     if goal.payload is not None:
         name = name_of_payload({simulator.model.body(i).name for i in range(simulator.model.nbody)})
         bodies[-1].added.append(f'<body name="{name}">{_inertial(goal.payload)}</body>')
-        done.say_inertial(goal.payload, None, f"body {name}")
+        done.record_inertial(goal.payload, None, f"body {name}")
 
 
 def _write_gravity(files: Files, simulator: Simulator, goal: Target, done: Written) -> None:
@@ -144,7 +144,7 @@ def _write_gravity(files: Files, simulator: Simulator, goal: Target, done: Writt
         option.set(gravity=written)
     if not stated:
         files.root.added.append(f'<option gravity="{written}"/>')
-    done.say("gravity", "option", goal.gravity, was, "m/s^2")
+    done.record("gravity", "option", goal.gravity, was, "m/s^2")
 
 
 def _write_gears(files: Files, simulator: Simulator, goal: Target, done: Written) -> None:
@@ -160,7 +160,7 @@ def _write_gears(files: Files, simulator: Simulator, goal: Target, done: Written
         gear[0] *= goal.gear[at]
         last = int(np.flatnonzero(gear)[-1]) + 1
         motors[0].set(gear=" ".join(map(number, gear[:last])))
-        done.say("gear", f"motor of joint {name}", gear[0], was, "")
+        done.record("gear", f"motor of joint {name}", gear[0], was, "")
 
 
 def _write_servos(files: Files, simulator: Simulator, goal: Servo, done: Written) -> None:
@@ -176,7 +176,7 @@ def _write_servos(files: Files, simulator: Simulator, goal: Servo, done: Written
         ]
         new, was = ((each.stiffness[at], each.damping[at], each.high[at], each.delay[at]) for each in (goal, own))
         numbers = zip(SERVO, new, was, strict=True)
-        changed = {what: told for what, *told in numbers if np.isfinite(told[0]) and differs(*told)}
+        changed = {what: pair for what, *pair in numbers if np.isfinite(pair[0]) and differs(*pair)}
         if not changed:
             continue
         if len(acting) != 1 or "dampratio" in acting[0].attributes:
@@ -197,4 +197,4 @@ def _write_servos(files: Files, simulator: Simulator, goal: Servo, done: Written
             drive.set(delay=number(new[3]), nsample=str(rows), interp="linear")
         for what, (value, before) in changed.items():
             old = before if np.isfinite(before) else None
-            done.say(what, f"drive of joint {name}", value, old, simulator.unit(at, SERVO[what]))
+            done.record(what, f"drive of joint {name}", value, old, simulator.unit(at, SERVO[what]))

@@ -37,7 +37,7 @@ def write_urdf(simulator: Simulator, goal: Target, folder: Path) -> Written:
             raise ConfigError(f"{simulator.path}: joint {name} has no child link")
         if differ(goal.links[at], own[at]):
             write_inertial(link, _inertial(goal.links[at]))
-            done.say_inertial(goal.links[at], own[at], f"link {link.attributes.get('name', '')}")
+            done.record_inertial(goal.links[at], own[at], f"link {link.attributes.get('name', '')}")
         if goal.payload is not None and at == len(own) - 1:
             _add_payload(goal.payload, files.root, link, links, done)
     done.path = files.write(folder)[0]
@@ -46,7 +46,7 @@ def write_urdf(simulator: Simulator, goal: Target, folder: Path) -> Written:
 
 def _write_dynamics(simulator: Simulator, goal: Target, at: int, joint: Element, done: Written) -> None:
     model, dof, name = simulator.model, simulator.places[1][at], simulator.joints[at]
-    there = joint.child("dynamics")
+    dynamics = joint.child("dynamics")
     wanted = {
         "damping": (goal.damping[at, 0], model.dof_damping[dof], "N*m*s/rad"),
         "friction": (goal.friction[at], model.dof_frictionloss[dof], "N*m"),
@@ -54,9 +54,9 @@ def _write_dynamics(simulator: Simulator, goal: Target, at: int, joint: Element,
     new = {what: number(value) for what, (value, was, _) in wanted.items() if differs(value, was)}
     for what in new:
         value, was, unit = wanted[what]
-        done.say(what, f"joint {name}", value, was, simulator.unit(at, unit))
-    if there is not None:
-        there.set(**new)
+        done.record(what, f"joint {name}", value, was, simulator.unit(at, unit))
+    if dynamics is not None:
+        dynamics.set(**new)
     elif new:
         joint.added.append("<dynamics " + " ".join(f'{k}="{v}"' for k, v in new.items()) + "/>")
 
@@ -77,7 +77,7 @@ def _add_payload(parameters: Float, root: Element, link: Element, taken: Collect
         f'<joint name="{name}_fixed" type="fixed">'
         f'<parent link="{link.attributes["name"]}"/><child link="{name}"/></joint>',
     ]
-    done.say_inertial(parameters, None, f"link {name}")
+    done.record_inertial(parameters, None, f"link {name}")
 
 
 def what_urdf_holds(simulator: Simulator, goal: Target) -> Target:

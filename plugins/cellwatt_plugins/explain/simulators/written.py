@@ -48,19 +48,19 @@ class Written:
     refused: list[tuple[str, int | None, str]] = field(default_factory=list)
     """Effects with their joints (0-based) that this kind of file cannot hold, and why."""
 
-    def say(self, what: str, where: str, value: ArrayLike, was: ArrayLike | None, unit: str) -> None:
+    def record(self, what: str, where: str, value: ArrayLike, was: ArrayLike | None, unit: str) -> None:
         """Record a written value of one or several numbers, and the user's value ``was``."""
-        self.applied.append(Applied(what, where, _told(value), None if was is None else _told(was), unit))
+        self.applied.append(Applied(what, where, _numbers(value), None if was is None else _numbers(was), unit))
 
-    def say_inertial(self, new: Float, own: Float | None, where: str) -> None:
+    def record_inertial(self, new: Float, own: Float | None, where: str) -> None:
         """Record mass, centre and inertia of a ``new`` body (10,); ``own`` (10,) is the user's body."""
         now: Sequence[ArrayLike] = at_centre(new)
         before: Sequence[ArrayLike | None] = [None] * len(now) if own is None or own[0] <= 0 else at_centre(own)
         for (what, unit), value, was in zip(INERTIAL, now, before, strict=True):
-            self.say(what, where, value, was, unit)
+            self.record(what, where, value, was, unit)
 
 
-def _told(value: ArrayLike) -> float | tuple[float, ...]:
+def _numbers(value: ArrayLike) -> float | tuple[float, ...]:
     numbers = np.asarray(value, np.float64)
     return tuple(numbers.tolist()) if numbers.ndim else float(numbers)
 
@@ -72,11 +72,11 @@ def differs(value: float, was: float) -> bool:
 
 def write_inertial(body: Element, text: str) -> None:
     """Write ``text`` as the inertia of a body, in place of an inertia that it has."""
-    there = body.child("inertial")
-    if there is None:
+    existing = body.child("inertial")
+    if existing is None:
         body.added.append(text)
     else:
-        there.instead = text
+        existing.instead = text
 
 
 def name_of_payload(taken: Collection[str]) -> str:

@@ -110,12 +110,12 @@ def sample_of(run: Run, motion: Moved, arm: Arm) -> Sample:
     columns.
     """
     rows = usable(run)
-    heard = np.isfinite(run.torque[rows])
-    counts = heard.sum(axis=0)
+    recorded = np.isfinite(run.torque[rows])
+    counts = recorded.sum(axis=0)
     # Joints that were hardly ever read together with the others are left out, the one with the fewest samples first.
-    while counts.any() and heard[:, counts > 0].all(axis=1).sum() < TOGETHER:
+    while counts.any() and recorded[:, counts > 0].all(axis=1).sum() < TOGETHER:
         counts[np.argmin(np.where(counts > 0, counts, len(rows) + 1))] = 0
-    rows = rows[heard[:, counts > 0].all(axis=1)]
+    rows = rows[recorded[:, counts > 0].all(axis=1)]
     rows = rows[:: max(1, len(rows) // SAMPLES)]
     torque = np.where(counts > 0, run.torque[rows], 0.0)
     noise = MEAN_OF_NORMAL * np.nan_to_num(white_noise(run.torque))

@@ -18,24 +18,24 @@ WORTH = 0.02
 UNITS = {"coulomb_friction": "Nm", "viscous_friction": "Nm s/rad", "rotor_inertia": "kg m²"}
 
 
-def told_otherwise(runs: Sequence[Run], arm: Arm, base: Baseline) -> list[str]:
+def description_remarks(runs: Sequence[Run], arm: Arm, base: Baseline) -> list[str]:
     """One remark if robot.yaml or the URDF contradict the simulation; numbers that they omit are not compared."""
-    told = [run.simulated for run in runs if run.simulated is not None]
-    if not told:
+    simulations = [run.simulated for run in runs if run.simulated is not None]
+    if not simulations:
         return []
     simulated = base.arm.description
-    said = _completed(arm.description, simulated)
-    law = replace(arm, description=said)
-    torque = np.concatenate([each.torque for each in told])
-    size, off = _rms(torque), _rms(torque - np.concatenate([law.torque(*each.plan.courses) for each in told]))
+    described = _completed(arm.description, simulated)
+    law = replace(arm, description=described)
+    torque = np.concatenate([each.torque for each in simulations])
+    size, off = _rms(torque), _rms(torque - np.concatenate([law.torque(*each.plan.courses) for each in simulations]))
     parts = [
-        f"joint {i + 1} by {off[i]:.2g} {said.unit(i, 'Nm')}{_how(said, simulated, i)}"
+        f"joint {i + 1} by {off[i]:.2g} {described.unit(i, 'Nm')}{_how(described, simulated, i)}"
         for i in range(len(off))
         if off[i] > WORTH * max(size[i], 0.1 * float(size.max()))
     ]
-    powered = [(each, each.power) for each in told if each.power is not None]
+    powered = [(each, each.power) for each in simulations if each.power is not None]
     if powered:
-        off = _rms(np.concatenate([p - nominal_power(said, each.torque, each.plan.velocity) for each, p in powered]))
+        off = _rms(np.concatenate([p - nominal_power(described, s.torque, s.plan.velocity) for s, p in powered]))
         watts, drawn = float(off), float(_rms(np.concatenate([p for _, p in powered])))
         parts += [f"the supply by {watts:.3g} W"] if watts > WORTH * drawn else []
     if not parts:
@@ -55,11 +55,11 @@ def _completed(robot: RobotDescription, simulated: RobotDescription) -> RobotDes
     return robot.model_copy(update={"joints": joints, "standby_power": standby, "friction_lead": lead})
 
 
-def _how(said: RobotDescription, simulated: RobotDescription, joint: int) -> str:
+def _how(described: RobotDescription, simulated: RobotDescription, joint: int) -> str:
     """The numbers of a joint that differ, in words."""
-    pairs = {name: (getattr(said.joints[joint], name), getattr(simulated.joints[joint], name)) for name in UNITS}
+    pairs = {name: (getattr(described.joints[joint], name), getattr(simulated.joints[joint], name)) for name in UNITS}
     parts = [
-        f"{name.replace('_', ' ')} {own:.3g} instead of {other:.3g} {said.unit(joint, UNITS[name])}"
+        f"{name.replace('_', ' ')} {own:.3g} instead of {other:.3g} {described.unit(joint, UNITS[name])}"
         for name, (own, other) in pairs.items()
         if abs(own - other) > WORTH * max(own, other)
     ]

@@ -11,7 +11,7 @@ from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
 from cellwatt.progress import stage, steps
 from cellwatt.scheduler import spread
-from cellwatt_plugins.explain.input.admission.description import told_otherwise
+from cellwatt_plugins.explain.input.admission.description import description_remarks
 from cellwatt_plugins.explain.input.admission.motion import (
     check_jumps,
     check_limits,
@@ -69,7 +69,7 @@ def admit(runs: Sequence[Run], arm: Arm) -> Admitted:
         base = baseline(runs, arm)
     courses = spread(_followed, runs, "checking torques of runs", shared=base)
     base, states = _turning_over(runs, base, courses)
-    notes += [*remarks(runs, arm.description), *rough(states), *told_otherwise(runs, arm, base)]
+    notes += [*remarks(runs, arm.description), *rough(states), *description_remarks(runs, arm, base)]
     return Admitted(base, tuple(notes), tuple(states))
 
 

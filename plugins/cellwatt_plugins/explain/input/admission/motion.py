@@ -112,11 +112,11 @@ def check_velocity(run: Run, robot: RobotDescription) -> None:
     """Raises ``RecordingError`` if the velocities are not the derivatives of the positions."""
     if run.velocity is None:
         return
-    kept = usable(run)
+    rows = usable(run)
     # Central differences of a slow log are means over two steps: the recorded velocities are averaged alike.
     velocity, own = (
-        convolve1d(run.velocity, SIMPSON, axis=0, mode="nearest")[kept],
-        rates(run.position, run.step)[1][kept],
+        convolve1d(run.velocity, SIMPSON, axis=0, mode="nearest")[rows],
+        rates(run.position, run.step)[1][rows],
     )
     wide = np.flatnonzero(travel(run) > WIDE)
     if not len(wide):

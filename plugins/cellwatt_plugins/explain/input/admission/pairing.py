@@ -62,8 +62,8 @@ def check_pairing(run: Run, robot: RobotDescription) -> list[str]:
     """Notes on how the recording follows its plan. Raises ``RecordingError`` if the plan is of another recording."""
     if run.plan is None:
         return []
-    kept = usable(run)
-    q, plan = run.position[kept], run.plan.position[kept]
+    rows = usable(run)
+    q, plan = run.position[rows], run.plan.position[rows]
     moving = np.flatnonzero(np.maximum(span(q), span(plan)) > MOVES)
     if not len(moving):
         return []

@@ -23,16 +23,17 @@ ALIKE = 0.5
 
 def check_power(run: Run, motion: Moved) -> None:
     """Raises ``RecordingError`` if the power cannot be in W, compared with the mechanical power of the joints."""
-    kept = usable(run, SAMPLES)
+    rows = usable(run, SAMPLES)
     if run.power is not None and np.isfinite(run.torque).all():
-        _check(run.name, run.power[kept], np.sum(run.torque[kept] * motion.velocity[kept], axis=1))
+        _check(run.name, run.power[rows], np.sum(run.torque[rows] * motion.velocity[rows], axis=1))
 
 
 def check_simulated_power(run: Run) -> None:
     """``check_power`` for the simulation of a run."""
-    said = run.simulated
-    if said is not None and said.power is not None:
-        _check(f"{run.name}: in its simulation", said.power, np.sum(said.torque * said.plan.velocity, axis=1))
+    simulated = run.simulated
+    if simulated is not None and simulated.power is not None:
+        joints = np.sum(simulated.torque * simulated.plan.velocity, axis=1)
+        _check(f"{run.name}: in its simulation", simulated.power, joints)
 
 
 def _check(place: str, supply: Float, joints: Float) -> None:

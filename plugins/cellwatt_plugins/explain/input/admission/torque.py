@@ -52,12 +52,12 @@ def check_torque(run: Run, motion: Moved, arm: Arm) -> None:
 
 def check_simulated(run: Run, arm: Arm) -> None:
     """``check_torque`` for the torque of a run's simulation."""
-    said = run.simulated
-    if said is None:
+    simulated = run.simulated
+    if simulated is None:
         return
-    thin = max(1, len(said.time) // SAMPLES)
-    read = Torques(said.torque[::thin], np.zeros(run.joints))
-    plan = Plan(*(part[::thin] for part in said.plan.courses))
+    thin = max(1, len(simulated.time) // SAMPLES)
+    read = Torques(simulated.torque[::thin], np.zeros(run.joints))
+    plan = Plan(*(part[::thin] for part in simulated.plan.courses))
     _check(f"{run.name}: its simulation's torque", False, Sample(arm, read, plan))
 
 
@@ -77,8 +77,8 @@ def _check(place: str, current: bool, sample: Sample) -> None:
 
 
 def _whole_unit(place: str, current: bool, sample: Sample, expected: Float, friction: float) -> None:
-    heard = sample.read.torque.any(axis=0)
-    recorded, nominal = _rms(sample.read.torque[:, heard]), _rms(expected[:, heard])
+    active = sample.read.torque.any(axis=0)
+    recorded, nominal = _rms(sample.read.torque[:, active]), _rms(expected[:, active])
     factor = recorded / max(nominal, 1e-12)
     if factor >= LARGE:
         factor = recorded / max(nominal, friction, 1e-12)
@@ -136,11 +136,11 @@ def _order(place: str, read: Torques, expected: Expected) -> None:
 
     Columns of noise are assigned to the remaining joints.
     """
-    tells = read.shares() > TELLS
-    cost = np.where(tells[:, None], np.minimum(expected.table(read), 2.0), 0.0)
+    informative = read.shares() > TELLS
+    cost = np.where(informative[:, None], np.minimum(expected.table(read), 2.0), 0.0)
     _, order = linear_sum_assignment(cost - TIE * np.eye(len(cost)))
-    told = np.flatnonzero((order != np.arange(len(order))) & tells)
-    if len(told) and np.all(_better(cost[told, order[told]], cost[told, told])):
+    misplaced = np.flatnonzero((order != np.arange(len(order))) & informative)
+    if len(misplaced) and np.all(_better(cost[misplaced, order[misplaced]], cost[misplaced, misplaced])):
         raise RecordingError(
             f"{place}: the columns are in another order than the positions: {order_text('tau', order.tolist())}"
         )
