@@ -57,7 +57,7 @@ def test_mistakes_of_the_user(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="no notify section: name the recipients"):
         command.main(arguments, standalone_mode=False)
     written(tmp_path, {"desk": {"webhook": {"url": "http://127.0.0.1:1/"}}})
-    with pytest.raises(ConfigError, match=r"no recipient 'dsek' \(there are: desk\)"):
+    with pytest.raises(ConfigError, match=r"no recipient 'dsek' \(known: desk\)"):
         command.main([*arguments, "dsek"], standalone_mode=False)
     with pytest.raises(click.MissingParameter, match="test"):
         command.main([arguments[1]], standalone_mode=False)
