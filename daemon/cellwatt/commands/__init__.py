@@ -118,7 +118,7 @@ def main() -> None:
             sys.exit(EXIT_USAGE)
         if isinstance(error, OSError) and error.errno in _FULL:
             where = error.filename or "the output"
-            click.echo(f"cellwatt: cannot write {where}: {error.strerror}", err=True)
+            click.echo(f"cellwatt: {where} cannot be written: {error.strerror}", err=True)
             sys.exit(EXIT_ERROR)
         _report_bug(error)
         sys.exit(EXIT_BUG)

@@ -197,7 +197,7 @@ async def test_a_few_cells_are_followed_at_a_time_and_one_by_itself(
             assert response.status == 200
         async with browser.get(f"{url}/api/cells/{SITE}/weld-2/state") as response:
             assert response.status == 503
-            assert "1 cells are being looked at" in (await response.json())["error"]
+            assert "1 cells are open" in (await response.json())["error"]
         for where in (f"{SITE}/weld-9", "plant-2/weld-1"):
             async with browser.get(f"{url}/api/cells/{where}/state") as response:
                 assert response.status == 404
