@@ -31,6 +31,9 @@ class FiniteRange(click.FloatRange):
             self.fail(f"found {value!r}, expected a finite number", param, ctx)
         return number
 
+    def _describe_range(self) -> str:
+        return "" if self.min is None and self.max is None else super()._describe_range()
+
 
 FINITE: Final = FiniteRange()
 NOT_NEGATIVE: Final = FiniteRange(min=0)
