@@ -51,7 +51,7 @@ def test_a_header_that_is_none(text):
 )
 def test_a_declaration_that_is_none(declaration, first):
     channel = Channel(1, "/raw/arm/rtde", "protobuf", {"source": "arm", "declaration": declaration, "first": first}, 1)
-    with pytest.raises(ValueError, match="/raw/arm/rtde is declared"):
+    with pytest.raises(ValueError, match="/raw/arm/rtde has a declaration that this version does not know"):
         track_of(channel)
     assert tracks_of({1: channel})[0] == {}
 
@@ -66,7 +66,7 @@ def test_a_damaged_declaration_costs_its_channel_alone(tmp_path):
     file.publish()
     recording = Recording.open(tmp_path)
     assert len(recording.batches("arm", "rtde")) == 3
-    assert [str(d).split(" is declared")[0] for d in recording.damage] == [f"{name_of()}: /raw/arm/other"]
+    assert [str(d).split(" has a declaration")[0] for d in recording.damage] == [f"{name_of()}: /raw/arm/other"]
 
 
 def test_a_length_beyond_all_memory_is_damage():

@@ -71,7 +71,7 @@ def test_ordinary_files(tmp_path: Path, text: str | bytes, time: list[float], q:
         ("t;q_1;p\n0;1.234;0,5\n", "column q_1 may have decimal points or digits in groups of three, as other columns"),
         ("t;q_1;q_1\n0;1;2\n", "column q_1 is there 2 times, as columns B, C: keep one"),
         ('t;a;q_1\n\n0;x;1\n;;\n1;"a\nb";ERR\n', "column q_1 holds text, first 'ERR' in row 5, column C"),
-        ("time,q_1\n3/1/2026 1:00:00,1\n3/2/2026 1:00:00,2\n", "column time holds dates whose day and month cannot be"),
+        ("time,q_1\n3/1/2026 1:00:00,1\n3/2/2026 1:00:00,2\n", "column time holds dates with ambiguous day and month"),
     ],
 )
 def test_a_refusal_names_the_cell(tmp_path: Path, text: str, message: str) -> None:
