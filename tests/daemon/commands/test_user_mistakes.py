@@ -78,7 +78,7 @@ MISTAKES = [
     # places that cannot be written
     (("export", "recordings", "--out", "weld.yaml/out"), ERROR, "weld.yaml/out cannot be created: Not a directory"),
     (("plot", "recordings", "--out", "weld.yaml/a.html"), ERROR, "a.html cannot be written: Not a directory"),
-    (("demo", "--keep", "weld.yaml/kept"), ERROR, "weld.yaml/kept cannot be made: Not a directory"),
+    (("demo", "--keep", "weld.yaml/kept"), ERROR, "weld.yaml/kept cannot be created: Not a directory"),
     # numbers that are none, too long names, things of another kind
     (("record", "weld.yaml", "--seconds", "nan"), USAGE, "found 'nan', expected a finite number"),
     (("record", "weld.yaml", "--seconds", "-1"), USAGE, "-1.0 is not in the range x>=0"),
@@ -131,7 +131,7 @@ def test_what_may_not_be_read_or_made(call: Call, forbidden: Path) -> None:
     assert (ended.code, ended.out + ended.err) == (USAGE, told)
     ended = call("run", forbidden / "open.yaml")
     assert ended.code == ERROR
-    assert f"record.folder {forbidden / 'recordings'} cannot be made: Permission denied" in ended.err
+    assert f"record.folder {forbidden / 'recordings'} cannot be created: Permission denied" in ended.err
 
 
 @pytest.fixture
