@@ -106,7 +106,7 @@ CASES = {
     "zero-filled tail": Case(lambda d, c: d + bytes(8192), says="8192 bytes unreadable"),
     "garbage in front of a chunk": Case(insert(chunk(7), GARBAGE), says="4980 bytes unreadable", aside=True),
     "garbage within a chunk": Case(insert(chunk(7, 90), GARBAGE), {7}, "10 of /raw/arm/rtde", aside=True),
-    "bit flip in a chunk's opcode": Case(flip(chunk(7), 0x40), {7}, "no record", aside=True),
+    "bit flip in a chunk's opcode": Case(flip(chunk(7), 0x40), {7}, "not a record", aside=True),
     "bit flip in a chunk's length, high": Case(flip(chunk(7, 8), 0x80), {7}, "10 of", aside=True),
     "bit flip in a chunk's size, high": Case(flip(chunk(7, 32), 0x40), {7}, "length is wrong", aside=True),
     "bit flip in a chunk's checksum": Case(flip(chunk(7, 33)), {7}, "checksum is wrong", aside=True),

@@ -84,7 +84,7 @@ def test_an_alarm_that_comes_and_goes_is_published_a_few_times_and_recorded_each
         teller.look({"sources": {}, "stages": {}})
     assert len(teller.recorded) == 40
     assert changes(teller.offered) == [("a", True), ("a", False)] * 5 + [("a", True)] * 2
-    assert "It comes and goes" in teller.offered[-1].statement
+    assert "The condition comes and goes" in teller.offered[-1].statement
     assert teller.looked_at() == ["a"]
     teller.time += 600 * SECOND
     assert teller.looked_at() == []
