@@ -27,7 +27,8 @@ def step_noise(measured: Float) -> Float:
     """Return the noise (c,) of channels (N, c) that come in steps; 0 for channels without steps."""
     out = np.zeros(measured.shape[1])
     for channel, values in enumerate(measured.T):
-        levels = np.unique(values)
-        if 1 < len(levels) < LEVELS * len(values):
+        known = values[np.isfinite(values)]
+        levels = np.unique(known)
+        if 1 < len(levels) < LEVELS * len(known):
             out[channel] = float(np.min(np.diff(levels))) / np.sqrt(12.0)
     return out

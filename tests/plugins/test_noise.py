@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from cellwatt_plugins.noise import white_noise
+from cellwatt_plugins.noise import step_noise, white_noise
 
 STEP = 0.008
 
@@ -22,3 +22,9 @@ def test_white_noise_is_found_in_motion_and_beside_gaps(order):
 @pytest.mark.parametrize("rows", [0, 3])
 def test_too_few_values_tell_no_noise(rows):
     assert np.isnan(white_noise(np.zeros((rows, 2)), 3)).all()
+
+
+def test_steps_are_found_beside_missing_values():
+    stepped = np.round(np.sin(np.arange(400) / 30.0), 1)
+    stepped[::5] = np.nan
+    assert step_noise(stepped[:, None]) == pytest.approx([0.1 / np.sqrt(12.0)])

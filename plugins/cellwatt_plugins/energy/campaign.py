@@ -40,9 +40,9 @@ def observed(run: Recorded, known: tuple[Arm, Drive]) -> Observed:
     one = replace(one, offset=align(run.reading, one.modelled(guess), one.integral(kinds)))
     measured = shared(one).sum(axis=1) >= MEASURED * np.array([repetition.seconds for repetition in kept])
     if not measured.any():
-        raise RecordingError(f"{run.reading.place}: it has no values in every repetition: record this run again")
+        raise RecordingError(f"{run.reading.place}: it has too few values in every repetition: record this run again")
     notes += [
-        f"the repetition at t = {repetition.start:.1f} s: values of the analyzer are missing: not used"
+        f"the repetition at t = {repetition.start:.1f} s: too few values of the analyzer: not used"
         for repetition, seen in zip(kept, measured, strict=True)
         if not seen
     ]
@@ -50,8 +50,8 @@ def observed(run: Recorded, known: tuple[Arm, Drive]) -> Observed:
     return replace(one, repetitions=tuple(kept), notes=tuple(notes))
 
 
-MEASURED = 0.95
-"""Smallest share of a repetition's time with values of the analyzer."""
+MEASURED = 0.7
+"""Smallest share of a repetition's time with values of the analyzer; uneven values fall short of 1, too."""
 HOLD = (0.3, 0.6)
 """Power of the motors that hold the arm at its pose of least gravity, W: expected value and one standard deviation."""
 UNPLUGGED = 0.05

@@ -96,4 +96,4 @@ def test_a_repetition_in_which_the_analyzer_fell_silent_is_left_out(measured):
     reading = PowerTrace("analyzer", run.reading.time[early], run.reading.power[early])
     cut = observed(replace(run, reading=reading), (arm, begin(arm, 50.0)))
     assert cut.repetitions == whole.repetitions[:-1]
-    assert cut.notes == (f"the repetition at t = {last.start:.1f} s: values of the analyzer are missing: not used",)
+    assert cut.notes == (f"the repetition at t = {last.start:.1f} s: too few values of the analyzer: not used",)

@@ -42,6 +42,13 @@ def test_a_night_between_two_rows_takes_no_frames():
     assert frames.time[-1] == 50_004.99e9
 
 
+def test_a_clock_that_drifts_at_one_row_a_second_is_no_reason_to_refuse(tmp_path):
+    t, position, power = columns()
+    write_table(tmp_path / "slow.csv", {"t": t * 100.03, "q_1": position[:, 0], "q_2": position[:, 1], "power": power})
+    (frames,) = frames_of_files([tmp_path / "slow.csv"])
+    assert len(frames) == pytest.approx(500, abs=2)
+
+
 def test_a_leap_of_the_clock_takes_no_frames_and_a_table_of_bursts_is_refused_with_its_row():
     t, position, power = columns()
     assert len(frames_of_table(np.where(t < 2.5, t, t + 1e9), position, power)) == 500

@@ -71,9 +71,11 @@ class Files:
         return list(changed.values())
 
     def _new(self, folder: Path, path: Path) -> Path:
-        """Path of a rewritten file; an included file whose name is not unique is prefixed with its folder's name."""
+        """Path of a rewritten file; an included file whose name is not unique is prefixed with its folders."""
         twins = path != self.path and any(one.path.name == path.name and one.path != path for one in self.every)
-        return folder / f"{f'{path.parent.name}_' if twins else ''}{path.stem}.mended{path.suffix}"
+        name = f"{path.stem}.mended{path.suffix}"
+        below = os.path.relpath(path.parent, self.path.parent).replace(os.sep, "_")
+        return folder / (f"{below}_{name}" if twins and below != "." else name)
 
     def _relocate(self, folder: Path) -> None:
         """Change the names of files and folders to paths relative to ``folder``."""

@@ -67,7 +67,7 @@ def _numbers(value: ArrayLike) -> float | tuple[float, ...]:
 
 def differs(value: float, was: float) -> bool:
     """True if a number differs, rounding aside; a finite number differs from an infinite one."""
-    return not math.isclose(value, was, rel_tol=SMALL, abs_tol=1e-12 * SMALL)
+    return math.isfinite(value) and not math.isclose(value, was, rel_tol=SMALL, abs_tol=1e-12 * SMALL)
 
 
 def write_inertial(body: Element, text: str) -> None:

@@ -109,7 +109,7 @@ class PlanReport:
             f"{len(plan.q)} poses of {self.robot}; {plan.unsafe} positions were left out because the arm would touch "
             f"itself or the floor, and {plan.unreachable} poses because the straight path to them is not safe",
             f"moves take {plan.travel:.0f} s in all at full speed, {plan.unordered:.0f} s before ordering",
-            f"joints move upwards in {even} of the moves",
+            f"joint angles rise in {even} of the moves",
             f"about {self.duration / 60:.0f} min with the pauses",
             f"written: {', '.join(self.files)}",
         ]
