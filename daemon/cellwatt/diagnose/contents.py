@@ -6,6 +6,8 @@ import os
 import platform
 import subprocess
 import sys
+import threading
+from concurrent.futures import Future
 from datetime import UTC, datetime
 from importlib.metadata import distributions
 from pathlib import Path
@@ -32,6 +34,8 @@ _SUSPECT: Final = ("pass", "pw", "secret", "token", "key", "credential")
 _CHECK: Final = "output of cellwatt check"
 LINES: Final = 2000
 """Number of lines taken from the end of the log."""
+PATIENCE: Final = 10.0
+"""s for an answer of the running daemon."""
 _MOST_LOG: Final = 100_000_000
 _EXAMINED: Final = 100
 """Number of newest recordings that are opened for a verdict."""
@@ -92,12 +96,29 @@ def _suspected(file: Path) -> dict[str, str]:
 
 
 def _cell(bundle: Bundle, config: CellConfig) -> None:
-    bundle.add("status.json", "health and counts of the running daemon", lambda: ask_cell(config, "status"))
+    bundle.add("status.json", "health and counts of the running daemon", lambda: _asked(config, "status"))
     if "status.json" in bundle.texts:
-        bundle.add("schema.json", "its channels", lambda: ask_cell(config, "schema"))
+        bundle.add("schema.json", "its channels", lambda: _asked(config, "schema"))
     if (record := config.record) is not None:
         about = "list of recordings with sizes and verdicts"
         bundle.add("recordings.json", about, lambda: _recordings(listing(record.folder, config.cell)))
+
+
+def _asked(config: CellConfig, question: str) -> dict[str, Any]:
+    """The answer of the running daemon, in ``PATIENCE``; a thread that takes longer ends with the command."""
+    done: Future[dict[str, Any]] = Future()
+
+    def work() -> None:
+        try:
+            done.set_result(ask_cell(config, question))
+        except BaseException as error:  # raised where it is waited for
+            done.set_exception(error)
+
+    threading.Thread(target=work, daemon=True).start()
+    try:
+        return done.result(PATIENCE)
+    except TimeoutError:
+        raise CellwattError(f"there was no answer within {PATIENCE:.0f} s") from None
 
 
 def _versions() -> dict[str, Any]:

@@ -100,7 +100,7 @@ class Port:
             await self.close()
             if "in use" in why(error).lower():
                 raise OutletError(f"{host}:{port} is in use: choose another port in listen") from None
-            raise OutletError(f"{host}:{port} cannot listen: {why(error)}") from None
+            raise OutletError(f"cannot listen at {host}:{port}: {why(error)}") from None
         for listener in self._listeners:
             self._spawn(self._accept(listener, context))
         self._spawn(self._sweep())

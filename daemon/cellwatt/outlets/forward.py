@@ -11,7 +11,7 @@ from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, Generic, TypeVar
+from typing import Any, Final, Generic, TypeGuard, TypeVar
 
 from pydantic import Field, PositiveInt
 
@@ -112,15 +112,22 @@ class Forwarder(Generic[M]):
 
     def offer(self, item: Item) -> None:
         """Queue an item; when the queue is full, the oldest item is back-filled from the record later."""
-        if (isinstance(item, Frames) and len(item)) or (self._flow.results and isinstance(item, Alarm | Task | Energy)):
+        if self._wants(item):
             self._items.append(item)
             if len(self._items) > BLOCKS:
                 self._forgo_item(self._items.popleft())
 
+    def _wants(self, item: Item) -> TypeGuard[Frames | Archived]:
+        return (isinstance(item, Frames) and len(item) > 0) or (
+            self._flow.results and isinstance(item, Alarm | Task | Energy)
+        )
+
     def succeed(self, before: Forwarder[M]) -> None:
-        """Continue from the position of ``before``, with the items that it still had queued."""
+        """Continue from the position of ``before``, with the items that it still had queued, which leave it."""
         self.cursor.succeed(before.cursor)
-        self._items.extendleft(reversed(before._items))
+        while before._items:
+            if self._wants(item := before._items.pop()):
+                self._items.appendleft(item)
 
     async def run(self) -> None:
         """Send until cancelled, then once more; store the remaining entries as owed."""

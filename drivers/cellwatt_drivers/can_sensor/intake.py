@@ -135,6 +135,8 @@ class Intake:
         wanted = self._decoding.wanted
         if len(signals) < len(wanted.needed):
             self._inlet.account.count("signals beyond a short frame", len(wanted.needed) - len(signals))
+        if not self._rows:
+            self._compare()
         count = int(signals[wanted.counter]) if wanted.counter else 0
         lost = self._cycle.lost(frame.timestamp, count, self._losses.resumed)
         if lost == DUPLICATE:

@@ -6,6 +6,7 @@ import errno
 import json
 import re
 import stat
+import threading
 import zipfile
 from pathlib import Path
 from unittest.mock import Mock
@@ -141,3 +142,12 @@ def test_no_secret_of_an_address_is_in_the_bundle(folder: Path) -> None:
     assert "mqtt://***@plant" in found["log.txt"]
     for told in (done.output, *found.values()):
         assert secret not in told
+
+
+def test_a_daemon_that_does_not_answer_holds_up_nobody(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    over = threading.Event()
+    monkeypatch.setattr("cellwatt.diagnose.contents.ask_cell", lambda *_: over.wait(60))
+    monkeypatch.setattr("cellwatt.diagnose.contents.PATIENCE", 0.1)
+    done, _ = diagnose(folder, CELL)
+    over.set()
+    assert "health and counts of the running daemon: there was no answer within 0 s" in done.output

@@ -218,7 +218,7 @@ def result_line(measurement: str, tags: Mapping[str, str], result: Archived) -> 
         case Alarm():
             more = {key: getattr(result, key) for key in ("id", "kind", "severity", "source", "stage")}
             fields = {key: getattr(result, key) for key in ("active", "since", "statement", "joint")}
-            fields["evidence"] = encode_json(result.evidence).decode()
+            fields["evidence"] = encode_json(dict(result.evidence)).decode()
             return line(f"{measurement}_alarm", {**tags, **more}, fields, result.time)
         case Task():
             more = {"source": result.source, "task": result.name, "variant": result.variant}

@@ -210,5 +210,5 @@ def parquet(table: pa.Table, about: Mapping[str, Any]) -> bytes:
 def _cell(table: str, column: str, result: Archived) -> Any:
     value = getattr(result, _FIELDS.get((table, column), column))
     if column == "evidence":
-        return encode_json(value).decode()
+        return encode_json(dict(value)).decode()
     return list(value.items()) if column == "groups" else value

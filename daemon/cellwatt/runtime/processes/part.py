@@ -57,10 +57,13 @@ class SupervisedProcess:
         self._began, self.ready = time.monotonic(), False
         pid = os.fork()
         if not pid:
-            ours.close()
-            for other in others:
-                other.let_go()
-            _serve(self.name, self.main, assignment)
+            try:
+                ours.close()
+                for other in others:
+                    other.let_go()
+                _serve(self.name, self.main, assignment)
+            finally:
+                os._exit(BROKEN)
         theirs.close()
         try:
             self.exit = os.pidfd_open(pid)

@@ -206,8 +206,14 @@ class Supervisor:
     def _start(self, part: SupervisedProcess) -> None:
         part.start([p for p in self._parts if p is not part])
         assert part.control is not None
-        self._selector.register(part.control, selectors.EVENT_READ, lambda: self._hear(part))
-        self._selector.register(part.exit, selectors.EVENT_READ, lambda: self._bury(part))
+        try:
+            self._selector.register(part.control, selectors.EVENT_READ, lambda: self._hear(part))
+            self._selector.register(part.exit, selectors.EVENT_READ, lambda: self._bury(part))
+        except OSError:  # its end could not be noticed
+            self._forget(part.control)
+            part.kill()
+            part.reap()
+            raise
 
     def _turn(self) -> None:
         """Wait for events and handle them; restart dead processes that are due."""
@@ -345,8 +351,11 @@ class Supervisor:
             self._refuse(error)
             return
         self._reload = _Reload(config, change, self._generation + 1, judges)
-        for part in judges.values():
-            self._start(part)
+        try:
+            for part in judges.values():
+                self._start(part)
+        except OSError as error:
+            self._give_up_reload(error)
 
     def _send(self, reload: _Reload) -> None:
         """Send the settings to all processes, to *collect* last, after all steps that can fail."""

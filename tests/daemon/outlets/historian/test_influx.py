@@ -232,6 +232,9 @@ async def test_what_comes_between_two_settings_is_sent_by_the_later() -> None:
         after.succeed(before)
         async with running(after):
             await settled(server, 2)
+        async with running(before):
+            pass  # it has none of them any more
+    assert len([*chain(*server.batches)]) == 2
 
 
 async def test_version_2(record: Path) -> None:
