@@ -37,7 +37,7 @@ class Stage(ABC, Generic[S]):
     """Turns frames into results; the same object serves the live daemon, replay and the offline commands.
 
     Created once the frames' layout is known; ``__init__`` raises ``ConfigError`` or ``ModelError`` if settings and
-    layout do not fit, before any data flow. ``process`` runs in a worker thread, one call at a time, in frame order.
+    layout do not fit, before any data flow. ``process`` is called in frame order, one call at a time.
     It must be a pure function of the frames since the stage was created, so that a replay gives the same results: no
     clock, no randomness without a seed.
     """
