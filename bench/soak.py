@@ -129,6 +129,8 @@ class Soak:
                 told = (line for line in text.splitlines() if not line.startswith("#"))
                 lines = (line.rsplit(" ", 1) for line in told if "_total{" in line or "_total " in line)
                 now = {name: float(value) for name, value in lines}
+                if now["cellwatt_scrapes_total"] < before.get("cellwatt_scrapes_total", 0.0):
+                    before = {}  # `tell` was killed: Prometheus takes that for what it is, a reset of all
                 self.back += [n for n, value in now.items() if value < before.get(n, 0.0)]
                 before |= now
                 self.answers["metrics"] += 1
