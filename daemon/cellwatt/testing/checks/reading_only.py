@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from cellwatt.errors import ConnectError
 from cellwatt.testing.device import EmulatedDevice
 from cellwatt.testing.inlet import CollectingInlet
 from cellwatt.testing.rig import Rig, require
@@ -11,6 +12,7 @@ from cellwatt.testing.running import running
 from cellwatt.testing.tap import tapped
 
 _SHOWN = 200
+_ATTEMPTS = 5
 
 
 async def only_reads(rig: Rig, folder: Path) -> None:
@@ -26,7 +28,13 @@ async def only_reads(rig: Rig, folder: Path) -> None:
     if rig.transport is None:
         return
     async with EmulatedDevice(rig, folder) as device, tapped(device.address, rig.transport) as (address, sent):
-        await rig.make(address, CollectingInlet()).identify()
+        for attempt in range(_ATTEMPTS):
+            try:
+                await rig.make(address, CollectingInlet()).identify()
+                break
+            except ConnectError:  # a busy PC may keep the emulator from answering in time
+                if attempt == _ATTEMPTS - 1:
+                    raise
         async with running(rig, address) as source:
             await source.samples(10, "through the suite's tap")
             if "stall" in rig.emulator.faults:
