@@ -80,8 +80,15 @@ def _summary(name: str, robot: RobotDescription, weeks: Sequence[Week], told: Sa
     repetitions = [repetition for week in weeks for repetition in week.repetitions]
     heat = all(repetition.temperature is not None for repetition in repetitions)
     seconds = sum(week.seconds for week in weeks)
-    still = [joint.name for i, joint in enumerate(robot.joints, start=1) if ("friction", i) not in told]
-    said = f"hardly moves: {', '.join(still)}" if still else ""
+    moved = np.isfinite([week.speed for week in weeks]).any(axis=0)
+    lacking = [
+        (joint.name, moves)
+        for i, (joint, moves) in enumerate(zip(robot.joints, moved, strict=True), start=1)
+        if ("friction", i) not in told
+    ]
+    reasons = {"hardly moves": False, "torque does not oppose the motion (constant, or of the wrong sign)": True}
+    named = {reason: ", ".join(name for name, moves in lacking if moves == own) for reason, own in reasons.items()}
+    said = "; ".join(f"{reason}: {names}" for reason, names in named.items() if names)
     if len(weeks) < LONG_ENOUGH:
         said = f"too few weeks: {len(weeks)}, expected {LONG_ENOUGH} or more"
     return CellSummary(name, robot.robot, len(weeks), len(repetitions), float(seconds), heat, said)

@@ -79,7 +79,8 @@ def find(lake: Path, robots: Sequence[str] = (), last: int | None = None) -> Lak
     missing or wrong.
     """
     folders = {path: _folder(path, lake) for path in sorted(lake.rglob("*")) if _is_recording(path, lake)}
-    cells = {path: cell for path, cell in _cells(folders, lake).items() if cell}
+    every = _cells(folders, lake)
+    cells = {path: cell for path, cell in every.items() if cell}
     if not cells:
         raise RecordingError(
             f"{lake}: no recordings in this folder: put .mcap, .parquet or .csv into a folder for each cell"
@@ -89,7 +90,7 @@ def find(lake: Path, robots: Sequence[str] = (), last: int | None = None) -> Lak
     described = {path: load_robot(path) for path in dict.fromkeys(robot_of.values())}
     _one_each(described)
     weeks: dict[tuple[str, int], list[Path]] = {}
-    skipped = []
+    skipped = [Skipped("no cell", str(path), "it is not in a cell's folder") for path in every if path not in cells]
     for path, cell in cells.items():
         try:
             weeks.setdefault((cell, week_of(_day(path))), []).append(path)
@@ -101,7 +102,8 @@ def find(lake: Path, robots: Sequence[str] = (), last: int | None = None) -> Lak
 
 
 def _is_recording(path: Path, lake: Path) -> bool:
-    if path.name.startswith(".") or path.suffix == ".damaged" or path.relative_to(lake).parts[0] in RESULTS:
+    parts = path.relative_to(lake).parts
+    if any(part.startswith(".") for part in parts) or path.suffix == ".damaged" or parts[0] in RESULTS:
         return False
     return path.suffix in TABLES or ".mcap" in path.suffixes
 

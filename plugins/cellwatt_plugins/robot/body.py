@@ -228,8 +228,22 @@ def urdf_bytes(path: Path, joints: Sequence[str]) -> bytes:
 
 
 def with_one_angle_each(urdf: bytes) -> str:
-    """The URDF with each ``continuous`` joint, and each joint without limits, as a revolute one of ±``TURNS``."""
+    """The URDF with each ``continuous`` joint, and each joint without limits, as a revolute one of ±``TURNS``.
+
+    Raises ``ValueError`` for what Pinocchio would leave out without a word: xacro, and numbers of masses that are none.
+    """
     root = ET.fromstring(urdf)
+    for part in root:
+        if any("xacro" in each.tag or "${" in "".join(each.attrib.values()) for each in part.iter()):
+            raise ValueError(f"{part.tag} {part.get('name', '')!r} is xacro: convert it first (xacro FILE > arm.urdf)")
+        numbers = (
+            text for inertial in part.iter("inertial") for each in inertial.iter() for text in each.attrib.values()
+        )
+        if not np.isfinite([float(number) for text in numbers for number in text.split()]).all():
+            raise ValueError(f"{part.tag} {part.get('name', '')!r} has an inertia that is not finite")
+    for limit in root.iter("limit"):
+        for key in ("effort", "velocity"):
+            limit.set(key, limit.get(key, "0"))
     for joint in root.iter("joint"):
         limit = joint.find("limit")
         if joint.get("type") == "continuous" or (joint.get("type") == "revolute" and not _has_room(limit)):

@@ -1,14 +1,19 @@
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.special import polygamma
 
 from cellwatt_plugins.fleet.adjusted import Course, Observations, Warmth, course_of, shrunk, warmth_of
-from cellwatt_plugins.fleet.courses import CellJoint, Courses
+from cellwatt_plugins.fleet.api import _summary
+from cellwatt_plugins.fleet.courses import CellJoint, Courses, told_of
 from cellwatt_plugins.fleet.judge import judged
-from cellwatt_plugins.fleet.kinds import common_course, less_common, spread_of
+from cellwatt_plugins.fleet.kinds import common_course, less_common, moderated, spread_of
 from cellwatt_plugins.fleet.slopes import trends_of
 from cellwatt_plugins.fleet.trend import line, persistence, rather_a_step, steps_in
+from cellwatt_plugins.fleet.weekly import Repetition, Week
+from cellwatt_plugins.robot import Joint, RobotDescription
 
 WEEKS = np.arange(100, 126)
 
@@ -140,7 +145,7 @@ def test_an_arm_that_changes_by_more_than_halls_differ_is_told():
     assert sure == {CellJoint("weld-05", joint) for joint in range(1, 7)}
 
 
-def told_of(rng, slope=-0.01, wear=0.0):
+def observed(rng, slope=-0.01, wear=0.0):
     """Two programs whose mix turns over, in a hall that becomes warmer."""
     week = np.repeat(np.arange(26), 3)
     program = (rng.random(len(week)) < week / 25).astype(int)
@@ -151,7 +156,7 @@ def told_of(rng, slope=-0.01, wear=0.0):
 
 def test_programs_and_temperature_are_taken_out():
     rng = np.random.default_rng(8)
-    told = told_of(rng, wear=0.1)
+    told = observed(rng, wear=0.1)
     found = warmth_of(told, 0.1)
     assert found.slope == pytest.approx(-0.01, abs=4 * found.error)
     course = course_of(told, 0.1, 0.01, shrunk([found])[0], 20.0)
@@ -163,8 +168,8 @@ def test_programs_and_temperature_are_taken_out():
 
 def test_temperature_that_is_not_sure_to_count_is_left_alone():
     rng = np.random.default_rng(9)
-    assert shrunk([warmth_of(told_of(rng, slope=0.0), 0.1) for _ in range(3)]) == [Warmth(0.0, 0.0)] * 3
-    slopes = [each.slope for each in shrunk([warmth_of(told_of(rng), 0.1) for _ in range(6)])]
+    assert shrunk([warmth_of(observed(rng, slope=0.0), 0.1) for _ in range(3)]) == [Warmth(0.0, 0.0)] * 3
+    slopes = [each.slope for each in shrunk([warmth_of(observed(rng), 0.1) for _ in range(6)])]
     assert np.ptp(slopes) < 0.001
     assert np.mean(slopes) == pytest.approx(-0.01, abs=0.001)
 
@@ -180,6 +185,23 @@ def test_what_is_not_known_of_temperature_grows_with_the_season():
         rise = line(course_of(told, 0.05, 0.01, Warmth(0.0, 0.002), 20.0), 0.0)
         pulls.append(rise.slope / rise.error)
     assert np.std(pulls) == pytest.approx(1.0, abs=0.2)
+
+
+def test_a_joint_without_friction_is_not_said_to_rest():
+    """The first joint's torque has the wrong sign, the second one hardly moves."""
+    nothing, speed = np.full(2, np.nan), np.array([0.4, np.nan])
+    each = Repetition(0, (1.0, 2.0, 0.0), np.array([1.0, np.nan]), None, None)
+    weeks = [Week("a", w, np.array([-3.0, np.nan]), nothing * 0, speed, (each,), (), 20.0) for w in range(6)]
+    robot = RobotDescription(robot="a", urdf=Path("a"), joints=(Joint(name="j1"), Joint(name="j2")))
+    said = _summary("a", robot, weeks, told_of(weeks)).statement
+    assert said == "hardly moves: j2; torque does not oppose the motion (constant, or of the wrong sign): j1"
+
+
+def test_variances_that_hardly_differ_add_no_more_than_the_most_free():
+    free = np.full(8, 20.0)
+    spread = np.sqrt((polygamma(1, 10.0) + np.array([-1e-3, 1e-9, 1e-3])) * 7 / 8)
+    found = [moderated(np.exp(each * np.array([-1.0, 1.0] * 4)), free)[1] for each in spread]
+    assert [each.tolist() for each in found] == [[80.0] * 8] * 3
 
 
 def test_few_arms_without_temperature_are_judged_alone():

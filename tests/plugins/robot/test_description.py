@@ -56,7 +56,10 @@ def joint(**changes):
         ({key: value for key, value in WHOLE.items() if key != "urdf"}, "the key 'urdf' is missing"),
         ({**WHOLE, "joints": [JOINTS[1], JOINTS[1]]}, "two joints have the same name"),
         ({**WHOLE, "torque_from": "motor"}, "torque_from: found 'motor', expected 'current' or 'sensor'"),
-        ({**WHOLE, "payload": 3, "payloads": 4}, "payloads: unknown key 'payloads'; did you mean 'payload'? (keys here: "),
+        (
+            {**WHOLE, "payload": 3, "payloads": 4},
+            "payloads: unknown key 'payloads'; did you mean 'payload'? (keys here: ",
+        ),
         ({**WHOLE, "maximum": 4}, "maximum: unknown key 'maximum' (keys here: robot, urdf, "),
         (joint(coulomb=4), "joints[0].coulomb: unknown key 'coulomb'; did you mean 'coulomb_friction'? (keys here: "),
         (joint(payload=4), "joints[0].payload: unknown key 'payload' (keys here: name, kind, "),
