@@ -61,8 +61,8 @@ def common_course(courses: Mapping[K, Course]) -> Common | None:
 
 def less_common(course: Course, common: Common) -> Course:
     """Return the course minus the common course, in the weeks of the common course."""
-    kept = course.part(np.isin(course.weeks, common.weeks))
-    return kept.less(common.values[np.searchsorted(common.weeks, kept.weeks)])
+    shared = course.part(np.isin(course.weeks, common.weeks))
+    return shared.less(common.values[np.searchsorted(common.weeks, shared.weeks)])
 
 
 def spread_of(values: Sequence[float] | Float, errors: Sequence[float] | Float) -> float:

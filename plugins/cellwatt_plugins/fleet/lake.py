@@ -123,7 +123,7 @@ def _cells(folders: Mapping[Path, Path], lake: Path) -> dict[Path, str]:
     count = Counter(names.values())
     names = {f: name if count[name] == 1 else f.relative_to(lake).as_posix() for f, name in names.items()}
     alone = {path: FileName.parse(path.name) for path, folder in folders.items() if folder == lake}
-    own = {path: told.cell for path, told in alone.items() if told is not None}
+    own = {path: parsed.cell for path, parsed in alone.items() if parsed is not None}
     return {path: own.get(path, names.get(folder, "")) for path, folder in folders.items()}
 
 

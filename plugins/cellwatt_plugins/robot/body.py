@@ -236,10 +236,8 @@ def with_one_angle_each(urdf: bytes) -> str:
     for part in root:
         if any("xacro" in each.tag or "${" in "".join(each.attrib.values()) for each in part.iter()):
             raise ValueError(f"{part.tag} {part.get('name', '')!r} is xacro: convert it first (xacro FILE > arm.urdf)")
-        numbers = (
-            text for inertial in part.iter("inertial") for each in inertial.iter() for text in each.attrib.values()
-        )
-        if not np.isfinite([float(number) for text in numbers for number in text.split()]).all():
+        values = (each.attrib.values() for inertial in part.iter("inertial") for each in inertial.iter())
+        if not np.isfinite([float(number) for each in values for text in each for number in text.split()]).all():
             raise ValueError(f"{part.tag} {part.get('name', '')!r} has an inertia that is not finite")
     for limit in root.iter("limit"):
         for key in ("effort", "velocity"):

@@ -60,12 +60,8 @@ def test_last_weeks_cells_of_one_name_and_descriptions_of_one_name(lake, tmp_pat
         folder = tmp_path / hall / "weld-1"
         folder.mkdir(parents=True)
         (folder / "2026-01-05.csv").write_text("t,q_1\n0,1\n1,2\n")
-        shutil.copytree(
-            lake / "weld",
-            tmp_path / hall,
-            ignore=lambda _, names: {n for n in names if "weld" in n},
-            dirs_exist_ok=True,
-        )
+        for own in ("robot.yaml", "robot.urdf"):
+            shutil.copy(lake / "weld" / own, tmp_path / hall)
     assert [item.cell for item in find(tmp_path).weeks] == ["north/weld-1", "south/weld-1"]
     changed = (tmp_path / "north" / "robot.yaml").read_text().replace("standby_power: 180", "standby_power: 90")
     (tmp_path / "north" / "robot.yaml").write_text(changed)

@@ -44,6 +44,15 @@ class Arm:
         return np.cumsum(qd, axis=0) * STEP, qd, qdd
 
     @property
+    def position(self) -> np.ndarray:
+        return np.cumsum(self.qd, axis=0) * STEP
+
+    def joints(self, time: np.ndarray) -> np.ndarray:
+        """Positions and torques (N, 4) as recorded at ``time`` (N,) s."""
+        columns = np.hstack([self.position, self.measured]).T
+        return np.column_stack([np.interp(time, self.time, column) for column in columns])
+
+    @property
     def course(self) -> Course:
         return Course(self.time, kinds_of_power(self.measured, self.qd))
 

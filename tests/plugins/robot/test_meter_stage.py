@@ -35,22 +35,17 @@ def frames(of: Layout, arms: list[Arm], window: float = WINDOW) -> Frames:
     """What the aligner gives of these arms and a meter on the first one: its values held, as old as the bound says."""
     first = arms[0]
     time = np.arange(0, first.time[-1], 1 / RATE)
-    columns = [
-        np.interp(time, arm.time, column)
-        for arm in arms
-        for table in (np.cumsum(arm.qd, axis=0) * (arm.time[1] - arm.time[0]), arm.measured)
-        for column in table.T
-    ]
+    joints = np.hstack([arm.joints(time) for arm in arms])
     ends = np.arange(0.37, first.time[-1], WINDOW)
     means = measured(first.time, first.power, np.maximum(ends - window, 0.0), ends)
     came = ends + LATE
     last = np.searchsorted(came, time, side="right") - 1
     there = last >= 0
-    bound = np.zeros((len(time), len(columns) + 1), np.int64)
+    bound = np.zeros((len(time), joints.shape[1] + 1), np.int64)
     bound[:, -1] = np.round((time - came[np.maximum(last, 0)]) * 1e9) + 700_000
     quality = np.zeros(bound.shape, np.uint8)
     quality[~there, -1] = Quality.MISSING
-    values = np.column_stack([*columns, np.where(there, means[np.maximum(last, 0)], np.nan)])
+    values = np.column_stack([joints, np.where(there, means[np.maximum(last, 0)], np.nan)])
     at = EPOCH + STEP * np.arange(len(time), dtype=np.int64)
     return Frames(of, 0, at, values, quality, bound)
 
