@@ -128,8 +128,11 @@ def _cells(folders: Mapping[Path, Path], lake: Path) -> dict[Path, str]:
 
 
 def _pattern(text: str) -> tuple[str, Path]:
-    pattern, _, file = text.rpartition("=")
-    return pattern or "*", robot_file(file).absolute()
+    """Cells and description of ``[CELLS=]FILE``; the longest FILE that exists, as folders are named ``site=…``."""
+    parts = text.split("=")
+    files = ["=".join(parts[i:]) for i in range(len(parts))]
+    file = next((file for file in files if Path(file).exists()), files[-1])
+    return text.removesuffix(file).removesuffix("=") or "*", robot_file(file).absolute()
 
 
 def _robot(cell: str, folder: Path, lake: Path, given: Sequence[tuple[str, Path]]) -> Path:

@@ -34,8 +34,11 @@ def test_a_lake_of_the_historian_gives_the_same_as_files(lake, tmp_path):
     (tmp_path / "energies" / "cell=weld-0").mkdir(parents=True)
     shutil.copy(source, tmp_path / "energies" / "cell=weld-0" / "x.parquet")
     own = next(item for item in find(lake).weeks if source in item.files)
-    (item,) = find(tmp_path, [f"weld-*={lake / 'weld'}"]).weeks
-    assert (item.cell, item.week) == ("weld-0", own.week)
+    described = tmp_path.with_name("site=plant-1")
+    described.symlink_to(lake / "weld")
+    for pattern in ("", "weld-*="):
+        (item,) = find(tmp_path, [f"{pattern}{described}"]).weeks
+        assert (item.cell, item.week) == ("weld-0", own.week)
     one, other = week_of_cell(item), week_of_cell(type(own)(own.cell, own.robot, own.week, (source,)))
     assert len(one.repetitions) == 2
     assert one.coulomb == pytest.approx(other.coulomb, rel=1e-3)
