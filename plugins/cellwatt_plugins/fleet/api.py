@@ -82,7 +82,7 @@ def _summary(name: str, robot: RobotDescription, weeks: Sequence[Week], observat
     repetitions = [repetition for week in weeks for repetition in week.repetitions]
     heat = all(repetition.temperature is not None for repetition in repetitions)
     seconds = sum(week.seconds for week in weeks)
-    moved = np.isfinite([week.speed for week in weeks]).any(axis=0)
+    moved = np.any(np.isfinite([week.speed for week in weeks]), axis=0).tolist()
     by_reason: dict[str, list[str]] = {}
     for i, (joint, moves) in enumerate(zip(robot.joints, moved, strict=True), start=1):
         if ("friction", i) not in observations:

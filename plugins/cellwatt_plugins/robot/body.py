@@ -49,10 +49,7 @@ class Body:
 
     def __init__(self, urdf: Path, joints: tuple[str, ...]) -> None:
         """Raise ``ConfigError`` if the URDF cannot be read, lacks a joint or has the joints in another order."""
-        try:
-            model = pin.buildModelFromXML(with_one_angle_each(urdf_bytes(urdf, joints)))
-        except (OSError, ET.ParseError, ValueError, RuntimeError) as error:
-            raise ConfigError(f"{urdf}: cannot be read as a URDF: {error}") from error
+        _, model = read_urdf(urdf, joints)
         names = list(model.names)[1:]
         if missing := [name for name in joints if name not in names]:
             raise ConfigError(f"{urdf}: no moving joint {', '.join(missing)}; there are {', '.join(names)}")
@@ -219,6 +216,18 @@ class Body:
         return out
 
 
+def read_urdf(path: Path, joints: Sequence[str] = ()) -> tuple[ET.Element, Any]:
+    """XML of ``with_one_angle_each``, and Pinocchio's model of it; ``joints`` as in ``urdf_bytes``.
+
+    Raises ``ConfigError`` if it cannot be read.
+    """
+    try:
+        text = with_one_angle_each(urdf_bytes(path, joints))
+        return ET.fromstring(text), pin.buildModelFromXML(text)
+    except (OSError, ET.ParseError, ValueError, RuntimeError) as error:
+        raise ConfigError(f"{path}: cannot be read as a URDF: {error}") from error
+
+
 def urdf_bytes(path: Path, joints: Sequence[str]) -> bytes:
     """The URDF of an arm with these ``joints``: the file's own text, or a URDF generated from a MuJoCo file.
 
@@ -239,9 +248,9 @@ def with_one_angle_each(urdf: bytes) -> str:
         values = (each.attrib.values() for inertial in part.iter("inertial") for each in inertial.iter())
         if not np.isfinite([float(number) for each in values for text in each for number in text.split()]).all():
             raise ValueError(f"{part.tag} {part.get('name', '')!r} has an inertia that is not finite")
-    for limit in root.iter("limit"):
+    for stated in root.iter("limit"):
         for key in ("effort", "velocity"):
-            limit.set(key, limit.get(key, "0"))
+            stated.set(key, stated.get(key, "0"))
     for joint in root.iter("joint"):
         limit = joint.find("limit")
         if joint.get("type") == "continuous" or (joint.get("type") == "revolute" and not _has_room(limit)):

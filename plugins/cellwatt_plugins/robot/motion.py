@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 from scipy.linalg import solveh_banded
 from scipy.ndimage import uniform_filter1d
 
@@ -331,6 +330,8 @@ def _average(squares: Float, width: int) -> Float:
 
 def _thinned(values: Float, step: float, bandwidth: float, count: int) -> Float:
     """``smooth`` by way of the means of ``count`` samples, whose frequencies are far above the bandwidth."""
+    from scipy.interpolate import CubicSpline  # half a second to load, for recordings of high rates alone
+
     beyond = -len(values) % count
     blocks = np.pad(values, ((0, beyond), (0, 0)), "reflect", reflect_type="odd").reshape(-1, count, values.shape[1])
     middles = count * np.arange(len(blocks)) + (count - 1) / 2

@@ -47,9 +47,8 @@ def test_a_step_is_found_in_its_week_and_none_in_a_slope():
     (step,) = steps_in(fallen, 0.4, 1e-5)
     assert step.week == 114
     assert step.size == pytest.approx(-0.3, abs=0.08)
-    rising = Course(WEEKS, sound.values + 0.3 * (WEEKS - 100) / 25, sound.covariance)
-    assert steps_in(rising, 0.4, 1e-5) == []
-    assert rather_a_step(rising, 0.4, 1e-9) is None
+    assert steps_in(rising(sound, 0.3), 0.4, 1e-5) == []
+    assert rather_a_step(rising(sound, 0.3), 0.4, 1e-9) is None
     assert abs(rather_a_step(fallen, 0.4, 1e-9).week - 114) <= 1
     after = line(fallen, 0.4, [step])
     assert (after.first, after.last) == (114, 125)
@@ -83,33 +82,33 @@ def test_how_far_sound_arms_are_apart_is_told_beside_a_few_that_are_not():
     assert spread_of([0.001] * 20, [0.01] * 20) == 0.0
 
 
-def fleet_of(rng, worn=None, arms=12):
-    courses = {}
-    for i in range(arms):
-        for joint in range(1, 7):
-            course = wandering(rng)
-            if (i, joint) == worn:
-                course = course.less(-0.3 * (WEEKS - 100) / 25)
-            courses[CellJoint(f"weld-{i:02d}", joint)] = course
-    return [Courses("welder", "friction", True, courses)]
-
-
-def test_the_worn_joint_alone_is_sure():
-    (found,) = judged(fleet_of(np.random.default_rng(7), worn=(3, 2)), 0.01, 0.05)
-    assert found.sure == {CellJoint("weld-03", 2)}
-    trend = found.trends[CellJoint("weld-03", 2)]
-    low, high = (end * trend.span for end in trend.interval())
-    assert low < 0.3 < high
-    assert not found.steps
+def rising(course, rise):
+    """The course with a line that rises by ``rise`` from the first week to the last."""
+    return course.less(-rise * (WEEKS - 100) / 25)
 
 
 def halls(rng, rises):
     """Arms in halls that raise friction of all their joints by ``rises`` from the first week to the last."""
     return {
-        CellJoint(f"weld-{i:02d}", joint): wandering(rng).less(-rise * (WEEKS - 100) / 25)
+        CellJoint(f"weld-{i:02d}", joint): rising(wandering(rng), rise)
         for i, rise in enumerate(rises)
         for joint in range(1, 7)
     }
+
+
+def fleet_of(rng, worn, arms=12):
+    courses = halls(rng, np.zeros(arms))
+    courses[worn] = rising(courses[worn], 0.3)
+    return [Courses("welder", "friction", True, courses)]
+
+
+def test_the_worn_joint_alone_is_sure():
+    (found,) = judged(fleet_of(np.random.default_rng(7), worn=CellJoint("weld-03", 2)), 0.01, 0.05)
+    assert found.sure == {CellJoint("weld-03", 2)}
+    trend = found.trends[CellJoint("weld-03", 2)]
+    low, high = (end * trend.span for end in trend.interval())
+    assert low < 0.3 < high
+    assert not found.steps
 
 
 def trends_in(courses):
@@ -129,7 +128,7 @@ def test_a_worn_joint_is_told_beside_the_others_of_its_arm():
     rises = 0.12 * rng.standard_normal(20)
     rises[3] = -0.2
     courses, worn = halls(rng, rises), CellJoint("weld-03", 2)
-    courses[worn] = courses[worn].less(-0.3 * (WEEKS - 100) / 25)
+    courses[worn] = rising(courses[worn], 0.3)
     trends = trends_in(courses)
     found = trends.pop(worn)
     assert found.slope * 25 == pytest.approx(0.3, abs=0.06)
@@ -205,7 +204,7 @@ def test_variances_that_hardly_differ_add_no_more_than_the_most_free():
 
 
 def test_few_arms_without_temperature_are_judged_alone():
-    (group,) = fleet_of(np.random.default_rng(11), worn=(1, 2), arms=2)
+    (group,) = fleet_of(np.random.default_rng(11), worn=CellJoint("weld-01", 2), arms=2)
     (found,) = judged([replace(group, with_temperature=False)], 0.01, 0.05)
     assert found.alone
     assert found.sure == {CellJoint("weld-01", 2)}

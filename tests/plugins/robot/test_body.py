@@ -7,9 +7,7 @@ from tests.plugins.robot import planar_arm as truth
 
 
 def body_of(folder, joints=("shoulder", "elbow"), **arm):
-    path = folder / "arm.urdf"
-    path.write_text(truth.urdf(**arm))
-    return Body(path, joints)
+    return Body(truth.write(folder, **arm), joints)
 
 
 @pytest.fixture(scope="module")
