@@ -28,6 +28,9 @@ LEAST_MASS = 1e-6
 NO_MASS, NO_LENGTH = 1e-3, 0.02
 """Mass (kg) and length (m) up to which a link between two joints is where their axes meet, not a casting."""
 
+INERTIAL = ("value", "xyz", "rpy", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+"""Attributes of ``<inertial>`` in a URDF that are numbers."""
+
 TURNS = 2 * np.pi
 """Range in rad, each way from 0, of a joint without limits."""
 
@@ -245,8 +248,10 @@ def with_one_angle_each(urdf: bytes) -> str:
     for part in root:
         if any("xacro" in each.tag or "${" in "".join(each.attrib.values()) for each in part.iter()):
             raise ValueError(f"{part.tag} {part.get('name', '')!r} is xacro: convert it first (xacro FILE > arm.urdf)")
-        values = (each.attrib.values() for inertial in part.iter("inertial") for each in inertial.iter())
-        if not np.isfinite([float(number) for each in values for text in each for number in text.split()]).all():
+        texts = (
+            each.get(key, "") for inertial in part.iter("inertial") for each in inertial.iter() for key in INERTIAL
+        )
+        if not np.isfinite([float(number) for text in texts for number in text.split()]).all():
             raise ValueError(f"{part.tag} {part.get('name', '')!r} has an inertia that is not finite")
     for stated in root.iter("limit"):
         for key in ("effort", "velocity"):
