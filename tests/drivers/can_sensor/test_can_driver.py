@@ -86,6 +86,17 @@ async def test_error_frames_and_bus_off_are_told(monkeypatch):
     assert not run.failures
 
 
+async def test_a_bus_that_was_restarted_while_it_was_closed_is_no_longer_off(monkeypatch):
+    with scripted(monkeypatch) as bus:
+        async with running(settings(KERNEL, silence="200 ms")) as run:
+            bus.put(can.Message(arbitration_id=0x40, is_error_frame=True, data=bytes(8)))
+            await run.inlet.until(lambda _: run.failures)
+            bus.put(can.Message(arbitration_id=0x123, is_extended_id=False))
+            await run.inlet.until(lambda _: "only frames" in str(run.failures[-1]))
+    assert "the controller is bus-off" in str(run.failures[0])
+    assert [k for k in run.inlet.kinds() if k.startswith("bus_")] == ["bus_off", "bus_active"]
+
+
 async def test_a_silent_sensor_is_given_up_and_what_was_lost_is_counted():
     async with emulated() as (emulator, place), running(settings(place, silence="200 ms")) as run:
         await run.inlet.until(lambda o: o.account.received >= 10)
