@@ -137,7 +137,7 @@ class AbbDriver(Driver[AbbSettings]):
             polls = self._controller.polls if self._controller else 0
             await asyncio.sleep(min(_CHECK, self.settings.timeout / 4))
             if self._controller is not None and self._controller.polls > polls:
-                self._last_data = time.monotonic()
+                self._last_data, self._trouble = time.monotonic(), None
             silence = time.monotonic() - self._last_data
             if silence > self.settings.timeout + (1 / self.settings.web_rate if self._controller else 0.0):
                 raise self._trouble or self._silence(silence)

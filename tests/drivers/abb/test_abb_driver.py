@@ -12,6 +12,7 @@ from cellwatt.emulation.relay import clients
 from cellwatt.errors import ConnectError, DeviceError, WrongDeviceError
 from cellwatt.slots import HOST
 from cellwatt_drivers.abb import AbbDriver, AbbSettings
+from cellwatt_drivers.abb.rws import MODE
 from cellwatt_drivers.abb.web import session
 from tests.patience import PATIENCE
 
@@ -115,6 +116,21 @@ async def test_a_controller_without_energy_keeps_its_states():
     assert inlet.kinds() == ["energy_failed"]
     assert "the controller has no energy page (/rw/system/energy)" in inlet.events[0][1]
     assert_only_late(inlet)
+
+
+async def test_pages_that_fail_again_in_the_same_way_are_told_again(monkeypatch):
+    async with emulated() as (emulator, place), running(place | {"web_rate": "10 Hz"}) as (inlet, _):
+        well = emulator.pages.answer
+
+        def without_mode(method, target, fields):
+            return (405, {}, b"") if target == MODE else well(method, target, fields)
+
+        for times in (1, 2):
+            seen = len(of(inlet, "controller"))
+            await inlet.until(lambda o, seen=seen: len(of(o, "controller")) > seen + 5)
+            monkeypatch.setattr(emulator.pages, "answer", without_mode)
+            await inlet.until(lambda o, times=times: o.kinds().count("web_failed") == times)
+            monkeypatch.setattr(emulator.pages, "answer", well)
 
 
 async def is_taken(port: int) -> None:
