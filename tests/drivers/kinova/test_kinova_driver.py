@@ -9,6 +9,7 @@ from cellwatt.errors import DeviceError
 from cellwatt_drivers.kinova import KinovaSettings
 
 from ..inlet import CollectingInlet
+from ..running import Steady
 from .rig import ANGLES, STILL, driver, emulated, of, running, strike
 
 
@@ -52,6 +53,19 @@ async def test_an_answer_that_does_not_come_costs_a_connection(kind):
     assert inlet.account.missed["disconnected"] > 0
     values = np.concatenate([r.values for r in of(inlet, "motion")])
     np.testing.assert_allclose(values[:, :7], np.tile(ANGLES, (len(values), 1)), atol=1e-6)
+
+
+async def test_a_joint_beyond_half_a_turn_stays_there_when_the_connection_is_lost():
+    world = STILL | {"joint_1.position": 3.0}
+    async with emulated(Steady(world)) as (emulator, port), running(port, timeout="300 ms") as (inlet, _):
+        await inlet.until(lambda o: len(of(o, "motion")) > 0)
+        world["joint_1.position"] = 3.5
+        await inlet.until(lambda o: of(o, "motion")[-1].values[0, 0] > 3.4)
+        await strike(emulator, Fault("loss"))
+        await inlet.until(lambda o: o.account.counters["reconnects"] > 0)
+        seen = len(of(inlet, "motion"))
+        await inlet.until(lambda o: len(of(o, "motion")) > seen)
+    assert of(inlet, "motion")[-1].values[0, 0] == pytest.approx(3.5, abs=1e-6)
 
 
 async def test_an_arm_without_these_registers_says_so(monkeypatch):
