@@ -1,8 +1,13 @@
 from __future__ import annotations
 
+import asyncio
+from unittest.mock import Mock
+
 import pytest
 
 from cellwatt.emulation import Fault
+from cellwatt_drivers.modbus_meter import bus
+from cellwatt_drivers.modbus_meter.bus import TcpPlace, open_bus
 
 from .rig import emulated, running, settings
 
@@ -51,3 +56,32 @@ async def test_a_silent_meter_is_given_up():
             await run.inlet.until(lambda _: run.failures)
         assert "unit 1 at TCP 127.0.0.1" in str(run.failures[0])
         assert "no answer" in str(run.failures[0])
+
+
+async def test_a_line_that_was_lost_is_opened_again_once_for_all_its_meters(monkeypatch):
+    made: list[Mock] = []
+    back, leave = asyncio.Event(), asyncio.Event()
+
+    async def connect(place: object, timeout: float) -> Mock:
+        made.append(Mock(alive=bool(made), users=0))
+        if len(made) > 1:
+            await back.wait()
+        return made[-1]
+
+    async def use() -> None:
+        async with open_bus(place, 1.0):
+            await leave.wait()
+
+    monkeypatch.setattr(bus, "_connect", connect)
+    place = TcpPlace("gateway", 502, "rtu")
+    async with open_bus(place, 1.0):
+        users = [asyncio.create_task(use())]
+        await asyncio.sleep(0)
+    users.append(asyncio.create_task(use()))
+    await asyncio.sleep(0)
+    back.set()
+    await asyncio.sleep(0)
+    leave.set()
+    await asyncio.gather(*users)
+    assert len(made) == 2
+    assert made[1].close.call_count == 1
