@@ -337,6 +337,8 @@ class Supervisor:
 
     def _begin_reload(self) -> None:
         systemd.reloading()
+        for part in list(self._ending):  # two processes must not write into the ring of one slot
+            self._end(part)
         try:
             config = self._again()
             change = Change.between(self._config, config)
