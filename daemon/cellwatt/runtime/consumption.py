@@ -40,13 +40,14 @@ class _Saved(BaseModel):
 class Consumption:
     """Power and energy of a cell; a missing value counts as 0 W, so the energy is a lower limit.
 
-    Without a power channel, the energies of the tasks are summed.
+    The power is unknown if no value was measured in the last second. Without a power channel, the energies of the tasks are summed.
     """
 
     def __init__(self) -> None:
         self._layout: Layout | None = None
         self._columns: list[int] = []
-        self._recent: deque[tuple[int, float]] = deque()
+        self._recent: deque[tuple[int, float | None]] = deque()
+        """Time, ns, and power, W, of the frames of the last second; None where no power was measured."""
         self._day: date | None = None
         self._joule = 0.0
         self._time = self._written = 0
@@ -70,12 +71,13 @@ class Consumption:
                 self._date(int(frames.time[-1]))
             return
         new = int(np.searchsorted(frames.time, self._time, side="right"))
-        power = np.nansum(frames.values[new:, self._columns], axis=1)
+        values = frames.values[new:, self._columns]
+        power, missing = np.nansum(values, axis=1), np.isnan(values).all(axis=1)
         step = frames.layout.step * 1e-9
-        for time, watts in zip(frames.time[new:].tolist(), power.tolist(), strict=True):
+        for time, watts, unknown in zip(frames.time[new:].tolist(), power.tolist(), missing.tolist(), strict=True):
             self._date(time)
             self._joule += watts * step
-            self._recent.append((time, watts))
+            self._recent.append((time, None if unknown else watts))
         while self._recent and self._recent[0][0] <= self._time - SPAN:
             self._recent.popleft()
 
@@ -89,9 +91,9 @@ class Consumption:
 
     def told(self) -> dict[str, Any]:
         """Present ``power_W`` and ``energy_today_J``, ``None`` if not measured."""
-        watts = [watts for _, watts in self._recent]
+        watts = [watts for _, watts in self._recent if watts is not None]
         return {
-            "power_W": round(sum(watts) / len(watts), 1) if watts else None,
+            "power_W": round(sum(watts) / len(self._recent), 1) if watts else None,
             "energy_today_J": round(self._joule, 1) if self._day is not None else None,
         }
 

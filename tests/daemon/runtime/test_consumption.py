@@ -53,6 +53,8 @@ def test_power_is_the_mean_of_the_last_second_and_what_is_missing_counts_as_none
     columns = layout("board.supply.power")
     cell.add(block(columns, [[10.0]] * 50 + [[np.nan]] * 25 + [[30.0]] * 25))
     assert cell.told() == {"power_W": 15.0, "energy_today_J": 10.0 + 15.0}
+    cell.add(block(columns, [[np.nan]] * 50, NOON + 100 * STEP))
+    assert cell.told() == {"power_W": None, "energy_today_J": 10.0 + 15.0}, "the meter is silent, not at 0 W"
 
 
 def test_at_midnight_it_begins_anew() -> None:
