@@ -40,7 +40,8 @@ class _Saved(BaseModel):
 class Consumption:
     """Power and energy of a cell; a missing value counts as 0 W, so the energy is a lower limit.
 
-    The power is unknown if no value was measured in the last second. Without a power channel, the energies of the tasks are summed.
+    The power is unknown if no value was measured in the last second. Without a power channel, the energies of the tasks
+    are summed.
     """
 
     def __init__(self) -> None:
