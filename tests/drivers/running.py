@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Coroutine, Mapping
 from contextlib import asynccontextmanager, suppress
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -15,6 +15,8 @@ from cellwatt.emulation import Emulator
 from cellwatt.errors import SourceError
 
 from .inlet import CollectingInlet
+
+D = TypeVar("D", bound=Driver[Any])
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,30 @@ async def served(emulator: Emulator) -> AsyncIterator[str]:
         if serving.done():
             serving.result()
         yield await ready
+
+
+@dataclass
+class Run(Generic[D]):
+    """A driver that runs, what it gave and how it failed."""
+
+    driver: D
+    inlet: CollectingInlet
+    failures: list[SourceError] = field(default_factory=list)
+
+
+@asynccontextmanager
+async def once(driver: D, inlet: CollectingInlet) -> AsyncIterator[tuple[CollectingInlet, asyncio.Task[None]]]:
+    """A driver running until the end of the context; fails when it failed. The account must be even then."""
+    async with going(driver.run()) as task:
+        yield inlet, task
+    assert inlet.account.residue == 0
+
+
+@asynccontextmanager
+async def repeated(driver: D, inlet: CollectingInlet) -> AsyncIterator[Run[D]]:
+    """A driver that is run again when it fails, until the end; the account must be even then."""
+    async with supervised(driver, inlet) as failures:
+        yield Run(driver, inlet, failures)
 
 
 @asynccontextmanager

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import importlib
+import os
 import re
+import resource
 import socket
 import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+from cellwatt.errors import ConnectError
 from cellwatt.testing import DriverConformance, Rig
 from cellwatt_drivers.abb import AbbDriver
 from cellwatt_drivers.abb.emulated_robot import EmulatedRobot
@@ -25,6 +32,7 @@ from cellwatt_drivers.ur import UrDriver
 from cellwatt_drivers.yaskawa import YaskawaDriver
 from tests.patience import PATIENCE
 
+from .inlet import CollectingInlet
 from .running import Steady
 
 RTDE = re.compile(
@@ -110,6 +118,27 @@ class TestConformance(DriverConformance):
             Rig(AbbDriver, ABB, may_send=GETS.fullmatch, options={"egm": f"127.0.0.1:{EGM}"}, warm_up=50),
         )
     )
+
+
+@contextmanager
+def no_descriptor_left() -> Iterator[None]:
+    free = os.open(os.devnull, os.O_RDONLY)
+    os.close(free)
+    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (free, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, limits)
+
+
+@pytest.mark.parametrize("rig", TestConformance.rigs, ids=lambda rig: rig.driver.__name__)
+async def test_a_pc_without_a_free_descriptor_is_a_connection_that_fails(rig: Rig) -> None:
+    for module in (*rig.driver.libraries, "cellwatt_drivers.can_sensor.slcan", "cellwatt.outlets.opc_ua.arrays"):
+        importlib.import_module(module)  # which drivers do when they connect, and which takes descriptors
+    driver = rig.make(os.devnull if rig.address == "pty" else "127.0.0.1:9", CollectingInlet())
+    with no_descriptor_left(), pytest.raises(ConnectError):
+        await driver.run()
 
 
 def test_devices_of_a_recording_that_lacks_what_they_give_say_0():

@@ -9,18 +9,22 @@ import signal
 import sys
 import time
 from collections import Counter, defaultdict
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterable
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 from cellwatt.batch import Batch
+from cellwatt.demo.fault import JOINT, SPRING, next_start
+from cellwatt.emulation import EmulatorProcess
 from cellwatt.errors import OutletError
 from cellwatt.frames import Frames
 from cellwatt.results import Alarm, Event
 from cellwatt.subscriber import EVERYTHING, Gap, Health, LinkSettings, Subscriber
 from tests.daemon.outlets.zenoh.processes import free_port
 from tests.patience import PATIENCE, eventually
+
+REFERENCE = Path(__file__).resolve().parents[2] / "examples" / "demo-reference.yaml"
 
 
 class Daemon:
@@ -170,6 +174,39 @@ class Audience:
     @property
     def alarms(self) -> list[Alarm]:
         return self.results["alarm"]
+
+
+def ur(name: str, address: str, **settings: str) -> str:
+    host, port = address.split(":")
+    more = "".join(f", {k}: {v}" for k, v in settings.items())
+    return f"  {name}: {{driver: ur, host: {host}, port: {port}{more}}}\n"
+
+
+@contextlib.asynccontextmanager
+async def judged_arm(epoch: float) -> AsyncIterator[tuple[tuple[EmulatorProcess, EmulatorProcess], str]]:
+    """An arm and the meter of its supply, and the settings of a cell that judges its joints."""
+    common = ("--epoch", str(epoch))
+    async with (
+        EmulatorProcess("ur", "--listen", "127.0.0.1:0", *common) as arm,
+        EmulatorProcess("power_board", "--listen", "pty", *common) as board,
+    ):
+        yield (
+            (arm, board),
+            f"""
+sources:
+{ur("arm", arm.address)}  board: {{driver: power_board, port: {board.address}, rate: 123 Hz}}
+stages:
+  segment: {{arm: arm}}
+  faults: {{stage: faults, reference: {REFERENCE}, arm: arm, power: board.supply.power}}
+""",
+        )
+
+
+async def hook_spring(devices: Iterable[EmulatorProcess], epoch: float, seconds: float) -> None:
+    """A spring on the elbow at the first standstill that is at least so far ahead."""
+    hooked = next_start(time.time() + seconds, epoch)
+    for device in devices:
+        await device.disturb(spring=float(JOINT), at=hooked - epoch, **SPRING)
 
 
 @contextlib.asynccontextmanager

@@ -16,15 +16,9 @@ import pytest
 from cellwatt.emulation import EmulatorProcess
 from cellwatt.record import Recording
 from tests.patience import eventually
-from tests.system.running import Audience, Daemon, balanced, free_port, running
+from tests.system.running import Audience, Daemon, balanced, free_port, running, ur
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
-
-
-def ur(name: str, address: str, **settings: str) -> str:
-    host, port = address.split(":")
-    more = "".join(f", {k}: {v}" for k, v in settings.items())
-    return f"  {name}: {{driver: ur, host: {host}, port: {port}{more}}}\n"
 
 
 async def test_a_subscriber_gets_what_is_recorded_and_replay_gives_the_same(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import sys
+from typing import Any
 
 import pytest
 
@@ -17,14 +18,19 @@ from cellwatt.registry import available
 pytestmark = pytest.mark.system
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(240)
-async def test_demo_names_the_joint_and_loses_nothing_it_is_sent() -> None:
-    command = [sys.executable, "-m", "cellwatt.commands", "demo", "--seconds", "20", "--json"]
+async def demo(*words: str) -> Any:
+    command = [sys.executable, "-m", "cellwatt.commands", "demo", *words, "--json"]
     process = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE)
     out, _ = await process.communicate()
     result = json.loads(out)
     assert process.returncode == (0 if result["ok"] else 1)
+    return result
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(240)
+async def test_demo_names_the_joint_and_loses_nothing_it_is_sent() -> None:
+    result = await demo("--seconds", "20")
     assert result["fault"]["named_joint"] == JOINT, result
     assert result["fault"]["early_alarms"] == 0
     assert set(result["sources"]) == {"arm", "board", "positioner", "mains"}
@@ -42,11 +48,7 @@ async def test_demo_names_the_joint_and_loses_nothing_it_is_sent() -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 async def test_every_driver_runs_in_one_daemon(tmp_path) -> None:
-    command = [sys.executable, "-m", "cellwatt.commands", "demo", "--cell", "all", "--seconds", "3", "--json"]
-    process = await asyncio.create_subprocess_exec(*command, "--keep", tmp_path, stdout=asyncio.subprocess.PIPE)
-    out, _ = await process.communicate()
-    result = json.loads(out)
-    assert process.returncode == (0 if result["ok"] else 1)
+    result = await demo("--cell", "all", "--seconds", "3", "--keep", str(tmp_path))
     assert set(result["sources"]) | set(result["left_out"]) == set(available("cellwatt.drivers"))
     for name, source in result["sources"].items():
         assert source["residue"] == 0

@@ -6,19 +6,16 @@ import socket
 import time
 from collections import deque
 from collections.abc import AsyncIterator, Iterator
-from contextlib import asynccontextmanager, closing, contextmanager
-from dataclasses import dataclass
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, closing, contextmanager
 
 import can
-import numpy as np
 import pytest
 
-from cellwatt.errors import SourceError
 from cellwatt_drivers.can_sensor import CanSensorDriver, CanSensorSettings, listening
 from cellwatt_drivers.can_sensor.emulator import CanSensorEmulator
 
 from ..inlet import CollectingInlet
-from ..running import Steady, served, supervised
+from ..running import Run, Steady, repeated, served
 
 FAST = {"cycles": "current=10,voltage_1=20"}
 READ = {"read": ["current", "voltage_1"], "rates": {"current": "100 Hz", "voltage_1": "50 Hz"}}
@@ -93,22 +90,6 @@ def settings(place: str, **changes: object) -> CanSensorSettings:
     return CanSensorSettings.model_validate(base | changes)
 
 
-@dataclass
-class Run:
-    driver: CanSensorDriver
-    inlet: CollectingInlet
-    failures: list[SourceError]
-
-    def stream(self, name: str) -> np.ndarray:
-        """All samples of a stream."""
-        return np.concatenate([r.values for r in self.inlet.readings if r.stream.name == name])
-
-
-@asynccontextmanager
-async def running(wanted: CanSensorSettings) -> AsyncIterator[Run]:
-    """A driver that is run again when it fails, until the end of the context; the account must be even then."""
+def running(wanted: CanSensorSettings) -> AbstractAsyncContextManager[Run[CanSensorDriver]]:
     inlet = CollectingInlet()
-    run = Run(CanSensorDriver("battery", wanted, inlet), inlet, [])
-
-    async with supervised(run.driver, inlet) as run.failures:
-        yield run
+    return repeated(CanSensorDriver("battery", wanted, inlet), inlet)

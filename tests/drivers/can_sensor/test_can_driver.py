@@ -18,8 +18,8 @@ from .rig import KERNEL, emulated, running, scripted, settings
 async def test_samples_in_si_units_on_the_bus_time():
     async with emulated() as (_, place), running(settings(place)) as run:
         await run.inlet.until(lambda o: o.account.received >= 30)
-    assert run.stream("current")[:, 0] == pytest.approx(-2.5)
-    assert run.stream("voltage_1")[:, 0] == pytest.approx(48.0)
+    assert run.inlet.stream("current")[:, 0] == pytest.approx(-2.5)
+    assert run.inlet.stream("voltage_1")[:, 0] == pytest.approx(48.0)
     for name in ("current", "voltage_1"):
         times = np.concatenate([r.device_time for r in run.inlet.readings if r.stream.name == name])
         assert np.all(np.diff(times) > 0)

@@ -29,7 +29,7 @@ async def test_a_log_of_cantools_frames_played_by_python_can(tmp_path, suffix, m
         bus.put(*reader)
         async with running(settings(KERNEL, map=str(tmp_path / "drive.yaml"))) as run:
             await run.inlet.until(lambda o: o.account.received >= len(SPEEDS))
-    found = run.stream("status")
+    found = run.inlet.stream("status")
     assert found[:, 0] == pytest.approx(SPEEDS * 2 * np.pi / 60)
     assert found[:, 1] == pytest.approx(3 * 3600.0)
     assert run.inlet.account.missed == {}

@@ -8,13 +8,11 @@ import sys
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
 from cellwatt.channel import UNITS
 from cellwatt.emulation import Fault
 from cellwatt.errors import ConnectError, DeviceError, WrongDeviceError
 from cellwatt.slots import HOST
-from cellwatt_drivers.franka.driver import FrankaSettings
 from cellwatt_drivers.franka.fields import GROUPS
 from tests.patience import PATIENCE
 
@@ -133,16 +131,3 @@ async def test_another_version_is_another_device():
     async with emulated("127.0.41.30", version="9"):
         with pytest.raises(WrongDeviceError, match="pylibfranka that fits"):
             await driver("127.0.41.30", CollectingInlet()).identify()
-
-
-@pytest.mark.parametrize(
-    ("changes", "why"),
-    [
-        ({"read": []}, "at least one"),
-        ({"rate": "300 Hz"}, "whole part"),
-        ({"rate": "2 kHz"}, "1000 Hz or a whole part"),
-    ],
-)
-def test_wrong_settings_say_what_is_wrong(changes, why):
-    with pytest.raises(ValidationError, match=why):
-        FrankaSettings.model_validate({"host": "192.0.2.1"} | changes)

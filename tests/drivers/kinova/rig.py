@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 
 from cellwatt.emulation import Fault
 from cellwatt_drivers.kinova import KinovaDriver, KinovaSettings
@@ -12,7 +12,7 @@ from cellwatt_drivers.kinova.emulator import KinovaEmulator
 from tests.patience import eventually
 
 from ..inlet import CollectingInlet
-from ..running import Steady, going, served
+from ..running import Steady, once, served
 
 ANGLES = (0.5, -0.25, 1.0, -1.5, 0.75, 2.0, -3.0)
 STILL = (
@@ -38,17 +38,9 @@ def driver(port: int, inlet: CollectingInlet, **changes: object) -> KinovaDriver
     return KinovaDriver("arm", KinovaSettings.model_validate(settings), inlet)
 
 
-@asynccontextmanager
-async def running(port: int, **changes: object) -> AsyncIterator[tuple[CollectingInlet, asyncio.Task[None]]]:
-    """A driver running until the end of the context; fails when it failed."""
+def running(port: int, **changes: object) -> AbstractAsyncContextManager[tuple[CollectingInlet, asyncio.Task[None]]]:
     inlet = CollectingInlet()
-    async with going(driver(port, inlet, **changes).run()) as task:
-        yield inlet, task
-    assert inlet.account.residue == 0
-
-
-def of(inlet: CollectingInlet, stream: str) -> list:
-    return [r for r in inlet.readings if r.stream.name == stream]
+    return once(driver(port, inlet, **changes), inlet)
 
 
 async def strike(emulator: KinovaEmulator, fault: Fault) -> None:

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
-from dataclasses import dataclass
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from typing import Any
 
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import SimData, SimDevice
 
-from cellwatt.errors import SourceError
 from cellwatt_drivers.modbus_meter import ModbusMeterDriver, ModbusMeterSettings
 from cellwatt_drivers.modbus_meter.emulator import ModbusMeterEmulator
 
 from ..inlet import CollectingInlet
-from ..running import Steady, served, supervised
+from ..running import Run, Steady, repeated, served
 
 STILL = Steady({"supply.voltage": 230.0, "supply.current": 2.5, "supply.power": 500.0})
 
@@ -50,18 +48,6 @@ def settings(place: str, **changes: object) -> ModbusMeterSettings:
     return ModbusMeterSettings.model_validate(base | {"rate": "20 Hz"} | changes)
 
 
-@dataclass
-class Run:
-    driver: ModbusMeterDriver
-    inlet: CollectingInlet
-    failures: list[SourceError]
-
-
-@asynccontextmanager
-async def running(wanted: ModbusMeterSettings) -> AsyncIterator[Run]:
-    """A driver that is run again when it fails, until the end of the context; the account must be even then."""
+def running(wanted: ModbusMeterSettings) -> AbstractAsyncContextManager[Run[ModbusMeterDriver]]:
     inlet = CollectingInlet()
-    run = Run(ModbusMeterDriver("meter", wanted, inlet), inlet, [])
-
-    async with supervised(run.driver, inlet) as run.failures:
-        yield run
+    return repeated(ModbusMeterDriver("meter", wanted, inlet), inlet)

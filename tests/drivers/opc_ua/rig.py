@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
-from dataclasses import dataclass
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from pathlib import Path
 
 from cryptography import x509
@@ -13,12 +12,11 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from cellwatt.errors import SourceError
 from cellwatt_drivers.opc_ua import OpcUaDriver, OpcUaSettings
 from cellwatt_drivers.opc_ua.emulator import OpcUaEmulator
 
 from ..inlet import CollectingInlet
-from ..running import Steady, served, supervised
+from ..running import Run, Steady, repeated, served
 
 _USES = x509.KeyUsage(
     digital_signature=True,
@@ -66,20 +64,8 @@ def driver(place: str, **changes: object) -> tuple[OpcUaDriver, CollectingInlet]
     return OpcUaDriver("plc", settings(place, **changes), inlet), inlet
 
 
-@dataclass
-class Run:
-    driver: OpcUaDriver
-    inlet: CollectingInlet
-    failures: list[SourceError]
-
-
-@asynccontextmanager
-async def running(place: str, **changes: object) -> AsyncIterator[Run]:
-    """A driver that is run again when it fails, until the end of the context; the account must be even then."""
-    made, inlet = driver(place, **changes)
-    run = Run(made, inlet, [])
-    async with supervised(made, inlet) as run.failures:
-        yield run
+def running(place: str, **changes: object) -> AbstractAsyncContextManager[Run[OpcUaDriver]]:
+    return repeated(*driver(place, **changes))
 
 
 def certificate(folder: Path, name: str, uri: str | None = None) -> tuple[Path, Path]:

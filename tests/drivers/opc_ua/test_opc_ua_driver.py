@@ -11,7 +11,6 @@ from asyncua import Server, ua
 from asyncua.crypto.permission_rules import User, UserRole
 from asyncua.server.user_managers import UserManager
 from cryptography import x509
-from pydantic import ValidationError
 
 from cellwatt.channel import Quality
 from cellwatt.demo.cells import free_endpoint
@@ -233,14 +232,6 @@ async def test_a_user_comes_in_by_a_certificate(files):
             await enter(user_certificate=mallory[0], user_key=mallory[1])
         with pytest.raises(DeviceError, match=r"stranger.pem cannot be used"):
             await enter(user_certificate=eve[0], user_key=mallory[0])
-
-
-@pytest.mark.parametrize(
-    "more", [{"user_key": __file__}, {"user_certificate": __file__, "user_key": __file__}], ids=["half", "plain"]
-)
-def test_a_user_s_certificate_needs_its_key_and_security(more):
-    with pytest.raises(ValidationError, match="'user_certificate'"):
-        settings("127.0.0.1:4840", **more)
 
 
 async def test_bad_values_are_missing_and_counted():

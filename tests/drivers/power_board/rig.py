@@ -43,7 +43,7 @@ class Inlet(CollectingInlet):
     def event(self, kind: str, text: str, **data: str | float) -> None:
         self.texts.append(text)
 
-    def of(self, channel: str) -> np.ndarray:
+    def channel(self, channel: str) -> np.ndarray:
         """All values of a channel, in the order in which they were given."""
         return np.concatenate([r.values[:, r.stream.names.index(channel)] for r in self.readings])
 

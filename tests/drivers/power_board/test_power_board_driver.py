@@ -30,12 +30,12 @@ async def test_values_are_those_of_the_moment_they_were_sampled() -> None:
     async with cell(phases="3", **FAST) as (emulator, supervised):
         await settled(emulator, supervised.inlet, 250)
         inlet = supervised.inlet
-        power, seconds = inlet.of("supply.power"), inlet.device_time / 1e9
+        power, seconds = inlet.channel("supply.power"), inlet.device_time / 1e9
         # the slope of Slope, 10 W/s, and no more than three phases rounded to 10 mW beside it
         assert np.ptp(power - 10.0 * seconds) <= 0.03
-        assert np.all(inlet.of("supply.voltage") == 230.0)
-        assert np.allclose(inlet.of("supply.current"), power / 230.0, atol=0.003)
-        assert np.allclose(inlet.of("phase_2.power"), power / 3, atol=0.02)
+        assert np.all(inlet.channel("supply.voltage") == 230.0)
+        assert np.allclose(inlet.channel("supply.current"), power / 230.0, atol=0.003)
+        assert np.allclose(inlet.channel("phase_2.power"), power / 3, atol=0.02)
         assert all(r.quality is not None and (r.quality == Quality.GOOD).all() for r in inlet.readings)
 
 
@@ -43,8 +43,8 @@ async def test_single_phase_and_explicit_frames() -> None:
     async with cell(phases="1", explicit="yes", mode="api_escaped", **FAST) as (emulator, supervised):
         await settled(emulator, supervised.inlet, 50)
         inlet = supervised.inlet
-        assert np.all(inlet.of("supply.power") == inlet.of("phase_1.power"))
-        assert np.all(inlet.of("supply.current") == inlet.of("phase_1.current"))
+        assert np.all(inlet.channel("supply.power") == inlet.channel("phase_1.power"))
+        assert np.all(inlet.channel("supply.current") == inlet.channel("phase_1.current"))
         assert inlet.identities[0].model == "power board 7"
         assert inlet.account.counters["frames: modem status"] == 1
 
@@ -77,7 +77,7 @@ async def test_fault_is_counted_as_injected(kind: str, mode: str, batch: int) ->
         assert (account.counters["garbage bytes"] > 0) == (kind in {"garbage", "half_frame"})
         assert supervised.errors == []
         assert inlet.resets == []
-        assert np.ptp(inlet.of("supply.power") - 10.0 * inlet.device_time / 1e9) <= 0.03
+        assert np.ptp(inlet.channel("supply.power") - 10.0 * inlet.device_time / 1e9) <= 0.03
 
 
 @pytest.mark.parametrize("seconds", [0.5, -2000.0])

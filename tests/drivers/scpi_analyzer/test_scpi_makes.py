@@ -7,11 +7,10 @@ import re
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
 from cellwatt.channel import Quality
 from cellwatt.errors import ProtocolError, WrongDeviceError
-from cellwatt_drivers.scpi_analyzer import ScpiAnalyzerDriver, ScpiAnalyzerSettings
+from cellwatt_drivers.scpi_analyzer import ScpiAnalyzerDriver
 from cellwatt_drivers.scpi_analyzer.dialect import DIALECTS, WT300
 from cellwatt_drivers.scpi_analyzer.emulated_makes import EmulatedLmg670, EmulatedWt310
 from cellwatt_drivers.scpi_analyzer.wire import parse_count
@@ -107,19 +106,6 @@ async def test_another_make_is_the_wrong_device(wanted, there, said):
         driver = ScpiAnalyzerDriver("supply", settings(place, model=wanted, timeout="200 ms"), Inlet())
         with pytest.raises(WrongDeviceError, match=said):
             await driver.identify()
-
-
-@pytest.mark.parametrize(
-    ("found", "why"),
-    [
-        ({"model": "lmg600", "functions": ["P", "WH"]}, "lmg600 has no WH; it has: URMS"),
-        ({"model": "hmc8015", "element": "2"}, "hmc8015 has no element 2; it has: 1"),
-        ({"model": "lmg600", "element": "sigma"}, "lmg600 has no element sigma"),
-    ],
-)
-def test_wrong_settings_say_what_is_wrong(found, why):
-    with pytest.raises(ValidationError, match=why):
-        ScpiAnalyzerSettings.model_validate({"host": "192.0.2.1"} | found)
 
 
 def test_an_lmg670_understands_the_language_it_is_told():

@@ -14,6 +14,7 @@ from cellwatt_drivers.ur import wire
 from cellwatt_drivers.ur.recipe import Selection
 from cellwatt_drivers.ur.session import begin, connect
 from cellwatt_drivers.ur.wire import Kind
+from tests.patience import eventually
 
 PACKAGE = struct.pack(">HBBdi", 16, ord("U"), 1, 1000.0, 7)
 
@@ -23,11 +24,9 @@ class Taken:
 
     def __init__(self) -> None:
         self.rows: list[tuple[float, list[float]]] = []
-        self.came = asyncio.Event()
 
     def take(self, time, values, not_before=None, arrival=None) -> None:
         self.rows += zip(time.tolist(), values.tolist(), strict=True)
-        self.came.set()
 
 
 @asynccontextmanager
@@ -64,31 +63,26 @@ REPLIES = {
 CONFIRMED = wire.frame(Kind.START, wire.ACCEPTED)
 
 
-@pytest.mark.parametrize("answers", [(CONFIRMED, PACKAGE), (PACKAGE, CONFIRMED, PACKAGE), (PACKAGE,)])
-async def test_403_data_before_the_start_is_confirmed_or_without(answers):
+async def packages(types: bytes, *answers: bytes, wanted: int) -> list[tuple[float, list[float]]]:
+    """What a session gives of a controller's answers."""
     async with (
-        controller(b"DOUBLE,INT32", *answers) as port,
+        controller(types, *answers) as port,
         connect("127.0.0.1", port, 5.0, lambda: 0, Account()) as (session, version),
     ):
         taken = Taken()
         await begin(session, version, Selection.of(["robot_mode"]), 500.0, taken.take, 5.0)
-        async with asyncio.timeout(5):
-            while len(taken.rows) < answers.count(PACKAGE):
-                taken.came.clear()
-                await taken.came.wait()
-        assert taken.rows == [(1000.0, [7.0])] * answers.count(PACKAGE)
+        await eventually(lambda: len(taken.rows) >= wanted)
         assert not session.closed.done()
+    return taken.rows
+
+
+@pytest.mark.parametrize("answers", [(CONFIRMED, PACKAGE), (PACKAGE, CONFIRMED, PACKAGE), (PACKAGE,)])
+async def test_403_data_before_the_start_is_confirmed_or_without(answers):
+    wanted = answers.count(PACKAGE)
+    assert await packages(b"DOUBLE,INT32", *answers, wanted=wanted) == [(1000.0, [7.0])] * wanted
 
 
 @pytest.mark.parametrize(("kind", "code"), [("UINT32", "I"), ("DOUBLE", "d"), ("UINT64", "Q")])
 async def test_560_a_field_has_the_type_that_the_controller_declares(kind, code):
-    body = struct.pack(f">Bd{code}", 1, 1000.0, 7)
-    async with (
-        controller(f"DOUBLE,{kind}".encode(), CONFIRMED, wire.frame(Kind.DATA_PACKAGE, body)) as port,
-        connect("127.0.0.1", port, 5.0, lambda: 0, Account()) as (session, version),
-    ):
-        taken = Taken()
-        await begin(session, version, Selection.of(["robot_mode"]), 500.0, taken.take, 5.0)
-        async with asyncio.timeout(5):
-            await taken.came.wait()
-    assert taken.rows == [(1000.0, [7.0])]
+    package = wire.frame(wire.Kind.DATA_PACKAGE, struct.pack(f">Bd{code}", 1, 1000.0, 7))
+    assert await packages(f"DOUBLE,{kind}".encode(), CONFIRMED, package, wanted=1) == [(1000.0, [7.0])]
