@@ -47,8 +47,8 @@ class Consumption:
     def __init__(self) -> None:
         self._layout: Layout | None = None
         self._columns: list[int] = []
-        self._recent: deque[tuple[int, float | None]] = deque()
-        """Time, ns, and power, W, of the frames of the last second; None where no power was measured."""
+        self._recent: deque[tuple[int, float]] = deque()
+        """Time, ns, and power, W, of the frames of the last second; NaN where no power was measured."""
         self._day: date | None = None
         self._joule = 0.0
         self._time = self._written = 0
@@ -73,12 +73,13 @@ class Consumption:
             return
         new = int(np.searchsorted(frames.time, self._time, side="right"))
         values = frames.values[new:, self._columns]
-        power, missing = np.nansum(values, axis=1), np.isnan(values).all(axis=1)
+        power = np.nansum(values, axis=1)
+        power[np.isnan(values).all(axis=1)] = np.nan
         step = frames.layout.step * 1e-9
-        for time, watts, unknown in zip(frames.time[new:].tolist(), power.tolist(), missing.tolist(), strict=True):
+        for time, watts in zip(frames.time[new:].tolist(), power.tolist(), strict=True):
             self._date(time)
-            self._joule += watts * step
-            self._recent.append((time, None if unknown else watts))
+            self._joule += 0.0 if math.isnan(watts) else watts * step
+            self._recent.append((time, watts))
         while self._recent and self._recent[0][0] <= self._time - SPAN:
             self._recent.popleft()
 
@@ -90,9 +91,9 @@ class Consumption:
                 self._day, self._joule = day, 0.0
         self._time = time
 
-    def told(self) -> dict[str, Any]:
+    def status(self) -> dict[str, Any]:
         """Present ``power_W`` and ``energy_today_J``, ``None`` if not measured."""
-        watts = [watts for _, watts in self._recent if watts is not None]
+        watts = [watts for _, watts in self._recent if not math.isnan(watts)]
         return {
             "power_W": round(sum(watts) / len(self._recent), 1) if watts else None,
             "energy_today_J": round(self._joule, 1) if self._day is not None else None,
@@ -103,15 +104,15 @@ class Consumption:
     def read(self, folder: Path, now: int) -> None:
         """Continue with today's energy as an earlier process wrote it; ``now`` is the cell's time, ns."""
         try:
-            kept = _Saved.model_validate_json(read_bytes(folder / FILE))
+            saved = _Saved.model_validate_json(read_bytes(folder / FILE))
         except FileNotFoundError:
             return
         except (OSError, ValidationError) as error:
             reason = why(error) if isinstance(error, OSError) else "its content is not valid"
             log.warning("%s cannot be read, today's energy starts from 0: %s", folder / FILE, reason)
             return
-        self._day, self._joule = kept.day, kept.joule
-        self._time = kept.time if kept.time <= now else 0  # the PC's clock has been set back since
+        self._day, self._joule = saved.day, saved.joule
+        self._time = saved.time if saved.time <= now else 0  # the PC's clock has been set back since
 
     async def keep(self, folder: Path) -> None:
         """Write today's energy periodically, for ``read``."""

@@ -15,7 +15,6 @@ from cellwatt.channel import Quality, Stream
 from cellwatt.driver import Driver, Inlet
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError, SourceError
 
-
 _SHORTEST: Final = 0.25
 """Shortest time between two connections, s: a device that fails at once must not be flooded with them."""
 

@@ -71,7 +71,7 @@ async def test_a_source_that_was_removed_is_let_go_and_one_that_was_added_runs()
 
 
 @at_once
-async def test_a_outlet_that_changed_is_made_anew_and_the_data_go_on():
+async def test_an_outlet_that_changed_is_made_anew_and_the_data_go_on():
     config = config_of(outlets=outlets("bus", "other"))
     DEVICES["arm"].tell(answer, give(3))
     async with running(config) as cell:

@@ -127,7 +127,7 @@ async def test_a_stage_that_cannot_be_made_is_told_with_its_place():
     assert not DEVICES["arm"].runs
 
 
-async def test_a_outlet_that_cannot_be_made_is_told(monkeypatch):
+async def test_an_outlet_that_cannot_be_made_is_told(monkeypatch):
     def refuses(self, *_):
         raise OutletError("no certificate at plant.pem")
 

@@ -83,7 +83,7 @@ def test_a_judge_in_another_place_ends_the_alarms_of_one_that_was_down_at_a_relo
 def test_at_the_end_nobody_who_is_silent_is_down() -> None:
     shared = Shared.of(*declared(CONFIG))
     telling = Telling(shared)
-    telling._said["align"] = time.monotonic() - 10.0, {"part": "align", "pid": 0, "cpu_s": 0.0, "restarts": 0}
+    telling._reports["align"] = time.monotonic() - 10.0, {"part": "align", "pid": 0, "cpu_s": 0.0, "restarts": 0}
     told: list[bool] = []
     telling._teller.on_health = lambda status: told.append(status["processes"]["align"]["down"])
     telling._look()
