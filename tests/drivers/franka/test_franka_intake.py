@@ -95,6 +95,16 @@ def test_a_time_base_that_changes_within_a_block():
     assert [len(r.values) for r in rig.inlet.readings] == [2, 2, 2]
 
 
+def test_states_lost_while_the_pc_stood_still_are_missed_and_the_time_base_stays():
+    rig = Rig()
+    rig.take(100, 101)
+    rig.time += 800_000_000
+    rig.take(102, 103, 850, 851)
+    rig.intake.settle()
+    assert rig.count == (752, 6, {"gap": 746})
+    assert rig.inlet.resets == []
+
+
 def test_modes_that_change_are_reported():
     rig = Rig()
     rig.take(1, 2)
