@@ -215,7 +215,10 @@ def test_a_device_that_answers_and_gives_no_number_is_an_alarm() -> None:
     waits = looked_at(Monitor(), 20, lambda second: starting | {"since_s": float(second)})
     assert [(a.kind, a.severity, a.time // 10**9) for a in waits] == [("source_silent", "error", 10 + PATIENCE - 1)]
     assert waits[0].statement.startswith("Source arm answers, but has sent no values for 12 s.")
-    assert not looked_at(Monitor(), 20, lambda second: starting | {"identity": None}), "it does not answer yet"
+    mute = starting | {"identity": None}
+    assert not looked_at(Monitor(), 20, lambda second: mute | {"since_s": float(second)}), "it does not answer yet"
+    (hangs,) = looked_at(Monitor(), 150, lambda second: mute | {"since_s": float(second)})
+    assert hangs.statement.startswith("Source arm has neither connected nor failed for 122 s.")
 
 
 def test_channels_without_any_number_are_named_until_there_is_one() -> None:

@@ -1,5 +1,9 @@
 from __future__ import annotations
 
+import asyncio
+import os
+import select
+
 import can
 import numpy as np
 import pytest
@@ -9,7 +13,7 @@ from cellwatt.clock import ClockModel
 from cellwatt.emulation import Fault
 from cellwatt.errors import ConnectError, WrongDeviceError
 from cellwatt_drivers.can_sensor import CanSensorDriver
-from tests.patience import PATIENCE
+from tests.patience import PATIENCE, eventually
 
 from ..inlet import CollectingInlet
 from .rig import KERNEL, emulated, running, scripted, settings
@@ -95,6 +99,23 @@ async def test_a_bus_that_was_restarted_while_it_was_closed_is_no_longer_off(mon
             await run.inlet.until(lambda _: "only frames" in str(run.failures[-1]))
     assert "the controller is bus-off" in str(run.failures[0])
     assert [k for k in run.inlet.kinds() if k.startswith("bus_")] == ["bus_off", "bus_active"]
+
+
+async def test_an_adapter_that_is_unplugged_is_let_go():
+    """Else it comes back under another name, as the system keeps the old one for who has it open."""
+    before = descriptors()
+    near, far = os.openpty()
+    run = asyncio.create_task(CanSensorDriver("battery", settings(os.ttyname(far)), CollectingInlet()).run())
+    await eventually(lambda: select.select([near], [], [], 0)[0], "its first command")
+    os.close(far)
+    os.close(near)
+    with pytest.raises(ConnectError, match="slcan"):
+        await run
+    assert descriptors() == before
+
+
+def descriptors() -> int:
+    return len(os.listdir("/proc/self/fd"))  # noqa: PTH208  # an iterator over the folder would itself hold one
 
 
 async def test_a_silent_sensor_is_given_up_and_what_was_lost_is_counted():

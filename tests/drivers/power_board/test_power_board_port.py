@@ -93,6 +93,8 @@ async def test_wrong_baud_rate(line: VirtualPort) -> None:
     error = await feed_until_failure(line, bytes(range(256)), baud=57600)
     assert isinstance(error, ProtocolError)
     assert "bytes but no valid frame at 57600 baud: wrong baud rate or mode?" in str(error)
+    again = await feed_until_failure(line, bytes(range(99)), baud=57600)
+    assert str(again) == str(error), "else each attempt is an event of its own"
 
 
 async def test_other_board_is_the_wrong_device(line: VirtualPort) -> None:
