@@ -32,6 +32,11 @@ def check_host(host: str) -> str:
     raise ValueError(f"{mistake}; did you mean {alone!r}{', with the port as a separate key' if port else ''}?")
 
 
+def in_url(host: str) -> str:
+    """The host as it is written in a URL: an address of IPv6 in brackets."""
+    return f"[{host}]" if ":" in host else host
+
+
 def stays_here(host: str) -> bool:
     """True if only programs on this PC can reach a server that listens at ``host``."""
     return host.lower() == "localhost" or (is_address(host) and ipaddress.ip_address(host).is_loopback)

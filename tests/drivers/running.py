@@ -11,8 +11,9 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from cellwatt.driver import Driver
-from cellwatt.emulation import Emulator
+from cellwatt.emulation import Emulator, Fault
 from cellwatt.errors import SourceError
+from tests.patience import eventually
 
 from .inlet import CollectingInlet
 
@@ -62,6 +63,17 @@ class Run(Generic[D]):
     driver: D
     inlet: CollectingInlet
     failures: list[SourceError] = field(default_factory=list)
+
+
+async def strike(emulator: Any, inlet: CollectingInlet, fault: Fault, times: int = 1) -> None:
+    """Let a fault strike, end it, and wait until the driver has gone on for a while."""
+    before = emulator.injector.counts[fault.kind]
+    emulator.inject(fault)
+    await eventually(lambda: emulator.injector.counts[fault.kind] >= before + times, f"the {fault.kind}")
+    if fault.kind not in {"stall", "disconnect"}:
+        emulator.inject(Fault(fault.kind, probability=0))
+    seen = len(inlet.readings)
+    await eventually(lambda: len(inlet.readings) > seen + 10)
 
 
 @asynccontextmanager

@@ -24,6 +24,14 @@ MOTOMAN = HOST | {"pulses_per_degree": [1000.0] * 6}
 
 
 @pytest.mark.parametrize(
+    ("settings", "url"),
+    [(AbbSettings, "https://[fd00::1]:443"), (OpcUaSettings, "opc.tcp://[fd00::1]:4840")],
+)
+def test_an_address_of_ipv6_stands_in_brackets_in_a_url(settings, url):
+    assert settings.model_validate(({} if settings is AbbSettings else TAG) | {"host": "fd00::1"}).url == url
+
+
+@pytest.mark.parametrize(
     ("settings", "found", "why"),
     [
         (AbbSettings, HOST | {"egm": [], "web": []}, "name something in 'egm' or in 'web'"),

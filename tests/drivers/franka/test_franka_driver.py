@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import sys
 
 import numpy as np
@@ -17,6 +16,7 @@ from cellwatt_drivers.franka.fields import GROUPS
 from tests.patience import PATIENCE
 
 from ..inlet import CollectingInlet
+from ..running import supervised
 from .rig import ANGLES, driver, emulated, running
 
 try:
@@ -109,21 +109,11 @@ async def test_an_outage_is_an_error_of_the_source_and_counted_at_the_next_start
             await asyncio.wait_for(first, PATIENCE)
         emulator.inject(Fault("loss", probability=0))
         seen = inlet.account.received
-        second = asyncio.create_task(run_again(arm))
-        await inlet.until(lambda o: o.account.received > seen)
-        second.cancel()
-        await asyncio.gather(second, return_exceptions=True)
+        async with supervised(arm, inlet):
+            await inlet.until(lambda o: o.account.received > seen)
     assert not [r for r in caplog.records if r.name == "asyncio"]  # of processes that ended in another way
     assert inlet.account.missed["outage"] > 500
-    assert inlet.account.residue == 0
     assert len(inlet.identities) == 2
-
-
-async def run_again(arm):
-    """As the daemon does, for as long as the robot takes nobody."""
-    while True:
-        with contextlib.suppress(ConnectError):
-            await arm.run()
 
 
 @library

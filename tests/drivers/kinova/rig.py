@@ -6,10 +6,8 @@ import asyncio
 from collections.abc import AsyncIterator
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 
-from cellwatt.emulation import Fault
 from cellwatt_drivers.kinova import KinovaDriver, KinovaSettings
 from cellwatt_drivers.kinova.emulator import KinovaEmulator
-from tests.patience import eventually
 
 from ..inlet import CollectingInlet
 from ..running import Steady, once, served
@@ -41,11 +39,3 @@ def driver(port: int, inlet: CollectingInlet, **changes: object) -> KinovaDriver
 def running(port: int, **changes: object) -> AbstractAsyncContextManager[tuple[CollectingInlet, asyncio.Task[None]]]:
     inlet = CollectingInlet()
     return once(driver(port, inlet, **changes), inlet)
-
-
-async def strike(emulator: KinovaEmulator, fault: Fault) -> None:
-    """Let a fault hit one answer."""
-    before = emulator.injector.counts[fault.kind]
-    emulator.inject(fault)
-    await eventually(lambda: emulator.injector.counts[fault.kind] > before, f"the {fault.kind}")
-    emulator.inject(Fault(fault.kind, probability=0))

@@ -11,6 +11,7 @@ from cellwatt.emulation import Fault
 from cellwatt_drivers.scpi_analyzer.emulator import ScpiAnalyzerEmulator
 from tests.patience import eventually
 
+from ..running import strike
 from .rig import Inlet, emulated, running, settings
 
 IGNORED = ("repeats", "merged ticks")
@@ -24,12 +25,7 @@ async def struck(
     changes = {"timeout": "300 ms", "rate": "50 Hz"} | changes
     async with emulated(address) as (emulator, place), running(settings(place, **changes)) as (_, inlet):
         await eventually(lambda: len(inlet.readings) > 3)
-        emulator.inject(fault)
-        await eventually(lambda: emulator.injector.counts[fault.kind] >= times)
-        if fault.kind not in {"stall", "disconnect"}:
-            emulator.inject(Fault(fault.kind, probability=0))
-        seen = len(inlet.readings)
-        await eventually(lambda: len(inlet.readings) > seen + 10)
+        await strike(emulator, inlet, fault, times)
         yield emulator, inlet
 
 
