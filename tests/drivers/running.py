@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Coroutine, Mapping
-from contextlib import asynccontextmanager, suppress
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
@@ -13,6 +13,7 @@ import numpy as np
 from cellwatt.driver import Driver
 from cellwatt.emulation import Emulator, Fault
 from cellwatt.errors import SourceError
+from tests.doing import doing
 from tests.patience import eventually
 
 from .inlet import CollectingInlet
@@ -34,26 +35,20 @@ class Steady:
 
 
 @asynccontextmanager
-async def going(coroutine: Coroutine[Any, Any, Any]) -> AsyncIterator[asyncio.Task[Any]]:
-    """A task that is cancelled at the end; an error of its own comes out there."""
-    task = asyncio.create_task(coroutine)
-    try:
-        yield task
-    finally:
-        task.cancel()
-        with suppress(asyncio.CancelledError):
-            await task
-
-
-@asynccontextmanager
 async def served(emulator: Emulator) -> AsyncIterator[str]:
     """An emulator that serves; its address."""
     ready: asyncio.Future[str] = asyncio.get_running_loop().create_future()
-    async with going(emulator.serve(ready.set_result)) as serving:
+    async with doing(emulator.serve(ready.set_result)) as serving:
         await asyncio.wait((serving, ready), return_when=asyncio.FIRST_COMPLETED)
         if serving.done():
             serving.result()
         yield await ready
+
+
+def endpoint(address: str) -> dict[str, Any]:
+    """An address as settings."""
+    host, _, port = address.rpartition(":")
+    return {"host": host, "port": int(port)}
 
 
 @dataclass
@@ -61,7 +56,7 @@ class Run(Generic[D]):
     """A driver that runs, what it gave and how it failed."""
 
     driver: D
-    inlet: CollectingInlet
+    inlet: Any
     failures: list[SourceError] = field(default_factory=list)
 
 
@@ -77,34 +72,27 @@ async def strike(emulator: Any, inlet: CollectingInlet, fault: Fault, times: int
 
 
 @asynccontextmanager
-async def once(driver: D, inlet: CollectingInlet) -> AsyncIterator[tuple[CollectingInlet, asyncio.Task[None]]]:
+async def once(driver: Driver[Any]) -> AsyncIterator[tuple[Any, asyncio.Task[None]]]:
     """A driver running until the end of the context; fails when it failed. The account must be even then."""
-    async with going(driver.run()) as task:
-        yield inlet, task
-    assert inlet.account.residue == 0
+    async with doing(driver.run()) as task:
+        yield driver.inlet, task
+    assert driver.inlet.account.residue == 0
 
 
 @asynccontextmanager
-async def repeated(driver: D, inlet: CollectingInlet) -> AsyncIterator[Run[D]]:
+async def repeated(driver: D) -> AsyncIterator[Run[D]]:
     """A driver that is run again when it fails, until the end; the account must be even then."""
-    async with supervised(driver, inlet) as failures:
-        yield Run(driver, inlet, failures)
+    run = Run(driver, driver.inlet)
 
-
-@asynccontextmanager
-async def supervised(driver: Driver[Any], inlet: CollectingInlet) -> AsyncIterator[list[SourceError]]:
-    """A driver that is run again when it fails, until the end; its failures. The account must be even then."""
-    failures: list[SourceError] = []
-
-    async def run() -> None:
+    async def supervise() -> None:
         while True:
             try:
                 await driver.run()
             except SourceError as error:
-                failures.append(error)
-                inlet.wake()
+                run.failures.append(error)
+                run.inlet.wake()
             await asyncio.sleep(0.01)
 
-    async with going(run()):
-        yield failures
-    assert inlet.account.residue == 0
+    async with doing(supervise()):
+        yield run
+    assert run.inlet.account.residue == 0

@@ -6,7 +6,6 @@ import importlib
 import os
 import re
 import resource
-import socket
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -32,6 +31,7 @@ from cellwatt_drivers.ur import UrDriver
 from cellwatt_drivers.yaskawa import YaskawaDriver
 from tests.patience import PATIENCE
 
+from .abb.rig import free_port
 from .inlet import CollectingInlet
 from .running import Steady
 
@@ -54,15 +54,7 @@ OPC_UA = {"model": "opc_40010", "rate": "20 Hz", "publish": "50 ms", "timeout": 
 METER = {"meter": "eastron_sdm630", "rate": "20 Hz", "timeout": "200 ms", "silence": "1 s"}
 
 
-def free_udp_port() -> int:
-    """One that nobody has now."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
-
-
-EGM = free_udp_port()
+EGM = free_port()
 ABB = {"egm_port": EGM, "bind": "127.0.0.1", "tls": False, "web_rate": "5 Hz", "timeout": "500 ms"}
 
 

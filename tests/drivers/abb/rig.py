@@ -40,5 +40,4 @@ async def emulated(**options: str) -> AsyncIterator[tuple[AbbEmulator, dict[str,
 
 
 def running(settings: dict[str, object]) -> AbstractAsyncContextManager[tuple[CollectingInlet, asyncio.Task[None]]]:
-    inlet = CollectingInlet()
-    return once(AbbDriver("arm", AbbSettings.model_validate(settings), inlet), inlet)
+    return once(AbbDriver("arm", AbbSettings.model_validate(settings), CollectingInlet()))

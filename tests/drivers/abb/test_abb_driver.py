@@ -155,7 +155,7 @@ async def test_an_outage_ends_the_source_and_a_new_start_counts_what_was_lost():
         with pytest.raises(ConnectError, match=r"no EGM packet .* EGMStreamStart"):
             await asyncio.wait_for(first, PATIENCE)
         seen = inlet.account.received
-        async with once(driver, inlet):
+        async with once(driver):
             await is_taken(int(str(place["egm_port"])))  # else packets that find no socket are lost, too
             emulator.inject(Fault("loss", probability=0))
             await inlet.until(lambda o: o.account.received > seen)

@@ -5,13 +5,12 @@ from __future__ import annotations
 import socket
 import time
 from collections import deque
-from collections.abc import AsyncIterator, Iterator
-from contextlib import AbstractAsyncContextManager, asynccontextmanager, closing, contextmanager
+from collections.abc import AsyncIterator
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 
 import can
-import pytest
 
-from cellwatt_drivers.can_sensor import CanSensorDriver, CanSensorSettings, listening
+from cellwatt_drivers.can_sensor import CanSensorDriver, CanSensorSettings
 from cellwatt_drivers.can_sensor.emulator import CanSensorEmulator
 
 from ..inlet import CollectingInlet
@@ -63,14 +62,6 @@ class ScriptedBus(can.BusABC):
 KERNEL = "socketcan:can0"
 
 
-@contextmanager
-def scripted(monkeypatch: pytest.MonkeyPatch) -> Iterator[ScriptedBus]:
-    """The bus that a driver finds at ``KERNEL``."""
-    with closing(ScriptedBus()) as bus:
-        monkeypatch.setattr(listening, "_open", lambda place: bus)
-        yield bus
-
-
 @asynccontextmanager
 async def emulated(**options: str) -> AsyncIterator[tuple[CanSensorEmulator, str]]:
     """An emulator and the path of its adapter."""
@@ -91,5 +82,4 @@ def settings(place: str, **changes: object) -> CanSensorSettings:
 
 
 def running(wanted: CanSensorSettings) -> AbstractAsyncContextManager[Run[CanSensorDriver]]:
-    inlet = CollectingInlet()
-    return repeated(CanSensorDriver("battery", wanted, inlet), inlet)
+    return repeated(CanSensorDriver("battery", wanted, CollectingInlet()))

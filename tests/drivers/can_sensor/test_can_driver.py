@@ -16,7 +16,8 @@ from cellwatt_drivers.can_sensor import CanSensorDriver
 from tests.patience import PATIENCE, eventually
 
 from ..inlet import CollectingInlet
-from .rig import KERNEL, emulated, running, scripted, settings
+from ..running import strike
+from .rig import KERNEL, emulated, running, settings
 
 
 async def test_samples_in_si_units_on_the_bus_time():
@@ -52,11 +53,7 @@ async def test_the_clock_is_known_from_the_first_second_on():
 async def test_lost_frames_are_counted_to_the_last():
     async with emulated() as (emulator, place), running(settings(place)) as run:
         await run.inlet.until(lambda o: o.account.received >= 10)
-        emulator.inject(Fault("loss", probability=0.3))
-        await run.inlet.until(lambda o: emulator.counts.get("loss", 0) >= 20)
-        emulator.inject(Fault("loss", probability=0.0))
-        seen = run.inlet.account.received
-        await run.inlet.until(lambda o: o.account.received >= seen + 10)
+        await strike(emulator, run.inlet, Fault("loss", probability=0.3), 20)
     assert run.inlet.account.missed == {"gap": emulator.counts["loss"]}
 
 
@@ -78,25 +75,23 @@ async def test_duplicates_cut_and_foreign_frames():
     assert run.inlet.kinds().count("malformed_frame") == 1
 
 
-async def test_error_frames_and_bus_off_are_told(monkeypatch):
-    with scripted(monkeypatch) as bus:
-        async with running(settings(KERNEL, silence="10 s")) as run:
-            for error in (0x88, 0x40, 0x100):
-                bus.put(can.Message(arbitration_id=error, is_error_frame=True, data=bytes(8)))
-            await run.inlet.until(lambda o: "bus_active" in o.kinds())
+async def test_error_frames_and_bus_off_are_told(bus):
+    async with running(settings(KERNEL, silence="10 s")) as run:
+        for error in (0x88, 0x40, 0x100):
+            bus.put(can.Message(arbitration_id=error, is_error_frame=True, data=bytes(8)))
+        await run.inlet.until(lambda o: "bus_active" in o.kinds())
     assert run.inlet.account.counters["error frames"] == 3
     assert run.inlet.account.counters["error frames: bus off"] == 1
     assert [k for k in run.inlet.kinds() if k.startswith("bus_")] == ["bus_off", "bus_active"]
     assert not run.failures
 
 
-async def test_a_bus_that_was_restarted_while_it_was_closed_is_no_longer_off(monkeypatch):
-    with scripted(monkeypatch) as bus:
-        async with running(settings(KERNEL, silence="200 ms")) as run:
-            bus.put(can.Message(arbitration_id=0x40, is_error_frame=True, data=bytes(8)))
-            await run.inlet.until(lambda _: run.failures)
-            bus.put(can.Message(arbitration_id=0x123, is_extended_id=False))
-            await run.inlet.until(lambda _: "only frames" in str(run.failures[-1]))
+async def test_a_bus_that_was_restarted_while_it_was_closed_is_no_longer_off(bus):
+    async with running(settings(KERNEL, silence="200 ms")) as run:
+        bus.put(can.Message(arbitration_id=0x40, is_error_frame=True, data=bytes(8)))
+        await run.inlet.until(lambda _: run.failures)
+        bus.put(can.Message(arbitration_id=0x123, is_extended_id=False))
+        await run.inlet.until(lambda _: "only frames" in str(run.failures[-1]))
     assert "the controller is bus-off" in str(run.failures[0])
     assert [k for k in run.inlet.kinds() if k.startswith("bus_")] == ["bus_off", "bus_active"]
 
@@ -168,11 +163,10 @@ async def test_flags_of_the_sensor():
         ),
     ],
 )
-async def test_nobody_other_nodes_and_only_errors_are_told_apart(frame, error, match, monkeypatch):
-    with scripted(monkeypatch) as bus:
-        bus.put(*([frame] if frame else []))
-        with pytest.raises(error, match=match):
-            await CanSensorDriver("battery", settings(KERNEL, silence="100 ms"), CollectingInlet()).run()
+async def test_nobody_other_nodes_and_only_errors_are_told_apart(frame, error, match, bus):
+    bus.put(*([frame] if frame else []))
+    with pytest.raises(error, match=match):
+        await CanSensorDriver("battery", settings(KERNEL, silence="100 ms"), CollectingInlet()).run()
 
 
 @pytest.mark.parametrize(

@@ -38,5 +38,4 @@ def driver(address: str, inlet: CollectingInlet, **changes: object) -> FrankaDri
 
 
 def running(address: str, **changes: object) -> AbstractAsyncContextManager[tuple[CollectingInlet, asyncio.Task[None]]]:
-    inlet = CollectingInlet()
-    return once(driver(address, inlet, **changes), inlet)
+    return once(driver(address, CollectingInlet(), **changes))

@@ -16,7 +16,7 @@ from cellwatt_drivers.franka.fields import GROUPS
 from tests.patience import PATIENCE
 
 from ..inlet import CollectingInlet
-from ..running import supervised
+from ..running import repeated
 from .rig import ANGLES, driver, emulated, running
 
 try:
@@ -109,7 +109,7 @@ async def test_an_outage_is_an_error_of_the_source_and_counted_at_the_next_start
             await asyncio.wait_for(first, PATIENCE)
         emulator.inject(Fault("loss", probability=0))
         seen = inlet.account.received
-        async with supervised(arm, inlet):
+        async with repeated(arm):
             await inlet.until(lambda o: o.account.received > seen)
     assert not [r for r in caplog.records if r.name == "asyncio"]  # of processes that ended in another way
     assert inlet.account.missed["outage"] > 500

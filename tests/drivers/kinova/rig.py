@@ -37,5 +37,4 @@ def driver(port: int, inlet: CollectingInlet, **changes: object) -> KinovaDriver
 
 
 def running(port: int, **changes: object) -> AbstractAsyncContextManager[tuple[CollectingInlet, asyncio.Task[None]]]:
-    inlet = CollectingInlet()
-    return once(driver(port, inlet, **changes), inlet)
+    return once(driver(port, CollectingInlet(), **changes))

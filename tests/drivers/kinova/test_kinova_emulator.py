@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import socket
 
 import pytest
 
 from cellwatt_drivers.kinova import registers
+from tests.daemon.outlets.zenoh.processes import free_port
 from tests.patience import eventually
 
 from .rig import emulated, running
@@ -54,9 +54,7 @@ async def test_the_driver_reads_a_server_of_pymodbus():
             ],
         ),
     )
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     server = ModbusTcpServer(device, address=("127.0.0.1", port))
     serving = asyncio.create_task(server.serve_forever())
     try:

@@ -13,7 +13,7 @@ from cellwatt_drivers.modbus_meter import ModbusMeterDriver, ModbusMeterSettings
 from cellwatt_drivers.modbus_meter.emulator import ModbusMeterEmulator
 
 from ..inlet import CollectingInlet
-from ..running import Run, Steady, repeated, served
+from ..running import Run, Steady, endpoint, repeated, served
 
 STILL = Steady({"supply.voltage": 230.0, "supply.current": 2.5, "supply.power": 500.0})
 
@@ -38,16 +38,11 @@ async def answering(*registers: SimData, **more: Any) -> AsyncIterator[str]:
 
 
 def settings(place: str, **changes: object) -> ModbusMeterSettings:
-    if place.startswith("/"):
-        base: dict[str, object] = {"line": place, "parity": "none"}
-    else:
-        host, _, port = place.rpartition(":")
-        base = {"host": host, "port": int(port)}
+    base = {"line": place, "parity": "none"} if place.startswith("/") else endpoint(place)
     if "map" not in changes:
         base["meter"] = "eastron_sdm630"
     return ModbusMeterSettings.model_validate(base | {"rate": "20 Hz"} | changes)
 
 
 def running(wanted: ModbusMeterSettings) -> AbstractAsyncContextManager[Run[ModbusMeterDriver]]:
-    inlet = CollectingInlet()
-    return repeated(ModbusMeterDriver("meter", wanted, inlet), inlet)
+    return repeated(ModbusMeterDriver("meter", wanted, CollectingInlet()))

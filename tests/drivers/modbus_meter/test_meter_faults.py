@@ -9,6 +9,7 @@ from cellwatt.emulation import Fault
 from cellwatt_drivers.modbus_meter import bus
 from cellwatt_drivers.modbus_meter.bus import TcpPlace, open_bus
 
+from ..running import strike
 from .rig import emulated, running, settings
 
 PLACES = ["127.0.0.1:0", "pty"]
@@ -18,11 +19,7 @@ PLACES = ["127.0.0.1:0", "pty"]
 async def test_lost_answers_are_asked_for_again(address):
     async with emulated(address) as (emulator, place), running(settings(place, timeout="500 ms", retries=3)) as run:
         await run.inlet.until(lambda o: len(o.readings) >= 2)
-        emulator.inject(Fault("loss", probability=0.2))
-        await run.inlet.until(lambda o: emulator.counts.get("loss", 0) >= 4)
-        emulator.inject(Fault("loss", probability=0.0))
-        seen = len(run.inlet.readings)
-        await run.inlet.until(lambda o: len(o.readings) >= seen + 3)
+        await strike(emulator, run.inlet, Fault("loss", probability=0.2), 4)
     assert run.inlet.account.counters["timeouts"] == emulator.counts["loss"]
     assert run.inlet.account.counters["retries"] + run.inlet.account.missed["timeout"] == emulator.counts["loss"]
 
@@ -35,11 +32,7 @@ async def test_damaged_and_late_answers_never_become_values(address, kind):
         running(settings(place, timeout="80 ms", silence="20 s")) as run,
     ):
         await run.inlet.until(lambda o: len(o.readings) >= 2)
-        emulator.inject(Fault(kind, probability=0.3, seconds=0.12))
-        await run.inlet.until(lambda o: emulator.counts.get(kind, 0) >= 4)
-        emulator.inject(Fault(kind, probability=0.0))
-        seen = len(run.inlet.readings)
-        await run.inlet.until(lambda o: len(o.readings) >= seen + 3)
+        await strike(emulator, run.inlet, Fault(kind, probability=0.3, seconds=0.12), 4)
     column = run.driver.streams[0].names.index("supply.power")
     assert run.inlet.values[:, column] == pytest.approx([500.0] * len(run.inlet.values), rel=1e-6)
     assert run.inlet.values[:, 0] == pytest.approx([230.0] * len(run.inlet.values), rel=1e-6)
@@ -49,8 +42,7 @@ async def test_damaged_and_late_answers_never_become_values(address, kind):
 
 async def test_a_silent_meter_is_given_up():
     async with emulated() as (emulator, place):
-        wanted = settings(place, timeout="50 ms", silence="300 ms", retries=0)
-        async with running(wanted) as run:
+        async with running(settings(place, timeout="50 ms", silence="300 ms", retries=0)) as run:
             await run.inlet.until(lambda o: len(o.readings) >= 2)
             emulator.inject(Fault("loss"))
             await run.inlet.until(lambda _: run.failures)

@@ -16,7 +16,7 @@ from cellwatt_drivers.opc_ua import OpcUaDriver, OpcUaSettings
 from cellwatt_drivers.opc_ua.emulator import OpcUaEmulator
 
 from ..inlet import CollectingInlet
-from ..running import Run, Steady, repeated, served
+from ..running import Run, Steady, endpoint, repeated, served
 
 _USES = x509.KeyUsage(
     digital_signature=True,
@@ -54,18 +54,16 @@ async def emulated(signals=STILL, **changes: str) -> AsyncIterator[tuple[OpcUaEm
 
 
 def settings(place: str, **changes: object) -> OpcUaSettings:
-    host, _, port = place.rpartition(":")
-    base = {"host": host, "port": int(port), "rate": "20 Hz", "publish": "50 ms", **PLC}
-    return OpcUaSettings.model_validate(base | changes)
+    base = {"rate": "20 Hz", "publish": "50 ms", **PLC}
+    return OpcUaSettings.model_validate(endpoint(place) | base | changes)
 
 
-def driver(place: str, **changes: object) -> tuple[OpcUaDriver, CollectingInlet]:
-    inlet = CollectingInlet()
-    return OpcUaDriver("plc", settings(place, **changes), inlet), inlet
+def driver(place: str, **changes: object) -> OpcUaDriver:
+    return OpcUaDriver("plc", settings(place, **changes), CollectingInlet())
 
 
 def running(place: str, **changes: object) -> AbstractAsyncContextManager[Run[OpcUaDriver]]:
-    return repeated(*driver(place, **changes))
+    return repeated(driver(place, **changes))
 
 
 def certificate(folder: Path, name: str, uri: str | None = None) -> tuple[Path, Path]:

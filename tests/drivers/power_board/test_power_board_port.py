@@ -14,9 +14,9 @@ from cellwatt_drivers.power_board import PowerBoardDriver, PowerBoardSettings, w
 from cellwatt_drivers.power_board import port as port_module
 from cellwatt_drivers.power_board.payload import build
 from cellwatt_drivers.power_board.virtual_port import VirtualPort
+from tests.doing import doing
 from tests.drivers.power_board.rig import Inlet
 from tests.drivers.power_board.samples import NETWORK, SENDER, packet
-from tests.drivers.running import going
 from tests.patience import PATIENCE, eventually
 
 
@@ -45,7 +45,7 @@ async def failure(running_driver: PowerBoardDriver) -> SourceError:
 async def listening(line: VirtualPort, **settings):
     """A driver that has the port open, and its inlet."""
     made = driver(line.path, silence="20 s", **settings)
-    async with going(made.run()):
+    async with doing(made.run()):
         await eventually(lambda: line.opened and not line.read() and line.flushed)
         yield made, made.inlet
 
@@ -132,7 +132,7 @@ async def test_several_boards_share_a_port(line: VirtualPort) -> None:
 async def test_one_of_several_boards_falls_silent(line: VirtualPort) -> None:
     made = driver(line.path, boards=[3, 4], silence="300 ms")
     number = 0
-    async with going(made.run()):
+    async with doing(made.run()):
         while len(made.inlet.texts) < 1:
             number += 1
             line.write(frame(number, board=3))

@@ -24,12 +24,12 @@ OTHERS = ["wt300", "lmg600"]
 
 @pytest.mark.parametrize("model", OTHERS)
 async def test_values_in_si_units(model):
-    async with emulated(model=model) as (_, place), running(settings(place, model=model)) as (_, inlet):
-        await eventually(lambda: len(inlet.readings) >= 3)
-    for reading in inlet.readings:
+    async with emulated(model=model) as (_, place), running(settings(place, model=model)) as run:
+        await eventually(lambda: len(run.inlet.readings) >= 3)
+    for reading in run.inlet.readings:
         assert reading.values[0] == pytest.approx(TRUTH, rel=1e-4)
-    assert inlet.identities[0].maker == DIALECTS[model].maker
-    assert not inlet.failures
+    assert run.inlet.identities[0].maker == DIALECTS[model].maker
+    assert not run.failures
 
 
 @pytest.mark.parametrize(
@@ -52,8 +52,8 @@ async def test_what_a_wt310_answered_before_is_put_back():
         assert isinstance(meter, EmulatedWt310)
         for line in (":NUM:NORM:ITEM1 FU,1", ":NUM:NORM:ITEM2 WH", ":NUM:NORM:NUM 2"):
             meter.execute(line, 0.0)
-        async with running(settings(place, model="wt300", functions=["P", "URMS", "IRMS"])) as (_, inlet):
-            await eventually(lambda: len(inlet.readings) >= 2)
+        async with running(settings(place, model="wt300", functions=["P", "URMS", "IRMS"])) as run:
+            await eventually(lambda: len(run.inlet.readings) >= 2)
             assert (meter.number, meter.items[:3]) == (3, ["P,1", "U,1", "I,1"])
         await eventually(lambda: (meter.number, meter.items[:2]) == (2, ["FU,1", "WH,1"]))
         assert not meter.errors
@@ -64,8 +64,8 @@ async def test_everything_sent_is_on_the_list(model):
     told = " ".join(ScpiAnalyzerDriver.writes).replace("<functions>", "P1?;PF1?")
     wanted = {"error_check": "1 ms", "functions": ["WH", "P"] if model == "wt300" else ["P", "LAMB"]}
     async with emulated(model=model) as (emulator, place):
-        async with running(settings(place, model=model, integrate=model == "wt300", **wanted)) as (_, inlet):
-            await eventually(lambda: len(inlet.readings) >= 2)
+        async with running(settings(place, model=model, integrate=model == "wt300", **wanted)) as run:
+            await eventually(lambda: len(run.inlet.readings) >= 2)
         sent = [_as_listed(line) for line in emulator.lines]
     assert len(sent) >= 5
     assert all(line in told for line in sent), sent
@@ -81,17 +81,19 @@ def _as_listed(line: str) -> str:
 async def test_overload_and_the_error_queue(model):
     async with (
         emulated(model=model) as (emulator, place),
-        running(settings(place, model=model, error_check="50 ms")) as (_, inlet),
+        running(settings(place, model=model, error_check="50 ms")) as run,
     ):
-        await eventually(lambda: len(inlet.readings) >= 2)
+        await eventually(lambda: len(run.inlet.readings) >= 2)
         emulator.analyzer.overload = {"IRMS"}
         emulator.analyzer.execute("NONSENSE", 0.0)
-        await eventually(lambda: inlet.account.counters["overloads"] >= 2 and "instrument_error" in inlet.kinds())
-    last = inlet.readings[-1]
+        await eventually(
+            lambda: run.inlet.account.counters["overloads"] >= 2 and "instrument_error" in run.inlet.kinds()
+        )
+    last = run.inlet.readings[-1]
     assert last.quality is not None
     assert last.quality.tolist() == [Quality.CLIPPED]
     assert np.isnan(last.values[0]).tolist() == [False, True, False, False, False, False]
-    assert any("-113 Undefined header" in text for _, text, _ in inlet.events)
+    assert any("-113 Undefined header" in text for _, text, _ in run.inlet.events)
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 from collections.abc import AsyncIterator
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from pathlib import Path
@@ -12,13 +11,14 @@ import numpy as np
 import pytest
 
 from cellwatt.emulation import ArmSignals, Fault, load_signals
+from cellwatt.emulation.relay import clients
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError, WrongDeviceError
 from cellwatt_drivers.ur import UrDriver
 from cellwatt_drivers.ur.emulator import UrEmulator
 from tests.patience import PATIENCE
 
 from ..inlet import CollectingInlet
-from ..running import Run, repeated, served
+from ..running import Run, endpoint, repeated, served
 from .recordings import COLUMNS, write
 
 CHANNELS = ("actual_q", "actual_qd", "actual_current", "actual_robot_voltage", "actual_robot_current", "robot_mode")
@@ -27,15 +27,13 @@ WARM = 120
 """Packages after which a fault is injected: the driver has learned the grid by then."""
 
 
-def driver(address: str, **settings: object) -> tuple[UrDriver, CollectingInlet]:
-    host, _, port = address.rpartition(":")
-    values = {"host": host, "port": int(port), "channels": CHANNELS, "timeout": 1.0, **settings}
-    inlet = CollectingInlet()
-    return UrDriver("arm", UrDriver.Settings(**values), inlet), inlet
+def driver(address: str, **settings: object) -> UrDriver:
+    values = endpoint(address) | {"channels": CHANNELS, "timeout": 1.0} | settings
+    return UrDriver("arm", UrDriver.Settings(**values), CollectingInlet())
 
 
 def watching(address: str, **settings: object) -> AbstractAsyncContextManager[Run[UrDriver]]:
-    return repeated(*driver(address, **settings))
+    return repeated(driver(address, **settings))
 
 
 @asynccontextmanager
@@ -181,34 +179,27 @@ async def test_messages_and_states_are_events(tmp_path):
 
 async def test_fields_that_the_controller_lacks_are_named():
     async with emulated(polyscope="5.8.0") as emulator:
-        arm, inlet = driver(emulator.address, channels=("actual_q", "joint_1.torque", "ft_raw_wrench"))
+        arm = driver(emulator.address, channels=("actual_q", "joint_1.torque", "ft_raw_wrench"))
         with pytest.raises(DeviceError) as caught:
             await arm.run()
     assert "PolyScope 5.8.0.0 does not have actual_current_as_torque (needs 5.23.0 or 10.11.0), ft_raw_wrench" in str(
         caught.value
     )
-    assert not inlet.identities
+    assert not arm.inlet.identities
 
 
 @asynccontextmanager
 async def somebody(banner: bytes, answer: bytes | None, refuse: bool = False):
     """Something else that listens: says a banner, answers each chunk, or closes."""
 
-    left = asyncio.Event()
-
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         writer.write(banner)
-        with contextlib.suppress(ConnectionError):
-            while not refuse and await reader.read(1000):
-                if answer is not None:
-                    writer.write(answer)
-        writer.close()
-        left.set()
+        while not refuse and await reader.read(1000):
+            if answer is not None:
+                writer.write(answer)
 
-    server = await asyncio.start_server(serve, "127.0.0.1", 0)
-    async with server, asyncio.timeout(PATIENCE):
-        yield "{}:{}".format(*server.sockets[0].getsockname())
-        await left.wait()
+    async with clients(serve) as (address, _), asyncio.timeout(PATIENCE):
+        yield address
 
 
 @pytest.mark.parametrize(
@@ -221,21 +212,21 @@ async def somebody(banner: bytes, answer: bytes | None, refuse: bool = False):
 async def test_somebody_else_on_the_port_is_the_wrong_device(banner, answer):
     async with somebody(banner, answer) as address:
         with pytest.raises(WrongDeviceError, match="does not speak RTDE"):
-            await driver(address)[0].run()
+            await driver(address).run()
 
 
 async def test_an_old_controller_is_named():
     async with somebody(b"", b"\x00\x04V\x00") as address:
         with pytest.raises(DeviceError, match="update PolyScope"):
-            await driver(address)[0].run()
+            await driver(address).run()
 
 
 async def test_silence_and_a_closed_door_are_connection_errors():
     async with somebody(b"", None) as address:
         with pytest.raises(ConnectError, match="does not answer within"):
-            await driver(address, timeout=0.2)[0].run()
+            await driver(address, timeout=0.2).run()
     async with somebody(b"", None, refuse=True) as address:
         with pytest.raises(ConnectError, match=r"closed|broke"):
-            await driver(address)[0].run()
+            await driver(address).run()
     with pytest.raises(ConnectError, match="is the robot on"):
-        await driver(address)[0].run()
+        await driver(address).run()

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import struct
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager
 
 import pytest
 
 from cellwatt.account import Account
+from cellwatt.emulation.relay import clients
 from cellwatt_drivers.ur import wire
 from cellwatt_drivers.ur.recipe import Selection
 from cellwatt_drivers.ur.session import begin, connect
@@ -29,30 +29,21 @@ class Taken:
         self.rows += zip(time.tolist(), values.tolist(), strict=True)
 
 
-@asynccontextmanager
-async def controller(types: bytes, *answers: bytes) -> AsyncIterator[int]:
-    """A controller that answers a start with ``answers``, each in a segment of its own; its port."""
-    left = asyncio.Event()
+def controller(types: bytes, *answers: bytes) -> AbstractAsyncContextManager[tuple[str, object]]:
+    """A controller that answers a start with ``answers``, each in a segment of its own; its address."""
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        try:
-            while True:
-                size, kind = struct.unpack(">HB", await reader.readexactly(3))
-                await reader.readexactly(size - 3)
-                if kind == Kind.START:
-                    for answer in answers:
-                        writer.write(answer)
-                        await asyncio.sleep(0.01)
-                elif kind != Kind.PAUSE:
-                    writer.write(wire.frame(Kind(kind), REPLIES[Kind(kind)] + types * (kind == Kind.SETUP_OUTPUTS)))
-        except asyncio.IncompleteReadError:
-            writer.close()
-            await writer.wait_closed()
-            left.set()
+        while True:
+            size, kind = struct.unpack(">HB", await reader.readexactly(3))
+            await reader.readexactly(size - 3)
+            if kind == Kind.START:
+                for answer in answers:
+                    writer.write(answer)
+                    await asyncio.sleep(0.01)
+            elif kind != Kind.PAUSE:
+                writer.write(wire.frame(Kind(kind), REPLIES[Kind(kind)] + types * (kind == Kind.SETUP_OUTPUTS)))
 
-    async with await asyncio.start_server(serve, "127.0.0.1", 0) as server:
-        yield server.sockets[0].getsockname()[1]
-        await left.wait()
+    return clients(serve)
 
 
 REPLIES = {
@@ -66,8 +57,8 @@ CONFIRMED = wire.frame(Kind.START, wire.ACCEPTED)
 async def packages(types: bytes, *answers: bytes, wanted: int) -> list[tuple[float, list[float]]]:
     """What a session gives of a controller's answers."""
     async with (
-        controller(types, *answers) as port,
-        connect("127.0.0.1", port, 5.0, lambda: 0, Account()) as (session, version),
+        controller(types, *answers) as (address, _),
+        connect("127.0.0.1", int(address.rpartition(":")[2]), 5.0, lambda: 0, Account()) as (session, version),
     ):
         taken = Taken()
         await begin(session, version, Selection.of(["robot_mode"]), 500.0, taken.take, 5.0)

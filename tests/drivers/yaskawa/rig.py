@@ -48,7 +48,6 @@ def settings(port: int, **changes: object) -> YaskawaSettings:
 @asynccontextmanager
 async def running(settings: YaskawaSettings) -> AsyncIterator[tuple[YaskawaDriver, Inlet, asyncio.Task[None]]]:
     """A driver running until the end of the context; fails when it failed."""
-    inlet = Inlet()
-    driver = YaskawaDriver("arm", settings, inlet)
-    async with once(driver, inlet) as (_, task):
+    driver = YaskawaDriver("arm", settings, Inlet())
+    async with once(driver) as (inlet, task):
         yield driver, inlet, task
