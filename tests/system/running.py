@@ -14,6 +14,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+import numpy as np
+
 from cellwatt.batch import Batch
 from cellwatt.demo.fault import JOINT, SPRING, next_start
 from cellwatt.emulation import EmulatorProcess
@@ -214,6 +216,20 @@ async def running(folder: Path, text: str) -> AsyncIterator[tuple[Daemon, Audien
     """A daemon and its audience."""
     async with Daemon(folder, text) as daemon, Audience(daemon) as audience:
         yield daemon, audience
+
+
+async def cellwatt(*words: str) -> tuple[int | None, str, str]:
+    """A command of ours, run to its end: its exit code and what it printed."""
+    pipe = asyncio.subprocess.PIPE
+    command = [sys.executable, "-m", "cellwatt.commands", *words]
+    process = await asyncio.create_subprocess_exec(*command, stdout=pipe, stderr=pipe)
+    out, err = await process.communicate()
+    return process.returncode, out.decode(), err.decode()
+
+
+def numbers(blocks: Iterable[Batch | Frames]) -> np.ndarray:
+    """Numbers of all samples or frames, in the order in which they came."""
+    return np.concatenate([block.sequence + np.arange(len(block)) for block in blocks])
 
 
 def balanced(source: dict[str, Any]) -> bool:

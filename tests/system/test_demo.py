@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import sys
 from typing import Any
@@ -14,16 +13,15 @@ from cellwatt.demo.fault import JOINT
 from cellwatt.demo.seen import Seen
 from cellwatt.demo.summary import summary
 from cellwatt.registry import available
+from tests.system.running import cellwatt
 
 pytestmark = pytest.mark.system
 
 
 async def demo(*words: str) -> Any:
-    command = [sys.executable, "-m", "cellwatt.commands", "demo", *words, "--json"]
-    process = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE)
-    out, _ = await process.communicate()
+    code, out, err = await cellwatt("demo", *words, "--json")
     result = json.loads(out)
-    assert process.returncode == (0 if result["ok"] else 1)
+    assert code == (0 if result["ok"] else 1), err
     return result
 
 

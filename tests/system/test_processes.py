@@ -18,7 +18,7 @@ from cellwatt.emulation import EmulatorProcess
 from cellwatt.record import Recording
 from tests.daemon.record.making import numbered_in
 from tests.patience import PATIENCE
-from tests.system.running import Audience, Daemon, running, ur
+from tests.system.running import Audience, Daemon, numbers, running, ur
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(300)]
 
@@ -27,15 +27,6 @@ RAW = "raw/arm/rtde"
 
 def pid_of(audience: Audience, part: str) -> int:
     return int(audience.status["processes"][part]["pid"])
-
-
-def numbers(audience: Audience) -> np.ndarray:
-    """Numbers of the samples that the subscriber got, in the order in which it did."""
-    return np.concatenate([np.arange(b.sequence, b.sequence + len(b)) for b in audience.batches[RAW]])
-
-
-def frame_numbers(audience: Audience) -> np.ndarray:
-    return np.concatenate([np.arange(f.sequence, f.sequence + len(f)) for f in audience.frames])
 
 
 def recorded(folder: Path) -> Recording:
@@ -86,13 +77,13 @@ async def test_processes_that_are_killed_cost_no_sample(tmp_path: Path) -> None:
         assert audience.source("arm")["received"] == audience.source("arm")["expected"]
         assert await daemon.stop() == 0
         assert not audience.gaps
-        for got in (numbers(audience), frame_numbers(audience)):
+        for got in (numbers(audience.batches[RAW]), numbers(audience.frames)):
             assert np.array_equal(got, np.arange(got[0], got[0] + len(got)))
     kept = await asyncio.to_thread(recorded, tmp_path)
     sequence = (await asyncio.to_thread(kept.batches, "arm", "rtde")).sequence
     assert np.array_equal(sequence, np.arange(len(sequence)))
     blocks = await asyncio.to_thread(list, kept.frames())
-    frames = np.concatenate([np.arange(f.sequence, f.sequence + len(f)) for f in blocks])
+    frames = numbers(blocks)
     assert np.array_equal(frames, np.arange(len(frames)))
     assert np.all(np.diff(np.concatenate([f.time for f in blocks])) > 0)
     told = await asyncio.to_thread(numbered_in, tmp_path / "record")
