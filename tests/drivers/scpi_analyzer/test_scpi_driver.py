@@ -19,9 +19,20 @@ DEFAULT = ("URMS", "IRMS", "P", "S", "Q", "LAMB")
 TRUTH = [230.0, 2.5, 500.0, 575.0, math.sqrt(575.0**2 - 500.0**2), 500.0 / 575.0]
 
 
-@pytest.mark.parametrize("address", ["127.0.0.1:0", "pty"])
-async def test_values_in_si_units(address):
-    async with emulated(address) as (_, place), running(settings(place)) as run:
+HMC8015 = ("Rohde & Schwarz", "HMC8015", "SW1.403")
+
+
+@pytest.mark.parametrize(
+    ("address", "model", "identity"),
+    [
+        ("127.0.0.1:0", "hmc8015", HMC8015),
+        ("pty", "hmc8015", HMC8015),
+        ("127.0.0.1:0", "wt300", ("Yokogawa", "WT310E", "F1.03")),
+        ("127.0.0.1:0", "lmg600", ("ZES Zimmer", "LMG670", "7.134")),
+    ],
+)
+async def test_values_in_si_units(address, model, identity):
+    async with emulated(address, model=model) as (_, place), running(settings(place, model=model)) as run:
         await eventually(lambda: len(run.inlet.readings) >= 3)
     for reading in run.inlet.readings:
         assert reading.values[0] == pytest.approx(TRUTH, rel=1e-4)
@@ -29,9 +40,8 @@ async def test_values_in_si_units(address):
         assert reading.quality.tolist() == [Quality.GOOD]
         assert reading.asked is not None
         assert reading.asked <= reading.arrival
-    (identity,) = run.inlet.identities
-    assert (identity.maker, identity.model) == ("Rohde & Schwarz", "HMC8015")
-    assert identity.firmware == "SW1.403"
+    assert [(found.maker, found.model, found.firmware) for found in run.inlet.identities] == [identity]
+    assert not run.failures
 
 
 async def test_what_was_selected_before_is_put_back():
