@@ -12,9 +12,10 @@ from pydantic import model_validator as model_check
 
 from cellwatt.files import unreadable
 from cellwatt.host import LAST_PORT, check_host, stays_here
-from cellwatt.outlet import OutletSettings, Section, both_or_neither, refusal
+from cellwatt.outlet import OutletSettings, both_or_neither, refusal
 from cellwatt.outlets.selection import Selection
 from cellwatt.quantity import Hertz, Seconds
+from cellwatt.section import Section
 
 LOCAL: Final = "mqtt://127.0.0.1:1883"
 _BROKER = re.compile(r"(mqtts?)://(\[[0-9A-Fa-f:.%]+\]|[^\[\]:/@]+)(?::(\d{1,5}))?/?")

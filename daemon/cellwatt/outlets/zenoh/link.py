@@ -24,7 +24,8 @@ from cellwatt.config.secret import SecretKeys
 from cellwatt.errors import OutletError
 from cellwatt.files import unreadable
 from cellwatt.host import LAST_PORT, check_host
-from cellwatt.outlet import OutletSettings, Section, both_or_neither
+from cellwatt.outlet import OutletSettings, both_or_neither
+from cellwatt.section import Section
 
 if TYPE_CHECKING:
     import zenoh
