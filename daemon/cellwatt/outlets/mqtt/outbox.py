@@ -45,7 +45,8 @@ class Waiting(Generic[T]):
 class Outbox:
     """Queues of ``most`` entries each; a full queue drops its oldest entry and counts it.
 
-    With a ``cursor``, rows made without a connection are owed from the record, and passed only to ``missed``.
+    With a ``cursor``, the oldest row of a full queue is owed from the record; rows made without a connection are owed,
+    too, and passed only to ``missed``.
     ``wake`` is set when there is something to send.
     """
 
@@ -130,8 +131,10 @@ class Outbox:
         self._account.owed += 1
         if waiting.late and self._cursor is not None:
             self._leave(self._cursor, waiting)
-        else:
-            self._put(self.rows, waiting, "rows")
+            return
+        if self._cursor is not None and len(self.rows) >= self._most:
+            self._leave_unseen(self._cursor, self.rows.popleft())
+        self._put(self.rows, waiting, "rows")
 
     def prediction(self, item: Prediction) -> None:
         """Queue the rows of a model's output while serving."""
@@ -164,9 +167,13 @@ class Outbox:
             self._account.drop(count, "queue")
 
     def _leave(self, cursor: Cursor, row: Waiting[Row]) -> None:
+        self._leave_unseen(cursor, row)
+        self._missed(row.item)
+
+    def _leave_unseen(self, cursor: Cursor, row: Waiting[Row]) -> None:
+        """Owe a row; current values stay those of the last row sent, so that the next row has all changes."""
         self._owe(cursor, row)
         self._account.count("rows left to the record")
-        self._missed(row.item)
 
     def _owe(self, cursor: Cursor, row: Waiting[Row]) -> None:
         self._account.owed -= 1

@@ -76,7 +76,8 @@ class MqttSettings(OutletSettings, Selection):
     health: Seconds = 10.0
     """Time between two messages of health while the state is unchanged."""
     queue: PositiveInt = 4096
-    """Most rows, and most results, that wait for the broker; beyond that, the oldest are dropped and counted."""
+    """Most rows, and most results, that wait for the broker; beyond that, the oldest are dropped and counted. Rows that
+    are recorded are not dropped but back-filled later."""
     backfill: Hertz = 100.0
     """Most back-filled rows per second, read from the record and sent beside the live ones."""
     open: bool = False

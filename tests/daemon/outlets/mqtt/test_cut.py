@@ -69,6 +69,23 @@ async def test_live_rows_go_before_those_of_the_past(broker: Broker, tmp_path: P
     cell.close()
 
 
+async def test_rows_that_a_full_queue_gives_up_are_sent_from_the_record(broker: Broker, tmp_path: Path) -> None:
+    """The broker confirms more slowly than rows are made."""
+    cell = Cell(tmp_path)
+    outlet = outlet_of(cell, broker.url, queue=5, backfill="1 kHz")
+    async with ears(broker, f"{ROOT}/#") as heard, serving(outlet, cell):
+        await eventually(lambda: outlet._outbox.serving, "connected")
+        outlet.offer(cell.frames(8))  # at once, before the first can be sent
+        await heard.until(LIVE, 5)
+        outlet.offer(cell.frames(150))
+        await eventually(lambda: not outlet._cursor.owed and not outlet._outbox.rows, "all is sent")
+        await eventually(lambda: outlet.account.owed == 0, "all is confirmed")
+        assert sorted(numbers(heard, cell, LIVE) + numbers(heard, cell, PAST)) == list(range(158))
+    assert outlet.account.counters["rows left to the record"] == 3 + 145
+    assert not outlet.account.dropped and outlet.account.residue == 0
+    cell.close()
+
+
 async def test_an_alarm_that_ended_during_a_cut_is_not_kept(tmp_path: Path) -> None:
     """At a broker that remembers what it kept before it was killed."""
     remembers = (
