@@ -75,7 +75,7 @@ class Flow(Selection):
     batch: PositiveInt = Field(default=100, le=50_000)
     """Most messages in one attempt."""
     every: Seconds = Field(default=1.0, gt=0)
-    """Time between two attempts while the peer accepts messages."""
+    """Time between two attempts while the peer accepts messages and less than a ``batch`` waits."""
     queue: PositiveInt = 10_000
     """Most messages that wait; further ones are back-filled from the record later."""
 
@@ -103,7 +103,7 @@ class Forwarder(Generic[M]):
         self._picker: Picker | None = None
         self._begun = False
         self._newest = 0
-        self._pause, self._not_before, self._fill_from = 0.0, 0.0, 0.0
+        self._pause, self._not_before, self._next_live, self._fill_from = 0.0, 0.0, 0.0, 0.0
 
     @property
     def troubles(self) -> Sequence[str | None]:
@@ -140,14 +140,23 @@ class Forwarder(Generic[M]):
     async def _serve(self) -> None:
         while True:
             await self._collect()
-            ready = time.monotonic() >= self._not_before
-            if ready and self._pending:
+            if self._live_due():
                 await self._send_live()
-            elif ready and (span := self._due()) is not None:
+            elif self._accepts and (span := self._due()) is not None:
                 await self._fill(*span)
-            if not self._pending or time.monotonic() < self._not_before:
-                filling = time.monotonic() >= self._not_before and self._due() is not None
+            if not self._live_due():
+                filling = self._accepts and self._due() is not None
                 await asyncio.sleep(0.0 if filling else min(self._flow.every, 1.0))
+
+    @property
+    def _accepts(self) -> bool:
+        """False during the pause after a failed attempt."""
+        return time.monotonic() >= self._not_before
+
+    def _live_due(self) -> bool:
+        """True if new messages are to be sent now."""
+        full = len(self._pending) >= self._flow.batch
+        return bool(self._pending) and self._accepts and (full or time.monotonic() >= self._next_live)
 
     # new items -----------------------------------------------------------------------------------
 
@@ -229,6 +238,7 @@ class Forwarder(Generic[M]):
             if not sent:
                 self._pending.extendleft(reversed(batch))
         if sent:
+            self._next_live = time.monotonic() + self._flow.every
             self._account.owed -= len(batch)
             # A result does not prove that the rows before it were delivered: an earlier start may still owe them.
             for at in [at for at, _, is_row in batch if is_row][-1:]:
@@ -273,7 +283,7 @@ class Forwarder(Generic[M]):
                 self.cursor.pay(after, until, sent)
                 after, sent = until, 0
             await self._collect()
-            while self._pending and time.monotonic() >= self._not_before:  # new items first
+            while self._live_due():  # new items first
                 await self._send_live()
         self.cursor.pay(after, part.until)
         if part.waits:
@@ -299,7 +309,7 @@ class Forwarder(Generic[M]):
     async def _end(self) -> None:
         """Send the waiting messages once; owe the rest."""
         await self._collect()
-        if self._pending and time.monotonic() >= self._not_before:
+        if self._pending and self._accepts:
             try:
                 async with asyncio.timeout(LAST):
                     await self._send_live()

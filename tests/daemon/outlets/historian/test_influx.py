@@ -8,6 +8,7 @@ from contextlib import asynccontextmanager
 from datetime import UTC, datetime
 from itertools import chain
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -191,6 +192,25 @@ async def test_batches_that_are_too_large_are_halved(record: Path) -> None:
         async with running(outlet):
             await eventually(lambda: outlet.account.snapshot()["received"] == 8, "the last answer")
     assert [len(lines) for lines in server.batches] == [4, 4]
+
+
+async def test_new_lines_wait_for_the_next_attempt_or_for_a_whole_batch(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [1000.0]
+    monkeypatch.setattr("cellwatt.outlets.forward.time", SimpleNamespace(monotonic=lambda: now[0]))
+    async with fake() as server, running(outlet := outlet_of(server.url, None, batch=3)):
+        forwarder = outlet._influx
+        assert forwarder is not None
+        for second, (waiting, sent) in enumerate([(0, 1), (1, 1), (2, 1), (0, 4), (1, 4)]):
+            outlet.offer(frames(50 * second, 50))
+            await eventually(
+                lambda w=waiting, n=sent: (
+                    len(forwarder._pending) == w and len(server.rows) == n and not forwarder._items
+                ),
+                f"{waiting} wait after row {second}",
+            )
+        now[0] += 0.02
+        await settled(server, 5)
+    assert [len(lines) for lines in server.batches] == [1, 3, 1]
 
 
 async def test_a_server_that_asks_to_wait_is_waited_for(record: Path) -> None:
