@@ -72,6 +72,8 @@ class Courier:
         """Time at which each item began to wait, monotonic s."""
         self._last = dict.fromkeys(self._state.episodes, time.monotonic())
         """Time at which each alarm was last sent, monotonic s."""
+        self._made: float | None = None
+        """Time at which the current message was made, monotonic s; ``None`` if an earlier start made it."""
         self._open: Collection[str] = ()
         self._wake = asyncio.Event()
         self._trouble: _Trouble | None = None
@@ -141,6 +143,7 @@ class Courier:
         if state.flight is None and (items := self._grouped(now, allowed)):
             to = f"{self._about.site}/{self._about.cell}/{self.name}"
             state.send(message_of(to, items, state.more, time.time_ns()))
+            self._made = now
             self._last |= dict.fromkeys((item.alarm.id for item in items), now)
             self._last = {alarm: at for alarm, at in self._last.items() if alarm in state.episodes}
             self._count("grouped", len(items) - 1)
@@ -160,7 +163,7 @@ class Courier:
             if failure is None or current is None:
                 return
             message = current
-            age = (time.time_ns() - message.made) / 1e9
+            age = self._age(message)
             if age > self._settings.give_up:
                 reason = f"given up after {age / 3600:.1f} h: {failure}"
                 await self._give_up(message, reason)
@@ -168,6 +171,10 @@ class Courier:
             self._count("retried")
             await asyncio.sleep(max(failure.wait or 0.0, pause * random.uniform(0.5, 1.0)))
             pause = min(2 * pause, max(LONGEST_PAUSE, self._settings.retry))
+
+    def _age(self, message: Notification) -> float:
+        """Age of the current message, s; by the PC's clock, which may be set meanwhile, only after a restart."""
+        return (time.time_ns() - message.made) / 1e9 if self._made is None else time.monotonic() - self._made
 
     async def _attempt(self, channel: Channel, message: Notification) -> NotNowError | None:
         """Try once; return the reason to try again, or ``None``."""

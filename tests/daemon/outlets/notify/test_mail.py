@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -129,6 +131,18 @@ async def test_a_server_that_is_silent_after_the_mail(tmp_path: Path) -> None:
         assert len(box.mails) == 2  # it took the first and did not say so: the Message-ID shows that they are one
         assert len({mail["Message-ID"] for _, mail in box.mails}) == 1
         assert len({mail.as_bytes() for _, mail in box.mails}) == 1
+
+
+async def test_a_clock_that_is_set_gives_no_message_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    async with mail_server() as box:
+        box.data = ["451 later"]
+        made = outlet(View(tmp_path), to(box, tls="none"), give_up=3600.0)
+        years = SimpleNamespace(monotonic=time.monotonic, time_ns=lambda: time.time_ns() + (not box.data) * 10**17)
+        monkeypatch.setattr(module, "time", years)
+        async with running(made):
+            made.offer(alarm(1))
+            await eventually(lambda: made.account.counters["shift: sent"])
+        assert not made.account.counters["shift: undelivered"]
 
 
 async def test_nobody_there(tmp_path: Path) -> None:

@@ -99,7 +99,7 @@ async def test_repeats_until_acknowledged_and_not_on_the_shelf(tmp_path: Path, m
         assert told(server).count(("repeated", 2)) <= before + 1
 
 
-async def test_what_is_shelved_before_it_is_told(tmp_path: Path) -> None:
+async def test_what_is_shelved_before_it_is_told_is_told_after_the_shelf(tmp_path: Path) -> None:
     async with web_server() as server:
         view = View(tmp_path)
         made = outlet(view, {"desk": hook(server, group=0.3)})
@@ -109,7 +109,10 @@ async def test_what_is_shelved_before_it_is_told(tmp_path: Path) -> None:
             stand(view, 1, 2, shelved=(1,))
             made.offer(event("shelved", alarm(1).id))
             await eventually(lambda: server.calls)
-        assert told(server) == [("raised", 2)]
+            assert told(server) == [("raised", 2)]
+            stand(view, 1, 2)
+            made.health({})
+            await eventually(lambda: told(server) == [("raised", 2), ("raised", 1)])
 
 
 @pytest.mark.parametrize("record", [True, False])
