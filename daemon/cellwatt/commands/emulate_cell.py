@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import shlex
 import signal
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -58,7 +59,7 @@ def _check_place(file: Path, write: Path) -> None:
 def _check_here(file: Path, devices: Sequence[Device]) -> None:
     elsewhere = [f"{device.name} ({device.there})" for device in devices if not device.is_here]
     if elsewhere:
-        copy = file.with_name(f"{file.stem}-emulated.yaml")
+        copy = shlex.quote(str(file.with_name(f"{file.stem}-emulated.yaml")))
         raise ConfigError(
             f"{file}: not on this PC: {', '.join(elsewhere)}; add --write {copy}, a copy with local addresses"
         )
@@ -136,7 +137,7 @@ def _changed(text: bytes, changes: Mapping[KeyPath, Any]) -> str:
 def _show(file: Path, devices: Sequence[Device], emulators: Mapping[str, EmulatorProcess]) -> None:
     rows = [(s.name, d.driver, d.emulator.title, emulators[d.name].address) for d in devices for s in d.sources]
     show_table(("source", "driver", "emulated device", "listens at"), rows)
-    click.echo(f"next, in another terminal: cellwatt run {file} (Ctrl-C ends the devices)")
+    click.echo(f"next, in another terminal: cellwatt run {shlex.quote(str(file))} (Ctrl-C ends the devices)")
 
 
 async def _answer(

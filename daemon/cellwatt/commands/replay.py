@@ -18,6 +18,7 @@ from cellwatt.config import CellConfig, FrameSettings, load
 from cellwatt.errors import RecordingError
 from cellwatt.frames import Frames
 from cellwatt.logs.recorded import open_recording
+from cellwatt.outlets.zenoh.messages import encode_json
 from cellwatt.progress import aside
 from cellwatt.record import Recording
 from cellwatt.record.header import recorded_section
@@ -95,7 +96,7 @@ def _shown(items: Iterable[Frames | Result], counts: Counter[str], as_json: bool
         counts[kind] += 1
         if as_json:
             with aside():
-                click.echo(json.dumps({"kind": kind, **asdict(item)}))
+                click.echo(encode_json({"kind": kind, **asdict(item)}))
         elif isinstance(item, Alarm):
             with aside():
                 click.echo(f"{item.severity if item.active else 'cleared'}: {item.statement}")

@@ -16,6 +16,7 @@ from cellwatt.errors import OutletError
 from cellwatt.live.bulletin import Bulletin, line_of
 from cellwatt.live.site import line, summary
 from cellwatt.outlets.zenoh.link import open_session
+from cellwatt.outlets.zenoh.messages import encode_json
 from cellwatt.outlets.zenoh.reach import await_cell, site_health
 from cellwatt.subscriber import EVERYTHING, LinkSettings, Message, Subscriber
 
@@ -100,7 +101,7 @@ def _messages(subscriber: Subscriber, seconds: float | None) -> Iterator[Message
 def _print_json(messages: Iterable[Message | None]) -> None:
     for message in messages:
         if message is not None:
-            click.echo(json.dumps(line_of(message)))
+            click.echo(encode_json(line_of(message)))
 
 
 def _print_lines(messages: Iterable[Message | None], *, standing: bool) -> None:
