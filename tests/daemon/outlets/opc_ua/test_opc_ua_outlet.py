@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -123,7 +124,7 @@ async def test_a_cell_without_users():
 
 
 async def clients_see_the_cells_values(outlet: OpcUaOutlet) -> None:
-    outlet.health({"state": "green"})
+    outlet.health({"state": "green", "time": EPOCH})
     energy = Energy("arm", "task_1", "speed=1.00", 1, EPOCH, EPOCH + 10**9, 1234.5, {}, 1.0, 1.0, 50.0, 0.0, None)
     outlet.offer(energy)
     async with client(outlet) as there:
@@ -133,7 +134,7 @@ async def clients_see_the_cells_values(outlet: OpcUaOutlet) -> None:
         position = await has_value(there, "arm.joint_1.position")
         assert position.Value.Value == pytest.approx(np.degrees(0.5))
         assert (await has_value(there, "energy:arm.task_1")).Value.Value == 1234.5
-        assert (await has_value(there, "Health")).Value.Value in ("{}", '{"state":"green"}')
+        assert (await has_value(there, "Health")).Value.Value in ("{}", f'{{"state":"green","time":{EPOCH}}}')
         space = await there.get_namespace_index(OWN)
         unit = await there.get_node(ua.NodeId("mains.supply.power", space)).get_child("0:EngineeringUnits")
         assert (await unit.read_value()).UnitId == 4937556  # KWT, as the table of OPC 10000-8 has it
@@ -190,6 +191,14 @@ class Listener:
         return [(getattr(e, "ActiveState/Id"), getattr(e, "AckedState/Id"), e.Retain) for e in self.events]
 
 
+async def listening(there: Client) -> tuple[Listener, Any]:
+    """A listener to the cell's alarms, and its subscription."""
+    listener = Listener()
+    subscription = await there.create_subscription(20, listener)
+    await subscription.subscribe_alarms_and_conditions(evtypes=ua.ObjectIds.AlarmConditionType)
+    return listener, subscription
+
+
 async def guesses_have_to_wait(outlet: OpcUaOutlet) -> None:
     async def guessed() -> bool:
         with pytest.raises(ua.UaStatusCodeError, match="BadUserAccessDenied"):
@@ -206,9 +215,7 @@ async def guesses_have_to_wait(outlet: OpcUaOutlet) -> None:
 async def test_an_alarm_is_a_condition_that_users_acknowledge():
     async with serving(users={"eve": "secret"}) as outlet, client(outlet, "eve", "secret") as there:
         await guesses_have_to_wait(outlet)
-        listener = Listener()
-        subscription = await there.create_subscription(20, listener)
-        await subscription.subscribe_alarms_and_conditions(evtypes=ua.ObjectIds.AlarmConditionType)
+        listener, _ = await listening(there)
         outlet.offer(alarm(1))
         await eventually(lambda: listener.events)
         raised = listener.events[0]
@@ -240,11 +247,21 @@ async def test_an_alarm_is_a_condition_that_users_acknowledge():
             await there.get_node(other.NodeId).call_method(method, other.EventId, note)
 
 
+async def test_a_new_process_takes_alarms_and_acknowledgements_from_the_health():
+    """Messages of before its start may have left the journal, and what is restored after a restart has no event."""
+    async with serving() as outlet, client(outlet) as there:
+        listener, _ = await listening(there)
+        word = {"name": "eve", "note": "on my way", "time": EPOCH}
+        for time, alarms in ((1, [asdict(alarm(1)) | {"acknowledged": word}]), (2, []), (3, [])):
+            outlet.health({"state": "green", "time": EPOCH + time, "alarms": alarms})
+            await eventually(lambda n=time: len(listener.events) >= min(n, 2))
+        assert listener.states() == [(True, True, True), (False, True, False)]
+        assert listener.events[0].Comment.Text == "on my way" and listener.events[0].ClientUserId == "eve"
+
+
 async def one_that_comes_later_asks_for_what_stands(outlet: OpcUaOutlet) -> None:
     async with client(outlet, "eve", "secret") as later:
-        listener = Listener()
-        subscription = await later.create_subscription(20, listener)
-        await subscription.subscribe_alarms_and_conditions(evtypes=ua.ObjectIds.AlarmConditionType)
+        listener, subscription = await listening(later)
         kind = later.get_node(ua.ObjectIds.ConditionType)
         refresh = ua.NodeId(ua.ObjectIds.ConditionType_ConditionRefresh)
         await kind.call_method(refresh, ua.Variant(subscription.subscription_id, ua.VariantType.UInt32))
@@ -255,9 +272,7 @@ async def one_that_comes_later_asks_for_what_stands(outlet: OpcUaOutlet) -> None
 
 async def nobody_acknowledges_without_a_name(outlet: OpcUaOutlet) -> None:
     async with client(outlet) as there:
-        listener = Listener()
-        subscription = await there.create_subscription(20, listener)
-        await subscription.subscribe_alarms_and_conditions(evtypes=ua.ObjectIds.AlarmConditionType)
+        listener, _ = await listening(there)
         outlet.offer(alarm(1))
         await eventually(lambda: listener.events)
         raised = listener.events[0]
