@@ -67,8 +67,8 @@ def command(context: click.Context, cell: str, seconds: float, as_json: bool, ke
         raise click.BadParameter(f"at least {HEALTHY:.0f} s are needed to see healthy cycles before the fault")
     if seconds < 1:
         raise click.BadParameter("at least 1 s is needed to see rates")
-    with nullcontext(keep) if keep else tempfile.TemporaryDirectory(prefix="cellwatt-demo-") as place:
-        folder = Path(place).resolve()
+    with nullcontext(keep) if keep else tempfile.TemporaryDirectory(prefix="cellwatt-demo-") as path:
+        folder = Path(path).resolve()
         make_folder(folder)
         show = _quiet if as_json else _lines
         run = show(folder, seconds)

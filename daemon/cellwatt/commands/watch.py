@@ -91,9 +91,9 @@ def _await(link: LinkSettings, site: str, cell: str, patience: float, *, wait: b
 def _messages(subscriber: Subscriber, seconds: float | None) -> Iterator[Message | None]:
     """Yield messages for ``seconds``, or forever if None; yield ``None`` after each second without a message."""
     end = math.inf if seconds is None else time.monotonic() + seconds
-    while (left := end - time.monotonic()) > 0:
+    while (remaining := end - time.monotonic()) > 0:
         try:
-            yield subscriber.receive(min(PULSE, left))
+            yield subscriber.receive(min(PULSE, remaining))
         except TimeoutError:
             yield None
 

@@ -259,7 +259,7 @@ class Forwarder(Generic[M]):
         record, flow = (self._record, self._cell), self._flow
         work = partial(read, *record, flow, after, until, min(flow.batch, ROWS), results=flow.results)
         try:
-            part = await asyncio.to_thread(work)
+            span = await asyncio.to_thread(work)
         except (CellwattError, OSError) as error:
             self._account.count(f"{self._name}: readings of the record that failed")
             self._fill_from = time.monotonic() + LONGEST_PAUSE
@@ -267,8 +267,8 @@ class Forwarder(Generic[M]):
             self.unread = f"{self._name}: the record cannot be read for back-fill: {reason}"
             return
         self.unread = None
-        found = [*((row.time, self._peer.row(row, part.units)) for row in part.rows)]
-        found += [(time_of(result), self._peer.result(result)) for result in part.results]
+        found = [*((row.time, self._peer.row(row, span.units)) for row in span.rows)]
+        found += [(time_of(result), self._peer.result(result)) for result in span.results]
         entries = sorted(((at, message) for at, message in found if message is not None), key=lambda e: e[0])
         sent = 0
         for first in range(0, len(entries), self._flow.batch):
@@ -277,16 +277,16 @@ class Forwarder(Generic[M]):
                 return
             sent += len(batch)
             self._account.count(f"{self._name}: entries filled in", len(batch))
-            left = entries[first + len(batch) :]
-            until = (left[0][0] - 1) // self._span * self._span if left else part.until  # only whole rows are read
+            later = entries[first + len(batch) :]
+            until = (later[0][0] - 1) // self._span * self._span if later else span.until  # only whole rows are read
             if until > after:  # at once: the cursor never lags behind what was sent
                 self.cursor.pay(after, until, sent)
                 after, sent = until, 0
             await self._collect()
             while self._live_due():  # new items first
                 await self._send_live()
-        self.cursor.pay(after, part.until)
-        if part.waits:
+        self.cursor.pay(after, span.until)
+        if span.waits:
             self._fill_from = time.monotonic() + 1.0
 
     async def _send(self, messages: Sequence[M]) -> bool:

@@ -53,12 +53,12 @@ the later one has the earlier start."""
 
 def frames_after(folder: Path, cell: str, positions: Positions) -> Iterator[tuple[int, Frames]]:
     """Blocks of frames after the position in their session, each with its session."""
-    for kept in files_of(folder, cell):
-        session = kept.name.session
+    for file in files_of(folder, cell):
+        session = file.name.session
         after = positions.get(session)
         if after is not None and after.ended:
             continue
-        recording = opened(kept.path)
+        recording = opened(file.path)
         if recording is None or (after is not None and recording.end <= after.time):
             continue
         for block in (recording if after is None else recording.between(after.time + 1, EVER)).frames():
@@ -69,13 +69,13 @@ def frames_after(folder: Path, cell: str, positions: Positions) -> Iterator[tupl
 
 def results_after(folder: Path, cell: str, kind: type[T], positions: Positions) -> Iterator[tuple[Reached, T]]:
     """Results of a kind after the position in their session, each with its own position."""
-    for kept in files_of(folder, cell):
-        at = kept.name.session, kept.name.number
-        reached = positions.get(kept.name.session)
-        if reached is not None and kept.name.number < reached.number:
+    for file in files_of(folder, cell):
+        at = file.name.session, file.name.number
+        reached = positions.get(file.name.session)
+        if reached is not None and file.name.number < reached.number:
             continue
-        recording = opened(kept.path)
-        known = reached.count if reached is not None and kept.name.number == reached.number else 0
+        recording = opened(file.path)
+        known = reached.count if reached is not None and file.name.number == reached.number else 0
         for number, result in enumerate(recording.results(kind) if recording is not None else (), 1):
             if number > known:
                 yield Reached(*at, number), result
@@ -136,32 +136,32 @@ def next_frames(folder: Path, site: str, cell: str, selection: Selection, positi
             break
     if not rows:  # a finished session or layout without any of the channels
         return Piece("", 0, None, seen) if over else None
-    kept = [row for row in rows[:most] if row.time // _DAY == rows[0].time // _DAY]
-    last, full = kept[-1], len(kept) < len(rows)
+    chosen = [row for row in rows[:most] if row.time // _DAY == rows[0].time // _DAY]
+    last, full = chosen[-1], len(chosen) < len(rows)
     # After a session or layout has ended, all its frames count as exported, also those after the last row.
     end = seen if over and not full else Reached(session, last.sequence, time=min(last.time, seen.time))
     name = f"{session}_{first.sequence}_{last.sequence}.parquet"
     path = f"{root('frames', site, cell)}/day={day_of(last.time)}/{name}"
     lost = sum(n for at, n in gaps if at <= end.number)
-    return Piece(path, len(kept), frame_table(kept, picker.units, session), end, lost, last=not (over or full))
+    return Piece(path, len(chosen), frame_table(chosen, picker.units, session), end, lost, last=not (over or full))
 
 
 def _closed(folder: Path, cell: str, session: int) -> bool:
     """True if no file of a session is being written."""
-    return all(kept.closed for kept in files_of(folder, cell) if kept.name.session == session)
+    return all(file.closed for file in files_of(folder, cell) if file.name.session == session)
 
 
 def next_results(folder: Path, site: str, cell: str, table: str, positions: Positions) -> Piece | None:
     """The next file of alarms, tasks or energies, of one file of the record and one day."""
     found = islice(results_after(folder, cell, ARCHIVED[table], positions), RESULTS)
     _, alike = next(groupby(found, lambda r: (r[0].session, r[0].number, time_of(r[1]) // _DAY)), (None, ()))
-    kept = list(alike)
-    if not kept:
+    chosen = list(alike)
+    if not chosen:
         return None
-    (first, result), (last, _) = kept[0], kept[-1]
+    (first, result), (last, _) = chosen[0], chosen[-1]
     name = f"{first.session}_{first.number}_{first.count}_{last.count}.parquet"
     path = f"{root(table, site, cell)}/day={day_of(time_of(result))}/{name}"
-    return Piece(path, len(kept), result_table(table, [r for _, r in kept], first.session), last)
+    return Piece(path, len(chosen), result_table(table, [r for _, r in chosen], first.session), last)
 
 
 _TIME: Final = pa.timestamp("ns", tz="UTC")

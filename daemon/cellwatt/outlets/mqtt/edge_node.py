@@ -45,7 +45,7 @@ class EdgeNode:
         self._node = level(settings.node or cell)
         self._host = settings.primary_host
         self._online = self._host is None
-        self._heard_at: int | None = None
+        self._host_state_at: int | None = None
         """Timestamp of the last accepted state message of the primary host."""
         self.births = births
         self._birth = 0
@@ -98,9 +98,9 @@ class EdgeNode:
             online = timestamp = None
         if not isinstance(online, bool) or not isinstance(timestamp, int):
             raise ProtocolError("the state of the primary host is not a valid Sparkplug message")
-        if self._heard_at is not None and timestamp < self._heard_at:
+        if self._host_state_at is not None and timestamp < self._host_state_at:
             return ()
-        self._heard_at = timestamp
+        self._host_state_at = timestamp
         before, self._online = self._online, online
         if online == before:
             return ()

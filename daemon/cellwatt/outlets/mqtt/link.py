@@ -154,9 +154,9 @@ class Link:
 
     async def arrive(self, answers: Sequence[Answer]) -> None:
         """Wait for all answers. Raises ``LostError``."""
-        _, left = await asyncio.wait(answers, timeout=ANSWER)
-        if left or any(answer.cancelled() for answer in answers):
-            raise self._error(f"no answer within {ANSWER:g} s" if left else _BROKE)
+        _, pending = await asyncio.wait(answers, timeout=ANSWER)
+        if pending or any(answer.cancelled() for answer in answers):
+            raise self._error(f"no answer within {ANSWER:g} s" if pending else _BROKE)
 
     async def close(self, *, with_will: bool) -> None:
         """End the connection; ``with_will``: the broker publishes the will nevertheless."""

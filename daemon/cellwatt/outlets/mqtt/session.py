@@ -127,16 +127,16 @@ class Session:
 
     def _note(self) -> None:
         """Count the parcels that arrived, in order; requeue the others."""
-        fenced, at, left = all(map(_came, self._asked)), 0, list[Parcel]()
+        fenced, at, unconfirmed = all(map(_came, self._asked)), 0, list[Parcel]()
         for parcel in self._batch:
             answers, at = self._asked[at : at + len(parcel.messages)], at + len(parcel.messages)
             sure = fenced or all(message.qos for message in parcel.messages)
             asked = len(answers) == len(parcel.messages)  # false if the library refused a message of the batch
-            if left or not sure or not asked or not all(map(_came, answers)):
-                left.append(parcel)
+            if unconfirmed or not sure or not asked or not all(map(_came, answers)):
+                unconfirmed.append(parcel)
             elif parcel.arrived is not None:
                 parcel.arrived()
-        for parcel in reversed(left):
+        for parcel in reversed(unconfirmed):
             if parcel.back is not None:
                 parcel.back()
         self._batch, self._asked = (), []

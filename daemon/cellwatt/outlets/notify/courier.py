@@ -199,7 +199,7 @@ class Courier:
 
     async def _accepted(self, message: Notification, answer: SendResult) -> NotNowError | None:
         for address, reason in answer.refused.items():
-            await self._keep(message, f"{address}: {self._clean(reason)}")
+            await self._store_undelivered(message, f"{address}: {self._clean(reason)}")
         if answer.later:
             if settled := (*answer.taken, *answer.refused):
                 self._state.settle(settled)
@@ -227,11 +227,11 @@ class Courier:
     async def _give_up(self, message: Notification, reason: str) -> None:
         log.warning("notify: a message to %s was not delivered: %s", self.name, reason)
         self._trouble = _Trouble(reason, time.monotonic(), final=True)
-        await self._keep(message, reason)
+        await self._store_undelivered(message, reason)
         self._state.arrived()
         await self._ledger.flush()
 
-    async def _keep(self, message: Notification, reason: str) -> None:
+    async def _store_undelivered(self, message: Notification, reason: str) -> None:
         """Append a message to the file of undelivered messages."""
         if self._folder is not None:
             path, now = self._folder / UNDELIVERED, datetime.now(UTC).isoformat(timespec="seconds")
