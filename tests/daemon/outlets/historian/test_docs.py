@@ -7,26 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 
-from cellwatt.config import load
-from cellwatt.outlets.historian import HistorianSettings
 from tests.daemon.outlets.historian.made import ANOTHER, Recorded, row_truth
 from tests.daemon.outlets.historian.test_lake import export
-from tests.docs.pages import Block, blocks
-from tests.docs.test_blocks import NEEDED
+from tests.docs.pages import blocks
 
 PAGE = "outlets/historian.md"
-
-
-@pytest.mark.parametrize("block", blocks(PAGE, "yaml"), ids=str)
-def test_settings_are_right(block: Block, tmp_path: Path) -> None:
-    cell = tmp_path / "cell.yaml"
-    cell.write_text(f"{block.text}\n{yaml.safe_dump(NEEDED)}")
-    config = load(cell, dict.fromkeys(("INFLUX_TOKEN", "LAKE_KEY", "LAKE_SECRET"), "given"))
-    settings = config.outlets["historian"].settings
-    assert isinstance(settings, HistorianSettings)
-    assert settings.warnings() == ()
 
 
 @pytest.fixture

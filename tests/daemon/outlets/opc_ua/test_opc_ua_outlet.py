@@ -15,7 +15,6 @@ from asyncua import Client, ua
 from asyncua.common.utils import Buffer, NotEnoughData
 from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 from asyncua.ua import ua_binary
-from pydantic import ValidationError
 
 from cellwatt.channel import Quality
 from cellwatt.errors import CellwattError, OutletError
@@ -377,21 +376,6 @@ def test_an_array_is_no_longer_than_its_message(monkeypatch):
     for value in ([1.5, 2.5], ["a", ""], None):
         told = ua_binary.variant_to_binary(ua.Variant(value))
         assert ua_binary.variant_from_binary(Buffer(told)).Value == value
-
-
-@pytest.mark.parametrize(
-    ("settings", "text"),
-    [
-        ({"listen": "0.0.0.0:4840"}, "open to the network without a certificate and users or trusted certificates"),
-        ({"listen": "0.0.0.0:4840", "users": {"eve": "x"}}, "without a certificate"),
-        ({"certificate": __file__}, "are needed together"),
-        ({"trusted": [__file__]}, "of use only with a certificate"),
-        ({"listen": "here"}, "is not an address; expected host:port"),
-    ],
-)
-def test_what_is_open_to_the_network_is_refused(settings, text):
-    with pytest.raises(ValidationError, match=text):
-        OpcUaOutletSettings.model_validate(settings)
 
 
 def test_what_is_left_open_on_purpose_is_warned_of():
