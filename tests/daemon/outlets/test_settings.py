@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import os
 import re
+from pathlib import Path
 from typing import Any
 
 import pytest
 from pydantic import ValidationError
 
 from cellwatt.outlet import OutletSettings
-from cellwatt.outlets.historian import HistorianSettings
+from cellwatt.outlets.historian import HistorianSettings, InfluxSettings
 from cellwatt.outlets.metrics.settings import MetricsSettings
 from cellwatt.outlets.mqtt.settings import MqttSettings
 from cellwatt.outlets.opc_ua.outlet import OpcUaOutletSettings
+from cellwatt.outlets.page import PageSettings
 
 MISTAKES: dict[type[OutletSettings], list[tuple[dict[str, Any], str]]] = {
     HistorianSettings: [
@@ -56,3 +59,18 @@ MISTAKES: dict[type[OutletSettings], list[tuple[dict[str, Any], str]]] = {
 def test_mistakes_are_refused_in_words(model: type[OutletSettings], settings: dict[str, Any], words: str) -> None:
     with pytest.raises(ValidationError, match=re.escape(words)):
         model.model_validate(settings)
+
+
+@pytest.mark.parametrize(
+    "model", [InfluxSettings, MetricsSettings, OpcUaOutletSettings, PageSettings], ids=lambda model: model.__name__
+)
+def test_a_renewed_file_is_a_change_that_a_reload_applies(model: type[OutletSettings], tmp_path: Path) -> None:
+    file = tmp_path / "file.pem"
+    file.touch()
+    settings: dict[str, Any] = {"certificate": file, "key": file}
+    if model is InfluxSettings:
+        settings = {"url": "https://influx.example", "database": "d", "ca": file}
+    before = model.model_validate(settings)
+    assert model.model_validate(settings) == before
+    os.utime(file, (1.0, 1.0))
+    assert model.model_validate(settings) != before
