@@ -27,11 +27,10 @@ Order = Callable[[Mapping[str, Any]], Awaitable[Any]]
 
 @dataclass
 class _Condition:
-    """One alarm: its event generator, the ids of its latest events, and its state."""
+    """One alarm: its event generator, the ids of its latest events, and whether it was acknowledged while active."""
 
     generator: EventGenerator
     events: list[bytes]
-    active: bool = True
     acknowledged: bool = False
 
 
@@ -75,8 +74,7 @@ class Conditions:
                 return
             known = self._known[alarm.id] = _Condition(await self._generator(alarm), [])
         newly = word is not None and not known.acknowledged
-        known.active = standing.raised
-        if known.active:
+        if standing.raised:
             known.acknowledged = word is not None
         event = known.generator.event
         event.Severity = _SEVERITY.get(alarm.severity, 500)
@@ -84,7 +82,14 @@ class Conditions:
         event.Comment = ua.LocalizedText(word.note) if word is not None and newly else None
         if word is not None and newly:
             event.ClientUserId = word.name
-        await self._trigger(known, None if newly else alarm.time)
+        event.ActiveState = ua.LocalizedText("Active" if standing.raised else "Inactive")
+        setattr(event, "ActiveState/Id", standing.raised)
+        event.AckedState = ua.LocalizedText("Acknowledged" if known.acknowledged else "Unacknowledged")
+        setattr(event, "AckedState/Id", known.acknowledged)
+        event.Retain = standing.raised
+        await known.generator.trigger(None if newly else datetime.fromtimestamp(alarm.time / 1e9, UTC))
+        event_id = event.EventId
+        known.events = [*known.events[-9:], bytes(event_id.Value if isinstance(event_id, ua.Variant) else event_id)]
 
     async def _generator(self, alarm: Alarm) -> EventGenerator:
         """Make the condition's node and its event generator."""
@@ -109,18 +114,6 @@ class Conditions:
         event.EnabledState = ua.LocalizedText("Enabled")
         setattr(event, "EnabledState/Id", True)
         return generator
-
-    async def _trigger(self, known: _Condition, time: int | None) -> None:
-        event = known.generator.event
-        event.ActiveState = ua.LocalizedText("Active" if known.active else "Inactive")
-        setattr(event, "ActiveState/Id", known.active)
-        event.AckedState = ua.LocalizedText("Acknowledged" if known.acknowledged else "Unacknowledged")
-        setattr(event, "AckedState/Id", known.acknowledged)
-        event.Retain = known.active
-        moment = datetime.fromtimestamp(time / 1e9, UTC) if time else None
-        await known.generator.trigger(moment)
-        event_id = event.EventId
-        known.events = [*known.events[-9:], bytes(event_id.Value if isinstance(event_id, ua.Variant) else event_id)]
 
     async def _acknowledge(self, condition: ua.NodeId, event: ua.Variant, comment: ua.Variant) -> ua.StatusCode:
         """Acknowledge the alarm of a condition for the user of the session."""
