@@ -49,6 +49,11 @@ class Web(Loopback):
         return web.Response(status=answer) if isinstance(answer, int) else await answer(request)
 
 
+def hook(server: Web, path: str = "", **more: Any) -> dict[str, Any]:
+    """A recipient by a webhook of this server."""
+    return {"webhook": {"url": f"{server.url}/{path}"}, **more}
+
+
 def web_server(tls: ssl.SSLContext | None = None) -> AbstractAsyncContextManager[Web]:
     return Web().open(tls)
 

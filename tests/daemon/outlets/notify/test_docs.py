@@ -9,7 +9,7 @@ from typing import Any
 
 import aiohttp
 
-from tests.daemon.outlets.notify.cell import View, alarm, outlet, running
+from tests.daemon.outlets.notify.cell import View, alarm, running
 from tests.docs.pages import blocks
 from tests.patience import eventually
 
@@ -26,13 +26,11 @@ async def test_the_receiver_takes_what_we_sign_and_nothing_else(tmp_path: Path) 
     await aiohttp.web.TCPSite(runner, "127.0.0.1", 0).start()
     url = f"http://127.0.0.1:{runner.addresses[0][1]}/alarms"
     try:
-        right = outlet(View(tmp_path), {"desk": {"webhook": {"url": url, "secret": "a secret"}}})
-        async with running(right):
+        async with running(View(tmp_path), {"desk": {"webhook": {"url": url, "secret": "a secret"}}}) as right:
             right.offer(alarm(3))
             await eventually(lambda: right.account.counters["desk: sent"])
             assert heard == ["[plant-1/weld-3] error: Joint 3 is loaded 12 Nm more than it should be"]
-        wrong = outlet(View(tmp_path), {"desk": {"webhook": {"url": url, "secret": "another"}}})
-        async with running(wrong):
+        async with running(View(tmp_path), {"desk": {"webhook": {"url": url, "secret": "another"}}}) as wrong:
             wrong.offer(alarm(4))
             await eventually(
                 lambda: wrong.account.counters["desk: undelivered"] + wrong.account.counters["desk: retried"]
