@@ -8,7 +8,6 @@ import socket
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -38,13 +37,6 @@ def test_a_dead_address_is_one_line_and_an_error(call: Call, hurried: None) -> N
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     ended = call("watch", "--connect", endpoint, "--site", SITE, "--cell", CELL, *QUICKLY, "--json")
     assert ended == (3, "", f"cellwatt: {endpoint}: no answer (connection refused)\n")
-
-
-@pytest.fixture(scope="module")
-def live() -> Iterator[tuple[Child, str]]:
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    with Child("cell_process", listen=[endpoint]) as cell:
-        yield cell.ready(), endpoint
 
 
 def test_another_name_is_told_the_cells_that_are_there(call: Call, live: tuple[Child, str]) -> None:

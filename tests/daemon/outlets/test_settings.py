@@ -16,6 +16,7 @@ from cellwatt.outlets.metrics.settings import MetricsSettings
 from cellwatt.outlets.mqtt.settings import MqttSettings
 from cellwatt.outlets.opc_ua.outlet import OpcUaOutletSettings
 from cellwatt.outlets.page import PageSettings
+from cellwatt.outlets.zenoh.link import LinkSettings
 
 MISTAKES: dict[type[OutletSettings], list[tuple[dict[str, Any], str]]] = {
     HistorianSettings: [
@@ -62,12 +63,18 @@ def test_mistakes_are_refused_in_words(model: type[OutletSettings], settings: di
 
 
 @pytest.mark.parametrize(
-    "model", [InfluxSettings, MetricsSettings, OpcUaOutletSettings, PageSettings], ids=lambda model: model.__name__
+    "model",
+    [InfluxSettings, LinkSettings, MetricsSettings, OpcUaOutletSettings, PageSettings],
+    ids=lambda model: model.__name__,
 )
 def test_a_renewed_file_is_a_change_that_a_reload_applies(model: type[OutletSettings], tmp_path: Path) -> None:
+    """Nothing in the settings file itself has changed."""
     file = tmp_path / "file.pem"
     file.touch()
     settings: dict[str, Any] = {"certificate": file, "key": file}
+    if model is LinkSettings:
+        tls = {"certificate": file, "root_ca": tmp_path, "key": tmp_path}
+        settings = {"mode": "client", "connect": ["tls/plant-router:7447"], "tls": tls}
     if model is InfluxSettings:
         settings = {"url": "https://influx.example", "database": "d", "ca": file}
     before = model.model_validate(settings)

@@ -16,14 +16,10 @@ PAGE = "outlets/historian.md"
 
 
 @pytest.fixture
-def names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+def names(record: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """What the page's programs leave, run in order beside a lake of two minutes with other channels in the second."""
-    record = tmp_path / "record"
-    record.mkdir()
     Recorded(record).seconds(60).rotate()
-    later = Recorded(record, layout=ANOTHER, second=60)
-    later.number = 2
-    later.seconds(60).close()
+    Recorded(record, layout=ANOTHER, second=60).seconds(60).close()
     export(record, tmp_path / "lake")
     monkeypatch.chdir(tmp_path)
     found: dict[str, Any] = {}

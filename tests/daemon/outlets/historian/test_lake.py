@@ -137,9 +137,7 @@ def test_a_file_holds_one_day(record: Path, lake: Path) -> None:
 
 def test_other_channels_begin_a_new_file(record: Path, lake: Path) -> None:
     Recorded(record).seconds(5).rotate()
-    later = Recorded(record, layout=ANOTHER, second=5)
-    later.number = 2
-    later.seconds(5).close()
+    Recorded(record, layout=ANOTHER, second=5).seconds(5).close()
     export(record, lake)
     check(lake, range(10))
     columns = [set(pq.read_schema(path).names) for path in sorted(lake.glob("frames/**/*.parquet"))]

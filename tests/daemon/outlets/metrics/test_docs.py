@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import shutil
-import subprocess
 from pathlib import Path
 
 import pytest
 
 from cellwatt.outlets.metrics.catalogue import CATALOGUE
 from tests.daemon.outlets.metrics.cell import told
+from tests.daemon.outlets.metrics.test_prometheus import checks, promtool
 from tests.docs.pages import ROOT, Block, blocks
 
 PAGE = "outlets/prometheus.md"
 YAML = blocks(PAGE, "yaml")
-PROMTOOL = shutil.which("promtool")
 
 
-@pytest.mark.skipif(PROMTOOL is None, reason="promtool is not installed (apt-get install prometheus)")
+@checks
 @pytest.mark.parametrize("block", [b for b in YAML if b.text.startswith("scrape_configs")], ids=str)
 def test_prometheus_accepts_its_part(block: Block, tmp_path: Path) -> None:
     text = block.text
@@ -25,9 +23,7 @@ def test_prometheus_accepts_its_part(block: Block, tmp_path: Path) -> None:
         (tmp_path / Path(path).name).touch()
         text = text.replace(path, str(tmp_path / Path(path).name))
     (tmp_path / "prometheus.yml").write_text(text)
-    command = [str(PROMTOOL), "check", "config", "--syntax-only", str(tmp_path / "prometheus.yml")]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    promtool("check", "config", "--syntax-only", str(tmp_path / "prometheus.yml"))
 
 
 def test_every_metric_is_in_the_table() -> None:
