@@ -37,8 +37,10 @@ def emulate_cell(
     Raises ``CellwattError`` if a device cannot be emulated, or if its emulator ends by itself.
     """
     config = load(file)
-    if write is not None:
-        _check_place(file, write)
+    if write is not None and write.absolute().parent.resolve() != file.absolute().parent.resolve():
+        raise ConfigError(f"found --write {write}, expected a file beside {file}, where its relative paths start")
+    if write is not None and write.resolve() == file.resolve():
+        raise ConfigError(f"found --write {write}, which is the cell's own file; expected another name")
     links = write.absolute().with_suffix("") if write is not None else None
     devices = devices_of(config, free=write is not None, links=links)
     if write is None:
@@ -47,13 +49,6 @@ def emulate_cell(
     run = _run(config, [replace(d, speed=speed) for d in devices], write, epoch, seed, struck, control)
     if asyncio.run(run) == signal.SIGINT:
         raise click.Abort
-
-
-def _check_place(file: Path, write: Path) -> None:
-    if write.absolute().parent.resolve() != file.absolute().parent.resolve():
-        raise ConfigError(f"found --write {write}, expected a file beside {file}, where its relative paths start")
-    if write.resolve() == file.resolve():
-        raise ConfigError(f"found --write {write}, which is the cell's own file; expected another name")
 
 
 def _check_here(file: Path, devices: Sequence[Device]) -> None:

@@ -45,8 +45,9 @@ def command(recording: tuple[Path, ...], settings: Path | None, verify: bool, as
         raise opened.lacks_frames()
     _check_sources(opened)
     frames = replay_frames(opened.entries(), opened.header.streams, _grid(opened, config))
+    chains = [] if config is None else make_chains(config, layout_of(opened.header.streams, config.frames))
     counts = Counter[str]()
-    made = _shown(run_stages(frames, _chains(opened, config)), counts, as_json)
+    made = _shown(run_stages(frames, chains), counts, as_json)
     held = compare(opened.frames(), made) if verify else None
     deque(made, maxlen=0)
     summary: dict[str, Any] = {"frames": counts.pop("frames", 0), "results": dict(counts)}
@@ -77,12 +78,6 @@ def _check_sources(recording: Recording) -> None:
     if new := {(source, s.name) for source, streams in recording.streams.items() for s in streams} - declared:
         names = ", ".join(sorted(f"{source}.{stream}" for source, stream in new))
         raise RecordingError(f"the sources change within these recordings ({names}): replay them one by one")
-
-
-def _chains(recording: Recording, config: CellConfig | None) -> list[Any]:
-    if config is None:
-        return []
-    return make_chains(config, layout_of(recording.header.streams, config.frames))
 
 
 def _shown(items: Iterable[Frames | Result], counts: Counter[str], as_json: bool) -> Iterator[Frames]:

@@ -243,18 +243,15 @@ class _Builder:
                 case "int":
                     return int(text, 0)
                 case "float":
-                    return self._float(text, node, path)
+                    number = WrittenFloat(re.sub(r"\.(?=inf|nan)", "", text, flags=re.IGNORECASE))
+                    if math.isfinite(number):
+                        return number
+                    self._mistake(path, mark_of(node), f"found {text[:40]}, expected a finite number")
+                    return None
         except (ValueError, KeyError):
             self._mistake(path, mark_of(node), f"{text[:40]!r} cannot be read as {_short(node.tag)}")
             return None
         self._mistake(path, mark_of(node), f"the tag {_short(node.tag)} means nothing here")
-        return None
-
-    def _float(self, text: str, node: yaml.ScalarNode, path: KeyPath) -> float | None:
-        number = WrittenFloat(re.sub(r"\.(?=inf|nan)", "", text, flags=re.IGNORECASE))
-        if math.isfinite(number):
-            return number
-        self._mistake(path, mark_of(node), f"found {text[:40]}, expected a finite number")
         return None
 
     def _mistake(self, path: KeyPath, mark: Mark, message: str) -> None:

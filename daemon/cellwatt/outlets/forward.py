@@ -115,7 +115,11 @@ class Forwarder(Generic[M]):
         if self._wants(item):
             self._items.append(item)
             if len(self._items) > BLOCKS:
-                self._forgo_item(self._items.popleft())
+                oldest = self._items.popleft()
+                if isinstance(oldest, Frames):
+                    self._forgo(int(oldest.time[-1]), 0, int(oldest.time[0]) - self._span)
+                else:
+                    self._forgo(time_of(oldest), 0)
 
     def _wants(self, item: Item) -> TypeGuard[Frames | Archived]:
         return (isinstance(item, Frames) and len(item) > 0) or (
@@ -207,12 +211,6 @@ class Forwarder(Generic[M]):
         since = first - span if reached is None else reached if self.cursor.ended else reached - MARGIN
         self.cursor.owe(min(since, first - span), first)
         self.cursor.deliver(first)
-
-    def _forgo_item(self, item: Frames | Archived) -> None:
-        if isinstance(item, Frames):
-            self._forgo(int(item.time[-1]), 0, int(item.time[0]) - self._span)
-        else:
-            self._forgo(time_of(item), 0)
 
     def _forgo(self, end: int, entries: int, start: int | None = None) -> None:
         """Owe whole rows that are not sent, to be read from the record; without a record they are lost."""

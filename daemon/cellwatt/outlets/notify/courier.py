@@ -163,7 +163,8 @@ class Courier:
             if failure is None or current is None:
                 return
             message = current
-            age = self._age(message)
+            # By the PC's clock, which may be set meanwhile, only after a restart.
+            age = (time.time_ns() - message.made) / 1e9 if self._made is None else time.monotonic() - self._made
             if age > self._settings.give_up:
                 reason = f"given up after {age / 3600:.1f} h: {failure}"
                 await self._give_up(message, reason)
@@ -171,10 +172,6 @@ class Courier:
             self._count("retried")
             await asyncio.sleep(max(failure.wait or 0.0, pause * random.uniform(0.5, 1.0)))
             pause = min(2 * pause, max(LONGEST_PAUSE, self._settings.retry))
-
-    def _age(self, message: Notification) -> float:
-        """Age of the current message, s; by the PC's clock, which may be set meanwhile, only after a restart."""
-        return (time.time_ns() - message.made) / 1e9 if self._made is None else time.monotonic() - self._made
 
     async def _attempt(self, channel: Channel, message: Notification) -> NotNowError | None:
         """Try once; return the reason to try again, or ``None``."""

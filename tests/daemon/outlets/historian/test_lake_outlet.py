@@ -81,16 +81,10 @@ async def test_files_in_s3_are_found_by_their_names(record: Path) -> None:
             if run == 0:
                 await asyncio.to_thread((record / FILE).unlink)
     growing.close()
-    assert rows_in(store) == [START + DAY - 5 * S + (second + 1) * S for second in range(6)]
-
-
-def frames_in(store: Bucket) -> list[str]:
-    return [key for key in store.objects if "frames" in key and key.endswith(".parquet")]
-
-
-def rows_in(store: Bucket) -> list[int]:
-    tables = (pq.ParquetFile(io.BytesIO(store.objects[key])).read() for key in frames_in(store))
-    return sorted(time.value for table in tables for time in table["time"].to_pylist())
+    written = [content for key, content in store.objects.items() if "frames" in key and key.endswith(".parquet")]
+    tables = [pq.ParquetFile(io.BytesIO(content)).read() for content in written]
+    times = sorted(time.value for table in tables for time in table["time"].to_pylist())
+    assert times == [START + DAY - 5 * S + (second + 1) * S for second in range(6)]
 
 
 async def test_secrets_go_to_the_process_alone(record: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -24,9 +23,8 @@ def pki(tmp_path_factory: pytest.TempPathFactory) -> Certificates:
 
 
 @pytest.fixture(autouse=True)
-def _troubled_at_once(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def _troubled_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "FAILING", 0.0)
-    yield
 
 
 def to(box: Mailbox, **more: Any) -> dict[str, Any]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +21,8 @@ SECRET = "a secret of the plant"
 
 
 @pytest.fixture(autouse=True)
-def _troubled_at_once(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def _troubled_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "FAILING", 0.0)
-    yield
 
 
 async def test_the_same_message_until_it_is_taken(tmp_path: Path) -> None:
