@@ -129,7 +129,8 @@ class CellApi:
             "note": text_of(body, "note", LONGEST_NOTE, needed=False),
         }
         if what == "shelve":
-            order["until"] = time.time_ns() + round(_minutes(body) * 60e9)
+            now = feed.live.status.get("time", time.time_ns())  # the cell's clock, which the PC's may differ from
+            order["until"] = now + round(_minutes(body) * 60e9)
         if not (feed.is_shelved(alarm) if what == "unshelve" else feed.is_up(alarm)):
             where = "shelved" if what == "unshelve" else "active"
             return refusal(HTTPStatus.CONFLICT, f"the alarm {alarm!r:.200} is not {where}: it may be cleared")
