@@ -199,8 +199,10 @@ async def test_a_message_that_was_damaged_on_its_way_is_asked_for_again(cell: Ce
 
 
 def test_topics_that_no_cell_has_are_refused() -> None:
-    with pytest.raises(ConfigError, match=r"no cell publishes alarms, x/y; topics begin with raw, frame, "):
-        Subscriber(SITE, CELL, LinkSettings(), want=("raw/arm", "alarms", "x/y"))
+    named = ("raw/arm", "prediction", "alarms", "x/y", "alarm/error", "raw/arm/", "raw/arm/samples/q1")
+    refused = ", ".join(named[2:])
+    with pytest.raises(ConfigError, match=f"no cell publishes {refused}; topics are raw/SOURCE/STREAM, frame, "):
+        Subscriber(SITE, CELL, LinkSettings(), want=named)
 
 
 async def test_opening_that_is_cancelled_leaves_nothing_behind() -> None:
