@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import threading
 import time
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
@@ -20,7 +19,7 @@ from cellwatt.outlets.page.cells import Cell, Mode, OneCell, plant_cell
 from cellwatt.outlets.page.feed import Feed
 from cellwatt.outlets.page.streams import Browsers, Hub
 from cellwatt.outlets.zenoh.keys import PREFIX, escape
-from cellwatt.outlets.zenoh.link import LinkSettings, open_session
+from cellwatt.outlets.zenoh.link import LinkSettings, close_session, open_beside
 from cellwatt.outlets.zenoh.received import read_health
 from cellwatt.subscriber import Subscriber
 
@@ -96,7 +95,8 @@ class _Cell:
 class Plant:
     """The cells of a site behind a link, with the interface of ``OneCell``; ``run`` follows them.
 
-    Zenoh calls back in its own threads; samples are passed to the event loop.
+    Zenoh calls back in its own threads, which hold this object: it must not hold Zenoh's session. Samples are passed to
+    the event loop.
     """
 
     mode: Mode = "plant"
@@ -112,7 +112,6 @@ class Plant:
         self._left: set[asyncio.Task[None]] = set()
         """Cancelled tasks whose links are not closed yet."""
         self._loop = asyncio.get_running_loop()
-        self._session: zenoh.Session | None = None
         self._unreadable = 0
 
     # cells ----------------------------------------------------------------------------------------
@@ -175,21 +174,14 @@ class Plant:
 
     @asynccontextmanager
     async def _linked(self) -> AsyncIterator[None]:
-        stopped = threading.Event()
-        opening = asyncio.ensure_future(asyncio.to_thread(self._open, stopped.is_set))
+        session = await open_beside(self._link)
         try:
-            await asyncio.shield(opening)
+            await asyncio.to_thread(self._subscribe, session)
             yield
         finally:
-            stopped.set()
-            await asyncio.wait([opening])
-            opening.exception()  # retrieve it, if nothing awaited it
-            session, self._session = self._session, None  # Zenoh's threads hold this object: it must not hold Zenoh
-            if session is not None:
-                await asyncio.to_thread(session.close)
+            await asyncio.to_thread(close_session, session)
 
-    def _open(self, stopped: Callable[[], bool]) -> None:
-        session = self._session = open_session(self._link, stopped)
+    def _subscribe(self, session: zenoh.Session) -> None:
         root = f"{PREFIX}/{escape(self._name)}/*"
         session.liveliness().declare_subscriber(root, self._later(self._on_token), history=True)
         session.declare_subscriber(f"{root}/health", self._later(self._on_health))
@@ -221,7 +213,7 @@ class Plant:
 
     async def _look(self) -> None:
         """Decode the newest health of each cell, and send the changed cells to browsers."""
-        now = time.monotonic()
+        now, forgotten = time.monotonic(), False
         for place, (name, cell) in enumerate(list(self._known.items())):
             if place % AT_ONCE == 0:
                 await asyncio.sleep(0)
@@ -240,9 +232,12 @@ class Plant:
             if cell.gone is not None and now - cell.gone > FORGOTTEN and cell.followed is None:
                 del self._known[name]
                 self._sent.pop(name, None)
+                forgotten = True
         changed = [figures for name in self._known if (figures := self._changed(name)) is not None]
         if changed and self.hub is not None:
             self.hub.tell("plant", {"cells": changed})
+        if forgotten and self.hub is not None:
+            self.hub.end()  # browsers request the list of cells again
 
     def _changed(self, name: str) -> dict[str, Any] | None:
         figures = self._summary(name)
