@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from http import HTTPStatus
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import quote
 
@@ -103,8 +104,7 @@ class CellApi:
         file = await cell.archive.reports(report_file, request.match_info["path"])
         if file is None:
             raise web.HTTPNotFound(text="there is no such report")
-        headers = {"Content-Security-Policy": REPORT_POLICY, "Content-Type": "text/html; charset=utf-8"}
-        return web.FileResponse(file, headers=headers)
+        return report_page(file)
 
     async def _mismatch(self, request: web.Request) -> web.StreamResponse:
         cell = await self._cell(request)
@@ -136,6 +136,12 @@ class CellApi:
             return refusal(HTTPStatus.CONFLICT, f"the alarm {alarm!r:.200} is not {where}: it may be cleared")
         await cell.order(order)
         return answer({})
+
+
+def report_page(file: Path) -> web.FileResponse:
+    """A report as an answer, without access to the page."""
+    headers = {"Content-Security-Policy": REPORT_POLICY, "Content-Type": "text/html; charset=utf-8"}
+    return web.FileResponse(file, headers=headers)
 
 
 def visitor_of(request: web.Request) -> Visitor:

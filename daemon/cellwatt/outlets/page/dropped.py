@@ -17,7 +17,7 @@ from aiohttp import web
 from cellwatt.child import output
 from cellwatt.door.http import BODY
 from cellwatt.errors import CellwattError
-from cellwatt.outlets.page.api import REPORT_POLICY, body_of
+from cellwatt.outlets.page.api import body_of, report_page
 from cellwatt.outlets.page.gate import answer
 
 LARGEST: Final = 4_000_000_000
@@ -205,7 +205,7 @@ class Drops:
         drawn = self._drop(request).drawn.get(request.match_info["path"])
         if drawn is None:
             raise web.HTTPNotFound(text="this recording is not drawn")
-        return _page(drawn)
+        return report_page(drawn)
 
     async def _sample(self, request: web.Request) -> web.StreamResponse:
         """Create a sample drop: a simulation of an arm and two recordings with physics that the simulation lacks."""
@@ -250,7 +250,7 @@ class Drops:
         if (file := made.get(name)) is None:
             raise web.HTTPNotFound(text="there is no such file")
         if file.suffix == ".html":
-            return _page(file)
+            return report_page(file)
         headers = {"Content-Disposition": "attachment", "Content-Type": "application/octet-stream"}
         return web.FileResponse(file, headers=headers)
 
@@ -314,12 +314,6 @@ def _known(drop: Drop, paths: Sequence[str]) -> None:
     for path in paths:
         if path not in present:
             raise CellwattError(f"{path:.200} is not among the files that were dropped")
-
-
-def _page(file: Any) -> web.FileResponse:
-    return web.FileResponse(
-        file, headers={"Content-Security-Policy": REPORT_POLICY, "Content-Type": "text/html; charset=utf-8"}
-    )
 
 
 def _paths(body: Any, name: str) -> list[str]:
