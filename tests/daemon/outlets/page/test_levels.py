@@ -41,6 +41,8 @@ from tests.patience import wait_until
 
 START = SESSION / MS  # ms
 LARGEST = float(np.finfo(np.float32).max)
+FIVE_MINUTES = SESSION + np.arange(300) * S
+SPAN = (["arm.power"], START, START + 300_000, 30)
 
 
 def extremes(time: np.ndarray, values: np.ndarray, edges: list[float], step: float) -> tuple[list, list]:
@@ -284,42 +286,35 @@ def levels_of(folder: Path) -> set[str]:
 def test_no_damage_gives_wrong_numbers(data):
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        time = SESSION + np.arange(300) * S
-        path = recording(
-            folder,
-            [[frames(time, np.arange(300), rate=1.0), interval(1, SESSION, SESSION + S), alarm("a", SESSION, SESSION)]],
-        )
-        span = (["arm.power"], START, START + 300_000, 30)
-        true = curves(Store(folder, CELL), *span)
+        whole = frames(FIVE_MINUTES, np.arange(300), rate=1.0)
+        path = recording(folder, [[whole, interval(1, SESSION, SESSION + S), alarm("a", SESSION, SESSION)]])
+        true = curves(Store(folder, CELL), *SPAN)
         file = level_file.path_of(path)
         body = bytearray(file.read_bytes())
         for _ in range(data.draw(st.integers(1, 3))):
             body[data.draw(st.integers(0, len(body) - 1))] = data.draw(st.integers(0, 255))
         file.write_bytes(body[: data.draw(st.integers(0, len(body)))])
         reader = Store(folder, CELL)
-        curves(reader, *span)
-        assert curves(reader, *span) == true
+        curves(reader, *SPAN)
+        assert curves(reader, *SPAN) == true
 
 
 def test_a_level_file_of_another_recording_is_not_used(tmp_path):
-    time = SESSION + np.arange(300) * S
-    path = recording(tmp_path, [[frames(time, np.zeros(300), rate=1.0)]])
-    span = (["arm.power"], START, START + 300_000, 30)
-    curves(Store(tmp_path, CELL), *span)
+    path = recording(tmp_path, [[frames(FIVE_MINUTES, np.zeros(300), rate=1.0)]])
+    curves(Store(tmp_path, CELL), *SPAN)
     path.unlink()
-    recording(tmp_path, [[frames(time, np.arange(300), rate=1.0)]])
-    assert curves(Store(tmp_path, CELL), *span)["v"]["arm.power"]["max"] == [*range(9, 300, 10)]
+    recording(tmp_path, [[frames(FIVE_MINUTES, np.arange(300), rate=1.0)]])
+    assert curves(Store(tmp_path, CELL), *SPAN)["v"]["arm.power"]["max"] == [*range(9, 300, 10)]
 
 
 def test_a_damaged_level_file_that_cannot_be_removed_leaves_a_gap_that_is_told(tmp_path, monkeypatch):
-    path = recording(tmp_path, [[frames(SESSION + np.arange(300) * S, np.zeros(300), rate=1.0)]])
-    span = (["arm.power"], START, START + 300_000, 30)
-    assert curves(Store(tmp_path, CELL), *span)["complete"]
+    path = recording(tmp_path, [[frames(FIVE_MINUTES, np.zeros(300), rate=1.0)]])
+    assert curves(Store(tmp_path, CELL), *SPAN)["complete"]
     reader = Store(tmp_path, CELL)
     asked = []
     monkeypatch.setattr(level_file.LevelFile, "levels", lambda *_: asked.append(1) or level_file._unpacked(b"a", 1))
     monkeypatch.setattr(Path, "unlink", lambda *_, **__: (_ for _ in ()).throw(OSError(errno.EROFS, "read-only")))
-    assert not curves(reader, *span)["complete"] and len(asked) == 2
+    assert not curves(reader, *SPAN)["complete"] and len(asked) == 2
     assert level_file.path_of(path).exists()
 
 
