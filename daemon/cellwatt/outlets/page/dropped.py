@@ -154,12 +154,16 @@ class Drops:
         folder = Path(await asyncio.to_thread(tempfile.mkdtemp, prefix="cellwatt-view-"))
         self._drops[name] = drop = Drop(name, folder, {})
         await asyncio.to_thread(drop.files.mkdir)
-        for old in list(self._drops.values())[:-KEPT]:
-            del self._drops[old.name]
-            if (task := self._tasks.pop(old.name, None)) is not None:
-                task.cancel()
-            await asyncio.to_thread(shutil.rmtree, old.folder, ignore_errors=True)
+        for old in list(self._drops)[:-KEPT]:
+            await self._remove(self._drops.pop(old))
         return drop
+
+    async def _remove(self, drop: Drop) -> None:
+        """End the command that runs for a drop, and remove its files."""
+        if (task := self._tasks.pop(drop.name, None)) is not None:
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)  # else it writes into the folder that is removed
+        await asyncio.to_thread(shutil.rmtree, drop.folder, ignore_errors=True)
 
     async def put(self, request: web.Request) -> web.StreamResponse:
         """Receive one file in pieces; the door does not read the body of this request.
@@ -264,11 +268,8 @@ class Drops:
 
     async def close(self) -> None:
         """Cancel running commands and remove all files."""
-        for task in self._tasks.values():
-            task.cancel()
-        await asyncio.gather(*self._tasks.values(), return_exceptions=True)
-        for drop in self._drops.values():
-            await asyncio.to_thread(shutil.rmtree, drop.folder, ignore_errors=True)
+        for drop in list(self._drops.values()):
+            await self._remove(drop)
 
 
 def items(folder: Path) -> list[Path]:

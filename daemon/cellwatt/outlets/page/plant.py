@@ -6,8 +6,7 @@ import asyncio
 import contextlib
 import logging
 import time
-from collections.abc import AsyncIterator, Callable, Mapping, Sequence
-from contextlib import asynccontextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -162,24 +161,19 @@ class Plant:
 
     async def run(self) -> None:
         """Follow the site until cancelled. Raises ``OutletError`` if the link cannot be opened."""
+        session: zenoh.Session | None = None
         try:
-            async with self._linked():
-                while True:
-                    await asyncio.sleep(LOOK)
-                    await self._look()
+            session = await open_beside(self._link)
+            await asyncio.to_thread(self._subscribe, session)
+            while True:
+                await asyncio.sleep(LOOK)
+                await self._look()
         finally:
             for known in self._known.values():  # also cells opened before the link was open
                 self._leave(known)
             await asyncio.gather(*self._left, return_exceptions=True)
-
-    @asynccontextmanager
-    async def _linked(self) -> AsyncIterator[None]:
-        session = await open_beside(self._link)
-        try:
-            await asyncio.to_thread(self._subscribe, session)
-            yield
-        finally:
-            await asyncio.to_thread(close_session, session)
+            if session is not None:
+                await asyncio.to_thread(close_session, session)
 
     def _subscribe(self, session: zenoh.Session) -> None:
         root = f"{PREFIX}/{escape(self._name)}/*"

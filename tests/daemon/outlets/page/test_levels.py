@@ -149,14 +149,14 @@ def test_what_a_killed_process_left_of_its_level_files_goes_and_nothing_else(tmp
 
 
 def hours(folder: Path, count: int = 3, names: tuple[str, ...] = ("arm.power", "arm.voltage")) -> tuple:
-    """Recordings of an hour each, one frame a second."""
+    """Recordings of an hour each, one frame a second; what to ask for to see the power of all of them."""
     time = SESSION + np.arange(3600 * count) * S
     values = np.random.default_rng(1).standard_normal((len(time), len(names)))
     values[3000, 0] = 1000.0
     for number in range(count):
         part = slice(3600 * number, 3600 * (number + 1))
         recording(folder, in_chunks(time[part], values[part], 600, names=names, rate=1.0), number + 1)
-    return time, values
+    return ["arm.power"], START, START + count * 3_600_000, 100
 
 
 def test_channels_may_change_from_file_to_file(tmp_path):
@@ -224,8 +224,8 @@ def test_a_damaged_chunk_leaves_a_gap(tmp_path):
     time = SESSION + np.arange(1000) * STEP
     random = np.random.default_rng(3).standard_normal(1000)
     written = Written(tmp_path)
-    for i in range(0, 1000, 100):
-        written.chunk(frames(time[i : i + 100], random[i : i + 100]))
+    for (block,) in in_chunks(time, random, 100):
+        written.chunk(block)
     chunk = written.file.contents.chunks[4]
     with written.file.part.open("r+b") as file:
         file.seek(chunk.offset + chunk.length // 2)
@@ -319,9 +319,7 @@ def test_a_damaged_level_file_that_cannot_be_removed_leaves_a_gap_that_is_told(t
 
 
 def test_levels_go_with_their_recording(tmp_path):
-    hours(tmp_path)
-    reader = Store(tmp_path, CELL)
-    span = (["arm.power"], START, START + 3 * 3_600_000, 100)
+    span, reader = hours(tmp_path), Store(tmp_path, CELL)
     curves(reader, *span)
     (tmp_path / "levels" / "notes.txt").write_text("mine")
     min(tmp_path.glob("*.mcap")).unlink()
@@ -332,8 +330,7 @@ def test_levels_go_with_their_recording(tmp_path):
 
 
 def test_levels_keep_to_their_budget_and_the_oldest_go(tmp_path, monkeypatch):
-    hours(tmp_path)
-    span = (["arm.power"], START, START + 3 * 3_600_000, 100)
+    span = hours(tmp_path)
     true = curves(Store(tmp_path, CELL), *span)
     files = sorted((tmp_path / "levels").iterdir())
     read = []
@@ -352,8 +349,7 @@ def test_levels_keep_to_their_budget_and_the_oldest_go(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("full", [True, False])
 def test_a_disk_that_takes_no_level_files_costs_time_alone(tmp_path, monkeypatch, caplog, full):
-    hours(tmp_path)
-    span = (["arm.power"], START, START + 3 * 3_600_000, 100)
+    span = hours(tmp_path)
 
     def refuse(*_):
         raise OSError(errno.EROFS, "Read-only file system")
@@ -374,18 +370,17 @@ def test_a_disk_that_takes_no_level_files_costs_time_alone(tmp_path, monkeypatch
 
 
 def test_what_takes_too_long_is_left_out_and_told(tmp_path, monkeypatch):
-    hours(tmp_path)
+    span = hours(tmp_path)
     monkeypatch.setattr(module, "PATIENCE", -1.0)
-    found = curves(Store(tmp_path, CELL), ["arm.power"], START, START + 3 * 3_600_000, 100)
+    found = curves(Store(tmp_path, CELL), *span)
     assert not found["complete"] and set(found["v"]["arm.power"]["max"]) == {None}
 
 
 def test_a_recording_that_holds_nothing_is_told_and_not_read_again_and_again(tmp_path, monkeypatch, caplog):
-    hours(tmp_path, 2)
+    span = hours(tmp_path, 2)
     bad = min(tmp_path.glob("*.mcap"))
     bad.write_bytes(b"nothing" * 100)
     reader = Store(tmp_path, CELL)
-    span = (["arm.power"], START, START + 2 * 3_600_000, 100)
     found = curves(reader, *span)
     assert curves(reader, *span) == found
     assert any(v is not None for v in found["v"]["arm.power"]["max"])
