@@ -145,11 +145,7 @@ async def test_whoever_follows_one_severity_hears_of_a_change(consumer: Consumer
     outlet.offer(alarm(1, severity="error"))
     outlet.offer(alarm(1, severity="warning"))
     await consumer.until(3)
-    assert sorted(consumer.keys()) == [
-        "alarm/error/joint_fault",
-        "alarm/error/joint_fault",
-        "alarm/warning/joint_fault",
-    ]
+    assert sorted(consumer.keys()) == [f"alarm/{each}/joint_fault" for each in ("error", "error", "warning")]
     marks = {mark_of(s).sequence for s in consumer.samples}
     assert marks == {0, 1}
 

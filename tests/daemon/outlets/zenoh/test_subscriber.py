@@ -234,11 +234,8 @@ async def test_messages_before_their_schema_are_asked_for_once_it_came(
         monkeypatch.setattr(publisher, "SCHEMA_EVERY", 0.0)
         cell.give(15, 5)
         later = await read(subscriber, 2)
-    assert [(m.sequence, m.count, m.backfilled) for m in (first, *later)] == [
-        (0, 5, False),
-        (5, 10, True),
-        (15, 5, False),
-    ]
+    told = [(m.sequence, m.count, m.backfilled) for m in (first, *later)]
+    assert told == [(0, 5, False), (5, 10, True), (15, 5, False)]
     assert later[0].content.values.tolist() == batch(5, 10).values.tolist()  # type: ignore[union-attr]
     assert subscriber.counts["duplicates"] == 0
 
