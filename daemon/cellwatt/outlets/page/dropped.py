@@ -174,23 +174,23 @@ class Drops:
         size = drop.awaited.pop(path, None)
         if size is None:
             raise CellwattError(f"{path:.200} was not announced: drop it again")
-        file, left, whole = drop.files / path, size, False
+        file, remaining, whole = drop.files / path, size, False
         for drawn in [each for each in drop.drawn if f"{path}/".startswith(f"{each}/")]:
             del drop.drawn[drawn]  # drawn from an older version of the file, or of the bag that contains it
         try:
             with await asyncio.to_thread(_begun, file) as out:
                 async for piece in _pieces(request):
-                    if (left := left - len(piece)) < 0:
+                    if (remaining := remaining - len(piece)) < 0:
                         break
                     await asyncio.to_thread(out.write, piece)
-            whole = not left
+            whole = not remaining
         except OSError as error:
             raise CellwattError(f"{path:.200} cannot be stored: {error.strerror}") from None
         finally:
             if not whole:
                 with contextlib.suppress(OSError):  # a folder may have its name
                     await asyncio.to_thread(file.unlink)
-        if left:
+        if remaining:
             raise CellwattError(f"{path:.200} has another size than was announced: drop it again")
         return answer({})
 

@@ -108,7 +108,7 @@ class Plant:
         self._known: dict[str, _Cell] = {}
         self._sent: dict[str, dict[str, Any]] = {}
         self._browsers, self._desk = browsers, desk
-        self._left: set[asyncio.Task[None]] = set()
+        self._closing: set[asyncio.Task[None]] = set()
         """Cancelled tasks whose links are not closed yet."""
         self._loop = asyncio.get_running_loop()
         self._unreadable = 0
@@ -140,8 +140,8 @@ class Plant:
     def _leave(self, known: _Cell) -> None:
         task, known.task, known.followed = known.task, None, None
         if task is not None:
-            self._left.add(task)
-            task.add_done_callback(self._left.discard)
+            self._closing.add(task)
+            task.add_done_callback(self._closing.discard)
             task.cancel()
 
     def summary(self) -> list[dict[str, Any]]:
@@ -171,7 +171,7 @@ class Plant:
         finally:
             for known in self._known.values():  # also cells opened before the link was open
                 self._leave(known)
-            await asyncio.gather(*self._left, return_exceptions=True)
+            await asyncio.gather(*self._closing, return_exceptions=True)
             if session is not None:
                 await asyncio.to_thread(close_session, session)
 
@@ -208,8 +208,8 @@ class Plant:
     async def _look(self) -> None:
         """Decode the newest health of each cell, and send the changed cells to browsers."""
         now, forgotten = time.monotonic(), False
-        for place, (name, cell) in enumerate(list(self._known.items())):
-            if place % AT_ONCE == 0:
+        for index, (name, cell) in enumerate(list(self._known.items())):
+            if index % AT_ONCE == 0:
                 await asyncio.sleep(0)
             if cell.waiting is not None:
                 try:
