@@ -47,7 +47,7 @@ from cellwatt.subscriber import Gap, Health, LinkSettings, Subscriber
 from cellwatt.testing.outlet_rig import Line, State, line_to
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-from tests.daemon.outlets.historian.influxd import influxd
+from bench.influxd import influxd
 from tests.daemon.outlets.mqtt.broker import Broker, free_port
 
 SITE, CELL = "bench", "cell"

@@ -7,17 +7,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar, Generic, Protocol, TypeVar
 
-from pydantic import BaseModel, ConfigDict
-
 from cellwatt.account import Account
 from cellwatt.batch import Reading
 from cellwatt.channel import Stream
+from cellwatt.section import Section
 
 
-class SourceSettings(BaseModel):
+class SourceSettings(Section):
     """Settings of one source; every driver derives its own. Unknown keys are refused."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     device_parts: ClassVar[tuple[str, ...]] = ()
     """Settings, beside host and port, that distinguish two devices at one address."""

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
-from pydantic import BaseModel, ConfigDict, SecretStr, ValidationError
+from pydantic import BaseModel, SecretStr, ValidationError
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from cellwatt.account import Account
@@ -15,12 +15,7 @@ from cellwatt.alarms import AlarmBook
 from cellwatt.batch import Batch
 from cellwatt.frames import Frames
 from cellwatt.results import Event, Result
-
-
-class Section(BaseModel):
-    """A section of settings: unknown keys are refused, and no error quotes the value given, which may be a secret."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True, hide_input_in_errors=True)
+from cellwatt.section import Section
 
 
 class OutletSettings(Section):

@@ -8,16 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar, Generic, TypeVar
 
-from pydantic import BaseModel, ConfigDict
-
 from cellwatt.frames import Frames, Layout
 from cellwatt.results import Result
+from cellwatt.section import Section
 
 
-class StageSettings(BaseModel):
+class StageSettings(Section):
     """Settings of one stage; every stage derives its own. Unknown keys are refused."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,8 @@ from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BaseModel, ConfigDict
+
+from cellwatt.section import Section
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,10 +61,8 @@ _KINDS: Final = {name: kind for kind, units in TABLE.items() for name in units}
 _WRITTEN: Final = {name.casefold(): name for name in _KINDS}
 
 
-class Units(BaseModel):
+class Units(Section):
     """Units for display and export; recordings and messages always use SI units."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     energy: Literal["J", "kJ", "MJ", "Wh", "kWh"] = "J"
     """Energy."""

@@ -53,7 +53,7 @@ def _asked() -> tuple[Conditions, list[Mapping[str, Any]]]:
 
 
 def _condition() -> Any:
-    return SimpleNamespace(events=[EVENT], acknowledged=False, active=True)
+    return SimpleNamespace(events=[EVENT], acknowledged=False)
 
 
 def run(data: bytes) -> None:

@@ -63,11 +63,11 @@ class Commands(click.Group):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the commands under their headings."""
-        left = self.list_commands(ctx)
-        for heading, names in (*self.headings.items(), ("Others" if self.headings else "Commands", left)):
-            there = [name for name in names if name in left]
-            left = [name for name in left if name not in there]
-            rows = [(n, c.get_short_help_str(100)) for n in there if (c := self.get_command(ctx, n)) is not None]
+        remaining = self.list_commands(ctx)
+        for heading, names in (*self.headings.items(), ("Others" if self.headings else "Commands", remaining)):
+            listed = [name for name in names if name in remaining]
+            remaining = [name for name in remaining if name not in listed]
+            rows = [(n, c.get_short_help_str(100)) for n in listed if (c := self.get_command(ctx, n)) is not None]
             if rows:
                 with formatter.section(heading):
                     formatter.write_dl(rows, col_max=20)

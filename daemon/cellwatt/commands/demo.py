@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import shlex
 import signal
 import sys
 import tempfile
@@ -17,6 +18,7 @@ import click
 
 from cellwatt.commands import EXIT_FAILED, Commands
 from cellwatt.commands.doctor import rates
+from cellwatt.commands.options import SECONDS
 from cellwatt.demo.demonstration import Demonstration
 from cellwatt.files import make_folder
 from cellwatt.live.bulletin import Bulletin
@@ -44,7 +46,9 @@ class _Demos(Commands):
     cls=_Demos, invoke_without_command=True, short_help="Run the daemon on emulated devices; needs no hardware."
 )
 @click.option("--cell", type=click.Choice(list(RUNS)), default="small", show_default=True, help="Cell to emulate.")
-@click.option("--seconds", default=60.0, show_default=True, help="Run time, s; at least 20, with --cell all 1.")
+@click.option(
+    "--seconds", type=SECONDS, default=60.0, show_default=True, help="Run time, s; at least 20, with --cell all 1."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print only the summary, as one JSON object.")
 @click.option("--keep", type=click.Path(file_okay=False, path_type=Path), help="Folder for recording and log.")
 @click.pass_context
@@ -63,8 +67,8 @@ def command(context: click.Context, cell: str, seconds: float, as_json: bool, ke
         raise click.BadParameter(f"at least {HEALTHY:.0f} s are needed to see healthy cycles before the fault")
     if seconds < 1:
         raise click.BadParameter("at least 1 s is needed to see rates")
-    with nullcontext(keep) if keep else tempfile.TemporaryDirectory(prefix="cellwatt-demo-") as place:
-        folder = Path(place).resolve()
+    with nullcontext(keep) if keep else tempfile.TemporaryDirectory(prefix="cellwatt-demo-") as path:
+        folder = Path(path).resolve()
         make_folder(folder)
         show = _quiet if as_json else _lines
         run = show(folder, seconds)
@@ -76,7 +80,7 @@ def command(context: click.Context, cell: str, seconds: float, as_json: bool, ke
     else:
         _show(summary)
         if keep:
-            click.echo(f"recording and log are in {keep}; try: cellwatt plot {keep}")
+            click.echo(f"recording and log are in {keep}; try: cellwatt plot {shlex.quote(str(keep))}")
     if not summary["ok"]:
         sys.exit(EXIT_FAILED)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import shlex
 import signal
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -36,8 +37,10 @@ def emulate_cell(
     Raises ``CellwattError`` if a device cannot be emulated, or if its emulator ends by itself.
     """
     config = load(file)
-    if write is not None:
-        _check_place(file, write)
+    if write is not None and write.absolute().parent.resolve() != file.absolute().parent.resolve():
+        raise ConfigError(f"found --write {write}, expected a file beside {file}, where its relative paths start")
+    if write is not None and write.resolve() == file.resolve():
+        raise ConfigError(f"found --write {write}, which is the cell's own file; expected another name")
     links = write.absolute().with_suffix("") if write is not None else None
     devices = devices_of(config, free=write is not None, links=links)
     if write is None:
@@ -48,17 +51,10 @@ def emulate_cell(
         raise click.Abort
 
 
-def _check_place(file: Path, write: Path) -> None:
-    if write.absolute().parent.resolve() != file.absolute().parent.resolve():
-        raise ConfigError(f"found --write {write}, expected a file beside {file}, where its relative paths start")
-    if write.resolve() == file.resolve():
-        raise ConfigError(f"found --write {write}, which is the cell's own file; expected another name")
-
-
 def _check_here(file: Path, devices: Sequence[Device]) -> None:
     elsewhere = [f"{device.name} ({device.there})" for device in devices if not device.is_here]
     if elsewhere:
-        copy = file.with_name(f"{file.stem}-emulated.yaml")
+        copy = shlex.quote(str(file.with_name(f"{file.stem}-emulated.yaml")))
         raise ConfigError(
             f"{file}: not on this PC: {', '.join(elsewhere)}; add --write {copy}, a copy with local addresses"
         )
@@ -136,7 +132,7 @@ def _changed(text: bytes, changes: Mapping[KeyPath, Any]) -> str:
 def _show(file: Path, devices: Sequence[Device], emulators: Mapping[str, EmulatorProcess]) -> None:
     rows = [(s.name, d.driver, d.emulator.title, emulators[d.name].address) for d in devices for s in d.sources]
     show_table(("source", "driver", "emulated device", "listens at"), rows)
-    click.echo(f"next, in another terminal: cellwatt run {file} (Ctrl-C ends the devices)")
+    click.echo(f"next, in another terminal: cellwatt run {shlex.quote(str(file))} (Ctrl-C ends the devices)")
 
 
 async def _answer(

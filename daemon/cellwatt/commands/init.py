@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import replace
 from pathlib import Path
 
@@ -88,12 +89,13 @@ def _with_values(sources: list[SourcePlan], values: tuple[str, ...]) -> list[Sou
 
 
 def _next(file: Path) -> None:
+    shown = shlex.quote(str(file))
     click.echo("\nNext:")
     for words, what in (
-        (f"cellwatt check {file}", "reports mistakes after each change; connects to nothing"),
-        (f"cellwatt doctor {file}", "opens each device read-only"),
-        (f"cellwatt run {file}", "the daemon; Ctrl-C ends it, SIGHUP applies changes"),
-        (f"cellwatt watch {file}", "shows the live cell, in another terminal"),
+        (f"cellwatt check {shown}", "reports mistakes after each change; connects to nothing"),
+        (f"cellwatt doctor {shown}", "opens each device read-only"),
+        (f"cellwatt run {shown}", "the daemon; Ctrl-C ends it, SIGHUP applies changes"),
+        (f"cellwatt watch {shown}", "shows the live cell, in another terminal"),
     ):
         click.echo(f"  {words:<30}  {what}")
     click.echo("As a service: docs/install.md")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import keyword
 import os
 import re
+import shlex
 from dataclasses import dataclass
 from importlib.resources import files
 from importlib.util import find_spec
@@ -61,7 +62,7 @@ def _write(kit: Kit, name: str, folder: Path) -> None:
     for path, text in package(name, kit).items():
         write_file(target / path, text)
     click.echo(f"{target} is written. Next:\n")
-    click.echo(f"  cd {target}\n  pip install -e '.[test]'\n  pytest\n  cellwatt drivers {name}")
+    click.echo(f"  cd {shlex.quote(str(target))}\n  pip install -e '.[test]'\n  pytest\n  cellwatt drivers {name}")
 
 
 def package(name: str, kit: Kit = DRIVER) -> dict[str, str]:

@@ -57,9 +57,9 @@ class Input(click.Path):
                     value = fetch(value)
             except MissingError as error:
                 self.fail(str(error), param, ctx)
-        place, choice = chosen(Path(value))
+        path, choice = chosen(Path(value))
         if choice:
-            return Path(f"{place}{MARK}{','.join(choice)}")
+            return Path(f"{path}{MARK}{','.join(choice)}")
         return super().convert(value, param, ctx)
 
 
@@ -104,13 +104,13 @@ def with_scheduler(command: Callable[..., R]) -> Callable[..., R]:
 
     @click.option(
         "--scheduler",
-        "place",
+        "workers",
         metavar="local[:N]",
         help="Run on all cores (local), or on N cores (local:N).",
     )
     @wraps(command)
-    def run(*args: Any, place: str | None, **given: Any) -> R:
-        with scheduled(place):
+    def run(*args: Any, workers: str | None, **given: Any) -> R:
+        with scheduled(workers):
             return command(*args, **given)
 
     return run

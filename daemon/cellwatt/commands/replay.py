@@ -18,6 +18,7 @@ from cellwatt.config import CellConfig, FrameSettings, load
 from cellwatt.errors import RecordingError
 from cellwatt.frames import Frames
 from cellwatt.logs.recorded import open_recording
+from cellwatt.outlets.zenoh.messages import encode_json
 from cellwatt.progress import aside
 from cellwatt.record import Recording
 from cellwatt.record.header import recorded_section
@@ -44,8 +45,9 @@ def command(recording: tuple[Path, ...], settings: Path | None, verify: bool, as
         raise opened.lacks_frames()
     _check_sources(opened)
     frames = replay_frames(opened.entries(), opened.header.streams, _grid(opened, config))
+    chains = [] if config is None else make_chains(config, layout_of(opened.header.streams, config.frames))
     counts = Counter[str]()
-    made = _shown(run_stages(frames, _chains(opened, config)), counts, as_json)
+    made = _shown(run_stages(frames, chains), counts, as_json)
     held = compare(opened.frames(), made) if verify else None
     deque(made, maxlen=0)
     summary: dict[str, Any] = {"frames": counts.pop("frames", 0), "results": dict(counts)}
@@ -78,12 +80,6 @@ def _check_sources(recording: Recording) -> None:
         raise RecordingError(f"the sources change within these recordings ({names}): replay them one by one")
 
 
-def _chains(recording: Recording, config: CellConfig | None) -> list[Any]:
-    if config is None:
-        return []
-    return make_chains(config, layout_of(recording.header.streams, config.frames))
-
-
 def _shown(items: Iterable[Frames | Result], counts: Counter[str], as_json: bool) -> Iterator[Frames]:
     """Yield the frames, print the results, and count frames and results of each kind."""
     for item in items:
@@ -95,7 +91,7 @@ def _shown(items: Iterable[Frames | Result], counts: Counter[str], as_json: bool
         counts[kind] += 1
         if as_json:
             with aside():
-                click.echo(json.dumps({"kind": kind, **asdict(item)}))
+                click.echo(encode_json({"kind": kind, **asdict(item)}))
         elif isinstance(item, Alarm):
             with aside():
                 click.echo(f"{item.severity if item.active else 'cleared'}: {item.statement}")

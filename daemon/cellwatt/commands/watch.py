@@ -16,6 +16,7 @@ from cellwatt.errors import OutletError
 from cellwatt.live.bulletin import Bulletin, line_of
 from cellwatt.live.site import line, summary
 from cellwatt.outlets.zenoh.link import open_session
+from cellwatt.outlets.zenoh.messages import encode_json
 from cellwatt.outlets.zenoh.reach import await_cell, site_health
 from cellwatt.subscriber import EVERYTHING, LinkSettings, Message, Subscriber
 
@@ -90,9 +91,9 @@ def _await(link: LinkSettings, site: str, cell: str, patience: float, *, wait: b
 def _messages(subscriber: Subscriber, seconds: float | None) -> Iterator[Message | None]:
     """Yield messages for ``seconds``, or forever if None; yield ``None`` after each second without a message."""
     end = math.inf if seconds is None else time.monotonic() + seconds
-    while (left := end - time.monotonic()) > 0:
+    while (remaining := end - time.monotonic()) > 0:
         try:
-            yield subscriber.receive(min(PULSE, left))
+            yield subscriber.receive(min(PULSE, remaining))
         except TimeoutError:
             yield None
 
@@ -100,7 +101,7 @@ def _messages(subscriber: Subscriber, seconds: float | None) -> Iterator[Message
 def _print_json(messages: Iterable[Message | None]) -> None:
     for message in messages:
         if message is not None:
-            click.echo(json.dumps(line_of(message)))
+            click.echo(encode_json(line_of(message)))
 
 
 def _print_lines(messages: Iterable[Message | None], *, standing: bool) -> None:

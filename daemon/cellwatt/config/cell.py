@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
+from pydantic import Field, ValidationInfo, field_validator
 
 from cellwatt.config.places import KeyPath
 from cellwatt.door.signing import unusable
@@ -17,6 +17,7 @@ from cellwatt.host import without
 from cellwatt.outlet import OutletSettings
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt.record.settings import RecordSettings
+from cellwatt.section import Section
 from cellwatt.stage import StageSettings
 from cellwatt.units import Units
 
@@ -28,10 +29,8 @@ KeyPart = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
 """A name that is one element of a Zenoh key."""
 
 
-class CellName(BaseModel):
+class CellName(Section):
     """Name of the cell, and the robot in it."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     site: KeyPart
     """Name of the plant, first element of every Zenoh key: letters, digits, ``_``, ``-``, ``.``."""
@@ -48,10 +47,8 @@ class CellName(BaseModel):
     times the processor time."""
 
 
-class FrameSettings(BaseModel):
+class FrameSettings(Section):
     """The common time grid to which all channels of the cell are aligned."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     rate: Hertz = Field(default=50.0, le=1000.0)
     """Frames per second, at most 1000 Hz."""

@@ -66,10 +66,10 @@ class Document:
 
         Values from the environment are shown as ``${NAME}``.
         """
-        there = self._nearest(path)
+        nearest = self._nearest(path)
         message = self.blanked(message)
-        at_key = at_key or there != path or isinstance(self.at(there), dict)
-        found = self.places[there]
+        at_key = at_key or nearest != path or isinstance(self.at(nearest), dict)
+        found = self.places[nearest]
         return problem(self.file, found.key if at_key else found.value, message, path)
 
     def blanked(self, message: str) -> str:
@@ -78,13 +78,13 @@ class Document:
 
     def hide(self, path: KeyPath) -> None:
         """Mark the value at a path as secret: it is hidden in all texts, unless it is written as ``${NAME}`` alone."""
-        place = self.places.get(path)
-        if place is None or not place.written:
+        location = self.places.get(path)
+        if location is None or not location.written:
             return
-        if not _REFERENCE.fullmatch(place.written):
+        if not _REFERENCE.fullmatch(location.written):
             self.environment[path] = HIDDEN
             value = self.at(path)
-            self.secrets.update({str(text): HIDDEN for text in (place.written, value) if text is not None})
+            self.secrets.update({str(text): HIDDEN for text in (location.written, value) if text is not None})
 
     @property
     def public_text(self) -> str:
@@ -243,18 +243,15 @@ class _Builder:
                 case "int":
                     return int(text, 0)
                 case "float":
-                    return self._float(text, node, path)
+                    number = WrittenFloat(re.sub(r"\.(?=inf|nan)", "", text, flags=re.IGNORECASE))
+                    if math.isfinite(number):
+                        return number
+                    self._mistake(path, mark_of(node), f"found {text[:40]}, expected a finite number")
+                    return None
         except (ValueError, KeyError):
             self._mistake(path, mark_of(node), f"{text[:40]!r} cannot be read as {_short(node.tag)}")
             return None
         self._mistake(path, mark_of(node), f"the tag {_short(node.tag)} means nothing here")
-        return None
-
-    def _float(self, text: str, node: yaml.ScalarNode, path: KeyPath) -> float | None:
-        number = WrittenFloat(re.sub(r"\.(?=inf|nan)", "", text, flags=re.IGNORECASE))
-        if math.isfinite(number):
-            return number
-        self._mistake(path, mark_of(node), f"found {text[:40]}, expected a finite number")
         return None
 
     def _mistake(self, path: KeyPath, mark: Mark, message: str) -> None:

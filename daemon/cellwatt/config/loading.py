@@ -56,16 +56,16 @@ def load(path: Path, environ: Mapping[str, str] | None = None) -> CellConfig:
 
 def load_document(document: Document) -> CellConfig:
     """Return the settings of a document, as ``load`` does; marks its secrets as hidden."""
-    reading = _Reading(document, document.file.absolute().parent)
-    config = _cell(reading, document.file)
-    if config is None or reading.problems:
-        problems = [replace(problem, message=document.blanked(problem.message)) for problem in reading.problems]
+    check = _Check(document, document.file.absolute().parent)
+    config = _cell(check, document.file)
+    if config is None or check.problems:
+        problems = [replace(problem, message=document.blanked(problem.message)) for problem in check.problems]
         raise ConfigError(first(problems))
     return config
 
 
 @dataclass(slots=True)
-class _Reading:
+class _Check:
     """A document that is being checked, and the problems found so far."""
 
     document: Document
@@ -129,25 +129,25 @@ class _Reading:
         return made, self.settings(made.Settings, path, values)
 
 
-def _cell(reading: _Reading, path: Path) -> CellConfig | None:
-    document = reading.document
+def _cell(check: _Check, path: Path) -> CellConfig | None:
+    document = check.document
     top: dict[Any, Any] = document.value
     ways_out = list(available("cellwatt.outlets"))
     keys = [*fields_of(CellName), *_SECTIONS, *ways_out]
     for key in top:
-        if key in keys or len(reading.problems) >= _WORDED:
+        if key in keys or len(check.problems) >= _WORDED:
             continue
-        reading.complain((key,), unknown_key(key, keys), at_key=True)
-        reading.reported.add((nearest(key, keys) or key,))
-    name = reading.settings(CellName, (), {k: top[k] for k in fields_of(CellName) if k in top})
-    sources = dict(_sources(reading, top))
-    _same_device(reading, sources)
-    frames = _section(reading, "frames", FrameSettings, top) if "frames" in top else FrameSettings()
-    stages = dict(_stages(reading, top))
-    _robot(reading, name)
-    record = _record(reading, top, name) if "record" in top else None
-    outlets = dict(_outlets(reading, top, ways_out))
-    units = _section(reading, "units", Units, top) if "units" in top else Units()
+        check.complain((key,), unknown_key(key, keys), at_key=True)
+        check.reported.add((nearest(key, keys) or key,))
+    name = check.settings(CellName, (), {k: top[k] for k in fields_of(CellName) if k in top})
+    sources = dict(_sources(check, top))
+    _same_device(check, sources)
+    frames = _section(check, "frames", FrameSettings, top) if "frames" in top else FrameSettings()
+    stages = dict(_stages(check, top))
+    _robot(check, name)
+    record = _record(check, top, name) if "record" in top else None
+    outlets = dict(_outlets(check, top, ways_out))
+    units = _section(check, "units", Units, top) if "units" in top else Units()
     if name is None or frames is None or units is None:
         return None
     return CellConfig(
@@ -169,78 +169,78 @@ def _cell(reading: _Reading, path: Path) -> CellConfig | None:
     )
 
 
-def _robot(reading: _Reading, name: CellName | None) -> None:
+def _robot(check: _Check, name: CellName | None) -> None:
     """Add a problem if the robot is a path without a readable ``robot.yaml``; a bare name is a label."""
     if name is None or name.robot is None:
         return
-    path = reading.folder / name.robot
+    path = check.folder / name.robot
     described = path.suffix in (".yaml", ".yml")
     file = path if described else path / "robot.yaml"
     if (described or "/" in name.robot) and not os.access(file, os.R_OK):
         message = f"found {name.robot!r}, expected a robot.yaml or the folder that holds one: {file} cannot be read"
-        reading.complain(("robot",), message)
+        check.complain(("robot",), message)
 
 
-def _record(reading: _Reading, top: Mapping[Any, Any], name: CellName | None) -> RecordSettings | None:
-    values = reading.mapping(("record",), top["record"])
+def _record(check: _Check, top: Mapping[Any, Any], name: CellName | None) -> RecordSettings | None:
+    values = check.mapping(("record",), top["record"])
     if values is None:
         return None
     if "folder" not in values:
         try:
             values = {**values, "folder": str(default_folder(name.cell if name is not None else ""))}
         except ValueError as error:
-            reading.complain(("record",), str(error), at_key=True)
+            check.complain(("record",), str(error), at_key=True)
             return None
-    return reading.settings(RecordSettings, ("record",), values)
+    return check.settings(RecordSettings, ("record",), values)
 
 
-def _section(reading: _Reading, key: str, model: type[M], top: Mapping[Any, Any]) -> M | None:
-    values = reading.mapping((key,), top[key])
-    return None if values is None else reading.settings(model, (key,), values)
+def _section(check: _Check, key: str, model: type[M], top: Mapping[Any, Any]) -> M | None:
+    values = check.mapping((key,), top[key])
+    return None if values is None else check.settings(model, (key,), values)
 
 
-def _named(reading: _Reading, section: str, top: Mapping[Any, Any]) -> Iterator[tuple[str, dict[Any, Any]]]:
+def _named(check: _Check, section: str, top: Mapping[Any, Any]) -> Iterator[tuple[str, dict[Any, Any]]]:
     """Entries of ``sources`` or ``stages`` whose name and mapping are valid."""
-    entries = reading.mapping((section,), top.get(section)) or {}
+    entries = check.mapping((section,), top.get(section)) or {}
     if len(entries) > MOST_NAMES:
-        reading.complain((section,), f"found {len(entries):,} {section}, expected at most {MOST_NAMES}", at_key=True)
+        check.complain((section,), f"found {len(entries):,} {section}, expected at most {MOST_NAMES}", at_key=True)
         return
     for name, value in entries.items():
         path = (section, name)
         if not isinstance(name, str) or not NAME.fullmatch(name):
             message = f"found {quoted(name)} as a name, expected small letters, digits and '_', starting with a letter"
-            reading.complain(path, message, at_key=True)
+            check.complain(path, message, at_key=True)
             continue
-        values = reading.mapping(path, value)
+        values = check.mapping(path, value)
         if values is not None:
             yield name, dict(values)
 
 
-def _sources(reading: _Reading, top: Mapping[Any, Any]) -> Iterator[tuple[str, SourceConfig]]:
+def _sources(check: _Check, top: Mapping[Any, Any]) -> Iterator[tuple[str, SourceConfig]]:
     if "sources" not in top:
-        if ("sources",) not in reading.reported:
-            reading.complain((), missing_key("sources", "what is measured: name: {driver: …}"), at_key=True)
+        if ("sources",) not in check.reported:
+            check.complain((), missing_key("sources", "what is measured: name: {driver: …}"), at_key=True)
     elif not top["sources"]:
-        reading.complain(("sources",), "found no source, expected at least one (name: {driver: …})", at_key=True)
-    for name, values in _named(reading, "sources", top):
+        check.complain(("sources",), "found no source, expected at least one (name: {driver: …})", at_key=True)
+    for name, values in _named(check, "sources", top):
         path = ("sources", name)
         kind = values.pop("driver", None)
         if kind is None:
             if meant := nearest("driver", [key for key in values if isinstance(key, str)]):
-                reading.complain((*path, meant), unknown_key(meant, ["driver"]), at_key=True)
+                check.complain((*path, meant), unknown_key(meant, ["driver"]), at_key=True)
             else:
                 known = f"one of: {', '.join(available('cellwatt.drivers'))}"
-                reading.complain(path, missing_key("driver", known), at_key=True)
+                check.complain(path, missing_key("driver", known), at_key=True)
             continue
-        _, settings = reading.part(driver, kind, (*path, "driver"), path, values)
+        _, settings = check.part(driver, kind, (*path, "driver"), path, values)
         if settings is not None:
-            yield name, SourceConfig(name, kind, settings, reading.document.place(path))
+            yield name, SourceConfig(name, kind, settings, check.document.place(path))
 
 
-def _stages(reading: _Reading, top: Mapping[Any, Any]) -> Iterator[tuple[str, StageConfig]]:
+def _stages(check: _Check, top: Mapping[Any, Any]) -> Iterator[tuple[str, StageConfig]]:
     needs: dict[str, tuple[str, ...]] = {}
     kinds: set[str] = set()
-    for name, values in _named(reading, "stages", top):
+    for name, values in _named(check, "stages", top):
         path = ("stages", name)
         own = values.pop("stage", None)
         kind = name if own is None else own
@@ -249,36 +249,36 @@ def _stages(reading: _Reading, top: Mapping[Any, Any]) -> Iterator[tuple[str, St
         hint = "" if known else f"; is {name!r} your own name? then add 'stage: KIND'"
         if isinstance(kind, str):
             kinds.add(kind)
-        found_class, settings = reading.part(stage, kind, place, path, values, hint)
+        found_class, settings = check.part(stage, kind, place, path, values, hint)
         needs[name] = tuple(getattr(found_class, "needs", ()))
         if settings is not None:
-            yield name, StageConfig(name, kind, settings, reading.document.place(path))
+            yield name, StageConfig(name, kind, settings, check.document.place(path))
     for name, wanted in needs.items():
         for kind in wanted:
             if kind not in kinds:
                 message = f"needs a stage of the kind {kind!r}: add '{kind}: {{}}' to stages"
-                reading.complain(("stages", name), message, at_key=True)
+                check.complain(("stages", name), message, at_key=True)
 
 
-def _outlets(reading: _Reading, top: Mapping[Any, Any], names: list[str]) -> Iterator[tuple[str, OutletConfig]]:
+def _outlets(check: _Check, top: Mapping[Any, Any], names: list[str]) -> Iterator[tuple[str, OutletConfig]]:
     for name in names:
         value = top.get(name, {} if name == DEFAULT_OUTLET else "off")
         if value is False or value == "off":
             continue
-        if (values := reading.mapping((name,), value)) is not None:
-            _, settings = reading.part(outlet, name, (name,), (name,), values)
+        if (values := check.mapping((name,), value)) is not None:
+            _, settings = check.part(outlet, name, (name,), (name,), values)
             if settings is not None:
                 yield name, OutletConfig(name, settings)
 
 
-def _same_device(reading: _Reading, sources: Mapping[str, SourceConfig]) -> None:
+def _same_device(check: _Check, sources: Mapping[str, SourceConfig]) -> None:
     first: dict[tuple[str, ...], str] = {}
     for name, source in sources.items():
         device = _device(source)
         other = first.setdefault(device, name) if device else name
         if other != name:
             where = " ".join(device[1:])
-            reading.complain(("sources", name), f"reads the same device as {other!r} ({where})", at_key=True)
+            check.complain(("sources", name), f"reads the same device as {other!r} ({where})", at_key=True)
 
 
 def _device(source: SourceConfig) -> tuple[str, ...]:

@@ -61,6 +61,6 @@ def _limit(number: int) -> list[str]:
 
 def _disk(folder: Path) -> dict[str, Any]:
     folder = folder.absolute()
-    there = next(parent for parent in (folder, *folder.parents) if parent.exists())
-    usage = shutil.disk_usage(there)
-    return {"folder": str(there), "size, GB": usage.total / 1e9, "free, GB": usage.free / 1e9}
+    existing = next(parent for parent in (folder, *folder.parents) if parent.exists())
+    usage = shutil.disk_usage(existing)
+    return {"folder": str(existing), "size, GB": usage.total / 1e9, "free, GB": usage.free / 1e9}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import ipaddress
 import logging
 import socket
@@ -26,6 +27,8 @@ _DISPLACED, _REFUSED = "connections displaced", "connections refused"
 _LATE, _FAILED = "connections timed out", "connections not accepted"
 TURNED_AWAY: Final = (_DISPLACED, _REFUSED, _LATE, _FAILED)
 """Names of the counts of connections that were not served."""
+_ABSENT: Final = (errno.EADDRNOTAVAIL, errno.EAFNOSUPPORT)
+"""Errors of an address that this PC does not have, like the IPv6 address of localhost where IPv6 is turned off."""
 SWEEP: Final = 1.0
 """Time, s, between two checks of the deadlines."""
 
@@ -93,9 +96,18 @@ class Port:
         loop = asyncio.get_running_loop()
         try:
             found = await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+            absent: OSError | None = None
             for family, *_, address in dict.fromkeys(found):
-                self._listeners.append(_listener(family, (address[0], port, *address[2:])))
+                try:
+                    self._listeners.append(_listener(family, (address[0], port, *address[2:])))
+                except OSError as error:
+                    if error.errno not in _ABSENT:
+                        raise
+                    absent = error
+                    continue
                 port = port or self._listeners[0].getsockname()[1]
+            if absent is not None and not self._listeners:
+                raise absent
         except OSError as error:
             await self.close()
             if "in use" in why(error).lower():

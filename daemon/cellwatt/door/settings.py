@@ -15,11 +15,12 @@ from cellwatt.errors import OutletError
 from cellwatt.files import unreadable
 from cellwatt.host import LAST_PORT, check_host, stays_here
 from cellwatt.outlet import OutletSettings, both_or_neither, refusal
+from cellwatt.section import Certified
 
 _LISTEN: Final = re.compile(r"(\[[0-9A-Fa-f:.%]+\]|[^\[\]:]+):(\d{1,5})")
 
 
-class Listening(OutletSettings):
+class Listening(OutletSettings, Certified):
     """Settings of an outlet that listens: on this PC only, or with certificate and login, unless ``open`` is set."""
 
     secured: ClassVar[str] = "TLS"

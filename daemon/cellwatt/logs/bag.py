@@ -66,7 +66,7 @@ class Topic:
 
     name: str
     measured: dict[frozenset[str], Series] = field(default_factory=dict)
-    told: dict[frozenset[str], Series] = field(default_factory=dict)
+    commanded: dict[frozenset[str], Series] = field(default_factory=dict)
 
     def add(self, kind: str, time: int, content: Any) -> None:
         """Add a message. Raises ``ValueError`` if the lengths of its arrays differ from the number of names."""
@@ -74,11 +74,11 @@ class Topic:
         seconds, ns = _either(stamp, "sec", "secs"), _either(stamp, "nanosec", "nsec", "nsecs")
         when = seconds * 1_000_000_000 + ns or time
         if kind == STATE:
-            into = self.told if any(word in self.name.casefold() for word in _COMMANDS) else self.measured
+            into = self.commanded if any(word in self.name.casefold() for word in _COMMANDS) else self.measured
             _take(into, when, content.name, content, _STATE if into is self.measured else (("command", "position"),))
             return
         reference, feedback = _either(content, "reference", "desired"), _either(content, "feedback", "actual")
-        _take(self.told, when, content.joint_names, reference, (("command", "positions"),))
+        _take(self.commanded, when, content.joint_names, reference, (("command", "positions"),))
         _take(self.measured, when, content.joint_names, feedback, _POINT)
 
 
@@ -112,30 +112,30 @@ def read(path: Path, choice: Sequence[str] = ()) -> Log:
     chosen = [topic for topic in chosen if topic.name in states] or chosen
     if len(chosen) > 1:
         raise RecordingError(f"{path}: joints under several topics: {how(path, sorted(t.name for t in chosen))}")
-    told = _told(path, chosen[0], topics.values(), choice)
-    return _log(path, chosen[0], told)
+    commanded = _commanded(path, chosen[0], topics.values(), choice)
+    return _log(path, chosen[0], commanded)
 
 
-def _told(path: Path, measured: Topic, topics: Iterable[Topic], choice: Sequence[str]) -> Topic | None:
+def _commanded(path: Path, measured: Topic, topics: Iterable[Topic], choice: Sequence[str]) -> Topic | None:
     """The topic with the commands of the measured joints."""
     joints = frozenset().union(*measured.measured)
-    found = [topic for topic in topics if any(joints & names for names in topic.told)]
+    found = [topic for topic in topics if any(joints & names for names in topic.commanded)]
     found = [topic for topic in found if topic.name in choice] or found
     if len(found) > 1 and not _apart(found):
         names = sorted(f"{measured.name},{topic.name}" for topic in found)
         raise RecordingError(f"{path}: commands under several topics: {how(path, names)}")
     if not found:
         return None
-    return Topic("", told={names: series for topic in found for names, series in topic.told.items()})
+    return Topic("", commanded={names: series for topic in found for names, series in topic.commanded.items()})
 
 
 def _apart(topics: Sequence[Topic]) -> bool:
     """True if no joint is commanded under two topics: one controller per arm."""
-    every = [joint for topic in topics for joint in frozenset().union(*topic.told)]
+    every = [joint for topic in topics for joint in frozenset().union(*topic.commanded)]
     return len(every) == len(set(every))
 
 
-def _log(path: Path, measured: Topic, told: Topic | None) -> Log:
+def _log(path: Path, measured: Topic, commanded: Topic | None) -> Log:
     """The samples at the times of the largest series; other series are interpolated, commands held."""
     series = sorted(
         measured.measured.values(), key=lambda each: (-len(each.joints), -len(each.time), sorted(each.joints))
@@ -149,7 +149,7 @@ def _log(path: Path, measured: Topic, told: Topic | None) -> Log:
             into = quantities.setdefault(quantity, np.full((len(time), len(joints)), np.nan))
             for i, name in enumerate(each.joints):
                 into[:, joints.index(name)] = _onto(time, when, rows[:, i])
-    for each in () if told is None else told.told.values():
+    for each in () if commanded is None else commanded.commanded.values():
         when, values = each.rows()
         latest = np.searchsorted(when, time, side="right") - 1
         for i, name in enumerate(each.joints):

@@ -12,8 +12,8 @@ def chosen(path: Path) -> tuple[Path, tuple[str, ...]]:
     """Split a path into the file or folder and the names after ``#``, separated by commas; () without ``#``."""
     text, at = str(path), 0
     while not Path(text).exists() and (at := text.find(MARK, at + 1)) > 0:
-        if (place := Path(text[:at])).exists():
-            return place, tuple(filter(None, (part.strip() for part in text[at + 1 :].split(","))))
+        if (existing := Path(text[:at])).exists():
+            return existing, tuple(filter(None, (part.strip() for part in text[at + 1 :].split(","))))
     return path, ()
 
 

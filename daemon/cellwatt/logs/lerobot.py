@@ -56,10 +56,10 @@ class DataSet:
         """Read info.json. Raises ``RecordingError`` if it is not LeRobot's, or has no joints."""
         path = root / "meta" / "info.json"
         try:
-            said = json.loads(read_bytes(path, COMPUTED))
-            features = {name: said["features"][name] for name in (STATE, ACTION) if name in said["features"]}
+            info = json.loads(read_bytes(path, COMPUTED))
+            features = {name: info["features"][name] for name in (STATE, ACTION) if name in info["features"]}
             names = {name: _names(each) for name, each in features.items()}
-            fps = float(said["fps"])
+            fps = float(info["fps"])
             if not fps > 0:
                 raise ValueError(f"fps is {fps:g}")
         except OSError as error:
@@ -67,12 +67,12 @@ class DataSet:
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise RecordingError(f"{path}: no info.json of a LeRobot data set: {error!r}") from error
         if STATE not in names:
-            there = ", ".join(sorted(map(str, said["features"])))
+            there = ", ".join(sorted(map(str, info["features"])))
             raise RecordingError(f"{root}: a LeRobot data set without {STATE}; it has {there}")
         return cls(root, fps, names)
 
 
-def read(root: Path, place: Path, choice: Sequence[str] = ()) -> Log:
+def read(root: Path, path: Path, choice: Sequence[str] = ()) -> Log:
     """Read one episode of a data set or of one of its files; ``choice`` is its number, and ``deg`` or ``rad``.
 
     Raises ``RecordingError``.
@@ -82,7 +82,7 @@ def read(root: Path, place: Path, choice: Sequence[str] = ()) -> Log:
     numbers = [each for each in choice if each not in UNITS]
     if len(units) > 1 or len(numbers) > 1 or not all(each.isdigit() for each in numbers):
         raise RecordingError(f"{root}: expected the number of an episode, deg or rad behind #, not {','.join(choice)}")
-    files = [place] if place.is_file() else sorted((root / "data").rglob("*.parquet"))
+    files = [path] if path.is_file() else sorted((root / "data").rglob("*.parquet"))
     state, action, time = _episode(root, files, int(numbers[0]) if numbers else None)
     if not len(time):
         time = np.arange(len(state)) / data.fps
@@ -98,21 +98,21 @@ def _episode(root: Path, files: Sequence[Path], wanted: int | None) -> tuple[Flo
     import pyarrow.parquet as pq
 
     try:
-        held: dict[int, Path] = {}
+        files_by_episode: dict[int, Path] = {}
         for file in files:
             check_file(file, COMPUTED)
             indexes = pq.read_table(file, columns=["episode_index"]).column(0)
-            held |= dict.fromkeys(pc.unique(indexes).to_pylist(), file)
-        if wanted is None and len(held) > 1:
-            names = [str(each) for each in sorted(held)]
-            raise RecordingError(f"{root}: {len(held)} episodes: {how(root, names)}")
-        episode = next(iter(held), None) if wanted is None else wanted
-        if episode not in held:
-            there = f"{min(held)} … {max(held)}" if held else "none"
+            files_by_episode |= dict.fromkeys(pc.unique(indexes).to_pylist(), file)
+        if wanted is None and len(files_by_episode) > 1:
+            names = [str(each) for each in sorted(files_by_episode)]
+            raise RecordingError(f"{root}: {len(files_by_episode)} episodes: {how(root, names)}")
+        episode = next(iter(files_by_episode), None) if wanted is None else wanted
+        if episode not in files_by_episode:
+            there = f"{min(files_by_episode)} … {max(files_by_episode)}" if files_by_episode else "none"
             raise RecordingError(f"{root}: no episode {'in it' if episode is None else episode}; there are: {there}")
-        there = pq.read_schema(held[episode]).names
+        there = pq.read_schema(files_by_episode[episode]).names
         columns = [name for name in (STATE, ACTION, "timestamp") if name in there]
-        table = pq.read_table(held[episode], columns=columns, filters=[("episode_index", "=", episode)])
+        table = pq.read_table(files_by_episode[episode], columns=columns, filters=[("episode_index", "=", episode)])
         found = {name: _matrix(table.column(name)) for name in table.column_names}
     except OSError as error:
         raise RecordingError(f"{root}: cannot be read: {why(error)}") from error

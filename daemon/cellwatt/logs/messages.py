@@ -149,7 +149,7 @@ def _decoder(encoding: str, schema: Schema | None, kind: str) -> Decode | None:
     text = schema.data.decode("utf-8", "replace")
     if encoding == "cdr":
         return _cdr(kind, text if schema.encoding == "ros2msg" else "")
-    return _ros1(kind, text) if encoding == "ros1" else None
+    return (lambda data: _store(kind, text).deserialize_ros1(data, kind)) if encoding == "ros1" else None
 
 
 def _cdr(kind: str, text: str) -> Decode:
@@ -163,10 +163,6 @@ def _cdr(kind: str, text: str) -> Decode:
         return _store(kind, definitions[-1]).deserialize_cdr(data, kind)
 
     return decode
-
-
-def _ros1(kind: str, text: str) -> Decode:
-    return lambda data: _store(kind, text).deserialize_ros1(data, kind)
 
 
 _STORES: Final[dict[tuple[str, str], Any]] = {}

@@ -124,10 +124,10 @@ class Cursor:
 
     def pay(self, after: int, until: int, entries: int = 0) -> None:
         """Note that a span was delivered from the record, which had ``entries`` entries in it."""
-        left: list[Owed] = []
+        remaining: list[Owed] = []
         for o in self._owed:
             if o.until <= after or o.after >= until:
-                left.append(o)
+                remaining.append(o)
                 continue
             known, entries = o.entries - entries, max(entries - o.entries, 0)
             sides = (o.after, min(o.until, after)), (max(o.after, until), o.until)
@@ -137,9 +137,9 @@ class Cursor:
             elif known > 0:
                 self.lost += known
                 self._account.miss(known, GONE)
-            left += rest
+            remaining += rest
         self._account.expect(entries)  # entries that were not counted when they were made
-        self._owed = left
+        self._owed = remaining
         self._note()
 
     def _note(self) -> None:

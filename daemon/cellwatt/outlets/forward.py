@@ -75,7 +75,7 @@ class Flow(Selection):
     batch: PositiveInt = Field(default=100, le=50_000)
     """Most messages in one attempt."""
     every: Seconds = Field(default=1.0, gt=0)
-    """Time between two attempts while the peer accepts messages."""
+    """Time between two attempts while the peer accepts messages and less than a ``batch`` waits."""
     queue: PositiveInt = 10_000
     """Most messages that wait; further ones are back-filled from the record later."""
 
@@ -103,7 +103,7 @@ class Forwarder(Generic[M]):
         self._picker: Picker | None = None
         self._begun = False
         self._newest = 0
-        self._pause, self._not_before, self._fill_from = 0.0, 0.0, 0.0
+        self._pause, self._not_before, self._next_live, self._fill_from = 0.0, 0.0, 0.0, 0.0
 
     @property
     def troubles(self) -> Sequence[str | None]:
@@ -115,7 +115,11 @@ class Forwarder(Generic[M]):
         if self._wants(item):
             self._items.append(item)
             if len(self._items) > BLOCKS:
-                self._forgo_item(self._items.popleft())
+                oldest = self._items.popleft()
+                if isinstance(oldest, Frames):
+                    self._forgo(int(oldest.time[-1]), 0, int(oldest.time[0]) - self._span)
+                else:
+                    self._forgo(time_of(oldest), 0)
 
     def _wants(self, item: Item) -> TypeGuard[Frames | Archived]:
         return (isinstance(item, Frames) and len(item) > 0) or (
@@ -140,14 +144,23 @@ class Forwarder(Generic[M]):
     async def _serve(self) -> None:
         while True:
             await self._collect()
-            ready = time.monotonic() >= self._not_before
-            if ready and self._pending:
+            if self._live_due():
                 await self._send_live()
-            elif ready and (span := self._due()) is not None:
+            elif self._accepts and (span := self._due()) is not None:
                 await self._fill(*span)
-            if not self._pending or time.monotonic() < self._not_before:
-                filling = time.monotonic() >= self._not_before and self._due() is not None
+            if not self._live_due():
+                filling = self._accepts and self._due() is not None
                 await asyncio.sleep(0.0 if filling else min(self._flow.every, 1.0))
+
+    @property
+    def _accepts(self) -> bool:
+        """False during the pause after a failed attempt."""
+        return time.monotonic() >= self._not_before
+
+    def _live_due(self) -> bool:
+        """True if new messages are to be sent now."""
+        full = len(self._pending) >= self._flow.batch
+        return bool(self._pending) and self._accepts and (full or time.monotonic() >= self._next_live)
 
     # new items -----------------------------------------------------------------------------------
 
@@ -199,12 +212,6 @@ class Forwarder(Generic[M]):
         self.cursor.owe(min(since, first - span), first)
         self.cursor.deliver(first)
 
-    def _forgo_item(self, item: Frames | Archived) -> None:
-        if isinstance(item, Frames):
-            self._forgo(int(item.time[-1]), 0, int(item.time[0]) - self._span)
-        else:
-            self._forgo(time_of(item), 0)
-
     def _forgo(self, end: int, entries: int, start: int | None = None) -> None:
         """Owe whole rows that are not sent, to be read from the record; without a record they are lost."""
         self._account.owed -= entries
@@ -229,6 +236,7 @@ class Forwarder(Generic[M]):
             if not sent:
                 self._pending.extendleft(reversed(batch))
         if sent:
+            self._next_live = time.monotonic() + self._flow.every
             self._account.owed -= len(batch)
             # A result does not prove that the rows before it were delivered: an earlier start may still owe them.
             for at in [at for at, _, is_row in batch if is_row][-1:]:
@@ -249,7 +257,7 @@ class Forwarder(Generic[M]):
         record, flow = (self._record, self._cell), self._flow
         work = partial(read, *record, flow, after, until, min(flow.batch, ROWS), results=flow.results)
         try:
-            part = await asyncio.to_thread(work)
+            span = await asyncio.to_thread(work)
         except (CellwattError, OSError) as error:
             self._account.count(f"{self._name}: readings of the record that failed")
             self._fill_from = time.monotonic() + LONGEST_PAUSE
@@ -257,8 +265,8 @@ class Forwarder(Generic[M]):
             self.unread = f"{self._name}: the record cannot be read for back-fill: {reason}"
             return
         self.unread = None
-        found = [*((row.time, self._peer.row(row, part.units)) for row in part.rows)]
-        found += [(time_of(result), self._peer.result(result)) for result in part.results]
+        found = [*((row.time, self._peer.row(row, span.units)) for row in span.rows)]
+        found += [(time_of(result), self._peer.result(result)) for result in span.results]
         entries = sorted(((at, message) for at, message in found if message is not None), key=lambda e: e[0])
         sent = 0
         for first in range(0, len(entries), self._flow.batch):
@@ -267,16 +275,16 @@ class Forwarder(Generic[M]):
                 return
             sent += len(batch)
             self._account.count(f"{self._name}: entries filled in", len(batch))
-            left = entries[first + len(batch) :]
-            until = (left[0][0] - 1) // self._span * self._span if left else part.until  # only whole rows are read
+            later = entries[first + len(batch) :]
+            until = (later[0][0] - 1) // self._span * self._span if later else span.until  # only whole rows are read
             if until > after:  # at once: the cursor never lags behind what was sent
                 self.cursor.pay(after, until, sent)
                 after, sent = until, 0
             await self._collect()
-            while self._pending and time.monotonic() >= self._not_before:  # new items first
+            while self._live_due():  # new items first
                 await self._send_live()
-        self.cursor.pay(after, part.until)
-        if part.waits:
+        self.cursor.pay(after, span.until)
+        if span.waits:
             self._fill_from = time.monotonic() + 1.0
 
     async def _send(self, messages: Sequence[M]) -> bool:
@@ -299,7 +307,7 @@ class Forwarder(Generic[M]):
     async def _end(self) -> None:
         """Send the waiting messages once; owe the rest."""
         await self._collect()
-        if self._pending and time.monotonic() >= self._not_before:
+        if self._pending and self._accepts:
             try:
                 async with asyncio.timeout(LAST):
                     await self._send_live()

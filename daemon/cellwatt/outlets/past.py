@@ -55,49 +55,49 @@ def read(
     other damaged or deleted recordings are skipped.
     """
     recordings = list(_recordings(folder, cell, after, until))[::-1]
-    part = _rows(recordings, selection, after, until, most)
-    for recording in recordings if results and part.until > after else ():
+    span = _rows(recordings, selection, after, until, most)
+    for recording in recordings if results and span.until > after else ():
         for kind in ARCHIVED.values():
-            part.results += recording.between(after + 1, part.until).results(kind)
-    return part
+            span.results += recording.between(after + 1, span.until).results(kind)
+    return span
 
 
 def _rows(recordings: list[Recording], selection: Selection, after: int, until: int, most: int) -> RecordedSpan:
-    part, picker, last = RecordedSpan(after), None, after
+    span, picker, last = RecordedSpan(after), None, after
     for frames in (f for r in recordings for f in r.between(after + 1, until + BEYOND).frames()):
         inside = int(np.searchsorted(frames.time, until, side="right"))
         if picker is None or picker.layout != frames.layout:
-            part.rows += [] if picker is None else picker.rest()
+            span.rows += [] if picker is None else picker.rest()
             picker = Picker(selection, frames.layout)
-            part.units = picker.units
+            span.units = picker.units
         if inside and frames.time[0] > last:
-            part.rows += picker.rows(cut(frames, 0, inside) if inside < len(frames) else frames)
+            span.rows += picker.rows(cut(frames, 0, inside) if inside < len(frames) else frames)
             last = int(frames.time[inside - 1])
-        if len(part.rows) >= most:
-            del part.rows[most:]
-            part.until = part.rows[-1].time
-            return part
+        if len(span.rows) >= most:
+            del span.rows[most:]
+            span.until = span.rows[-1].time
+            return span
         if inside < len(frames) or last + frames.layout.step > until:
-            part.whole = True
+            span.whole = True
             break
-    if not part.whole:
-        part.whole = time.time_ns() > until + PATIENCE
-        part.waits = not part.whole
-    if part.whole and picker is not None:
+    if not span.whole:
+        span.whole = time.time_ns() > until + PATIENCE
+        span.waits = not span.whole
+    if span.whole and picker is not None:
         # Rows of another rate, before a reload, may end beyond the span.
-        part.rows += (row for row in picker.rest() if row.time <= until)
-    part.until = until if part.whole else part.rows[-1].time if part.rows else after
-    return part
+        span.rows += (row for row in picker.rest() if row.time <= until)
+    span.until = until if span.whole else span.rows[-1].time if span.rows else after
+    return span
 
 
 def _recordings(folder: Path, cell: str, after: int, until: int) -> Iterator[Recording]:
     """Recordings that may overlap the span, the newest first."""
-    for kept in reversed(listing(folder, cell)):
-        if kept.name.session > until:
+    for file in reversed(listing(folder, cell)):
+        if file.name.session > until:
             continue
-        recording = opened(kept.path)
-        if recording is None and not kept.closed and time.time() - kept.modified < WRITTEN:
-            raise RecordingError(f"{kept.path} is being written, and cannot be read yet")
+        recording = opened(file.path)
+        if recording is None and not file.closed and time.time() - file.modified < WRITTEN:
+            raise RecordingError(f"{file.path} is being written, and cannot be read yet")
         if recording is not None and recording.start <= until + BEYOND and recording.end > after:
             yield recording
         if recording is not None and recording.start <= after - LATE:

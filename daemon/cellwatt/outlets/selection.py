@@ -14,8 +14,8 @@ from pydantic import Field
 
 from cellwatt.channel import Quality
 from cellwatt.frames import Frames, Layout
-from cellwatt.outlet import Section
 from cellwatt.quantity import Hertz
+from cellwatt.section import Section
 from cellwatt.units import Units
 
 Floats = NDArray[np.float64]

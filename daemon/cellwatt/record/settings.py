@@ -6,16 +6,15 @@ import os
 from pathlib import Path
 from typing import Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from cellwatt.quantity import Bytes, Seconds
 from cellwatt.results import Severity
+from cellwatt.section import Section
 
 
-class EvidenceSettings(BaseModel):
+class EvidenceSettings(Section):
     """Evidence packs: the recording around an alarm, stored in separate files, longer than the record."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     severity: Severity | Literal["none"] = "warning"
     """Least severity of the alarms that get a pack: info, warning or error; none for no packs."""
@@ -54,10 +53,8 @@ def default_folder(cell: str) -> Path:
     return state / "cellwatt" / cell
 
 
-class RecordSettings(BaseModel):
+class RecordSettings(Section):
     """Folder and disk budget of the record."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     folder: Path = Field(default_factory=lambda: default_folder(""))
     """Folder of the recordings; created if missing. Default: the ``StateDirectory`` of the systemd unit, for root

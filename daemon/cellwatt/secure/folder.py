@@ -192,7 +192,7 @@ class Folder:
         elif member.role == "viewer":
             found = {"mode": "client", "connect": [_endpoint(c.hosts[0]) for c in self._seen_by(member)]}
         else:
-            found = {"listen": [_endpoint("0.0.0.0")]}
+            found = {"listen": [_anywhere(member)]}
             options["access_control"] = access.for_cell(self.site, member.name, self._viewers())
         files = {"root_ca": "ca.pem", "certificate": "cert.pem", "key": "key.pem"}
         found["tls"] = {option: f"{member.name}/{file}" for option, file in files.items()}
@@ -206,7 +206,7 @@ class Folder:
         tls = {"root_ca_certificate": f"{router.name}/ca.pem", "enable_mtls": True, "close_link_on_expiration": True}
         return {
             "mode": "router",
-            "listen": {"endpoints": [_endpoint("0.0.0.0")]},
+            "listen": {"endpoints": [_anywhere(router)]},
             "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
             "transport": {"link": {"tls": {**tls, **{f"listen_{kind}": file for kind, file in at.items()}}}},
             "access_control": access.for_router(self.site, [c.name for c in self.cells], self._viewers()),
@@ -226,6 +226,11 @@ def _plain(member: Member) -> dict[str, Any]:
 
 def _endpoint(host: str) -> str:
     return f"tls/[{host}]:{PORT}" if ":" in host else f"tls/{host}:{PORT}"
+
+
+def _anywhere(member: Member) -> str:
+    """The endpoint at which a member listens: all IPv4 addresses, or all addresses if one of its hosts is IPv6."""
+    return _endpoint("::" if any(":" in host for host in member.hosts) else "0.0.0.0")
 
 
 def _check_name(name: str, what: str) -> None:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, Final
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from cellwatt.channel import UNITS
 from cellwatt.config.wording import did_you_mean
+from cellwatt.section import Section
 from cellwatt.units import TABLE, Unit
 
 ChannelName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*(\.[a-z][a-z0-9_]*)+$")]
@@ -36,10 +37,8 @@ SCALED: Final = {name: (si, unit.factor) for name, (si, unit) in KNOWN.items() i
 """Units of ``KNOWN`` with the same zero as SI: the SI unit, and SI units per unit."""
 
 
-class MapPart(BaseModel):
+class MapPart(Section):
     """A mapping of such a file: unknown keys are refused, and values are immutable."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
 
 def _written(unit: object) -> object:

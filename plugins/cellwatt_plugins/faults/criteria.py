@@ -9,20 +9,19 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from cellwatt.arrays import Float
 from cellwatt.quantity import Fraction, Radians, Watts
+from cellwatt.section import Section
 
 Codes = NDArray[np.int8]
 
 Verdict = Literal["healthy", "encoder_fault", "joint_fault", "joint_and_encoder_fault"]
 
 
-class Tolerance(BaseModel):
+class Tolerance(Section):
     """Largest distance from the reference that counts as healthy."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     position: Radians = Field(default=math.radians(1.0), gt=0)
     """Encoder position."""

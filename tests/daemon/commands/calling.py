@@ -34,17 +34,22 @@ class Ended(NamedTuple):
 Call = Callable[..., Ended]
 
 
+def points_with(*more: EntryPoint) -> Callable[[str], list[EntryPoint]]:
+    """Stands for ``importlib.metadata.entry_points``: the commands, the parts of the runtime's tests, and more."""
+
+    def points(group: str) -> list[EntryPoint]:
+        found = entry_points(group=group) if group == "cellwatt.commands" else fakes.entry_points(group)
+        return [*found, *(point for point in more if point.group == group)]
+
+    return points
+
+
 @pytest.fixture
 def call(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Iterator[Call]:
     """Calls ``cellwatt ARGUMENTS…``."""
 
-    def points(group: str) -> list[EntryPoint]:
-        if group == "cellwatt.commands":
-            return list(entry_points(group=group))
-        return [*fakes.entry_points(group), *([SKELETON] if group == SKELETON.group else [])]
-
     monkeypatch.setenv("CELLWATT_TRACEBACK", "1")
-    monkeypatch.setattr(registry, "entry_points", points)
+    monkeypatch.setattr(registry, "entry_points", points_with(SKELETON))
     registry.available.cache_clear()
     for parts in (fakes.DEVICES, fakes.JUDGES, fakes.RECEIVERS):
         parts.clear()

@@ -12,15 +12,14 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Sequence
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
 from cellwatt import Frames, registry
 from cellwatt.commands import main
 from cellwatt.results import Result
-from tests.daemon.commands.calling import CELL
-from tests.daemon.runtime import fakes
+from tests.daemon.commands.calling import CELL, points_with
 from tests.daemon.runtime.fakes import DEVICES, JUDGES, FakeStage, Order, answer, give, prediction, until
 
 MORE = CELL + "  board: {driver: fake, host: board}\n"
@@ -154,16 +153,9 @@ SCENARIOS: dict[str, Callable[[Path], None]] = {
 }
 
 
-def points(group: str) -> list[EntryPoint]:
-    """Stands for ``importlib.metadata.entry_points``."""
-    if group == "cellwatt.commands":
-        return list(entry_points(group=group))
-    aborting = EntryPoint("abort", "tests.daemon.commands.fake_run:AbortingStage", "cellwatt.stages")
-    return [*fakes.entry_points(group), *([aborting] if group == aborting.group else [])]
-
-
 if __name__ == "__main__":
-    registry.entry_points = points  # type: ignore[assignment]
+    aborting = EntryPoint("abort", "tests.daemon.commands.fake_run:AbortingStage", "cellwatt.stages")
+    registry.entry_points = points_with(aborting)  # type: ignore[assignment]
     SCENARIOS[sys.argv[1]](Path(sys.argv[2]))
     sys.argv[1:] = ["run", sys.argv[2]]
     main()

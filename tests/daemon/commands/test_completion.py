@@ -36,9 +36,7 @@ def offered(tmp_path):
     where = {**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}"}
 
     def ask(words: str) -> list[str]:
-        done = subprocess.run(
-            ["bash", "-c", BASH.format(words=words)], env=where, capture_output=True, text=True, check=True
-        )
+        done = called(["bash", "-c", BASH.format(words=words)], where)
         assert not done.stderr
         return done.stdout.split("\n")[:-1]
 
@@ -57,13 +55,7 @@ def test_bash_offers_commands_names_and_files(offered):
 def test_names_of_commands_are_offered_without_loading_any():
     code = "import atexit; atexit.register(lambda: print(*sys.modules, file=sys.stderr)); " + COMPLETE
     asked = {"_CELLWATT_COMPLETE": "bash_complete", "COMP_WORDS": "cellwatt ", "COMP_CWORD": "1"}
-    done = subprocess.run(
-        [sys.executable, "-c", "import sys; " + code],
-        env={**os.environ, **asked},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    done = called([sys.executable, "-c", "import sys; " + code], {**os.environ, **asked})
     assert "plain,check" in done.stdout
     loaded = {name.partition(".")[0] for name in done.stderr.split()}
     assert not loaded & {"pyarrow", "scipy", "zenoh", "mcap", "rich", "cellwatt_plugins", "cellwatt_drivers"}

@@ -12,11 +12,23 @@ import pytest
 
 from cellwatt import Reading, SourceError
 from tests.daemon.commands.calling import CELL, Call, call, cell
-from tests.daemon.runtime.fakes import DEVICES, STEP, STREAM, FakeDriver, drop, fail, give
+from tests.daemon.runtime.fakes import DEVICES, STEP, STREAM, FakeDriver, Order, drop, fail, give
 
 __all__ = ["call", "cell"]
 
 QUICK = ("--seconds", "0.05", "--patience", "0.05")
+
+
+def samples(step: int, current: float, latency: int = 0) -> Order:
+    """50 samples, ``step`` ns apart, that came ``latency`` ns after they were asked for."""
+
+    async def order(driver: FakeDriver) -> None:
+        for n in range(50):
+            driver.outlet.account.expect()
+            at = 10**18 + n * step
+            driver.outlet.emit(Reading(STREAM, np.array([[float(n), current]]), at, asked=at - latency))
+
+    return order
 
 
 def look(call: Call, cell: Path) -> tuple[int, dict[str, Any]]:
@@ -72,13 +84,7 @@ def test_one_that_breaks_leaves_the_others(call: Call, cell: Path) -> None:
 
 
 def test_another_rate_and_losses_are_warnings(call: Call, cell: Path) -> None:
-    async def slow(driver: FakeDriver) -> None:
-        for n in range(50):
-            driver.outlet.account.expect()
-            values = np.array([[float(n), np.nan]])
-            driver.outlet.emit(Reading(STREAM, values, 10**18 + 2 * n * STEP))
-
-    DEVICES["arm"].tell(slow, drop(3, "checksum"))
+    DEVICES["arm"].tell(samples(2 * STEP, np.nan), drop(3, "checksum"))
     code, found = look(call, cell)
     assert (code, found["verdict"]) == (0, "warning")
     assert found["findings"] == [
@@ -117,13 +123,7 @@ def test_what_the_device_said_meanwhile_is_told(call: Call, cell: Path) -> None:
 
 
 def test_stamps_that_may_be_off_by_seconds(call: Call, cell: Path) -> None:
-    async def slow(driver: FakeDriver) -> None:
-        for n in range(50):
-            driver.outlet.account.expect()
-            at = 10**18 + n * STEP
-            driver.outlet.emit(Reading(STREAM, np.array([[float(n), 1.0]]), at, asked=at - 8_000_000_000))
-
-    DEVICES["arm"].tell(slow)
+    DEVICES["arm"].tell(samples(STEP, 1.0, 8_000_000_000))
     code, found = look(call, cell)
     assert (code, found["verdict"]) == (0, "warning")
     assert "supply: its time stamps may be wrong by 4 s" in found["findings"][0]

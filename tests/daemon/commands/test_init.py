@@ -38,6 +38,11 @@ def test_by_options(run, tmp_path):
         assert line in ended.output
 
 
+def test_the_next_commands_name_a_file_with_a_space_as_a_shell_reads_it(run):
+    ended = run("my cell.yaml", *ALL, "--source", "arm=ur:192.0.2.10")
+    assert "cellwatt run 'my cell.yaml'" in ended.output
+
+
 def test_what_is_missing_is_one_line(run, tmp_path):
     ended = run()
     assert ended.exit_code == 2 and "name each device: --source NAME=DRIVER:ADDRESS" in ended.output

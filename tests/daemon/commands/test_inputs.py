@@ -13,7 +13,7 @@ from click.testing import CliRunner, Result
 
 from cellwatt import CellwattError
 from cellwatt.commands.options import INPUT
-from tests.daemon.outlets.historian.bucket import Bucket, bucket
+from tests.daemon.outlets.historian.bucket import Bucket
 
 KEY = "plant/runs/run-1.mcap"
 
@@ -27,7 +27,7 @@ def s3(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bucket]:
 
     async def serve() -> None:
         loops.append(asyncio.get_running_loop())
-        async with bucket() as served:
+        async with Bucket().open() as served:
             found.append(served)
             begun.set()
             await over.wait()

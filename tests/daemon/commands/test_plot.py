@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from cellwatt.record import Header
 from cellwatt.results import Alarm, Interval
 from tests.daemon.commands.calling import Call, call
 from tests.daemon.record import making
@@ -22,10 +21,10 @@ HOTTER = replace(HEAT, time=START + 300_000_000, statement="Joint 2 is hotter.")
 
 
 @pytest.fixture
-def recordings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr(making, "HEADER", Header("plant", "weld", START, None, "", {"arm": (making.ARM,)}))
+def recordings(tmp_path: Path) -> Path:
     (tmp_path / "kept").mkdir()
-    making.write_chunks(tmp_path / "kept", [[making.batch_of(0, 50), making.frames_of(0, 25), MOVES, HEAT, HOTTER]])
+    chunk = [making.batch_of(0, 50), making.frames_of(0, 25), MOVES, HEAT, HOTTER]
+    making.write_chunks(tmp_path / "kept", [chunk], header=making.weld(""))
     return tmp_path / "kept"
 
 
@@ -42,12 +41,9 @@ def test_a_page(call: Call, recordings: Path, tmp_path: Path) -> None:
     assert "1+3" in [note["text"] for note in figure["layout"]["annotations"]]
 
 
-def test_units_of_the_cell_and_of_the_command_line(
-    call: Call, recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    header = Header("plant", "weld", START, None, "units: {angle: deg}", {"arm": (making.ARM,)})
-    monkeypatch.setattr(making, "HEADER", header)
-    making.write_chunks(tmp_path, [[making.batch_of(0, 50), making.frames_of(0, 25), MOVES]])
+def test_units_of_the_cell_and_of_the_command_line(call: Call, tmp_path: Path) -> None:
+    chunk = [making.batch_of(0, 50), making.frames_of(0, 25), MOVES]
+    making.write_chunks(tmp_path, [chunk], header=making.weld("units: {angle: deg}"))
     (file,) = tmp_path.glob("*.mcap")
 
     def shown(*arguments: str) -> dict[str, list[float]]:

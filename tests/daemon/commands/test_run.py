@@ -8,13 +8,12 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
 
 from cellwatt.record import Recording
 from cellwatt.results import Prediction
-from tests.daemon.commands.calling import CELL, cell
+from tests.daemon.commands.calling import CELL, Ended, cell
 from tests.patience import PATIENCE
 
 __all__ = ["cell"]
@@ -40,14 +39,8 @@ def heard(systemd: socket.socket) -> list[str]:
             found.append(field)
 
 
-class Ended(NamedTuple):
-    code: int
-    out: str
-    log: str
-
-
 def run(scenario: str, cell: Path) -> Ended:
-    """The daemon of a cell, which records beside it, from start to end."""
+    """The daemon of a cell, which records beside it, from start to end; its log is ``err``."""
     log = cell.with_suffix(".log")
     cell.write_text(cell.read_text() + f"record: {{folder: {cell.parent / 'kept'}}}\n")
     with log.open("w") as err:
@@ -75,14 +68,14 @@ def test_a_signal_ends_it_in_order(cell: Path, systemd: socket.socket, signal: s
     assert values(cell, "arm") == [0, 1, 2, 3, 4]
     assert heard(systemd) == ["READY=1", "STOPPING=1"]
     assert not list((cell.parent / "kept").glob("*.part"))
-    assert "WARNING" not in ended.log
-    assert "ERROR" not in ended.log
+    assert "WARNING" not in ended.err
+    assert "ERROR" not in ended.err
 
 
 def test_a_hangup_applies_what_changed(cell: Path, systemd: socket.socket) -> None:
     ended = run("one source more", cell)
     assert ended.code == 0
-    assert ended.log.count("arm: Maker Model 2.3 answers") == 1
+    assert ended.err.count("arm: Maker Model 2.3 answers") == 1
     assert values(cell, "board") == [0, 1]
     assert heard(systemd) == ["READY=1", "RELOADING=1", "READY=1", "STOPPING=1"]
     kinds = [event.kind for event in Recording.open(cell.parent / "kept").events()]
@@ -108,11 +101,11 @@ def test_hangups_during_a_reload_are_one_more_and_the_last_file_wins(cell: Path,
 def test_a_hangup_with_a_mistake_changes_nothing(cell: Path, systemd: socket.socket, scenario: str, words: str) -> None:
     ended = run(scenario, cell)
     assert ended.code == 0
-    assert words in ended.log
-    assert ("the old settings stay in force:\n" in ended.log) == (not words.startswith("not reloaded:"))
-    assert ended.log.count("arm: Maker Model 2.3 answers") == 1
+    assert words in ended.err
+    assert ("the old settings stay in force:\n" in ended.err) == (not words.startswith("not reloaded:"))
+    assert ended.err.count("arm: Maker Model 2.3 answers") == 1
     assert values(cell, "arm") == [0, 1, 2]
-    assert "Traceback" not in ended.log
+    assert "Traceback" not in ended.err
     assert heard(systemd) == ["READY=1", "RELOADING=1", "READY=1", "STOPPING=1"]
 
 
@@ -120,8 +113,8 @@ def test_a_stage_that_does_not_fit_is_told_before_anything_is_opened(cell: Path)
     cell.write_text(CELL + "stages: {judge: {}}\n")
     ended = run("stage does not fit", cell)
     assert ended.code == 2
-    assert ended.log.endswith(f"{cell}:5:10: stages.judge: the model is of another robot\n")
-    assert "answers" not in ended.log
+    assert ended.err.endswith(f"{cell}:5:10: stages.judge: the model is of another robot\n")
+    assert "answers" not in ended.err
 
 
 @pytest.mark.parametrize(
@@ -141,4 +134,4 @@ def test_a_stage_that_breaks_its_process_breaks_nothing_else(cell: Path, scenari
     frames = [block.sequence for block in kept.frames()]
     predicted = [p.sequence for p in kept.results() if isinstance(p, Prediction) and p.model == "other"]
     assert predicted == frames
-    assert told in ended.log
+    assert told in ended.err

@@ -7,14 +7,14 @@ import tempfile
 from collections.abc import Iterator
 from importlib.metadata import EntryPoint
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
 from cellwatt import registry
 from cellwatt.channel import Channel, Stream
-from cellwatt.record import Header
 from cellwatt.results import Interval
-from tests.daemon.commands.calling import CELL, Call, call, cell
+from tests.daemon.commands.calling import CELL, Call, call, cell, points_with
 from tests.daemon.record import making
 from tests.rights import as_anybody
 
@@ -36,11 +36,9 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (place / "off.yaml").write_text(CELL + "zenoh: off\n")
     (place / "nonsense.mcap").write_bytes(b"nonsense" * 100)
     (place / "untimed.csv").write_text("a,b\n1,2\n")
-    header = Header("plant", "weld", making.SESSION, None, "", {"arm": (making.ARM,)})
     (place / "recordings").mkdir()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(making, "HEADER", header)
-        making.write_chunks(place / "recordings", [[making.batch_of(0, 15), making.frames_of(0, 10), REST]])
+    chunk = [making.batch_of(0, 15), making.frames_of(0, 10), REST]
+    making.write_chunks(place / "recordings", [chunk], header=making.weld(""))
     return place
 
 
@@ -81,6 +79,7 @@ MISTAKES = [
     (("demo", "--keep", "weld.yaml/kept"), ERROR, "weld.yaml/kept cannot be created: Not a directory"),
     # numbers that are none, too long names, things of another kind
     (("record", "weld.yaml", "--seconds", "nan"), USAGE, "found 'nan', expected a finite number"),
+    (("demo", "--seconds", "nan"), USAGE, "found 'nan', expected a finite number"),
     (("record", "weld.yaml", "--seconds", "-1"), USAGE, "-1.0 is not in the range x>=0"),
     (("secure", "init", "x" * 300, "--site", "plant"), ERROR, "File name too long"),
     (("export", "recordings", "--out", "\udcff"), ERROR, "cannot be written: its name is not UTF-8"),
@@ -137,13 +136,8 @@ def test_what_may_not_be_read_or_made(call: Call, forbidden: Path) -> None:
 @pytest.fixture
 def lacking(call: Call, monkeypatch: pytest.MonkeyPatch) -> Iterator[Call]:
     """``cellwatt`` with a command whose package is not installed."""
-    points = registry.entry_points
-
-    def with_one_more(group: str) -> list[EntryPoint]:
-        gone = EntryPoint("gone", "package_that_is_not_there:command", "cellwatt.commands")
-        return [*points(group=group), *([gone] if group == gone.group else [])]
-
-    monkeypatch.setattr(registry, "entry_points", with_one_more)
+    gone = EntryPoint("gone", "package_that_is_not_there:command", "cellwatt.commands")
+    monkeypatch.setattr(registry, "entry_points", points_with(gone))
     registry.available.cache_clear()
     yield call
     registry.available.cache_clear()
@@ -186,11 +180,8 @@ def test_a_full_disk(call: Call, place: Path, tmp_path: Path) -> None:
     assert "File too large" in exported.err
 
 
-def broken(monkeypatch: pytest.MonkeyPatch) -> None:
-    def break_down(*_: object) -> None:
-        raise ZeroDivisionError("division by zero")
-
-    monkeypatch.setattr("cellwatt.commands.check.load", break_down)
+def broken(monkeypatch: pytest.MonkeyPatch, error: Exception) -> None:
+    monkeypatch.setattr("cellwatt.commands.check.load", Mock(side_effect=error))
 
 
 def test_a_mistake_of_ours_is_one_line_that_says_where_its_traceback_is(
@@ -198,7 +189,7 @@ def test_a_mistake_of_ours_is_one_line_that_says_where_its_traceback_is(
 ) -> None:
     monkeypatch.delenv("CELLWATT_TRACEBACK")
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    broken(monkeypatch)
+    broken(monkeypatch, ZeroDivisionError("division by zero"))
     ended = call("check", cell)
     told, _, file = ended.err.partition(" (the traceback is in ")
     assert ended.code == BUG
@@ -209,24 +200,17 @@ def test_a_mistake_of_ours_is_one_line_that_says_where_its_traceback_is(
 def test_a_package_that_a_command_misses_while_it_runs_is_named(
     call: Call, cell: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def need(*_: object) -> None:
-        raise ModuleNotFoundError("No module named 'scipy.special'", name="scipy.special")
-
-    monkeypatch.setattr("cellwatt.commands.check.load", need)
+    broken(monkeypatch, ModuleNotFoundError("No module named 'scipy.special'", name="scipy.special"))
     ended = call("check", cell)
     assert ended.code == USAGE
     assert ended.err == "cellwatt: this needs the package scipy.special: pip install 'cellwatt[all]'\n"
 
 
-def test_sources_that_change_within_a_session(call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sources_that_change_within_a_session(call: Call, tmp_path: Path) -> None:
     board = Stream("power", (Channel("bus.power", "W"),), 50.0, "host")
-    arm_only = Header("plant", "weld", making.SESSION, None, "", {"arm": (making.ARM,)})
-    both = Header("plant", "weld", making.SESSION, None, "", {"arm": (making.ARM,), "board": (board,)})
-    monkeypatch.setattr(making, "HEADER", arm_only)
-    making.write_chunks(tmp_path, [[making.batch_of(0, 15)]], number=1)
-    monkeypatch.setattr(making, "HEADER", both)
-    board_batch = making.batch_of(0, 15, stream=board, source="board", device=False)
-    making.write_chunks(tmp_path, [[making.batch_of(15, 15), board_batch]], number=2)
+    making.write_chunks(tmp_path, [[making.batch_of(0, 15)]], header=making.weld(""))
+    both = [making.batch_of(15, 15), making.batch_of(0, 15, stream=board, source="board", device=False)]
+    making.write_chunks(tmp_path, [both], number=2, header=making.weld("", board=(board,)))
     ended = call("replay", tmp_path)
     assert ended.code == ERROR
     assert "the sources change within these recordings (board.power): replay them one by one" in ended.err
@@ -234,16 +218,14 @@ def test_sources_that_change_within_a_session(call: Call, tmp_path: Path, monkey
 
 
 def test_the_traceback_of_a_mistake_of_ours_on_request(call: Call, cell: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    broken(monkeypatch)
+    broken(monkeypatch, ZeroDivisionError("division by zero"))
     ended = call("check", cell)
     assert ended.code == BUG
     assert ended.err.startswith("Traceback (most recent call last)")
 
 
-def test_frames_that_came_from_the_environment(call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    text = "frames: {rate: '${RATE}'}\n"
-    monkeypatch.setattr(making, "HEADER", Header("p", "w", making.SESSION, None, text, {"arm": (making.ARM,)}))
-    making.write_chunks(tmp_path, [[making.batch_of(0, 15)]])
+def test_frames_that_came_from_the_environment(call: Call, tmp_path: Path) -> None:
+    making.write_chunks(tmp_path, [[making.batch_of(0, 15)]], header=making.weld("frames: {rate: '${RATE}'}\n"))
     ended = call("replay", tmp_path)
     assert ended.code == ERROR
     assert "are wrong, or came from the environment: give them with --settings" in ended.err

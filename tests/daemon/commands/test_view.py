@@ -20,7 +20,7 @@ from cellwatt.commands import view
 from cellwatt.outlets.page.sessions import parse
 from tests.daemon.outlets.page.cell import HASH
 from tests.daemon.outlets.zenoh.fake_cell import CELL, SITE
-from tests.daemon.outlets.zenoh.processes import Child, free_port
+from tests.daemon.outlets.zenoh.processes import Child
 from tests.patience import PATIENCE, wait_until
 
 WHERE = ("--connect", "tcp/127.0.0.1:7447", "--site", SITE)
@@ -28,14 +28,6 @@ WHERE = ("--connect", "tcp/127.0.0.1:7447", "--site", SITE)
 
 def run(*arguments: object, **more: Any) -> Result:
     return CliRunner().invoke(view.command, [str(argument) for argument in arguments], **more)
-
-
-@pytest.fixture(scope="module")
-def live() -> Iterator[str]:
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    with Child("cell_process", listen=[endpoint]) as cell:
-        cell.ready()
-        yield endpoint
 
 
 @contextmanager
@@ -59,8 +51,8 @@ def get(url: str) -> Any:
         return json.load(response)
 
 
-def test_without_a_cell_it_is_the_plant(live: str) -> None:
-    with viewing("--connect", live, "--site", SITE) as url:
+def test_without_a_cell_it_is_the_plant(live: tuple[Child, str]) -> None:
+    with viewing("--connect", live[1], "--site", SITE) as url:
         assert get(f"{url}/api/site")["mode"] == "plant"
         found = wait_until(lambda: [c for c in get(f"{url}/api/plant")["cells"] if c["state"]], "the cell")
         assert (found[0]["cell"], found[0]["state"]) == (CELL, "green")

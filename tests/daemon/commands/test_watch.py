@@ -7,11 +7,14 @@ import re
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections import Counter
 from pathlib import Path
 
 import pytest
 
+from cellwatt.commands import replay, watch
+from cellwatt.results import Prediction
+from cellwatt.subscriber import Message
 from tests.daemon.commands.calling import Call, call
 from tests.daemon.outlets.zenoh.fake_cell import CELL, SITE
 from tests.daemon.outlets.zenoh.processes import Child, free_port
@@ -34,13 +37,6 @@ def test_a_dead_address_is_one_line_and_an_error(call: Call, hurried: None) -> N
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     ended = call("watch", "--connect", endpoint, "--site", SITE, "--cell", CELL, *QUICKLY, "--json")
     assert ended == (3, "", f"cellwatt: {endpoint}: no answer (connection refused)\n")
-
-
-@pytest.fixture(scope="module")
-def live() -> Iterator[tuple[Child, str]]:
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    with Child("cell_process", listen=[endpoint]) as cell:
-        yield cell.ready(), endpoint
 
 
 def test_another_name_is_told_the_cells_that_are_there(call: Call, live: tuple[Child, str]) -> None:
@@ -117,3 +113,12 @@ def test_a_cell_over_tls(call: Call, certificates: Path) -> None:
         refused = call("watch", "--connect", endpoint, "--site", SITE, "--cell", CELL, *strange, *QUICKLY)
         assert (refused.code, refused.out, refused.err.count("\n")) == (3, "", 1)
         assert "refuses the session: check user and password, the certificates" in refused.err
+
+
+def test_json_has_null_where_there_is_no_number(capsys: pytest.CaptureFixture[str]) -> None:
+    """``NaN`` is no JSON: other programs stop at it."""
+    missing = Prediction("power", 7, (1,), {"supply.power": (float("nan"),)}, {"supply.power": "W"})
+    watch._print_json([Message("prediction/power", 1, 7, False, missing)])
+    list(replay._shown([missing], Counter(), as_json=True))
+    watched, replayed = map(json.loads, capsys.readouterr().out.replace("NaN", "not JSON").splitlines())
+    assert watched["content"]["outputs"] == replayed["outputs"] == {"supply.power": [None]}

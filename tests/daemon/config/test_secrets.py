@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from pydantic import BaseModel, Field, SecretStr
 
 from cellwatt.commands.check import command
-from cellwatt.config import load, public_config, read_settings
+from cellwatt.config import CellConfig, load, public_config, read_settings
 from cellwatt.config.cell import FrameSettings
 from cellwatt.config.document import read
 from cellwatt.config.fields import fields_of, models_in
@@ -26,9 +26,12 @@ from cellwatt.units import Units
 
 pytestmark = pytest.mark.usefixtures("real_parts")
 
+Load = Callable[..., CellConfig]
 SECRET = "hunter2-Zürich"
 HEAD = "site: a\ncell: b\n"
 ABB = "sources:\n  arm:\n    driver: abb\n    host: 192.0.2.1\n    "
+UR = f"{HEAD}sources: {{arm: {{driver: ur, host: h}}}}\n"
+OPTIONS = f"{UR}zenoh:\n  options:\n    "
 
 
 FORMS = {
@@ -40,19 +43,15 @@ FORMS = {
     "tag": f"{HEAD}{ABB}password: !!str {SECRET}\n",
     "beside a variable": f"{HEAD}{ABB}password: {SECRET}${{ABB_PASSWORD:-}}\n",
     "comment": f"# the password is {SECRET}\n{HEAD}{ABB}password: {SECRET}\n",
-    "Zenoh": f"{HEAD}sources: {{arm: {{driver: ur, host: h}}}}\nzenoh: {{user: u, password: {SECRET}}}\n",
-    "Zenoh's option": f"{HEAD}sources: {{arm: {{driver: ur, host: h}}}}\nzenoh:\n  options:\n"
-    f"    transport/auth/usrpwd/user: u\n    transport/auth/usrpwd/password: {SECRET}\n",
-    "Zenoh's nested option": f"{HEAD}sources: {{arm: {{driver: ur, host: h}}}}\nzenoh:\n  options:\n"
-    f"    transport/auth: {{usrpwd: {{user: u, password: {SECRET}}}}}\n",
+    "Zenoh": f"{UR}zenoh: {{user: u, password: {SECRET}}}\n",
+    "Zenoh's option": f"{OPTIONS}transport/auth/usrpwd/user: u\n    transport/auth/usrpwd/password: {SECRET}\n",
+    "Zenoh's nested option": f"{OPTIONS}transport/auth: {{usrpwd: {{user: u, password: {SECRET}}}}}\n",
 }
 
 
 @pytest.mark.parametrize("text", FORMS.values(), ids=FORMS)
-def test_a_secret_in_the_file_is_not_in_what_is_kept_or_published(tmp_path: Path, text: str) -> None:
-    file = tmp_path / "cell.yaml"
-    file.write_text(text, encoding="utf-8")
-    config = load(file, {})
+def test_a_secret_in_the_file_is_not_in_what_is_kept_or_published(load_text: Load, text: str) -> None:
+    config = load_text(text)
     header = Header(config.site, config.cell, 0, settings=config.text).to_json()
     for told in (config.text, header, json.dumps(public_config(config), ensure_ascii=False), repr(config)):
         assert SECRET not in told
@@ -61,15 +60,14 @@ def test_a_secret_in_the_file_is_not_in_what_is_kept_or_published(tmp_path: Path
     # What else the file says is kept: replay reads it again.
     before, after = yaml.safe_load(text), yaml.safe_load(config.text)
     assert [p for p in paths(after) if at(after, p) != at(before, p)] == [p for p in paths(before) if is_secret(p)]
-    assert load_again(tmp_path, config.text)
+    assert load_text(config.text).cell == "b"
 
 
-def test_a_secret_that_is_a_word_of_the_file_leaves_it_yaml(tmp_path: Path) -> None:
+def test_a_secret_that_is_a_word_of_the_file_leaves_it_yaml(load_text: Load) -> None:
     """The maker's own password of an ABB arm, for instance."""
-    file = tmp_path / "cell.yaml"
     arm = "{driver: abb, host: &robotics h, user: u, password: robotics}"
-    file.write_text(f"# robotics: the maker's\nsite: robotics-plant\ncell: robotics\nsources:\n  robotics: {arm}\n")
-    text = load(file, {}).text
+    cell = f"site: robotics-plant\ncell: robotics\nsources:\n  robotics: {arm}\n"
+    text = load_text(f"# robotics: the maker's\n{cell}").text
     assert text.startswith("# ***: the maker's\n")
     told = yaml.safe_load(text)
     assert (told["site"], told["cell"]) == ("***-plant", "***")
@@ -92,12 +90,6 @@ def is_secret(path: tuple[Any, ...]) -> bool:
     return "password" in str(path[-1])
 
 
-def load_again(folder: Path, text: str) -> bool:
-    file = folder / "again.yaml"
-    file.write_text(text, encoding="utf-8")
-    return load(file, {}).cell == "b"
-
-
 def test_a_recipient_may_be_named_like_its_channel(tmp_path: Path) -> None:
     web = {"url": f"https://{SECRET}.example", "ca": "ca.pem"}
     ntfy = {"url": "https://ntfy.example", "topic": "hunter2", "token": SECRET}
@@ -109,30 +101,23 @@ def test_a_recipient_may_be_named_like_its_channel(tmp_path: Path) -> None:
     assert settings.to["webhook"].webhook.ca == tmp_path / "ca.pem"
 
 
-def test_the_device_still_gets_it(tmp_path: Path) -> None:
-    file = tmp_path / "cell.yaml"
-    file.write_text(FORMS["plain"], encoding="utf-8")
-    settings: Any = load(file, {}).sources["arm"].settings
+def test_the_device_still_gets_it(load_text: Load) -> None:
+    settings: Any = load_text(FORMS["plain"]).sources["arm"].settings
     assert settings.password.get_secret_value() == SECRET
 
 
-def test_the_name_of_a_variable_is_no_secret(tmp_path: Path) -> None:
-    file = tmp_path / "cell.yaml"
-    file.write_text(f"{HEAD}{ABB}password: ${{ABB_PASSWORD}}\n")
-    config = load(file, {"ABB_PASSWORD": SECRET})
+def test_the_name_of_a_variable_is_no_secret(load_text: Load) -> None:
+    config = load_text(f"{HEAD}{ABB}password: ${{ABB_PASSWORD}}\n", ABB_PASSWORD=SECRET)
     assert "${ABB_PASSWORD}" in config.text
     assert public_config(config)["sources"]["arm"]["password"] == "${ABB_PASSWORD}"
 
 
 MISTAKES = {
     "a list": f"{HEAD}{ABB}password: [73517351]\n",
-    "without user": f"{HEAD}sources: {{arm: {{driver: ur, host: h}}}}\nzenoh: {{password: p73517351}}\n",
-    "an option": f"{HEAD}sources: {{arm: {{driver: ur, host: h}}}}\n"
-    "zenoh: {options: {transport/auth/usrpwd/password: [p73517351]}}\n",
-    "a nested option": f"{HEAD}sources: {{arm: {{driver: ur, host: h}}}}\n"
-    "zenoh: {options: {transport/auth/usrpwd: {password: [p73517351]}}}\n",
-    "an endpoint": f"{HEAD}sources: {{arm: {{driver: ur, host: h}}}}\n"
-    "zenoh: {connect: ['tls/h:7447#connect_private_key_base64=p73517351'], tls: {root_ca: x}}\n",
+    "without user": f"{UR}zenoh: {{password: p73517351}}\n",
+    "an option": f"{UR}zenoh: {{options: {{transport/auth/usrpwd/password: [p73517351]}}}}\n",
+    "a nested option": f"{UR}zenoh: {{options: {{transport/auth/usrpwd: {{password: [p73517351]}}}}}}\n",
+    "an endpoint": UR + "zenoh: {connect: ['tls/h:7447#connect_private_key_base64=p73517351'], tls: {root_ca: x}}\n",
 }
 
 

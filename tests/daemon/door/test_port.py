@@ -6,6 +6,7 @@ import asyncio
 import logging
 import os
 import resource
+import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 
@@ -15,8 +16,9 @@ from aiohttp import web
 
 from cellwatt.door import http, port
 from cellwatt.door.http import HttpDoor
-from cellwatt.door.port import Limits, peer_of
+from cellwatt.door.port import Limits, Port, peer_of
 from cellwatt.door.settings import Listening
+from cellwatt.errors import OutletError
 from tests.patience import eventually
 
 FEW = Limits(connections=8, peer=4, head=0.2)
@@ -155,3 +157,18 @@ async def test_a_want_of_descriptors_costs_a_pause_and_a_line(
 )
 def test_a_peer_is_a_host_whatever_its_address(address: str, peer: str) -> None:
     assert peer_of(address) == peer
+
+
+async def test_an_address_that_this_pc_lacks_keeps_no_other_from_being_served(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As ``localhost`` where IPv6 is turned off."""
+    elsewhere = (socket.AF_INET6, socket.SOCK_STREAM, 6, "", ("2001:db8::1", 0, 0, 0))
+    here = (socket.AF_INET, socket.SOCK_STREAM, 6, "", ("127.0.0.1", 0))
+    found = [elsewhere, here]
+    monkeypatch.setattr(asyncio.get_running_loop(), "getaddrinfo", lambda *_, **__: asyncio.sleep(0, found))
+    opened = Port(asyncio.Protocol, Limits())
+    number = await opened.open("localhost", 0)
+    assert [listener.getsockname() for listener in opened._listeners] == [("127.0.0.1", number)]
+    await opened.close()
+    found.remove(here)
+    with pytest.raises(OutletError, match="cannot listen at localhost:0: "):
+        await opened.open("localhost", 0)

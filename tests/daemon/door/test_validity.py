@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import os
 import re
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -72,15 +71,3 @@ def test_what_is_no_certificate_and_no_key(tmp_path: Path) -> None:
     assert [text.split(":")[0] for text in found] == ["key", "root_ca"]
     (only, _) = warnings(write(tmp_path, Pair(b"none", b""), Pair(b"none", b"none")))
     assert only == f"certificate: {tmp_path}/cert.pem is not a certificate"
-
-
-def test_a_renewed_certificate_is_a_change_of_the_settings(tmp_path: Path) -> None:
-    """So that SIGHUP makes the link anew: nothing in the settings file itself has changed."""
-    authority = new_authority("plant-1", NOW)
-    own = issue(authority, "weld-3", (), NOW)
-    settings = write(tmp_path, authority, own).model_dump()
-    os.utime(tmp_path / "cert.pem", ns=(1, 1))
-    before, same = LinkSettings(**settings), LinkSettings(**settings)
-    assert before == same
-    os.utime(tmp_path / "cert.pem", ns=(2, 2))
-    assert LinkSettings(**settings) != before

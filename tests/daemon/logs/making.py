@@ -135,7 +135,7 @@ def plain(part):
     return part.tolist() if isinstance(part, np.ndarray) else part
 
 
-def lerobot(path, *, version="v2.1", episodes=1, unit=180 / np.pi, names=("a", "b", "c", "d"), ending=".pos"):
+def lerobot(path, *, version="v2.1", episodes=1, unit=180 / np.pi, names=("a", "b", "c", "d")):
     """A LeRobot data set; in degrees by default, with a gripper from 0 to 100."""
     gripper = np.linspace(0, 100, N)
     tables = [
@@ -152,7 +152,7 @@ def lerobot(path, *, version="v2.1", episodes=1, unit=180 / np.pi, names=("a", "
     ]
     (path / "meta").mkdir(parents=True)
     (path / "data" / "chunk-000").mkdir(parents=True)
-    motors = [f"{name}{ending}" for name in (*names, "gripper")]
+    motors = [f"{name}.pos" for name in (*names, "gripper")]
     feature = {"dtype": "float32", "shape": [5], "names": {"motors": motors} if version == "v2.1" else motors}
     info = {"codebase_version": version, "fps": 100, "features": {"observation.state": feature, "action": feature}}
     (path / "meta" / "info.json").write_text(json.dumps(info))

@@ -41,8 +41,8 @@ def frames(values, *, first=0, quality=None, layout=LAYOUT, at=None, sequence=No
     )
 
 
-def rows(selection, *blocks, layout=LAYOUT):
-    picker = Picker(selection, layout)
+def rows(selection, *blocks):
+    picker = Picker(selection, LAYOUT)
     return [row for block in blocks for row in picker.rows(block)] + list(picker.rest())
 
 

@@ -65,9 +65,11 @@ def name_of(number: int = 1) -> str:
     return str(FileName(SESSION, number, CELL))
 
 
-def write_chunks(folder: Path, chunks: Iterable[Iterable[Item]], *, number: int = 1, close: bool = True) -> OpenFile:
+def write_chunks(
+    folder: Path, chunks: Iterable[Iterable[Item]], *, number: int = 1, close: bool = True, header: Header = HEADER
+) -> OpenFile:
     """A file whose chunks hold exactly these items; with ``close=False`` as a killed writer leaves it."""
-    file = OpenFile(folder / name_of(number), Header(**{**_plain(HEADER), "number": number}))
+    file = OpenFile(folder / name_of(number), Header(**{**_plain(header), "number": number}))
     encoder = Encoder(file)
     for chunk in chunks:
         for item in chunk:
@@ -79,6 +81,11 @@ def write_chunks(folder: Path, chunks: Iterable[Iterable[Item]], *, number: int 
     else:
         file.release()
     return file
+
+
+def weld(settings: str, **streams: tuple[Stream, ...]) -> Header:
+    """The header of a cell whose streams are those of an arm, and others."""
+    return Header("plant", "weld", SESSION, None, settings, {"arm": (ARM,), **streams})
 
 
 def _plain(header: Header) -> dict:

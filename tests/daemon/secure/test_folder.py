@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 from collections.abc import Iterator
@@ -141,3 +142,9 @@ def test_who_must_get_a_new_folder_is_told(folder: Folder) -> None:
     with pytest.raises(ConfigError, match="anna may see only weld-3: remove it first"):
         folder.remove("weld-3")
     assert folder.remove("anna") == ["plant-router"]
+
+
+@pytest.mark.parametrize(("host", "listens"), [("2001:db8::9", "tls/[::]:7447"), ("r", "tls/0.0.0.0:7447")])
+def test_a_router_listens_at_addresses_of_the_kind_that_it_is_known_by(tmp_path: Path, host: str, listens: str) -> None:
+    Folder.create(tmp_path / "secure", "plant-1").add(Member("r", "router", ("192.0.2.9", host)))
+    assert json.loads((tmp_path / "secure/r/zenohd.json5").read_text())["listen"] == {"endpoints": [listens]}

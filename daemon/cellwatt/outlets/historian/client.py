@@ -19,7 +19,7 @@ from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
 from ssl import SSLContext
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 import aiohttp
 
@@ -226,15 +226,11 @@ def result_line(measurement: str, tags: Mapping[str, str], result: Archived) -> 
             values = {"speed": result.speed, "seconds": seconds, "repetition": result.repetition}
             return line(f"{measurement}_task", {**tags, **more}, {**values, "signature": result.signature}, result.end)
         case Energy():
-            return _energy(f"{measurement}_energy", tags, result)
-
-
-def _energy(measurement: str, tags: Mapping[str, str], energy: Energy) -> str:
-    more = {"source": energy.source, "task": energy.task, "variant": energy.variant}
-    names = ("total", "uncertainty", "positive_mechanical", "motion_efficiency_percent", "repetition")
-    fields: dict[str, Any] = {name: getattr(energy, name) for name in names}
-    fields |= {f"group.{name}": value for name, value in energy.groups.items()}
-    return line(measurement, {**tags, **more}, fields, energy.end)
+            more = {key: getattr(result, key) for key in ("source", "task", "variant")}
+            names = ("total", "uncertainty", "positive_mechanical", "motion_efficiency_percent", "repetition")
+            fields = {name: getattr(result, name) for name in names}
+            fields |= {f"group.{name}": value for name, value in result.groups.items()}
+            return line(f"{measurement}_energy", {**tags, **more}, fields, result.end)
 
 
 def _series(measurement: str, tags: Mapping[str, str | None]) -> str:

@@ -27,15 +27,20 @@ from cellwatt.outlets.past import ARCHIVED
 from cellwatt.units import Units
 
 FILE: Final = "historian-lake.json"
+SESSIONS: Final = 2000
+"""Most sessions whose positions are stored, of each table; the record of older ones is long removed."""
 
 
 class Progress(BaseModel):
-    """Position reached in each table of the lake ``lake``; with an ``intent``, a table may have one file beyond it."""
+    """Positions reached in each table of the lake ``lake``; with an ``intent``, a table may have one file beyond them.
+
+    The files of older versions, which had one position per table, are not valid.
+    """
 
     model_config = ConfigDict(extra="forbid")
 
     lake: str
-    reached: dict[str, Reached] = {}
+    reached: dict[str, dict[int, Reached]] = {}
     intent: Any = None
 
     def save(self, folder: Path) -> None:
@@ -88,15 +93,17 @@ class Export:
                     break
 
     def _next(self, table: str) -> Piece | None:
-        cell, after = (self._record, self._site, self._cell), self._progress.reached.get(table)
-        return next_frames(*cell, self._settings, after) if table == "frames" else next_results(*cell, table, after)
+        cell, positions = (self._record, self._site, self._cell), self._progress.reached.get(table, {})
+        if table == "frames":
+            return next_frames(*cell, self._settings, positions)
+        return next_results(*cell, table, positions)
 
     def _commit(self, table: str, piece: Piece) -> Done:
         if piece.table is not None:
             self._progress.intent = True
             self._progress.save(self._record)
             self._store.put(piece.path, parquet(piece.table, self._about(table)))
-        self._progress.reached[table] = piece.end
+        self._note(table, piece.end)
         self._progress.intent = None
         self._progress.save(self._record)
         return Done(table, piece.rows, piece.lost)
@@ -108,10 +115,16 @@ class Export:
     def _look(self) -> None:
         """Continue after the files in the lake, according to their names."""
         for table in ("frames", *ARCHIVED):
-            known = self._progress.reached.get(table)
-            found = map(_reached, self._store.names(root(table, self._site, self._cell)))
-            if reached := [one for one in (known, *found) if one is not None]:
-                self._progress.reached[table] = max(reached)
+            for reached in map(_reached, self._store.names(root(table, self._site, self._cell))):
+                if reached is not None:
+                    self._note(table, reached)
+
+    def _note(self, table: str, reached: Reached) -> None:
+        """Set the position in a session, unless a later one is known."""
+        positions = self._progress.reached.setdefault(table, {})
+        positions[reached.session] = max(reached, positions.get(reached.session, reached))
+        while len(positions) > SESSIONS:
+            del positions[min(positions)]
 
 
 def _reached(path: str) -> Reached | None:

@@ -56,8 +56,8 @@ class Lake:
     def _heard(self, line: str) -> None:
         """Count a file that the process reports."""
         with contextlib.suppress(ValueError, TypeError, KeyError):  # the error message at its end
-            said = json.loads(line)
-            rows, lost, table = said["rows"], said["lost"], said["table"]
+            report = json.loads(line)
+            rows, lost, table = report["rows"], report["lost"], report["table"]
             self._account.expect(rows + lost)
             self._account.receive(rows)
             self._account.miss(lost, "lake: no longer in the record")
@@ -105,9 +105,9 @@ class HistorianOutlet(Outlet[HistorianSettings]):
 
     def trouble(self) -> str | None:
         """Reason why InfluxDB or the lake accepts nothing, or ``None``."""
-        said = [] if self._influx is None else list(self._influx.troubles)
-        said += [] if self._lake is None else [self._lake.problem]
-        return "; ".join(filter(None, said)) or None
+        troubles = [] if self._influx is None else list(self._influx.troubles)
+        troubles += [] if self._lake is None else [self._lake.problem]
+        return "; ".join(filter(None, troubles)) or None
 
     async def run(self) -> None:
         """Write until cancelled. Raises ``OutletError`` if the lake has no record to read from."""

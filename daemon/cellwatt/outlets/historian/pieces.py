@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from itertools import chain, groupby, islice
 from pathlib import Path
@@ -32,26 +32,33 @@ T = TypeVar("T", Alarm, Task, Energy)
 
 @dataclass(frozen=True, slots=True, order=True)
 class Reached:
-    """The last exported frame or result.
+    """The last exported frame or result of a session.
 
     For a frame, ``number`` is its sequence and ``time`` its time, UTC ns, if known; for a result, ``number`` is that of
-    its file in the session, and ``count`` the number of exported results of this file.
+    its file in the session, and ``count`` the number of exported results of this file. ``ended``: the session has no
+    further frames.
     """
 
     session: int
     number: int
     count: int = 0
     time: int = field(default=0, compare=False)
+    ended: bool = field(default=False, compare=False)
 
 
-def frames_after(folder: Path, cell: str, position: Reached | None) -> Iterator[tuple[int, Frames]]:
-    """Blocks of frames after ``position``, each with its session; without a position, all blocks."""
-    for kept in files_of(folder, cell):
-        session = kept.name.session
-        after = position if position is not None and session == position.session else None
-        if position is not None and session < position.session:
+Positions = Mapping[int, Reached]
+"""The position in each session of which anything was exported. If the PC's clock was set back between two sessions,
+the later one has the earlier start."""
+
+
+def frames_after(folder: Path, cell: str, positions: Positions) -> Iterator[tuple[int, Frames]]:
+    """Blocks of frames after the position in their session, each with its session."""
+    for file in files_of(folder, cell):
+        session = file.name.session
+        after = positions.get(session)
+        if after is not None and after.ended:
             continue
-        recording = opened(kept.path)
+        recording = opened(file.path)
         if recording is None or (after is not None and recording.end <= after.time):
             continue
         for block in (recording if after is None else recording.between(after.time + 1, EVER)).frames():
@@ -60,14 +67,15 @@ def frames_after(folder: Path, cell: str, position: Reached | None) -> Iterator[
                 yield session, cut(block, known, len(block))
 
 
-def results_after(folder: Path, cell: str, kind: type[T], reached: Reached | None) -> Iterator[tuple[Reached, T]]:
-    """Results of a kind after ``reached``, each with its own position."""
-    for kept in files_of(folder, cell):
-        at = kept.name.session, kept.name.number
-        if reached is not None and at < (reached.session, reached.number):
+def results_after(folder: Path, cell: str, kind: type[T], positions: Positions) -> Iterator[tuple[Reached, T]]:
+    """Results of a kind after the position in their session, each with its own position."""
+    for file in files_of(folder, cell):
+        at = file.name.session, file.name.number
+        reached = positions.get(file.name.session)
+        if reached is not None and file.name.number < reached.number:
             continue
-        recording = opened(kept.path)
-        known = reached.count if reached is not None and at == (reached.session, reached.number) else 0
+        recording = opened(file.path)
+        known = reached.count if reached is not None and file.name.number == reached.number else 0
         for number, result in enumerate(recording.results(kind) if recording is not None else (), 1):
             if number > known:
                 yield Reached(*at, number), result
@@ -106,19 +114,20 @@ def day_of(time: int) -> str:
     return datetime.fromtimestamp(time // 10**9, UTC).strftime("%Y-%m-%d")
 
 
-def next_frames(folder: Path, site: str, cell: str, selection: Selection, after: Reached | None) -> Piece | None:
+def next_frames(folder: Path, site: str, cell: str, selection: Selection, positions: Positions) -> Piece | None:
     """The next file of frames, of one session, layout and day; ``None`` if no row is complete yet."""
-    blocks = frames_after(folder, cell, after)
+    blocks = frames_after(folder, cell, positions)
     session, first = next(blocks, (0, None))
     if first is None:
         return None
     picker, rows, over = Picker(selection, first.layout), list[Row](), False
     most = max(1, VALUES // (len(picker.units) + 4))
-    seen = after if after is not None and after.session == session else Reached(session, first.sequence - 1)
+    seen = positions.get(session, Reached(session, first.sequence - 1))
     gaps: list[tuple[int, int]] = []
     for at, block in chain([(session, first)], blocks):
         if over := at != session or block.layout != picker.layout:
             rows += picker.rest()
+            seen = replace(seen, ended=at != session and _closed(folder, cell, session))
             break
         gaps.append((block.sequence, block.sequence - seen.number - 1))
         seen = Reached(session, block.sequence + len(block) - 1, time=int(block.time[-1]))
@@ -127,27 +136,32 @@ def next_frames(folder: Path, site: str, cell: str, selection: Selection, after:
             break
     if not rows:  # a finished session or layout without any of the channels
         return Piece("", 0, None, seen) if over else None
-    kept = [row for row in rows[:most] if row.time // _DAY == rows[0].time // _DAY]
-    last, full = kept[-1], len(kept) < len(rows)
+    chosen = [row for row in rows[:most] if row.time // _DAY == rows[0].time // _DAY]
+    last, full = chosen[-1], len(chosen) < len(rows)
     # After a session or layout has ended, all its frames count as exported, also those after the last row.
     end = seen if over and not full else Reached(session, last.sequence, time=min(last.time, seen.time))
     name = f"{session}_{first.sequence}_{last.sequence}.parquet"
     path = f"{root('frames', site, cell)}/day={day_of(last.time)}/{name}"
     lost = sum(n for at, n in gaps if at <= end.number)
-    return Piece(path, len(kept), frame_table(kept, picker.units, session), end, lost, last=not (over or full))
+    return Piece(path, len(chosen), frame_table(chosen, picker.units, session), end, lost, last=not (over or full))
 
 
-def next_results(folder: Path, site: str, cell: str, table: str, after: Reached | None) -> Piece | None:
+def _closed(folder: Path, cell: str, session: int) -> bool:
+    """True if no file of a session is being written."""
+    return all(file.closed for file in files_of(folder, cell) if file.name.session == session)
+
+
+def next_results(folder: Path, site: str, cell: str, table: str, positions: Positions) -> Piece | None:
     """The next file of alarms, tasks or energies, of one file of the record and one day."""
-    found = islice(results_after(folder, cell, ARCHIVED[table], after), RESULTS)
+    found = islice(results_after(folder, cell, ARCHIVED[table], positions), RESULTS)
     _, alike = next(groupby(found, lambda r: (r[0].session, r[0].number, time_of(r[1]) // _DAY)), (None, ()))
-    kept = list(alike)
-    if not kept:
+    chosen = list(alike)
+    if not chosen:
         return None
-    (first, result), (last, _) = kept[0], kept[-1]
+    (first, result), (last, _) = chosen[0], chosen[-1]
     name = f"{first.session}_{first.number}_{first.count}_{last.count}.parquet"
     path = f"{root(table, site, cell)}/day={day_of(time_of(result))}/{name}"
-    return Piece(path, len(kept), result_table(table, [r for _, r in kept], first.session), last)
+    return Piece(path, len(chosen), result_table(table, [r for _, r in chosen], first.session), last)
 
 
 _TIME: Final = pa.timestamp("ns", tz="UTC")

@@ -16,6 +16,7 @@ from cellwatt.outlet import OutletSettings, both_or_neither
 from cellwatt.outlets.forward import Flow
 from cellwatt.outlets.selection import Selection
 from cellwatt.quantity import Seconds
+from cellwatt.section import Certified
 
 _NAME: Final = r"^[^\x00-\x1f\x7f\"\\]{1,200}$"
 
@@ -28,7 +29,7 @@ def _web(url: str) -> str:
     return url.rstrip("/")
 
 
-class InfluxSettings(Flow):
+class InfluxSettings(Flow, Certified):
     """InfluxDB by line protocol over HTTP: ``database`` for version 1, ``org`` and ``bucket`` for 2."""
 
     url: str
@@ -78,7 +79,7 @@ class InfluxSettings(Flow):
         return self
 
 
-class LakeSettings(Selection):
+class LakeSettings(Selection, Certified):
     """A lake of Parquet files, in a folder or in S3: ``frames/site=…/cell=…/day=…/``; also alarms, tasks, energies."""
 
     folder: str = Field(min_length=1)

@@ -23,7 +23,7 @@ class Store:
     def __init__(self, place: Path | str, options: Mapping[str, Any] | None = None) -> None:
         from pyarrow import fs
 
-        self._place, self._remote = str(place).removeprefix("s3://").rstrip("/"), options is not None
+        self._root, self._remote = str(place).removeprefix("s3://").rstrip("/"), options is not None
         self._all_below = partial(fs.FileSelector, allow_not_found=True, recursive=True)
         self._fs = fs.LocalFileSystem()
         if options is not None:
@@ -31,7 +31,7 @@ class Store:
 
     def put(self, path: str, content: bytes) -> None:
         """Write a file, replacing an existing one; paths are relative to the lake."""
-        target = f"{self._place}/{path}"
+        target = f"{self._root}/{path}"
         with _as_outlet_error(target):
             if not self._remote:
                 Path(target).parent.mkdir(parents=True, exist_ok=True)
@@ -42,11 +42,11 @@ class Store:
 
     def names(self, folder: str) -> list[str]:
         """Paths of the Parquet files below a folder, relative to it, sorted; none if the folder does not exist."""
-        root = f"{self._place}/{folder}"
+        root = f"{self._root}/{folder}"
         with _as_outlet_error(root):
             found = self._fs.get_file_info(self._all_below(root))
-        kept = (info.path for info in found if info.is_file and info.path.endswith(".parquet"))
-        return sorted(path.removeprefix(f"{root}/") for path in kept)
+        paths = (info.path for info in found if info.is_file and info.path.endswith(".parquet"))
+        return sorted(path.removeprefix(f"{root}/") for path in paths)
 
 
 def s3_options(

@@ -83,7 +83,7 @@ class Meter(Collector):
         self._layout: Layout | None = None
         self._columns: tuple[tuple[int, str], ...] = ()
         self._power: dict[str, float] = {}
-        self._readings: list[SeriesValue] = []
+        self._figures: list[SeriesValue] = []
         self._looked: float | None = None
         self._energies: dict[tuple[str, tuple[str, ...]], float] = {}
         self._alarms: dict[tuple[str, ...], None] = {}
@@ -95,7 +95,7 @@ class Meter(Collector):
     def succeed(self, before: Meter) -> None:
         """Take over the totals and the latest values of another meter."""
         self._ratchet, self._energies = before._ratchet, before._energies
-        self._readings, self._looked, self.status = before._readings, before._looked, before.status
+        self._figures, self._looked, self.status = before._figures, before._looked, before.status
         self._alarms, self.scrapes = before._alarms, before.scrapes
 
     def frames(self, frames: Frames) -> None:
@@ -120,10 +120,10 @@ class Meter(Collector):
         """Store the cell's health."""
         self.status, self._looked = status, time.monotonic()
         lives = {part: self._ratchet.life(part, process, steady) for part, process, steady in lives_of(status)}
-        self._readings = [self._steady(reading, lives) for reading in of_health(status)]
-        now = {r.labels for r in self._readings if r.metric == "alarms_active"}
+        self._figures = [self._steady(figure, lives) for figure in of_health(status)]
+        now = {r.labels for r in self._figures if r.metric == "alarms_active"}
         # A cleared alarm is published as 0 from now on: a missing series would mean unknown.
-        self._readings += [SeriesValue("alarms_active", labels, 0.0) for labels in self._alarms if labels not in now]
+        self._figures += [SeriesValue("alarms_active", labels, 0.0) for labels in self._alarms if labels not in now]
         for labels in now:
             if len(self._alarms) < self._most:
                 self._alarms[labels] = None
@@ -135,11 +135,11 @@ class Meter(Collector):
     def samples(self) -> dict[str, list[Sample]]:
         """Series of each metric by name, in the order of the catalogue."""
         found: dict[str, dict[tuple[str, ...], float]] = {name: {} for name in CATALOGUE}
-        for reading in self._all():
-            series = found[f"cellwatt_{reading.metric}"]
-            labels = tuple(label[:LONGEST] for label in reading.labels)
-            if math.isfinite(reading.value):
-                series[labels] = series.get(labels, 0.0) + reading.value
+        for figure in self._all():
+            series = found[f"cellwatt_{figure.metric}"]
+            labels = tuple(label[:LONGEST] for label in figure.labels)
+            if math.isfinite(figure.value):
+                series[labels] = series.get(labels, 0.0) + figure.value
         out = {name: self._bounded(name, series) for name, series in found.items()}
         left = {(name,): float(len(found[name]) - len(out[name])) for name in found}
         out["cellwatt_series_left_out"] = [(name, n) for name, n in left.items() if n]
@@ -155,7 +155,7 @@ class Meter(Collector):
         yield SeriesValue("scrapes", (), self.scrapes)
         if (age := self.age(time.monotonic())) is not None:
             yield SeriesValue("health_age_seconds", (), age)
-        yield from self._readings
+        yield from self._figures
         yield from (SeriesValue("power_watts", (name,), value) for name, value in self._power.items())
         yield from (SeriesValue(metric, labels, value) for (metric, labels), value in self._energies.items())
 
@@ -164,12 +164,12 @@ class Meter(Collector):
         if math.isfinite(value) and (key in self._energies or len(self._energies) < _MOST_ENERGIES):
             self._energies[key] = self._energies.get(key, 0.0) + max(value, 0.0)
 
-    def _steady(self, reading: SeriesValue, lives: Mapping[str, int]) -> SeriesValue:
+    def _steady(self, figure: SeriesValue, lives: Mapping[str, int]) -> SeriesValue:
         """A counter's value replaced by a total that never decreases; gauges unchanged."""
-        if CATALOGUE[f"cellwatt_{reading.metric}"].type != "counter":
-            return reading
-        life = lives[reading.part] if reading.part is not None else None
-        return reading._replace(value=self._ratchet.total((reading.metric, reading.labels), reading.value, life))
+        if CATALOGUE[f"cellwatt_{figure.metric}"].type != "counter":
+            return figure
+        life = lives[figure.part] if figure.part is not None else None
+        return figure._replace(value=self._ratchet.total((figure.metric, figure.labels), figure.value, life))
 
     def _bounded(self, name: str, series: Mapping[tuple[str, ...], float]) -> list[Sample]:
         """The series to publish: those published before, then others up to the limit."""

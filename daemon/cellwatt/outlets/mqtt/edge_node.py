@@ -45,13 +45,15 @@ class EdgeNode:
         self._node = level(settings.node or cell)
         self._host = settings.primary_host
         self._online = self._host is None
-        self._heard_at: int | None = None
+        self._host_state_at: int | None = None
         """Timestamp of the last accepted state message of the primary host."""
         self.births = births
         self._birth = 0
         self._seq = 0
         self._tags = Tags()
         self._units: Mapping[str, str] = {}
+        self._sources: frozenset[str] = frozenset()
+        """Sources of the rows' channels, once they are known."""
         self._alarms = alarms
         self._tags.declare(self._tags.node, "health/state", DataType.STRING)
         self._tags.declare(self._tags.node, "alarms/active", DataType.INT64).value = len(alarms.up)
@@ -98,9 +100,9 @@ class EdgeNode:
             online = timestamp = None
         if not isinstance(online, bool) or not isinstance(timestamp, int):
             raise ProtocolError("the state of the primary host is not a valid Sparkplug message")
-        if self._heard_at is not None and timestamp < self._heard_at:
+        if self._host_state_at is not None and timestamp < self._host_state_at:
             return ()
-        self._heard_at = timestamp
+        self._host_state_at = timestamp
         before, self._online = self._online, online
         if online == before:
             return ()
@@ -135,26 +137,47 @@ class EdgeNode:
     # data -----------------------------------------------------------------------------------------
 
     def label(self, units: Mapping[str, str], now: int) -> Sequence[Message]:
-        """Declare the channels of the rows; the birth of a device is sent with its first values."""
-        self._units = units
+        """Declare the channels of the rows; deaths of devices that are not among them any more.
+
+        The birth of a device is sent with its first values.
+        """
+        self._units, self._sources = units, frozenset(name.partition(".")[0] for name in units)
         for name, unit in units.items():
             self._tags.channel(name, unit)
-        return ()
+        removed = [source for source in self._tags.devices if self._is_removed(source)]
+        for tag in (tag for source in removed for tag in self._tags.devices[source].tags.values()):
+            tag.value = None
+        return self._deaths(removed, now // MS)
+
+    def _is_removed(self, source: str) -> bool:
+        """True for a source that a reload removed: no channel of the rows is its own."""
+        return bool(self._sources) and source not in self._sources
+
+    def _deaths(self, sources: Iterable[str], at: int) -> list[Message]:
+        devices = ((source, self._tags.devices[source]) for source in sources)
+        return [self._device_death(source, device, at) for source, device in devices if device.born]
 
     def missed(self, row: Row) -> None:
         """Update the current values from a row without publishing it."""
         for name in row.quality:
-            self._set(self._channel(name)[1], row, name)
+            source, tag = self._channel(name)
+            if not self._is_removed(source):
+                self._set(tag, row, name)
 
     def row(self, row: Row, historical: bool, now: int) -> Sequence[Message]:
-        """Messages with the values that a row changes, per device; with all values if the row is historical."""
+        """Messages with the values that a row changes, per device; with all values if the row is historical.
+
+        Values of removed sources are always historical.
+        """
         messages: list[Message] = []
         by_device: dict[str, list[tuple[str, Tag]]] = {}
         for name in row.quality:
             source, tag = self._channel(name)
             by_device.setdefault(source, []).append((name, tag))
         for source, members in by_device.items():
-            messages += self._device_row(source, members, row, historical, now // MS)
+            removed = self._is_removed(source)
+            messages += self._device_row(source, members, row, historical or removed, now // MS)
+            messages += self._deaths([source] if removed else [], now // MS)
         return messages
 
     def _device_row(

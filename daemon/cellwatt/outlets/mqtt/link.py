@@ -15,6 +15,7 @@ from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.reasoncodes import ReasonCode
 from paho.mqtt.subscribeoptions import SubscribeOptions
 
+from cellwatt.account import Account
 from cellwatt.errors import OutletError, why
 from cellwatt.outlets.mqtt.message import Message, Subscription
 from cellwatt.outlets.mqtt.settings import MqttSettings
@@ -24,18 +25,22 @@ ANSWER: Final = 10.0
 """Longest time, s, to wait for any answer of the broker."""
 WINDOW: Final = 64
 """Most messages in flight at a time."""
-_HEARD: Final = 1000
-"""Most received messages that wait to be processed; further ones are dropped."""
+RECEIVED: Final = 1000
+"""Most received messages that wait to be processed; further ones are dropped and counted."""
 _WITH_WILL: Final = 4
 """Reason code of MQTT 5: Disconnect with Will Message."""
 _CLOSED: Final = (
     "the broker closed the connection without a reason; if this repeats: does it require a certificate, or another "
     "version than MQTT 5?"
 )
-_BROKE: Final = "it broke"
+_BROKE: Final = "it broke; if this repeats: does another client have the same client ID?"
 _FENCE: Final = "cellwatt/fence"
-_AUTHENTICATION: Final = (134, 135)
-"""Reason codes: bad user name or password, not authorised."""
+_ADVICE: Final = {
+    134: "; check user and password",
+    135: "; check user and password",
+    142: "; another client has the same client ID: set 'client'",
+}
+"""Advice by reason code: bad user name or password, not authorised, session taken over."""
 
 Answer = asyncio.Future[Sequence[ReasonCode]]
 """The broker's answer to one packet, cancelled if the connection is lost first."""
@@ -73,7 +78,7 @@ class _Socket(ssl.SSLSocket):
 class Link:
     """A connection with ``will`` as its will message; ``refused`` is called with the reason for each refused message.
 
-    Always call ``abort`` last.
+    ``account`` counts received messages that are dropped. Always call ``abort`` last.
     """
 
     def __init__(
@@ -83,15 +88,16 @@ class Link:
         will: Message,
         tls: ssl.SSLContext | None,
         refused: Callable[[str], None],
+        account: Account,
     ) -> None:
-        self._settings, self._refused = settings, refused
+        self._settings, self._refused, self._account = settings, refused, account
         self._loop = asyncio.get_running_loop()
         self._taken: asyncio.Future[str] = self._loop.create_future()
         """Reason why the broker refuses the connection; empty if it accepts."""
         self._lost: asyncio.Future[str] = self._loop.create_future()
         """Reason why the connection was lost."""
         self._answers: dict[int, Answer] = {}
-        self._heard: asyncio.Queue[mqtt.MQTTMessage | None] = asyncio.Queue()
+        self._received: asyncio.Queue[mqtt.MQTTMessage | None] = asyncio.Queue()
         """Received messages; ``None`` after the last one, when the connection is lost."""
         made = self._client = mqtt.Client(
             CallbackAPIVersion.VERSION2, client, protocol=mqtt.MQTTv5, reconnect_on_failure=False
@@ -131,7 +137,7 @@ class Link:
 
     async def messages(self) -> AsyncIterator[tuple[str, bytes, bool]]:
         """Topic, payload and retained flag of messages. Raises ``LostError`` when the connection is lost."""
-        while (message := await self._heard.get()) is not None:
+        while (message := await self._received.get()) is not None:
             yield message.topic, bytes(message.payload), message.retain
         raise self._error(_BROKE)
 
@@ -148,9 +154,9 @@ class Link:
 
     async def arrive(self, answers: Sequence[Answer]) -> None:
         """Wait for all answers. Raises ``LostError``."""
-        _, left = await asyncio.wait(answers, timeout=ANSWER)
-        if left or any(answer.cancelled() for answer in answers):
-            raise self._error(f"no answer within {ANSWER:g} s" if left else _BROKE)
+        _, pending = await asyncio.wait(answers, timeout=ANSWER)
+        if pending or any(answer.cancelled() for answer in answers):
+            raise self._error(f"no answer within {ANSWER:g} s" if pending else _BROKE)
 
     async def close(self, *, with_will: bool) -> None:
         """End the connection; ``with_will``: the broker publishes the will nevertheless."""
@@ -193,23 +199,23 @@ class Link:
         return lambda _client, _data, *about: self._loop.call_soon_threadsafe(work, *about)
 
     def _on_connect(self, _flags: mqtt.ConnectFlags, code: ReasonCode, _: object) -> None:
-        advice = "; check user and password" if code.value in _AUTHENTICATION else ""
         if not self._taken.done():
-            self._taken.set_result(f"the broker reports: {_words(code)}{advice}" if code.is_failure else "")
+            self._taken.set_result(_reported(code) if code.is_failure else "")
 
     def _on_disconnect(self, flags: mqtt.DisconnectFlags, code: ReasonCode, _: object) -> None:
-        said = flags.is_disconnect_packet_from_server
         if not self._lost.done():
-            self._lost.set_result(f"the broker reports: {_words(code)}" if said else _BROKE)
+            self._lost.set_result(_reported(code) if flags.is_disconnect_packet_from_server else _BROKE)
         if not self._taken.done():
             self._taken.set_result(_CLOSED)
-        self._heard.put_nowait(None)
+        self._received.put_nowait(None)
         for answer in self._answers.values():
             answer.cancel()
 
     def _on_message(self, message: mqtt.MQTTMessage) -> None:
-        if self._heard.qsize() < _HEARD:
-            self._heard.put_nowait(message)
+        if self._received.qsize() < RECEIVED:
+            self._received.put_nowait(message)
+        else:
+            self._account.count("received messages dropped")
 
     def _on_publish(self, mid: int, code: ReasonCode, _: object) -> None:
         if code.is_failure:
@@ -233,6 +239,10 @@ def reason(error: Exception) -> str:
     if isinstance(error, ssl.SSLError):
         return f"TLS failed: {error.reason or error}; check ca, certificate and the broker's name"
     return why(error) if isinstance(error, OSError) else text
+
+
+def _reported(code: ReasonCode) -> str:
+    return f"the broker reports: {_words(code)}{_ADVICE.get(code.value, '')}"
 
 
 def _words(code: ReasonCode) -> str:

@@ -45,7 +45,8 @@ class Waiting(Generic[T]):
 class Outbox:
     """Queues of ``most`` entries each; a full queue drops its oldest entry and counts it.
 
-    With a ``cursor``, rows made without a connection are owed from the record, and passed only to ``missed``.
+    With a ``cursor``, the oldest row of a full queue is owed from the record; rows made without a connection are owed,
+    too, and passed only to ``missed``.
     ``wake`` is set when there is something to send.
     """
 
@@ -130,8 +131,10 @@ class Outbox:
         self._account.owed += 1
         if waiting.late and self._cursor is not None:
             self._leave(self._cursor, waiting)
-        else:
-            self._put(self.rows, waiting, "rows")
+            return
+        if self._cursor is not None and len(self.rows) >= self._most:
+            self._leave_unseen(self._cursor, self.rows.popleft())
+        self._put(self.rows, waiting, "rows")
 
     def prediction(self, item: Prediction) -> None:
         """Queue the rows of a model's output while serving."""
@@ -164,9 +167,13 @@ class Outbox:
             self._account.drop(count, "queue")
 
     def _leave(self, cursor: Cursor, row: Waiting[Row]) -> None:
+        self._leave_unseen(cursor, row)
+        self._missed(row.item)
+
+    def _leave_unseen(self, cursor: Cursor, row: Waiting[Row]) -> None:
+        """Owe a row; current values stay those of the last row sent, so that the next row has all changes."""
         self._owe(cursor, row)
         self._account.count("rows left to the record")
-        self._missed(row.item)
 
     def _owe(self, cursor: Cursor, row: Waiting[Row]) -> None:
         self._account.owed -= 1
@@ -207,19 +214,19 @@ class Backfill:
 
     async def _fill(self, after: int, until: int) -> bool:
         """Deliver one section of a span, results first; true if the record does not reach its end yet."""
-        part = await self._read(after, until)
-        for first in range(0, len(part.results), PIECE):
-            await self._bring(part.results[first : first + PIECE], [], after, after)
-        channels = len(part.units) if self._settings.frame == "channels" else 1
+        span = await self._read(after, until)
+        for first in range(0, len(span.results), PIECE):
+            await self._bring(span.results[first : first + PIECE], [], after, after)
+        channels = len(span.units) if self._settings.frame == "channels" else 1
         size = max(PIECE // max(channels, 1), 1)
-        for first in range(0, max(len(part.rows), 1), size):
-            rows = part.rows[first : first + size]
+        for first in range(0, max(len(span.rows), 1), size):
+            rows = span.rows[first : first + size]
             due = time.monotonic() + len(rows) / self._settings.backfill
-            end = rows[-1].time if first + size < len(part.rows) else part.until
+            end = rows[-1].time if first + size < len(span.rows) else span.until
             await self._bring([], rows, after, end)
             after = end
             await asyncio.sleep(max(due - time.monotonic(), 0.0))
-        return part.waits
+        return span.waits
 
     async def _bring(self, results: list[Archived], rows: list[Row], after: int, end: int) -> None:
         self._delivered.clear()
@@ -240,11 +247,11 @@ class Backfill:
         until = min(until, self._outbox.begun) if before else until
         work = partial(read, *self._record, self._settings, after, until, PART, results=before)
         try:
-            part = await asyncio.to_thread(work)
+            span = await asyncio.to_thread(work)
         except (OSError, RecordingError) as error:
             reason = why(error) if isinstance(error, OSError) else str(error)
             self.problem = f"record.folder {self._record[0]} cannot be read for back-fill: {reason}"
             self._account.count("record unreadable")
             return RecordedSpan(after, waits=True)
         self.problem = None
-        return part
+        return span

@@ -118,7 +118,7 @@ class MqttOutlet(Outlet[MqttSettings]):
             self._cursor.born(format_.births)
             await self._cursor.write()
         self._refused = None
-        link = Link(settings, settings.client or self._client, will, tls, self._take_refusal)
+        link = Link(settings, settings.client or self._client, will, tls, self._take_refusal, self.account)
         try:
             await link.open()
             self._sent_health = None, 0.0

@@ -37,7 +37,7 @@ class PlainFormat:
         self._units: Mapping[str, str] = {}
         """Units of the rows' channels."""
         self._alarms = alarms
-        self._kept: dict[str, str] = {}
+        self._retained: dict[str, str] = {}
         """Topics of alarms that the broker may retain, by alarm id."""
         self._open: dict[str, int] = {}
         """Number of the running interval published for each source."""
@@ -60,13 +60,13 @@ class PlainFormat:
         if not (retained and payload and topic.startswith(f"{self.root}/alarm/")):
             return ()
         up = (f"{self.root}/{_alarm_topic(standing.alarm)}" for standing in self._alarms.up)
-        if topic in (*self._kept.values(), *up):
+        if topic in (*self._retained.values(), *up):
             return ()
         return (Message(topic, b"", self._settings.qos, True),)
 
     def birth(self, now: int) -> Sequence[Message]:
         """Availability online, units and active alarms; cleared alarms are deleted."""
-        over = [self._deleted(id_) for id_ in list(self._kept) if id_ not in self._alarms]
+        over = [self._deleted(id_) for id_ in list(self._retained) if id_ not in self._alarms]
         up = [m for standing in self._alarms.raised if standing.published for m in self._alarm(standing.published)]
         return (self._message("availability", ONLINE, 1, True), *over, *up, *self._labelled())
 
@@ -121,12 +121,12 @@ class PlainFormat:
     def _alarm(self, alarm: Alarm) -> Sequence[Message]:
         """An active alarm is retained on its topic; a clear is published there once, and then nothing is retained."""
         message = self._message(_alarm_topic(alarm), self._encoded("alarm", alarm), self._settings.qos, alarm.active)
-        moved = [] if self._kept.get(alarm.id) in (None, message.topic) else [self._deleted(alarm.id)]
-        self._kept[alarm.id] = message.topic
+        moved = [] if self._retained.get(alarm.id) in (None, message.topic) else [self._deleted(alarm.id)]
+        self._retained[alarm.id] = message.topic
         return (*moved, message) if alarm.active else (*moved, message, self._deleted(alarm.id))
 
     def _deleted(self, id_: str) -> Message:
-        return Message(self._kept.pop(id_), b"", self._settings.qos, True)
+        return Message(self._retained.pop(id_), b"", self._settings.qos, True)
 
     def archived(self, result: Archived, now: int) -> Sequence[Message]:
         """A back-filled result below ``backfill``, not retained."""

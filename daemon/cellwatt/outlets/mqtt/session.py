@@ -28,8 +28,8 @@ LAST_WORDS: Final = 2.0
 """Longest time, s, to send waiting messages when the daemon stops."""
 BIRTH_EVERY: Final = 5.0
 """Shortest time, s, between two requested births: a birth is the largest message."""
-_ANSWERS: Final = 10_000
-"""Most waiting answers to received messages."""
+ANSWERS: Final = 10_000
+"""Most waiting answers to received messages; further ones are dropped and counted."""
 
 
 class HostLeftError(OutletError):
@@ -66,7 +66,7 @@ class Session:
         self._birth_due = self._format.ready
         self._birth_asked: asyncio.TimerHandle | None = None
         self._asked_at = -BIRTH_EVERY
-        self._answers: deque[Message] = deque(maxlen=_ANSWERS)
+        self._answers: deque[Message] = deque()
         self._backfill: Backfill | None = None
         if record is not None:
             self._backfill = Backfill(settings, (record, cell), self._cursor, self._outbox, account)
@@ -127,16 +127,16 @@ class Session:
 
     def _note(self) -> None:
         """Count the parcels that arrived, in order; requeue the others."""
-        fenced, at, left = all(map(_came, self._asked)), 0, list[Parcel]()
+        fenced, at, unconfirmed = all(map(_came, self._asked)), 0, list[Parcel]()
         for parcel in self._batch:
             answers, at = self._asked[at : at + len(parcel.messages)], at + len(parcel.messages)
             sure = fenced or all(message.qos for message in parcel.messages)
             asked = len(answers) == len(parcel.messages)  # false if the library refused a message of the batch
-            if left or not sure or not asked or not all(map(_came, answers)):
-                left.append(parcel)
+            if unconfirmed or not sure or not asked or not all(map(_came, answers)):
+                unconfirmed.append(parcel)
             elif parcel.arrived is not None:
                 parcel.arrived()
-        for parcel in reversed(left):
+        for parcel in reversed(unconfirmed):
             if parcel.back is not None:
                 parcel.back()
         self._batch, self._asked = (), []
@@ -236,7 +236,9 @@ class Session:
                 raise HostLeftError(f"{self._settings.broker}: the primary host {host} went offline")
             if found is Order.BIRTH:
                 self._ask_birth()
-            elif not isinstance(found, Order):
+            elif len(self._answers) >= ANSWERS and found:
+                self._account.count("answers dropped", len(found))
+            else:
                 self._answers.extend(found)
             self._outbox.wake.set()
 

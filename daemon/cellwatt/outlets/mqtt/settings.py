@@ -12,9 +12,10 @@ from pydantic import model_validator as model_check
 
 from cellwatt.files import unreadable
 from cellwatt.host import LAST_PORT, check_host, stays_here
-from cellwatt.outlet import OutletSettings, Section, both_or_neither, refusal
+from cellwatt.outlet import OutletSettings, both_or_neither, refusal
 from cellwatt.outlets.selection import Selection
 from cellwatt.quantity import Hertz, Seconds
+from cellwatt.section import Section
 
 LOCAL: Final = "mqtt://127.0.0.1:1883"
 _BROKER = re.compile(r"(mqtts?)://(\[[0-9A-Fa-f:.%]+\]|[^\[\]:/@]+)(?::(\d{1,5}))?/?")
@@ -75,7 +76,8 @@ class MqttSettings(OutletSettings, Selection):
     health: Seconds = 10.0
     """Time between two messages of health while the state is unchanged."""
     queue: PositiveInt = 4096
-    """Most rows, and most results, that wait for the broker; beyond that, the oldest are dropped and counted."""
+    """Most rows, and most results, that wait for the broker; beyond that, the oldest are dropped and counted. Rows that
+    are recorded are not dropped but back-filled later."""
     backfill: Hertz = 100.0
     """Most back-filled rows per second, read from the record and sent beside the live ones."""
     open: bool = False

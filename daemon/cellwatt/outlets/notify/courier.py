@@ -72,6 +72,8 @@ class Courier:
         """Time at which each item began to wait, monotonic s."""
         self._last = dict.fromkeys(self._state.episodes, time.monotonic())
         """Time at which each alarm was last sent, monotonic s."""
+        self._made: float | None = None
+        """Time at which the current message was made, monotonic s; ``None`` if an earlier start made it."""
         self._open: Collection[str] = ()
         self._wake = asyncio.Event()
         self._trouble: _Trouble | None = None
@@ -141,6 +143,7 @@ class Courier:
         if state.flight is None and (items := self._grouped(now, allowed)):
             to = f"{self._about.site}/{self._about.cell}/{self.name}"
             state.send(message_of(to, items, state.more, time.time_ns()))
+            self._made = now
             self._last |= dict.fromkeys((item.alarm.id for item in items), now)
             self._last = {alarm: at for alarm, at in self._last.items() if alarm in state.episodes}
             self._count("grouped", len(items) - 1)
@@ -160,7 +163,8 @@ class Courier:
             if failure is None or current is None:
                 return
             message = current
-            age = (time.time_ns() - message.made) / 1e9
+            # By the PC's clock, which may be set meanwhile, only after a restart.
+            age = (time.time_ns() - message.made) / 1e9 if self._made is None else time.monotonic() - self._made
             if age > self._settings.give_up:
                 reason = f"given up after {age / 3600:.1f} h: {failure}"
                 await self._give_up(message, reason)
@@ -192,7 +196,7 @@ class Courier:
 
     async def _accepted(self, message: Notification, answer: SendResult) -> NotNowError | None:
         for address, reason in answer.refused.items():
-            await self._keep(message, f"{address}: {self._clean(reason)}")
+            await self._store_undelivered(message, f"{address}: {self._clean(reason)}")
         if answer.later:
             if settled := (*answer.taken, *answer.refused):
                 self._state.settle(settled)
@@ -220,11 +224,11 @@ class Courier:
     async def _give_up(self, message: Notification, reason: str) -> None:
         log.warning("notify: a message to %s was not delivered: %s", self.name, reason)
         self._trouble = _Trouble(reason, time.monotonic(), final=True)
-        await self._keep(message, reason)
+        await self._store_undelivered(message, reason)
         self._state.arrived()
         await self._ledger.flush()
 
-    async def _keep(self, message: Notification, reason: str) -> None:
+    async def _store_undelivered(self, message: Notification, reason: str) -> None:
         """Append a message to the file of undelivered messages."""
         if self._folder is not None:
             path, now = self._folder / UNDELIVERED, datetime.now(UTC).isoformat(timespec="seconds")

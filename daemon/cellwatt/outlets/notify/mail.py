@@ -39,8 +39,8 @@ class Mail:
 
     async def send(self, message: Notification) -> SendResult:
         """See ``Channel.send``."""
-        left = [address for address in self._settings.to if address not in message.settled]
-        if not left:
+        wanted = [address for address in self._settings.to if address not in message.settled]
+        if not wanted:
             return SendResult()
         client = await self._client()
         try:
@@ -48,14 +48,14 @@ class Mail:
                 with self._converted(final=False):
                     await client.connect()
                 with self._converted(final=True):
-                    refused = await _hand_over(client, self._settings.sender, left, self._content(message))
+                    refused = await _hand_over(client, self._settings.sender, wanted, self._content(message))
             with contextlib.suppress(SMTPException, OSError):
                 await client.quit(timeout=GOODBYE)
         except TimeoutError:
             raise NotNowError(f"no answer within {self._timeout:g} s") from None
         finally:
             client.close()
-        taken = tuple(address for address in left if address not in refused)
+        taken = tuple(address for address in wanted if address not in refused)
         for_ever = {a: f"{code} {text}" for a, (code, text) in refused.items() if code >= _FOR_EVER}
         later = {a: f"{code} {text}" for a, (code, text) in refused.items() if a not in for_ever}
         return SendResult(taken, for_ever, later)

@@ -45,6 +45,8 @@ class NotifyOutlet(Outlet[NotifySettings]):
         self._folder = settings.folder or view.record_folder
         self._ledger = Ledger(None if self._folder is None else self._folder / FILE)
         self._read = False
+        self._shelved: frozenset[str] = frozenset()
+        """Ids of the alarms that were shelved when the alarm book was last read."""
 
     def offer(self, item: Item) -> None:
         """Queue an alarm; a full queue drops the oldest. Acknowledging and shelving wake the reader of the book."""
@@ -119,13 +121,15 @@ class NotifyOutlet(Outlet[NotifySettings]):
         while True:
             await self._fresh.wait()
             self._fresh.clear()
-            while self._inbox:
-                alarm = self._inbox.popleft()
-                for courier in self._couriers.values():
-                    courier.take(alarm)
             book = self.view.alarms
+            # The end of a shelf is published only if the alarm has changed since it was shelved.
+            back = [s.published for s in book.up if s.published is not None and s.alarm.id in self._shelved]
+            alarms = [*self._inbox, *back]
+            self._inbox.clear()
             unattended = {standing.alarm.id for standing in book.up if standing.acknowledgement is None}
-            shelved = [standing.alarm.id for standing in book.shelved]
+            self._shelved = frozenset(standing.alarm.id for standing in book.shelved)
             for courier in self._couriers.values():
-                courier.heed(unattended, shelved)
+                for alarm in alarms:
+                    courier.take(alarm)
+                courier.heed(unattended, self._shelved)
             await self._ledger.flush()

@@ -216,10 +216,10 @@ class Rules:
 
     def _clear(self, state: Recipient, alarm: Alarm, episode: Episode, session: int, passing: int) -> None:
         waits = state.due.get((alarm.id, False))
-        kept_back = waits is not None and rank(waits.alarm) < passing
-        if kept_back or (episode.told and waits is not None and waits.what == "repeated"):
+        withheld = waits is not None and rank(waits.alarm) < passing
+        if withheld or (episode.told and waits is not None and waits.what == "repeated"):
             state.drop(alarm.id)
-        if self.resolved and (episode.told or (waits is not None and not kept_back)):
+        if self.resolved and (episode.told or (waits is not None and not withheld)):
             self._wait(state, Item("cleared", alarm), session)
         else:
             state.end(alarm.id, alarm.time)

@@ -13,10 +13,11 @@ from pydantic import model_validator as model_check
 
 from cellwatt.files import unreadable
 from cellwatt.host import LAST_PORT, Host, check_clear, in_the_clear, stays_here, web_address
-from cellwatt.outlet import OutletSettings, Section, both_or_neither
+from cellwatt.outlet import OutletSettings, both_or_neither
 from cellwatt.outlets.notify.quiet import QuietSettings, Zone
 from cellwatt.quantity import Seconds
 from cellwatt.results import Severity
+from cellwatt.section import Section
 
 CHANNELS: Final = ("mail", "webhook", "ntfy", "home_assistant")
 _ADDRESS: Final = re.compile(r"[^\s@<>,;\"\\()\[\]]+@[^\s@<>,;\"\\()\[\]]+")

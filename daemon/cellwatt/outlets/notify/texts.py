@@ -138,12 +138,12 @@ def _whole(about: About, item: Item) -> Iterator[str]:
 
 def _list(about: About, message: Notification, limit: int | None) -> Iterator[str]:
     items = in_order(message.items)
-    left = None if limit is None else limit - 200 - len((about.link or "").encode())
+    room = None if limit is None else limit - 200 - len((about.link or "").encode())
     yield f"{_count(len(items) + message.more)}:"
     yield ""
     for number, item in enumerate(items):
         line = f"- {_summary(item)} (since {_when(about, item.alarm.since)})"
-        if left is not None and (left := left - len(line.encode()) - 1) < 0:
+        if room is not None and (room := room - len(line.encode()) - 1) < 0:
             yield f"and {len(items) - number + message.more} more"
             return
         yield line

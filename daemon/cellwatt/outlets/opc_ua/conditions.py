@@ -11,8 +11,10 @@ from typing import Any, Final
 from asyncua import Node, Server, ua
 from asyncua.server.event_generator import EventGenerator
 
+from cellwatt.alarms import AlarmBook, Standing
 from cellwatt.errors import CellwattError
 from cellwatt.outlets.opc_ua.robotics import add_node
+from cellwatt.results import Alarm, Event
 
 USER: ContextVar[str | None] = ContextVar("user", default=None)
 """Name of the user whose client is calling a method."""
@@ -25,11 +27,10 @@ Order = Callable[[Mapping[str, Any]], Awaitable[Any]]
 
 @dataclass
 class _Condition:
-    """One alarm: its event generator, the ids of its latest events, and its state."""
+    """One alarm: its event generator, the ids of its latest events, and whether it was acknowledged while active."""
 
     generator: EventGenerator
     events: list[bytes]
-    active: bool = True
     acknowledged: bool = False
 
 
@@ -41,6 +42,7 @@ class Conditions:
         self._own = own
         self._parent = parent
         self._order = order
+        self._book = AlarmBook()
         self._known: dict[str, _Condition] = {}
 
     def listen(self) -> None:
@@ -48,47 +50,61 @@ class Conditions:
         method = ua.NodeId(ua.ObjectIds.AcknowledgeableConditionType_Acknowledge)
         self._server.iserver.isession.add_method_callback(method, self._acknowledge)
 
-    async def tell(self, alarm: Mapping[str, Any]) -> None:
+    async def hear(self, alarm: Mapping[str, Any]) -> None:
         """Notify clients that an alarm is active, has changed, or is cleared."""
-        name = str(alarm["id"])
-        known = self._known.get(name)
-        if known is None:
-            if not alarm["active"]:
-                return
-            known = self._known[name] = _Condition(await self._generator(alarm), [])
-        elif alarm["active"] and not known.active:
-            known.acknowledged = False
-        known.active = bool(alarm["active"])
-        event = known.generator.event
-        event.Severity = _SEVERITY.get(alarm["severity"], 500)
-        event.Message = ua.LocalizedText(alarm["statement"])
-        event.Comment = None
-        await self._trigger(known, alarm["time"])
+        await self._show(self._book.hear(alarm))
 
-    async def acknowledged(self, alarm: str, name: str, note: str) -> None:
+    async def note(self, event: Event) -> None:
         """Notify clients that a person acknowledged an alarm, through any outlet."""
-        known = self._known.get(alarm)
-        if known is None or known.acknowledged:
-            return
-        known.acknowledged = True
-        known.generator.event.Comment = ua.LocalizedText(note)
-        known.generator.event.ClientUserId = name
-        await self._trigger(known, None)
+        for standing in self._book.note(event):
+            known = self._known.get(standing.alarm.id)
+            if known is None or not known.acknowledged:
+                await self._show(standing)
 
-    async def _generator(self, alarm: Mapping[str, Any]) -> EventGenerator:
+    async def agree(self, health: Mapping[str, Any]) -> None:
+        """Notify clients of the alarms that differ in the cell's health: a new process did not get their messages."""
+        for standing in self._book.agree(health):
+            await self._show(standing)
+
+    async def _show(self, standing: Standing) -> None:
+        alarm, word = standing.message, standing.acknowledgement
+        known = self._known.get(alarm.id)
+        if known is None:
+            if not standing.raised:
+                return
+            known = self._known[alarm.id] = _Condition(await self._generator(alarm), [])
+        newly = word is not None and not known.acknowledged
+        if standing.raised:
+            known.acknowledged = word is not None
+        event = known.generator.event
+        event.Severity = _SEVERITY.get(alarm.severity, 500)
+        event.Message = ua.LocalizedText(alarm.statement)
+        event.Comment = ua.LocalizedText(word.note) if word is not None and newly else None
+        if word is not None and newly:
+            event.ClientUserId = word.name
+        event.ActiveState = ua.LocalizedText("Active" if standing.raised else "Inactive")
+        setattr(event, "ActiveState/Id", standing.raised)
+        event.AckedState = ua.LocalizedText("Acknowledged" if known.acknowledged else "Unacknowledged")
+        setattr(event, "AckedState/Id", known.acknowledged)
+        event.Retain = standing.raised
+        await known.generator.trigger(None if newly else datetime.fromtimestamp(alarm.time / 1e9, UTC))
+        event_id = event.EventId
+        known.events = [*known.events[-9:], bytes(event_id.Value if isinstance(event_id, ua.Variant) else event_id)]
+
+    async def _generator(self, alarm: Alarm) -> EventGenerator:
         """Make the condition's node and its event generator."""
-        server, name = self._server, str(alarm["id"])
+        server = self._server
         kind = ua.NodeId(ua.ObjectIds.AlarmConditionType)
-        node_id = ua.NodeId(f"alarm:{name}", self._own)
+        node_id = ua.NodeId(f"alarm:{alarm.id}", self._own)
         if node_id not in server.iserver.aspace:
-            browsed = ua.QualifiedName(str(alarm["kind"]), self._own)
+            browsed = ua.QualifiedName(alarm.kind, self._own)
             await add_node(server, self._parent, node_id, browsed, kind, ua.ObjectAttributes())
         generator = await server.get_event_generator(kind, ua.ObjectIds.Server)
         event = generator.event
         event.NodeId = node_id
         event.SourceNode = self._parent.nodeid
-        event.SourceName = str(alarm["source"] or "cell")
-        event.ConditionName = str(alarm["kind"])
+        event.SourceName = alarm.source or "cell"
+        event.ConditionName = alarm.kind
         event.ConditionClassId = ua.NodeId(ua.ObjectIds.ProcessConditionClassType)
         event.ConditionClassName = ua.LocalizedText("ProcessConditionClass")
         event.BranchId = ua.NodeId()
@@ -98,18 +114,6 @@ class Conditions:
         event.EnabledState = ua.LocalizedText("Enabled")
         setattr(event, "EnabledState/Id", True)
         return generator
-
-    async def _trigger(self, known: _Condition, time: int | None) -> None:
-        event = known.generator.event
-        event.ActiveState = ua.LocalizedText("Active" if known.active else "Inactive")
-        setattr(event, "ActiveState/Id", known.active)
-        event.AckedState = ua.LocalizedText("Acknowledged" if known.acknowledged else "Unacknowledged")
-        setattr(event, "AckedState/Id", known.acknowledged)
-        event.Retain = known.active
-        moment = datetime.fromtimestamp(time / 1e9, UTC) if time else None
-        await known.generator.trigger(moment)
-        event_id = event.EventId
-        known.events = [*known.events[-9:], bytes(event_id.Value if isinstance(event_id, ua.Variant) else event_id)]
 
     async def _acknowledge(self, condition: ua.NodeId, event: ua.Variant, comment: ua.Variant) -> ua.StatusCode:
         """Acknowledge the alarm of a condition for the user of the session."""

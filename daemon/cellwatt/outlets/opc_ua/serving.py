@@ -29,6 +29,7 @@ from cellwatt.outlets.opc_ua.outlet import ACKNOWLEDGED, OpcUaOutletSettings
 from cellwatt.outlets.opc_ua.robotics import DI, ROBOTICS, Arms, Spaces, add_types, unit_of
 from cellwatt.outlets.selection import Picker
 from cellwatt.outlets.zenoh.messages import encode_json
+from cellwatt.results import Event
 from cellwatt.version import __version__
 
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
@@ -112,11 +113,11 @@ class CellServer:
     async def item(self, kind: str, body: Mapping[str, Any]) -> None:
         """Update a condition from an alarm or an acknowledgement, or the energy of a task."""
         if kind == "alarm":
-            await self._conditions.tell(body)
+            await self._conditions.hear(body)
         elif kind == "energy":
             await self._energy(body)
         elif kind == "event" and body["kind"] == ACKNOWLEDGED:
-            await self._conditions.acknowledged(*(body["data"][name] for name in ("alarm", "name", "note")))
+            await self._conditions.note(Event(**body))
 
     async def _energy(self, energy: Mapping[str, Any]) -> None:
         """Update the energy of a task, J."""
@@ -129,9 +130,10 @@ class CellServer:
         await self._set(self._tasks[name], value, ua.StatusCodes.Good, energy["end"])
 
     async def health(self, status: Mapping[str, Any]) -> None:
-        """Update the cell's health, as JSON."""
+        """Update the cell's health, as JSON, and the conditions from its list of alarms."""
         text = encode_json(status).decode()
         await self._set(self._health, ua.Variant(text, ua.VariantType.String), ua.StatusCodes.Good, None)
+        await self._conditions.agree(status)
 
     # inside ---------------------------------------------------------------------------------------
 

@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import ClassVar, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, PositiveInt, SecretStr, field_validator
+from pydantic import Field, PositiveInt, SecretStr, field_validator
 
 from cellwatt.door.settings import Listening
 from cellwatt.host import check_host
@@ -15,15 +15,14 @@ from cellwatt.outlets.apart.outlet import ApartOutlet
 from cellwatt.outlets.page.sessions import parse
 from cellwatt.quantity import Bytes
 from cellwatt.results import Prediction
+from cellwatt.section import Section
 
 LOCAL: Final = "127.0.0.1:8480"
 _LONGEST_NAME: Final = 100
 
 
-class UserSettings(BaseModel):
+class UserSettings(Section):
     """One person, or a group that shares a login."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True, hide_input_in_errors=True)
 
     password: SecretStr
     """Hash of the password, from ``cellwatt view --hash-password``; never the password itself."""

@@ -6,7 +6,6 @@ zenoh is imported on first use. A session listens and scouts only if the setting
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import itertools
 import json
 import logging
@@ -18,13 +17,14 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
-from pydantic import Field, PrivateAttr, SecretStr, field_validator, model_validator
+from pydantic import Field, SecretStr, field_validator, model_validator
 
 from cellwatt.config.secret import SecretKeys
 from cellwatt.errors import OutletError
 from cellwatt.files import unreadable
 from cellwatt.host import LAST_PORT, check_host
-from cellwatt.outlet import OutletSettings, Section, both_or_neither
+from cellwatt.outlet import OutletSettings, both_or_neither
+from cellwatt.section import Certified
 
 if TYPE_CHECKING:
     import zenoh
@@ -65,7 +65,7 @@ _SECRET: Final = SecretKeys(("password", "private_key", "secret"))
 """Zenoh's own options that are secrets."""
 
 
-class TlsSettings(Section):
+class TlsSettings(Certified):
     """Certificates in PEM files."""
 
     root_ca: Path
@@ -78,13 +78,6 @@ class TlsSettings(Section):
     """When listening, require the peer's certificate; when connecting, present ``certificate``."""
     verify_name: bool = True
     """Require that the peer's certificate names the host of the endpoint."""
-    _written: tuple[int, ...] = PrivateAttr(())
-    """Modification times of the files, ns: a renewed certificate counts as a change of the settings."""
-
-    def model_post_init(self, _: object) -> None:
-        """Read the modification times; files that cannot be read here are reported when they are needed."""
-        with contextlib.suppress(OSError):
-            self._written = tuple(p.stat().st_mtime_ns for p in (self.root_ca, self.certificate, self.key) if p)
 
     @model_validator(mode="after")
     def _paired(self) -> TlsSettings:

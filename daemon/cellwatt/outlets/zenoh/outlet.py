@@ -19,7 +19,7 @@ from cellwatt.door.signing import unusable
 from cellwatt.files import unreadable
 from cellwatt.frames import Frames
 from cellwatt.host import stays_here
-from cellwatt.outlet import CellView, Item, Outlet, Section, refusal
+from cellwatt.outlet import CellView, Item, Outlet, refusal
 from cellwatt.outlets.zenoh.answer_queue import Answer
 from cellwatt.outlets.zenoh.answers import Answers
 from cellwatt.outlets.zenoh.backlog import Backlog
@@ -38,6 +38,7 @@ from cellwatt.outlets.zenoh.publisher import Publisher
 from cellwatt.outlets.zenoh.questions import LARGEST
 from cellwatt.outlets.zenoh.signing import MessageSigner
 from cellwatt.quantity import Bytes, BytesPerSecond
+from cellwatt.section import Section
 
 _ENCRYPTED: Final = ("tls", "quic")
 _ADVICE: Final = "use 127.0.0.1, or TLS with access rules as 'cellwatt secure' makes them, or set open: true"

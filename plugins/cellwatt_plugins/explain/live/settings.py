@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from cellwatt.quantity import Bytes, Fraction, Hertz, Seconds
+from cellwatt.section import Section
 from cellwatt.stage import StageSettings
 
 
-class BandSettings(BaseModel):
+class BandSettings(Section):
     """Permitted difference between recording and simulation, interval by interval."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     noise: float = Field(default=4.0, ge=1, allow_inf_nan=False)
     """The band is this multiple of the channel's noise floor, which is measured continuously …"""
@@ -25,10 +24,8 @@ class BandSettings(BaseModel):
     """Number of intervals outside the band that raise a channel's alarm; as many of the same motion inside clear it."""
 
 
-class ExplainSettings(BaseModel):
+class ExplainSettings(Section):
     """Conditions under which ``cellwatt explain`` is started, and its limits."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     after: int = Field(default=20, ge=1, le=10000)
     """Number of intervals in which a channel must have been outside its band."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
 from urllib.parse import unquote
 from xml.sax.saxutils import escape
@@ -62,7 +61,3 @@ def _plain(body: bytes, told: str) -> bytes:
             break
         found, body = found + body[:n], body[n + 2 :]
     return found
-
-
-def bucket() -> AbstractAsyncContextManager[Bucket]:
-    return Bucket().open()

@@ -71,8 +71,9 @@ class Recorded:
     """A record that grows by seconds, each a chunk with frames, and now and then a result."""
 
     def __init__(self, folder: Path, session: int = SESSION, layout: Layout = LAYOUT, second: int = 0) -> None:
+        """A record that goes on at a second is another file of the session."""
         self.folder, self.session, self.layout = folder, session, layout
-        self.number = 1
+        self.number = 2 if second else 1
         self.second = second
         self._file: Written | None = None
 

@@ -8,7 +8,7 @@ from contextlib import asynccontextmanager
 from cellwatt.outlets.historian.outlet import FILE, HistorianOutlet
 from cellwatt.testing import OutletConformance, OutletRig
 from tests.daemon.outlets.historian.parsing import parse
-from tests.daemon.outlets.historian.server import Fake, fake
+from tests.daemon.outlets.historian.server import Fake
 
 
 class Server:
@@ -23,7 +23,7 @@ class Server:
 
 @asynccontextmanager
 async def server() -> AsyncIterator[Server]:
-    async with fake() as found:
+    async with Fake().open() as found:
         yield Server(found)
 
 

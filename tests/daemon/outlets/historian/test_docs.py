@@ -7,37 +7,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 
-from cellwatt.config import load
-from cellwatt.outlets.historian import HistorianSettings
 from tests.daemon.outlets.historian.made import ANOTHER, Recorded, row_truth
 from tests.daemon.outlets.historian.test_lake import export
-from tests.docs.pages import Block, blocks
-from tests.docs.test_blocks import NEEDED
+from tests.docs.pages import blocks
 
 PAGE = "outlets/historian.md"
 
 
-@pytest.mark.parametrize("block", blocks(PAGE, "yaml"), ids=str)
-def test_settings_are_right(block: Block, tmp_path: Path) -> None:
-    cell = tmp_path / "cell.yaml"
-    cell.write_text(f"{block.text}\n{yaml.safe_dump(NEEDED)}")
-    config = load(cell, dict.fromkeys(("INFLUX_TOKEN", "LAKE_KEY", "LAKE_SECRET"), "given"))
-    settings = config.outlets["historian"].settings
-    assert isinstance(settings, HistorianSettings)
-    assert settings.warnings() == ()
-
-
 @pytest.fixture
-def names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+def names(record: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """What the page's programs leave, run in order beside a lake of two minutes with other channels in the second."""
-    record = tmp_path / "record"
-    record.mkdir()
     Recorded(record).seconds(60).rotate()
-    later = Recorded(record, layout=ANOTHER, second=60)
-    later.number = 2
-    later.seconds(60).close()
+    Recorded(record, layout=ANOTHER, second=60).seconds(60).close()
     export(record, tmp_path / "lake")
     monkeypatch.chdir(tmp_path)
     found: dict[str, Any] = {}

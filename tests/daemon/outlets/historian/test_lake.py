@@ -109,6 +109,22 @@ def test_a_run_ends_though_the_record_grows(record: Path, lake: Path) -> None:
     check(lake, range(4))
 
 
+def test_a_session_whose_clock_was_set_back_is_exported_too(record: Path, lake: Path) -> None:
+    """A PC with an empty battery starts again with a time of years ago."""
+    earlier = SESSION - 10_000 * S
+    Recorded(record).seconds(3).close()
+    export(record, lake)
+    growing = Recorded(record, earlier).seconds(3)
+    export(record, lake)
+    check(lake, range(3), earlier)
+    growing.seconds(5).close()
+    export(record, lake)
+    check(lake, range(8), earlier)
+    check(lake, range(3))
+    assert [row["repetition"] for row in table_of(lake, "tasks")] == [2, 7, 2]
+    assert export(record, lake) == []
+
+
 def test_a_file_holds_one_day(record: Path, lake: Path) -> None:
     session = START + DAY - 5 * S
     Recorded(record, session).seconds(10, results=False).close()
@@ -121,9 +137,7 @@ def test_a_file_holds_one_day(record: Path, lake: Path) -> None:
 
 def test_other_channels_begin_a_new_file(record: Path, lake: Path) -> None:
     Recorded(record).seconds(5).rotate()
-    later = Recorded(record, layout=ANOTHER, second=5)
-    later.number = 2
-    later.seconds(5).close()
+    Recorded(record, layout=ANOTHER, second=5).seconds(5).close()
     export(record, lake)
     check(lake, range(10))
     columns = [set(pq.read_schema(path).names) for path in sorted(lake.glob("frames/**/*.parquet"))]

@@ -16,7 +16,7 @@ from cellwatt import OutletError
 from cellwatt.outlets.historian import HistorianSettings
 from cellwatt.outlets.historian.exporting import FILE, work
 from cellwatt.outlets.historian.outlet import MODULE, HistorianOutlet
-from tests.daemon.outlets.historian.bucket import Bucket, bucket
+from tests.daemon.outlets.historian.bucket import Bucket
 from tests.daemon.outlets.historian.made import CELL, DAY, SITE, START, Recorded, S
 from tests.daemon.outlets.historian.test_influx import View, running
 from tests.daemon.outlets.historian.test_lake import check, check_results
@@ -25,16 +25,15 @@ from tests.patience import eventually
 
 def outlet_of(record: Path | None, folder: str, **settings: Any) -> HistorianOutlet:
     lake = {"folder": folder, "every": 0.1, **settings}
-    return HistorianOutlet("historian", HistorianSettings.model_validate({"lake": lake}), View(record))
+    view = View(record)
+    view.folder = Path("/") if record is None else record.parent  # from where relative folders count
+    return HistorianOutlet("historian", HistorianSettings.model_validate({"lake": lake}), view)
 
 
 async def test_the_record_flows_into_the_lake(record: Path, tmp_path: Path) -> None:
     growing = Recorded(record)
     await asyncio.to_thread(growing.seconds, 10)
-    outlet = outlet_of(record, "lake")
-    outlet.view.folder = tmp_path  # from where relative folders count
-    outlet = HistorianOutlet("historian", outlet.settings, outlet.view)
-    async with running(outlet):
+    async with running(outlet_of(record, "lake")) as outlet:
         await eventually(lambda: outlet.account.received == 10 + 3 * 2, "the first rows")
         await asyncio.to_thread(growing.seconds, 5)
         await eventually(lambda: outlet.account.received == 15 + 3 * 3, "the next rows")
@@ -49,8 +48,7 @@ async def test_the_record_flows_into_the_lake(record: Path, tmp_path: Path) -> N
 async def test_a_process_that_is_killed_is_told_and_begun_again(record: Path, tmp_path: Path) -> None:
     growing = Recorded(record)
     await asyncio.to_thread(growing.seconds, 5)
-    outlet = outlet_of(record, str(tmp_path / "lake"))
-    async with running(outlet):
+    async with running(outlet_of(record, "lake")) as outlet:
         (child,) = await eventually(children, "the process")
         child.kill()
         await eventually(lambda: outlet.account.counters["lake: runs failed"], "the failure")
@@ -74,7 +72,7 @@ KEYS = {"access_key": "AKID", "secret_key": "s3cret", "region": "eu-central-1"}
 
 async def test_files_in_s3_are_found_by_their_names(record: Path) -> None:
     growing = Recorded(record, START + DAY - 5 * S)
-    async with bucket() as store:
+    async with Bucket().open() as store:
         lake = {"folder": "s3://lake/plant", "endpoint": store.url, "results": False, **KEYS}
         told = {"record": str(record), "folder": "/", "site": SITE, "cell": CELL, "settings": lake}
         for run in range(3):
@@ -83,16 +81,10 @@ async def test_files_in_s3_are_found_by_their_names(record: Path) -> None:
             if run == 0:
                 await asyncio.to_thread((record / FILE).unlink)
     growing.close()
-    assert rows_in(store) == [START + DAY - 5 * S + (second + 1) * S for second in range(6)]
-
-
-def frames_in(store: Bucket) -> list[str]:
-    return [key for key in store.objects if "frames" in key and key.endswith(".parquet")]
-
-
-def rows_in(store: Bucket) -> list[int]:
-    tables = (pq.ParquetFile(io.BytesIO(store.objects[key])).read() for key in frames_in(store))
-    return sorted(time.value for table in tables for time in table["time"].to_pylist())
+    written = [content for key, content in store.objects.items() if "frames" in key and key.endswith(".parquet")]
+    tables = [pq.ParquetFile(io.BytesIO(content)).read() for content in written]
+    times = sorted(time.value for table in tables for time in table["time"].to_pylist())
+    assert times == [START + DAY - 5 * S + (second + 1) * S for second in range(6)]
 
 
 async def test_secrets_go_to_the_process_alone(record: Path) -> None:

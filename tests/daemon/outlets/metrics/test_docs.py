@@ -2,32 +2,20 @@
 
 from __future__ import annotations
 
-import shutil
-import subprocess
 from pathlib import Path
 
 import pytest
-import yaml
 
-from cellwatt.config import load
 from cellwatt.outlets.metrics.catalogue import CATALOGUE
 from tests.daemon.outlets.metrics.cell import told
+from tests.daemon.outlets.metrics.test_prometheus import checks, promtool
 from tests.docs.pages import ROOT, Block, blocks
-from tests.docs.test_blocks import NEEDED
 
 PAGE = "outlets/prometheus.md"
 YAML = blocks(PAGE, "yaml")
-PROMTOOL = shutil.which("promtool")
 
 
-@pytest.mark.parametrize("block", [b for b in YAML if b.text.startswith("metrics")], ids=str)
-def test_settings_are_right(block: Block, tmp_path: Path) -> None:
-    cell = tmp_path / "cell.yaml"
-    cell.write_text(f"{block.text}\n{yaml.safe_dump(NEEDED)}")
-    assert "metrics" in load(cell, {"METRICS_TOKEN": "given"}).outlets
-
-
-@pytest.mark.skipif(PROMTOOL is None, reason="promtool is not installed (apt-get install prometheus)")
+@checks
 @pytest.mark.parametrize("block", [b for b in YAML if b.text.startswith("scrape_configs")], ids=str)
 def test_prometheus_accepts_its_part(block: Block, tmp_path: Path) -> None:
     text = block.text
@@ -35,9 +23,7 @@ def test_prometheus_accepts_its_part(block: Block, tmp_path: Path) -> None:
         (tmp_path / Path(path).name).touch()
         text = text.replace(path, str(tmp_path / Path(path).name))
     (tmp_path / "prometheus.yml").write_text(text)
-    command = [str(PROMTOOL), "check", "config", "--syntax-only", str(tmp_path / "prometheus.yml")]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    promtool("check", "config", "--syntax-only", str(tmp_path / "prometheus.yml"))
 
 
 def test_every_metric_is_in_the_table() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import re
 import ssl
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -36,10 +37,16 @@ def told(outlet: Any) -> None:
     outlet.offer(energy("task_1", 900.0, motion=600.0, rest=300.0))
 
 
-async def text_of(url: str, headers: dict[str, str] | None = None) -> str:
-    async with aiohttp.ClientSession() as session, session.get(url, headers=headers) as response:
-        assert response.status == 200, await response.text()
-        return await response.text()
+async def answer_of(url: str, **more: Any) -> tuple[int, str, Mapping[str, str]]:
+    """Status, text and headers."""
+    async with aiohttp.ClientSession() as session, session.get(url, **more) as answer:
+        return answer.status, await answer.text(), answer.headers
+
+
+async def text_of(url: str, headers: dict[str, str]) -> str:
+    status, text, _ = await answer_of(url, headers=headers)
+    assert status == 200, text
+    return text
 
 
 async def test_text_is_openmetrics() -> None:
@@ -98,10 +105,10 @@ async def test_probes(status: dict[str, Any] | None, path: str, code: int, says:
     outlet = outlet_of()
     if status is not None:
         outlet.health(health(**status))
-    async with cell.serving(outlet) as url, aiohttp.ClientSession() as session, session.get(f"{url}/{path}") as answer:
-        text = await answer.text()
-        assert (answer.status, text.count("\n")) == (code, 1)
-        assert says in text
+    async with cell.serving(outlet) as url:
+        status, text, _ = await answer_of(f"{url}/{path}")
+    assert (status, text.count("\n")) == (code, 1)
+    assert says in text
 
 
 async def test_a_cell_nobody_looks_at_is_not_ready(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -113,35 +120,27 @@ async def test_a_cell_nobody_looks_at_is_not_ready(monkeypatch: pytest.MonkeyPat
 
 
 @pytest.mark.parametrize(
-    ("settings", "auth", "code"),
-    [
-        ({"token": "t0p"}, {}, 401),
-        ({"token": "t0p"}, {"Authorization": "Bearer t0p"}, 200),
-        ({"token": "t0p"}, {"Authorization": "Bearer \u00e4\u20ac"}, 401),
-    ],
+    ("auth", "code"),
+    [({}, 401), ({"Authorization": "Bearer t0p"}, 200), ({"Authorization": "Bearer \u00e4\u20ac"}, 401)],
 )
-async def test_who_may_read(settings: dict[str, str], auth: dict[str, str], code: int) -> None:
-    outlet = outlet_of(**settings)
+async def test_who_may_read(auth: dict[str, str], code: int) -> None:
+    outlet = outlet_of(token="t0p")
     outlet.health(health(state="red", reasons=["secret reason"]))
-    async with cell.serving(outlet) as url, aiohttp.ClientSession() as session:
-        async with session.get(f"{url}/metrics", headers=auth) as answer:
-            assert answer.status == code
-            assert ("WWW-Authenticate" in answer.headers) == (code == 401)
-        async with session.get(f"{url}/readyz", headers=auth) as answer:
-            assert answer.status == 503
-            assert ("secret reason" in await answer.text()) == (code == 200)
-        async with session.get(f"{url}/healthz") as answer:
-            assert answer.status == 200
+    async with cell.serving(outlet) as url:
+        status, _, headers = await answer_of(f"{url}/metrics", headers=auth)
+        assert (status, "WWW-Authenticate" in headers) == (code, code == 401)
+        status, text, _ = await answer_of(f"{url}/readyz", headers=auth)
+        assert (status, "secret reason" in text) == (503, code == 200)
+        assert (await answer_of(f"{url}/healthz"))[0] == 200
 
 
 async def test_served_with_a_certificate(certificates: Path) -> None:
     outlet = outlet_of(certificate=certificates / "cell", key=certificates / "cell.key", token="t0p")
     context = ssl.create_default_context()
     context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
-    async with cell.serving(outlet) as url, aiohttp.ClientSession() as session:
+    async with cell.serving(outlet) as url:
         assert url.startswith("https://")
-        async with session.get(f"{url}/healthz", ssl=context) as answer:
-            assert answer.status == 200
+        assert (await answer_of(f"{url}/healthz", ssl=context))[0] == 200
 
 
 async def test_a_port_in_use_is_told() -> None:
@@ -166,18 +165,6 @@ def test_strangers_are_let_in_only_on_purpose(settings: dict[str, Any], says: st
     first, *_ = MetricsSettings(**settings, open=True).warnings()
     assert says in first
     assert first.endswith("(open: true)")
-
-
-@pytest.mark.parametrize(
-    ("settings", "says"),
-    [
-        ({"listen": "9480"}, "host:port"),
-        ({"certificate": "c"}, "together"),
-    ],
-)
-def test_mistakes_in_settings_are_told(settings: dict[str, Any], says: str) -> None:
-    with pytest.raises(ValidationError, match=says):
-        MetricsSettings(**settings)
 
 
 def test_secrets_are_not_shown() -> None:

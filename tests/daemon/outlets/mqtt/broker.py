@@ -77,11 +77,21 @@ class Broker:
         os.kill(self._process.pid, signal.SIGSTOP)
 
 
+@asynccontextmanager
+async def started(folder: Path, *settings: str) -> AsyncIterator[Broker]:
+    """A broker that is killed in the end."""
+    broker = Broker(folder, *settings)
+    await broker.again()
+    try:
+        yield broker
+    finally:
+        broker.kill()
+
+
 class Heard(NamedTuple):
     topic: str
     payload: bytes
     retain: bool
-    qos: int
 
 
 class Ears:
@@ -118,7 +128,7 @@ async def ears(broker: Broker, *topics: str, **more: object) -> AsyncIterator[Ea
         async def listen() -> None:
             with suppress(aiomqtt.MqttError):
                 async for message in client.messages:
-                    found.heard.append(Heard(str(message.topic), message.payload, message.retain, message.qos))  # type: ignore[arg-type]
+                    found.heard.append(Heard(str(message.topic), message.payload, message.retain))  # type: ignore[arg-type]
 
         listening = asyncio.create_task(listen())
         try:

@@ -15,6 +15,7 @@ from cellwatt import Alarm, FrameChannel, Frames, Layout
 from cellwatt.errors import OutletError
 from cellwatt.outlets.mqtt.outlet import MqttOutlet
 from cellwatt.outlets.mqtt.settings import MqttSettings
+from tests.daemon.outlets.mqtt.broker import Broker, Ears, ears
 from tests.daemon.outlets.page.recorded import Written
 from tests.daemon.outlets.zenoh import fake_cell
 from tests.daemon.outlets.zenoh.fake_cell import CELL, SITE, FakeView
@@ -45,7 +46,7 @@ class Cell(FakeView):
         """Cleared, the outlet is not run again: so somebody can listen before it speaks."""
         self.may_connect.set()
         self.record_folder = folder
-        self._record = None if folder is None else Written(folder, session=self.session, cell=CELL)
+        self.record = None if folder is None else Written(folder, session=self.session, cell=CELL)
 
     def frames(self, count: int = 1, missing: tuple[str, ...] = ()) -> Frames:
         """The next frames; frame n has the values n, 10 n and 100 n."""
@@ -58,8 +59,8 @@ class Cell(FakeView):
         quality = np.where(np.isfinite(values), 0, 4).astype(np.uint8)
         bound = np.zeros(values.shape, np.int64)
         made = Frames(LAYOUT, int(numbers[0]), self.start + numbers * STEP, values, quality, bound)
-        if self._record is not None:
-            self._record.chunk(made)
+        if self.record is not None:
+            self.record.chunk(made)
         return made
 
     def said(self, alarm: Alarm) -> Alarm:
@@ -67,14 +68,9 @@ class Cell(FakeView):
         self.alarms.take(alarm)
         return alarm
 
-    def tell(self, *items: Any) -> None:
-        """Write results to the record alone."""
-        assert self._record is not None
-        self._record.chunk(*items)
-
     def close(self) -> None:
-        if self._record is not None:
-            self._record.close()
+        if self.record is not None:
+            self.record.close()
 
     def number(self, row_time: int) -> int:
         """Number of the frame at a time, ns."""
@@ -84,7 +80,7 @@ class Cell(FakeView):
         return {"state": self.state, **self.alarms.told(), "site": SITE, "cell": CELL}
 
     def config(self) -> Mapping[str, Any]:
-        return {"record": None if self._record is None else {"folder": str(self.folder), "frames": True}}
+        return {"record": None if self.record is None else {"folder": str(self.folder), "frames": True}}
 
 
 def alarm(number: int, active: bool = True, **more: Any) -> Alarm:
@@ -93,12 +89,11 @@ def alarm(number: int, active: bool = True, **more: Any) -> Alarm:
 
 
 def outlet_of(cell: Cell, broker: str, **settings: Any) -> MqttOutlet:
-    told = {"rate": "50 Hz", **settings}
-    return MqttOutlet("mqtt", MqttSettings.model_validate({"broker": broker, **told}), cell)
+    return MqttOutlet("mqtt", MqttSettings.model_validate({"broker": broker, "rate": "50 Hz", **settings}), cell)
 
 
 @asynccontextmanager
-async def serving(outlet: MqttOutlet, cell: Cell, pause: float = 0.05) -> AsyncIterator[list[str]]:
+async def serving(outlet: MqttOutlet, cell: Cell) -> AsyncIterator[list[str]]:
     """Run an outlet as the daemon does, and again when it ends; gives why it ended."""
     ends: list[str] = []
 
@@ -109,7 +104,7 @@ async def serving(outlet: MqttOutlet, cell: Cell, pause: float = 0.05) -> AsyncI
                 await outlet.run()
             except OutletError as error:
                 ends.append(str(error))
-            await asyncio.sleep(pause)
+            await asyncio.sleep(0.05)
 
     async def beat() -> None:
         while True:
@@ -118,3 +113,12 @@ async def serving(outlet: MqttOutlet, cell: Cell, pause: float = 0.05) -> AsyncI
 
     async with doing(beat(), run()):
         yield ends
+
+
+@asynccontextmanager
+async def online(broker: Broker, cell: Cell, **settings: Any) -> AsyncIterator[tuple[MqttOutlet, Ears]]:
+    """The outlet of a cell, once it is available at a broker, and ears for all that it says."""
+    outlet = outlet_of(cell, broker.url, **settings)
+    async with ears(broker, f"{ROOT}/#") as heard, serving(outlet, cell):
+        await heard.until(f"{ROOT}/availability")
+        yield outlet, heard

@@ -13,7 +13,7 @@ import pytest
 from cellwatt.outlets.mqtt.outlet import MqttOutlet
 from cellwatt.testing import OutletConformance, OutletRig
 from cellwatt.testing.outlet_suite import CHECKS, counts_what_is_refused
-from tests.daemon.outlets.mqtt.broker import Broker, Ears, ears, needs_mosquitto
+from tests.daemon.outlets.mqtt.broker import Broker, Ears, ears, needs_mosquitto, started
 from tests.daemon.outlets.mqtt.cell import ROOT
 
 pytestmark = needs_mosquitto
@@ -36,13 +36,8 @@ class Heard:
 @asynccontextmanager
 async def peer() -> AsyncIterator[Heard]:
     with TemporaryDirectory() as folder:
-        broker = Broker(Path(folder))
-        await broker.again()
-        try:
-            async with ears(broker, f"{ROOT}/#") as heard:
-                yield Heard(broker, heard)
-        finally:
-            broker.kill()
+        async with started(Path(folder)) as broker, ears(broker, f"{ROOT}/#") as heard:
+            yield Heard(broker, heard)
 
 
 def at(address: str) -> dict[str, object]:

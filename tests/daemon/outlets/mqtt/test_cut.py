@@ -11,8 +11,8 @@ import pytest
 
 from cellwatt import Task
 from cellwatt.errors import OutletError
-from tests.daemon.outlets.mqtt.broker import Broker, Ears, ears, needs_mosquitto
-from tests.daemon.outlets.mqtt.cell import ROOT, STEP, Cell, alarm, outlet_of, serving
+from tests.daemon.outlets.mqtt.broker import Broker, Ears, ears, needs_mosquitto, started
+from tests.daemon.outlets.mqtt.cell import ROOT, STEP, Cell, alarm, online, outlet_of, serving
 from tests.daemon.outlets.mqtt.wire import command
 from tests.daemon.outlets.zenoh.processes import free_port
 from tests.patience import eventually
@@ -37,7 +37,9 @@ async def test_results_of_before_a_restart_are_sent_from_the_record(broker: Brok
             await heard.until(f"{ROOT}/availability", 1)
             outlet_rows = cell.frames(10)
         at = cell.start + 12 * STEP  # told to nobody: the daemon went down before
-        cell.tell(replace(alarm(7), time=at, since=at), Task("arm", "task_1", "ab", "v", 1.0, at - STEP, at, (1,), 4))
+        assert cell.record is not None
+        task = Task("arm", "task_1", "ab", "v", 1.0, at - STEP, at, (1,), 4)
+        cell.record.chunk(replace(alarm(7), time=at, since=at), task)
         cell.frames(10)
         outlet = outlet_of(cell, broker.url, backfill="1 kHz")
         outlet._cursor.reached, outlet._cursor._opened = int(outlet_rows.time[-1]), True
@@ -69,6 +71,22 @@ async def test_live_rows_go_before_those_of_the_past(broker: Broker, tmp_path: P
     cell.close()
 
 
+async def test_rows_that_a_full_queue_gives_up_are_sent_from_the_record(broker: Broker, tmp_path: Path) -> None:
+    """The broker confirms more slowly than rows are made."""
+    cell = Cell(tmp_path)
+    async with online(broker, cell, queue=5, backfill="1 kHz") as (outlet, heard):
+        await eventually(lambda: outlet._outbox.serving, "connected")
+        outlet.offer(cell.frames(8))  # at once, before the first can be sent
+        await heard.until(LIVE, 5)
+        outlet.offer(cell.frames(150))
+        await eventually(lambda: len(heard.of(LIVE)) + len(heard.of(PAST)) >= 158, "all is heard")
+        await eventually(lambda: outlet.account.owed == 0, "all is confirmed")
+        assert sorted(numbers(heard, cell, LIVE) + numbers(heard, cell, PAST)) == list(range(158))
+    assert outlet.account.counters["rows left to the record"] == 3 + 145
+    assert not outlet.account.dropped and outlet.account.residue == 0
+    cell.close()
+
+
 async def test_an_alarm_that_ended_during_a_cut_is_not_kept(tmp_path: Path) -> None:
     """At a broker that remembers what it kept before it was killed."""
     remembers = (
@@ -77,34 +95,27 @@ async def test_an_alarm_that_ended_during_a_cut_is_not_kept(tmp_path: Path) -> N
         "autosave_on_changes true",
         "autosave_interval 1",
     )
-    broker = Broker(tmp_path, *remembers)
-    await broker.again()
     cell = Cell()
-    outlet = outlet_of(cell, broker.url)
-    try:
-        async with serving(outlet, cell) as ends:
-            async with ears(broker, f"{ROOT}/#") as heard:
-                cell.may_connect.set()
-                await heard.until(f"{ROOT}/availability")
-                for number in (1, 2, 3):
-                    outlet.offer(cell.said(alarm(number)))
-                await heard.until(f"{ROOT}/alarm/#", 3)
-                await eventually(lambda: outlet.account.counters["results sent"] == 3, "confirmed")
-            cell.may_connect.clear()
-            broker.kill()
-            await eventually(lambda: ends, "the cut is noticed")
-            outlet.offer(cell.said(alarm(1, active=False)))
-            await broker.again()
-            async with ears(broker, f"{ROOT}/#") as heard:
-                cell.may_connect.set()
-                assert len(await heard.until(f"{ROOT}/alarm/#", 3)) >= 3, "it remembers"
-                await eventually(lambda: outlet.account.counters["results sent"] == 4, "the clear")
-            async with ears(broker, f"{ROOT}/#") as heard:
-                await heard.until(f"{ROOT}/alarm/#", 2)
-                await heard.until(f"{ROOT}/health")
-                kept = [m.topic.rpartition("/")[2] for m in heard.heard if "/alarm/" in m.topic]
-    finally:
+    async with started(tmp_path, *remembers) as broker, serving(outlet := outlet_of(cell, broker.url), cell) as ends:
+        async with ears(broker, f"{ROOT}/#") as heard:
+            await heard.until(f"{ROOT}/availability")
+            for number in (1, 2, 3):
+                outlet.offer(cell.said(alarm(number)))
+            await heard.until(f"{ROOT}/alarm/#", 3)
+            await eventually(lambda: outlet.account.counters["results sent"] == 3, "confirmed")
+        cell.may_connect.clear()
         broker.kill()
+        await eventually(lambda: ends, "the cut is noticed")
+        outlet.offer(cell.said(alarm(1, active=False)))
+        await broker.again()
+        async with ears(broker, f"{ROOT}/#") as heard:
+            cell.may_connect.set()
+            assert len(await heard.until(f"{ROOT}/alarm/#", 3)) >= 3, "it remembers"
+            await eventually(lambda: outlet.account.counters["results sent"] == 4, "the clear")
+        async with ears(broker, f"{ROOT}/#") as heard:
+            await heard.until(f"{ROOT}/alarm/#", 2)
+            await heard.until(f"{ROOT}/health")
+            kept = [m.topic.rpartition("/")[2] for m in heard.heard if "/alarm/" in m.topic]
     assert sorted(kept) == ["faults.arm.2", "faults.arm.3"]
 
 
@@ -136,19 +147,13 @@ async def test_results_and_rows_on_their_way_come_again_where_there_is_no_record
 async def test_a_broker_that_does_not_take_what_we_publish_is_told_of(tmp_path: Path) -> None:
     rules = tmp_path / "rules"
     rules.write_text(f"topic readwrite {ROOT}/availability\ntopic read #\n")
-    broker = Broker(tmp_path, f"acl_file {rules}")
-    await broker.again()
     cell = Cell()
-    outlet = outlet_of(cell, broker.url)
-    try:
-        async with serving(outlet, cell):
-            await eventually(lambda: outlet._outbox.serving, "connected")
-            assert outlet.trouble() is None
-            outlet.offer(cell.frames(1))
-            await eventually(lambda: outlet.account.counters["messages refused"] >= 1, "a refusal")
-            assert "refuses messages (not authorized)" in (outlet.trouble() or "")
-    finally:
-        broker.kill()
+    async with started(tmp_path, f"acl_file {rules}") as broker, serving(outlet := outlet_of(cell, broker.url), cell):
+        await eventually(lambda: outlet._outbox.serving, "connected")
+        assert outlet.trouble() is None
+        outlet.offer(cell.frames(1))
+        await eventually(lambda: outlet.account.counters["messages refused"] >= 1, "a refusal")
+        assert "refuses messages (not authorized)" in (outlet.trouble() or "")
 
 
 async def test_health_says_what_is_waited_for(broker: Broker) -> None:
@@ -180,7 +185,6 @@ async def test_a_outlet_with_new_settings_goes_on_where_the_one_before_ended(bro
     after = outlet_of(cell, broker.url, frame="channels")
     after.succeed(before)
     async with ears(broker, f"{ROOT}/#") as heard, serving(after, cell):
-        cell.may_connect.set()
         await heard.until(f"{ROOT}/backfill/frame/+", 6)
         await heard.until(f"{ROOT}/alarm/#")
 
@@ -226,11 +230,10 @@ async def test_a_port_where_no_broker_is_and_a_name_that_nobody_knows_are_told(t
 
 async def test_the_broker_tells_of_a_connection_that_broke(broker: Broker) -> None:
     cell = Cell()
-    outlet = outlet_of(cell, broker.url)
-    async with ears(broker, f"{ROOT}/availability") as heard, serving(outlet, cell):
-        await heard.until(f"{ROOT}/availability")
+    async with online(broker, cell) as (outlet, heard):
         cell.may_connect.clear()
         assert outlet._session is not None
         await outlet._session._link.abort()
         await heard.until(f"{ROOT}/availability", 2)
-    assert [(m.payload, m.retain) for m in heard.heard] == [(b"online", True), (b"offline", True)]
+    told = [(m.payload, m.retain) for m in heard.heard if m.topic.endswith("/availability")]
+    assert told == [(b"online", True), (b"offline", True)]

@@ -3,29 +3,16 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
-
-import pytest
-import yaml
 
 from cellwatt import AlarmBook, Energy, Event, Interval, Task
-from cellwatt.config import load
 from cellwatt.outlets.mqtt.plain import PlainFormat
 from cellwatt.outlets.mqtt.settings import MqttSettings
 from cellwatt.outlets.selection import Row
 from tests.daemon.outlets.mqtt.cell import alarm
-from tests.docs.pages import ROOT, Block, blocks
-from tests.docs.test_blocks import NEEDED
+from tests.docs.pages import ROOT
 
 PAGE = "outlets/mqtt.md"
 TEXT = (ROOT / "docs" / PAGE).read_text()
-
-
-@pytest.mark.parametrize("block", blocks(PAGE, "yaml"), ids=str)
-def test_settings_are_right(block: Block, tmp_path: Path) -> None:
-    cell = tmp_path / "cell.yaml"
-    cell.write_text(f"{block.text}\n{yaml.safe_dump(NEEDED)}")
-    assert "mqtt" in load(cell, {"BROKER_PASSWORD": "given"}).outlets
 
 
 def test_the_table_of_topics_has_all_and_says_which_are_kept() -> None:

@@ -127,6 +127,8 @@ class Sessions(RuleBasedStateMachine):
         self.host.birth = 249
         self.connected = self.born = False
         self.known: dict[str, float | None] = {}
+        """Values of the channels whose source was not removed."""
+        self.sources: set[str] = set()
         self.state_at: int | None = None
         self.time = 0
 
@@ -134,6 +136,12 @@ class Sessions(RuleBasedStateMachine):
     def now(self) -> int:
         self.time += 1
         return T + self.time * MS
+
+    def learn(self, values) -> list[float | None]:
+        """Note the values of sources that are there; return the others."""
+        there = {n: v for n, v in values.items() if not self.sources or n.split(".")[0] in self.sources}
+        self.known |= there
+        return [v for n, v in values.items() if n not in there]
 
     @rule()
     def connect(self) -> None:
@@ -172,13 +180,18 @@ class Sessions(RuleBasedStateMachine):
     @precondition(lambda self: self.born)
     @rule(names=st.sets(st.sampled_from(list(CHANNELS)), min_size=1))
     def has_other_channels(self, names) -> None:
+        self.sources = {name.split(".")[0] for name in names}
+        self.known = {name: value for name, value in self.known.items() if name.split(".")[0] in self.sources}
         self.host.hear(self.node.label(units(names), self.now))
+        assert self.host.alive <= self.sources
 
     @precondition(lambda self: self.born)
     @rule(values=ROWS)
     def sends_a_row(self, values) -> None:
+        before = len(self.host.history)
         self.host.hear(self.node.row(row(self.time, values), False, self.now))
-        self.known |= values
+        removed = self.learn(values)
+        assert sorted(str(value) for *_, value in self.host.history[before:]) == sorted(map(str, removed))
         for name, value in values.items():
             device, _, short = name.partition(".")
             if device in self.host.alive:
@@ -190,7 +203,7 @@ class Sessions(RuleBasedStateMachine):
     @rule(values=ROWS)
     def misses_a_row(self, values) -> None:
         self.node.missed(row(self.time, values))
-        self.known |= values
+        self.learn(values)
 
     @precondition(lambda self: self.born)
     @rule(values=ROWS)
@@ -243,11 +256,25 @@ def test_a_channel_that_is_gone_keeps_its_unit_and_value_when_its_past_is_filled
     host.hear(node.birth(T))
     node.label(units(CHANNELS), T)
     host.hear(node.row(row(1, {"arm.supply.power": 5.0, "arm.joint_1.position": 1.0}), False, T))
-    node.label(units(["meter.count"]), T)
+    node.label(units(["meter.count", "arm.joint_1.position"]), T)
     (data,) = node.row(row(0, {"arm.supply.power": None}), True, T)
     assert "/DDATA/" in data.topic, "it is the metric that was born"
     host.hear([data])
     assert host.values["arm", "supply/power"] == 5.0 and host.history[-1][2] is None
+
+
+def test_a_source_that_a_reload_removed_is_dead_and_its_last_row_is_history() -> None:
+    node, host = EdgeNode(SparkplugSettings(group="g", node="n"), "site", "cell", AlarmBook()), Host()
+    host.connected(node.connect())
+    host.hear(node.birth(T))
+    node.label(units(CHANNELS), T)
+    host.hear(node.row(row(1, {"arm.supply.power": 5.0, "meter.count": 1.0}), False, T))
+    host.hear(node.label(units(["meter.count"]), T))
+    assert host.alive == {"meter"}
+    host.hear(node.row(row(2, {"arm.supply.power": 6.0, "meter.count": 2.0}), False, T))  # made before the reload
+    assert host.alive == {"meter"} and [value for *_, value in host.history] == [6.0]
+    host.hear(node.birth(T))
+    assert host.alive == {"meter"} and host.values["meter", "count"] == 2.0
 
 
 Sessions.TestCase.settings = settings(max_examples=60, stateful_step_count=60, deadline=None)

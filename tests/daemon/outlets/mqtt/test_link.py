@@ -8,15 +8,17 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from paho.mqtt.packettypes import PacketTypes
+from paho.mqtt.reasoncodes import ReasonCode
 
-from cellwatt import Task
-from cellwatt.outlets.mqtt.link import Link, reason
+from cellwatt import Account, Task
+from cellwatt.outlets.mqtt.link import Link, LostError, reason
 from cellwatt.outlets.mqtt.message import Message
 from cellwatt.outlets.mqtt.outbox import Backfill
 from cellwatt.outlets.mqtt.session import Parcel, Session
 from cellwatt.outlets.past import RecordedSpan
 from cellwatt.outlets.selection import Row
-from tests.daemon.outlets.mqtt.cell import LAYOUT, Cell, outlet_of
+from tests.daemon.outlets.mqtt.cell import LAYOUT, ROOT, Cell, outlet_of
 
 NOWHERE = "mqtt://127.0.0.1:1"
 MESSAGE = Message("a", b"b", 1, False)
@@ -31,6 +33,19 @@ MESSAGE = Message("a", b"b", 1, False)
 )
 def test_a_broker_that_is_slow_is_told_as_that(text: str, told: str) -> None:
     assert reason(TimeoutError(text)) == told
+
+
+@pytest.mark.parametrize(
+    ("code", "told"),
+    [(142, "session taken over; another client has the same client ID: set 'client'"), (139, "server shutting down")],
+)
+async def test_why_a_broker_ends_a_connection_is_told_with_advice(code: int, told: str) -> None:
+    link = Link(outlet_of(Cell(), NOWHERE).settings, "c", MESSAGE, None, print, Account())
+    reasoned = ReasonCode(PacketTypes.DISCONNECT, identifier=code)
+    link._on_disconnect(SimpleNamespace(is_disconnect_packet_from_server=True), reasoned, None)
+    with pytest.raises(LostError) as error:
+        await anext(aiter(link.messages()))
+    assert str(error.value) == f"{NOWHERE}: the connection was lost: the broker reports: {told}"
 
 
 async def test_the_past_goes_in_parcels_of_few_messages(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -66,7 +81,7 @@ async def test_nothing_of_a_batch_that_the_library_refuses_counts_as_arrived() -
 
 
 async def test_a_thread_that_ends_while_it_is_stopped_is_no_fault(monkeypatch: pytest.MonkeyPatch) -> None:
-    link, reset = Link(outlet_of(Cell(), NOWHERE).settings, "c", MESSAGE, None, print), list[bool]()
+    link, reset = Link(outlet_of(Cell(), NOWHERE).settings, "c", MESSAGE, None, print, Account()), list[bool]()
 
     def stop() -> None:
         raise AttributeError("'NoneType' object has no attribute 'join'")
@@ -76,3 +91,20 @@ async def test_a_thread_that_ends_while_it_is_stopped_is_no_fault(monkeypatch: p
     monkeypatch.setattr(link._client, "_reset_sockets", lambda: reset.append(True))
     await link.abort()
     assert reset == [True]
+
+
+async def test_received_messages_and_answers_beyond_their_limits_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cellwatt.outlets.mqtt.link.RECEIVED", 4)
+    monkeypatch.setattr("cellwatt.outlets.mqtt.session.ANSWERS", 3)
+    outlet = outlet_of(Cell(), NOWHERE)
+    link = Link(outlet.settings, "c", MESSAGE, None, print, outlet.account)
+    for number in range(6):  # alarms that the broker retains from an earlier daemon
+        link._on_message(SimpleNamespace(topic=f"{ROOT}/alarm/error/k/{number}", payload=b"{}", retain=True))
+    link._on_disconnect(SimpleNamespace(is_disconnect_packet_from_server=False), None, None)
+    session = Session(
+        outlet.settings, (link, outlet._made(), outlet._outbox, outlet._cursor), None, "c", outlet.account
+    )
+    with pytest.raises(LostError):
+        await session._listen()
+    assert [answer.topic.rpartition("/")[2] for answer in session._answers] == ["0", "1", "2"]
+    assert outlet.account.counters == {"received messages dropped": 2, "answers dropped": 1}

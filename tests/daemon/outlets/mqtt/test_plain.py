@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from cellwatt import Alarm, Event, Interval, Prediction, Task
 from tests.daemon.outlets.mqtt.broker import Broker, Heard, ears, needs_mosquitto
-from tests.daemon.outlets.mqtt.cell import LAYOUT, ROOT, STEP, Cell, alarm, outlet_of, serving
+from tests.daemon.outlets.mqtt.cell import LAYOUT, ROOT, STEP, Cell, alarm, online, outlet_of, serving
 from tests.patience import eventually
 
 pytestmark = needs_mosquitto
@@ -39,9 +39,7 @@ async def test_rows_units_availability_and_health_have_their_topics(broker: Brok
 
 async def test_each_channel_may_have_its_own_topic_and_the_last_row_be_kept(broker: Broker) -> None:
     cell = Cell()
-    outlet = outlet_of(cell, broker.url, frame="channels", retain=True, channels=["arm.*"])
-    async with ears(broker, f"{ROOT}/#") as heard, serving(outlet, cell):
-        await heard.until(f"{ROOT}/availability")
+    async with online(broker, cell, frame="channels", retain=True, channels=["arm.*"]) as (outlet, heard):
         outlet.offer(cell.frames(1))
         outlet.offer(cell.frames(1, missing=("arm",)))
         await heard.until(f"{ROOT}/frame/+", 4)
@@ -51,11 +49,8 @@ async def test_each_channel_may_have_its_own_topic_and_the_last_row_be_kept(brok
 
 
 async def test_results_are_those_of_the_bus_and_an_interval_is_told_twice(broker: Broker) -> None:
-    cell = Cell()
-    outlet = outlet_of(cell, broker.url)
     running = Interval("arm", 7, S, 2 * S, (1,), (0.1,), (0.0,), (0.5,), closed=False)
-    async with ears(broker, f"{ROOT}/#") as heard, serving(outlet, cell):
-        await heard.until(f"{ROOT}/availability")
+    async with online(broker, Cell()) as (outlet, heard):
         for end in (2, 3, 4):
             outlet.offer(replace(running, end=end * S))
         outlet.offer(replace(running, end=5 * S, closed=True))
@@ -70,9 +65,7 @@ async def test_results_are_those_of_the_bus_and_an_interval_is_told_twice(broker
 
 async def test_predictions_are_rows_too(broker: Broker) -> None:
     cell = Cell()
-    outlet = outlet_of(cell, broker.url, rate="10 Hz")
-    async with ears(broker, f"{ROOT}/#") as heard, serving(outlet, cell):
-        await heard.until(f"{ROOT}/availability")
+    async with online(broker, cell, rate="10 Hz") as (outlet, heard):
         outlet.offer(cell.frames(1))
         begin = cell.start // (5 * STEP) * (5 * STEP)  # where a span ends
         times = tuple(begin + i * STEP for i in range(1, 11))
@@ -95,10 +88,8 @@ async def _kept(broker: Broker, topic: str) -> list[Heard]:
 
 
 async def test_an_alarm_is_kept_until_it_is_cleared(broker: Broker) -> None:
-    cell = Cell()
-    outlet = outlet_of(cell, broker.url)
     topic = f"{ROOT}/alarm/error/joint_fault/faults.arm.1"
-    async with ears(broker, f"{ROOT}/alarm/#") as heard, serving(outlet, cell):
+    async with online(broker, Cell()) as (outlet, heard):
         for number in (1, 2):
             outlet.offer(alarm(number))
         outlet.offer(alarm(2, severity="warning"))

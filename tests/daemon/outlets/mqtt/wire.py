@@ -184,12 +184,10 @@ def _properties(data: bytes) -> dict[str, Any]:
     return dict(zip(keys, values, strict=True))
 
 
-def command(name: str, value: bool, alias: int | None = None) -> bytes:
+def command(name: str, value: bool) -> bytes:
     """An NCMD payload with one metric, encoded by hand."""
     raw = name.encode()
     metric = b"\x0a" + bytes([len(raw)]) + raw + b"\x20\x0b" + b"\x70" + bytes([value])
-    if alias is not None:
-        metric += b"\x10" + bytes([alias])
     return b"\x08\x01\x12" + bytes([len(metric)]) + metric
 
 

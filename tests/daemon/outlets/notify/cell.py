@@ -70,6 +70,12 @@ def outlet(view: View, to: Mapping[str, Any], **more: Any) -> NotifyOutlet:
 
 
 @asynccontextmanager
-async def running(made: NotifyOutlet) -> AsyncIterator[NotifyOutlet]:
+async def running(
+    view: View, to: Mapping[str, Any], before: NotifyOutlet | None = None, **more: Any
+) -> AsyncIterator[NotifyOutlet]:
+    """An outlet that runs, and that succeeds the one before it."""
+    made = outlet(view, to, **more)
+    if before is not None:
+        made.succeed(before)
     async with doing(made.run()):
         yield made

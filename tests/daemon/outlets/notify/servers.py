@@ -49,6 +49,11 @@ class Web(Loopback):
         return web.Response(status=answer) if isinstance(answer, int) else await answer(request)
 
 
+def hook(server: Web, path: str = "", **more: Any) -> dict[str, Any]:
+    """A recipient by a webhook of this server."""
+    return {"webhook": {"url": f"{server.url}/{path}"}, **more}
+
+
 def web_server(tls: ssl.SSLContext | None = None) -> AbstractAsyncContextManager[Web]:
     return Web().open(tls)
 
@@ -139,11 +144,11 @@ class Certificates:
     context: ssl.SSLContext
 
 
-def certificates(folder: Path, hosts: tuple[str, ...] = ("localhost", "127.0.0.1")) -> Certificates:
+def certificates(folder: Path) -> Certificates:
     """An authority of its own, and a server's side of TLS by it."""
     now = datetime.now(UTC)
     authority = new_authority("plant-1", now)
-    pair: Pair = issue(authority, "mail", hosts, now)
+    pair: Pair = issue(authority, "mail", ("localhost", "127.0.0.1"), now)
     ca, certificate, key = folder / "ca.pem", folder / "mail.pem", folder / "mail.key"
     ca.write_bytes(authority.certificate)
     certificate.write_bytes(pair.certificate)

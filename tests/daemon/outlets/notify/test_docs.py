@@ -8,27 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import aiohttp
-import pytest
-import yaml
 
-from cellwatt.config import load
-from cellwatt.outlets.notify.settings import NotifySettings
-from tests.daemon.outlets.notify.cell import View, alarm, outlet, running
-from tests.docs.pages import Block, blocks
+from tests.daemon.outlets.notify.cell import View, alarm, running
+from tests.docs.pages import blocks
 from tests.patience import eventually
 
 PAGE = "outlets/notify.md"
-NEEDED = {"site": "plant-1", "cell": "weld-3", "sources": {"arm": {"driver": "ur", "host": "192.0.2.10"}}}
-SECRETS = dict.fromkeys(("MAIL_PASSWORD", "HOOK_SECRET", "NTFY_TOKEN", "HOME_TOKEN"), "not-a-real-secret")
-
-
-@pytest.mark.parametrize("block", blocks(PAGE, "yaml"), ids=str)
-def test_settings_of_the_page(block: Block, tmp_path: Path) -> None:
-    file = tmp_path / "cell.yaml"
-    file.write_text(f"{block.text}\n{yaml.safe_dump(NEEDED)}")
-    settings = load(file, SECRETS).outlets["notify"].settings
-    assert isinstance(settings, NotifySettings)
-    assert settings.to
 
 
 async def test_the_receiver_takes_what_we_sign_and_nothing_else(tmp_path: Path) -> None:
@@ -41,13 +26,11 @@ async def test_the_receiver_takes_what_we_sign_and_nothing_else(tmp_path: Path) 
     await aiohttp.web.TCPSite(runner, "127.0.0.1", 0).start()
     url = f"http://127.0.0.1:{runner.addresses[0][1]}/alarms"
     try:
-        right = outlet(View(tmp_path), {"desk": {"webhook": {"url": url, "secret": "a secret"}}})
-        async with running(right):
+        async with running(View(tmp_path), {"desk": {"webhook": {"url": url, "secret": "a secret"}}}) as right:
             right.offer(alarm(3))
             await eventually(lambda: right.account.counters["desk: sent"])
             assert heard == ["[plant-1/weld-3] error: Joint 3 is loaded 12 Nm more than it should be"]
-        wrong = outlet(View(tmp_path), {"desk": {"webhook": {"url": url, "secret": "another"}}})
-        async with running(wrong):
+        async with running(View(tmp_path), {"desk": {"webhook": {"url": url, "secret": "another"}}}) as wrong:
             wrong.offer(alarm(4))
             await eventually(
                 lambda: wrong.account.counters["desk: undelivered"] + wrong.account.counters["desk: retried"]

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from cellwatt.outlets.notify import courier as module
 from cellwatt.outlets.notify.courier import UNDELIVERED
-from tests.daemon.outlets.notify.cell import View, alarm, outlet, running
+from tests.daemon.outlets.notify.cell import View, alarm, running
 from tests.daemon.outlets.notify.servers import Certificates, Mailbox, certificates, mail_server
 from tests.patience import eventually
 
@@ -22,9 +23,8 @@ def pki(tmp_path_factory: pytest.TempPathFactory) -> Certificates:
 
 
 @pytest.fixture(autouse=True)
-def _troubled_at_once(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def _troubled_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "FAILING", 0.0)
-    yield
 
 
 def to(box: Mailbox, **more: Any) -> dict[str, Any]:
@@ -33,109 +33,108 @@ def to(box: Mailbox, **more: Any) -> dict[str, Any]:
 
 
 async def test_starttls_login_and_the_mail_itself(tmp_path: Path, pki: Certificates) -> None:
-    async with mail_server(starttls=pki.context, login=True) as box:
-        made = outlet(View(tmp_path), to(box, ca=str(pki.ca), user="cell", password="right-password"))
-        async with running(made):
-            made.offer(alarm(3, statement="Gelenk 3 ist um 12 Nm zu schwer — prüfen"))
-            await eventually(lambda: made.account.counters["shift: sent"])
-        assert (box.encrypted, box.login) == ([True], "cell")
-        ((addresses, mail),) = box.mails
-        assert addresses == ["shift@plant.example"]
-        assert mail["Subject"] == "[plant-1/weld-3] error: Gelenk 3 ist um 12 Nm zu schwer — prüfen"
-        assert mail["From"] == "weld-3@plant.example"
-        assert mail["Message-ID"].endswith("@plant.example>")
-        assert mail["Auto-Submitted"] == "auto-generated"
-        assert "since:    2027-01-15 08:00:00 UTC\njoint:    3 of arm" in mail.get_content().replace("\r\n", "\n")
-        assert made.trouble() is None
+    async with (
+        mail_server(starttls=pki.context, login=True) as box,
+        running(View(tmp_path), to(box, ca=str(pki.ca), user="cell", password="right-password")) as made,
+    ):
+        made.offer(alarm(3, statement="Gelenk 3 ist um 12 Nm zu schwer — prüfen"))
+        await eventually(lambda: made.account.counters["shift: sent"])
+    assert (box.encrypted, box.login) == ([True], "cell")
+    ((addresses, mail),) = box.mails
+    assert addresses == ["shift@plant.example"]
+    assert mail["Subject"] == "[plant-1/weld-3] error: Gelenk 3 ist um 12 Nm zu schwer — prüfen"
+    assert mail["From"] == "weld-3@plant.example"
+    assert mail["Message-ID"].endswith("@plant.example>")
+    assert mail["Auto-Submitted"] == "auto-generated"
+    assert "since:    2027-01-15 08:00:00 UTC\njoint:    3 of arm" in mail.get_content().replace("\r\n", "\n")
+    assert made.trouble() is None
 
 
 async def test_a_server_without_starttls_gets_nothing(tmp_path: Path) -> None:
-    async with mail_server() as box:
-        made = outlet(View(tmp_path), to(box))
-        async with running(made):
-            made.offer(alarm(1))
-            await eventually(lambda: made.account.counters["shift: retried"] >= 3)
-            trouble = made.trouble()
-        assert trouble is not None
-        assert "STARTTLS" in trouble
-        assert trouble.endswith("nothing is sent unencrypted")
-        assert box.mails == []
+    async with mail_server() as box, running(View(tmp_path), to(box)) as made:
+        made.offer(alarm(1))
+        await eventually(lambda: made.account.counters["shift: retried"] >= 3)
+        trouble = made.trouble()
+    assert trouble is not None
+    assert "STARTTLS" in trouble
+    assert trouble.endswith("nothing is sent unencrypted")
+    assert box.mails == []
 
 
 async def test_a_server_that_nobody_vouches_for_gets_nothing(tmp_path: Path, pki: Certificates) -> None:
     for settings in ({"tls": "tls"}, {}):
-        async with mail_server(tls=pki.context) if settings else mail_server(starttls=pki.context) as box:
-            made = outlet(View(tmp_path), to(box, **settings))
-            async with running(made):
-                made.offer(alarm(1))
-                await eventually(lambda: made.trouble())  # noqa: B023
-                assert "its certificate is not trusted" in str(made.trouble())
-            assert box.mails == []
+        server = mail_server(tls=pki.context) if settings else mail_server(starttls=pki.context)
+        async with server as box, running(View(tmp_path), to(box, **settings)) as made:
+            made.offer(alarm(1))
+            await eventually(lambda: made.trouble())
+            assert "its certificate is not trusted" in str(made.trouble())
+        assert box.mails == []
         (tmp_path / "notify.jsonl").unlink()
 
 
 async def test_a_wrong_password_is_tried_again_and_not_told(tmp_path: Path, pki: Certificates) -> None:
     async with mail_server(starttls=pki.context, login=True) as box:
-        made = outlet(View(tmp_path), to(box, ca=str(pki.ca), user="cell", password="wrong-password"))
-        async with running(made):
+        async with running(View(tmp_path), to(box, ca=str(pki.ca), user="cell", password="wrong-password")) as made:
             made.offer(alarm(1))
             await eventually(lambda: made.account.counters["shift: retried"] >= 2)
             trouble = str(made.trouble())
         assert "the login as cell is refused: 535" in trouble
         assert "wrong-password" not in trouble
-        after = outlet(View(tmp_path), to(box, ca=str(pki.ca), user="cell", password="right-password"))
-        async with running(after):
+        async with running(View(tmp_path), to(box, ca=str(pki.ca), user="cell", password="right-password")) as after:
             await eventually(lambda: box.mails)
             await eventually(lambda: after.account.counters["shift: sent"])
 
 
 async def test_each_address_gets_it_once(tmp_path: Path) -> None:
-    async with mail_server() as box:
+    everybody = ["first@plant.example", "late@plant.example", "gone@plant.example"]
+    async with mail_server() as box, running(View(tmp_path), to(box, tls="none", to=everybody)) as made:
         box.rcpt = {"late@plant.example": ["451 later"] * 2, "gone@plant.example": ["550 5.1.1 no such user"]}
-        everybody = ["first@plant.example", "late@plant.example", "gone@plant.example"]
-        made = outlet(View(tmp_path), to(box, tls="none", to=everybody))
-        async with running(made):
-            made.offer(alarm(1))
-            await eventually(lambda: made.account.counters["shift: sent"])
-            await eventually(lambda: made._ledger.of("shift").flight is None)
-        assert [addresses for addresses, _ in box.mails] == [["first@plant.example"], ["late@plant.example"]]
-        assert len({mail["Message-ID"] for _, mail in box.mails}) == 1
-        reasons = [json.loads(line)["reason"] for line in (tmp_path / UNDELIVERED).read_text().splitlines()]
-        assert reasons == ["gone@plant.example: 550 5.1.1 no such user"]
+        made.offer(alarm(1))
+        await eventually(lambda: made.account.counters["shift: sent"])
+        await eventually(lambda: made._ledger.of("shift").flight is None)
+    assert [addresses for addresses, _ in box.mails] == [["first@plant.example"], ["late@plant.example"]]
+    assert len({mail["Message-ID"] for _, mail in box.mails}) == 1
+    reasons = [json.loads(line)["reason"] for line in (tmp_path / UNDELIVERED).read_text().splitlines()]
+    assert reasons == ["gone@plant.example: 550 5.1.1 no such user"]
 
 
 async def test_refused_for_good(tmp_path: Path) -> None:
-    async with mail_server() as box:
+    async with mail_server() as box, running(View(tmp_path), to(box, tls="none")) as made:
         box.data = ["554 5.7.1 looks like spam"]
-        made = outlet(View(tmp_path), to(box, tls="none"))
-        async with running(made):
-            made.offer(alarm(1))
-            await eventually(lambda: made.account.counters["shift: undelivered"])
-            assert "554 5.7.1 looks like spam" in str(made.trouble())
-            made.offer(alarm(2))
-            await eventually(lambda: made.account.counters["shift: sent"])
-            assert made.trouble() is None
-        assert ["Joint 2" in mail["Subject"] for _, mail in box.mails] == [True]
-        assert (tmp_path / UNDELIVERED).stat().st_mode & 0o777 == 0o600
+        made.offer(alarm(1))
+        await eventually(lambda: made.account.counters["shift: undelivered"])
+        assert "554 5.7.1 looks like spam" in str(made.trouble())
+        made.offer(alarm(2))
+        await eventually(lambda: made.account.counters["shift: sent"])
+        assert made.trouble() is None
+    assert ["Joint 2" in mail["Subject"] for _, mail in box.mails] == [True]
+    assert (tmp_path / UNDELIVERED).stat().st_mode & 0o777 == 0o600
 
 
 async def test_a_server_that_is_silent_after_the_mail(tmp_path: Path) -> None:
-    async with mail_server() as box:
+    async with mail_server() as box, running(View(tmp_path), to(box, tls="none"), timeout=0.3) as made:
         box.hang = 1
-        made = outlet(View(tmp_path), to(box, tls="none"), timeout=0.3)
-        async with running(made):
-            made.offer(alarm(1))
-            await eventually(lambda: made.account.counters["shift: sent"])
-        assert len(box.mails) == 2  # it took the first and did not say so: the Message-ID shows that they are one
-        assert len({mail["Message-ID"] for _, mail in box.mails}) == 1
-        assert len({mail.as_bytes() for _, mail in box.mails}) == 1
+        made.offer(alarm(1))
+        await eventually(lambda: made.account.counters["shift: sent"])
+    assert len(box.mails) == 2  # it took the first and did not say so: the Message-ID shows that they are one
+    assert len({mail["Message-ID"] for _, mail in box.mails}) == 1
+    assert len({mail.as_bytes() for _, mail in box.mails}) == 1
+
+
+async def test_a_clock_that_is_set_gives_no_message_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    async with mail_server() as box, running(View(tmp_path), to(box, tls="none"), give_up=3600.0) as made:
+        box.data = ["451 later"]
+        years = SimpleNamespace(monotonic=time.monotonic, time_ns=lambda: time.time_ns() + (not box.data) * 10**17)
+        monkeypatch.setattr(module, "time", years)
+        made.offer(alarm(1))
+        await eventually(lambda: made.account.counters["shift: sent"])
+    assert not made.account.counters["shift: undelivered"]
 
 
 async def test_nobody_there(tmp_path: Path) -> None:
     async with mail_server() as box:
         settings = to(box, tls="none")
-    made = outlet(View(tmp_path), settings, give_up=0.2)
-    async with running(made):
+    async with running(View(tmp_path), settings, give_up=0.2) as made:
         made.offer(alarm(1))
         await eventually(lambda: made.account.counters["shift: undelivered"])
         assert "given up after 0.0 h: Connection refused" in str(made.trouble())

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,24 +13,23 @@ from aiohttp import web
 from cellwatt.outlets.notify import courier as module
 from cellwatt.outlets.notify.courier import UNDELIVERED
 from cellwatt.outlets.notify.web import sign
-from tests.daemon.outlets.notify.cell import View, alarm, outlet, running
-from tests.daemon.outlets.notify.servers import certificates, web_server
+from tests.daemon.outlets.notify.cell import View, alarm, running
+from tests.daemon.outlets.notify.servers import certificates, hook, web_server
 from tests.patience import eventually
 
 SECRET = "a secret of the plant"
 
 
 @pytest.fixture(autouse=True)
-def _troubled_at_once(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def _troubled_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "FAILING", 0.0)
-    yield
 
 
 async def test_the_same_message_until_it_is_taken(tmp_path: Path) -> None:
     async with web_server() as server:
         server.answers = [500, 401, 429, 403]
-        made = outlet(View(tmp_path), {"desk": {"webhook": {"url": f"{server.url}/hook", "secret": SECRET}}})
-        async with running(made):
+        to = {"desk": {"webhook": {"url": f"{server.url}/hook", "secret": SECRET}}}
+        async with running(View(tmp_path), to) as made:
             made.offer(alarm(3))
             await eventually(lambda: made.account.counters["desk: sent"])
             assert made.trouble() is None
@@ -53,17 +51,15 @@ async def test_a_redirect_is_not_followed(tmp_path: Path) -> None:
     async def elsewhere(_: web.BaseRequest) -> web.StreamResponse:
         return web.Response(status=307, headers={"Location": "/other"})
 
-    async with web_server() as server:
+    async with web_server() as server, running(View(tmp_path), {"desk": hook(server, "geheim")}) as made:
         server.answers = [elsewhere]
-        made = outlet(View(tmp_path), {"desk": {"webhook": {"url": f"{server.url}/geheim"}}})
-        async with running(made):
-            made.offer(alarm(1))
-            await eventually(lambda: made.account.counters["desk: undelivered"])
-            trouble = made.trouble()
-        assert [call.path for call in server.calls] == ["/geheim"]
-        assert trouble is not None
-        assert "307 Temporary Redirect" in trouble
-        assert "geheim" not in trouble + (tmp_path / UNDELIVERED).read_text()
+        made.offer(alarm(1))
+        await eventually(lambda: made.account.counters["desk: undelivered"])
+        trouble = made.trouble()
+    assert [call.path for call in server.calls] == ["/geheim"]
+    assert trouble is not None
+    assert "307 Temporary Redirect" in trouble
+    assert "geheim" not in trouble + (tmp_path / UNDELIVERED).read_text()
 
 
 async def test_a_body_that_never_ends_holds_nothing_up(tmp_path: Path) -> None:
@@ -76,37 +72,31 @@ async def test_a_body_that_never_ends_holds_nothing_up(tmp_path: Path) -> None:
         await over.wait()
         return response
 
-    async with web_server() as server:
+    async with web_server() as server, running(View(tmp_path), {"desk": hook(server)}, timeout=60.0) as made:
         server.answers = [endless]
-        made = outlet(View(tmp_path), {"desk": {"webhook": {"url": server.url}}}, timeout=60.0)
-        async with running(made):
-            made.offer(alarm(1))
-            await eventually(lambda: made.account.counters["desk: sent"])
+        made.offer(alarm(1))
+        await eventually(lambda: made.account.counters["desk: sent"])
         over.set()
-        assert len(server.calls) == 1
+    assert len(server.calls) == 1
 
 
 @pytest.mark.parametrize("status", [400, 422])
 async def test_refused_for_good(tmp_path: Path, status: int) -> None:
-    async with web_server() as server:
+    async with web_server() as server, running(View(tmp_path), {"desk": hook(server)}) as made:
         server.answers = [status]
-        made = outlet(View(tmp_path), {"desk": {"webhook": {"url": server.url}}})
-        async with running(made):
-            made.offer(alarm(1))
-            await eventually(lambda: made.account.counters["desk: undelivered"])
-            assert f": {status} " in str(made.trouble())
-        assert len(server.calls) == 1
-        kept = json.loads((tmp_path / UNDELIVERED).read_text())
-        assert kept["reason"].startswith(f"{status} ")
-        assert kept["alarms"][0]["id"] == alarm(1).id
+        made.offer(alarm(1))
+        await eventually(lambda: made.account.counters["desk: undelivered"])
+        assert f": {status} " in str(made.trouble())
+    assert len(server.calls) == 1
+    kept = json.loads((tmp_path / UNDELIVERED).read_text())
+    assert kept["reason"].startswith(f"{status} ")
+    assert kept["alarms"][0]["id"] == alarm(1).id
 
 
 async def test_ntfy(tmp_path: Path) -> None:
     async with web_server() as server:
-        view = View(tmp_path)
         ntfy = {"ntfy": {"url": server.url, "topic": "weld-alarms", "token": "tk_geheim"}}
-        made = outlet(view, {"phone": ntfy}, page="https://weld-3.plant.example:8480")
-        async with running(made):
+        async with running(View(tmp_path), {"phone": ntfy}, page="https://weld-3.plant.example:8480") as made:
             made.offer(alarm(1))
             await eventually(lambda: made.account.counters["phone: sent"] == 1)
             made.offer(alarm(1, active=False))
@@ -124,8 +114,7 @@ async def test_ntfy(tmp_path: Path) -> None:
 async def test_home_assistant(tmp_path: Path) -> None:
     async with web_server() as server:
         app = {"home_assistant": {"url": f"{server.url}/", "service": "mobile_app_shift", "token": "geheim-1"}}
-        made = outlet(View(tmp_path), {"app": app})
-        async with running(made):
+        async with running(View(tmp_path), {"app": app}) as made:
             made.offer(alarm(1))
             await eventually(lambda: made.account.counters["app: sent"])
         (call,) = server.calls
@@ -144,8 +133,7 @@ async def test_https_by_an_authority_of_the_plant(tmp_path: Path) -> None:
             "trusted": {"webhook": {"url": server.url, "ca": str(pki.ca)}},
             "distrusted": {"webhook": {"url": server.url}},
         }
-        made = outlet(View(tmp_path), to)
-        async with running(made):
+        async with running(View(tmp_path), to) as made:
             made.offer(alarm(1))
             await eventually(lambda: made.account.counters["trusted: sent"])
             await eventually(lambda: made.account.counters["distrusted: retried"])

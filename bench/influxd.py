@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import aiohttp
+from tests.patience import eventually
 
 from cellwatt.demo.cells import free_endpoint
-from tests.patience import eventually
 
 INFLUXD = shutil.which("influxd") or shutil.which("/usr/bin/influxd")
 

@@ -1,0 +1,83 @@
+"""Mistakes in the settings of outlets are refused in words."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import ValidationError
+
+from cellwatt.outlet import OutletSettings
+from cellwatt.outlets.historian import HistorianSettings, InfluxSettings
+from cellwatt.outlets.metrics.settings import MetricsSettings
+from cellwatt.outlets.mqtt.settings import MqttSettings
+from cellwatt.outlets.opc_ua.outlet import OpcUaOutletSettings
+from cellwatt.outlets.page import PageSettings
+from cellwatt.outlets.zenoh.link import LinkSettings
+
+MISTAKES: dict[type[OutletSettings], list[tuple[dict[str, Any], str]]] = {
+    HistorianSettings: [
+        ({}, "expected influx, lake, or both"),
+        ({"influx": {"url": "influx:8086", "database": "d"}}, "expected an address like"),
+        ({"influx": {"url": "http://u:p@127.0.0.1", "database": "d"}}, "not into the address"),
+        ({"influx": {"url": "http://127.0.0.1"}}, "one of database"),
+        ({"influx": {"url": "http://influx.example", "database": "d"}}, "http is for this PC alone"),
+        ({"lake": {"folder": "l", "dead_band": {"*": 1.0}}}, "every row"),
+        ({"lake": {"folder": "s3://B C"}}, "expected s3://BUCKET/PATH"),
+        ({"lake": {"folder": "s3://bucket", "endpoint": "http://minio.example"}}, "http is for this PC alone"),
+    ],
+    MetricsSettings: [
+        ({"listen": "9480"}, "host:port"),
+        ({"certificate": "c"}, "together"),
+    ],
+    MqttSettings: [
+        ({"broker": "broker"}, "expected mqtt://host:port"),
+        ({"broker": "mqtts://a:b@host"}, "expected mqtt://host:port"),
+        ({"broker": "mqtt://192.0.2.1"}, "no TLS: anyone on the network path can read"),
+        ({"fallbacks": ["mqtt://192.0.2.1"]}, "fallbacks\n  no TLS: anyone on the network path can read"),
+        ({"fallbacks": ["mqtts://broker.plant"]}, "all mqtts://, or all mqtt://"),
+        ({"password": "x"}, "a password needs a user"),
+        ({"broker": "mqtts://h", "certificate": "c.pem"}, "certificate and key are needed together"),
+        ({"keep_alive": "0.5 s"}, "expected 1 s to 65535 s"),
+        ({"sparkplug": {"group": "a/b"}}, "is not a Sparkplug ID"),
+    ],
+    OpcUaOutletSettings: [
+        ({"listen": "0.0.0.0:4840"}, "open to the network without a certificate and users or trusted certificates"),
+        ({"listen": "0.0.0.0:4840", "users": {"eve": "x"}}, "without a certificate"),
+        ({"certificate": __file__}, "are needed together"),
+        ({"trusted": [__file__]}, "of use only with a certificate"),
+        ({"listen": "here"}, "is not an address; expected host:port"),
+    ],
+}
+
+
+@pytest.mark.parametrize(
+    ("model", "settings", "words"), [(model, *case) for model, cases in MISTAKES.items() for case in cases]
+)
+def test_mistakes_are_refused_in_words(model: type[OutletSettings], settings: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValidationError, match=re.escape(words)):
+        model.model_validate(settings)
+
+
+@pytest.mark.parametrize(
+    "model",
+    [InfluxSettings, LinkSettings, MetricsSettings, OpcUaOutletSettings, PageSettings],
+    ids=lambda model: model.__name__,
+)
+def test_a_renewed_file_is_a_change_that_a_reload_applies(model: type[OutletSettings], tmp_path: Path) -> None:
+    """Nothing in the settings file itself has changed."""
+    file = tmp_path / "file.pem"
+    file.touch()
+    settings: dict[str, Any] = {"certificate": file, "key": file}
+    if model is LinkSettings:
+        tls = {"certificate": file, "root_ca": tmp_path, "key": tmp_path}
+        settings = {"mode": "client", "connect": ["tls/plant-router:7447"], "tls": tls}
+    if model is InfluxSettings:
+        settings = {"url": "https://influx.example", "database": "d", "ca": file}
+    before = model.model_validate(settings)
+    assert model.model_validate(settings) == before
+    os.utime(file, (1.0, 1.0))
+    assert model.model_validate(settings) != before
