@@ -33,7 +33,7 @@ from cellwatt.ring import ItemWriter, Mark, Status
 from cellwatt.runtime.assemble import declared
 from cellwatt.runtime.processes import shared, supervisor, tell
 
-KEPT = 300.0
+HELD = 300.0
 """s of the day that rings hold …"""
 AHEAD = 30
 """… and that may be given and not yet recorded."""
@@ -77,7 +77,7 @@ def watch(hours: float) -> dict[str, Any]:
     """MB of each process by hour of the day, its slope, and what the daemon says that it lost."""
     context = multiprocessing.get_context("fork")
     passed: Synchronized[float] = context.Value("d", 0.0)
-    shared.KEPT, tell.HEALTH_RATE = KEPT, LOOKS  # type: ignore[misc]
+    shared.HELD, tell.HEALTH_RATE = HELD, LOOKS  # type: ignore[misc]
     vars(supervisor)["collect"] = partial(give, hours=hours, passed=passed)
     found: dict[str, list[tuple[float, float]]] = defaultdict(list)
     with tempfile.TemporaryDirectory() as folder:

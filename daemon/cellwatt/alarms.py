@@ -311,14 +311,14 @@ class AlarmBook:
 
     # between books --------------------------------------------------------------------------------
 
-    def told(self) -> dict[str, Any]:
+    def status(self) -> dict[str, Any]:
         """Active alarms with their acknowledgements, and shelved alarms, JSON-ready, for health."""
         alarms = [
-            {**{k: getattr(s.published, k) for k in Alarm.__slots__}, "acknowledged": _said(s.acknowledgement)}
+            {**{k: getattr(s.published, k) for k in Alarm.__slots__}, "acknowledged": _fields(s.acknowledgement)}
             for s in self.up
         ]
         about = ("id", "kind", "severity", "statement", "since")
-        shelved = [{**{k: getattr(s.alarm, k) for k in about}, "shelf": _said(s.shelf)} for s in self.shelved]
+        shelved = [{**{k: getattr(s.alarm, k) for k in about}, "shelf": _fields(s.shelf)} for s in self.shelved]
         return {"alarms": alarms, "shelved": shelved}
 
     def hear(self, said: Alarm | Mapping[str, Any]) -> Standing:
@@ -373,8 +373,8 @@ class AlarmBook:
         """Reverse ``holds``: the condition has appeared or ended."""
         standing.holds, standing.changed, standing.streak = not standing.holds, time, 0
         if self._damping is not None:
-            kept = (at for at in standing.raises if time - at < self._span)
-            standing.raises = (*kept, time) if standing.holds else tuple(kept)
+            recent = (at for at in standing.raises if time - at < self._span)
+            standing.raises = (*recent, time) if standing.holds else tuple(recent)
             if not standing.holds and (standing.flaps or len(standing.raises) > self._damping.times):
                 standing.flaps += 1
         if not standing.raised:
@@ -390,8 +390,8 @@ class AlarmBook:
 
     def _forget(self, standing: Standing, now: int) -> None:
         """Delete the state of a cleared alarm that neither a message, a shelf nor damping needs."""
-        kept = standing.raised or standing.published or standing.shelf or (standing.streak and not standing.over)
-        if not kept and now - standing.changed >= self._span:
+        needed = standing.raised or standing.published or standing.shelf or (standing.streak and not standing.over)
+        if not needed and now - standing.changed >= self._span:
             del self._standing[standing.alarm.id]
 
     @property
@@ -400,7 +400,7 @@ class AlarmBook:
         return 0.0 if self._damping is None else self._damping.seconds * 1e9
 
 
-def _said(word: Acknowledgement | Shelf | None) -> dict[str, Any] | None:
+def _fields(word: Acknowledgement | Shelf | None) -> dict[str, Any] | None:
     return None if word is None else asdict(word)
 
 
@@ -415,18 +415,18 @@ def _plain(standings: Iterable[Standing]) -> list[Any]:
 
 def _published(standing: Standing, now: int) -> list[Alarm]:
     """The message to publish at ``now``; none if the shelf or damping holds it back, or its raise was not published."""
-    said, before, shelf = standing.message, standing.published, standing.shelf
+    message, before, shelf = standing.message, standing.published, standing.shelf
     if shelf is not None:
-        graver = said.active and SEVERITIES.index(said.severity) > SEVERITIES.index(shelf.severity)
+        graver = message.active and SEVERITIES.index(message.severity) > SEVERITIES.index(shelf.severity)
         if now < shelf.until and not graver:
             return []
         standing.shelf = None
-    told = before is not None and bool(before.evidence.get("flaps")) and before.severity == said.severity
-    if (standing.flaps and told) or (before is None and not standing.raised):
+    announced = before is not None and bool(before.evidence.get("flaps")) and before.severity == message.severity
+    if (standing.flaps and announced) or (before is None and not standing.raised):
         return []
-    said = replace(said, time=now)
-    standing.published = said if said.active else None
-    return [said]
+    message = replace(message, time=now)
+    standing.published = message if message.active else None
+    return [message]
 
 
 def withdrawn(alarms: Iterable[Alarm], time: int, why: str) -> list[Alarm]:

@@ -77,11 +77,11 @@ def open_file(path: Path, limit: int | None = None, *, write: bool = False) -> F
 def read_bytes(path: Path, limit: int = WRITTEN) -> bytes:
     """Read a regular file of at most ``limit`` bytes. Raises ``OSError`` with a plain reason."""
     with open_file(path, limit) as file:
-        content, left = bytearray(), limit + 1
-        while left and (piece := file.read(min(left, 1 << 20))):  # the file may grow while it is read
+        content, remaining = bytearray(), limit + 1
+        while remaining and (piece := file.read(min(remaining, 1 << 20))):  # the file may grow while it is read
             content += piece
-            left -= len(piece)
-    if not left:
+            remaining -= len(piece)
+    if not remaining:
         raise _too_large(limit)
     return bytes(content)
 
@@ -166,17 +166,17 @@ def put_aside(path: Path, content: bytes, largest: int, mode: int = 0o600) -> bo
 
     Return True if that replaced an older ``.1``. Raises ``OSError``. Blocks.
     """
-    thrown = False
+    replaced = False
     if path.exists() and path.stat().st_size + len(content) > largest:
         old = path.with_name(f"{path.name}.1")
-        thrown = old.exists()
+        replaced = old.exists()
         path.replace(old)
     flags = os.O_CLOEXEC | os.O_NOFOLLOW
     with open(path, "ab", opener=lambda name, how: os.open(name, how | flags, mode)) as file:
         file.write(content)
         file.flush()
         os.fsync(file.fileno())
-    return thrown
+    return replaced
 
 
 def _check(status: os.stat_result, limit: int | None) -> None:

@@ -23,13 +23,18 @@ def check_host(host: str) -> str:
 
     Raises ``ValueError`` if it is neither a host name nor an IP address; the message names a host found in the text.
     """
-    if not (told := _mistake(host)):
+    if not (mistake := _mistake(host)):
         return host
     alone = _SCHEME.sub("", host.strip(), count=1).partition("/")[0].rpartition("@")[2]
     alone, _, port = alone.partition(":")
     if _mistake(alone):
-        raise ValueError(told)
-    raise ValueError(f"{told}; did you mean {alone!r}{', with the port as a separate key' if port else ''}?")
+        raise ValueError(mistake)
+    raise ValueError(f"{mistake}; did you mean {alone!r}{', with the port as a separate key' if port else ''}?")
+
+
+def in_url(host: str) -> str:
+    """The host as it is written in a URL: an address of IPv6 in brackets."""
+    return f"[{host}]" if ":" in host else host
 
 
 def stays_here(host: str) -> bool:

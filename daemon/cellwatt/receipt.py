@@ -12,8 +12,29 @@ _SO_TIMESTAMPNS: Final = 35
 """Linux, <asm-generic/socket.h>; Python has no name for it."""
 _TIMESPEC: Final = struct.Struct("=qq")
 _ANCILLARY: Final = socket.CMSG_SPACE(_TIMESPEC.size)
-_OLDEST: Final = 10_000_000_000
-"""Largest plausible waiting time, ns; a longer one means that the wall clock was set since the stamp."""
+_STEP: Final = 1_000_000
+"""Change of the wall clock against CLOCK_MONOTONIC between two receipts, ns, above which the wall clock was set."""
+
+
+class _WallClock:
+    """The wall clock, which stamps the data, and when it was set: stamps from before then tell no waiting time."""
+
+    def __init__(self) -> None:
+        self._lead = time.time_ns() - time.monotonic_ns()
+        self._set_at = 0
+        """Time of CLOCK_MONOTONIC, ns, before which it was set last."""
+
+    def since(self, stamp: int) -> int:
+        """Time since a stamp, ns; 0 if it is unknown."""
+        wall, now = time.time_ns(), time.monotonic_ns()
+        before, self._lead = self._lead, wall - now
+        if abs(self._lead - before) > _STEP:
+            self._set_at = now
+        waited = wall - stamp
+        return waited if 0 < waited <= now - self._set_at else 0
+
+
+_clock: Final = _WallClock()
 
 
 def stamp_receipts(opened: socket.socket) -> bool:
@@ -28,7 +49,8 @@ def stamp_receipts(opened: socket.socket) -> bool:
 def receive(opened: socket.socket, size: int) -> tuple[bytes, Any, int]:
     """Receive a datagram of at most ``size`` bytes; return it, its sender, and its waiting time in this PC, ns.
 
-    The waiting time is 0 without a kernel time stamp. Raises ``OSError`` as ``socket.recvmsg`` does.
+    The waiting time is 0 without a kernel time stamp, and if the wall clock was set since. Raises ``OSError`` as
+    ``socket.recvmsg`` does.
     """
     datagram, ancillary, _, sender = opened.recvmsg(size, _ANCILLARY)
     return datagram, sender, _waited(ancillary)
@@ -37,7 +59,8 @@ def receive(opened: socket.socket, size: int) -> tuple[bytes, Any, int]:
 def receive_into(opened: socket.socket, room: memoryview) -> tuple[int, int]:
     """Receive the next bytes of a connection; return how many, and the waiting time of the newest in this PC, ns.
 
-    The waiting time is 0 without a kernel time stamp. Raises ``OSError`` as ``socket.recvmsg_into`` does.
+    The waiting time is 0 without a kernel time stamp, and if the wall clock was set since. Raises ``OSError`` as
+    ``socket.recvmsg_into`` does.
     """
     size, ancillary, _, _ = opened.recvmsg_into([room], _ANCILLARY)
     return size, _waited(ancillary)
@@ -47,6 +70,5 @@ def _waited(ancillary: Iterable[tuple[int, int, bytes]]) -> int:
     for level, kind, data in ancillary:
         if level == socket.SOL_SOCKET and kind == _SO_TIMESTAMPNS and len(data) == _TIMESPEC.size:
             seconds, nanoseconds = _TIMESPEC.unpack(data)
-            waited = time.time_ns() - (seconds * 1_000_000_000 + nanoseconds)
-            return waited if 0 < waited < _OLDEST else 0
+            return _clock.since(seconds * 1_000_000_000 + nanoseconds)
     return 0

@@ -47,10 +47,6 @@ class World:
     seed: int = 0
     settings: dict[str, object] = field(default_factory=dict)
 
-    def model(self) -> ClockModel:
-        """A clock model as the driver of this device would set it up."""
-        return ClockModel(**self.settings)
-
 
 @dataclass(frozen=True)
 class Block:
@@ -134,7 +130,7 @@ class Outcome:
 
 def run(world: World, settled_after: float = 10.0) -> Outcome:
     """Run a model through a world; bounds are those after ``settled_after`` s, coverage is of all samples."""
-    model = world.model()
+    model = ClockModel(**world.settings)  # as the driver of this device would set it up
     times, bounds, trues = [], [], []
     for block in blocks(world):
         for device_time, not_before in block.brackets:

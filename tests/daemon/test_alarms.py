@@ -27,6 +27,20 @@ def told(alarms: Sequence[Alarm]) -> list[tuple[bool, int]]:
     return [(a.active, a.time) for a in alarms]
 
 
+@pytest.fixture
+def raised() -> AlarmBook:
+    """A book in which the alarm ``hot`` is active since 1 ns."""
+    book = AlarmBook()
+    book.raise_(hot(1))
+    return book
+
+
+@pytest.fixture
+def shelved(raised: AlarmBook) -> AlarmBook:
+    raised.shelve("hot", 10, "Ines", "is being repaired", 2)
+    return raised
+
+
 # patience ---------------------------------------------------------------------------------------------
 
 
@@ -58,22 +72,20 @@ def test_a_condition_that_must_hold_for_a_time() -> None:
     assert [len(c) for c in cleared] == [0, 0, 1, 0]
 
 
-def test_an_update_keeps_since_and_tells_the_new_figures() -> None:
-    book = AlarmBook()
-    book.raise_(hot(1))
-    assert book.raise_(hot(4, severity="error")) == [hot(4, severity="error", since=1)]
-    assert book.raise_(hot(5), update=False) == []
-    assert book["hot"].alarm.severity == "error"
-    assert book.clear("hot", 9, "…")[0].since == 1
+def test_an_update_keeps_since_and_tells_the_new_figures(raised: AlarmBook) -> None:
+    assert raised.raise_(hot(4, severity="error")) == [hot(4, severity="error", since=1)]
+    assert raised.raise_(hot(5), update=False) == []
+    assert raised["hot"].alarm.severity == "error"
+    assert raised.clear("hot", 9, "…")[0].since == 1
 
 
 # damping ----------------------------------------------------------------------------------------------
 
 
-def flapping(book: AlarmBook, times: int = 4) -> list[Alarm]:
-    """Raised and cleared each second; the last clear is at ``2 * times - 1`` s."""
+def flapping(book: AlarmBook) -> list[Alarm]:
+    """Raised and cleared each second; the last clear is at 7 s."""
     out = []
-    for n in range(times):
+    for n in range(4):
         out += book.raise_(hot(2 * n * SECOND))
         out += book.clear("hot", (2 * n + 1) * SECOND, "Resolved: the motor is cool.")
     return out
@@ -119,45 +131,34 @@ def test_one_that_becomes_graver_while_it_flaps_is_told() -> None:
 # people -----------------------------------------------------------------------------------------------
 
 
-def test_an_acknowledged_alarm_that_comes_back_is_unacknowledged() -> None:
-    book = AlarmBook()
-    book.raise_(hot(1))
-    book.acknowledge("hot", "Ines", "fan ordered", 3)
-    book.raise_(hot(4))
-    said = book["hot"].acknowledgement
+def test_an_acknowledged_alarm_that_comes_back_is_unacknowledged(raised: AlarmBook) -> None:
+    raised.acknowledge("hot", "Ines", "fan ordered", 3)
+    raised.raise_(hot(4))
+    said = raised["hot"].acknowledgement
     assert said is not None and (said.name, said.note, said.time) == ("Ines", "fan ordered", 3)
-    book.clear("hot", 5, "…")
-    book.raise_(hot(6))
-    assert book["hot"].acknowledgement is None
+    raised.clear("hot", 5, "…")
+    raised.raise_(hot(6))
+    assert raised["hot"].acknowledgement is None
 
 
-def test_of_an_alarm_on_the_shelf_nothing_is_published_before_its_time() -> None:
-    book = AlarmBook()
-    book.raise_(hot(1))
-    book.shelve("hot", 10, "Ines", "is being repaired", 2)
-    assert book.raise_(hot(3, joint=2)) == []
-    assert book.look(9) == []
-    assert book.look(10) == [hot(10, since=1, joint=2)]
-    assert book.look(11) == [] and book["hot"].shelf is None
+def test_of_an_alarm_on_the_shelf_nothing_is_published_before_its_time(shelved: AlarmBook) -> None:
+    assert shelved.raise_(hot(3, joint=2)) == []
+    assert shelved.look(9) == []
+    assert shelved.look(10) == [hot(10, since=1, joint=2)]
+    assert shelved.look(11) == [] and shelved["hot"].shelf is None
 
 
-def test_the_shelf_ends_where_the_severity_rises() -> None:
-    book = AlarmBook()
-    book.raise_(hot(1))
-    book.shelve("hot", 10, "Ines", "", 2)
-    assert book.raise_(hot(3, severity="info")) == []
-    assert book.raise_(hot(4, severity="error")) == [hot(4, severity="error", since=1)]
-    assert told(book.clear("hot", 5, "…")) == [(False, 5)], "it is off the shelf"
+def test_the_shelf_ends_where_the_severity_rises(shelved: AlarmBook) -> None:
+    assert shelved.raise_(hot(3, severity="info")) == []
+    assert shelved.raise_(hot(4, severity="error")) == [hot(4, severity="error", since=1)]
+    assert told(shelved.clear("hot", 5, "…")) == [(False, 5)], "it is off the shelf"
 
 
-def test_off_the_shelf_an_alarm_is_told_as_it_is() -> None:
-    book = AlarmBook()
-    book.raise_(hot(1))
-    book.shelve("hot", 10, "Ines", "", 2)
-    assert book.clear("hot", 3, "Resolved: cool.") == []
-    assert told(book.unshelve("hot", 4)) == [(False, 4)]
+def test_off_the_shelf_an_alarm_is_told_as_it_is(shelved: AlarmBook) -> None:
+    assert shelved.clear("hot", 3, "Resolved: cool.") == []
+    assert told(shelved.unshelve("hot", 4)) == [(False, 4)]
     with pytest.raises(CellwattError, match="'hot' is not shelved"):
-        book.unshelve("hot", 5)
+        shelved.unshelve("hot", 5)
 
 
 def before_a_restart() -> list[Any]:

@@ -66,9 +66,14 @@ def play(aligner, entries, *, flush=True):
     return frames + (aligner.flush() if flush else [])
 
 
-def one(*channels, rate=500.0, latency=0.1, **settings):
-    of = stream(*channels, rate=rate)
+def one(*channels, latency=0.1, **settings):
+    of = stream(*channels)
     return Aligner({"arm": (of,)}, 50.0, latency, **settings), of
+
+
+def arm_and(other, name="belt", **settings):
+    arm = stream(POSITION)
+    return Aligner({"arm": (arm,), name: (other,)}, 50.0, 0.1, **settings), arm, other
 
 
 def test_the_layout_names_every_column_with_the_method_in_force():
@@ -149,8 +154,7 @@ def test_nan_and_missing_samples_become_missing_values_in_their_channel_only():
 
 
 def test_a_frame_is_given_out_by_the_entry_that_settles_it():
-    arm, belt = stream(POSITION), stream(Channel("speed", "m/s"))
-    aligner = Aligner({"arm": (arm,), "belt": (belt,)}, 50.0, 0.1)
+    aligner, arm, belt = arm_and(stream(Channel("speed", "m/s")))
     assert aligner.add(batch(arm, [19, 21], [1, 1], arrival=22)) == []
     assert aligner.add(batch(belt, [18], [1], source="belt", arrival=22)) == []
     (frames,) = aligner.add(batch(belt, [20], [1], source="belt", arrival=23))
@@ -159,8 +163,7 @@ def test_a_frame_is_given_out_by_the_entry_that_settles_it():
 
 
 def test_a_frame_does_not_wait_beyond_the_latency_and_late_samples_are_counted():
-    arm, belt = stream(POSITION), stream(Channel("speed", "m/s"))
-    aligner = Aligner({"arm": (arm,), "belt": (belt,)}, 50.0, 0.1)
+    aligner, arm, belt = arm_and(stream(Channel("speed", "m/s")))
     aligner.add(batch(arm, [19, 21], [1, 1], arrival=22))
     assert aligner.tick(tick(119)) == []
     (frames,) = aligner.tick(tick(120))
@@ -172,8 +175,7 @@ def test_a_frame_does_not_wait_beyond_the_latency_and_late_samples_are_counted()
 
 
 def test_a_stream_that_never_speaks_stops_holding_up_the_others_and_stays_marked():
-    arm, belt = stream(POSITION), stream(Channel("speed", "m/s"))
-    aligner = Aligner({"arm": (arm,), "belt": (belt,)}, 50.0, 0.1)
+    aligner, arm, _ = arm_and(stream(Channel("speed", "m/s")))
     delays = []
     for t in range(1, 3000, 2):
         for frames in aligner.add(batch(arm, [t], [1.0])):
@@ -184,8 +186,7 @@ def test_a_stream_that_never_speaks_stops_holding_up_the_others_and_stays_marked
 
 
 def test_streams_that_disappear_and_come_back_are_marked_in_between():
-    arm, belt = stream(POSITION), stream(Channel("speed", "m/s"))
-    aligner = Aligner({"arm": (arm,), "belt": (belt,)}, 50.0, 0.1)
+    aligner, arm, belt = arm_and(stream(Channel("speed", "m/s")))
     entries = [batch(arm, [t], [1.0]) for t in range(1, 4000, 2)]
     entries += [batch(belt, [t], [2.0], source="belt") for t in range(2, 4000, 2) if not 1000 < t < 3000]
     time, values, quality, _ = joined(play(aligner, sorted(entries, key=lambda b: b.arrival)))
@@ -197,9 +198,7 @@ def test_streams_that_disappear_and_come_back_are_marked_in_between():
 
 
 def test_a_slow_stream_is_held_with_its_age_in_the_bound_and_never_waited_for():
-    arm = stream(POSITION)
-    meter = stream(Channel("main.power", "W"), rate=10.0)
-    aligner = Aligner({"arm": (arm,), "meter": (meter,)}, 50.0, 0.1)
+    aligner, arm, meter = arm_and(stream(Channel("main.power", "W"), rate=10.0), "meter")
     entries = [batch(arm, [t], [1.0]) for t in range(1, 2000, 2)]
     entries += [batch(meter, [t], [t], source="meter", arrival=t + 30) for t in range(0, 1000, 100)]
     frames = play(aligner, sorted(entries, key=lambda b: b.arrival), flush=False)
@@ -214,8 +213,7 @@ def test_a_slow_stream_is_held_with_its_age_in_the_bound_and_never_waited_for():
 
 
 def test_a_stream_without_a_rate_holds_until_the_age_limit():
-    arm, gripper = stream(POSITION), stream(MODE, rate=0.0)
-    aligner = Aligner({"arm": (arm,), "gripper": (gripper,)}, 50.0, 0.1, hold=1.0)
+    aligner, arm, gripper = arm_and(stream(MODE, rate=0.0), "gripper", hold=1.0)
     entries = [batch(gripper, [0], [7.0], source="gripper"), *(batch(arm, [t], [1.0]) for t in range(1, 2000, 2))]
     time, values, quality, _ = joined(play(aligner, entries))
     assert np.all(values[time <= 1000, 1] == 7.0)

@@ -26,8 +26,9 @@ class Host:
         return START + self.monotonic_ns + self.set_by
 
 
-def clock_on(host: Host) -> CellClock:
-    return CellClock(wall=host.wall, monotonic=host.monotonic)
+def on_a_host() -> tuple[CellClock, Host]:
+    host = Host()
+    return CellClock(wall=host.wall, monotonic=host.monotonic), host
 
 
 def test_reads_utc_of_this_machine():
@@ -39,8 +40,7 @@ def test_reads_utc_of_this_machine():
 
 
 def test_follows_the_host_while_nobody_sets_its_clock():
-    host = Host()
-    clock = clock_on(host)
+    clock, host = on_a_host()
     for _ in range(10):
         host.monotonic_ns += SECOND
         assert clock.discipline() == 0
@@ -50,8 +50,7 @@ def test_follows_the_host_while_nobody_sets_its_clock():
 
 @pytest.mark.parametrize("step", [3 * SECOND, -3 * SECOND, 2_000_000, -3600 * SECOND])
 def test_a_step_of_the_wall_clock_is_reported_and_not_followed_by_a_jump(step):
-    host = Host()
-    clock = clock_on(host)
+    clock, host = on_a_host()
     host.monotonic_ns += SECOND
     clock.discipline()
     before = clock.now()
@@ -66,8 +65,7 @@ def test_a_step_of_the_wall_clock_is_reported_and_not_followed_by_a_jump(step):
 
 @pytest.mark.parametrize(("step", "within"), [(20_000_000, 2000), (-SECOND, 12_000)])
 def test_a_deviation_is_slewed_away_gently(step, within):
-    host = Host()
-    clock = clock_on(host)
+    clock, host = on_a_host()
     host.set_by = step
     slews = [0.0]
     for _ in range(within):
@@ -86,8 +84,7 @@ def test_a_deviation_is_slewed_away_gently(step, within):
     st.lists(st.tuples(st.integers(0, 10 * SECOND), st.integers(-10 * SECOND, 10 * SECOND), st.booleans()), max_size=60)
 )
 def test_never_steps_back(moves):
-    host = Host()
-    clock = clock_on(host)
+    clock, host = on_a_host()
     last = clock.now()
     for passed, step, disciplined in moves:
         host.monotonic_ns += passed

@@ -26,6 +26,13 @@ def stream(model, start, end, *, base, delay=MILLISECOND, drift=0.0, step=2 * MI
     return worst
 
 
+def steady(**settings):
+    """A model that has followed a device for 20 s."""
+    model = ClockModel(**settings)
+    stream(model, 0, 20 * SECOND, base=0)
+    return model
+
+
 @pytest.mark.parametrize("world", NAMED, ids=lambda world: world.name)
 def test_the_stated_bound_holds_the_true_time_in_named_worlds(world):
     outcome = run(world)
@@ -75,8 +82,7 @@ def test_offset_and_drift_are_found():
 
 @pytest.mark.parametrize("base", [-3 * SECOND, 5 * SECOND, -20 * SECOND], ids=["back", "ahead", "reboot"])
 def test_a_step_of_the_device_clock_resets_the_map_at_once(base):
-    model = ClockModel()
-    stream(model, 0, 20 * SECOND, base=0)
+    model = steady()
     assert model.resets == 0
     assert stream(model, 20 * SECOND, 25 * SECOND, base=base) <= 0
     assert model.resets == model.state().resets == 1
@@ -85,8 +91,7 @@ def test_a_step_of_the_device_clock_resets_the_map_at_once(base):
 
 def test_a_step_inside_a_block_leaves_the_samples_before_it_on_the_old_map():
     for jump in (-SECOND, 3 * SECOND):
-        model = ClockModel(least_delay=(0.0, 0.002))
-        stream(model, 0, 20 * SECOND, base=0)
+        model = steady(least_delay=(0.0, 0.002))
         true = 20 * SECOND + np.arange(100) * 2 * MILLISECOND
         device = np.where(np.arange(100) < 60, true, true + jump)
         time, bound = model.stamp(device, EPOCH + int(true[-1]) + MILLISECOND)
@@ -97,16 +102,14 @@ def test_a_step_inside_a_block_leaves_the_samples_before_it_on_the_old_map():
 
 
 def test_after_a_reboot_the_order_of_samples_bounds_the_new_map():
-    model = ClockModel(least_delay=(0.0, 0.002))
-    stream(model, 0, 20 * SECOND, base=0)
+    model = steady(least_delay=(0.0, 0.002))
     _, bound = model.stamp(times(0), EPOCH + 20 * SECOND + 5 * MILLISECOND)
     assert bound[0] < 10 * MILLISECOND
 
 
 @pytest.mark.parametrize("bracketed", [True, False])
 def test_a_step_ahead_is_the_devices_where_brackets_are_fresh_and_else_the_claims_may_be_wrong(bracketed):
-    model = ClockModel(least_delay=(0.0, 0.002))
-    stream(model, 0, 20 * SECOND, base=0)
+    model = steady(least_delay=(0.0, 0.002))
     if bracketed:
         model.bracket(20 * SECOND - 2 * MILLISECOND, EPOCH + 20 * SECOND - 3 * MILLISECOND)
     _, bound = model.stamp(times(25 * SECOND), EPOCH + 20 * SECOND + 5 * MILLISECOND)
@@ -115,8 +118,7 @@ def test_a_step_ahead_is_the_devices_where_brackets_are_fresh_and_else_the_claim
 
 
 def test_a_step_back_that_hides_in_a_pause_is_found_by_the_next_bracket():
-    model = ClockModel()
-    stream(model, 0, 20 * SECOND, base=0)
+    model = steady()
     behind = 30 * SECOND
     model.bracket(60 * SECOND - behind, EPOCH + 60 * SECOND - MILLISECOND)
     assert model.resets == 1
@@ -132,8 +134,7 @@ def test_a_pause_of_an_hour_widens_the_bound_and_is_no_reset():
 
 
 def test_a_backlog_of_twenty_seconds_read_at_once_is_no_reset():
-    model = ClockModel()
-    stream(model, 0, 20 * SECOND, base=0)
+    model = steady()
     true = 20 * SECOND + np.arange(10_000) * 2 * MILLISECOND
     time, bound = model.stamp(true, EPOCH + 40 * SECOND)
     assert np.all(np.abs(time - EPOCH - true) <= bound)

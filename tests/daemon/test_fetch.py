@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from pathlib import Path
+from unittest.mock import Mock
 
 import fsspec
 import pytest
@@ -115,11 +116,8 @@ def test_a_name_that_leads_out_of_the_folder_is_refused(
 
 
 def test_no_access_asks_for_the_credentials(store: fsspec.AbstractFileSystem, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuses(*_: object, **__: object) -> None:
-        raise OSError("When getting information: AWS Error ACCESS_DENIED during HeadObject operation")
-
-    monkeypatch.setattr(store, "info", refuses)
-    with pytest.raises(
-        CellwattError, match=r"cannot be fetched: no access; are the credentials in the environment\? When"
-    ):
+    error = OSError("When getting information: AWS Error ACCESS_DENIED during HeadObject operation")
+    monkeypatch.setattr(store, "info", Mock(side_effect=error))
+    told = r"cannot be fetched: no access; are the credentials in the environment\? When"
+    with pytest.raises(CellwattError, match=told):
         fetch("memory://plant/run.mcap")

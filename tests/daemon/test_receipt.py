@@ -56,7 +56,7 @@ def test_without_a_stamp_nothing_is_said_to_have_waited(pair: tuple[socket.socke
     assert receive(here, 2048)[2] == 0
 
 
-@pytest.mark.parametrize("step", [-3600.0, 3600.0])
+@pytest.mark.parametrize("step", [-3600.0, 3.0, 3600.0])
 def test_a_wall_clock_that_was_set_meanwhile_says_nothing(
     pair: tuple[socket.socket, socket.socket], step: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -65,3 +65,15 @@ def test_a_wall_clock_that_was_set_meanwhile_says_nothing(
     leave_waiting(device, here)
     monkeypatch.setattr(receipt.time, "time_ns", lambda now=time.time_ns: now() + round(step * 1e9))
     assert receive(here, 2048)[2] == 0
+
+
+def test_what_arrives_after_the_wall_clock_was_set_is_stamped_right_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    wall, elapsed = 1_790_000_000 * 10**9, 10**9
+    monkeypatch.setattr(receipt.time, "time_ns", lambda: wall)
+    monkeypatch.setattr(receipt.time, "monotonic_ns", lambda: elapsed)
+    clock = receipt._WallClock()
+    wall += 3 * 10**9
+    assert clock.since(wall - 3 * 10**9 - WAIT) == 0
+    wall, elapsed = wall + 2 * WAIT, elapsed + 2 * WAIT
+    assert clock.since(wall - WAIT) == WAIT
+    assert clock.since(wall - 3 * WAIT) == 0, "it was stamped before"

@@ -17,9 +17,10 @@ import pytest
 
 from tests.docs.pages import ROOT, blocks
 
+pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.timeout(600)]
+
 NOBODY = "nobody"
 INSTALL, *REST = [block.text for block in blocks("first-cell.md", "sh")]
-MINUTES = 10
 PATH = "/usr/local/bin:/usr/bin:/bin"
 
 
@@ -90,9 +91,6 @@ def check(said: str, folder: Path) -> None:
     assert "Traceback" not in said + (folder / "daemon.log").read_text()
 
 
-@pytest.mark.system
-@pytest.mark.slow
-@pytest.mark.timeout(MINUTES * 60)
 def test_the_page_as_it_stands(place):
     clone = place / "cellwatt"
     subprocess.run(["git", "clone", "-q", str(ROOT), str(clone)], check=True)
@@ -100,9 +98,6 @@ def test_the_page_as_it_stands(place):
     check(follow(REST, place, alone=False), clone / "first-cell")
 
 
-@pytest.mark.system
-@pytest.mark.slow
-@pytest.mark.timeout(MINUTES * 60)
 def test_the_page_with_this_installation(place):
     activate = place / "cellwatt" / ".venv" / "bin" / "activate"
     activate.parent.mkdir(parents=True)

@@ -68,6 +68,14 @@ class CollectingInlet:
         """Kinds of the events in order."""
         return [kind for kind, _, _ in self.events]
 
+    def of(self, stream: str) -> list[Reading]:
+        """Readings of one stream."""
+        return [r for r in self.readings if r.stream.name == stream]
+
+    def stream(self, name: str) -> np.ndarray:
+        """All samples (n, channels) of one stream."""
+        return np.concatenate([r.values for r in self.of(name)])
+
     async def until(self, condition: Callable[[CollectingInlet], bool], timeout: float = PATIENCE) -> None:
         """Wait until the condition holds; fails with the account where it never does."""
         try:
@@ -91,6 +99,3 @@ class PolledInlet(CollectingInlet):
 
     def clock_reset(self, stream: Stream, reason: str) -> None:
         raise AssertionError("a polled device has no clock")
-
-    def of(self, stream: str) -> list[Reading]:
-        return [r for r in self.readings if r.stream.name == stream]

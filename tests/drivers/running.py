@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Coroutine, Mapping
-from contextlib import asynccontextmanager, suppress
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
 from cellwatt.driver import Driver
-from cellwatt.emulation import Emulator
+from cellwatt.emulation import Emulator, Fault
 from cellwatt.errors import SourceError
+from tests.doing import doing
+from tests.patience import eventually
 
 from .inlet import CollectingInlet
+
+D = TypeVar("D", bound=Driver[Any])
 
 
 @dataclass(frozen=True)
@@ -31,42 +35,64 @@ class Steady:
 
 
 @asynccontextmanager
-async def going(coroutine: Coroutine[Any, Any, Any]) -> AsyncIterator[asyncio.Task[Any]]:
-    """A task that is cancelled at the end; an error of its own comes out there."""
-    task = asyncio.create_task(coroutine)
-    try:
-        yield task
-    finally:
-        task.cancel()
-        with suppress(asyncio.CancelledError):
-            await task
-
-
-@asynccontextmanager
 async def served(emulator: Emulator) -> AsyncIterator[str]:
     """An emulator that serves; its address."""
     ready: asyncio.Future[str] = asyncio.get_running_loop().create_future()
-    async with going(emulator.serve(ready.set_result)) as serving:
+    async with doing(emulator.serve(ready.set_result)) as serving:
         await asyncio.wait((serving, ready), return_when=asyncio.FIRST_COMPLETED)
         if serving.done():
             serving.result()
         yield await ready
 
 
-@asynccontextmanager
-async def supervised(driver: Driver[Any], inlet: CollectingInlet) -> AsyncIterator[list[SourceError]]:
-    """A driver that is run again when it fails, until the end; its failures. The account must be even then."""
-    failures: list[SourceError] = []
+def endpoint(address: str) -> dict[str, Any]:
+    """An address as settings."""
+    host, _, port = address.rpartition(":")
+    return {"host": host, "port": int(port)}
 
-    async def run() -> None:
+
+@dataclass
+class Run(Generic[D]):
+    """A driver that runs, what it gave and how it failed."""
+
+    driver: D
+    inlet: Any
+    failures: list[SourceError] = field(default_factory=list)
+
+
+async def strike(emulator: Any, inlet: CollectingInlet, fault: Fault, times: int = 1) -> None:
+    """Let a fault strike, end it, and wait until the driver has gone on for a while."""
+    before = emulator.injector.counts[fault.kind]
+    emulator.inject(fault)
+    await eventually(lambda: emulator.injector.counts[fault.kind] >= before + times, f"the {fault.kind}")
+    if fault.kind not in {"stall", "disconnect"}:
+        emulator.inject(Fault(fault.kind, probability=0))
+    seen = len(inlet.readings)
+    await eventually(lambda: len(inlet.readings) > seen + 10)
+
+
+@asynccontextmanager
+async def once(driver: Driver[Any]) -> AsyncIterator[tuple[Any, asyncio.Task[None]]]:
+    """A driver running until the end of the context; fails when it failed. The account must be even then."""
+    async with doing(driver.run()) as task:
+        yield driver.inlet, task
+    assert driver.inlet.account.residue == 0
+
+
+@asynccontextmanager
+async def repeated(driver: D) -> AsyncIterator[Run[D]]:
+    """A driver that is run again when it fails, until the end; the account must be even then."""
+    run = Run(driver, driver.inlet)
+
+    async def supervise() -> None:
         while True:
             try:
                 await driver.run()
             except SourceError as error:
-                failures.append(error)
-                inlet.wake()
+                run.failures.append(error)
+                run.inlet.wake()
             await asyncio.sleep(0.01)
 
-    async with going(run()):
-        yield failures
-    assert inlet.account.residue == 0
+    async with doing(supervise()):
+        yield run
+    assert run.inlet.account.residue == 0

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import importlib
+import os
 import re
-import socket
+import resource
 import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+from cellwatt.errors import ConnectError
 from cellwatt.testing import DriverConformance, Rig
 from cellwatt_drivers.abb import AbbDriver
 from cellwatt_drivers.abb.emulated_robot import EmulatedRobot
@@ -25,6 +31,8 @@ from cellwatt_drivers.ur import UrDriver
 from cellwatt_drivers.yaskawa import YaskawaDriver
 from tests.patience import PATIENCE
 
+from .abb.rig import free_port
+from .inlet import CollectingInlet
 from .running import Steady
 
 RTDE = re.compile(
@@ -46,15 +54,7 @@ OPC_UA = {"model": "opc_40010", "rate": "20 Hz", "publish": "50 ms", "timeout": 
 METER = {"meter": "eastron_sdm630", "rate": "20 Hz", "timeout": "200 ms", "silence": "1 s"}
 
 
-def free_udp_port() -> int:
-    """One that nobody has now."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
-
-
-EGM = free_udp_port()
+EGM = free_port()
 ABB = {"egm_port": EGM, "bind": "127.0.0.1", "tls": False, "web_rate": "5 Hz", "timeout": "500 ms"}
 
 
@@ -110,6 +110,27 @@ class TestConformance(DriverConformance):
             Rig(AbbDriver, ABB, may_send=GETS.fullmatch, options={"egm": f"127.0.0.1:{EGM}"}, warm_up=50),
         )
     )
+
+
+@contextmanager
+def no_descriptor_left() -> Iterator[None]:
+    free = os.open(os.devnull, os.O_RDONLY)
+    os.close(free)
+    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (free, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, limits)
+
+
+@pytest.mark.parametrize("rig", TestConformance.rigs, ids=lambda rig: rig.driver.__name__)
+async def test_a_pc_without_a_free_descriptor_is_a_connection_that_fails(rig: Rig) -> None:
+    for module in (*rig.driver.libraries, "cellwatt_drivers.can_sensor.slcan", "cellwatt.outlets.opc_ua.arrays"):
+        importlib.import_module(module)  # which drivers do when they connect, and which takes descriptors
+    driver = rig.make(os.devnull if rig.address == "pty" else "127.0.0.1:9", CollectingInlet())
+    with no_descriptor_left(), pytest.raises(ConnectError):
+        await driver.run()
 
 
 def test_devices_of_a_recording_that_lacks_what_they_give_say_0():

@@ -44,7 +44,6 @@ def test_look_at_a_recording(workspace):
     assert len(names["intervals"]) == 1 and len(names["alarms"]) == 1 and len(names["raw"]) == 100
 
 
-@pytest.mark.timeout(180)
 def test_explain_a_simulation(workspace, monkeypatch):
     pytest.importorskip("mujoco")
     monkeypatch.setattr(plant, "SECONDS", (12.0, 12.0))

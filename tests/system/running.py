@@ -9,18 +9,24 @@ import signal
 import sys
 import time
 from collections import Counter, defaultdict
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterable
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+import numpy as np
+
 from cellwatt.batch import Batch
+from cellwatt.demo.fault import JOINT, SPRING, next_start
+from cellwatt.emulation import EmulatorProcess
 from cellwatt.errors import OutletError
 from cellwatt.frames import Frames
 from cellwatt.results import Alarm, Event
 from cellwatt.subscriber import EVERYTHING, Gap, Health, LinkSettings, Subscriber
 from tests.daemon.outlets.zenoh.processes import free_port
 from tests.patience import PATIENCE, eventually
+
+REFERENCE = Path(__file__).resolve().parents[2] / "examples" / "demo-reference.yaml"
 
 
 class Daemon:
@@ -172,11 +178,58 @@ class Audience:
         return self.results["alarm"]
 
 
+def ur(name: str, address: str, **settings: str) -> str:
+    host, port = address.split(":")
+    more = "".join(f", {k}: {v}" for k, v in settings.items())
+    return f"  {name}: {{driver: ur, host: {host}, port: {port}{more}}}\n"
+
+
+@contextlib.asynccontextmanager
+async def judged_arm(epoch: float) -> AsyncIterator[tuple[tuple[EmulatorProcess, EmulatorProcess], str]]:
+    """An arm and the meter of its supply, and the settings of a cell that judges its joints."""
+    common = ("--epoch", str(epoch))
+    async with (
+        EmulatorProcess("ur", "--listen", "127.0.0.1:0", *common) as arm,
+        EmulatorProcess("power_board", "--listen", "pty", *common) as board,
+    ):
+        yield (
+            (arm, board),
+            f"""
+sources:
+{ur("arm", arm.address)}  board: {{driver: power_board, port: {board.address}, rate: 123 Hz}}
+stages:
+  segment: {{arm: arm}}
+  faults: {{stage: faults, reference: {REFERENCE}, arm: arm, power: board.supply.power}}
+""",
+        )
+
+
+async def hook_spring(devices: Iterable[EmulatorProcess], epoch: float, seconds: float) -> None:
+    """A spring on the elbow at the first standstill that is at least so far ahead."""
+    hooked = next_start(time.time() + seconds, epoch)
+    for device in devices:
+        await device.disturb(spring=float(JOINT), at=hooked - epoch, **SPRING)
+
+
 @contextlib.asynccontextmanager
 async def running(folder: Path, text: str) -> AsyncIterator[tuple[Daemon, Audience]]:
     """A daemon and its audience."""
     async with Daemon(folder, text) as daemon, Audience(daemon) as audience:
         yield daemon, audience
+
+
+async def cellwatt(*words: str) -> tuple[int | None, str, str]:
+    """A command of ours, run to its end: its exit code and what it printed."""
+    pipe = asyncio.subprocess.PIPE
+    command = [sys.executable, "-m", "cellwatt.commands", *words]
+    process = await asyncio.create_subprocess_exec(*command, stdout=pipe, stderr=pipe)
+    out, err = await process.communicate()
+    return process.returncode, out.decode(), err.decode()
+
+
+def numbers(blocks: Iterable[Batch | Frames]) -> np.ndarray:
+    """Numbers of all samples or frames, in the order in which they came."""
+    return np.concatenate([block.sequence + np.arange(len(block)) for block in blocks])
 
 
 def balanced(source: dict[str, Any]) -> bool:

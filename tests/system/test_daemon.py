@@ -7,7 +7,6 @@ import json
 import select
 import socket
 import struct
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,15 +15,9 @@ import pytest
 from cellwatt.emulation import EmulatorProcess
 from cellwatt.record import Recording
 from tests.patience import eventually
-from tests.system.running import Audience, Daemon, balanced, free_port, running
+from tests.system.running import Audience, Daemon, balanced, cellwatt, free_port, numbers, running, ur
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
-
-
-def ur(name: str, address: str, **settings: str) -> str:
-    host, port = address.split(":")
-    more = "".join(f", {k}: {v}" for k, v in settings.items())
-    return f"  {name}: {{driver: ur, host: {host}, port: {port}{more}}}\n"
 
 
 async def test_a_subscriber_gets_what_is_recorded_and_replay_gives_the_same(tmp_path: Path) -> None:
@@ -47,14 +40,12 @@ async def test_a_subscriber_gets_what_is_recorded_and_replay_gives_the_same(tmp_
     # A subscriber that is not scheduled may miss the last ones: there is nobody left whom it could ask.
     assert len(recorded) >= max(first + len(values), audience.source("arm")["received"])
     assert not audience.gaps
-    command = [sys.executable, "-m", "cellwatt.commands", "replay", str(tmp_path / "record")]
-    command += ["--settings", str(daemon.file), "--verify", "--json"]
-    process = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE)
-    out, _ = await process.communicate()
-    lines = out.decode().splitlines()
+    words = ("replay", str(tmp_path / "record"), "--settings", str(daemon.file), "--verify", "--json")
+    code, out, err = await cellwatt(*words)
+    lines = out.splitlines()
     summary = json.loads(lines[-1])
     assert summary["identical"], summary
-    assert process.returncode == 0
+    assert code == 0, err
     replayed = [json.loads(line) for line in lines[:-1]]
     live = [i for i in audience.results["interval"] if i.closed]
     again = [i for i in replayed if i["kind"] == "interval" and i["closed"]]
@@ -122,10 +113,8 @@ async def test_reload_touches_only_what_changed(tmp_path: Path) -> None:
             assert "kept" not in text
             assert audience.source("kept")["missed"] == {}
             assert audience.source("kept")["counters"].get("restarts", 0) == 0
-            steps = np.diff(np.concatenate([b.sequence + np.arange(len(b)) for b in audience.batches["raw/kept/rtde"]]))
-            assert (steps == 1).all()
-            numbers = np.concatenate([f.sequence + np.arange(len(f)) for f in audience.frames])
-            assert (np.diff(numbers) == 1).all(), "frames stay numbered without holes or twins"
+            assert (np.diff(numbers(audience.batches["raw/kept/rtde"])) == 1).all()
+            assert (np.diff(numbers(audience.frames)) == 1).all(), "frames stay numbered without holes or twins"
             daemon.file.write_text("sources: [nonsense\n")
             daemon.hang_up()
             mark = audience.received["raw/kept/rtde"]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import sys
+from typing import Any
 
 import pytest
 
@@ -13,18 +13,22 @@ from cellwatt.demo.fault import JOINT
 from cellwatt.demo.seen import Seen
 from cellwatt.demo.summary import summary
 from cellwatt.registry import available
+from tests.system.running import cellwatt
 
 pytestmark = pytest.mark.system
+
+
+async def demo(*words: str) -> Any:
+    code, out, err = await cellwatt("demo", *words, "--json")
+    result = json.loads(out)
+    assert code == (0 if result["ok"] else 1), err
+    return result
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(240)
 async def test_demo_names_the_joint_and_loses_nothing_it_is_sent() -> None:
-    command = [sys.executable, "-m", "cellwatt.commands", "demo", "--seconds", "20", "--json"]
-    process = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE)
-    out, _ = await process.communicate()
-    result = json.loads(out)
-    assert process.returncode == (0 if result["ok"] else 1)
+    result = await demo("--seconds", "20")
     assert result["fault"]["named_joint"] == JOINT, result
     assert result["fault"]["early_alarms"] == 0
     assert set(result["sources"]) == {"arm", "board", "positioner", "mains"}
@@ -42,11 +46,7 @@ async def test_demo_names_the_joint_and_loses_nothing_it_is_sent() -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 async def test_every_driver_runs_in_one_daemon(tmp_path) -> None:
-    command = [sys.executable, "-m", "cellwatt.commands", "demo", "--cell", "all", "--seconds", "3", "--json"]
-    process = await asyncio.create_subprocess_exec(*command, "--keep", tmp_path, stdout=asyncio.subprocess.PIPE)
-    out, _ = await process.communicate()
-    result = json.loads(out)
-    assert process.returncode == (0 if result["ok"] else 1)
+    result = await demo("--cell", "all", "--seconds", "3", "--keep", str(tmp_path))
     assert set(result["sources"]) | set(result["left_out"]) == set(available("cellwatt.drivers"))
     for name, source in result["sources"].items():
         assert source["residue"] == 0

@@ -19,8 +19,7 @@ from cellwatt.outlets.page.sessions import hash_of
 from cellwatt.record import Recording
 from tests.daemon.outlets.mqtt.broker import Broker, needs_mosquitto
 from tests.patience import eventually
-from tests.system.running import Audience, Daemon, free_port, running
-from tests.system.test_daemon import ur
+from tests.system.running import Audience, Daemon, free_port, running, ur
 from tests.system.test_processes import RAW
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.timeout(300)]

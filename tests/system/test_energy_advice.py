@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import time
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
 from cellwatt.emulation import EmulatorProcess
@@ -20,11 +17,10 @@ from cellwatt_plugins.energy.known import load_known
 from cellwatt_plugins.energy.task_energy import Stretch
 from cellwatt_plugins.robot import Arm
 from tests.system.running import Audience, free_port, running
+from tests.system.test_energy_four_robots import BENCH, RATE, write_arm, write_supply
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.timeout(900)]
 
-BENCH = Path(__file__).resolve().parents[2] / "bench"
-RATE = 100.0
 LEAD = 12.0
 """s of rest before the first cycle: the clocks settle."""
 COUNT = 5
@@ -101,17 +97,14 @@ stages:
 """
     clock = ("--epoch", repr(epoch), "--recording")
     end = epoch + LEAD + COUNT * cycle.seconds
-    async with contextlib.AsyncExitStack() as devices:
-        options = ("--option", "at_end=hold", "--option", "start=epoch")
-        await devices.enter_async_context(
-            EmulatorProcess("ur", "--listen", f"127.0.0.1:{ur}", *clock, str(arm), *options)
-        )
-        await devices.enter_async_context(
-            EmulatorProcess("scpi_analyzer", "--listen", f"127.0.0.1:{scpi}", *clock, str(supply))
-        )
-        async with running(folder, text) as (daemon, audience):
-            await audience.until(lambda a: newest(a) > end, LEAD + COUNT * cycle.seconds + 60)
-            assert await daemon.stop() == 0
+    options = ("--option", "at_end=hold", "--option", "start=epoch")
+    async with (
+        EmulatorProcess("ur", "--listen", f"127.0.0.1:{ur}", *clock, str(arm), *options),
+        EmulatorProcess("scpi_analyzer", "--listen", f"127.0.0.1:{scpi}", *clock, str(supply)),
+        running(folder, text) as (daemon, audience),
+    ):
+        await audience.until(lambda a: newest(a) > end, LEAD + COUNT * cycle.seconds + 60)
+        assert await daemon.stop() == 0
     return measured_energy(audience, epoch + LEAD, cycle.seconds), audience
 
 
@@ -143,13 +136,7 @@ def write_tables(folder: Path, plant, rows: np.ndarray, watts: np.ndarray) -> tu
     rows = np.vstack([still, *[rows] * COUNT, still])
     power = np.concatenate([level, *[power] * COUNT, level])
     rows = rows + rng.normal(size=rows.shape) * np.repeat([2e-5, 1e-3, 0.02], 6)
-    rows[:, 12:] /= plant.constant
-    names = [f"joint_{i}.{kind}" for kind in ("position", "velocity", "current") for i in range(1, 7)]
-    arm, supply = folder / "arm.parquet", folder / "supply.parquet"
-    pq.write_table(pa.table({"t": np.arange(len(rows)) / RATE, **dict(zip(names, rows.T, strict=True))}), arm)
-    noisy = power + 0.25 * rng.standard_normal(len(power))
-    pq.write_table(pa.table({"t": (np.arange(len(power)) + 0.5) / RATE, "supply.power": noisy}), supply)
-    return arm, supply
+    return write_arm(folder / "arm.parquet", rows, plant), write_supply(folder / "supply.parquet", power, rng)
 
 
 def heard(audience: Audience) -> dict[str, Alarm]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import subprocess
 import sys
@@ -147,13 +146,14 @@ async def record(folder: Path, day: Day, robot: str) -> float:
     clock = ("--epoch", repr(epoch))
     arm = ("--listen", f"{host}:{port}", "--recording", str(day.arm), *clock, *OPTIONS.get(driver, ()))
     supply = ("--listen", f"127.0.0.1:{scpi}", "--recording", str(day.supply), *clock)
-    async with contextlib.AsyncExitStack() as devices:
-        await devices.enter_async_context(EmulatorProcess(driver, *arm))
-        await devices.enter_async_context(EmulatorProcess("scpi_analyzer", *supply))
-        async with running(folder, text) as (daemon, audience):
-            await audience.until(powered_off, day.seconds + 60)
-            assert not audience.unbalanced
-            assert await daemon.stop() == 0
+    async with (
+        EmulatorProcess(driver, *arm),
+        EmulatorProcess("scpi_analyzer", *supply),
+        running(folder, text) as (daemon, audience),
+    ):
+        await audience.until(powered_off, day.seconds + 60)
+        assert not audience.unbalanced
+        assert await daemon.stop() == 0
     return epoch
 
 

@@ -9,17 +9,13 @@ import numpy as np
 import pytest
 
 import cellwatt as cw
-from cellwatt.demo.fault import JOINT, SPRING, next_start
-from cellwatt.emulation import EmulatorProcess
+from cellwatt.demo.fault import JOINT
 from cellwatt.record import packs
 from tests.patience import PATIENCE, eventually
-from tests.system.running import Audience, Daemon
-from tests.system.test_daemon import ur
+from tests.system.running import Audience, Daemon, hook_spring, judged_arm
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(300)]
 
-ROOT = Path(__file__).resolve().parents[2]
-REFERENCE = ROOT / "examples" / "demo-reference.yaml"
 BEFORE, AFTER = 8.0, 1.0
 
 
@@ -27,24 +23,11 @@ BEFORE, AFTER = 8.0, 1.0
 @pytest.mark.blocks_loop  # it reads a whole pack when the daemon has ended
 async def test_the_minutes_before_an_alarm_are_kept_when_the_record_has_forgotten_them(tmp_path: Path) -> None:
     epoch = time.time()
-    common = ("--epoch", str(epoch))
-    async with (
-        EmulatorProcess("ur", "--listen", "127.0.0.1:0", *common) as arm,
-        EmulatorProcess("power_board", "--listen", "pty", *common) as board,
-    ):
-        text = f"""
-sources:
-{ur("arm", arm.address)}  board: {{driver: power_board, port: {board.address}, rate: 123 Hz}}
-stages:
-  segment: {{arm: arm}}
-  faults: {{stage: faults, reference: {REFERENCE}, arm: arm, power: board.supply.power}}
-"""
+    async with judged_arm(epoch) as (devices, text):
         record = f"keep: 12 MB, evidence: {{before: {BEFORE} s, after: {AFTER} s}}"
         async with Daemon(tmp_path, text, record=record) as daemon, Audience(daemon) as audience:
             await audience.until(lambda a: a.all_up() and a.received["raw/arm/rtde"] > 4000)
-            hooked = next_start(time.time() + 2, epoch)
-            for device in (arm, board):
-                await device.disturb(spring=float(JOINT), at=hooked - epoch, **SPRING)
+            await hook_spring(devices, epoch, 2)
             await audience.until(
                 lambda a: any(e.kind == "evidence" and e.data["alarms"] for e in a.events), 2 * PATIENCE
             )

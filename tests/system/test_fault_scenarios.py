@@ -33,7 +33,6 @@ from tests.system.running import Audience, Daemon, free_port
 
 pytestmark = [
     pytest.mark.system,
-    pytest.mark.timeout(180),
     pytest.mark.skipif(
         "faults_by_paper" not in available("cellwatt.stages"),
         reason="the stage faults_by_paper is not registered: install the package again",

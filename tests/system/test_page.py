@@ -10,13 +10,11 @@ import pytest
 from playwright.async_api import Page, expect
 
 from cellwatt.demo.cells import free_endpoint, shape_file
-from cellwatt.demo.fault import JOINT, SPRING, next_start
-from cellwatt.emulation import EmulatorProcess
+from cellwatt.demo.fault import JOINT
 from cellwatt.runtime.acknowledgements import FILE
 from tests.browser import WAIT, barriers, chromium, needs_chromium
 from tests.patience import eventually
-from tests.system.running import Audience, Daemon
-from tests.system.test_daemon import ur
+from tests.system.running import Audience, Daemon, hook_spring, judged_arm
 
 pytestmark = [
     pytest.mark.system,
@@ -25,21 +23,9 @@ pytestmark = [
     needs_chromium,
 ]
 
-REFERENCE = Path(__file__).resolve().parents[2] / "examples" / "demo-reference.yaml"
 NOTE = "gear is ordered <img src=x onerror='window.strange = 1'><script>window.strange = 1</script>"
 HEALTHY = 4500
 """Samples at 500 Hz until the elbow is watched."""
-
-
-def settings(arm: str, board: str, page: str) -> str:
-    return f"""
-sources:
-{ur("arm", arm)}  board: {{driver: power_board, port: {board}, rate: 123 Hz}}
-stages:
-  segment: {{arm: arm}}
-  faults: {{stage: faults, reference: {REFERENCE}, arm: arm, power: board.supply.power}}
-page: {{listen: "{page}", arms: {{arm: {shape_file()}}}}}
-"""
 
 
 async def angle(page: Page, joint: int) -> str:
@@ -60,11 +46,9 @@ async def acknowledge(page: Page, name: str, note: str) -> None:
 @pytest.mark.slow
 async def test_a_fault_is_seen_acknowledged_and_remembered(tmp_path: Path) -> None:
     epoch, address = time.time(), free_endpoint()
-    common = ("--epoch", str(epoch))
     async with (
-        EmulatorProcess("ur", "--listen", "127.0.0.1:0", *common) as arm,
-        EmulatorProcess("power_board", "--listen", "pty", *common) as board,
-        Daemon(tmp_path, settings(arm.address, board.address, address)) as daemon,
+        judged_arm(epoch) as (devices, text),
+        Daemon(tmp_path, f'{text}page: {{listen: "{address}", arms: {{arm: {shape_file()}}}}}') as daemon,
         Audience(daemon) as audience,
         chromium() as browser,
     ):
@@ -83,9 +67,7 @@ async def test_a_fault_is_seen_acknowledged_and_remembered(tmp_path: Path) -> No
 
         # A spring on the elbow: that joint turns red, and no other.
         await audience.until(lambda a: a.received["raw/arm/rtde"] > HEALTHY)
-        hooked = next_start(time.time() + 1, epoch)
-        for device in (arm, board):
-            await device.disturb(spring=float(JOINT), at=hooked - epoch, **SPRING)
+        await hook_spring(devices, epoch, 1)
         suspect = page.locator(f"canvas.arm[data-suspect='{JOINT}']")
         await expect(suspect).to_be_visible(timeout=WAIT)
         assert "Suspected: joint 3" in (await suspect.get_attribute("aria-label") or "")

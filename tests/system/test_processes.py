@@ -6,6 +6,8 @@ import asyncio
 import os
 import resource
 import signal
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +18,7 @@ from cellwatt.emulation import EmulatorProcess
 from cellwatt.record import Recording
 from tests.daemon.record.making import numbered_in
 from tests.patience import PATIENCE
-from tests.system.running import Audience, running
-from tests.system.test_daemon import ur
+from tests.system.running import Audience, Daemon, numbers, running, ur
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(300)]
 
@@ -28,17 +29,18 @@ def pid_of(audience: Audience, part: str) -> int:
     return int(audience.status["processes"][part]["pid"])
 
 
-def numbers(audience: Audience) -> np.ndarray:
-    """Numbers of the samples that the subscriber got, in the order in which it did."""
-    return np.concatenate([np.arange(b.sequence, b.sequence + len(b)) for b in audience.batches[RAW]])
-
-
-def frame_numbers(audience: Audience) -> np.ndarray:
-    return np.concatenate([np.arange(f.sequence, f.sequence + len(f)) for f in audience.frames])
-
-
 def recorded(folder: Path) -> Recording:
     return Recording.open(folder / "record")
+
+
+@asynccontextmanager
+async def judged(folder: Path) -> AsyncIterator[tuple[Daemon, Audience]]:
+    """A daemon that segments the motion of an arm."""
+    async with (
+        EmulatorProcess("ur", "--listen", "127.0.0.1:0") as device,
+        running(folder, f"sources:\n{ur('arm', device.address)}stages: {{segment: {{}}}}\n") as both,
+    ):
+        yield both
 
 
 async def killed(audience: Audience, part: str, random: np.random.Generator) -> None:
@@ -64,26 +66,24 @@ def priorities(audience: Audience) -> None:
 
 async def test_processes_that_are_killed_cost_no_sample(tmp_path: Path) -> None:
     random = np.random.default_rng(3)
-    async with EmulatorProcess("ur", "--listen", "127.0.0.1:0") as device:
-        text = f"sources:\n{ur('arm', device.address)}stages: {{segment: {{}}}}\n"
-        async with running(tmp_path, text) as (daemon, audience):
-            await audience.until(lambda a: a.received[RAW] > 500 and len(a.status.get("processes", {})) == 4)
-            if may_go_before_others():
-                priorities(audience)
-            for part in ("tell", "align") * 2:
-                await killed(audience, part, random)
-            end = audience.received[RAW] + 500
-            await audience.until(lambda a: a.received[RAW] > end)
-            assert audience.source("arm")["received"] == audience.source("arm")["expected"]
-            assert await daemon.stop() == 0
-            assert not audience.gaps
-            for got in (numbers(audience), frame_numbers(audience)):
-                assert np.array_equal(got, np.arange(got[0], got[0] + len(got)))
+    async with judged(tmp_path) as (daemon, audience):
+        await audience.until(lambda a: a.received[RAW] > 500 and len(a.status.get("processes", {})) == 4)
+        if may_go_before_others():
+            priorities(audience)
+        for part in ("tell", "align") * 2:
+            await killed(audience, part, random)
+        end = audience.received[RAW] + 500
+        await audience.until(lambda a: a.received[RAW] > end)
+        assert audience.source("arm")["received"] == audience.source("arm")["expected"]
+        assert await daemon.stop() == 0
+        assert not audience.gaps
+        for got in (numbers(audience.batches[RAW]), numbers(audience.frames)):
+            assert np.array_equal(got, np.arange(got[0], got[0] + len(got)))
     kept = await asyncio.to_thread(recorded, tmp_path)
     sequence = (await asyncio.to_thread(kept.batches, "arm", "rtde")).sequence
     assert np.array_equal(sequence, np.arange(len(sequence)))
     blocks = await asyncio.to_thread(list, kept.frames())
-    frames = np.concatenate([np.arange(f.sequence, f.sequence + len(f)) for f in blocks])
+    frames = numbers(blocks)
     assert np.array_equal(frames, np.arange(len(frames)))
     assert np.all(np.diff(np.concatenate([f.time for f in blocks])) > 0)
     told = await asyncio.to_thread(numbered_in, tmp_path / "record")
@@ -111,16 +111,14 @@ async def test_a_collector_that_is_killed_is_back_at_once(tmp_path: Path) -> Non
 
 
 async def test_what_the_supervisor_leaves_behind_ends_by_itself(tmp_path: Path) -> None:
-    async with EmulatorProcess("ur", "--listen", "127.0.0.1:0") as device:
-        text = f"sources:\n{ur('arm', device.address)}stages: {{segment: {{}}}}\n"
-        async with running(tmp_path, text) as (daemon, audience):
-            await audience.until(lambda a: a.received[RAW] > 500 and "judge segment" in a.status.get("processes", {}))
-            pids = [psutil.Process(p["pid"]) for p in audience.status["processes"].values()]
-            assert daemon.process is not None
-            daemon.process.kill()
-            await daemon.process.wait()
-            _, alive = await asyncio.to_thread(psutil.wait_procs, pids, timeout=PATIENCE)
-            assert not alive
+    async with judged(tmp_path) as (daemon, audience):
+        await audience.until(lambda a: a.received[RAW] > 500 and "judge segment" in a.status.get("processes", {}))
+        pids = [psutil.Process(p["pid"]) for p in audience.status["processes"].values()]
+        assert daemon.process is not None
+        daemon.process.kill()
+        await daemon.process.wait()
+        _, alive = await asyncio.to_thread(psutil.wait_procs, pids, timeout=PATIENCE)
+        assert not alive
     assert not list((tmp_path / "record").glob("*.part")), "the record was closed in order"
     sequence = (await asyncio.to_thread(recorded(tmp_path).batches, "arm", "rtde")).sequence
     assert np.array_equal(sequence, np.arange(len(sequence)))

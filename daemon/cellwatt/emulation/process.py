@@ -39,6 +39,8 @@ class EmulatorProcess:
         self._arguments: Sequence[str] = arguments
         self._child: asyncio.subprocess.Process | None = None
         self._talking = asyncio.Lock()
+        self._unread = 0
+        """Answers due from the child: more than one after a call that was cancelled, or that timed out."""
         self.address = ""
 
     async def __aenter__(self) -> EmulatorProcess:
@@ -104,8 +106,11 @@ class EmulatorProcess:
             raise CellwattError(f"the {self.driver} emulator is not running")
         async with self._talking:
             child.stdin.write(json.dumps(message).encode() + b"\n")
+            self._unread += 1
             await child.stdin.drain()
-            answer = await self._read()
+            while self._unread:
+                answer = await self._read()
+                self._unread -= 1
         if "error" in answer:
             raise CellwattError(f"{self.driver} emulator: {answer['error']}")
         return answer
@@ -113,7 +118,8 @@ class EmulatorProcess:
     async def _read(self) -> dict[str, Any]:
         assert self._child is not None and self._child.stdout is not None
         try:
-            line = await asyncio.wait_for(self._child.stdout.readline(), ANSWER)
+            async with asyncio.timeout(ANSWER):
+                line = await self._child.stdout.readline()
         except TimeoutError:
             raise CellwattError(f"the {self.driver} emulator did not answer for {ANSWER:.0f} s") from None
         if not line:
@@ -123,6 +129,7 @@ class EmulatorProcess:
 
     async def _end(self) -> None:
         child, self._child = self._child, None
+        self._unread = 0
         if child is None:
             return
         if child.stdin is not None:

@@ -50,8 +50,8 @@ class Acknowledgements:
         say: Callable[[Event], None],
         publish: Callable[[list[Alarm]], None],
     ) -> None:
-        self._book, self._session, self._now, self._say, self._publish = book, session, now, say, publish
-        self.said = asyncio.Event()
+        self._book, self._session, self._now, self._take, self._publish = book, session, now, say, publish
+        self.changed = asyncio.Event()
         """Set by an action of a person until ``keep`` runs."""
         self._written: list[Any] = []
 
@@ -59,7 +59,7 @@ class Acknowledgements:
         """See ``CellView.acknowledge``."""
         name, note = _person(name), _short(note)
         self._book.acknowledge(alarm_id, name, note, self._now())
-        self._tell("acknowledged", alarm_id, name, note)
+        self._report("acknowledged", alarm_id, name, note)
 
     def shelve(self, alarm_id: str, until: int, name: str, note: str) -> None:
         """See ``CellView.shelve``."""
@@ -67,21 +67,21 @@ class Acknowledgements:
         if not now < until <= now + LONGEST_SHELF:
             raise CellwattError("an alarm can be shelved for up to 31 days from now")
         self._book.shelve(alarm_id, until, name, note, now)
-        self._tell("shelved", alarm_id, name, note, until=until)
+        self._report("shelved", alarm_id, name, note, until=until)
 
     def unshelve(self, alarm_id: str, name: str) -> None:
         """See ``CellView.unshelve``."""
         name = _person(name)
         back = self._book.unshelve(alarm_id, self._now())
-        self._tell("unshelved", alarm_id, name, "")
+        self._report("unshelved", alarm_id, name, "")
         self._publish(back)
 
-    def _tell(self, kind: str, alarm_id: str, name: str, note: str, **more: int) -> None:
+    def _report(self, kind: str, alarm_id: str, name: str, note: str, **more: int) -> None:
         text = f"{name} {_DONE[kind]} {alarm_id}{': ' if note else ''}{note}"
         alarm = self._book[alarm_id].alarm if alarm_id in self._book else None
         source = alarm.source if alarm is not None else None
-        self._say(Event(self._now(), source, kind, text, {"alarm": alarm_id, "name": name, "note": note, **more}))
-        self.said.set()
+        self._take(Event(self._now(), source, kind, text, {"alarm": alarm_id, "name": name, "note": note, **more}))
+        self.changed.set()
 
     # the file -------------------------------------------------------------------------------------
 
@@ -89,11 +89,11 @@ class Acknowledgements:
         """Restore acknowledgements and shelves from the file. An unreadable file is logged and ignored."""
         path = folder / FILE
         try:
-            kept = _Saved.model_validate_json(read_bytes(path))
-            if kept.session == self._session:
-                self._book.adopt(standing for standing in kept.alarms if standing["shelf"])
+            saved = _Saved.model_validate_json(read_bytes(path))
+            if saved.session == self._session:
+                self._book.adopt(standing for standing in saved.alarms if standing["shelf"])
             else:
-                self._book.expect(kept.alarms, self._now() + AGAIN)
+                self._book.expect(saved.alarms, self._now() + AGAIN)
         except FileNotFoundError:
             return
         except (OSError, ValidationError, TypeError, KeyError) as error:
@@ -103,11 +103,11 @@ class Acknowledgements:
     def write_again(self) -> None:
         """Have ``keep`` write the file again, because it is gone."""
         self._written = []
-        self.said.set()
+        self.changed.set()
 
     async def keep(self, folder: Path) -> str | None:
         """Write acknowledgements and shelves if they have changed; return the reason if that fails."""
-        self.said.clear()
+        self.changed.clear()
         words = self._book.words()
         if words == self._written:
             return None

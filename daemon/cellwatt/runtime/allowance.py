@@ -50,25 +50,25 @@ class _Bucket:
     It is refilled only when it is empty, so that a sample costs a subtraction.
     """
 
-    __slots__ = ("_fill", "_filled", "_left", "_most", "_now")
+    __slots__ = ("_fill", "_filled", "_most", "_now", "_tokens")
 
     def __init__(self, rate: float, most: float, now: Callable[[], int]) -> None:
         self._fill = rate / SECOND
-        self._most = self._left = max(1.0, most)
+        self._most = self._tokens = max(1.0, most)
         self._now = now
         self._filled = now()
 
     def take(self, n: int) -> int:
         """Return how many of the next ``n`` samples are allowed."""
-        self._left -= n
-        return n if self._left >= 0 else self._refill(n)
+        self._tokens -= n
+        return n if self._tokens >= 0 else self._refill(n)
 
     def _refill(self, n: int) -> int:
         now = self._now()
-        left = min(self._left + n + (now - self._filled) * self._fill, self._most)
+        tokens = min(self._tokens + n + (now - self._filled) * self._fill, self._most)
         self._filled = now
-        allowed = min(n, int(left))
-        self._left = left - allowed
+        allowed = min(n, int(tokens))
+        self._tokens = tokens - allowed
         return allowed
 
 

@@ -14,13 +14,14 @@ from cellwatt.errors import CellwattError
 class Change:
     """Names of the sources, outlets and stages that were added, removed or changed.
 
-    ``frames``: frames and stages restart.
+    ``frames``: frames and stages restart. ``units``: values are shown in other units.
     """
 
     sources: Sequence[str]
     outlets: Sequence[str]
     stages: Sequence[str]
     frames: bool
+    units: bool
 
     @classmethod
     def between(cls, old: CellConfig, new: CellConfig) -> Change:
@@ -33,16 +34,17 @@ class Change:
             raise CellwattError(f"a change of {', '.join(fixed)} needs a restart; nothing was changed")
         sources, stages = _changed(old.sources, new.sources), _changed(old.stages, new.stages)
         frames = bool(sources or stages or old.frames != new.frames or old.robot != new.robot)
-        return cls(sources, _changed(old.outlets, new.outlets), stages, frames)
+        return cls(sources, _changed(old.outlets, new.outlets), stages, frames, old.units != new.units)
 
     def __bool__(self) -> bool:
-        return bool(self.frames or self.outlets)
+        return bool(self.frames or self.outlets or self.units)
 
     def __str__(self) -> str:
         if not self:
             return "nothing changed"
-        parts = [f"{kind} {n}" for kind in ("source", "outlet", "stage") for n in getattr(self, f"{kind}s")]
-        return "reloaded: " + (", ".join(parts) or "frames")
+        changed = [f"{kind} {name}" for kind in ("source", "outlet", "stage") for name in getattr(self, f"{kind}s")]
+        changed += ["units"] * self.units
+        return "reloaded: " + (", ".join(changed) or "frames")
 
 
 def _changed(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:

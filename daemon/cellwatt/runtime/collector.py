@@ -120,10 +120,10 @@ class Collector:
         self._give(batch)
 
     async def _ticks(self) -> None:
-        period = max(1 / self._config.frames.rate, self._config.gather(awaited=False))
         heard = 0.0
         while True:
             await self._speaks.wait()
+            period = max(1 / self._config.frames.rate, self._config.gather(awaited=False))
             await asyncio.sleep(next_moment(period, AFTER) - time.monotonic())
             now = time.monotonic()
             if self._fresh:

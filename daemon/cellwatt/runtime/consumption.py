@@ -40,13 +40,15 @@ class _Saved(BaseModel):
 class Consumption:
     """Power and energy of a cell; a missing value counts as 0 W, so the energy is a lower limit.
 
-    Without a power channel, the energies of the tasks are summed.
+    The power is unknown if no value was measured in the last second. Without a power channel, the energies of the tasks
+    are summed.
     """
 
     def __init__(self) -> None:
         self._layout: Layout | None = None
         self._columns: list[int] = []
         self._recent: deque[tuple[int, float]] = deque()
+        """Time, ns, and power, W, of the frames of the last second; NaN where no power was measured."""
         self._day: date | None = None
         self._joule = 0.0
         self._time = self._written = 0
@@ -70,11 +72,13 @@ class Consumption:
                 self._date(int(frames.time[-1]))
             return
         new = int(np.searchsorted(frames.time, self._time, side="right"))
-        power = np.nansum(frames.values[new:, self._columns], axis=1)
+        values = frames.values[new:, self._columns]
+        power = np.nansum(values, axis=1)
+        power[np.isnan(values).all(axis=1)] = np.nan
         step = frames.layout.step * 1e-9
         for time, watts in zip(frames.time[new:].tolist(), power.tolist(), strict=True):
             self._date(time)
-            self._joule += watts * step
+            self._joule += 0.0 if math.isnan(watts) else watts * step
             self._recent.append((time, watts))
         while self._recent and self._recent[0][0] <= self._time - SPAN:
             self._recent.popleft()
@@ -87,11 +91,11 @@ class Consumption:
                 self._day, self._joule = day, 0.0
         self._time = time
 
-    def told(self) -> dict[str, Any]:
+    def status(self) -> dict[str, Any]:
         """Present ``power_W`` and ``energy_today_J``, ``None`` if not measured."""
-        watts = [watts for _, watts in self._recent]
+        watts = [watts for _, watts in self._recent if not math.isnan(watts)]
         return {
-            "power_W": round(sum(watts) / len(watts), 1) if watts else None,
+            "power_W": round(sum(watts) / len(self._recent), 1) if watts else None,
             "energy_today_J": round(self._joule, 1) if self._day is not None else None,
         }
 
@@ -100,15 +104,15 @@ class Consumption:
     def read(self, folder: Path, now: int) -> None:
         """Continue with today's energy as an earlier process wrote it; ``now`` is the cell's time, ns."""
         try:
-            kept = _Saved.model_validate_json(read_bytes(folder / FILE))
+            saved = _Saved.model_validate_json(read_bytes(folder / FILE))
         except FileNotFoundError:
             return
         except (OSError, ValidationError) as error:
             reason = why(error) if isinstance(error, OSError) else "its content is not valid"
             log.warning("%s cannot be read, today's energy starts from 0: %s", folder / FILE, reason)
             return
-        self._day, self._joule = kept.day, kept.joule
-        self._time = kept.time if kept.time <= now else 0  # the PC's clock has been set back since
+        self._day, self._joule = saved.day, saved.joule
+        self._time = saved.time if saved.time <= now else 0  # the PC's clock has been set back since
 
     async def keep(self, folder: Path) -> None:
         """Write today's energy periodically, for ``read``."""

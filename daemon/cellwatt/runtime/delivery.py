@@ -33,7 +33,7 @@ class Delivery:
         self._serves_from = 0.0
         """Monotonic s from which the present run counts as working, and the reason of the last end is dropped."""
         self._broke: str | None = None
-        self._told: str | None = None
+        self._logged: str | None = None
 
     def succeed(self, before: Delivery) -> None:
         """Take over from the outlet that new settings have replaced."""
@@ -58,8 +58,8 @@ class Delivery:
         except Exception as error:
             self._outlet.account.count(what)
             self._broke = blank(f"{type(error).__name__}: {error}")
-            if self._broke != self._told:
-                self._told = self._broke
+            if self._broke != self._logged:
+                self._logged = self._broke
                 log.exception("outlet %s failed; the item given to it is lost", self.name)
             return None
 

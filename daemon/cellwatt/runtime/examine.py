@@ -104,7 +104,7 @@ async def examine(config: SourceConfig, seconds: float, patience: float, batches
     result.status["bounds_ms"] = {s.name: _bound(s.name, source, batches) for s in source.driver.streams}
     result.channels = [check for s in source.driver.streams for check in _channels(s.name, batches)]
     _judge(result)
-    _tell_events(result, events)
+    _add_events(result, events)
     return result
 
 
@@ -167,7 +167,9 @@ def _judge(result: Examination) -> None:
             )
     lost = sum(result.status["missed"].values()) + sum(result.status["dropped"].values())
     if lost:
-        reasons = ", ".join(f"{n} {why}" for part in ("missed", "dropped") for why, n in result.status[part].items())
+        reasons = ", ".join(
+            f"{n} {why}" for outcome in ("missed", "dropped") for why, n in result.status[outcome].items()
+        )
         _warn(result, f"{lost} of {result.status['expected']} samples lost: {reasons}")
     dead = [c.name for c in result.channels if c.finite == 0]
     if dead:
@@ -180,21 +182,21 @@ def _warn(result: Examination, text: str) -> None:
         result.verdict = "warning"
 
 
-def _tell_events(result: Examination, events: list[Event]) -> None:
+def _add_events(result: Examination, events: list[Event]) -> None:
     """Add the events of the source during the reading: they explain missing samples."""
-    told: dict[str, list[Event]] = {}
+    by_kind: dict[str, list[Event]] = {}
     for event in events:
         if event.kind not in ("connected", "reconnected"):
-            told.setdefault(event.kind, []).append(event)
-    for kind, same in list(told.items())[:MOST_EVENTS]:
+            by_kind.setdefault(event.kind, []).append(event)
+    for kind, same in list(by_kind.items())[:MOST_EVENTS]:
         text = same[0].text.removeprefix(f"{result.name}: ")
         more = f" (and {len(same) - 1} more of {kind})" if len(same) > 1 else ""
         if kind in HARMLESS or kind.endswith("_state"):
             result.findings.append(text + more)
         else:
             _warn(result, text + more)
-    if len(told) > MOST_EVENTS:
-        _warn(result, f"{len(told) - MOST_EVENTS} more kinds of events")
+    if len(by_kind) > MOST_EVENTS:
+        _warn(result, f"{len(by_kind) - MOST_EVENTS} more kinds of events")
 
 
 STAGE = "meter"
@@ -217,8 +219,8 @@ def examine_meters(config: CellConfig, found: Sequence[Examination], read: Mappi
     except CellwattError:
         return
     entries = sorted(chain.from_iterable(read.values()), key=lambda batch: batch.arrival)
-    said = [r for frames in replay_frames(entries, streams, config.frames) for r in stage.process(frames, ())]
-    for alarm in (r for r in [*said, *stage.close()] if isinstance(r, Alarm)):
+    results = [r for frames in replay_frames(entries, streams, config.frames) for r in stage.process(frames, ())]
+    for alarm in (r for r in [*results, *stage.close()] if isinstance(r, Alarm)):
         source = next(e for e in found if e.name == alarm.source)
         source.findings.append(alarm.statement)
         if alarm.severity != "info" and source.verdict == "ok":

@@ -172,5 +172,5 @@ def _without_updates(alarms: Sequence[Alarm]) -> list[Alarm]:
 
 def _lines(alarms: Sequence[Alarm], origin: int, span: tuple[float, float]) -> list[Json]:
     """Vertical lines where alarms were raised (red) and cleared (green)."""
-    told = [(a, (a.time - origin) * 1e-9) for a in alarms if a.severity != "info"]
-    return [upright(at, BAD if a.active else GOOD) for a, at in told if span[0] <= at <= span[1]]
+    shown = [(a, (a.time - origin) * 1e-9) for a in alarms if a.severity != "info"]
+    return [upright(at, BAD if a.active else GOOD) for a, at in shown if span[0] <= at <= span[1]]

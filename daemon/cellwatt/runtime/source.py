@@ -83,7 +83,7 @@ class Source:
         self._repeats = Repeats()
         self._blank: dict[str, NDArray[np.bool_]] = {}
         """Channels, by stream, without a value since the present check began; streams without such are left out."""
-        self._gone: dict[str, NDArray[np.bool_]] = {}
+        self._were_blank: dict[str, NDArray[np.bool_]] = {}
         """Channels without a value in the previous check."""
         self._looks = (time.monotonic(), dict(self.sequence))
         """Monotonic s at which the present check began, and the next sample number at that time, by stream."""
@@ -97,7 +97,7 @@ class Source:
         self._connected_at = time.monotonic()
         self.last_error = None
         if self.state != "ok":
-            self._gone.clear()
+            self._were_blank.clear()
             self._look(self.driver.streams)
             self.state, self.since = "starting", time.monotonic()
         who = " ".join(x for x in (identity.maker, identity.model, identity.firmware) if x)
@@ -153,7 +153,7 @@ class Source:
         self.account.count(f"event {kind}")
         now = self.now()
         if self._repeats.tell(kind, now):
-            self._say(now, kind, text, data)
+            self._report(now, kind, text, data)
         elif kind not in ONCE:
             self.account.anomaly("events held back")
 
@@ -161,12 +161,12 @@ class Source:
         """Report events held back in past minutes, and check for blank channels; call once a second."""
         now = self.now()
         for kind, n in self._repeats.over(now):
-            self._say(
+            self._report(
                 now, kind, f"{self.name}: {n} more events {kind!r} within a minute were counted, not reported", {}
             )
         self._look_again()
 
-    def _say(self, now: int, kind: str, text: str, data: Mapping[str, str | float]) -> None:
+    def _report(self, now: int, kind: str, text: str, data: Mapping[str, str | float]) -> None:
         text = one_line(text)
         log.info("%s", text)
         self._tell(Event(now, self.name, kind, text, data))
@@ -192,7 +192,7 @@ class Source:
             return
         again = [s for s in self.driver.streams if s.rate and self.sequence[s.name] - numbers[s.name] >= LEAST_SAMPLES]
         none = {s.name: np.zeros(len(s.channels), bool) for s in again}
-        self._gone |= {name: self._blank.get(name, zeros) for name, zeros in none.items()}
+        self._were_blank |= {name: self._blank.get(name, zeros) for name, zeros in none.items()}
         self._look(again)
 
     def _look_for_numbers(self, stream: str, values: NDArray[np.float64]) -> None:
@@ -208,7 +208,7 @@ class Source:
         blank = self._blank.get(stream.name)
         if blank is None:
             return []
-        known = zip(stream.channels, blank & self._gone.get(stream.name, blank), strict=True)
+        known = zip(stream.channels, blank & self._were_blank.get(stream.name, blank), strict=True)
         return [c.name for c, b in known if b and c.kind != "discrete" and c.name not in self.driver.left_out]
 
     # supervision ----------------------------------------------------------------------------------
@@ -262,7 +262,7 @@ class Source:
         }
 
 
-KEPT = 4096
+WINDOW = 4096
 """Number of samples that a rate is measured over: 8 s at 500 Hz."""
 
 
@@ -273,19 +273,19 @@ class RateMeter:
         self.nominal = nominal
         self.samples = 0
         self._times: list[NDArray[np.int64]] = []
-        self._kept = 0
+        self._count = 0
 
     def add(self, times: NDArray[np.int64]) -> None:
         """Note samples at times (n,) ns."""
         self.samples += len(times)
         self._times.append(times)
-        self._kept += len(times)
-        if self._kept > 2 * KEPT:
+        self._count += len(times)
+        if self._count > 2 * WINDOW:
             self._trim()
 
     def _trim(self) -> None:
-        joined = np.concatenate(self._times)[-KEPT:] if self._times else np.empty(0, np.int64)
-        self._times, self._kept = [joined], len(joined)
+        joined = np.concatenate(self._times)[-WINDOW:] if self._times else np.empty(0, np.int64)
+        self._times, self._count = [joined], len(joined)
 
     def figures(self) -> dict[str, Any]:
         """Nominal and measured rate in Hz, jitter (p50, p99 of the deviation from the nominal period) in ms."""

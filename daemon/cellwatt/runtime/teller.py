@@ -132,13 +132,13 @@ class Teller:
 
     async def _keep_words(self, folder: Path) -> None:
         """Save acknowledgements and shelves to disk on each change; a disk error is logged once until it is over."""
-        told = None
+        reported = None
         while True:
             problem = await self._words.keep(folder)
-            if problem is not None and problem != told:
+            if problem is not None and problem != reported:
                 log.warning("acknowledgements and shelves cannot be saved for a restart: %s", problem)
-            told = problem
-            await self._words.said.wait()
+            reported = problem
+            await self._words.changed.wait()
 
     def _start_outlet(self, tasks: Tasks, config: OutletConfig, before: Delivery | None = None) -> None:
         outlet = find_outlet(config.name)(config.name, config.settings, self)
@@ -165,7 +165,7 @@ class Teller:
         if self.recorder is not None and (number is None or not self.behind):
             self.recorder.put(item, number)
 
-    def told(self) -> Iterator[tuple[int, Result | Event]]:
+    def journaled(self) -> Iterator[tuple[int, Result | Event]]:
         """Results and events of the journal that belong into the record, with their numbers, each series in order."""
         for number, item in self.journal.past() if self.journal is not None else ():
             if not isinstance(item, Alarm):
@@ -206,8 +206,8 @@ class Teller:
 
     def withdraw(self, stages: Collection[str], why: str) -> None:
         """Clear the active alarms of ``stages``, with the reason."""
-        left = [s.alarm for s in self.alarms.raised if s.holds and s.alarm.stage in stages]
-        for clear in withdrawn(left, self._now(), why):
+        active = [s.alarm for s in self.alarms.raised if s.holds and s.alarm.stage in stages]
+        for clear in withdrawn(active, self._now(), why):
             self.take(clear)
 
     def _publish(self, alarms: Iterable[Alarm], *, new: bool = True) -> None:
@@ -233,17 +233,17 @@ class Teller:
         for alarm in self._watch.look(status, now):
             self.take(alarm)
         self._publish(self.alarms.look(now))
-        self._words.said.set()  # an acknowledged or shelved alarm may have changed
+        self._words.changed.set()  # an acknowledged or shelved alarm may have changed
         status["results"] = self._results
         status["state"] = colour(status, self._watch.troubles)
         status["reasons"] = [trouble.statement for trouble in self._watch.troubles]
-        status |= self.alarms.told()
+        status |= self.alarms.status()
         for outlet in self.outlets.values():
             outlet.health(status)
         if self.recorder is not None:
             self.recorder.health(now, status)
-            if (gone := status["recorder"]["displaced"]["files"]) != self._displaced:
-                self._displaced = gone
+            if (displaced := status["recorder"]["displaced"]["files"]) != self._displaced:
+                self._displaced = displaced
                 self._words.write_again()
         self.on_health(status)
 
@@ -255,7 +255,7 @@ class Teller:
             "time": now,
             **parts,
             "warnings": self._warnings,
-            **self._consumption.told(),
+            **self._consumption.status(),
             "task": self._consumption.task,
             "results": self._results,
             "sinks": {name: outlet.status() for name, outlet in self.outlets.items()},

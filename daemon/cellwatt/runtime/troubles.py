@@ -22,6 +22,8 @@ STEADY: Final = Patience(PATIENCE, 15.0)
 alarm."""
 SPAN: Final = 10.0
 """s over which the samples of a source and the dropped frames of a stage are counted."""
+HANGS: Final = 120.0
+"""Longest time in s that a source may take to connect or to fail: its driver, or a call into the system, hangs."""
 FEWEST: Final = 10
 """Smallest number of samples due at which the rate of a stream is checked."""
 LEAST: Final = 0.9
@@ -210,8 +212,9 @@ def _task(process: str) -> str:
 def _silent(name: str, source: Mapping[str, Any]) -> Iterator[Trouble]:
     """Find a device that answers but sends no values, or none for some of its channels."""
     since = source["since_s"]
-    if source["state"] == "starting" and source["identity"] and since >= SPAN:
-        text = f"Source {name} answers, but has sent no values for {since:.0f} s. For details run cellwatt doctor."
+    if source["state"] == "starting" and since >= (SPAN if source["identity"] else HANGS):
+        so_far = "answers, but has sent no values" if source["identity"] else "has neither connected nor failed"
+        text = f"Source {name} {so_far} for {since:.0f} s. For details run cellwatt doctor."
         yield Trouble("source_silent", "error", name, text, {"silent_s": since})
     blank = [
         f"{name}.{channel}"

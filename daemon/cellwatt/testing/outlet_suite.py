@@ -64,6 +64,12 @@ class _Trial:
         require(outlet.account.residue == 0, f"the account does not balance: {outlet.account.snapshot()}")
         await self.until(lambda: outlet.trouble() is None, "the end of the trouble", outlet)
 
+    async def recovers(self, outlet: Outlet[Any]) -> None:
+        """Mend the line; wait until the peer has every row, new ones included."""
+        self.line.be("well")
+        self.rows(_SETTLES, outlet)
+        await self.all_there(outlet)
+
 
 @asynccontextmanager
 async def _trial(rig: OutletRig, folder: Path) -> AsyncIterator[_Trial]:
@@ -94,9 +100,7 @@ async def survives_a_cut(trial: _Trial) -> None:
         trial.line.be("cut")
         trial.rows(30, outlet)
         await trial.until(lambda: outlet.trouble() or run.ends, "reported trouble", outlet)
-        trial.line.be("well")
-        trial.rows(_SETTLES, outlet)
-        await trial.all_there(outlet)
+        await trial.recovers(outlet)
 
 
 async def goes_on_after_a_restart(trial: _Trial) -> None:
@@ -109,8 +113,7 @@ async def goes_on_after_a_restart(trial: _Trial) -> None:
     known, before = set(trial.times), len(trial.peer.got)
     trial.rows(25)
     async with running_outlet(second):
-        trial.rows(_SETTLES, second)
-        await trial.all_there(second)
+        await trial.recovers(second)
     require(not known & set(trial.peer.got[before:]), "rows from before the restart arrived twice")
 
 
@@ -126,8 +129,7 @@ async def loses_nothing_when_killed(trial: _Trial) -> None:
     for path, content in positions.items():
         path.write_bytes(content)
     async with running_outlet(second):
-        trial.rows(_SETTLES, second)
-        await trial.all_there(second)
+        await trial.recovers(second)
 
 
 async def is_owed_from_its_first_start(trial: _Trial) -> None:
@@ -140,8 +142,7 @@ async def is_owed_from_its_first_start(trial: _Trial) -> None:
     trial.rows(10)
     trial.line.be("well")
     async with running_outlet(second):
-        trial.rows(_SETTLES, second)
-        await trial.all_there(second)
+        await trial.recovers(second)
 
 
 async def is_not_held_up_by_silence(trial: _Trial) -> None:
@@ -156,9 +157,7 @@ async def is_not_held_up_by_silence(trial: _Trial) -> None:
             worst, last = max(worst, time.monotonic() - last), time.monotonic()
         require(worst < _STILL, f"the event loop was blocked for {worst:.2f} s: block in a thread")
         require(not trial.peer.got and outlet.account.received == 0, "rows without an answer count as delivered")
-        trial.line.be("well")
-        trial.rows(_SETTLES, outlet)
-        await trial.all_there(outlet)
+        await trial.recovers(outlet)
 
 
 async def believes_no_garbage(trial: _Trial) -> None:
@@ -169,9 +168,7 @@ async def believes_no_garbage(trial: _Trial) -> None:
         trial.rows(20, outlet)
         await trial.until(lambda: outlet.trouble() or run.ends, "reported trouble", outlet)
         require(outlet.account.received == 0, "garbage counts as a confirmation")
-        trial.line.be("well")
-        trial.rows(_SETTLES, outlet)
-        await trial.all_there(outlet)
+        await trial.recovers(outlet)
 
 
 async def counts_what_is_refused(trial: _Trial) -> None:

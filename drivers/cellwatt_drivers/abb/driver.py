@@ -55,7 +55,7 @@ class AbbDriver(Driver[AbbSettings]):
         self._streams = tuple(streams)
         self._greeted = False
         self._last_data = 0.0
-        self._trouble: SourceError | None = None
+        self._web_failure: SourceError | None = None
 
     def _make_intake(self) -> Intake:
         s = self.settings
@@ -86,7 +86,7 @@ class AbbDriver(Driver[AbbSettings]):
         """See ``Driver.run``."""
         self._last_data = time.monotonic()
         self._greeted = False
-        self._trouble = None
+        self._web_failure = None
         # In its own task: a TaskGroup of Python 3.11.2 (Debian 12) leaves the task in which it fails marked cancelled,
         # and the next time limit in that task would end as a cancellation.
         await asyncio.create_task(self._read())
@@ -124,9 +124,9 @@ class AbbDriver(Driver[AbbSettings]):
             except SourceError as failure:
                 pause = 1.0 if controller.polls > before else min(2 * pause, _LONGEST_PAUSE)
                 self.inlet.account.count("web failures")
-                if str(failure) != str(self._trouble):
+                if str(failure) != str(self._web_failure):
                     self.inlet.event("web_failed", f"{self.name}: {failure}")
-                self._trouble = failure
+                self._web_failure = failure
                 if self._intake is None:
                     raise
                 await asyncio.sleep(pause)
@@ -137,10 +137,10 @@ class AbbDriver(Driver[AbbSettings]):
             polls = self._controller.polls if self._controller else 0
             await asyncio.sleep(min(_CHECK, self.settings.timeout / 4))
             if self._controller is not None and self._controller.polls > polls:
-                self._last_data = time.monotonic()
+                self._last_data, self._web_failure = time.monotonic(), None
             silence = time.monotonic() - self._last_data
             if silence > self.settings.timeout + (1 / self.settings.web_rate if self._controller else 0.0):
-                raise self._trouble or self._silence(silence)
+                raise self._web_failure or self._silence(silence)
 
     def _delivers(self) -> None:
         self._last_data = time.monotonic()

@@ -9,8 +9,9 @@ from contextlib import asynccontextmanager
 
 from cellwatt.account import Account
 from cellwatt.errors import ConnectError, why
-from cellwatt.receipt import receive, stamp_receipts
+from cellwatt.receipt import receive
 from cellwatt_drivers.abb.wire import LARGEST
+from cellwatt_drivers.shared.datagrams import datagram_socket
 
 _BUFFER = 1 << 20  # bytes; some seconds of packets while this process is delayed
 _MOST = 64  # datagrams read at once
@@ -31,10 +32,8 @@ async def listening(host: str, bind: str, port: int, account: Account, take: Tak
     except OSError as error:
         raise ConnectError(f"the name {host!r} is not known: {why(error)}; write the IP address") from error
     senders = {str(entry[4][0]) for entry in found}
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as opened:
-        opened.setblocking(False)
+    with datagram_socket(socket.AF_INET) as opened:
         opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
-        stamp_receipts(opened)
         try:
             opened.bind((bind, port))
         except OSError as error:

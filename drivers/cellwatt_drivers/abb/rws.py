@@ -90,11 +90,11 @@ def energy(page: bytes, unit: str) -> Energy:
     if state is None:
         raise ProtocolError("the energy page of Robot Web Services lacks its state")
     joints: list[float] = []
-    here = False
+    of_unit = False
     for item in found:
         if item.kind.startswith("sys-energy-mec"):
-            here = item.title == unit
-        elif here and item.kind.startswith("sys-energy-axis"):
+            of_unit = item.title == unit
+        elif of_unit and item.kind.startswith("sys-energy-axis"):
             joints.append(_number(item.values.get("interval-energy", "")))
     return Energy(
         valid=state.get("state") == "0",

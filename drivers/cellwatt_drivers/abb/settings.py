@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 from pydantic import Field, SecretStr, model_validator
 
 from cellwatt.driver import SourceSettings
-from cellwatt.host import Host
+from cellwatt.host import Host, in_url
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt_drivers.abb import wire
 from cellwatt_drivers.abb.rws import Page, RobotWare
@@ -79,4 +79,4 @@ class AbbSettings(SourceSettings):
     @property
     def url(self) -> str:
         """Scheme, host and port of the pages' URLs."""
-        return f"{'https' if self.encrypted else 'http'}://{self.host}:{self.web_port}"
+        return f"{'https' if self.encrypted else 'http'}://{in_url(self.host)}:{self.web_port}"

@@ -169,6 +169,8 @@ class CanSensorDriver(Driver[CanSensorSettings]):
         if frame.is_error_frame:
             self._note_error(frame)
             return False
+        if self._state == "off":  # restarted while the bus was closed: a controller that is off receives no frame
+            self._enter("active")
         intakes = self._by_frame.get((frame.arbitration_id, frame.is_extended_id))
         if intakes is None or frame.is_remote_frame:
             self.inlet.account.count("other frames")
@@ -188,10 +190,12 @@ class CanSensorDriver(Driver[CanSensorSettings]):
         if error.overflow:
             self.inlet.account.anomaly("controller overflows")
         if error.state is not None and error.state != self._state:
-            kind = {"off": "bus_off", "passive": "bus_passive", "warning": "bus_warning", "active": "bus_active"}
-            text = _STATES[error.state]
-            self._state = error.state
-            self.inlet.event(kind[error.state], f"{self.name}: {self.settings.channel}: {text}")
+            self._enter(error.state)
+
+    def _enter(self, state: BusState) -> None:
+        """Report a new state of the controller."""
+        self._state = state
+        self.inlet.event(f"bus_{state}", f"{self.name}: {self.settings.channel}: {_STATES[state]}")
 
     def _hand_over(self, listening: Listening) -> None:
         since = asyncio.get_running_loop().time() - listening.latest  # read before the cell's time: never too early

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 
 from can import CanOperationError, Message
 from can.interfaces.slcan import slcanBus
@@ -15,6 +16,11 @@ class CountingSlcanBus(slcanBus):
     """Leaves out lines that were damaged on the serial port, and counts them in ``malformed``."""
 
     malformed = 0
+
+    def close(self) -> None:
+        """Close the adapter's channel, unless it is gone: ``shutdown`` must get to the serial port."""
+        with suppress(CanOperationError):
+            super().close()
 
     def _read(self, timeout: float | None) -> str | None:
         try:

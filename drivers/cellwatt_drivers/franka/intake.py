@@ -50,14 +50,14 @@ class Intake:
 
         ``held`` (n,) ms: delay of the reader by the host since the state before.
         """
-        steps = np.diff(stamps)
-        breaks = [0, *(np.flatnonzero((steps <= 0) | (steps > _STRANGE)) + 1).tolist(), len(stamps)]
+        arrival, steps = self._inlet.now(), np.diff(stamps)
+        passed = (arrival - self._arrival) / 1e6 if self._last is not None else 0.0
+        breaks = [0, *(np.flatnonzero((steps <= 0) | (steps - passed > _STRANGE)) + 1).tolist(), len(stamps)]
         for start, end in pairwise(breaks):
-            self._take(stamps[start:end], held[start:end], values[start:end])
+            self._take(stamps[start:end], held[start:end], values[start:end], arrival)
 
-    def _take(self, stamps: NDArray[np.int64], held: Float, values: Float) -> None:
+    def _take(self, stamps: NDArray[np.int64], held: Float, values: Float, arrival: int) -> None:
         """Take states of one time base, with rising times."""
-        arrival = self._inlet.now()
         first = int(stamps[0])
         if self._last is not None and self._strange(first, arrival):
             self._inlet.clock_reset(self.stream, "the robot's time began anew")

@@ -14,7 +14,7 @@ import numpy as np
 
 from cellwatt.arrays import Float
 from cellwatt.child import ends_with_parent
-from cellwatt.errors import ConnectError, DeviceError, SourceError, WrongDeviceError
+from cellwatt.errors import ConnectError, DeviceError, SourceError, WrongDeviceError, why
 from cellwatt_drivers.franka import receive
 from cellwatt_drivers.franka.fields import Selection
 
@@ -91,15 +91,18 @@ class Reader:
 async def reading(host: str, every: int, selection: Selection, timeout: float) -> AsyncIterator[Reader]:
     """Run the library; it returns the states whose time in ms is a multiple of ``every``."""
     arguments = (receive.__file__, host, str(every), *selection.attributes)
-    process = await asyncio.create_subprocess_exec(
-        sys.executable,
-        "-P",  # no module of this folder may shadow one of the library's
-        *arguments,
-        stdout=PIPE,
-        stderr=PIPE,
-        limit=_CHUNK,
-        preexec_fn=ends_with_parent(signal.SIGKILL),
-    )
+    try:
+        process = await asyncio.create_subprocess_exec(
+            sys.executable,
+            "-P",  # no module of this folder may shadow one of the library's
+            *arguments,
+            stdout=PIPE,
+            stderr=PIPE,
+            limit=_CHUNK,
+            preexec_fn=ends_with_parent(signal.SIGKILL),
+        )
+    except OSError as error:
+        raise ConnectError(f"{host}: the library cannot be started: {why(error)}") from error
     try:
         yield Reader(process, host, selection, timeout)
     finally:

@@ -109,7 +109,6 @@ class KinovaDriver(Driver[KinovaSettings]):
         """Run one connection, from the greeting on."""
         async with self._open() as modbus:
             self.inlet.connected(await self._greet(modbus))
-            self._turns = Turns()
             async with self._slots as slots:
                 async for _ in slots:
                     for done, read in enumerate(self._reads):

@@ -9,6 +9,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
+from weakref import WeakValueDictionary
 
 from cellwatt.errors import ConnectError
 from cellwatt_drivers.shared.modbus import Modbus, Numbering, connect, tcp_client
@@ -72,14 +73,16 @@ class Bus(Modbus):
 
 
 _OPEN: dict[tuple[asyncio.AbstractEventLoop, Place], Bus] = {}
-_OPENING: dict[tuple[asyncio.AbstractEventLoop, Place], asyncio.Lock] = {}
+_OPENING: WeakValueDictionary[tuple[asyncio.AbstractEventLoop, Place], asyncio.Lock] = WeakValueDictionary()
+"""Each lock exists as long as the line has a user, or someone waits for it."""
 
 
 @asynccontextmanager
 async def open_bus(place: Place, timeout: float) -> AsyncIterator[Bus]:
     """Use the line at a place; open it first if it is not open. Raises ``ConnectError`` that says what to check."""
     key = (asyncio.get_running_loop(), place)
-    async with _OPENING.setdefault(key, asyncio.Lock()):
+    opening = _OPENING.setdefault(key, asyncio.Lock())
+    async with opening:
         bus = _OPEN.get(key)
         if bus is None or not bus.alive:
             bus = _OPEN[key] = await _connect(place, timeout)
@@ -92,7 +95,6 @@ async def open_bus(place: Place, timeout: float) -> AsyncIterator[Bus]:
             bus.close()
             if _OPEN.get(key) is bus:
                 del _OPEN[key]
-                _OPENING.pop(key, None)
 
 
 async def _connect(place: Place, timeout: float) -> Bus:

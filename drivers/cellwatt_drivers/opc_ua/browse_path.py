@@ -42,13 +42,13 @@ def parsed(path: str) -> tuple[Step, ...]:
     Raises ``ValueError`` for a path with an empty step.
     """
     rest = path.removeprefix("/").removeprefix("0:Objects/").removeprefix("Objects/")
-    steps, place = [], 0
-    while place < len(rest):
-        found = _ELEMENT.match(rest, place)
+    steps, offset = [], 0
+    while offset < len(rest):
+        found = _ELEMENT.match(rest, offset)
         if found is None or rest.endswith("/"):
             raise ValueError(f"the browse path {path!r} has an empty step")
         steps.append(_step(found[1]))
-        place = found.end()
+        offset = found.end()
     if not steps:
         raise ValueError("the browse path is empty")
     return tuple(steps)

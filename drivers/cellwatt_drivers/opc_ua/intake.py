@@ -54,7 +54,7 @@ class Intake:
         self._sequence: int | None = None
         self._first = True
         self._bad: dict[int, int] = {}
-        self._stale = False
+        self._stale: set[int] = set()
         self._now = 0
         self._rows = Rows()
 
@@ -117,7 +117,6 @@ class Intake:
             self._base = _Base(self._rows[-1].time, message.published, self._now)
         if stale:
             self._take_stale(stale, message.published)
-        self._stale = bool(stale)
 
     def _sorted(self, items: Sequence[Item]) -> tuple[list[Item], list[Item]]:
         """Return items by time stamp, and items with a useless stamp: one that is not newer than the tag's last stamp.
@@ -163,6 +162,7 @@ class Intake:
         for item in items:
             self._values[item.column] = item.value
             self._stamps[item.column] = item.stamp
+            self._stale.discard(item.column)
         self._add(time)
 
     def _jumped(self, passed: int) -> bool:
@@ -206,8 +206,9 @@ class Intake:
         """Take values whose time stamps did not rise; they get the time of their publication."""
         assert self._last is not None
         self._inlet.account.anomaly("stale time stamps", len(items))
-        if not self._stale:
-            names = ", ".join(sorted({self.stream.names[i.column] for i in items}))
+        if new := {i.column for i in items} - self._stale:
+            self._stale |= new
+            names = ", ".join(sorted(self.stream.names[column] for column in new))
             self._inlet.event("stale_time", f"{self._name}: time stamps of {names} do not rise; publication time used")
         if self._rows:
             time = self._rows.pop().time

@@ -11,7 +11,7 @@ from pydantic import Field, FilePath, SecretStr, model_validator
 from cellwatt.config.wording import did_you_mean
 from cellwatt.driver import SourceSettings
 from cellwatt.errors import ConfigError
-from cellwatt.host import Host
+from cellwatt.host import Host, in_url
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt_drivers.opc_ua.tag_map import ModelName, Prefix, Tag, TagMap, check_prefixes, load_map, packaged_map
 from cellwatt_drivers.shared.choice import Chosen
@@ -108,8 +108,7 @@ class OpcUaSettings(SourceSettings):
     @property
     def url(self) -> str:
         """The endpoint's URL."""
-        host = f"[{self.host}]" if ":" in self.host else self.host
-        return f"opc.tcp://{host}:{self.port}{self.path}"
+        return f"opc.tcp://{in_url(self.host)}:{self.port}{self.path}"
 
     @property
     def tag_map(self) -> TagMap:

@@ -19,8 +19,8 @@ def board_stream(phases: int, rate: float, board: int | None = None) -> Stream:
     With ``board``, every name begins with that number, for ports that several boards share.
     """
     prefix, name = ("", "power") if board is None else (f"board_{board}.", f"power_{board}")
-    places = ["supply", *(f"phase_{n}" for n in range(1, phases + 1))]
-    channels = tuple(Channel(f"{prefix}{place}.{what}", unit) for place in places for what, unit in _QUANTITIES)
+    points = ["supply", *(f"phase_{n}" for n in range(1, phases + 1))]
+    channels = tuple(Channel(f"{prefix}{point}.{what}", unit) for point in points for what, unit in _QUANTITIES)
     return Stream(name, channels, rate, "device")
 
 
@@ -48,19 +48,19 @@ class Board:
     def take(self, packet: Packet, arrival: int) -> None:
         """Take a packet that arrived at the cell's time ``arrival``, ns; ``release`` then emits due samples."""
         self._last_packet = arrival
-        place = self._clock.place(packet, arrival)
-        if place.verdict == "stale":
+        position = self._clock.place(packet, arrival)
+        if position.verdict == "stale":
             self._inlet.account.anomaly("late")
             return
-        if place.verdict in {"jumped", "restarted"}:
+        if position.verdict in {"jumped", "restarted"}:
             self.release(arrival, everything=True)
-            if place.verdict == "restarted":
+            if position.verdict == "restarted":
                 self._order.restart()
-            jumped = f"its clock jumped by {place.jump / 1e6:+.3f} s"
-            text = jumped if place.verdict == "jumped" else "it restarted"
+            jumped = f"its clock jumped by {position.jump / 1e6:+.3f} s"
+            text = jumped if position.verdict == "jumped" else "it restarted"
             self._inlet.clock_reset(self.stream, text)
-            self._inlet.event(f"board {place.verdict}", f"{self._label}: {text}", jump_s=place.jump / 1e6)
-        outcome = self._order.put(Placed(packet, place.sequence, place.time, arrival))
+            self._inlet.event(f"board {position.verdict}", f"{self._label}: {text}", jump_s=position.jump / 1e6)
+        outcome = self._order.put(Placed(packet, position.sequence, position.time, arrival))
         if outcome == "reordered":
             self._inlet.account.count(outcome)
         elif outcome:

@@ -165,7 +165,6 @@ class Listening:
         self._gather = gather
         self._decoder = wire.decoder(settings.mode)
         self._last_packet = asyncio.get_running_loop().time()
-        self._bytes = 0
         self._evidence = b""
         self._others: set[int] = set()
 
@@ -187,12 +186,10 @@ class Listening:
         self._decoder.counts.clear()
         wanted = [received for received in packets if self._wants(received[0])]
         if wanted:
-            self._last_packet, self._bytes, self._evidence = loop.time(), 0, b""
+            self._last_packet, self._evidence = loop.time(), b""
             self._others.clear()
         else:
-            data = b"".join(data for data, _ in came)
-            self._bytes += len(data)
-            self._evidence = (self._evidence + data)[-EVIDENCE:]
+            self._evidence = b"".join((self._evidence, *(data for data, _ in came)))[-EVIDENCE:]
             if loop.time() >= end:
                 raise self._verdict()
         return wanted
@@ -218,9 +215,9 @@ class Listening:
         if self._others:
             wanted, others = _numbers(self._wanted), _numbers(tuple(sorted(self._others)))
             return WrongDeviceError(f"{where} only board {others} is received, but not the wanted board {wanted}")
-        if self._bytes:
+        if self._evidence:
             reason = wire.diagnose(self._evidence, s.mode)
-            return ProtocolError(f"{where} {self._bytes} bytes but no valid frame {span}: {reason}")
+            return ProtocolError(f"{where} bytes but no valid frame {span}: {reason}")
         return ConnectError(
             f"{where} not one byte {span}: is the board on and joined, and is this the receiver's port?"
         )

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
+import time
 from collections.abc import Awaitable, Callable
-from typing import Any, ClassVar, NoReturn
+from typing import Any, ClassVar, Final, NoReturn
 
 import numpy as np
 
@@ -12,6 +14,9 @@ from cellwatt.batch import Reading
 from cellwatt.channel import Quality, Stream
 from cellwatt.driver import Driver, Inlet
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError, SourceError
+
+_SHORTEST: Final = 0.25
+"""Shortest time between two connections, s: a device that fails at once must not be flooded with them."""
 
 
 class NoAnswerError(ConnectError):
@@ -46,7 +51,7 @@ async def keep_conversing(driver: Driver[Any], converse: Callable[[], Awaitable[
     """
     account = driver.inlet.account
     while True:
-        before = account.expected - account.missed.total()
+        before, began = account.expected - account.missed.total(), time.monotonic()
         try:
             await converse()
         except (ConnectError, ProtocolError) as error:
@@ -54,3 +59,4 @@ async def keep_conversing(driver: Driver[Any], converse: Callable[[], Awaitable[
                 raise
             account.count("reconnects")
             driver.inlet.event("reopened", f"{driver.name}: {error}; the connection is opened again")
+            await asyncio.sleep(began + _SHORTEST - time.monotonic())

@@ -78,7 +78,7 @@ class EmulatedClient(asyncio.Protocol):
         self.held_until = 0.0
         self.rate = 1.0
         self.encoder = Encoder(OUTPUTS, ())
-        self.place: Listener | None = None
+        self.listener: Listener | None = None
         self.listening = True
         self.compares = False
         """The client requests only the timestamp: packages sent to it are not counted."""
@@ -122,7 +122,7 @@ class EmulatedClient(asyncio.Protocol):
             case Kind.START:
                 ready = self.encoder.size > len("U") + 3
                 self.put(wire.accept_reply(kind, ready))
-                if ready and self.place is None:
+                if ready and self.listener is None:
                     self._controller.start(self)
             case Kind.PAUSE:
                 self._controller.stop(self)

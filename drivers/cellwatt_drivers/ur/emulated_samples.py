@@ -117,15 +117,15 @@ class Rows:
 
     def stamps(self, numbers: Numbers) -> Float:
         """See ``Cycles``."""
-        lap, row, more = self._place(numbers)
+        lap, row, more = self._locate(numbers)
         return np.asarray(self._time[row] + (lap * self._lap + more * self._step))
 
     def columns(self, numbers: Numbers) -> Mapping[str, Float]:
         """See ``Cycles``."""
-        _, row, _ = self._place(numbers)
+        _, row, _ = self._locate(numbers)
         return {name: values[row] for name, values in self._table.items()}
 
-    def _place(self, numbers: Numbers) -> tuple[Numbers, Numbers, Numbers]:
+    def _locate(self, numbers: Numbers) -> tuple[Numbers, Numbers, Numbers]:
         """Lap, row, and number of steps beyond the last row."""
         if self._loop:
             return numbers // self._rows, numbers % self._rows, np.zeros_like(numbers)

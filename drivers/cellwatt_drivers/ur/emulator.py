@@ -60,10 +60,10 @@ class UrEmulator(Emulator):
         self.version = _version(options.text("polyscope", "5.12.0"))
         hold = options.choice("at_end", "pause", ("pause", "hold")) == "hold"
         self._start = options.choice("start", "client", ("client", "epoch"))
-        self._place = host_and_port(self.address)
+        self._bind_to = host_and_port(self.address)
         self._rows = Rows(self.signals, hold) if isinstance(self.signals, RecordedSignals) else None
         self.clients: set[EmulatedClient] = set()
-        self._places: list[Listener] = []
+        self._listeners: list[Listener] = []
         self._samples: Samples | None = None
         self._began = 0.0  # monotonic time of the samples' start
         self._shift = 0.0  # of the timestamps, s
@@ -78,8 +78,8 @@ class UrEmulator(Emulator):
     def disturb(self, change: Mapping[str, float | str]) -> None:
         """See ``Emulator.disturb``; also discards packages made ahead."""
         super().disturb(change)
-        for place in self._places:
-            place.forget()
+        for listener in self._listeners:
+            listener.forget()
 
     def change(self, kind: str, value: float | str) -> None:
         """Reboot, or send a text message to all clients."""
@@ -92,7 +92,7 @@ class UrEmulator(Emulator):
 
     async def serve(self, ready: Callable[[str], None]) -> None:
         """See ``Emulator``."""
-        server = await asyncio.get_running_loop().create_server(lambda: EmulatedClient(self), *self._place)
+        server = await asyncio.get_running_loop().create_server(lambda: EmulatedClient(self), *self._bind_to)
         rate = cycle_rate(self.version) if self._rows is None else LOOKS
         try:
             host, port = server.sockets[0].getsockname()[:2]
@@ -132,35 +132,35 @@ class UrEmulator(Emulator):
         now = time.monotonic()  # one time for both calls of advance, or a row due in between is not counted
         self.advance(now)
         stride = decimation(self._samples.rate, client.rate) if self._samples.rate else 1
-        place = None if client.compares else next((p for p in self._places if p.lost), None)
-        if place is None:
-            place = Listener(0, stride, client)
-            self._places.append(place)
-        if place.client is not None:
-            place.client.place = None
-        place.client, place.stride = client, stride
-        place.forget()
-        start = 0 if begins else max(self._samples.due(now - self._began), place.next)
-        place.next = -(-start // stride) * stride
-        client.place = place
+        listener = None if client.compares else next((p for p in self._listeners if p.lost), None)
+        if listener is None:
+            listener = Listener(0, stride, client)
+            self._listeners.append(listener)
+        if listener.client is not None:
+            listener.client.listener = None
+        listener.client, listener.stride = client, stride
+        listener.forget()
+        start = 0 if begins else max(self._samples.due(now - self._began), listener.next)
+        listener.next = -(-start // stride) * stride
+        client.listener = listener
         self.advance(now)
 
     def stop(self, client: EmulatedClient) -> None:
         """Send a client no more packages."""
         self.advance()
-        if client.place is not None:
-            self._places.remove(client.place)
-            client.place = None
+        if client.listener is not None:
+            self._listeners.remove(client.listener)
+            client.listener = None
 
     def lost(self, client: EmulatedClient) -> None:
         """Remove a client whose connection is closed; packages that its listener misses from now on are counted."""
         self.advance()
         self.clients.discard(client)
-        place, client.place = client.place, None
-        if place is not None:
-            place.client = None
+        listener, client.listener = client.listener, None
+        if listener is not None:
+            listener.client = None
             if client.compares:
-                self._places.remove(place)
+                self._listeners.remove(listener)
 
     @property
     def down(self) -> bool:
@@ -172,10 +172,10 @@ class UrEmulator(Emulator):
         self.advance()
         self.tally["reboot"] += 1
         self._leave_all(seconds)
-        for place in self._places:
-            if place.client is not None:
-                place.client.place = None
-        self._places.clear()
+        for listener in self._listeners:
+            if listener.client is not None:
+                listener.client.listener = None
+        self._listeners.clear()
         if self._samples is not None:
             elapsed = time.monotonic() - self._began + seconds
             at = np.array([self._samples.due(elapsed)])
@@ -194,38 +194,38 @@ class UrEmulator(Emulator):
             self.tally["sent"] += 0 if client.compares else released
         if self._samples is None:
             return
-        if any(p.client is not None for p in self._places):
+        if any(p.client is not None for p in self._listeners):
             self._strike_once(now)
         due = self._samples.due(now - self._began)
         if self._samples.end is not None:
             due = min(due, self._samples.end)
-        for place in list(self._places):
-            self._serve(place, due, now)
+        for listener in list(self._listeners):
+            self._serve(listener, due, now)
 
     def _strike_once(self, now: float) -> None:
         if fault := self.injector.once("clock_jump"):
             self._shift += fault.seconds
-            for place in self._places:
-                place.forget()
+            for listener in self._listeners:
+                listener.forget()
         if fault := self.injector.once("stall"):
             for client in self.clients:
                 client.hold(now + fault.seconds)
         if fault := self.injector.once("disconnect"):
             self._leave_all(fault.seconds)
 
-    def _serve(self, place: Listener, due: int, now: float) -> None:
+    def _serve(self, listener: Listener, due: int, now: float) -> None:
         """Make and send one listener's due packages in one write; no fault strikes a client that compares clocks."""
         ready: list[bytes] = []
-        client = place.client
+        client = listener.client
         apart = client is not None and client.compares
         tally, strikes = (Counter[str](), Injector().strikes) if apart else (self.tally, self.injector.strikes)
-        while place.next < due and client is not None and client.listening:
-            number = place.next
-            place.next += place.stride
+        while listener.next < due and client is not None and client.listening:
+            number = listener.next
+            listener.next += listener.stride
             tally["made"] += 1
             if strikes("loss", now):
                 continue
-            package = self._package(place, number, client.encoder)
+            package = self._package(listener, number, client.encoder)
             if fault := strikes("delay", now):
                 self._send(client, ready)
                 client.hold(now + fault.seconds)
@@ -239,9 +239,9 @@ class UrEmulator(Emulator):
                 client.listening = False
             else:
                 ready.append(package)
-        unheard = max(0, -(-(due - place.next) // place.stride))
+        unheard = max(0, -(-(due - listener.next) // listener.stride))
         tally["made"] += unheard
-        place.next += unheard * place.stride
+        listener.next += unheard * listener.stride
         if client is not None:
             self._send(client, ready)
 
@@ -254,21 +254,21 @@ class UrEmulator(Emulator):
             self.tally["unread"] += 1
             client.abort()
 
-    def _package(self, place: Listener, number: int, encoder: Encoder) -> bytes:
+    def _package(self, listener: Listener, number: int, encoder: Encoder) -> bytes:
         """One package, from those made ahead."""
         assert self._samples is not None
-        at = (number - place.first) // place.stride * encoder.size
-        if number < place.first or at >= len(place.made):
-            count = max(1, math.ceil(AHEAD * (self._samples.rate or 125.0) / place.stride))
-            numbers = number + place.stride * np.arange(count)
+        at = (number - listener.first) // listener.stride * encoder.size
+        if number < listener.first or at >= len(listener.made):
+            count = max(1, math.ceil(AHEAD * (self._samples.rate or 125.0) / listener.stride))
+            numbers = number + listener.stride * np.arange(count)
             if self._samples.end is not None:
                 numbers = numbers[numbers < self._samples.end]
             stamps = self._samples.stamps(numbers)
             if self._shift:
                 stamps = stamps + self._shift
-            place.first, at = number, 0
-            place.made = encoder.encode(stamps, self._samples.columns(numbers))
-        return place.made[at : at + encoder.size]
+            listener.first, at = number, 0
+            listener.made = encoder.encode(stamps, self._samples.columns(numbers))
+        return listener.made[at : at + encoder.size]
 
     def _garbage(self, package: bytes) -> bytes:
         """Bytes that are no valid RTDE: an unknown kind, a size too short or too long, or another recipe."""

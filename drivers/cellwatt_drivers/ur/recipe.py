@@ -95,13 +95,13 @@ class Decoder:
         expected = [FIELDS[n].width for n in selection.names]
         if [ELEMENTS[t][1] if t in ELEMENTS else 0 for t in types] != expected or types[0] != "DOUBLE":
             raise ProtocolError(f"the controller declares {', '.join(types)} for {', '.join(selection.names)}")
-        places = self._lay_out(types)
+        positions = self._lay_out(types)
         self.package = Package(recipe, self._dtype.itemsize)
         self._copies: list[tuple[str, slice | list[int], slice]] = []
         """Segment, indices of its elements, and the columns to which they are copied."""
         self._scales: list[tuple[slice, float]] = []
         at = 0
-        for field, picks, (segment, start) in zip(selection.fields, selection.picks, places[1:], strict=True):
+        for field, picks, (segment, start) in zip(selection.fields, selection.picks, positions[1:], strict=True):
             target = slice(at, at + len(picks))
             at = target.stop
             self._copy([start + i for i in picks], segment, target)
@@ -109,22 +109,22 @@ class Decoder:
                 self._scales.append((target, field.scale))
         self._factors: tuple[tuple[str, int], ...] = ()
         if selection.power:
-            self._factors = tuple(places[selection.names.index(f.name)] for f in (_VOLTAGE, _CURRENT))
+            self._factors = tuple(positions[selection.names.index(f.name)] for f in (_VOLTAGE, _CURRENT))
 
     def _lay_out(self, types: Sequence[str]) -> list[tuple[str, int]]:
         """Set the numpy type of a package; returns segment and first element of each field."""
         segments: list[tuple[str, int]] = []
-        places = []
+        positions = []
         for name in types:
             code, width = ELEMENTS[name]
             if not segments or segments[-1][0] != code:
                 segments.append((code, 0))
             before = segments[-1][1]
-            places.append((f"s{len(segments) - 1}", before))
+            positions.append((f"s{len(segments) - 1}", before))
             segments[-1] = (code, before + width)
         body = [(f"s{i}", code, (width,)) for i, (code, width) in enumerate(segments)]
         self._dtype = np.dtype([("header", "u1", (4,)), *body])
-        return places
+        return positions
 
     def _copy(self, source: list[int], segment: str, target: slice) -> None:
         """Add a copy; elements adjacent in both package and columns are copied as one slice."""

@@ -14,7 +14,8 @@ from typing import Literal
 
 from cellwatt.driver import Inlet
 from cellwatt.errors import ConnectError, ProtocolError
-from cellwatt.receipt import receive, stamp_receipts
+from cellwatt.receipt import receive
+from cellwatt_drivers.shared.datagrams import datagram_socket
 from cellwatt_drivers.yaskawa import wire
 
 _NUMBERS = 256
@@ -70,10 +71,8 @@ async def open_link(host: str, port: int, timeout: float, inlet: Inlet) -> Async
         raise ConnectError(
             f"the name {host!r} is not known: {error.strerror or error}; write the IP address"
         ) from error
-    family, kind, protocol, _, address = found[0]
-    with socket.socket(family, kind, protocol) as connection:
-        connection.setblocking(False)
-        stamp_receipts(connection)
+    family, *_, address = found[0]
+    with datagram_socket(family) as connection:
         try:
             connection.connect(address)
         except OSError as error:

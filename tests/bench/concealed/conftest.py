@@ -1,16 +1,6 @@
-import sys
-from pathlib import Path
-
 import pytest
 
-BENCH = Path(__file__).resolve().parents[3] / "bench"
-sys.path.append(str(BENCH))
 pytest.importorskip("mujoco", reason="the blind benchmark's plant needs MuJoCo")
-
-
-@pytest.fixture(scope="session")
-def bench() -> Path:
-    return BENCH
 
 
 @pytest.fixture(scope="session")

@@ -1,9 +1,5 @@
-import sys
-from pathlib import Path
-
 import pytest
 
-sys.path.append(str(Path(__file__).resolve().parents[3] / "bench"))
 pytest.importorskip("pinocchio", reason="the preparation of recordings needs the extra explain")
 threadpoolctl = pytest.importorskip("threadpoolctl", reason="part of the extra explain")
 

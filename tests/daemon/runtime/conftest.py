@@ -18,8 +18,6 @@ def _fake_parts(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     for parts in (fakes.DEVICES, fakes.JUDGES, fakes.RECEIVERS):
         parts.clear()
     yield
-    for judge in fakes.JUDGES.values():
-        judge.gate.set()  # of a test that failed with its stage still waiting
     registry.available.cache_clear()
 
 

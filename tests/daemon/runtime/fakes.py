@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import threading
 from collections import defaultdict
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
@@ -188,18 +187,12 @@ async def hang(_: Any) -> None:
 
 
 class Judge:
-    """What a stage of the tests does: note the frames and give a prediction a block, or what a test put in place.
-
-    While ``gate`` is shut, ``process`` waits in its thread; ``inside`` is set once it does.
-    """
+    """What a stage of the tests does: note the frames and give what a test put in place."""
 
     def __init__(self) -> None:
         self.seen: list[int] = []
         self.made = 0
         self.refuse: Exception | None = None
-        self.gate = threading.Event()
-        self.gate.set()
-        self.inside = threading.Event()
         self.give: Callable[[Frames, Sequence[Result]], Sequence[Result]] = lambda _frames, _upstream: ()
         self.last: Callable[[], Sequence[Result]] = lambda: ()
 
@@ -223,8 +216,6 @@ class FakeStage(Stage[JudgeSettings]):
             raise self.judge.refuse
 
     def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
-        self.judge.inside.set()
-        self.judge.gate.wait()
         given = self.judge.give(frames, upstream)
         self.judge.seen += range(frames.sequence, frames.sequence + len(frames))
         return given

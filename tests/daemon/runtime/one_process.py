@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
@@ -19,8 +18,6 @@ from cellwatt.runtime.framer import Framer
 from cellwatt.runtime.tasks import Tasks, plain_errors
 from cellwatt.runtime.teller import Teller
 from cellwatt.ticker import Ticker
-
-log = logging.getLogger(__name__)
 
 HEALTH_RATE = 1.0  # Hz
 
@@ -83,12 +80,8 @@ class Cell:
         async with Ticker(HEALTH_RATE) as ticker:
             async for tick in ticker:
                 self._lag = tick.lateness
-                try:
-                    self._collector.keep_time()
-                    self._look()
-                except Exception:
-                    # Health is worth a lot, but never the data: it is looked at again in a second.
-                    log.exception("the look at the cell's health failed")
+                self._collector.keep_time()
+                self._look()
 
     async def _serve(self, ready: Callable[[], None]) -> None:
         async with asyncio.TaskGroup() as group:

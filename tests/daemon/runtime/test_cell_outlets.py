@@ -38,21 +38,21 @@ async def runs(n):
 
 
 @at_once
-async def test_a_outlet_that_fails_is_run_again_with_longer_pauses():
+async def test_an_outlet_that_fails_is_run_again_with_longer_pauses():
     RECEIVERS["bus"].tell(*[fail(AWAY)] * 8)
     async with running(config_of()):
         assert await runs(9) == pytest.approx([0.5, 1, 2, 4, 8, 16, 30, 30])
 
 
 @at_once
-async def test_a_outlet_that_served_is_run_again_soon():
+async def test_an_outlet_that_served_is_run_again_soon():
     RECEIVERS["bus"].tell(*[fail(AWAY)] * 6, last(60.0), fail(AWAY))
     async with running(config_of()):
         assert (await runs(8))[-2:] == pytest.approx([16, 60.5])
 
 
 @at_once
-async def test_a_outlet_is_down_until_it_has_served_for_a_while():
+async def test_an_outlet_is_down_until_it_has_served_for_a_while():
     RECEIVERS["bus"].tell(fail(AWAY))
     async with running(config_of()) as cell:
         await runs(2)
@@ -66,7 +66,7 @@ async def test_a_outlet_is_down_until_it_has_served_for_a_while():
 
 
 @at_once
-async def test_a_outlet_that_takes_long_to_fail_is_one_alarm():
+async def test_an_outlet_that_takes_long_to_fail_is_one_alarm():
     RECEIVERS["bus"].tell(*[last(10.0), fail(AWAY)] * 10)
     delivery = Delivery("bus", FakeOutlet("bus", ReceiverSettings(), None))
     task = asyncio.create_task(delivery.run())
@@ -88,7 +88,7 @@ async def test_a_outlet_that_takes_long_to_fail_is_one_alarm():
     ],
 )
 @at_once
-async def test_a_outlet_with_a_mistake_is_run_again(caplog, order, error):
+async def test_an_outlet_with_a_mistake_is_run_again(caplog, order, error):
     RECEIVERS["bus"].tell(order)
     async with running(config_of()) as cell:
         await runs(2)
@@ -97,7 +97,7 @@ async def test_a_outlet_with_a_mistake_is_run_again(caplog, order, error):
 
 
 @at_once
-async def test_a_outlet_that_ends_by_itself_is_down_and_run_again(monkeypatch):
+async def test_an_outlet_that_ends_by_itself_is_down_and_run_again(monkeypatch):
     async def ends(_):
         RECEIVERS["bus"].runs.append(0.0)
 
@@ -108,7 +108,7 @@ async def test_a_outlet_that_ends_by_itself_is_down_and_run_again(monkeypatch):
 
 
 @at_once
-async def test_a_outlet_that_breaks_at_what_it_is_offered_breaks_nothing_else(caplog):
+async def test_an_outlet_that_breaks_at_what_it_is_offered_breaks_nothing_else(caplog):
     RECEIVERS["bus"].refuse = TypeError("cannot\x00encode")
     DEVICES["arm"].tell(answer, give(20))
     async with running(config_of(outlets=outlets("bus", "other"))) as cell:
@@ -127,7 +127,7 @@ async def test_a_outlet_that_breaks_at_what_it_is_offered_breaks_nothing_else(ca
 
 
 @at_once
-async def test_a_outlet_that_breaks_at_health_does_not_keep_it_from_others():
+async def test_an_outlet_that_breaks_at_health_does_not_keep_it_from_others():
     RECEIVERS["bus"].refuse_health = ValueError("not JSON")
     async with running(config_of(outlets=outlets("bus", "other"))) as cell:
         status = await look(cell, 2)

@@ -10,6 +10,7 @@ from cellwatt import Batch, CellwattError
 from cellwatt.config import FrameSettings
 from cellwatt.record import Recording
 from cellwatt.runtime.change import Change
+from cellwatt.units import Units
 from tests.daemon.runtime.at_once import at_once
 from tests.daemon.runtime.fakes import (
     DEVICES,
@@ -70,7 +71,7 @@ async def test_a_source_that_was_removed_is_let_go_and_one_that_was_added_runs()
 
 
 @at_once
-async def test_a_outlet_that_changed_is_made_anew_and_the_data_go_on():
+async def test_an_outlet_that_changed_is_made_anew_and_the_data_go_on():
     config = config_of(outlets=outlets("bus", "other"))
     DEVICES["arm"].tell(answer, give(3))
     async with running(config) as cell:
@@ -105,3 +106,5 @@ def test_what_needs_a_restart(change):
         Change.between(TWO, replace(TWO, sources=sources("board"), **change))
     assert str(Change.between(TWO, replace(TWO, text="# another comment"))) == "nothing changed"
     assert str(Change.between(TWO, replace(TWO, frames=FrameSettings(rate=25.0)))) == "reloaded: frames"
+    units = Change.between(TWO, replace(TWO, units=Units(energy="kWh")))
+    assert units and str(units) == "reloaded: units"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from unittest.mock import Mock
 
 import pytest
 
@@ -127,20 +128,14 @@ async def test_a_stage_that_cannot_be_made_is_told_with_its_place():
     assert not DEVICES["arm"].runs
 
 
-async def test_a_outlet_that_cannot_be_made_is_told(monkeypatch):
-    def refuses(self, *_):
-        raise OutletError("no certificate at plant.pem")
-
-    monkeypatch.setattr(FakeOutlet, "__init__", refuses)
+async def test_an_outlet_that_cannot_be_made_is_told(monkeypatch):
+    monkeypatch.setattr(FakeOutlet, "__init__", Mock(side_effect=OutletError("no certificate at plant.pem")))
     with pytest.raises(OutletError, match=r"no certificate at plant\.pem"):
         await start(config_of())
 
 
 async def test_a_mistake_of_ours_stays_a_traceback(monkeypatch):
-    def breaks(self, *_):
-        raise AttributeError("colour")
-
-    monkeypatch.setattr(FakeOutlet, "__init__", breaks)
+    monkeypatch.setattr(FakeOutlet, "__init__", Mock(side_effect=AttributeError("colour")))
     with pytest.raises(ExceptionGroup) as caught:
         await start(config_of())
     assert caught.group_contains(AttributeError, match="colour")

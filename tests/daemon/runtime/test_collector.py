@@ -10,9 +10,11 @@ import pytest
 
 from cellwatt.batch import Batch, Tick
 from cellwatt.clock.cell import CellClock
+from cellwatt.config import FrameSettings
 from cellwatt.runtime import collector
 from cellwatt.runtime.collector import Collector, Entry, load_libraries
 from cellwatt.runtime.tasks import Tasks
+from tests.daemon.runtime.at_once import at_once
 from tests.daemon.runtime.fakes import DEVICES, FakeDriver, answer, config_of, give, sources, until
 
 
@@ -45,3 +47,23 @@ async def test_ticks_end_where_no_source_speaks_for_long_and_go_on_with_the_next
             await until(lambda: time.monotonic() - came[-1][0] > 0.6)
             assert sum(isinstance(entry, Batch) for _, entry in came) == n
         await cell.close(tasks)
+
+
+@at_once
+async def test_ticks_come_as_often_as_frames_of_new_settings() -> None:
+    came: list[Entry] = []
+    slow, fast = (config_of(frames=FrameSettings(rate=rate)) for rate in (10.0, 50.0))
+    cell = Collector(slow, CellClock(), came.append)
+    async with asyncio.TaskGroup() as group:
+        tasks = Tasks(group)
+        cell.start(tasks)
+        DEVICES["arm"].tell(answer, give(1))
+        await DEVICES["arm"].done()
+        ticks = []
+        for config in (slow, fast):
+            cell.change(tasks, config, [])
+            before = len(came)
+            await asyncio.sleep(2.0)
+            ticks.append(len(came) - before)
+        await cell.close(tasks)
+    assert 15 < ticks[0] < 25 and ticks[1] > 2 * ticks[0]

@@ -37,29 +37,31 @@ def test_all_supplies_count_and_no_bus_beside_them() -> None:
     cell = Consumption()
     columns = layout("board.supply.power", "mains.supply.power", "board.bus.power")
     cell.add(block(columns, [[100.0, 50.0, 70.0]] * 100))
-    assert cell.told() == {"power_W": 150.0, "energy_today_J": 150.0 * 100 * 0.02}
+    assert cell.status() == {"power_W": 150.0, "energy_today_J": 150.0 * 100 * 0.02}
 
 
 def test_without_a_supply_the_bus_counts_and_without_both_nothing_is_told() -> None:
     bus, none = Consumption(), Consumption()
     bus.add(block(layout("board.bus.power"), [[80.0]] * 50))
     none.add(block(layout("arm.joint_1.power"), [[80.0]] * 50))
-    assert bus.told() == {"power_W": 80.0, "energy_today_J": 80.0}
-    assert none.told() == {"power_W": None, "energy_today_J": None}
+    assert bus.status() == {"power_W": 80.0, "energy_today_J": 80.0}
+    assert none.status() == {"power_W": None, "energy_today_J": None}
 
 
 def test_power_is_the_mean_of_the_last_second_and_what_is_missing_counts_as_none() -> None:
     cell = Consumption()
     columns = layout("board.supply.power")
     cell.add(block(columns, [[10.0]] * 50 + [[np.nan]] * 25 + [[30.0]] * 25))
-    assert cell.told() == {"power_W": 15.0, "energy_today_J": 10.0 + 15.0}
+    assert cell.status() == {"power_W": 15.0, "energy_today_J": 10.0 + 15.0}
+    cell.add(block(columns, [[np.nan]] * 50, NOON + 100 * STEP))
+    assert cell.status() == {"power_W": None, "energy_today_J": 10.0 + 15.0}, "the meter is silent, not at 0 W"
 
 
 def test_at_midnight_it_begins_anew() -> None:
     cell = Consumption()
     midnight = NOON + 43_200_000_000_000
     cell.add(block(layout("board.supply.power"), [[10.0]] * 150, start=midnight - 50 * STEP))
-    assert cell.told()["energy_today_J"] == pytest.approx(10.0 * 100 * 0.02)
+    assert cell.status()["energy_today_J"] == pytest.approx(10.0 * 100 * 0.02)
 
 
 async def test_after_a_restart_it_goes_on(tmp_path: Path) -> None:
@@ -69,7 +71,7 @@ async def test_after_a_restart_it_goes_on(tmp_path: Path) -> None:
     await first.write(tmp_path)
     await asyncio.to_thread(second.read, tmp_path, NOON + 50 * STEP)
     second.add(block(columns, [[10.0]] * 100))  # the first fifty are those that were counted
-    assert second.told()["energy_today_J"] == 20.0
+    assert second.status()["energy_today_J"] == 20.0
 
 
 async def test_a_clock_that_was_set_back_by_a_year_stops_nothing(tmp_path: Path) -> None:
@@ -79,7 +81,7 @@ async def test_a_clock_that_was_set_back_by_a_year_stops_nothing(tmp_path: Path)
     await first.write(tmp_path)
     await asyncio.to_thread(second.read, tmp_path, NOON)
     second.add(block(columns, [[30.0]] * 50))
-    assert second.told() == {"power_W": 30.0, "energy_today_J": 30.0}
+    assert second.status() == {"power_W": 30.0, "energy_today_J": 30.0}
 
 
 async def test_a_cell_that_rests_writes_nothing(tmp_path: Path) -> None:
@@ -108,7 +110,7 @@ def test_without_a_measured_channel_the_energies_of_tasks_of_today_count() -> No
         end = NOON + hour * 3600 * 10**9
         for told in (cell, measured):
             told.end(Energy("arm", "task_1", "v", 1, end - 1, end, joule, {}, 1.0, 1.0, 1.0))
-    assert (cell.told()["energy_today_J"], cell.task) == (120.0, "task_1")
-    assert (measured.told()["energy_today_J"], measured.task) == (10.0, "task_1")
+    assert (cell.status()["energy_today_J"], cell.task) == (120.0, "task_1")
+    assert (measured.status()["energy_today_J"], measured.task) == (10.0, "task_1")
     cell.add(block(layout("arm.joint_1.power"), [[80.0]], NOON + 13 * 3600 * 10**9))
-    assert cell.told()["energy_today_J"] == 0.0, "midnight has passed"
+    assert cell.status()["energy_today_J"] == 0.0, "midnight has passed"

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cellwatt.runtime.source import KEPT, RateMeter
+from cellwatt.runtime.source import WINDOW, RateMeter
 
 
 def test_rate_and_jitter_of_a_known_stream() -> None:
@@ -22,5 +22,5 @@ def test_memory_stays_bounded() -> None:
     meter = RateMeter(500.0)
     for i in range(100):
         meter.add(np.arange(1000, dtype=np.int64) + 1000 * i)
-    assert meter._kept <= 2 * KEPT
+    assert meter._count <= 2 * WINDOW
     assert meter.figures()["samples"] == 100_000

@@ -33,11 +33,12 @@ def status(**source: Any) -> dict[str, Any]:
 
 def looked_at(watch: Monitor, seconds: int, source: Callable[[int], dict[str, Any]]) -> list[Alarm]:
     """Looks once a second at a source that has been up for long, whose figures are those of each second."""
-    found = []
-    for second in range(seconds):
-        now = second * 10**9
-        found += watch.look(status(**({"since_s": 100.0 + second} | source(second))), now)
-    return found
+    return looks(watch, range(seconds), lambda second: status(**({"since_s": 100.0 + second} | source(second))))
+
+
+def looks(watch: Monitor, seconds: range, at: Callable[[int], dict[str, Any]]) -> list[Alarm]:
+    """Looks once a second at a cell whose health is that of each second."""
+    return [alarm for second in seconds for alarm in watch.look(at(second), second * 10**9)]
 
 
 def stream(samples: float) -> dict[str, Any]:
@@ -49,12 +50,12 @@ DOWN = {"state": "retrying", "error": "no device answers at 192.0.2.1:30004"}
 
 def test_down_source_is_raised_once_and_cleared_once() -> None:
     watch = Monitor()
-    looks = [watch.look(status(**DOWN), now) for now in range(10)]
-    alarms = [a for given in looks for a in given]
+    given = [watch.look(status(**DOWN), now) for now in range(10)]
+    alarms = [a for each in given for a in each]
     assert [a.kind for a in alarms] == ["source_down"]
-    assert looks[PATIENCE - 1] == alarms
+    assert given[PATIENCE - 1] == alarms
     assert "192.0.2.1:30004" in alarms[0].statement
-    after = [a for second in range(10, 40) for a in watch.look(status(), second * 10**9)]
+    after = looks(watch, range(10, 40), lambda _: status())
     assert [(a.id, a.active, a.statement) for a in after] == [
         (alarms[0].id, False, "Resolved: source arm responds again.")
     ]
@@ -143,20 +144,16 @@ def test_a_clock_that_is_reset_again_and_again_is_one_alarm() -> None:
 
 @pytest.mark.parametrize(("error", "says"), [(3_600_000.0, "3600.0 s ahead of this PC's"), (-1500.0, "1.5 s behind")])
 def test_a_clock_of_the_pc_that_was_set_is_told_until_the_cell_follows(error: float, says: str) -> None:
-    watch = Monitor()
-    looks = [status() | {"utc_error_ms": error if second < 5 else 0.5} for second in range(20)]
-    alarms = [alarm for second, look in enumerate(looks) for alarm in watch.look(look, second * 10**9)]
+    alarms = looks(Monitor(), range(20), lambda second: status() | {"utc_error_ms": error if second < 5 else 0.5})
     assert [(a.kind, a.source, a.active) for a in alarms] == [("pc_clock", None, True), ("pc_clock", None, False)]
     assert says in alarms[0].statement
 
 
 def test_frames_dropped_once_before_a_stage_are_over_when_no_more_are() -> None:
-    watch = Monitor()
-    alarms = []
-    for second in range(40):
-        now = second * 10**9
-        stages = {"power": {"state": "ok", "error": None, "dropped": 7 * min(second, 5)}}
-        alarms += watch.look(status() | {"stages": stages}, now)
+    def at(second: int) -> dict[str, Any]:
+        return status() | {"stages": {"power": {"state": "ok", "error": None, "dropped": 7 * min(second, 5)}}}
+
+    alarms = looks(Monitor(), range(40), at)
     assert [(a.kind, a.active) for a in alarms] == [("stage_slow", True), ("stage_slow", False)]
     assert alarms[0].statement.startswith("Stage power is too slow: ")
     assert alarms[1].statement == "Resolved: stage power keeps up again."
@@ -169,11 +166,10 @@ def process(skipped: int) -> dict[str, Any]:
 
 def test_samples_that_were_never_recorded_are_an_error_and_over_when_no_more_are() -> None:
     watch = Monitor()
-    second = 1_000_000_000
-    alarms = [a for s in range(20) for a in watch.look(process(1000 * s), s * second)]
+    alarms = looks(watch, range(20), lambda s: process(1000 * s))
     assert [(a.kind, a.severity, a.active) for a in alarms] == [("process_slow", "error", True)]
     assert "missing in the record" in alarms[0].statement
-    alarms = [a for s in range(20, 40) for a in watch.look(process(19_000), s * second)]
+    alarms = looks(watch, range(20, 40), lambda _: process(19_000))
     assert [(a.kind, a.active) for a in alarms] == [("process_slow", False)]
 
 
@@ -183,10 +179,10 @@ def test_processes_that_the_pc_does_not_let_run_are_one_warning_not_down() -> No
         return status() | {"processes": {n: usual | {"starved": n in names} for n in ("align", "judge power", "tell")}}
 
     watch = Monitor()
-    alarms = [a for s in range(10) for a in watch.look(waiting("align", "judge power"), s * 10**9)]
+    alarms = looks(watch, range(10), lambda _: waiting("align", "judge power"))
     assert [(a.id, a.severity) for a in alarms] == [("pc_slow:pc", "warning")]
     assert alarms[0].statement.endswith("waited for a processor: align for 5 s, judge power for 5 s.")
-    alarms = [a for s in range(10, 30) for a in watch.look(waiting(), s * 10**9)]
+    alarms = looks(watch, range(10, 30), lambda _: waiting())
     assert [(a.id, a.active, a.statement) for a in alarms] == [
         ("pc_slow:pc", False, "Resolved: this PC keeps up again.")
     ]
@@ -201,9 +197,9 @@ def test_what_a_busy_pc_brings_about_is_no_fault_of_device_or_stage() -> None:
             "processes": {"judge": {"down": False, "restarts": 0, "silent_s": 6.0, **process}},
         }
 
-    alarms = [a for watch in [Monitor()] for s in range(20) for a in watch.look(at(s, starved=True), s * 10**9)]
+    alarms = looks(Monitor(), range(20), lambda s: at(s, starved=True))
     assert [(a.kind, a.severity) for a in alarms] == [("pc_slow", "warning")]
-    alarms = [a for watch in [Monitor()] for s in range(20) for a in watch.look(at(s), s * 10**9)]
+    alarms = looks(Monitor(), range(20), at)
     assert sorted((a.kind, a.severity) for a in alarms) == [("pc_slow", "warning"), ("stage_slow", "warning")]
     assert next(a for a in alarms if a.kind == "pc_slow").statement.endswith(
         "the programs that run on it. Affected: source arm."
@@ -215,7 +211,10 @@ def test_a_device_that_answers_and_gives_no_number_is_an_alarm() -> None:
     waits = looked_at(Monitor(), 20, lambda second: starting | {"since_s": float(second)})
     assert [(a.kind, a.severity, a.time // 10**9) for a in waits] == [("source_silent", "error", 10 + PATIENCE - 1)]
     assert waits[0].statement.startswith("Source arm answers, but has sent no values for 12 s.")
-    assert not looked_at(Monitor(), 20, lambda second: starting | {"identity": None}), "it does not answer yet"
+    mute = starting | {"identity": None}
+    assert not looked_at(Monitor(), 20, lambda second: mute | {"since_s": float(second)}), "it does not answer yet"
+    (hangs,) = looked_at(Monitor(), 150, lambda second: mute | {"since_s": float(second)})
+    assert hangs.statement.startswith("Source arm has neither connected nor failed for 122 s.")
 
 
 def test_channels_without_any_number_are_named_until_there_is_one() -> None:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import asyncio
 import socket
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 
 from cellwatt_drivers.abb import AbbDriver, AbbSettings
 from cellwatt_drivers.abb.emulator import AbbEmulator
 
 from ..inlet import CollectingInlet
-from ..running import Steady, going, served
+from ..running import Steady, once, served
 
 ANGLES = (0.5, -0.25, 1.0, -1.5, 0.75, 2.0)
 
@@ -39,14 +39,5 @@ async def emulated(**options: str) -> AsyncIterator[tuple[AbbEmulator, dict[str,
         yield emulator, {"host": "127.0.0.1", "port": web, "egm_port": port, "bind": "127.0.0.1", "tls": False}
 
 
-@asynccontextmanager
-async def running(settings: dict[str, object]) -> AsyncIterator[tuple[CollectingInlet, asyncio.Task[None]]]:
-    """A driver running until the end of the context; fails when it failed."""
-    inlet = CollectingInlet()
-    async with going(AbbDriver("arm", AbbSettings.model_validate(settings), inlet).run()) as task:
-        yield inlet, task
-    assert inlet.account.residue == 0
-
-
-def of(inlet: CollectingInlet, stream: str) -> list:
-    return [r for r in inlet.readings if r.stream.name == stream]
+def running(settings: dict[str, object]) -> AbstractAsyncContextManager[tuple[CollectingInlet, asyncio.Task[None]]]:
+    return once(AbbDriver("arm", AbbSettings.model_validate(settings), CollectingInlet()))

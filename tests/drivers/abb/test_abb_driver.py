@@ -12,11 +12,13 @@ from cellwatt.emulation.relay import clients
 from cellwatt.errors import ConnectError, DeviceError, WrongDeviceError
 from cellwatt.slots import HOST
 from cellwatt_drivers.abb import AbbDriver, AbbSettings
+from cellwatt_drivers.abb.rws import MODE
 from cellwatt_drivers.abb.web import session
 from tests.patience import PATIENCE
 
 from ..inlet import CollectingInlet
-from .rig import ANGLES, emulated, of, running
+from ..running import once
+from .rig import ANGLES, emulated, running
 
 
 def assert_only_late(inlet):
@@ -31,19 +33,19 @@ async def test_motion_states_and_energy(robotware):
     groups = ("joints", "planned", "state", "force")
     async with emulated(robotware=str(robotware)) as (emulator, place):
         async with running(place | {"robotware": robotware, "egm": groups, "web_rate": "10 Hz"}) as (inlet, _):
-            await inlet.until(lambda o: len(of(o, "egm")) > 100 and len(of(o, "energy")) > 1)
+            await inlet.until(lambda o: len(o.of("egm")) > 100 and len(o.of("energy")) > 1)
         assert not emulator.pages.sessions  # logged out
         asked = emulator.pages.asked
-    egm = np.concatenate([r.values for r in of(inlet, "egm")])
+    egm = inlet.stream("egm")
     np.testing.assert_allclose(egm[:, :6], np.tile(ANGLES, (len(egm), 1)), atol=1e-12)
-    columns = of(inlet, "egm")[0].stream.names
+    columns = inlet.of("egm")[0].stream.names
     assert (egm[:, columns.index("tool.force_x")] == 1.5).all()
     assert (egm[:, columns.index("tool.torque_z")] == -0.25).all()
     assert ("robot.move_index" in columns) == (robotware == 7)
     assert not np.isnan(egm[:, columns.index("robot.motors_on") :]).any()
-    states = np.concatenate([r.values for r in of(inlet, "controller")])
+    states = inlet.stream("controller")
     assert (states == [1, 1, 1, 0, 1]).all()
-    energy = of(inlet, "energy")[-1]
+    energy = inlet.of("energy")[-1]
     assert energy.values[0, 1:4].tolist() == pytest.approx([200.0, 1.0, 0.0])
     assert energy.values[0, 4] == pytest.approx(5.0)
     assert energy.asked < energy.arrival
@@ -74,7 +76,7 @@ async def test_what_the_emulator_made_is_what_came():
 
 async def test_states_that_change_are_reported():
     async with emulated() as (emulator, place), running(place | {"web_rate": "10 Hz"}) as (inlet, _):
-        await inlet.until(lambda o: len(of(o, "controller")) > 1)
+        await inlet.until(lambda o: len(o.of("controller")) > 1)
         emulator.disturb({"motors": "off"})
         await inlet.until(lambda o: "controller_state" in o.kinds())
         emulator.disturb({"program": "off"})
@@ -108,13 +110,28 @@ async def test_a_page_that_comes_in_parts_is_read_to_its_end_and_a_silent_logout
 async def test_a_controller_without_energy_keeps_its_states():
     async with emulated(energy="no") as (_, place):
         async with running(place | {"egm": [], "web_rate": "10 Hz"}) as (inlet, _):
-            await inlet.until(lambda o: len(of(o, "controller")) > 5)
+            await inlet.until(lambda o: len(o.of("controller")) > 5)
         alone = AbbDriver("arm", AbbSettings.model_validate(place | {"egm": [], "web": ["energy"]}), CollectingInlet())
         with pytest.raises(WrongDeviceError, match="HTTP 404"):
             await alone.run()
     assert inlet.kinds() == ["energy_failed"]
     assert "the controller has no energy page (/rw/system/energy)" in inlet.events[0][1]
     assert_only_late(inlet)
+
+
+async def test_pages_that_fail_again_in_the_same_way_are_told_again(monkeypatch):
+    async with emulated() as (emulator, place), running(place | {"web_rate": "10 Hz"}) as (inlet, _):
+        well = emulator.pages.answer
+
+        def without_mode(method, target, fields):
+            return (405, {}, b"") if target == MODE else well(method, target, fields)
+
+        for times in (1, 2):
+            seen = len(inlet.of("controller"))
+            await inlet.until(lambda o, seen=seen: len(o.of("controller")) > seen + 5)
+            monkeypatch.setattr(emulator.pages, "answer", without_mode)
+            await inlet.until(lambda o, times=times: o.kinds().count("web_failed") == times)
+            monkeypatch.setattr(emulator.pages, "answer", well)
 
 
 async def is_taken(port: int) -> None:
@@ -138,14 +155,11 @@ async def test_an_outage_ends_the_source_and_a_new_start_counts_what_was_lost():
         with pytest.raises(ConnectError, match=r"no EGM packet .* EGMStreamStart"):
             await asyncio.wait_for(first, PATIENCE)
         seen = inlet.account.received
-        second = asyncio.create_task(driver.run())
-        await is_taken(int(str(place["egm_port"])))  # else packets that find no socket are lost, too
-        emulator.inject(Fault("loss", probability=0))
-        await inlet.until(lambda o: o.account.received > seen)
-        second.cancel()
-        await asyncio.gather(second, return_exceptions=True)
+        async with once(driver):
+            await is_taken(int(str(place["egm_port"])))  # else packets that find no socket are lost, too
+            emulator.inject(Fault("loss", probability=0))
+            await inlet.until(lambda o: o.account.received > seen)
     assert inlet.account.missed["outage"] == emulator.counts["loss"] > 50
-    assert inlet.account.residue == 0
     assert len(inlet.identities) == 2
     assert inlet.resets == []
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from cellwatt.channel import Quality, Stream
 from cellwatt_drivers.abb.emulated_robot import EmulatedRobot
@@ -35,8 +36,12 @@ class Rig:
         return account.expected, account.received, dict(account.missed), dict(account.counters)
 
 
-def test_gaps_duplicates_and_late_ones():
-    rig = Rig()
+@pytest.fixture
+def rig() -> Rig:
+    return Rig()
+
+
+def test_gaps_duplicates_and_late_ones(rig):
     rig.take(1, 2, 5, 5, 4, 6)
     assert rig.count == (6, 4, {"gap": 2}, {"duplicates": 1, "late packets": 1})
     assert rig.inlet.resets == []
@@ -50,8 +55,7 @@ def test_a_packet_without_any_of_the_values_is_missing():
         assert reading.quality.tolist() == [quality, quality]
 
 
-def test_two_packets_of_one_number_that_differ_are_told_as_forged():
-    rig = Rig()
+def test_two_packets_of_one_number_that_differ_are_told_as_forged(rig):
     rig.take(1, 2)
     rig.take(2, at=1.5)
     rig.take(2)
@@ -60,8 +64,7 @@ def test_two_packets_of_one_number_that_differ_are_told_as_forged():
     assert rig.inlet.account.anomalies == {"duplicates"}
 
 
-def test_a_number_that_the_time_cannot_have_brought_invents_no_loss():
-    rig = Rig()
+def test_a_number_that_the_time_cannot_have_brought_invents_no_loss(rig):
     rig.take(1, 2)
     rig.take(900_000, at=3)
     rig.take(4, 5)
@@ -69,16 +72,14 @@ def test_a_number_that_the_time_cannot_have_brought_invents_no_loss():
     assert rig.inlet.account.anomalies == {"sessions"}
 
 
-def test_a_gap_over_a_lost_connection_is_an_outage():
-    rig = Rig()
+def test_a_gap_over_a_lost_connection_is_an_outage(rig):
     rig.take(1, 2)
     rig.intake.opened()
     rig.take(10, 12)
     assert rig.count == (12, 4, {"outage": 7, "gap": 1}, {})
 
 
-def test_numbering_begins_anew_with_a_new_session():
-    rig = Rig()
+def test_numbering_begins_anew_with_a_new_session(rig):
     rig.take(500, 501)
     rig.take(1, at=502)
     rig.take(2, at=503)
@@ -86,16 +87,14 @@ def test_numbering_begins_anew_with_a_new_session():
     assert rig.inlet.resets == []
 
 
-def test_a_controller_that_restarts_has_another_clock():
-    rig = Rig()
+def test_a_controller_that_restarts_has_another_clock(rig):
     rig.take(5000, 5001)
     rig.take(1, 2, start=START - 1e6)
     assert rig.count == (4, 4, {}, {"sessions": 1})
     assert rig.inlet.resets == ["the controller's time went back"]
 
 
-def test_a_clock_that_is_set_is_noticed_and_a_gap_is_not_taken_for_it():
-    rig = Rig()
+def test_a_clock_that_is_set_is_noticed_and_a_gap_is_not_taken_for_it(rig):
     rig.take(1, 2)
     rig.take(1000)
     assert rig.inlet.resets == []
@@ -103,8 +102,7 @@ def test_a_clock_that_is_set_is_noticed_and_a_gap_is_not_taken_for_it():
     assert rig.inlet.resets == ["the controller's time jumped"]
 
 
-def test_without_a_clock_the_header_counts_and_wraps():
-    rig = Rig()
+def test_without_a_clock_the_header_counts_and_wraps(rig):
     wrap = 2**32 / 1000
     rig.take(1, 2, 3, clocked=False, start=wrap - 0.010)
     assert rig.count == (3, 3, {}, {})
@@ -113,7 +111,6 @@ def test_without_a_clock_the_header_counts_and_wraps():
     assert rig.inlet.resets == ["the controller's clock appeared or disappeared"]
 
 
-def test_garbage_is_counted():
-    rig = Rig()
+def test_garbage_is_counted(rig):
     rig.intake.take([b"\x07garbage", rig.packet(1), rig.packet(2)[:20]])
     assert rig.count == (1, 1, {}, {"malformed": 2})

@@ -44,7 +44,6 @@ def test_pages_that_are_none(page):
         rws.energy(page, "ROB_1")
 
 
-@pytest.mark.parametrize("encoding", [b"rot13"])
-def test_a_page_in_an_encoding_that_there_is_not(encoding):
+def test_a_page_in_an_encoding_that_there_is_not():
     with pytest.raises(ProtocolError, match="not XHTML"):
-        rws.items(b'<?xml version="1.0" encoding="' + encoding + b'"?><ul/>')
+        rws.items(b'<?xml version="1.0" encoding="rot13"?><ul/>')

@@ -5,20 +5,16 @@ from __future__ import annotations
 import socket
 import time
 from collections import deque
-from collections.abc import AsyncIterator, Iterator
-from contextlib import asynccontextmanager, closing, contextmanager
-from dataclasses import dataclass
+from collections.abc import AsyncIterator
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 
 import can
-import numpy as np
-import pytest
 
-from cellwatt.errors import SourceError
-from cellwatt_drivers.can_sensor import CanSensorDriver, CanSensorSettings, listening
+from cellwatt_drivers.can_sensor import CanSensorDriver, CanSensorSettings
 from cellwatt_drivers.can_sensor.emulator import CanSensorEmulator
 
 from ..inlet import CollectingInlet
-from ..running import Steady, served, supervised
+from ..running import Run, Steady, repeated, served
 
 FAST = {"cycles": "current=10,voltage_1=20"}
 READ = {"read": ["current", "voltage_1"], "rates": {"current": "100 Hz", "voltage_1": "50 Hz"}}
@@ -66,14 +62,6 @@ class ScriptedBus(can.BusABC):
 KERNEL = "socketcan:can0"
 
 
-@contextmanager
-def scripted(monkeypatch: pytest.MonkeyPatch) -> Iterator[ScriptedBus]:
-    """The bus that a driver finds at ``KERNEL``."""
-    with closing(ScriptedBus()) as bus:
-        monkeypatch.setattr(listening, "_open", lambda place: bus)
-        yield bus
-
-
 @asynccontextmanager
 async def emulated(**options: str) -> AsyncIterator[tuple[CanSensorEmulator, str]]:
     """An emulator and the path of its adapter."""
@@ -93,22 +81,5 @@ def settings(place: str, **changes: object) -> CanSensorSettings:
     return CanSensorSettings.model_validate(base | changes)
 
 
-@dataclass
-class Run:
-    driver: CanSensorDriver
-    inlet: CollectingInlet
-    failures: list[SourceError]
-
-    def stream(self, name: str) -> np.ndarray:
-        """All samples of a stream."""
-        return np.concatenate([r.values for r in self.inlet.readings if r.stream.name == name])
-
-
-@asynccontextmanager
-async def running(wanted: CanSensorSettings) -> AsyncIterator[Run]:
-    """A driver that is run again when it fails, until the end of the context; the account must be even then."""
-    inlet = CollectingInlet()
-    run = Run(CanSensorDriver("battery", wanted, inlet), inlet, [])
-
-    async with supervised(run.driver, inlet) as run.failures:
-        yield run
+def running(wanted: CanSensorSettings) -> AbstractAsyncContextManager[Run[CanSensorDriver]]:
+    return repeated(CanSensorDriver("battery", wanted, CollectingInlet()))

@@ -1,5 +1,9 @@
 from __future__ import annotations
 
+import asyncio
+import os
+import select
+
 import can
 import numpy as np
 import pytest
@@ -9,17 +13,18 @@ from cellwatt.clock import ClockModel
 from cellwatt.emulation import Fault
 from cellwatt.errors import ConnectError, WrongDeviceError
 from cellwatt_drivers.can_sensor import CanSensorDriver
-from tests.patience import PATIENCE
+from tests.patience import PATIENCE, eventually
 
 from ..inlet import CollectingInlet
-from .rig import KERNEL, emulated, running, scripted, settings
+from ..running import strike
+from .rig import KERNEL, emulated, running, settings
 
 
 async def test_samples_in_si_units_on_the_bus_time():
     async with emulated() as (_, place), running(settings(place)) as run:
         await run.inlet.until(lambda o: o.account.received >= 30)
-    assert run.stream("current")[:, 0] == pytest.approx(-2.5)
-    assert run.stream("voltage_1")[:, 0] == pytest.approx(48.0)
+    assert run.inlet.stream("current")[:, 0] == pytest.approx(-2.5)
+    assert run.inlet.stream("voltage_1")[:, 0] == pytest.approx(48.0)
     for name in ("current", "voltage_1"):
         times = np.concatenate([r.device_time for r in run.inlet.readings if r.stream.name == name])
         assert np.all(np.diff(times) > 0)
@@ -48,11 +53,7 @@ async def test_the_clock_is_known_from_the_first_second_on():
 async def test_lost_frames_are_counted_to_the_last():
     async with emulated() as (emulator, place), running(settings(place)) as run:
         await run.inlet.until(lambda o: o.account.received >= 10)
-        emulator.inject(Fault("loss", probability=0.3))
-        await run.inlet.until(lambda o: emulator.counts.get("loss", 0) >= 20)
-        emulator.inject(Fault("loss", probability=0.0))
-        seen = run.inlet.account.received
-        await run.inlet.until(lambda o: o.account.received >= seen + 10)
+        await strike(emulator, run.inlet, Fault("loss", probability=0.3), 20)
     assert run.inlet.account.missed == {"gap": emulator.counts["loss"]}
 
 
@@ -74,16 +75,42 @@ async def test_duplicates_cut_and_foreign_frames():
     assert run.inlet.kinds().count("malformed_frame") == 1
 
 
-async def test_error_frames_and_bus_off_are_told(monkeypatch):
-    with scripted(monkeypatch) as bus:
-        async with running(settings(KERNEL, silence="10 s")) as run:
-            for error in (0x88, 0x40, 0x100):
-                bus.put(can.Message(arbitration_id=error, is_error_frame=True, data=bytes(8)))
-            await run.inlet.until(lambda o: "bus_active" in o.kinds())
+async def test_error_frames_and_bus_off_are_told(bus):
+    async with running(settings(KERNEL, silence="10 s")) as run:
+        for error in (0x88, 0x40, 0x100):
+            bus.put(can.Message(arbitration_id=error, is_error_frame=True, data=bytes(8)))
+        await run.inlet.until(lambda o: "bus_active" in o.kinds())
     assert run.inlet.account.counters["error frames"] == 3
     assert run.inlet.account.counters["error frames: bus off"] == 1
     assert [k for k in run.inlet.kinds() if k.startswith("bus_")] == ["bus_off", "bus_active"]
     assert not run.failures
+
+
+async def test_a_bus_that_was_restarted_while_it_was_closed_is_no_longer_off(bus):
+    async with running(settings(KERNEL, silence="200 ms")) as run:
+        bus.put(can.Message(arbitration_id=0x40, is_error_frame=True, data=bytes(8)))
+        await run.inlet.until(lambda _: run.failures)
+        bus.put(can.Message(arbitration_id=0x123, is_extended_id=False))
+        await run.inlet.until(lambda _: "only frames" in str(run.failures[-1]))
+    assert "the controller is bus-off" in str(run.failures[0])
+    assert [k for k in run.inlet.kinds() if k.startswith("bus_")] == ["bus_off", "bus_active"]
+
+
+async def test_an_adapter_that_is_unplugged_is_let_go():
+    """Else it comes back under another name, as the system keeps the old one for who has it open."""
+    before = descriptors()
+    near, far = os.openpty()
+    run = asyncio.create_task(CanSensorDriver("battery", settings(os.ttyname(far)), CollectingInlet()).run())
+    await eventually(lambda: select.select([near], [], [], 0)[0], "its first command")
+    os.close(far)
+    os.close(near)
+    with pytest.raises(ConnectError, match="slcan"):
+        await run
+    assert descriptors() == before
+
+
+def descriptors() -> int:
+    return len(os.listdir("/proc/self/fd"))  # noqa: PTH208  # an iterator over the folder would itself hold one
 
 
 async def test_a_silent_sensor_is_given_up_and_what_was_lost_is_counted():
@@ -136,11 +163,10 @@ async def test_flags_of_the_sensor():
         ),
     ],
 )
-async def test_nobody_other_nodes_and_only_errors_are_told_apart(frame, error, match, monkeypatch):
-    with scripted(monkeypatch) as bus:
-        bus.put(*([frame] if frame else []))
-        with pytest.raises(error, match=match):
-            await CanSensorDriver("battery", settings(KERNEL, silence="100 ms"), CollectingInlet()).run()
+async def test_nobody_other_nodes_and_only_errors_are_told_apart(frame, error, match, bus):
+    bus.put(*([frame] if frame else []))
+    with pytest.raises(error, match=match):
+        await CanSensorDriver("battery", settings(KERNEL, silence="100 ms"), CollectingInlet()).run()
 
 
 @pytest.mark.parametrize(

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 
 from cellwatt_drivers.franka.driver import FrankaDriver, FrankaSettings
 from cellwatt_drivers.franka.emulator import FrankaEmulator
 
 from ..inlet import CollectingInlet
-from ..running import Steady, going, served
+from ..running import Steady, once, served
 
 ANGLES = (0.5, -0.25, 1.0, -1.5, 0.75, 2.0, -0.5)
 PORT = 1337  # the library has no other; each test takes a loopback address of its own
@@ -37,10 +37,5 @@ def driver(address: str, inlet: CollectingInlet, **changes: object) -> FrankaDri
     return FrankaDriver("arm", FrankaSettings.model_validate({"host": address} | changes), inlet)
 
 
-@asynccontextmanager
-async def running(address: str, **changes: object) -> AsyncIterator[tuple[CollectingInlet, asyncio.Task[None]]]:
-    """A driver running until the end of the context; fails when it failed."""
-    inlet = CollectingInlet()
-    async with going(driver(address, inlet, **changes).run()) as task:
-        yield inlet, task
-    assert inlet.account.residue == 0
+def running(address: str, **changes: object) -> AbstractAsyncContextManager[tuple[CollectingInlet, asyncio.Task[None]]]:
+    return once(driver(address, CollectingInlet(), **changes))

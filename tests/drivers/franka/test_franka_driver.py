@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import sys
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
 from cellwatt.channel import UNITS
 from cellwatt.emulation import Fault
 from cellwatt.errors import ConnectError, DeviceError, WrongDeviceError
 from cellwatt.slots import HOST
-from cellwatt_drivers.franka.driver import FrankaSettings
 from cellwatt_drivers.franka.fields import GROUPS
 from tests.patience import PATIENCE
 
 from ..inlet import CollectingInlet
+from ..running import repeated
 from .rig import ANGLES, driver, emulated, running
 
 try:
@@ -111,21 +109,11 @@ async def test_an_outage_is_an_error_of_the_source_and_counted_at_the_next_start
             await asyncio.wait_for(first, PATIENCE)
         emulator.inject(Fault("loss", probability=0))
         seen = inlet.account.received
-        second = asyncio.create_task(run_again(arm))
-        await inlet.until(lambda o: o.account.received > seen)
-        second.cancel()
-        await asyncio.gather(second, return_exceptions=True)
+        async with repeated(arm):
+            await inlet.until(lambda o: o.account.received > seen)
     assert not [r for r in caplog.records if r.name == "asyncio"]  # of processes that ended in another way
     assert inlet.account.missed["outage"] > 500
-    assert inlet.account.residue == 0
     assert len(inlet.identities) == 2
-
-
-async def run_again(arm):
-    """As the daemon does, for as long as the robot takes nobody."""
-    while True:
-        with contextlib.suppress(ConnectError):
-            await arm.run()
 
 
 @library
@@ -133,16 +121,3 @@ async def test_another_version_is_another_device():
     async with emulated("127.0.41.30", version="9"):
         with pytest.raises(WrongDeviceError, match="pylibfranka that fits"):
             await driver("127.0.41.30", CollectingInlet()).identify()
-
-
-@pytest.mark.parametrize(
-    ("changes", "why"),
-    [
-        ({"read": []}, "at least one"),
-        ({"rate": "300 Hz"}, "whole part"),
-        ({"rate": "2 kHz"}, "1000 Hz or a whole part"),
-    ],
-)
-def test_wrong_settings_say_what_is_wrong(changes, why):
-    with pytest.raises(ValidationError, match=why):
-        FrankaSettings.model_validate({"host": "192.0.2.1"} | changes)

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 
-from cellwatt.emulation import Fault
 from cellwatt_drivers.kinova import KinovaDriver, KinovaSettings
 from cellwatt_drivers.kinova.emulator import KinovaEmulator
-from tests.patience import eventually
 
 from ..inlet import CollectingInlet
-from ..running import Steady, going, served
+from ..running import Steady, once, served
 
 ANGLES = (0.5, -0.25, 1.0, -1.5, 0.75, 2.0, -3.0)
 STILL = (
@@ -38,22 +36,5 @@ def driver(port: int, inlet: CollectingInlet, **changes: object) -> KinovaDriver
     return KinovaDriver("arm", KinovaSettings.model_validate(settings), inlet)
 
 
-@asynccontextmanager
-async def running(port: int, **changes: object) -> AsyncIterator[tuple[CollectingInlet, asyncio.Task[None]]]:
-    """A driver running until the end of the context; fails when it failed."""
-    inlet = CollectingInlet()
-    async with going(driver(port, inlet, **changes).run()) as task:
-        yield inlet, task
-    assert inlet.account.residue == 0
-
-
-def of(inlet: CollectingInlet, stream: str) -> list:
-    return [r for r in inlet.readings if r.stream.name == stream]
-
-
-async def strike(emulator: KinovaEmulator, fault: Fault) -> None:
-    """Let a fault hit one answer."""
-    before = emulator.injector.counts[fault.kind]
-    emulator.inject(fault)
-    await eventually(lambda: emulator.injector.counts[fault.kind] > before, f"the {fault.kind}")
-    emulator.inject(Fault(fault.kind, probability=0))
+def running(port: int, **changes: object) -> AbstractAsyncContextManager[tuple[CollectingInlet, asyncio.Task[None]]]:
+    return once(driver(port, CollectingInlet(), **changes))

@@ -2,27 +2,26 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
 from cellwatt.emulation import Fault
 from cellwatt.errors import DeviceError
-from cellwatt_drivers.kinova import KinovaSettings
 
 from ..inlet import CollectingInlet
-from .rig import ANGLES, STILL, driver, emulated, of, running, strike
+from ..running import Steady, strike
+from .rig import ANGLES, STILL, driver, emulated, running
 
 
 async def test_everything_in_two_requests():
     blocks = ["arm", "joints", "tool"]
     async with emulated() as (emulator, port), running(port, read=blocks, rate="100 Hz") as (inlet, _):
-        await inlet.until(lambda o: len(of(o, "motion")) > 30)
+        await inlet.until(lambda o: len(o.of("motion")) > 30)
     assert set(emulator.asked) == {(0, 14), (34, 106)}
-    motion = of(inlet, "motion")[-1]
+    motion = inlet.of("motion")[-1]
     found = dict(zip(motion.stream.names, motion.values[0], strict=True))
     assert [found[f"joint_{i}.position"] for i in range(1, 8)] == pytest.approx(ANGLES, abs=1e-6)
     for name in ("joint_3.velocity", "joint_7.torque", "joint_5.current", "joint_6.temperature", "tool.x", "tool.rz"):
         assert found[name] == pytest.approx(STILL[name], rel=1e-6), name
-    assert of(inlet, "arm")[-1].values[0].tolist() == [24, 1.25, 30, 45, 38, 7, 0, 0]
+    assert inlet.of("arm")[-1].values[0].tolist() == [24, 1.25, 30, 45, 38, 7, 0, 0]
     assert motion.asked < motion.arrival
     assert set(inlet.account.missed) <= {"host stalled", "merged tick", "slow answers"}  # of a busy test machine
     assert emulator.counts["written"] == emulator.counts["refused"] == 0
@@ -31,7 +30,7 @@ async def test_everything_in_two_requests():
 
 async def test_states_and_faults_are_reported():
     async with emulated() as (emulator, port), running(port) as (inlet, _):
-        await inlet.until(lambda o: len(of(o, "arm")) > 2)
+        await inlet.until(lambda o: len(o.of("arm")) > 2)
         emulator.disturb({"state": 4, "fault_flags": 1 << 23})
         await inlet.until(lambda o: {"state", "fault"} <= set(o.kinds()))
     texts = [text for _, text, _ in inlet.events]
@@ -41,17 +40,25 @@ async def test_states_and_faults_are_reported():
 @pytest.mark.parametrize("kind", ["loss", "half_frame", "delay"])
 async def test_an_answer_that_does_not_come_costs_a_connection(kind):
     async with emulated() as (emulator, port), running(port, timeout="300 ms", rate="50 Hz") as (inlet, _):
+        await inlet.until(lambda o: len(o.readings) > 10)
         for again in range(1, 3):
-            seen = len(inlet.readings)
-            await inlet.until(lambda o, seen=seen: len(o.readings) > seen + 10)
-            await strike(emulator, Fault(kind, seconds=1.0))
+            await strike(emulator, inlet, Fault(kind, seconds=1.0))
             await inlet.until(lambda o, again=again: o.account.counters["reconnects"] == again)
-        seen = len(inlet.readings)
-        await inlet.until(lambda o: len(o.readings) > seen + 10)
     assert inlet.account.missed["timeout"] > 0
     assert inlet.account.missed["disconnected"] > 0
-    values = np.concatenate([r.values for r in of(inlet, "motion")])
+    values = inlet.stream("motion")
     np.testing.assert_allclose(values[:, :7], np.tile(ANGLES, (len(values), 1)), atol=1e-6)
+
+
+async def test_a_joint_beyond_half_a_turn_stays_there_when_the_connection_is_lost():
+    world = STILL | {"joint_1.position": 3.0}
+    async with emulated(Steady(world)) as (emulator, port), running(port, timeout="300 ms") as (inlet, _):
+        await inlet.until(lambda o: len(o.of("motion")) > 0)
+        world["joint_1.position"] = 3.5
+        await inlet.until(lambda o: o.of("motion")[-1].values[0, 0] > 3.4)
+        await strike(emulator, inlet, Fault("loss"))
+        await inlet.until(lambda o: o.account.counters["reconnects"] > 0)
+    assert inlet.of("motion")[-1].values[0, 0] == pytest.approx(3.5, abs=1e-6)
 
 
 async def test_an_arm_without_these_registers_says_so(monkeypatch):
@@ -59,16 +66,3 @@ async def test_an_arm_without_these_registers_says_so(monkeypatch):
         monkeypatch.setattr(emulator, "_answer", lambda function, body: bytes([0x84, 2]))
         with pytest.raises(DeviceError, match=r"registers 0 to 13: it has no such register \(exception 2\)"):
             await driver(port, CollectingInlet()).identify()
-
-
-@pytest.mark.parametrize(
-    ("changes", "why"),
-    [
-        ({"read": []}, "at least one"),
-        ({"read": ["tool"]}, "add 'joints'"),
-        ({"rate": "1 kHz"}, "less than or equal to 500"),
-    ],
-)
-def test_wrong_settings_say_what_is_wrong(changes, why):
-    with pytest.raises(ValidationError, match=why):
-        KinovaSettings.model_validate({"host": "192.0.2.1"} | changes)

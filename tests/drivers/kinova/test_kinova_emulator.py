@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-import socket
 
 import pytest
 
 from cellwatt_drivers.kinova import registers
+from tests.daemon.outlets.zenoh.processes import free_port
 from tests.patience import eventually
 
-from .rig import emulated, of, running
+from .rig import emulated, running
 
 pymodbus = pytest.importorskip("pymodbus", reason="pymodbus is not installed")
 
@@ -54,17 +54,15 @@ async def test_the_driver_reads_a_server_of_pymodbus():
             ],
         ),
     )
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     server = ModbusTcpServer(device, address=("127.0.0.1", port))
     serving = asyncio.create_task(server.serve_forever())
     try:
         await eventually(server.is_active)
         async with running(port, read=["arm", "joints", "tool"]) as (inlet, _):
-            await inlet.until(lambda o: len(of(o, "motion")) > 3)
+            await inlet.until(lambda o: len(o.of("motion")) > 3)
     finally:
         await server.shutdown()
         await asyncio.gather(serving, return_exceptions=True)
-    assert of(inlet, "arm")[0].values[0, :3].tolist() == [24.0, 1.25, 30.0]
-    assert of(inlet, "motion")[0].values[0, 14:21].tolist() == [14.0, 15.0, 16.0, 17.0, 18.0, 19.0, 20.0]
+    assert inlet.of("arm")[0].values[0, :3].tolist() == [24.0, 1.25, 30.0]
+    assert inlet.of("motion")[0].values[0, 14:21].tolist() == [14.0, 15.0, 16.0, 17.0, 18.0, 19.0, 20.0]

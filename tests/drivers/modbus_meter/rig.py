@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
-from dataclasses import dataclass
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from typing import Any
 
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import SimData, SimDevice
 
-from cellwatt.errors import SourceError
 from cellwatt_drivers.modbus_meter import ModbusMeterDriver, ModbusMeterSettings
 from cellwatt_drivers.modbus_meter.emulator import ModbusMeterEmulator
 
 from ..inlet import CollectingInlet
-from ..running import Steady, served, supervised
+from ..running import Run, Steady, endpoint, repeated, served
 
 STILL = Steady({"supply.voltage": 230.0, "supply.current": 2.5, "supply.power": 500.0})
 
@@ -40,28 +38,11 @@ async def answering(*registers: SimData, **more: Any) -> AsyncIterator[str]:
 
 
 def settings(place: str, **changes: object) -> ModbusMeterSettings:
-    if place.startswith("/"):
-        base: dict[str, object] = {"line": place, "parity": "none"}
-    else:
-        host, _, port = place.rpartition(":")
-        base = {"host": host, "port": int(port)}
+    base = {"line": place, "parity": "none"} if place.startswith("/") else endpoint(place)
     if "map" not in changes:
         base["meter"] = "eastron_sdm630"
     return ModbusMeterSettings.model_validate(base | {"rate": "20 Hz"} | changes)
 
 
-@dataclass
-class Run:
-    driver: ModbusMeterDriver
-    inlet: CollectingInlet
-    failures: list[SourceError]
-
-
-@asynccontextmanager
-async def running(wanted: ModbusMeterSettings) -> AsyncIterator[Run]:
-    """A driver that is run again when it fails, until the end of the context; the account must be even then."""
-    inlet = CollectingInlet()
-    run = Run(ModbusMeterDriver("meter", wanted, inlet), inlet, [])
-
-    async with supervised(run.driver, inlet) as run.failures:
-        yield run
+def running(wanted: ModbusMeterSettings) -> AbstractAsyncContextManager[Run[ModbusMeterDriver]]:
+    return repeated(ModbusMeterDriver("meter", wanted, CollectingInlet()))

@@ -7,10 +7,10 @@ import pytest
 from pymodbus.simulator import DataType, SimData
 
 from cellwatt.channel import Quality
+from cellwatt.emulation.relay import clients
 from cellwatt.errors import ConnectError, WrongDeviceError
 from cellwatt_drivers.modbus_meter import ModbusMeterDriver
 from cellwatt_drivers.modbus_meter.meter_map import METERS
-from tests.patience import PATIENCE
 
 from ..inlet import CollectingInlet
 from .rig import answering, emulated, running, settings
@@ -46,26 +46,17 @@ async def test_every_meter_in_si_units(meter, address):
 async def test_an_rtu_exchange_byte_by_byte():
     """The worked exchange of an SDM630: U1 = 230.10 V; through a serial device server."""
     heard = asyncio.Queue()
-    left = asyncio.Event()
 
     async def meter(reader, writer):
         while len(request := await reader.read(8)) == 8:
             heard.put_nowait(request)
             frequency = request[3] == 0x46  # asked for once, to know the meter
             writer.write(bytes.fromhex("01 04 04 42 48 00 00 6F EA" if frequency else "01 04 04 43 66 19 9A 85 E4"))
-        writer.close()
-        await writer.wait_closed()
-        left.set()
 
-    server = await asyncio.start_server(meter, "127.0.0.1", 0)
-    host, port = server.sockets[0].getsockname()
-    wanted = settings(f"{host}:{port}", framing="rtu", read=["phase_1.voltage"])
-    async with running(wanted) as run:
+    async with clients(meter) as (place, _), running(settings(place, framing="rtu", read=["phase_1.voltage"])) as run:
         await run.inlet.until(lambda o: len(o.readings) >= 2)
-    await asyncio.wait_for(left.wait(), PATIENCE)
     assert heard.get_nowait() == bytes.fromhex("01 04 00 00 00 02 71 CB")
     assert run.inlet.values[:, 0] == pytest.approx([230.10] * len(run.inlet.readings), abs=1e-4)
-    server.close()
 
 
 async def test_against_a_server_that_we_did_not_write():

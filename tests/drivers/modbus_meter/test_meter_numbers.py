@@ -5,11 +5,12 @@ from __future__ import annotations
 import asyncio
 import struct
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 
 import pytest
 from pymodbus.simulator import DataType, SimData
 
+from cellwatt.emulation.relay import clients
 from cellwatt.errors import ConnectError
 from cellwatt_drivers.modbus_meter import ModbusMeterDriver
 from cellwatt_drivers.shared.modbus import Numbering
@@ -87,35 +88,27 @@ def test_a_late_answer_is_no_strange_one():
 async def test_answers_in_pieces_and_late_ones_before_them_are_read(tmp_path):
     """As converters and proxies send them: byte by byte, and in one segment with the answer to a request given up."""
     (tmp_path / "map.yaml").write_text(MAP)
-    left = asyncio.Event()
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         late = b""
-        with suppress(asyncio.IncompleteReadError, ConnectionError):
-            while request := await reader.readexactly(12):
-                number, _, _, unit, function, _, count = struct.unpack(">HHHBBHH", request)
-                words = struct.pack(">2H", 230, 50)[: 2 * count]
-                answer = struct.pack(">HHHBBB", number, 0, 3 + len(words), unit, function, len(words)) + words
-                if number % 8 == 0:
-                    late = answer
-                    continue
-                if late:
-                    writer.write(late + answer)
-                    late = b""
-                    continue
-                for byte in answer:
-                    writer.write(bytes([byte]))
-                    await writer.drain()
-                    await asyncio.sleep(0)
-        writer.close()
-        left.set()
+        while request := await reader.readexactly(12):
+            number, _, _, unit, function, _, count = struct.unpack(">HHHBBHH", request)
+            words = struct.pack(">2H", 230, 50)[: 2 * count]
+            answer = struct.pack(">HHHBBB", number, 0, 3 + len(words), unit, function, len(words)) + words
+            if number % 8 == 0:
+                late = answer
+                continue
+            if late:
+                writer.write(late + answer)
+                late = b""
+                continue
+            for byte in answer:
+                writer.write(bytes([byte]))
+                await writer.drain()
+                await asyncio.sleep(0)
 
-    server = await asyncio.start_server(serve, "127.0.0.1", 0)
-    place = f"127.0.0.1:{server.sockets[0].getsockname()[1]}"
     changes = {"map": str(tmp_path / "map.yaml"), "timeout": "100 ms", "retries": 0}
-    async with server:
-        async with running(settings(place, **changes)) as run:
-            await run.inlet.until(lambda o: o.account.received >= 12 and o.account.counters["timeouts"])
-        await left.wait()
+    async with clients(serve) as (place, _), running(settings(place, **changes)) as run:
+        await run.inlet.until(lambda o: o.account.received >= 12 and o.account.counters["timeouts"])
     assert {tuple(row) for row in run.inlet.values.tolist()} == {(230.0, 50.0)}
     assert not run.failures

@@ -3,7 +3,6 @@ from __future__ import annotations
 from importlib.machinery import PathFinder
 
 import pytest
-from pydantic import ValidationError
 
 from cellwatt.errors import ConfigError
 from cellwatt_drivers.modbus_meter import ModbusMeterDriver, ModbusMeterSettings
@@ -30,20 +29,6 @@ def test_only_what_is_wanted_is_read_in_the_order_of_the_settings():
     assert stream.names == ("supply.power", "phase_1.voltage")
     with pytest.raises(ConfigError, match=r"read: a PAC3200 has no supply\.torque; it has: phase_1\.voltage"):
         make(read=["supply.torque"])
-
-
-@pytest.mark.parametrize(
-    ("found", "why"),
-    [
-        ({"meter": "siemens_pac3200"}, "either 'host' or 'line'"),
-        (GOOD | {"line": "/dev/ttyUSB0"}, "either 'host' or 'line'"),
-        ({"host": "192.0.2.1"}, "either 'meter'"),
-        ({"line": "COM3", "meter": "siemens_pac3200"}, "path of a serial port"),
-    ],
-)
-def test_wrong_settings_say_what_is_wrong(found, why):
-    with pytest.raises(ValidationError, match=why):
-        ModbusMeterSettings.model_validate(found)
 
 
 def test_a_missing_extra_is_named(monkeypatch):

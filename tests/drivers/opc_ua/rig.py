@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
-from dataclasses import dataclass
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from pathlib import Path
 
 from cryptography import x509
@@ -13,12 +12,11 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from cellwatt.errors import SourceError
 from cellwatt_drivers.opc_ua import OpcUaDriver, OpcUaSettings
 from cellwatt_drivers.opc_ua.emulator import OpcUaEmulator
 
 from ..inlet import CollectingInlet
-from ..running import Steady, served, supervised
+from ..running import Run, Steady, endpoint, repeated, served
 
 _USES = x509.KeyUsage(
     digital_signature=True,
@@ -56,30 +54,16 @@ async def emulated(signals=STILL, **changes: str) -> AsyncIterator[tuple[OpcUaEm
 
 
 def settings(place: str, **changes: object) -> OpcUaSettings:
-    host, _, port = place.rpartition(":")
-    base = {"host": host, "port": int(port), "rate": "20 Hz", "publish": "50 ms", **PLC}
-    return OpcUaSettings.model_validate(base | changes)
+    base = {"rate": "20 Hz", "publish": "50 ms", **PLC}
+    return OpcUaSettings.model_validate(endpoint(place) | base | changes)
 
 
-def driver(place: str, **changes: object) -> tuple[OpcUaDriver, CollectingInlet]:
-    inlet = CollectingInlet()
-    return OpcUaDriver("plc", settings(place, **changes), inlet), inlet
+def driver(place: str, **changes: object) -> OpcUaDriver:
+    return OpcUaDriver("plc", settings(place, **changes), CollectingInlet())
 
 
-@dataclass
-class Run:
-    driver: OpcUaDriver
-    inlet: CollectingInlet
-    failures: list[SourceError]
-
-
-@asynccontextmanager
-async def running(place: str, **changes: object) -> AsyncIterator[Run]:
-    """A driver that is run again when it fails, until the end of the context; the account must be even then."""
-    made, inlet = driver(place, **changes)
-    run = Run(made, inlet, [])
-    async with supervised(made, inlet) as run.failures:
-        yield run
+def running(place: str, **changes: object) -> AbstractAsyncContextManager[Run[OpcUaDriver]]:
+    return repeated(driver(place, **changes))
 
 
 def certificate(folder: Path, name: str, uri: str | None = None) -> tuple[Path, Path]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import math
 import shutil
-import socket
 import subprocess
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -15,9 +14,10 @@ import numpy as np
 import pytest
 
 from cellwatt_drivers.opc_ua import OpcUaDriver, OpcUaSettings
+from tests.daemon.outlets.zenoh.processes import free_port
 
 from ..inlet import CollectingInlet
-from ..running import supervised
+from ..running import repeated
 from .rig import certificate
 
 TAGS = {
@@ -41,9 +41,7 @@ LACKS = _lacks()
 
 @asynccontextmanager
 async def served(folder: Path) -> AsyncIterator[int]:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     script = Path(__file__).with_name("other_server.js")
     process = await asyncio.create_subprocess_exec(
         "node", str(script), str(port), str(folder / "pki"), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
@@ -65,12 +63,11 @@ async def test_a_server_of_another_library_is_read(tmp_path):
     common |= {"rate": "20 Hz", "publish": "100 ms"}
     async with served(tmp_path) as port:
         for security in ({}, *({"security": s, "certificate": files[0], "key": files[1]} for s in ("sign", "encrypt"))):
-            inlet = CollectingInlet()
             settings = OpcUaSettings.model_validate(common | {"port": port} | security)
-            driver = OpcUaDriver("plc", settings, inlet)
-            async with supervised(driver, inlet) as failures:
-                await inlet.until(lambda o: o.account.received > 30 or bool(failures))
-            assert not failures and not inlet.resets
+            async with repeated(OpcUaDriver("plc", settings, CollectingInlet())) as run:
+                await run.inlet.until(lambda o, run=run: o.account.received > 30 or bool(run.failures))
+            inlet = run.inlet
+            assert not run.failures and not inlet.resets
             good = inlet.values[np.isfinite(inlet.values).all(axis=1)]
             assert good[:, [0, 1, 3]] == pytest.approx(np.tile([1500.0, math.radians(90), 1.0], (len(good), 1)))
             assert (np.diff(good[:, 2]) >= 0).all()

@@ -124,6 +124,15 @@ def test_values_with_old_time_stamps_are_taken_as_published(bench):
     assert bench.inlet.kinds() == ["stale_time"]
 
 
+def test_a_tag_whose_time_stamps_never_rise_is_told_once_whatever_comes_in_between(bench):
+    for at in (100, 300, 500):
+        bench.tell(at, item(0, at, 3.0), item(1, 3, float(at)))
+        bench.tell(at + 100, item(0, at + 100, 4.0))
+    bench.tell(700, item(1, 703, 5.0))
+    bench.tell(800, item(1, 703, 6.0))
+    assert bench.inlet.kinds() == ["stale_time"] * 2
+
+
 @pytest.mark.parametrize("jump", [-30_000, 30_000])
 def test_a_clock_that_jumps_is_reset(bench, jump):
     bench.tell(100, item(0, 100 + jump, 3.0), clock=jump * MS)

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
-from cellwatt import Reading, SourceError, Stream
+from cellwatt import Reading, Stream
 from cellwatt_drivers.power_board import PowerBoardDriver, PowerBoardSettings
 from cellwatt_drivers.power_board.emulator import PowerBoardEmulator
 from tests.drivers.inlet import CollectingInlet
 from tests.drivers.power_board.samples import Slope
-from tests.drivers.running import served, supervised
+from tests.drivers.running import repeated, served
 from tests.patience import eventually
 
 
@@ -43,7 +42,7 @@ class Inlet(CollectingInlet):
     def event(self, kind: str, text: str, **data: str | float) -> None:
         self.texts.append(text)
 
-    def of(self, channel: str) -> np.ndarray:
+    def channel(self, channel: str) -> np.ndarray:
         """All values of a channel, in the order in which they were given."""
         return np.concatenate([r.values[:, r.stream.names.index(channel)] for r in self.readings])
 
@@ -56,24 +55,15 @@ async def emulated(**options: str) -> AsyncIterator[tuple[PowerBoardEmulator, st
         yield emulator, port
 
 
-@dataclass
-class Supervised:
-    """A driver that is run again whenever it fails, as the daemon does, without the pauses."""
-
-    inlet: Inlet
-    errors: list[SourceError]
-
-
 @asynccontextmanager
 async def cell(settings: dict | None = None, **options: str):
-    """Emulator, supervised driver and inlet, all going: yields (emulator, supervised)."""
+    """Emulator, supervised driver and inlet, all going: yields (emulator, run)."""
     async with emulated(**options) as (emulator, port):
         given = {"port": port, "rate": "123 Hz", "reorder": "5 s"} | (settings or {})
         given.setdefault("mode", options.get("mode", "api"))
         given.setdefault("phases", int(options.get("phases", "3")))
-        inlet = Inlet()
-        async with supervised(PowerBoardDriver("board", PowerBoardSettings(**given), inlet), inlet) as errors:
-            yield emulator, Supervised(inlet, errors)
+        async with repeated(PowerBoardDriver("board", PowerBoardSettings(**given), Inlet())) as run:
+            yield emulator, run
 
 
 async def settled(emulator: PowerBoardEmulator, inlet: Inlet, samples: int) -> dict[str, int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import pytest
@@ -30,6 +31,14 @@ class Simulated:
         return clock.place(packet(number, samples=self.samples, late=self.offset), arrival)
 
 
+def after(numbers: Iterable[int], **what: float) -> tuple[Simulated, BoardClock]:
+    """A board of which these packets came, and the clock that saw them."""
+    board, clock = Simulated(**what), BoardClock(RATE)
+    for number in numbers:
+        board.place(clock, number)
+    return board, clock
+
+
 def microseconds(number: int) -> int:
     return round(number / RATE * 1e6)
 
@@ -49,11 +58,9 @@ def test_wraps_of_both_counters_are_followed(first: int, drift: float, seed: int
 
 @pytest.mark.parametrize(("hours", "drift", "samples"), [(0.1, 0.0, 1), (1, -100e-6, 2), (12, 100e-6, 1)])
 def test_outage_is_counted_exactly(hours: float, drift: float, samples: int) -> None:
-    board, clock = Simulated(drift, samples=samples), BoardClock(RATE)
-    for number in range(0, 2000, samples):
-        board.place(clock, number)
-    after = 2000 + samples * round(hours * 3600 * RATE / samples)
-    assert board.place(clock, after) == PacketPosition(after, microseconds(after), "follows")
+    board, clock = after(range(0, 2000, samples), drift=drift, samples=samples)
+    then = 2000 + samples * round(hours * 3600 * RATE / samples)
+    assert board.place(clock, then) == PacketPosition(then, microseconds(then), "follows")
 
 
 @pytest.mark.parametrize("true_rate", [10.0, 246.0])
@@ -75,18 +82,14 @@ def test_change_of_rate_is_at_most_two_jumps() -> None:
 
 
 def test_duplicates_and_overtaken_packets_lie_behind() -> None:
-    board, clock = Simulated(), BoardClock(RATE)
-    for number in (*range(50), 52):
-        board.place(clock, number)
+    board, clock = after((*range(50), 52))
     for number in (51, 52, 30, 50):
         assert board.place(clock, number, delay=0.3) == PacketPosition(number, microseconds(number), "behind")
     assert board.place(clock, 53).verdict == "follows"
 
 
 def test_stalled_link_that_catches_up_is_no_jump() -> None:
-    board, clock = Simulated(), BoardClock(RATE)
-    for number in range(100):
-        board.place(clock, number)
+    board, clock = after(range(100))
     end = 100 + round(50.0 * RATE)
     for number in range(100, end):  # all arrive together, at the end
         place = board.place(clock, number, delay=0.01 + (end - number) / RATE)
@@ -95,9 +98,7 @@ def test_stalled_link_that_catches_up_is_no_jump() -> None:
 
 @pytest.mark.parametrize(("jump", "lost"), [(-1800.0, 1), (-0.1, 40), (0.1, 0), (1800.0, 40)])
 def test_clock_jump_keeps_the_sequence(jump: float, lost: int) -> None:
-    board, clock = Simulated(), BoardClock(RATE)
-    for number in range(2000):
-        board.place(clock, number)
+    board, clock = after(range(2000))
     board.offset = round(jump * 1e6)
     place = board.place(clock, 2000 + lost)
     assert (place.sequence, place.verdict) == (2000 + lost, "jumped")
@@ -106,9 +107,7 @@ def test_clock_jump_keeps_the_sequence(jump: float, lost: int) -> None:
 
 
 def test_packet_overtaken_by_a_clock_jump_is_stale() -> None:
-    board, clock = Simulated(), BoardClock(RATE)
-    for number in range(100):
-        board.place(clock, number)
+    board, clock = after(range(100))
     board.offset = -50_000_000
     assert board.place(clock, 101).verdict == "jumped"
     assert board.place(clock, 102).verdict == "follows"
@@ -122,10 +121,8 @@ def test_packet_overtaken_by_a_clock_jump_is_stale() -> None:
 @pytest.mark.parametrize(("uptime", "away"), [(70.0, 0.3), (3000.0, 400.0), (40_000.0, 5.0)])
 def test_restart_is_seen_at_the_first_packet(uptime: float, away: float) -> None:
     """Sequence and clock both begin at 0, which lies on the very line that they came from."""
-    board, clock = Simulated(), BoardClock(RATE)
     end = round(uptime * RATE)
-    for number in range(end - 1000, end):
-        board.place(clock, number)
+    _, clock = after(range(end - 1000, end))
     restarted = START + round((uptime + away) * 1e9)
     place = clock.place(packet(3), restarted)
     assert place == PacketPosition(3, microseconds(3), "restarted")
@@ -133,17 +130,13 @@ def test_restart_is_seen_at_the_first_packet(uptime: float, away: float) -> None
 
 
 def test_restart_within_the_first_minute_is_seen_after_some_packets() -> None:
-    board, clock = Simulated(), BoardClock(RATE)
-    for number in range(500):
-        board.place(clock, number)
+    _, clock = after(range(500))
     back = START + 6 * SECOND
     verdicts = [clock.place(packet(n), back + round(n / RATE * 1e9)).verdict for n in range(MOST_BEHIND + 2)]
     assert verdicts == ["behind"] * (MOST_BEHIND - 1) + ["restarted", "follows", "follows"]
 
 
 def test_counter_that_starts_again_without_the_clock_is_a_restart() -> None:
-    board, clock = Simulated(), BoardClock(RATE)
-    for number in range(20_000, 20_500):
-        board.place(clock, number)
+    _, clock = after(range(20_000, 20_500))
     made = packet(20_500)._replace(sequence=0)
     assert clock.place(made, START + round(20_500 / RATE * 1e9)).verdict == "restarted"

@@ -15,36 +15,36 @@ FAST = {"rate": "500"}
 
 @pytest.mark.parametrize(("mode", "batch"), [("api", "1"), ("api_escaped", "2"), ("transparent", "1")])
 async def test_all_samples_come_in_every_mode(mode: str, batch: str) -> None:
-    async with cell(mode=mode, batch=batch, rate="400") as (emulator, supervised):
-        counts = await settled(emulator, supervised.inlet, 200)
-        account = supervised.inlet.account
+    async with cell(mode=mode, batch=batch, rate="400") as (emulator, run):
+        counts = await settled(emulator, run.inlet, 200)
+        account = run.inlet.account
         assert account.received == counts["made"] == counts["sent"]
         assert not account.missed
-        assert supervised.errors == []
+        assert run.failures == []
         assert counts["heard"] == 0, "the driver wrote to the port"
-        step = np.diff(supervised.inlet.device_time)
+        step = np.diff(run.inlet.device_time)
         assert np.all(np.abs(step - 2_500_000) <= 1000)
 
 
 async def test_values_are_those_of_the_moment_they_were_sampled() -> None:
-    async with cell(phases="3", **FAST) as (emulator, supervised):
-        await settled(emulator, supervised.inlet, 250)
-        inlet = supervised.inlet
-        power, seconds = inlet.of("supply.power"), inlet.device_time / 1e9
+    async with cell(phases="3", **FAST) as (emulator, run):
+        await settled(emulator, run.inlet, 250)
+        inlet = run.inlet
+        power, seconds = inlet.channel("supply.power"), inlet.device_time / 1e9
         # the slope of Slope, 10 W/s, and no more than three phases rounded to 10 mW beside it
         assert np.ptp(power - 10.0 * seconds) <= 0.03
-        assert np.all(inlet.of("supply.voltage") == 230.0)
-        assert np.allclose(inlet.of("supply.current"), power / 230.0, atol=0.003)
-        assert np.allclose(inlet.of("phase_2.power"), power / 3, atol=0.02)
+        assert np.all(inlet.channel("supply.voltage") == 230.0)
+        assert np.allclose(inlet.channel("supply.current"), power / 230.0, atol=0.003)
+        assert np.allclose(inlet.channel("phase_2.power"), power / 3, atol=0.02)
         assert all(r.quality is not None and (r.quality == Quality.GOOD).all() for r in inlet.readings)
 
 
 async def test_single_phase_and_explicit_frames() -> None:
-    async with cell(phases="1", explicit="yes", mode="api_escaped", **FAST) as (emulator, supervised):
-        await settled(emulator, supervised.inlet, 50)
-        inlet = supervised.inlet
-        assert np.all(inlet.of("supply.power") == inlet.of("phase_1.power"))
-        assert np.all(inlet.of("supply.current") == inlet.of("phase_1.current"))
+    async with cell(phases="1", explicit="yes", mode="api_escaped", **FAST) as (emulator, run):
+        await settled(emulator, run.inlet, 50)
+        inlet = run.inlet
+        assert np.all(inlet.channel("supply.power") == inlet.channel("phase_1.power"))
+        assert np.all(inlet.channel("supply.current") == inlet.channel("phase_1.current"))
         assert inlet.identities[0].model == "power board 7"
         assert inlet.account.counters["frames: modem status"] == 1
 
@@ -60,8 +60,8 @@ async def test_single_phase_and_explicit_frames() -> None:
     ],
 )
 async def test_fault_is_counted_as_injected(kind: str, mode: str, batch: int) -> None:
-    async with cell(mode=mode, batch=str(batch), **FAST) as (emulator, supervised):
-        inlet = supervised.inlet
+    async with cell(mode=mode, batch=str(batch), **FAST) as (emulator, run):
+        inlet = run.inlet
         await settled(emulator, inlet, 20)
         emulator.inject(Fault(kind, probability=0.3, seconds=0.02))
         await eventually(lambda: emulator.counts.get(kind, 0) >= 15)
@@ -75,25 +75,25 @@ async def test_fault_is_counted_as_injected(kind: str, mode: str, batch: int) ->
         assert account.counters["reordered"] == (counts[kind] if kind == "reorder" else 0)
         assert account.counters["late"] == 0
         assert (account.counters["garbage bytes"] > 0) == (kind in {"garbage", "half_frame"})
-        assert supervised.errors == []
+        assert run.failures == []
         assert inlet.resets == []
-        assert np.ptp(inlet.of("supply.power") - 10.0 * inlet.device_time / 1e9) <= 0.03
+        assert np.ptp(inlet.channel("supply.power") - 10.0 * inlet.device_time / 1e9) <= 0.03
 
 
 @pytest.mark.parametrize("seconds", [0.5, -2000.0])
 async def test_clock_jump_is_one_reset_and_no_loss(seconds: float) -> None:
-    async with cell(**FAST) as (emulator, supervised):
-        before = await settled(emulator, supervised.inlet, 20)
+    async with cell(**FAST) as (emulator, run):
+        before = await settled(emulator, run.inlet, 20)
         emulator.inject(Fault("clock_jump", seconds=seconds))
-        counts = await settled(emulator, supervised.inlet, before["made"] + 80)
-        assert supervised.inlet.account.received == counts["made"]
-        assert supervised.inlet.resets == [f"its clock jumped by {seconds:+.3f} s"]
-        assert supervised.inlet.texts == [f"board: board 7: its clock jumped by {seconds:+.3f} s"]
+        counts = await settled(emulator, run.inlet, before["made"] + 80)
+        assert run.inlet.account.received == counts["made"]
+        assert run.inlet.resets == [f"its clock jumped by {seconds:+.3f} s"]
+        assert run.inlet.texts == [f"board: board 7: its clock jumped by {seconds:+.3f} s"]
 
 
 async def test_port_vanishes_and_comes_back(tmp_path) -> None:
-    async with cell(link=str(tmp_path / "board"), **FAST) as (emulator, supervised):
-        inlet = supervised.inlet
+    async with cell(link=str(tmp_path / "board"), **FAST) as (emulator, run):
+        inlet = run.inlet
         await settled(emulator, inlet, 50)
         for n in (1, 2):
             emulator.inject(Fault("disconnect", seconds=0.3))
@@ -104,5 +104,5 @@ async def test_port_vanishes_and_comes_back(tmp_path) -> None:
         assert inlet.account.missed == {"gap": counts["unheard"]}
         assert inlet.account.received == counts["made"] - counts["unheard"] == counts["sent"]
         assert inlet.resets == [], "the board's clock went on: its numbering tells what was lost"
-        assert any("the port is gone" in str(e) for e in supervised.errors)
-        assert all("the port is gone" in str(e) or "no such port" in str(e) for e in supervised.errors)
+        assert any("the port is gone" in str(e) for e in run.failures)
+        assert all("the port is gone" in str(e) or "no such port" in str(e) for e in run.failures)

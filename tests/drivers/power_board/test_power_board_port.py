@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
 
@@ -14,9 +15,9 @@ from cellwatt_drivers.power_board import PowerBoardDriver, PowerBoardSettings, w
 from cellwatt_drivers.power_board import port as port_module
 from cellwatt_drivers.power_board.payload import build
 from cellwatt_drivers.power_board.virtual_port import VirtualPort
+from tests.doing import doing
 from tests.drivers.power_board.rig import Inlet
 from tests.drivers.power_board.samples import NETWORK, SENDER, packet
-from tests.drivers.running import going
 from tests.patience import PATIENCE, eventually
 
 
@@ -45,7 +46,7 @@ async def failure(running_driver: PowerBoardDriver) -> SourceError:
 async def listening(line: VirtualPort, **settings):
     """A driver that has the port open, and its inlet."""
     made = driver(line.path, silence="20 s", **settings)
-    async with going(made.run()):
+    async with doing(made.run()):
         await eventually(lambda: line.opened and not line.read() and line.flushed)
         yield made, made.inlet
 
@@ -79,13 +80,20 @@ async def test_silent_port(line: VirtualPort) -> None:
     assert f"{line.path}: in 0.05 s not one byte at 115200 baud" in str(error)
 
 
+async def feed(line: VirtualPort, until: Callable[[], bool], data: Callable[[int], bytes], first: int = 1) -> int:
+    """Write the data of each number to the open port until a condition holds; return the next number."""
+    async with asyncio.timeout(PATIENCE):
+        while not until():
+            if line.opened:
+                line.write(data(first))
+                first += 1
+            await asyncio.sleep(0.01)
+    return first
+
+
 async def feed_until_failure(line: VirtualPort, data: bytes, **settings) -> SourceError:
     failing = asyncio.create_task(failure(driver(line.path, silence="300 ms", **settings)))
-    async with asyncio.timeout(PATIENCE):
-        while not failing.done():
-            if line.opened:
-                line.write(data)
-            await asyncio.sleep(0.01)
+    await feed(line, failing.done, lambda _: data)
     return await failing
 
 
@@ -93,6 +101,8 @@ async def test_wrong_baud_rate(line: VirtualPort) -> None:
     error = await feed_until_failure(line, bytes(range(256)), baud=57600)
     assert isinstance(error, ProtocolError)
     assert "bytes but no valid frame at 57600 baud: wrong baud rate or mode?" in str(error)
+    again = await feed_until_failure(line, bytes(range(99)), baud=57600)
+    assert str(again) == str(error), "else each attempt is an event of its own"
 
 
 async def test_other_board_is_the_wrong_device(line: VirtualPort) -> None:
@@ -129,16 +139,9 @@ async def test_several_boards_share_a_port(line: VirtualPort) -> None:
 
 async def test_one_of_several_boards_falls_silent(line: VirtualPort) -> None:
     made = driver(line.path, boards=[3, 4], silence="300 ms")
-    number = 0
-    async with going(made.run()):
-        while len(made.inlet.texts) < 1:
-            number += 1
-            line.write(frame(number, board=3))
-            await asyncio.sleep(0.01)
-        while len(made.inlet.texts) < 2:
-            number += 1
-            line.write(frame(number, board=3) + frame(number, board=4))
-            await asyncio.sleep(0.01)
+    async with doing(made.run()):
+        number = await feed(line, lambda: len(made.inlet.texts) >= 1, lambda n: frame(n, board=3))
+        await feed(line, lambda: len(made.inlet.texts) >= 2, lambda n: frame(n, board=3) + frame(n, board=4), number)
     assert made.inlet.texts == ["board: board 4: silent", "board: board 4: heard again"]
 
 
@@ -154,10 +157,7 @@ async def test_restarted_board_is_reported_and_goes_on(line: VirtualPort) -> Non
 async def test_what_waits_is_given_when_the_port_goes(line: VirtualPort) -> None:
     made = driver(line.path, reorder="10 s", silence="20 s")
     task = asyncio.create_task(made.run())
-    while made.inlet.account.received == 0:
-        if line.opened:
-            line.write(frame(0))
-        await asyncio.sleep(0.01)
+    await feed(line, lambda: made.inlet.account.received > 0, lambda _: frame(0))
     line.write(frame(2) + b"\x00")
     await eventually(lambda: made.inlet.account.counters["garbage bytes"] == 1)
     line.unplug()
@@ -174,7 +174,5 @@ async def test_latency_timer_is_noted(line: VirtualPort, tmp_path: Path, monkeyp
     for text, noted in (("16\n", True), ("1\n", False), ("soon", False)):
         timer.write_text(text)
         identifying = asyncio.create_task(driver(line.path).identify())
-        while not identifying.done():
-            line.write(frame(1))
-            await asyncio.sleep(0.01)
+        await feed(line, identifying.done, lambda _: frame(1))
         assert ("latency timer" in (await identifying).notes) == noted

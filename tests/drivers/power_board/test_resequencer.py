@@ -17,14 +17,21 @@ def placed(number: int, arrival: int = 0, samples: int = 1) -> Placed:
     return Placed(packet(number, samples=samples), number, number * 8130, arrival)
 
 
+def begun(window: int, *released: int) -> Resequencer:
+    """After the packets of some numbers, by default only the first."""
+    order = Resequencer(window)
+    for number in released or (0,):
+        order.put(placed(number))
+        order.release(0)
+    return order
+
+
 def numbers(released: list[tuple[int, Placed]]) -> list[tuple[int, int]]:
     return [(gap, p.sequence) for gap, p in released]
 
 
 def test_overtaken_packet_is_put_back() -> None:
-    order = Resequencer(WINDOW)
-    order.put(placed(0))
-    order.release(0)
+    order = begun(WINDOW)
     assert order.put(placed(2, arrival=10)) == ""
     assert numbers(order.release(10)) == []
     assert order.deadline == 10 + WINDOW
@@ -33,9 +40,7 @@ def test_overtaken_packet_is_put_back() -> None:
 
 
 def test_gap_is_given_up_in_time() -> None:
-    order = Resequencer(WINDOW)
-    order.put(placed(0))
-    order.release(0)
+    order = begun(WINDOW)
     order.put(placed(3, arrival=10))
     order.put(placed(5, arrival=30))
     assert numbers(order.release(10 + WINDOW - 1)) == []
@@ -44,19 +49,14 @@ def test_gap_is_given_up_in_time() -> None:
 
 
 def test_what_comes_after_is_late_and_twice_is_a_duplicate() -> None:
-    order = Resequencer(0)
-    for number in (0, 3):
-        order.put(placed(number))
-        order.release(0)
+    order = begun(0, 0, 3)
     assert order.put(placed(2)) == "late"
     assert order.put(placed(3)) == "duplicates"
     assert order.put(placed(0)) == "duplicates"
 
 
 def test_what_waits_is_bounded() -> None:
-    order = Resequencer(10**9)
-    order.put(placed(0))
-    order.release(0)
+    order = begun(10**9)
     for number in range(2, MOST_HELD + 2):
         order.put(placed(number))
         assert order.release(0) == []

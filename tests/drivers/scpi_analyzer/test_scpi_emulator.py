@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -32,14 +33,7 @@ def test_spellings_of_one_query(analyzer, line):
 
 
 def test_a_measurement_stands_for_a_tenth_of_a_second():
-    class Ramp:
-        def at(self, t):
-            return {"supply.power": 1000.0 * t}
-
-        def disturb(self, change):
-            raise ValueError
-
-    analyzer = EmulatedAnalyzer(Ramp(), "x")
+    analyzer = EmulatedAnalyzer(SimpleNamespace(at=lambda t: {"supply.power": 1000.0 * t}), "x")
     analyzer.execute("CHAN1:MEAS:FUNC P", 0.0)
     # The mean of 1000 t over 0.9 … 1.0 s is 950, and stays until 1.1 s.
     assert analyzer.execute("CHAN1:MEAS:DATA?", 1.001) == "9.5000E+02"
@@ -48,15 +42,11 @@ def test_a_measurement_stands_for_a_tenth_of_a_second():
 
 
 def test_alternating_current_is_measured_as_root_mean_square():
-    class Sine:
-        def at(self, t):
-            wave = np.sin(2 * math.pi * 50.0 * t)
-            return {"supply.voltage": 325.0 * wave, "supply.current": 2.0 * wave, "supply.power": 650.0 * wave**2}
+    def sine(t):
+        wave = np.sin(2 * math.pi * 50.0 * t)
+        return {"supply.voltage": 325.0 * wave, "supply.current": 2.0 * wave, "supply.power": 650.0 * wave**2}
 
-        def disturb(self, change):
-            raise ValueError
-
-    analyzer = EmulatedAnalyzer(Sine(), "x")
+    analyzer = EmulatedAnalyzer(SimpleNamespace(at=sine), "x")
     analyzer.execute("CHAN1:MEAS:FUNC URMS,IRMS,P,LAMB", 0.0)
     found = [float(x) for x in analyzer.execute("CHAN1:MEAS:DATA?", 1.0).split(",")]
     assert found == pytest.approx([325 / math.sqrt(2), 2 / math.sqrt(2), 325.0, 1.0], rel=1e-3)

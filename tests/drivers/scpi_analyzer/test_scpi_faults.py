@@ -8,10 +8,12 @@ from contextlib import asynccontextmanager
 import pytest
 
 from cellwatt.emulation import Fault
+from cellwatt_drivers.scpi_analyzer import ScpiAnalyzerDriver
 from cellwatt_drivers.scpi_analyzer.emulator import ScpiAnalyzerEmulator
 from tests.patience import eventually
 
-from .rig import Inlet, emulated, running, settings
+from ..running import Run, strike
+from .rig import emulated, running, settings
 
 IGNORED = ("repeats", "merged ticks")
 
@@ -19,56 +21,51 @@ IGNORED = ("repeats", "merged ticks")
 @asynccontextmanager
 async def struck(
     fault: Fault, *, times: int, address: str = "127.0.0.1:0", **changes: object
-) -> AsyncIterator[tuple[ScpiAnalyzerEmulator, Inlet]]:
+) -> AsyncIterator[tuple[ScpiAnalyzerEmulator, Run[ScpiAnalyzerDriver]]]:
     """A driver and an emulator after a fault has struck ``times`` times and calm has returned."""
     changes = {"timeout": "300 ms", "rate": "50 Hz"} | changes
-    async with emulated(address) as (emulator, place), running(settings(place, **changes)) as (_, inlet):
-        await eventually(lambda: len(inlet.readings) > 3)
-        emulator.inject(fault)
-        await eventually(lambda: emulator.injector.counts[fault.kind] >= times)
-        if fault.kind not in {"stall", "disconnect"}:
-            emulator.inject(Fault(fault.kind, probability=0))
-        seen = len(inlet.readings)
-        await eventually(lambda: len(inlet.readings) > seen + 10)
-        yield emulator, inlet
+    async with emulated(address) as (emulator, place), running(settings(place, **changes)) as run:
+        await eventually(lambda: len(run.inlet.readings) > 3)
+        await strike(emulator, run.inlet, fault, times)
+        yield emulator, run
 
 
-def counters(inlet: Inlet) -> dict[str, int]:
+def counters(run: Run[ScpiAnalyzerDriver]) -> dict[str, int]:
     """What was counted; a connection lost before it delivered is given up and run again: counted as a reconnect."""
-    found = {k: n for k, n in inlet.account.counters.items() if k not in IGNORED}
-    reconnects = found.pop("reconnects", 0) + len(inlet.failures)
+    found = {k: n for k, n in run.inlet.account.counters.items() if k not in IGNORED}
+    reconnects = found.pop("reconnects", 0) + len(run.failures)
     return found | ({"reconnects": reconnects} if reconnects else {})
 
 
 @pytest.mark.parametrize("address", ["127.0.0.1:0", "pty"])
 @pytest.mark.parametrize("kind", ["loss", "half_frame"])
 async def test_an_answer_that_does_not_end_is_timed_out(kind, address):
-    async with struck(Fault(kind, probability=0.2), times=5, address=address) as (emulator, inlet):
+    async with struck(Fault(kind, probability=0.2), times=5, address=address) as (emulator, run):
         n = emulator.counts[kind]
-        assert counters(inlet) == {"timeouts": n, "reconnects": n}
-        assert inlet.account.missed["timeout"] == n
-        assert inlet.account.missed["disconnected"] > 0
+        assert counters(run) == {"timeouts": n, "reconnects": n}
+        assert run.inlet.account.missed["timeout"] == n
+        assert run.inlet.account.missed["disconnected"] > 0
         assert emulator.counts["made"] - emulator.counts["sent"] == n
-        assert inlet.kinds() == ["reopened"] * (n - len(inlet.failures))
+        assert run.inlet.kinds() == ["reopened"] * (n - len(run.failures))
 
 
 async def test_late_answers_never_shift():
-    async with struck(Fault("delay", probability=0.2, seconds=0.4), times=5) as (emulator, inlet):
+    async with struck(Fault("delay", probability=0.2, seconds=0.4), times=5) as (emulator, run):
         n = emulator.counts["delay"]
-        assert counters(inlet) == {"timeouts": n, "reconnects": n}
+        assert counters(run) == {"timeouts": n, "reconnects": n}
         # A shifted answer would be an identification or an error entry in place of values.
-        assert inlet.account.missed["malformed"] == 0
+        assert run.inlet.account.missed["malformed"] == 0
 
 
 async def test_garbage_is_counted_and_shifts_nothing():
-    async with struck(Fault("garbage", probability=0.2), times=5) as (emulator, inlet):
+    async with struck(Fault("garbage", probability=0.2), times=5) as (emulator, run):
         n = emulator.counts["garbage"]
-        assert counters(inlet) == {"malformed": n, "reconnects": n}
-        assert inlet.account.missed["malformed"] == n
+        assert counters(run) == {"malformed": n, "reconnects": n}
+        assert run.inlet.account.missed["malformed"] == n
 
 
 async def test_an_outage_ends_the_run_and_the_next_one_counts_the_gap():
-    async with struck(Fault("disconnect", seconds=0.3), times=1) as (_, inlet):
-        assert "cannot be opened" in str(inlet.failures[0])
-        assert inlet.account.missed["connection lost"] == 1
-        assert inlet.account.missed["disconnected"] >= 10
+    async with struck(Fault("disconnect", seconds=0.3), times=1) as (_, run):
+        assert "cannot be opened" in str(run.failures[0])
+        assert run.inlet.account.missed["connection lost"] == 1
+        assert run.inlet.account.missed["disconnected"] >= 10

@@ -1,24 +1,10 @@
 from __future__ import annotations
 
 import pytest
-from pydantic import ValidationError
 
 from cellwatt_drivers.scpi_analyzer import ScpiAnalyzerDriver, ScpiAnalyzerSettings
 
 from .rig import Inlet
-
-
-@pytest.mark.parametrize(
-    ("found", "why"),
-    [
-        ({}, "either 'host' or 'serial'"),
-        ({"host": "192.0.2.1", "serial": "/dev/ttyACM0"}, "either 'host' or 'serial'"),
-        ({"host": "192.0.2.1", "integrate": True}, "add WH to functions"),
-    ],
-)
-def test_wrong_settings_say_what_is_wrong(found, why):
-    with pytest.raises(ValidationError, match=why):
-        ScpiAnalyzerSettings.model_validate(found)
 
 
 @pytest.mark.parametrize(

@@ -20,9 +20,10 @@ from cellwatt_drivers.ur import UrDriver, clock_check
 from cellwatt_drivers.ur.emulated_client import EmulatedClient
 from cellwatt_drivers.ur.emulated_samples import BOOTED
 from cellwatt_drivers.ur.emulator import UrEmulator
+from tests.doing import doing
 from tests.patience import eventually
 
-from ..running import served
+from ..running import endpoint, served
 
 RATE = 500.0
 
@@ -55,18 +56,11 @@ def sometimes() -> Callable[[], float]:
 
 @asynccontextmanager
 async def read(emulator: UrEmulator, batches: list[Batch]) -> AsyncIterator[Source]:
-    ready: asyncio.Future[str] = asyncio.get_running_loop().create_future()
-    serving = asyncio.create_task(emulator.serve(ready.set_result))
-    port = int((await ready).rpartition(":")[2])
-    chosen = UrDriver.Settings(host="127.0.0.1", port=port, rate="500 Hz", channels=["actual_q"])
-    source = Source("arm", lambda inlet: UrDriver("arm", chosen, inlet), time.time_ns, batches.append, lambda _: None)
-    reading = asyncio.create_task(source.run())
-    try:
-        yield source
-    finally:
-        for task in (reading, serving):  # the arm last: else a connection that is just being made has no end
-            task.cancel()
-            await asyncio.gather(task, return_exceptions=True)
+    async with served(emulator) as address:
+        chosen = UrDriver.Settings(**endpoint(address), rate="500 Hz", channels=["actual_q"])
+        made = Source("arm", lambda inlet: UrDriver("arm", chosen, inlet), time.time_ns, batches.append, lambda _: None)
+        async with doing(made.run()):  # ended before the arm: else a connection that is just being made has no end
+            yield made
 
 
 async def test_the_bound_holds_where_answers_come_before_older_packages(monkeypatch):

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
 from cellwatt.emulation import ArmSignals, Fault, load_signals
-from cellwatt.errors import ConnectError, DeviceError, ProtocolError, SourceError, WrongDeviceError
+from cellwatt.emulation.relay import clients
+from cellwatt.errors import ConnectError, DeviceError, ProtocolError, WrongDeviceError
 from cellwatt_drivers.ur import UrDriver
 from cellwatt_drivers.ur.emulator import UrEmulator
 from tests.patience import PATIENCE
 
 from ..inlet import CollectingInlet
-from ..running import served
+from ..running import Run, endpoint, repeated, served
 from .recordings import COLUMNS, write
 
 CHANNELS = ("actual_q", "actual_qd", "actual_current", "actual_robot_voltage", "actual_robot_current", "robot_mode")
@@ -28,35 +27,13 @@ WARM = 120
 """Packages after which a fault is injected: the driver has learned the grid by then."""
 
 
-class Watched:
-    """A driver that is run again after each error, as the daemon does, and what it gave."""
-
-    def __init__(self, address: str, **settings: object) -> None:
-        host, _, port = address.rpartition(":")
-        self.inlet = CollectingInlet()
-        self.errors: list[SourceError] = []
-        values = {"host": host, "port": int(port), "channels": CHANNELS, "timeout": 1.0, **settings}
-        self.driver = UrDriver("arm", UrDriver.Settings(**values), self.inlet)
-
-    async def run(self) -> None:
-        while True:
-            try:
-                await self.driver.run()
-            except SourceError as error:
-                self.errors.append(error)
-                await asyncio.sleep(0.05)
+def driver(address: str, **settings: object) -> UrDriver:
+    values = endpoint(address) | {"channels": CHANNELS, "timeout": 1.0} | settings
+    return UrDriver("arm", UrDriver.Settings(**values), CollectingInlet())
 
 
-@asynccontextmanager
-async def watching(address: str, **settings: object) -> AsyncIterator[Watched]:
-    watched = Watched(address, **settings)
-    task = asyncio.create_task(watched.run())
-    try:
-        yield watched
-    finally:
-        task.cancel()
-        with contextlib.suppress(asyncio.CancelledError):
-            await task
+def watching(address: str, **settings: object) -> AbstractAsyncContextManager[Run[UrDriver]]:
+    return repeated(driver(address, **settings))
 
 
 @asynccontextmanager
@@ -122,7 +99,7 @@ async def test_what_arrives_is_the_file_exactly(tmp_path):
     np.testing.assert_array_equal(inlet.values, expected_values(table))
     np.testing.assert_array_equal(inlet.device_time, stamps(table))
     assert inlet.account.expected == inlet.account.received == counts["made"] == counts["sent"] == ROWS
-    assert not inlet.resets and not watched.errors
+    assert not inlet.resets and not watched.failures
     assert all(r.device_time is not None and r.quality is None and r.asked is None for r in inlet.readings)
     assert [i.firmware for i in inlet.identities] == ["PolyScope 5.12.0.0"]
 
@@ -140,7 +117,7 @@ async def test_losses_are_counted_one_by_one(tmp_path):
     assert account["expected"] == numbers(seen)[-1] + 1
     assert account["received"] == account["expected"] - counts["loss"]
     check_values(inlet, table)
-    assert not watched.errors and not inlet.resets
+    assert not watched.failures and not inlet.resets
 
 
 async def test_a_short_stall_is_reported_and_loses_nothing(tmp_path):
@@ -152,7 +129,7 @@ async def test_a_short_stall_is_reported_and_loses_nothing(tmp_path):
     assert watched.inlet.kinds()[-2:] == ["stream stopped", "stream resumed"]
     assert watched.inlet.events[-1][2]["seconds"] == pytest.approx(0.6, abs=0.4)
     assert watched.inlet.account.expected == watched.inlet.account.received == ROWS
-    assert not watched.errors and not watched.inlet.resets
+    assert not watched.failures and not watched.inlet.resets
 
 
 async def test_a_disconnection_is_an_outage(tmp_path):
@@ -161,7 +138,7 @@ async def test_a_disconnection_is_an_outage(tmp_path):
         emulator.inject(Fault("disconnect", seconds=0.4))
         counts = await finish(emulator, watched.inlet, stamps(table)[-1])
     assert counts["disconnect"] == 1
-    assert isinstance(watched.errors[0], ConnectError)
+    assert isinstance(watched.failures[0], ConnectError)
     assert len(watched.inlet.identities) == 2
     assert watched.inlet.account.expected == counts["made"] == ROWS
     assert watched.inlet.account.received == counts["sent"]
@@ -181,7 +158,7 @@ async def test_broken_bytes_end_the_connection_and_are_counted(tmp_path, kind, c
         counts = await end_of(Fault(kind, 0.0), emulator, inlet)
         account, seen = inlet.account.snapshot(), inlet.device_time
     assert account["counters"][counter] == counts[kind] >= 3
-    assert sum(isinstance(e, error) for e in watched.errors) == counts[kind]
+    assert sum(isinstance(e, error) for e in watched.failures) == counts[kind]
     assert account["expected"] == numbers(seen)[-1] + 1
     assert account["missed"] == {"outage": account["expected"] - account["received"]}
     check_values(inlet, table)
@@ -202,34 +179,27 @@ async def test_messages_and_states_are_events(tmp_path):
 
 async def test_fields_that_the_controller_lacks_are_named():
     async with emulated(polyscope="5.8.0") as emulator:
-        watched = Watched(emulator.address, channels=("actual_q", "joint_1.torque", "ft_raw_wrench"))
+        arm = driver(emulator.address, channels=("actual_q", "joint_1.torque", "ft_raw_wrench"))
         with pytest.raises(DeviceError) as caught:
-            await watched.driver.run()
+            await arm.run()
     assert "PolyScope 5.8.0.0 does not have actual_current_as_torque (needs 5.23.0 or 10.11.0), ft_raw_wrench" in str(
         caught.value
     )
-    assert not watched.inlet.identities
+    assert not arm.inlet.identities
 
 
 @asynccontextmanager
 async def somebody(banner: bytes, answer: bytes | None, refuse: bool = False):
     """Something else that listens: says a banner, answers each chunk, or closes."""
 
-    left = asyncio.Event()
-
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         writer.write(banner)
-        with contextlib.suppress(ConnectionError):
-            while not refuse and await reader.read(1000):
-                if answer is not None:
-                    writer.write(answer)
-        writer.close()
-        left.set()
+        while not refuse and await reader.read(1000):
+            if answer is not None:
+                writer.write(answer)
 
-    server = await asyncio.start_server(serve, "127.0.0.1", 0)
-    async with server, asyncio.timeout(PATIENCE):
-        yield "{}:{}".format(*server.sockets[0].getsockname())
-        await left.wait()
+    async with clients(serve) as (address, _), asyncio.timeout(PATIENCE):
+        yield address
 
 
 @pytest.mark.parametrize(
@@ -242,33 +212,21 @@ async def somebody(banner: bytes, answer: bytes | None, refuse: bool = False):
 async def test_somebody_else_on_the_port_is_the_wrong_device(banner, answer):
     async with somebody(banner, answer) as address:
         with pytest.raises(WrongDeviceError, match="does not speak RTDE"):
-            await Watched(address).driver.run()
+            await driver(address).run()
 
 
 async def test_an_old_controller_is_named():
     async with somebody(b"", b"\x00\x04V\x00") as address:
         with pytest.raises(DeviceError, match="update PolyScope"):
-            await Watched(address).driver.run()
+            await driver(address).run()
 
 
 async def test_silence_and_a_closed_door_are_connection_errors():
     async with somebody(b"", None) as address:
         with pytest.raises(ConnectError, match="does not answer within"):
-            await Watched(address, timeout=0.2).driver.run()
+            await driver(address, timeout=0.2).run()
     async with somebody(b"", None, refuse=True) as address:
         with pytest.raises(ConnectError, match=r"closed|broke"):
-            await Watched(address).driver.run()
+            await driver(address).run()
     with pytest.raises(ConnectError, match="is the robot on"):
-        await Watched(address).driver.run()
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"rate": "1 kHz"}, "less than or equal to 500"),
-        ({"channels": ["actual_qq"]}, "actual_q"),
-    ],
-)
-def test_wrong_settings_are_named(settings, message):
-    with pytest.raises(ValidationError, match=message):
-        UrDriver.Settings(**{"host": "192.0.2.1", **settings})
+        await driver(address).run()

@@ -16,6 +16,8 @@ from cellwatt_drivers.ur.emulated_samples import Rows
 from cellwatt_drivers.ur.emulator import UrEmulator
 from tests.patience import PATIENCE, eventually
 
+from ..running import served
+
 ASK_VERSION = bytes.fromhex("0005560002")
 OUTPUTS = bytes.fromhex("00284f407f40000000000074696d657374616d702c61637475616c5f712c726f626f745f6d6f6465")
 
@@ -56,11 +58,10 @@ class Peer:
 @asynccontextmanager
 async def serving(signals=None, **options: str):
     emulator = UrEmulator(signals or ArmSignals(), "127.0.0.1:0", options=options)
-    ready: asyncio.Future[str] = asyncio.get_running_loop().create_future()
     peers: list[Peer] = []
 
     async def connect(buffer: int | None = None) -> Peer:
-        host, _, port = (await ready).rpartition(":")
+        host, _, port = address.rpartition(":")
         peer = socket.socket()
         peer.setblocking(False)
         if buffer is not None:
@@ -69,15 +70,13 @@ async def serving(signals=None, **options: str):
         peers.append(Peer(*await asyncio.open_connection(sock=peer)))
         return peers[-1]
 
-    task = asyncio.create_task(emulator.serve(ready.set_result))
-    try:
-        yield emulator, connect
-    finally:
-        for peer in peers:
-            await peer.close()
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
-        await asyncio.sleep(0)
+    async with served(emulator) as address:
+        try:
+            yield emulator, connect
+        finally:
+            for peer in peers:
+                await peer.close()
+    await asyncio.sleep(0)
 
 
 def recording(n: int = 40, step: float = 0.004, loop: bool = False) -> RecordedSignals:

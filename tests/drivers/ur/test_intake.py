@@ -47,9 +47,13 @@ class Cell(CollectingInlet):
         return float(stamps[-1])
 
 
+@pytest.fixture
+def cell() -> Cell:
+    return Cell()
+
+
 @pytest.mark.parametrize("block", [1, 5, 203])
-def test_packages_in_order_with_their_own_time(block):
-    cell = Cell()
+def test_packages_in_order_with_their_own_time(cell, block):
     cell.run(60.0, 203, block)
     assert cell.device_time.tolist() == [round((60.0 + i / RATE) * 1e9) for i in range(203)]
     assert cell.values[:, 0].tolist() == [60.0 + i / RATE for i in range(203)]
@@ -58,8 +62,7 @@ def test_packages_in_order_with_their_own_time(block):
 
 
 @pytest.mark.parametrize("block", [1, 5])
-def test_gaps_are_missed_packages(block):
-    cell = Cell()
+def test_gaps_are_missed_packages(cell, block):
     last = cell.run(60.0, 100, block)
     cell.time += 8_000_000
     cell.feed([last + 0.008])
@@ -69,8 +72,7 @@ def test_gaps_are_missed_packages(block):
     assert cell.account.expected == 109
 
 
-def test_an_outage_on_the_same_time_base_is_missed_too():
-    cell = Cell()
+def test_an_outage_on_the_same_time_base_is_missed_too(cell):
     last = cell.run(60.0, 100)
     cell.open()
     cell.time += 1_002_000_000
@@ -81,8 +83,7 @@ def test_an_outage_on_the_same_time_base_is_missed_too():
 
 
 @pytest.mark.parametrize("later", [0.0, 55.0, 60.7])
-def test_after_a_reboot_no_loss_is_invented(later):
-    cell = Cell()
+def test_after_a_reboot_no_loss_is_invented(cell, later):
     cell.run(60.0, 500)
     cell.open()
     cell.time += 90_000_000_000
@@ -93,8 +94,7 @@ def test_after_a_reboot_no_loss_is_invented(later):
 
 
 @pytest.mark.parametrize("jump", [-30.0, -0.5, 0.05, 30.0])
-def test_a_jump_of_the_clock_while_connected_is_reported_once(jump):
-    cell = Cell()
+def test_a_jump_of_the_clock_while_connected_is_reported_once(cell, jump):
     last = cell.run(60.0, 300)
     cell.time += 2_000_000
     cell.feed([last + 0.002], not_before=cell.time)
@@ -106,8 +106,7 @@ def test_a_jump_of_the_clock_while_connected_is_reported_once(jump):
     assert cell.account.expected == cell.account.received == 499
 
 
-def test_a_jump_inside_a_block_splits_it():
-    cell = Cell()
+def test_a_jump_inside_a_block_splits_it(cell):
     last = cell.run(60.0, 100)
     cell.time += 10_000_000
     cell.feed([last + 0.002, last + 0.004, 5.0, 5.002, 5.004])
@@ -117,8 +116,7 @@ def test_a_jump_inside_a_block_splits_it():
     assert cell.account.expected == 105 and not cell.account.missed
 
 
-def test_a_repeated_timestamp_is_dropped_and_counted():
-    cell = Cell()
+def test_a_repeated_timestamp_is_dropped_and_counted(cell):
     last = cell.run(60.0, 100)
     cell.feed([last])
     cell.feed([last, last + 0.002, last + 0.002, last + 0.004])
@@ -127,16 +125,14 @@ def test_a_repeated_timestamp_is_dropped_and_counted():
     assert np.all(np.diff(cell.device_time) > 0)
 
 
-def test_a_bracket_is_passed_on_a_cycle_earlier():
-    cell = Cell()
+def test_a_bracket_is_passed_on_a_cycle_earlier(cell):
     cell.run(60.0, 10)
     cell.time += 2_000_000
     cell.feed([60.020], not_before=cell.time - 400_000)
     assert cell.brackets == [(60_020_000_000, cell.time - 400_000 - 2_000_000)]
 
 
-def test_changes_of_state_are_events():
-    cell = Cell()
+def test_changes_of_state_are_events(cell):
     cell.feed([1.0, 1.002], states=(7, 1, 2))
     cell.feed([1.004, 1.006], states=(7, 3, 4))
     cell.feed([1.008], states=(77, 3, 4))
@@ -147,8 +143,7 @@ def test_changes_of_state_are_events():
     ]
 
 
-def test_a_slower_source_is_told_once():
-    cell = Cell()
+def test_a_slower_source_is_told_once(cell):
     cell.feed(60.0 + np.arange(200) * 0.008)
     assert cell.kinds() == ["rate"]
     assert cell.events[0][2]["rate"] == pytest.approx(125.0)
@@ -156,8 +151,7 @@ def test_a_slower_source_is_told_once():
 
 
 @pytest.mark.parametrize("stamp", [-0.002, float("nan"), float("inf"), 1e10])
-def test_a_time_that_cannot_be_is_refused(stamp):
-    cell = Cell()
+def test_a_time_that_cannot_be_is_refused(cell, stamp):
     with pytest.raises(ProtocolError, match="not a time"):
         cell.feed([60.0, stamp])
     assert cell.account.expected == 0

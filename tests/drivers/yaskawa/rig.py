@@ -12,7 +12,7 @@ from cellwatt_drivers.yaskawa import YaskawaDriver, YaskawaSettings
 from cellwatt_drivers.yaskawa.emulator import YaskawaEmulator
 
 from ..inlet import PolledInlet as Inlet
-from ..running import Steady, going, served
+from ..running import Steady, once, served
 
 PULSES = (1000.0, -2000.0, 1500.0, 800.0, 500.0, 250.0)
 RATED = (200.0, 100.0, 50.0, 40.0, 20.0, 10.0)
@@ -48,8 +48,6 @@ def settings(port: int, **changes: object) -> YaskawaSettings:
 @asynccontextmanager
 async def running(settings: YaskawaSettings) -> AsyncIterator[tuple[YaskawaDriver, Inlet, asyncio.Task[None]]]:
     """A driver running until the end of the context; fails when it failed."""
-    inlet = Inlet()
-    driver = YaskawaDriver("arm", settings, inlet)
-    async with going(driver.run()) as task:
+    driver = YaskawaDriver("arm", settings, Inlet())
+    async with once(driver) as (inlet, task):
         yield driver, inlet, task
-    assert inlet.account.residue == 0

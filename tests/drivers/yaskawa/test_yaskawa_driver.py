@@ -71,13 +71,10 @@ async def test_the_tool_pose_in_metres_and_radians():
     assert pose[3:] == pytest.approx([np.pi, -np.pi / 2, 0.0], abs=1e-6)
 
 
-def slow(port):
-    return running(settings(port, read=["position", "torque"], timeout="500 ms"))
-
-
 async def test_a_slow_controller_loses_slots_not_deadlines():
     # Two answers of 15 ms do not fit 20 ms: every other slot or so is missed, and the reason says why.
-    async with emulated(answer_ms="15") as (_, port), slow(port) as (_, inlet, _):
+    changes = {"read": ["position", "torque"], "timeout": "500 ms"}
+    async with emulated(answer_ms="15") as (_, port), running(settings(port, **changes)) as (_, inlet, _):
         await eventually(lambda: len(inlet.of("torque")) >= 20)
     assert inlet.account.missed["slow answers"] + inlet.account.missed["host stalled"] > 0
     assert set(inlet.account.missed) <= {"slow answers", "merged tick", "host stalled"}  # of a busy test machine

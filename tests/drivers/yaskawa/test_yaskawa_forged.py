@@ -46,14 +46,14 @@ class Controller(asyncio.DatagramProtocol):
 
 
 @asynccontextmanager
-async def linked(answers: Answers, timeout: float = 5.0) -> AsyncIterator[tuple[Controller, Link, Inlet]]:
+async def linked(answers: Answers) -> AsyncIterator[tuple[Controller, Link, Inlet]]:
     loop = asyncio.get_running_loop()
     transport, controller = await loop.create_datagram_endpoint(
         lambda: Controller(answers), local_addr=("127.0.0.1", 0)
     )
     inlet = Inlet()
     try:
-        async with open_link("127.0.0.1", transport.get_extra_info("sockname")[1], timeout, inlet) as link:  # type: ignore[arg-type]
+        async with open_link("127.0.0.1", transport.get_extra_info("sockname")[1], 5.0, inlet) as link:  # type: ignore[arg-type]
             yield controller, link, inlet
     finally:
         transport.close()

@@ -56,7 +56,7 @@ class Keeper:
         self._seen = {alarm.id: alarm.since for alarm in known if packs.wants(settings.evidence, alarm)}
         """``since`` of each active alarm that has a pack, by alarm id."""
         self._noted = asyncio.Event()
-        self._kept: list[packs.Pack] = []
+        self._stored: list[packs.Pack] = []
         self._retained_at = -RETAIN_EVERY
         self._made = self._given_up = 0
         self._problem = ""
@@ -107,8 +107,8 @@ class Keeper:
     def stats(self) -> dict[str, Any]:
         """Figures for health messages; sizes in bytes."""
         return {
-            "packs": len(self._kept),
-            "bytes": sum(pack.size for pack in self._kept),
+            "packs": len(self._stored),
+            "bytes": sum(pack.size for pack in self._stored),
             "waiting": len(self._waiting),
             "made": self._made,
             "given_up": self._given_up,
@@ -117,12 +117,12 @@ class Keeper:
 
     async def _resume(self) -> None:
         try:
-            left = await asyncio.to_thread(packs.all_due, self.folder, self._cell)
+            earlier = await asyncio.to_thread(packs.all_due, self.folder, self._cell)
         except OSError as error:
             self._problem = f"{self.folder} cannot be read: {error.strerror}"
             return
         known = {due.name for due in self._waiting}
-        self._waiting[:0] = [due for due in left if due.name not in known]
+        self._waiting[:0] = [due for due in earlier if due.name not in known]
 
     async def _write(self) -> None:
         """Write the notes of due packs to disk."""
@@ -140,7 +140,7 @@ class Keeper:
         self._retained_at = time.monotonic()
         settings = self._settings.evidence
         try:
-            self._kept = await asyncio.to_thread(packs.retain, self.folder, self._cell, settings, time.time())
+            self._stored = await asyncio.to_thread(packs.retain, self.folder, self._cell, settings, time.time())
         except OSError as error:
             self._problem = f"old packs cannot be removed: {error.strerror}"
 
@@ -175,8 +175,8 @@ class Keeper:
         settings = self._settings
         sign = [] if settings.sign is None else ["--sign", str(settings.sign)]
         note = str(packs.due_path(self.folder, due))
-        said = await output([MODULE, note, "--reserve", str(settings.file_limit), *sign], LIMIT, NICENESS)
-        found: dict[str, Any] = json.loads(said.splitlines()[-1])
+        printed = await output([MODULE, note, "--reserve", str(settings.file_limit), *sign], LIMIT, NICENESS)
+        found: dict[str, Any] = json.loads(printed.splitlines()[-1])
         return found
 
     def _give_up(self, due: Due, why: str) -> None:
@@ -188,6 +188,6 @@ class Keeper:
     def _say(self, due: Due, what: str, data: dict[str, Any]) -> None:
         first = due.alarms[0]
         others = len(due.alarms) - 1 + due.more
-        told = f"evidence of alarm {first.id}{f' and {others} more' if others else ''} {what}"
+        text = f"evidence of alarm {first.id}{f' and {others} more' if others else ''} {what}"
         alarms = [alarm.id for alarm in due.alarms]
-        self._tell(Event(self._now(), first.source, "evidence", told, {"alarms": alarms, **data}))
+        self._tell(Event(self._now(), first.source, "evidence", text, {"alarms": alarms, **data}))

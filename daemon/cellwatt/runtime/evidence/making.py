@@ -157,7 +157,7 @@ def _evidence(alarm: Alarm) -> list[Block]:
 
 def _others(pack: Recording, due: Due) -> list[Block]:
     first = due.alarms[0]
-    told = [a for a in pack.alarms() if a.id != first.id or not a.active]
+    others = [a for a in pack.alarms() if a.id != first.id or not a.active]
     rows = [
         (
             f"{(a.time - first.time) * 1e-9:+.2f} s".replace("-", "−"),
@@ -165,7 +165,7 @@ def _others(pack: Recording, due: Due) -> list[Block]:
             a.id,
             a.statement,
         )
-        for a in told
+        for a in others
     ]
     note = [f"{due.more} more alarms are in the pack."] if due.more else []
     return [*([Table("Other alarms", ("at", "severity", "alarm", "statement"), rows)] if rows else []), *note]

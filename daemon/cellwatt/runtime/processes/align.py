@@ -13,7 +13,7 @@ from cellwatt.ring import ItemReader, ItemWriter, Mark, Status
 from cellwatt.runtime.assemble import declared
 from cellwatt.runtime.framer import Framer
 from cellwatt.runtime.processes.rights import keep_up, settle_memory
-from cellwatt.runtime.processes.shared import ALIGN, ALIGNS, SAID, Apply, Assignment, Ready, figures
+from cellwatt.runtime.processes.shared import ALIGN, ALIGNS, REPORT_EVERY, Apply, Assignment, Ready, figures
 from cellwatt.runtime.processes.waiting import turns
 
 UNGATHERED: Final = 0.004
@@ -40,7 +40,7 @@ class _Aligning:
         self._fitting: dict[int, bool] = {}
         """Whether a stream, by ``id``, belongs to the present settings."""
         self._read: deque[tuple[float, int]] = deque()
-        self._said = 0.0
+        self._reported_at = 0.0
 
     def run(self) -> None:
         self._out.put(Mark(self._generation))
@@ -52,7 +52,7 @@ class _Aligning:
                 self._take(item)
             self._look(time.monotonic())
         self._give(self._framer.flush())
-        self._say()
+        self._report()
         self._out.end()
 
     def _take(self, item: object) -> None:
@@ -93,10 +93,10 @@ class _Aligning:
         self._read.append((now, self._in.position))
         while self._read[0][0] < now - BEFORE:
             self._in.ring.settle(ALIGN, self._read.popleft()[1])
-        if now - self._said >= SAID:
-            self._said = now
-            self._say()
+        if now - self._reported_at >= REPORT_EVERY:
+            self._reported_at = now
+            self._report()
 
-    def _say(self) -> None:
-        said = figures("align", self._assignment, skipped_bytes=self._in.skipped, frames=self._framer.status())
-        self._out.put(Status(said))
+    def _report(self) -> None:
+        status = figures("align", self._assignment, skipped_bytes=self._in.skipped, frames=self._framer.status())
+        self._out.put(Status(status))

@@ -62,7 +62,7 @@ class _Collecting:
             for helper in helpers:
                 helper.cancel()
             await self._collector.close(self._tasks)
-        self._say()
+        self._report()
         self._ring.end()
 
     def _hear(self) -> None:
@@ -104,13 +104,13 @@ class _Collecting:
                     ticker.skip()  # no items: every other second is enough
                 given = self._given
                 self._collector.keep_time()
-                self._say()
+                self._report()
                 if time.monotonic() - collected > COLLECT:
                     gc.collect()  # objects of lost connections: takes 1 ms, as older objects are frozen
                     collected = time.monotonic()
 
-    def _say(self) -> None:
-        said = figures(
+    def _report(self) -> None:
+        status = figures(
             "collect",
             self._assignment,
             rights=self._rights,
@@ -119,4 +119,4 @@ class _Collecting:
             utc_error_ms=round(self._assignment.shared.clock.utc_error_ns * 1e-6, 3),
             sources=self._collector.status(),
         )
-        self._ring.put(Status(said))
+        self._ring.put(Status(status))

@@ -15,7 +15,7 @@ from cellwatt.results import Result
 from cellwatt.ring import ItemReader, ItemWriter, Mark, Status
 from cellwatt.runtime.assemble import declared, make_chain
 from cellwatt.runtime.processes.rights import settle_memory
-from cellwatt.runtime.processes.shared import OTHERS, SAID, Assignment, Ready, figures
+from cellwatt.runtime.processes.shared import OTHERS, REPORT_EVERY, Assignment, Ready, figures
 from cellwatt.runtime.processes.waiting import turns
 
 log = logging.getLogger(__name__)
@@ -62,7 +62,7 @@ class _Judging:
         self._time = 0
         self._following: int | None = None
         self._dropped = self._waiting = 0
-        self._said = 0.0
+        self._reported_at = 0.0
 
     def run(self) -> None:
         control = self._assignment.control
@@ -72,12 +72,12 @@ class _Judging:
         for _ in turns(self._in, control):
             if replaced := not self._turn():
                 break
-            if time.monotonic() - self._said >= SAID:
-                self._say()
+            if time.monotonic() - self._reported_at >= REPORT_EVERY:
+                self._report()
         self._give(self._chain.close())
         if replaced:
             self._give(self._chain.take_back(self._time))
-        self._say(replaced=replaced)
+        self._report(replaced=replaced)
         self._out.end()
 
     def _begin(self) -> None:
@@ -110,8 +110,8 @@ class _Judging:
             self._dropped += len(frames)
         else:
             self._give(self._chain.process(frames))
-        if time.monotonic() - self._said >= SAID:
-            self._say()
+        if time.monotonic() - self._reported_at >= REPORT_EVERY:
+            self._report()
 
     def _fits(self, frames: Frames) -> bool:
         fits = self._fitting.get(id(frames.layout))
@@ -126,8 +126,8 @@ class _Judging:
             except ValueError:
                 log.exception("a result of the stages %s cannot be passed on", ", ".join(self._chain.names))
 
-    def _say(self, **more: bool) -> None:
-        self._said = time.monotonic()
+    def _report(self, **more: bool) -> None:
+        self._reported_at = time.monotonic()
         stages = {
             name: known | {"dropped": self._dropped, "waiting": max(self._waiting, 0)}
             for name, known in self._chain.status().items()

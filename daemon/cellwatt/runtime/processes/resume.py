@@ -66,9 +66,9 @@ class Resume:
             else:
                 self.messages.append(item)
 
-    def unrecorded(self, told: Iterable[tuple[int, Result | Event]]) -> list[tuple[int, Result | Event]]:
-        """Of the published results and events ``told``, those missing in the record, with their numbers."""
-        found = [(number, item) for number, item in told if number >= self.ends.get(series_of(item), 0)]
+    def unrecorded(self, published: Iterable[tuple[int, Result | Event]]) -> list[tuple[int, Result | Event]]:
+        """Of the published results and events ``published``, those missing in the record, with their numbers."""
+        found = [(number, item) for number, item in published if number >= self.ends.get(series_of(item), 0)]
         self.messages += [item for _, item in found]
         return found
 
@@ -105,12 +105,12 @@ def _ends(files: Sequence[RecordFile], series: Collection[str]) -> dict[str, int
 
 
 def _readable(files: Iterable[RecordFile]) -> Iterator[tuple[FileIO, Contents, Mapping[int, Track]]]:
-    for kept in files:
+    for stored in files:
         try:
-            contents = survey(kept.path).contents
+            contents = survey(stored.path).contents
         except RecordingError:
             continue
-        with FileIO(kept.path, "rb") as file:
+        with FileIO(stored.path, "rb") as file:
             yield file, contents, tracks_of(contents.channels)[0]
 
 

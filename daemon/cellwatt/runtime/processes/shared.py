@@ -21,20 +21,20 @@ CHAINS: Final = 8
 """Largest number of *judge* processes; more chains of stages share processes."""
 SLOTS: Final = 2 * CHAINS
 """Largest number of *judge* processes during a reload, when old and new ones run."""
-KEPT: Final = 10.0
+HELD: Final = 10.0
 """s of data that a ring holds: longest time for which a reader may stall without losing data."""
 SMALLEST, LARGEST = 1 << 20, 64 << 20  # bytes of a ring
 RESULTS: Final = 2 << 20
 """Bytes of a chain's results that may wait for *tell*."""
 
-TELL, OTHERS, TOLD = 0, 1, READERS - 1
+TELL, OTHERS, PUBLISHED = 0, 1, READERS - 1
 """Readers of a ring: *tell*, whose position is the end of the recorded items; the first of the others; and a position
 without a reader, the end of the published items."""
 ALIGN = OTHERS
 """Number of *align* as reader of the raw ring; chain number n reads the frames as ``OTHERS + n``."""
 ALIGNS, TELLS = 0.0015, 0.003
 """s by which *align* and *tell* wake later than *collect*: in the order of the data."""
-SAID: Final = 1.0
+REPORT_EVERY: Final = 1.0
 """Period in s at which a busy process reports its figures."""
 ALARMS: Final = 2 << 20
 """Bytes of alarms and events stored for a successor of *tell*; ``RESULTS`` for other results."""
@@ -44,7 +44,7 @@ ALARMS: Final = 2 << 20
 class Shared:
     """The cell's clock and session, and the rings: raw from *collect*, frames from *align*, results of each chain.
 
-    ``told`` is the journal of *tell*.
+    ``journal`` is that of *tell*.
     """
 
     clock: CellClock
@@ -52,7 +52,7 @@ class Shared:
     raw: Ring
     frames: Ring
     results: tuple[Ring, ...]
-    told: tuple[Ring, Ring]
+    journal: tuple[Ring, Ring]
 
     @classmethod
     def of(cls, streams: Mapping[str, tuple[Stream, ...]], layout: Layout) -> Shared:
@@ -63,13 +63,13 @@ class Shared:
         results = tuple(Ring(RESULTS, OTHERS) for _ in range(SLOTS))
         for ring in results:
             ring.end()
-        told = Ring(ALARMS, 1), Ring(RESULTS, 1)
-        return cls(clock, clock.now(), _ring(raw, OTHERS + 1), _ring(frames, OTHERS + SLOTS), results, told)
+        journal = Ring(ALARMS, 1), Ring(RESULTS, 1)
+        return cls(clock, clock.now(), _ring(raw, OTHERS + 1), _ring(frames, OTHERS + SLOTS), results, journal)
 
 
 def _ring(rate: float, readers: int) -> Ring:
     """A ring for ``rate`` bytes a second; its readers poll until they listen."""
-    made = Ring(round(min(max(KEPT * rate, SMALLEST), LARGEST)), readers)
+    made = Ring(round(min(max(HELD * rate, SMALLEST), LARGEST)), readers)
     for reader in range(readers):
         made.listen(reader, False)
     return made

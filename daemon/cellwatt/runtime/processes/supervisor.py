@@ -98,7 +98,7 @@ class Supervisor:
         self._failed: Exception | None = None
 
     @property
-    def _parts(self) -> list[SupervisedProcess]:
+    def _processes(self) -> list[SupervisedProcess]:
         held = list(self._reload.judges.values()) if self._reload is not None else []
         return [*self._serving(), *held, *self._ending]
 
@@ -136,15 +136,15 @@ class Supervisor:
         """Time of the start, UTC ns."""
         return self._shared.session
 
-    def _begin(self, parts: Sequence[SupervisedProcess]) -> None:
+    def _begin(self, processes: Sequence[SupervisedProcess]) -> None:
         """Start processes and wait until all of them serve."""
-        for part in parts if self._serves else ():
-            self._start(part)
-        while self._serves and not all(part.ready for part in parts):
+        for process in processes if self._serves else ():
+            self._start(process)
+        while self._serves and not all(process.ready for process in processes):
             self._turn()
-        for part in parts:  # messages sent before a signal arrived
-            if part.control is not None and part.control.poll():
-                self._hear(part)
+        for process in processes:  # messages sent before a signal arrived
+            if process.control is not None and process.control.poll():
+                self._hear(process)
 
     @contextmanager
     def _signals(self) -> Iterator[selectors.DefaultSelector]:
@@ -203,16 +203,16 @@ class Supervisor:
         self._shared.results[slot].begin()
         return Assignment(self._shared, config, generation, control, restarts, stages=names, slot=slot, held=waits)
 
-    def _start(self, part: SupervisedProcess) -> None:
-        part.start([p for p in self._parts if p is not part])
-        assert part.control is not None
+    def _start(self, process: SupervisedProcess) -> None:
+        process.start([p for p in self._processes if p is not process])
+        assert process.control is not None
         try:
-            self._selector.register(part.control, selectors.EVENT_READ, lambda: self._hear(part))
-            self._selector.register(part.exit, selectors.EVENT_READ, lambda: self._bury(part))
+            self._selector.register(process.control, selectors.EVENT_READ, lambda: self._hear(process))
+            self._selector.register(process.exit, selectors.EVENT_READ, lambda: self._bury(process))
         except OSError:  # its end could not be noticed
-            self._forget(part.control)
-            part.kill()
-            part.reap()
+            self._forget(process.control)
+            process.kill()
+            process.reap()
             raise
 
     def _turn(self) -> None:
@@ -223,14 +223,17 @@ class Supervisor:
         self._wait(min([LOOK, self._until - now, *due]))
         self._stop_asked |= time.monotonic() >= self._until
         self._shared.clock.discipline()
-        for part in serving:
-            if not part.alive and time.monotonic() >= part.again_at and self._failed is None:
+        for process in serving:
+            if not process.alive and time.monotonic() >= process.again_at and self._failed is None:
                 try:
-                    self._start(part)
+                    self._start(process)
                 except OSError as error:  # the others continue, and one that uses too much may end
-                    part.again_at = time.monotonic() + AGAIN
+                    process.again_at = time.monotonic() + AGAIN
                     log.warning(
-                        "the process %s cannot be started: %s; trying again in %.0f s", part.name, error.strerror, AGAIN
+                        "the process %s cannot be started: %s; trying again in %.0f s",
+                        process.name,
+                        error.strerror,
+                        AGAIN,
                     )
 
     def _wait(self, seconds: float) -> None:
@@ -242,17 +245,17 @@ class Supervisor:
     def _serving(self) -> list[SupervisedProcess]:
         return [self._collect, self._align, self._tell, *self._judges.values()]
 
-    def _hear(self, part: SupervisedProcess) -> None:
-        assert part.control is not None
+    def _hear(self, process: SupervisedProcess) -> None:
+        assert process.control is not None
         try:
-            message = part.control.recv()
+            message = process.control.recv()
         except (EOFError, OSError):  # the process is about to end
-            self._forget(part.control)
+            self._forget(process.control)
             return
         match message:
             case Ready():
-                part.ready = True
-                if part is self._tell and self._reload is not None and self._reload.sent:
+                process.ready = True
+                if process is self._tell and self._reload is not None and self._reload.sent:
                     self._reload_done(self._reload)  # restarted with the new settings
             case InForce() if self._reload is not None:
                 self._reload_done(self._reload)
@@ -260,31 +263,31 @@ class Supervisor:
                 # systemd listens to this process only: its message confirms that it and *tell* work.
                 systemd.notify(WATCHDOG="1", STATUS=message.status)
             case Failed():
-                self._take_failure(part, message.error)
+                self._take_failure(process, message.error)
             case _:
                 pass
 
-    def _take_failure(self, part: SupervisedProcess, error: Exception) -> None:
-        if self._reload is not None and part in self._reload.judges.values():
+    def _take_failure(self, process: SupervisedProcess, error: Exception) -> None:
+        if self._reload is not None and process in self._reload.judges.values():
             self._give_up_reload(error)
-        elif not part.restarts and self._generation == 1 and not all(p.ready for p in self._serving()):
+        elif not process.restarts and self._generation == 1 and not all(p.ready for p in self._serving()):
             self._failed = error
         else:
-            log.error("%s: %s", part.name, error)
+            log.error("%s: %s", process.name, error)
 
-    def _bury(self, part: SupervisedProcess) -> None:
-        if part.control is not None and part.control.poll():
-            self._hear(part)  # its last message
-        self._forget(part.control)
-        self._forget(part.exit)
-        why = part.reap()
-        if part in self._ending:
-            self._ending.remove(part)
-        elif self._reload is not None and part in self._reload.judges.values():
-            self._give_up_reload(CellwattError(f"the process {part.name} ended by {why}; nothing was changed"))
+    def _bury(self, process: SupervisedProcess) -> None:
+        if process.control is not None and process.control.poll():
+            self._hear(process)  # its last message
+        self._forget(process.control)
+        self._forget(process.exit)
+        why = process.reap()
+        if process in self._ending:
+            self._ending.remove(process)
+        elif self._reload is not None and process in self._reload.judges.values():
+            self._give_up_reload(CellwattError(f"the process {process.name} ended by {why}; nothing was changed"))
         elif self._failed is None and not self._stop_asked:
-            pause = max(part.again_at - time.monotonic(), 0.0)
-            log.error("the process %s ended by %s; it is restarted in %.1f s", part.name, why, pause)
+            pause = max(process.again_at - time.monotonic(), 0.0)
+            log.error("the process %s ended by %s; it is restarted in %.1f s", process.name, why, pause)
 
     def _forget(self, held: Connection | int | None) -> None:
         if held is not None and held in self._selector.get_map():
@@ -295,34 +298,34 @@ class Supervisor:
     def _shut_down(self) -> None:
         """End all processes in the order of the data flow, each after it has processed all of its input."""
         if self._reload is not None:
-            for part in self._reload.judges.values():
-                self._end(part, at_once=True)
+            for process in self._reload.judges.values():
+                self._end(process, at_once=True)
             self._reload = None
         self._collect.send(Stop())
         self._end(self._collect)
         self._shared.raw.end()
         self._end(self._align)
         self._shared.frames.end()
-        for slot, part in self._judges.items():
-            self._end(part)
+        for slot, process in self._judges.items():
+            self._end(process)
             self._shared.results[slot].end()
-        for part in list(self._ending):
-            self._end(part)
+        for process in list(self._ending):
+            self._end(process)
         for ring in self._shared.results:
             ring.end()
         if not self._tell.alive and self._tell.restarts and not self._tell.done and self._failed is None:
             self._start(self._tell)  # collected samples are still to be recorded
         self._end(self._tell)
 
-    def _end(self, part: SupervisedProcess, *, at_once: bool = False) -> None:
+    def _end(self, process: SupervisedProcess, *, at_once: bool = False) -> None:
         end = time.monotonic() + (0.0 if at_once else END)
-        while part.alive and time.monotonic() < end:
+        while process.alive and time.monotonic() < end:
             self._wait(end - time.monotonic())
-        if part.alive:
+        if process.alive:
             if not at_once:
-                log.warning("the process %s did not end within %.0f s: its data in memory are lost", part.name, END)
-            part.kill()
-            self._bury(part)
+                log.warning("the process %s did not end within %.0f s: its data in memory are lost", process.name, END)
+            process.kill()
+            self._bury(process)
 
     # reload ---------------------------------------------------------------------------------------
 
@@ -332,11 +335,13 @@ class Supervisor:
             if self._reload_asked:
                 self._reload_asked = False
                 self._begin_reload()
-        elif not reload.sent and all(part.ready for part in reload.judges.values()):
+        elif not reload.sent and all(process.ready for process in reload.judges.values()):
             self._send(reload)
 
     def _begin_reload(self) -> None:
         systemd.reloading()
+        for process in list(self._ending):  # two processes must not write into the ring of one slot
+            self._end(process)
         try:
             config = self._again()
             change = Change.between(self._config, config)
@@ -352,8 +357,8 @@ class Supervisor:
             return
         self._reload = _Reload(config, change, self._generation + 1, judges)
         try:
-            for part in judges.values():
-                self._start(part)
+            for process in judges.values():
+                self._start(process)
         except OSError as error:
             self._give_up_reload(error)
 
@@ -365,10 +370,10 @@ class Supervisor:
             self._tell.send(Apply(self._generation, reload.config))
             return
         self._generation = reload.generation
-        self._ending += [part for part in self._judges.values() if part.alive]
+        self._ending += [process for process in self._judges.values() if process.alive]
         self._judges, reload.judges = reload.judges, {}
-        for part in (self._align, self._tell, self._collect):
-            part.send(Apply(reload.generation, reload.config))
+        for process in (self._align, self._tell, self._collect):
+            process.send(Apply(reload.generation, reload.config))
 
     def _reload_done(self, reload: _Reload) -> None:
         log.info("%s", reload.change)
@@ -378,9 +383,9 @@ class Supervisor:
     def _give_up_reload(self, error: Exception) -> None:
         assert self._reload is not None
         judges, self._reload = list(self._reload.judges.values()), None
-        self._ending += [part for part in judges if part.alive]
-        for part in judges:
-            self._end(part, at_once=True)
+        self._ending += [process for process in judges if process.alive]
+        for process in judges:
+            self._end(process, at_once=True)
         self._refuse(error)
 
     def _refuse(self, error: Exception) -> None:

@@ -23,9 +23,9 @@ from cellwatt.runtime.change import Change
 from cellwatt.runtime.processes.resume import Resume
 from cellwatt.runtime.processes.rights import keep_up, settle_memory
 from cellwatt.runtime.processes.shared import (
+    PUBLISHED,
     TELL,
     TELLS,
-    TOLD,
     Alive,
     Apply,
     Assignment,
@@ -73,14 +73,14 @@ class _Telling:
         shared = assignment.shared
         self._assignment = assignment
         self._config, self._generation = assignment.config, assignment.generation
-        self._teller = Teller(assignment.config, shared.session, shared.clock.now, RingJournal(*shared.told))
-        self._teller.on_health = self._say_alive
+        self._teller = Teller(assignment.config, shared.session, shared.clock.now, RingJournal(*shared.journal))
+        self._teller.on_health = self._report_alive
         self._teller.behind = assignment.restarts > 0
         self._raw = _Way(ItemReader(shared.raw, TELL))
         self._frames = _Way(ItemReader(shared.frames, TELL))
         self._results = [_Way(ItemReader(ring, TELL)) for ring in shared.results]
         self._ways = [self._raw, self._frames, *self._results]
-        self._said: dict[str, tuple[float, Mapping[str, Any]]] = {}
+        self._reports: dict[str, tuple[float, Mapping[str, Any]]] = {}
         self._applying: asyncio.Queue[Apply] = asyncio.Queue()
         self._next: asyncio.Handle
         """The next call of ``_turn``."""
@@ -89,7 +89,7 @@ class _Telling:
         self._lag = 0.0
         self._alive = 0.0, ""
         """Monotonic s and text of the last status sent to the supervisor."""
-        self._told_skipped = 0
+        self._reported_skipped = 0
         """Overwritten bytes that events have reported so far."""
 
     async def run(self) -> None:
@@ -118,10 +118,10 @@ class _Telling:
 
     async def _resume_record(self) -> None:
         """Find the end of the record, and record items that the previous process published but did not record."""
-        series = {series_of(item) for _, item in self._teller.told()}
+        series = {series_of(item) for _, item in self._teller.journaled()}
         self._resume = await Resume.of(self._teller.recorder, series, restarts=self._assignment.restarts)
         if self._teller.behind:
-            self._teller.catch_up(self._resume.unrecorded(self._teller.told()))
+            self._teller.catch_up(self._resume.unrecorded(self._teller.journaled()))
 
     # rings ----------------------------------------------------------------------------------------
 
@@ -142,8 +142,8 @@ class _Telling:
             for way in self._results:
                 way.reader.listen()
         else:
-            there = [way.reader.listen() and not way.held for way in self._ways]
-            if any(there):
+            waiting = [way.reader.listen() and not way.held for way in self._ways]
+            if any(waiting):
                 self._next = loop.call_soon(self._turn)
 
     @property
@@ -191,27 +191,27 @@ class _Telling:
 
     def _note_figures(self, way: _Way, figures: Mapping[str, Any]) -> None:
         if "begun" in figures:
-            if self._untold(way):
+            if self._unpublished(way):
                 self._teller.withdraw(figures["begun"], BEGINS_ANEW)
         elif figures.get("replaced"):
-            self._said.pop(figures["part"], None)
+            self._reports.pop(figures["part"], None)
         else:
-            self._said[figures["part"]] = time.monotonic(), figures
+            self._reports[figures["part"]] = time.monotonic(), figures
 
     def _take_message(self, way: _Way, item: Any) -> None:
         """Publish and record a result or event, unless a previous process did; the ring stores the progress."""
-        if self._untold(way):
+        if self._unpublished(way):
             self._teller.take(item)
         elif self._resume.lacks(item):
             self._teller.record(item)
 
-    def _untold(self, way: _Way) -> bool:
+    def _unpublished(self, way: _Way) -> bool:
         """Return whether the last item read is still unpublished, and mark it as published."""
         reader = way.reader
-        untold = reader.position > reader.ring.position(TOLD)
-        if untold:
-            reader.ring.settle(TOLD, reader.position)
-        return untold
+        unpublished = reader.position > reader.ring.position(PUBLISHED)
+        if unpublished:
+            reader.ring.settle(PUBLISHED, reader.position)
+        return unpublished
 
     def _note(self, way: _Way) -> None:
         recorder = self._teller.recorder
@@ -267,12 +267,12 @@ class _Telling:
         self._teller.change(self._tasks, message.config, change.outlets)
         if change.frames:
             self._teller.redeclare(*declared(message.config))
-            self._said = {part: known for part, known in self._said.items() if "stages" not in known[1]}
+            self._reports = {part: known for part, known in self._reports.items() if "stages" not in known[1]}
         self._teller.take(Event(self._assignment.shared.clock.now(), None, "reloaded", str(change)))
 
     # health ---------------------------------------------------------------------------------------
 
-    def _say_alive(self, status: Mapping[str, Any]) -> None:
+    def _report_alive(self, status: Mapping[str, Any]) -> None:
         control, now, line = self._assignment.control, time.monotonic(), in_one_line(status)
         if line == self._alive[1] and now - self._alive[0] < ALIVE:
             return
@@ -303,22 +303,22 @@ class _Telling:
         """Bytes that were overwritten before this process read them."""
         return sum(way.reader.skipped for way in self._ways)
 
-    def _tell_skipped(self) -> None:
-        lost, self._told_skipped = self._skipped - self._told_skipped, self._skipped
+    def _report_skipped(self) -> None:
+        lost, self._reported_skipped = self._skipped - self._reported_skipped, self._skipped
         if lost > 0:
             text = f"{lost} bytes were overwritten before they could be recorded: this PC is too busy"
             self._teller.take(Event(self._assignment.shared.clock.now(), None, "skipped", text))
 
     def _look(self) -> None:
-        self._tell_skipped()  # also at the last check, so that the record reports all skipped bytes
+        self._report_skipped()  # also at the last check, so that the record reports all skipped bytes
         now = time.monotonic()
-        said = {part: known for part, (_, known) in self._said.items()}
-        ages = {part: now - heard for part, (heard, _) in self._said.items()}
+        reported = {part: known for part, (_, known) in self._reports.items()}
+        ages = {part: now - heard for part, (heard, _) in self._reports.items()}
         ending = self._raw.reader.ring.ended  # the other processes have ended in order
         silent = {part for part, age in ages.items() if age > SILENT and not ending}
-        waiting = {part for part in silent if starved(said[part]["pid"], said[part]["cpu_s"], ages[part])}
-        stages = {name: s for known in said.values() for name, s in known.get("stages", {}).items()}
-        collect, align = said.get("collect", {}), said.get("align", {})
+        waiting = {part for part in silent if starved(reported[part]["pid"], reported[part]["cpu_s"], ages[part])}
+        stages = {name: s for known in reported.values() for name, s in known.get("stages", {}).items()}
+        collect, align = reported.get("collect", {}), reported.get("align", {})
         lag = round(1e3 * self._lag, 3)
         here = figures("tell", self._assignment, loop_lag_ms=lag, skipped_bytes=self._skipped)
         self._teller.look(
@@ -335,7 +335,7 @@ class _Telling:
                         "down": part in silent - waiting,
                         "starved": part in waiting,
                     }
-                    for part, known in {**said, "tell": here}.items()
+                    for part, known in {**reported, "tell": here}.items()
                 },
             }
         )

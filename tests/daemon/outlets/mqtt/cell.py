@@ -77,7 +77,7 @@ class Cell(FakeView):
         return round((row_time - self.start) / STEP)
 
     def status(self) -> Mapping[str, Any]:
-        return {"state": self.state, **self.alarms.told(), "site": SITE, "cell": CELL}
+        return {"state": self.state, **self.alarms.status(), "site": SITE, "cell": CELL}
 
     def config(self) -> Mapping[str, Any]:
         return {"record": None if self.record is None else {"folder": str(self.folder), "frames": True}}

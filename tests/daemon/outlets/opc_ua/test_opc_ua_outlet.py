@@ -28,7 +28,7 @@ from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, al
 from tests.doing import doing
 from tests.drivers.inlet import CollectingInlet
 from tests.drivers.opc_ua.rig import certificate
-from tests.drivers.running import supervised
+from tests.drivers.running import repeated
 from tests.patience import eventually
 
 LAYOUT = Layout(
@@ -169,10 +169,9 @@ async def an_arm_has_the_nodes_of_the_standard(outlet: OpcUaOutlet) -> None:
     read = ["joint_1.position", "joint_1.velocity", "joint_1.temperature"]
     settings = {"host": host, "port": port, "path": "/cellwatt", "model": "opc_40010", "read": read}
     inlet = CollectingInlet()
-    driver = OpcUaDriver("arm", OpcUaSettings.model_validate(settings), inlet)
-    async with supervised(driver, inlet) as failures:
-        await inlet.until(lambda o: bool(o.readings) or bool(failures))
-    assert not failures
+    async with repeated(OpcUaDriver("arm", OpcUaSettings.model_validate(settings), inlet)) as run:
+        await inlet.until(lambda o: bool(o.readings) or bool(run.failures))
+    assert not run.failures
     assert inlet.values[0] == pytest.approx([0.5, -0.25, 41.0])
 
 

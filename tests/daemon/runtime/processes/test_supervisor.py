@@ -1,4 +1,4 @@
-"""The supervisor where the PC has no room for another process."""
+"""The supervisor where the PC has no room for another process, and where a reload follows on another."""
 
 from __future__ import annotations
 
@@ -10,8 +10,11 @@ from unittest.mock import Mock
 
 import pytest
 
+from cellwatt.errors import CellwattError
+from cellwatt.runtime.processes import supervisor
+from cellwatt.runtime.processes.part import SupervisedProcess
 from cellwatt.runtime.processes.supervisor import Supervisor
-from tests.daemon.runtime.fakes import config_of
+from tests.daemon.runtime.fakes import config_of, stages
 
 
 def test_a_process_that_cannot_be_begun_now_is_tried_again_and_ends_nobody(
@@ -24,3 +27,19 @@ def test_a_process_that_cannot_be_begun_now_is_tried_again_and_ends_nobody(
     daemon._turn()
     assert "the process align cannot be started: Resource temporarily unavailable" in caplog.text
     assert daemon._align.again_at > time.monotonic() and not daemon._align.alive
+
+
+def test_new_judges_begin_when_those_of_the_reload_before_have_left_their_slots(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    daemon = Supervisor(config_of(stages=stages("heat")), lambda: config_of(stages=stages("heat", heat="new")))
+    daemon._judges = {1: daemon._judges.pop(0)}
+    old = SupervisedProcess("judge heat", lambda assignment: assignment.control.poll(None), daemon._assign)
+    with daemon._signals() as daemon._selector:
+        daemon._start(old)
+        daemon._ending, daemon._reload_asked = [old], True
+        monkeypatch.setattr(supervisor, "END", 0.1)
+        daemon._go_on_reloading()
+        assert daemon._reload is not None and list(daemon._reload.judges) == [0]
+        assert not old.alive and not daemon._ending
+        daemon._give_up_reload(CellwattError("the end of the test"))

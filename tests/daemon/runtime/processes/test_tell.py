@@ -30,6 +30,11 @@ CONTROL = Pipe()[1]
 """Nobody says anything."""
 
 
+@pytest.fixture
+def shared() -> Shared:
+    return Shared.of(*declared(CONFIG))
+
+
 class Telling(_Telling):
     """A process that tells, begun by hand; ``left`` are the ids of the alarms that it takes for active."""
 
@@ -51,8 +56,7 @@ class Telling(_Telling):
         return recorder
 
 
-def test_a_judge_that_begins_ends_the_alarms_of_the_one_that_died() -> None:
-    shared = Shared.of(*declared(CONFIG))
+def test_a_judge_that_begins_ends_the_alarms_of_the_one_that_died(shared: Shared) -> None:
     said, telling = ItemWriter(shared.results[0]), Telling(shared)
     said.put(alarm("a", stage="heat"))
     said.put(alarm("b", stage="noise"))
@@ -62,8 +66,7 @@ def test_a_judge_that_begins_ends_the_alarms_of_the_one_that_died() -> None:
     assert telling.left() == ["b", "c"]
 
 
-def test_who_tells_next_does_not_withdraw_what_was_raised_since() -> None:
-    shared = Shared.of(*declared(CONFIG))
+def test_who_tells_next_does_not_withdraw_what_was_raised_since(shared: Shared) -> None:
     said, first = ItemWriter(shared.results[0]), Telling(shared)
     for item in (BEGUN, alarm("a", stage="heat")):
         said.put(item)
@@ -71,8 +74,7 @@ def test_who_tells_next_does_not_withdraw_what_was_raised_since() -> None:
     assert Telling(shared).left() == ["a"]
 
 
-def test_a_judge_in_another_place_ends_the_alarms_of_one_that_was_down_at_a_reload() -> None:
-    shared = Shared.of(*declared(CONFIG))
+def test_a_judge_in_another_place_ends_the_alarms_of_one_that_was_down_at_a_reload(shared: Shared) -> None:
     telling = Telling(shared)
     ItemWriter(shared.results[0]).put(alarm("a", stage="heat"))
     assert telling.left() == ["a"]
@@ -80,10 +82,9 @@ def test_a_judge_in_another_place_ends_the_alarms_of_one_that_was_down_at_a_relo
     assert telling.left(1) == []
 
 
-def test_at_the_end_nobody_who_is_silent_is_down() -> None:
-    shared = Shared.of(*declared(CONFIG))
+def test_at_the_end_nobody_who_is_silent_is_down(shared: Shared) -> None:
     telling = Telling(shared)
-    telling._said["align"] = time.monotonic() - 10.0, {"part": "align", "pid": 0, "cpu_s": 0.0, "restarts": 0}
+    telling._reports["align"] = time.monotonic() - 10.0, {"part": "align", "pid": 0, "cpu_s": 0.0, "restarts": 0}
     told: list[bool] = []
     telling._teller.on_health = lambda status: told.append(status["processes"]["align"]["down"])
     telling._look()
@@ -94,10 +95,9 @@ def test_at_the_end_nobody_who_is_silent_is_down() -> None:
 
 @pytest.mark.parametrize("written", [0, 1, 3])
 async def test_what_was_told_and_not_written_is_recorded_by_the_next_with_its_number(
-    tmp_path: Path, written: int
+    tmp_path: Path, shared: Shared, written: int
 ) -> None:
     """Of two judges, whose items the next process reads again in another order."""
-    shared = Shared.of(*declared(CONFIG))
     judges = [ItemWriter(shared.results[n]) for n in (0, 1)]
     first = Telling(shared)
     kept = await first.recording(tmp_path)
@@ -118,8 +118,7 @@ async def test_what_was_told_and_not_written_is_recorded_by_the_next_with_its_nu
     assert numbered_in(tmp_path)["task"] == [(n, task(n)) for n in range(8)]
 
 
-async def test_a_series_is_gone_on_with_though_its_last_message_is_long_ago(tmp_path: Path) -> None:
-    shared = Shared.of(*declared(CONFIG))
+async def test_a_series_is_gone_on_with_though_its_last_message_is_long_ago(tmp_path: Path, shared: Shared) -> None:
     judge, first = ItemWriter(shared.results[0]), Telling(shared)
     kept = await first.recording(tmp_path)
     judge.put(task(0))
