@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 
 from cellwatt.errors import ConfigError, OutletError
 from cellwatt.outlets.zenoh.follow import Following, Positions
-from cellwatt.outlets.zenoh.keys import ALARM, HEALTH, KINDS, CellKeys
+from cellwatt.outlets.zenoh.keys import ALARM, HEALTH, TOPICS, CellKeys, is_wanted
 from cellwatt.outlets.zenoh.link import LinkSettings, close_session, open_beside, open_session
 from cellwatt.outlets.zenoh.signing import MessageVerifier
 from cellwatt.subscriber.inbox import EVERYTHING, Inbox, Message
@@ -56,8 +56,8 @@ class Subscriber:
         self._keys = CellKeys(site, cell)
         self._link = link
         self._want = tuple(want)
-        if unknown := [w for w in want if w.split("/", 1)[0] not in KINDS]:
-            raise ConfigError(f"no cell publishes {', '.join(unknown)}; topics begin with {', '.join(KINDS)}")
+        if unknown := [w for w in want if not is_wanted(w)]:
+            raise ConfigError(f"no cell publishes {', '.join(unknown)}; topics are {TOPICS}")
         counts: Counter[str] = Counter()
         following = Following(self._want, resume or {}, patience)
         witness = MessageVerifier(self._keys.root, verify, counts)

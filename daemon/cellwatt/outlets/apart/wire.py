@@ -88,16 +88,11 @@ async def running(
     ours, theirs = socket.socketpair()
     with theirs:
         reader, writer = await asyncio.open_connection(sock=ours, limit=LIMIT)
+        number, nothing = theirs.fileno(), asyncio.subprocess.DEVNULL
+        command = (sys.executable, "-m", module, str(number))
         try:
             process = await asyncio.create_subprocess_exec(
-                sys.executable,
-                "-m",
-                module,
-                str(theirs.fileno()),
-                stdin=asyncio.subprocess.DEVNULL,
-                stdout=asyncio.subprocess.DEVNULL,
-                pass_fds=(theirs.fileno(),),
-                preexec_fn=_bounded(memory),
+                *command, stdin=nothing, stdout=nothing, pass_fds=(number,), preexec_fn=_bounded(memory)
             )
         except BaseException as error:
             writer.close()

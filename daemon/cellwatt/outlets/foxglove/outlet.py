@@ -77,8 +77,8 @@ class FoxgloveOutlet:
         self._asked: SimpleQueue[str] = SimpleQueue()
         """Topics to which clients have subscribed."""
         self._behind = _Behind()
-        self._kept: dict[tuple[str, str], Outgoing] = {}
-        self._told = 0
+        self._states: dict[tuple[str, str], Outgoing] = {}
+        self._clock_time = 0
         self._framed = -math.inf
         self._context: foxglove.Context | None = None  # a reference: the channels live as long as their context
         self._channels: dict[str, foxglove.Channel] | None = None
@@ -145,9 +145,9 @@ class FoxgloveOutlet:
         self._renew(moment.messages)
         for outgoing in moment.messages:
             if outgoing.key is not None:
-                self._kept[outgoing.topic.name, outgoing.key] = outgoing
+                self._states[outgoing.topic.name, outgoing.key] = outgoing
             if outgoing.over:
-                del self._kept[outgoing.topic.name, outgoing.key or ""]
+                del self._states[outgoing.topic.name, outgoing.key or ""]
         if self._channels is None:
             return
         self._clock(moment)
@@ -156,7 +156,7 @@ class FoxgloveOutlet:
     def welcome(self) -> None:
         """Send the current states on the topics to which clients subscribed since the last call."""
         asked = {self._asked.get() for _ in range(self._asked.qsize())}
-        self._log(outgoing for (topic, _), outgoing in self._kept.items() if topic in asked)
+        self._log(outgoing for (topic, _), outgoing in self._states.items() if topic in asked)
 
     def _log(self, messages: Iterable[Outgoing]) -> None:
         """Pass messages to the library; never waits."""
@@ -171,8 +171,8 @@ class FoxgloveOutlet:
         self._framed = now if framed else self._framed
         # If the clock goes back, the app treats it as a jump and clears its plots. Frames are later than other
         # messages, so while frames arrive, only they set the clock.
-        if moment.time > self._told and (framed or now - self._framed > _QUIET):
-            self._told = moment.time
+        if moment.time > self._clock_time and (framed or now - self._framed > _QUIET):
+            self._clock_time = moment.time
             self._server.broadcast_time(moment.time)
 
     def _renew(self, messages: Iterable[Outgoing]) -> None:

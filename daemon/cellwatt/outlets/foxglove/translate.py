@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
-from cellwatt.alarms import AlarmBook
+from cellwatt.alarms import RESTARTED, AlarmBook
 from cellwatt.frames import Frames, Layout
 from cellwatt.outlets.foxglove.topics import (
     JSON_TOPICS,
@@ -38,6 +39,7 @@ class Translator:
     def __init__(self) -> None:
         self._rows: FrameRows | None = None
         self._alarms = AlarmBook()
+        self._session: int | None = None
         self._log = drawn_topic(LOG, "Log")
 
     @property
@@ -68,6 +70,13 @@ class Translator:
             line = _line(time, level, item.statement, item.source or item.stage or "cellwatt")
             outgoing.append(Outgoing(self._log, time, line, _key(item), over))
         return Moment(time, tuple(outgoing))
+
+    def session(self, session: int) -> Iterator[Moment]:
+        """Note the session of the cell's daemon; clear the alarms that only an ended daemon had raised."""
+        before, self._session = self._session, session
+        for alarm in [standing.alarm for standing in self._alarms.raised] if before not in (None, session) else ():
+            if alarm.time < session:  # else the new daemon has raised it again
+                yield self.item(replace(alarm, active=False, time=session, statement=RESTARTED))
 
     def lost(self, time: int, topic: str, count: int) -> Moment:
         """A log message at ``time``, UTC ns: ``count`` samples or results of a topic are lost."""

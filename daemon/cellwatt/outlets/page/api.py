@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from http import HTTPStatus
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import quote
 
@@ -103,8 +104,7 @@ class CellApi:
         file = await cell.archive.reports(report_file, request.match_info["path"])
         if file is None:
             raise web.HTTPNotFound(text="there is no such report")
-        headers = {"Content-Security-Policy": REPORT_POLICY, "Content-Type": "text/html; charset=utf-8"}
-        return web.FileResponse(file, headers=headers)
+        return report_page(file)
 
     async def _mismatch(self, request: web.Request) -> web.StreamResponse:
         cell = await self._cell(request)
@@ -129,12 +129,19 @@ class CellApi:
             "note": text_of(body, "note", LONGEST_NOTE, needed=False),
         }
         if what == "shelve":
-            order["until"] = time.time_ns() + round(_minutes(body) * 60e9)
+            now = feed.live.status.get("time", time.time_ns())  # the cell's clock, which the PC's may differ from
+            order["until"] = now + round(_minutes(body) * 60e9)
         if not (feed.is_shelved(alarm) if what == "unshelve" else feed.is_up(alarm)):
             where = "shelved" if what == "unshelve" else "active"
             return refusal(HTTPStatus.CONFLICT, f"the alarm {alarm!r:.200} is not {where}: it may be cleared")
         await cell.order(order)
         return answer({})
+
+
+def report_page(file: Path) -> web.FileResponse:
+    """A report as an answer, without access to the page."""
+    headers = {"Content-Security-Policy": REPORT_POLICY, "Content-Type": "text/html; charset=utf-8"}
+    return web.FileResponse(file, headers=headers)
 
 
 def visitor_of(request: web.Request) -> Visitor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import time
 from collections.abc import Awaitable, Callable, Mapping, Sequence
@@ -13,7 +14,7 @@ from urllib.parse import quote
 from cellwatt.errors import CellwattError
 from cellwatt.live.site import summary
 from cellwatt.outlets.page import shapes
-from cellwatt.outlets.page.archive import Archive, Desk
+from cellwatt.outlets.page.archive import Archive
 from cellwatt.outlets.page.feed import Feed
 from cellwatt.outlets.page.streams import Hub
 from cellwatt.outlets.zenoh.received import Health
@@ -112,7 +113,7 @@ def page_of(status: Body) -> str | None:
     return url if isinstance(url, str) and url.startswith(_WEB) else None
 
 
-async def follow_arms(feed: Feed, arms: Mapping[str, Path], desk: Desk) -> None:
+async def follow_arms(feed: Feed, arms: Mapping[str, Path]) -> None:
     """Update the arms of a feed when its channels change, until cancelled; log and skip arms that cannot be read."""
     while arms:
         await feed.laid_out.wait()
@@ -122,7 +123,7 @@ async def follow_arms(feed: Feed, arms: Mapping[str, Path], desk: Desk) -> None:
         found = []
         for source, file in arms.items():
             try:
-                found.append(await desk.ask(skeleton, source, file, feed.names))
+                found.append(await asyncio.to_thread(skeleton, source, file, feed.names))
             except (CellwattError, OSError, ValueError) as error:
                 log.warning("the arm of %s is not shown: %s: %s", source, file, error)
         if found != feed.arms:

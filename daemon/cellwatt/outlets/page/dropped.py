@@ -17,7 +17,7 @@ from aiohttp import web
 from cellwatt.child import output
 from cellwatt.door.http import BODY
 from cellwatt.errors import CellwattError
-from cellwatt.outlets.page.api import REPORT_POLICY, body_of
+from cellwatt.outlets.page.api import body_of, report_page
 from cellwatt.outlets.page.gate import answer
 
 LARGEST: Final = 4_000_000_000
@@ -154,12 +154,16 @@ class Drops:
         folder = Path(await asyncio.to_thread(tempfile.mkdtemp, prefix="cellwatt-view-"))
         self._drops[name] = drop = Drop(name, folder, {})
         await asyncio.to_thread(drop.files.mkdir)
-        for old in list(self._drops.values())[:-KEPT]:
-            del self._drops[old.name]
-            if (task := self._tasks.pop(old.name, None)) is not None:
-                task.cancel()
-            await asyncio.to_thread(shutil.rmtree, old.folder, ignore_errors=True)
+        for old in list(self._drops)[:-KEPT]:
+            await self._remove(self._drops.pop(old))
         return drop
+
+    async def _remove(self, drop: Drop) -> None:
+        """End the command that runs for a drop, and remove its files."""
+        if (task := self._tasks.pop(drop.name, None)) is not None:
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)  # else it writes into the folder that is removed
+        await asyncio.to_thread(shutil.rmtree, drop.folder, ignore_errors=True)
 
     async def put(self, request: web.Request) -> web.StreamResponse:
         """Receive one file in pieces; the door does not read the body of this request.
@@ -170,23 +174,23 @@ class Drops:
         size = drop.awaited.pop(path, None)
         if size is None:
             raise CellwattError(f"{path:.200} was not announced: drop it again")
-        file, left, whole = drop.files / path, size, False
+        file, remaining, whole = drop.files / path, size, False
         for drawn in [each for each in drop.drawn if f"{path}/".startswith(f"{each}/")]:
             del drop.drawn[drawn]  # drawn from an older version of the file, or of the bag that contains it
         try:
             with await asyncio.to_thread(_begun, file) as out:
                 async for piece in _pieces(request):
-                    if (left := left - len(piece)) < 0:
+                    if (remaining := remaining - len(piece)) < 0:
                         break
                     await asyncio.to_thread(out.write, piece)
-            whole = not left
+            whole = not remaining
         except OSError as error:
             raise CellwattError(f"{path:.200} cannot be stored: {error.strerror}") from None
         finally:
             if not whole:
                 with contextlib.suppress(OSError):  # a folder may have its name
                     await asyncio.to_thread(file.unlink)
-        if left:
+        if remaining:
             raise CellwattError(f"{path:.200} has another size than was announced: drop it again")
         return answer({})
 
@@ -205,7 +209,7 @@ class Drops:
         drawn = self._drop(request).drawn.get(request.match_info["path"])
         if drawn is None:
             raise web.HTTPNotFound(text="this recording is not drawn")
-        return _page(drawn)
+        return report_page(drawn)
 
     async def _sample(self, request: web.Request) -> web.StreamResponse:
         """Create a sample drop: a simulation of an arm and two recordings with physics that the simulation lacks."""
@@ -250,7 +254,7 @@ class Drops:
         if (file := made.get(name)) is None:
             raise web.HTTPNotFound(text="there is no such file")
         if file.suffix == ".html":
-            return _page(file)
+            return report_page(file)
         headers = {"Content-Disposition": "attachment", "Content-Type": "application/octet-stream"}
         return web.FileResponse(file, headers=headers)
 
@@ -264,11 +268,8 @@ class Drops:
 
     async def close(self) -> None:
         """Cancel running commands and remove all files."""
-        for task in self._tasks.values():
-            task.cancel()
-        await asyncio.gather(*self._tasks.values(), return_exceptions=True)
-        for drop in self._drops.values():
-            await asyncio.to_thread(shutil.rmtree, drop.folder, ignore_errors=True)
+        for drop in list(self._drops.values()):
+            await self._remove(drop)
 
 
 def items(folder: Path) -> list[Path]:
@@ -314,12 +315,6 @@ def _known(drop: Drop, paths: Sequence[str]) -> None:
     for path in paths:
         if path not in present:
             raise CellwattError(f"{path:.200} is not among the files that were dropped")
-
-
-def _page(file: Any) -> web.FileResponse:
-    return web.FileResponse(
-        file, headers={"Content-Security-Policy": REPORT_POLICY, "Content-Type": "text/html; charset=utf-8"}
-    )
 
 
 def _paths(body: Any, name: str) -> list[str]:

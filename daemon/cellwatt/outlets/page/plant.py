@@ -5,10 +5,8 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import threading
 import time
-from collections.abc import AsyncIterator, Callable, Mapping, Sequence
-from contextlib import asynccontextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -20,7 +18,7 @@ from cellwatt.outlets.page.cells import Cell, Mode, OneCell, plant_cell
 from cellwatt.outlets.page.feed import Feed
 from cellwatt.outlets.page.streams import Browsers, Hub
 from cellwatt.outlets.zenoh.keys import PREFIX, escape
-from cellwatt.outlets.zenoh.link import LinkSettings, open_session
+from cellwatt.outlets.zenoh.link import LinkSettings, close_session, open_beside
 from cellwatt.outlets.zenoh.received import read_health
 from cellwatt.subscriber import Subscriber
 
@@ -96,7 +94,8 @@ class _Cell:
 class Plant:
     """The cells of a site behind a link, with the interface of ``OneCell``; ``run`` follows them.
 
-    Zenoh calls back in its own threads; samples are passed to the event loop.
+    Zenoh calls back in its own threads, which hold this object: it must not hold Zenoh's session. Samples are passed to
+    the event loop.
     """
 
     mode: Mode = "plant"
@@ -109,10 +108,9 @@ class Plant:
         self._known: dict[str, _Cell] = {}
         self._sent: dict[str, dict[str, Any]] = {}
         self._browsers, self._desk = browsers, desk
-        self._left: set[asyncio.Task[None]] = set()
+        self._closing: set[asyncio.Task[None]] = set()
         """Cancelled tasks whose links are not closed yet."""
         self._loop = asyncio.get_running_loop()
-        self._session: zenoh.Session | None = None
         self._unreadable = 0
 
     # cells ----------------------------------------------------------------------------------------
@@ -142,8 +140,8 @@ class Plant:
     def _leave(self, known: _Cell) -> None:
         task, known.task, known.followed = known.task, None, None
         if task is not None:
-            self._left.add(task)
-            task.add_done_callback(self._left.discard)
+            self._closing.add(task)
+            task.add_done_callback(self._closing.discard)
             task.cancel()
 
     def summary(self) -> list[dict[str, Any]]:
@@ -163,33 +161,21 @@ class Plant:
 
     async def run(self) -> None:
         """Follow the site until cancelled. Raises ``OutletError`` if the link cannot be opened."""
+        session: zenoh.Session | None = None
         try:
-            async with self._linked():
-                while True:
-                    await asyncio.sleep(LOOK)
-                    await self._look()
+            session = await open_beside(self._link)
+            await asyncio.to_thread(self._subscribe, session)
+            while True:
+                await asyncio.sleep(LOOK)
+                await self._look()
         finally:
             for known in self._known.values():  # also cells opened before the link was open
                 self._leave(known)
-            await asyncio.gather(*self._left, return_exceptions=True)
-
-    @asynccontextmanager
-    async def _linked(self) -> AsyncIterator[None]:
-        stopped = threading.Event()
-        opening = asyncio.ensure_future(asyncio.to_thread(self._open, stopped.is_set))
-        try:
-            await asyncio.shield(opening)
-            yield
-        finally:
-            stopped.set()
-            await asyncio.wait([opening])
-            opening.exception()  # retrieve it, if nothing awaited it
-            session, self._session = self._session, None  # Zenoh's threads hold this object: it must not hold Zenoh
+            await asyncio.gather(*self._closing, return_exceptions=True)
             if session is not None:
-                await asyncio.to_thread(session.close)
+                await asyncio.to_thread(close_session, session)
 
-    def _open(self, stopped: Callable[[], bool]) -> None:
-        session = self._session = open_session(self._link, stopped)
+    def _subscribe(self, session: zenoh.Session) -> None:
         root = f"{PREFIX}/{escape(self._name)}/*"
         session.liveliness().declare_subscriber(root, self._later(self._on_token), history=True)
         session.declare_subscriber(f"{root}/health", self._later(self._on_health))
@@ -221,9 +207,9 @@ class Plant:
 
     async def _look(self) -> None:
         """Decode the newest health of each cell, and send the changed cells to browsers."""
-        now = time.monotonic()
-        for place, (name, cell) in enumerate(list(self._known.items())):
-            if place % AT_ONCE == 0:
+        now, forgotten = time.monotonic(), False
+        for index, (name, cell) in enumerate(list(self._known.items())):
+            if index % AT_ONCE == 0:
                 await asyncio.sleep(0)
             if cell.waiting is not None:
                 try:
@@ -240,9 +226,12 @@ class Plant:
             if cell.gone is not None and now - cell.gone > FORGOTTEN and cell.followed is None:
                 del self._known[name]
                 self._sent.pop(name, None)
+                forgotten = True
         changed = [figures for name in self._known if (figures := self._changed(name)) is not None]
         if changed and self.hub is not None:
             self.hub.tell("plant", {"cells": changed})
+        if forgotten and self.hub is not None:
+            self.hub.end()  # browsers request the list of cells again
 
     def _changed(self, name: str) -> dict[str, Any] | None:
         figures = self._summary(name)

@@ -41,7 +41,7 @@ async def serve(daemon: Daemon, hello: Mapping[str, Any]) -> None:
         async with served(settings, shown_cell, browsers, folder and folder / FILE) as page:
             settle_memory()
             archive.start()
-            arms = asyncio.create_task(follow_arms(feed, settings.arms, desk))
+            arms = asyncio.create_task(follow_arms(feed, settings.arms))
             try:
                 await daemon.serve(page.url, lambda: {**page.counts, **archive.counts()}, shown)
             finally:
@@ -77,7 +77,7 @@ async def view(
                 elif link is not None and cell is not None:
                     feed = Feed(site, cell, Hub(browsers), f"{prefix(site, cell)}/reports")
                     cells = OneCell(Cell(feed, Archive(None, cell, settings.reports, desk)))
-                    following = [watch(link, feed, verify), follow_arms(feed, settings.arms, desk)]
+                    following = [watch(link, feed, verify), follow_arms(feed, settings.arms)]
                 tasks = [group.create_task(work) for work in following]
                 async with served(settings, cells, browsers, drops=drops) as page:
                     tell(f"the page is at {page.url}")

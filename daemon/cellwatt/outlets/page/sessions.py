@@ -48,7 +48,7 @@ class _Saved:
     logins: dict[str, Login]
 
 
-_KEPT: Final = TypeAdapter(_Saved)
+_STORED: Final = TypeAdapter(_Saved)
 
 
 class Sessions:
@@ -111,7 +111,7 @@ class Sessions:
         if self._file is None:
             return
         try:
-            saved = _KEPT.validate_json(read_bytes(self._file, _LARGEST))
+            saved = _STORED.validate_json(read_bytes(self._file, _LARGEST))
             if self._file.stat().st_mode & 0o077:
                 raise ValueError("other users may read it, so its logins are void")
             self._secret, self._logins = bytes.fromhex(saved.secret), saved.logins
@@ -129,7 +129,7 @@ class Sessions:
         now = self._clock()
         logins = {key: login for key, login in list(self._logins.items()) if login.ends > now}
         try:
-            replace_bytes(self._file, _KEPT.dump_json(_Saved(self._secret.hex(), logins)), 0o600)
+            replace_bytes(self._file, _STORED.dump_json(_Saved(self._secret.hex(), logins)), 0o600)
         except OSError as error:
             log.warning("%s cannot be written, logins end with this process: %s", self._file, error.strerror)
 

@@ -89,9 +89,9 @@ def frames(blocks: Iterable[Frames], wanted: Sequence[str]) -> dict[str, Any]:
     """Merge blocks of the same layout: times, values of the wanted channels, and the worst quality per channel."""
     parts = list(blocks)
     layout = parts[0].layout
-    place = {name: i for i, name in enumerate(layout.names)}
-    names = [name for name in wanted if name in place]
-    columns = [place[name] for name in names]
+    column_of = {name: i for i, name in enumerate(layout.names)}
+    names = [name for name in wanted if name in column_of]
+    columns = [column_of[name] for name in names]
     values = np.concatenate([part.values[:, columns] for part in parts])
     worst = np.concatenate([part.quality[:, columns] for part in parts]).max(axis=0, initial=0)
     rounded = [i for i, column in enumerate(columns) if layout.channels[column].kind == "continuous"]

@@ -79,11 +79,11 @@ def skeleton(source: str, file: Path, channels: Sequence[str]) -> dict[str, Any]
         raise ConfigError(f"{path}: cannot be used as a URDF: {error}") from error
     bound = {name: f"{source}.joint_{i}.position" for i, name in enumerate(order or moving, 1)}
     known = {name: channel for name, channel in bound.items() if channel in set(channels)}
-    place = {joint.child: i for i, joint in enumerate(joints)}
+    index_of = {joint.child: i for i, joint in enumerate(joints)}
     shown = [
         {
             **joint.shape,
-            "parent": place.get(joint.parent, -1),
+            "parent": index_of.get(joint.parent, -1),
             "channel": None if joint.shape["type"] == "fixed" else known.get(joint.mimic or joint.name),
         }
         for joint in joints

@@ -110,8 +110,8 @@ class Hub:
             response = web.StreamResponse(headers=headers)
             if request.transport is not None:  # a small buffer, so that a slow browser is noticed here
                 request.transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SENT)
-            await response.prepare(request)
             try:
+                await response.prepare(request)
                 await browser.send(response)
             except TimeoutError:
                 self._browsers.counts["browsers too slow"] += 1

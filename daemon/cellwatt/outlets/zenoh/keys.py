@@ -29,6 +29,8 @@ KINDS: Final = ("raw", FRAME, "interval", "task", "energy", "prediction", ALARM,
 
 _LONGEST_TOPIC: Final = 1000
 
+TOPICS: Final = "raw/SOURCE/STREAM, frame, interval, task, energy, prediction/MODEL, alarm, event, health"
+"""Forms of topics, for messages."""
 _NAMES: Final = {"raw": 2, "prediction": 1}
 _UNSAFE = re.compile(r"[/*$?#%\s\x00-\x1f\x7f]|^@")
 
@@ -126,6 +128,12 @@ def is_topic(text: str) -> bool:
         return len(text) < _LONGEST_TOPIC and parse(f"{PREFIX}/-/-/{text}").topic == text
     except ProtocolError:
         return False
+
+
+def is_wanted(text: str) -> bool:
+    """True if a text is a topic or a prefix of topics, such as ``raw/arm``."""
+    kind, *names = text.split("/")
+    return kind in KINDS and len(names) <= _NAMES.get(kind, 0) and all(names)
 
 
 def _right_length(path: list[str]) -> bool:

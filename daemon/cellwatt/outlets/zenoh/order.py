@@ -147,8 +147,8 @@ class Follower:
     def refuse(self, session: int, end: int) -> None:
         """Discard held parts between the known numbers and ``end``, which the cell does not know."""
         held = self._held.pop(session, [])
-        if left := [part for part in held if self.knows(session, part.sequence) or part.end > end]:
-            self._held[session] = left
+        if remaining := [part for part in held if self.knows(session, part.sequence) or part.end > end]:
+            self._held[session] = remaining
 
     def _room(self, size: int) -> bool:
         sizes = [part.size for held in self._held.values() for part in held]

@@ -1,12 +1,32 @@
-"""What is lost, without a server."""
+"""What is lost, and what ends with the cell's daemon, without a server."""
 
 from __future__ import annotations
 
+from cellwatt.alarms import RESTARTED
+from cellwatt.outlets.foxglove.serving import moments
 from cellwatt.outlets.foxglove.translate import Translator
+from cellwatt.subscriber import Health, Message
 from tests.daemon.outlets.foxglove.client import message_class
+from tests.daemon.outlets.zenoh.fake_cell import EPOCH, alarm
 
 
 def test_what_is_lost_is_a_line() -> None:
     (line,) = Translator().lost(5, "frame", 12).messages
     told = message_class(line.topic.schema_name, line.topic.schema).FromString(line.data)
     assert told.message == "12 of frame are lost: the cell no longer stores them"
+
+
+def test_alarms_of_a_daemon_that_ended_are_over() -> None:
+    """A client that connects later must not see them as active: the new daemon says nothing of them."""
+    translator, restart = Translator(), EPOCH + 100
+
+    def health(session: int) -> list[str | None]:
+        told = moments(translator, Message("health", session, 0, False, Health(session, session, {}, {})))
+        return [each.key for moment in told for each in moment.messages if each.over and each.topic.name == "/alarm"]
+
+    assert health(EPOCH) == []
+    for item in (alarm(1), alarm(2), alarm(2, time=restart + 1)):  # the last is of the new daemon
+        translator.item(item)
+    assert health(restart) == ["alarm-1"]
+    assert health(restart) == []
+    assert translator.item(alarm(1, False, statement=RESTARTED)).messages[0].over

@@ -41,6 +41,8 @@ from tests.patience import wait_until
 
 START = SESSION / MS  # ms
 LARGEST = float(np.finfo(np.float32).max)
+FIVE_MINUTES = SESSION + np.arange(300) * S
+SPAN = (["arm.power"], START, START + 300_000, 30)
 
 
 def extremes(time: np.ndarray, values: np.ndarray, edges: list[float], step: float) -> tuple[list, list]:
@@ -147,14 +149,14 @@ def test_what_a_killed_process_left_of_its_level_files_goes_and_nothing_else(tmp
 
 
 def hours(folder: Path, count: int = 3, names: tuple[str, ...] = ("arm.power", "arm.voltage")) -> tuple:
-    """Recordings of an hour each, one frame a second."""
+    """Recordings of an hour each, one frame a second; what to ask for to see the power of all of them."""
     time = SESSION + np.arange(3600 * count) * S
     values = np.random.default_rng(1).standard_normal((len(time), len(names)))
     values[3000, 0] = 1000.0
     for number in range(count):
         part = slice(3600 * number, 3600 * (number + 1))
         recording(folder, in_chunks(time[part], values[part], 600, names=names, rate=1.0), number + 1)
-    return time, values
+    return ["arm.power"], START, START + count * 3_600_000, 100
 
 
 def test_channels_may_change_from_file_to_file(tmp_path):
@@ -222,8 +224,8 @@ def test_a_damaged_chunk_leaves_a_gap(tmp_path):
     time = SESSION + np.arange(1000) * STEP
     random = np.random.default_rng(3).standard_normal(1000)
     written = Written(tmp_path)
-    for i in range(0, 1000, 100):
-        written.chunk(frames(time[i : i + 100], random[i : i + 100]))
+    for (block,) in in_chunks(time, random, 100):
+        written.chunk(block)
     chunk = written.file.contents.chunks[4]
     with written.file.part.open("r+b") as file:
         file.seek(chunk.offset + chunk.length // 2)
@@ -284,49 +286,40 @@ def levels_of(folder: Path) -> set[str]:
 def test_no_damage_gives_wrong_numbers(data):
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        time = SESSION + np.arange(300) * S
-        path = recording(
-            folder,
-            [[frames(time, np.arange(300), rate=1.0), interval(1, SESSION, SESSION + S), alarm("a", SESSION, SESSION)]],
-        )
-        span = (["arm.power"], START, START + 300_000, 30)
-        true = curves(Store(folder, CELL), *span)
+        whole = frames(FIVE_MINUTES, np.arange(300), rate=1.0)
+        path = recording(folder, [[whole, interval(1, SESSION, SESSION + S), alarm("a", SESSION, SESSION)]])
+        true = curves(Store(folder, CELL), *SPAN)
         file = level_file.path_of(path)
         body = bytearray(file.read_bytes())
         for _ in range(data.draw(st.integers(1, 3))):
             body[data.draw(st.integers(0, len(body) - 1))] = data.draw(st.integers(0, 255))
         file.write_bytes(body[: data.draw(st.integers(0, len(body)))])
         reader = Store(folder, CELL)
-        curves(reader, *span)
-        assert curves(reader, *span) == true
+        curves(reader, *SPAN)
+        assert curves(reader, *SPAN) == true
 
 
 def test_a_level_file_of_another_recording_is_not_used(tmp_path):
-    time = SESSION + np.arange(300) * S
-    path = recording(tmp_path, [[frames(time, np.zeros(300), rate=1.0)]])
-    span = (["arm.power"], START, START + 300_000, 30)
-    curves(Store(tmp_path, CELL), *span)
+    path = recording(tmp_path, [[frames(FIVE_MINUTES, np.zeros(300), rate=1.0)]])
+    curves(Store(tmp_path, CELL), *SPAN)
     path.unlink()
-    recording(tmp_path, [[frames(time, np.arange(300), rate=1.0)]])
-    assert curves(Store(tmp_path, CELL), *span)["v"]["arm.power"]["max"] == [*range(9, 300, 10)]
+    recording(tmp_path, [[frames(FIVE_MINUTES, np.arange(300), rate=1.0)]])
+    assert curves(Store(tmp_path, CELL), *SPAN)["v"]["arm.power"]["max"] == [*range(9, 300, 10)]
 
 
 def test_a_damaged_level_file_that_cannot_be_removed_leaves_a_gap_that_is_told(tmp_path, monkeypatch):
-    path = recording(tmp_path, [[frames(SESSION + np.arange(300) * S, np.zeros(300), rate=1.0)]])
-    span = (["arm.power"], START, START + 300_000, 30)
-    assert curves(Store(tmp_path, CELL), *span)["complete"]
+    path = recording(tmp_path, [[frames(FIVE_MINUTES, np.zeros(300), rate=1.0)]])
+    assert curves(Store(tmp_path, CELL), *SPAN)["complete"]
     reader = Store(tmp_path, CELL)
     asked = []
     monkeypatch.setattr(level_file.LevelFile, "levels", lambda *_: asked.append(1) or level_file._unpacked(b"a", 1))
     monkeypatch.setattr(Path, "unlink", lambda *_, **__: (_ for _ in ()).throw(OSError(errno.EROFS, "read-only")))
-    assert not curves(reader, *span)["complete"] and len(asked) == 2
+    assert not curves(reader, *SPAN)["complete"] and len(asked) == 2
     assert level_file.path_of(path).exists()
 
 
 def test_levels_go_with_their_recording(tmp_path):
-    hours(tmp_path)
-    reader = Store(tmp_path, CELL)
-    span = (["arm.power"], START, START + 3 * 3_600_000, 100)
+    span, reader = hours(tmp_path), Store(tmp_path, CELL)
     curves(reader, *span)
     (tmp_path / "levels" / "notes.txt").write_text("mine")
     min(tmp_path.glob("*.mcap")).unlink()
@@ -337,8 +330,7 @@ def test_levels_go_with_their_recording(tmp_path):
 
 
 def test_levels_keep_to_their_budget_and_the_oldest_go(tmp_path, monkeypatch):
-    hours(tmp_path)
-    span = (["arm.power"], START, START + 3 * 3_600_000, 100)
+    span = hours(tmp_path)
     true = curves(Store(tmp_path, CELL), *span)
     files = sorted((tmp_path / "levels").iterdir())
     read = []
@@ -357,8 +349,7 @@ def test_levels_keep_to_their_budget_and_the_oldest_go(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("full", [True, False])
 def test_a_disk_that_takes_no_level_files_costs_time_alone(tmp_path, monkeypatch, caplog, full):
-    hours(tmp_path)
-    span = (["arm.power"], START, START + 3 * 3_600_000, 100)
+    span = hours(tmp_path)
 
     def refuse(*_):
         raise OSError(errno.EROFS, "Read-only file system")
@@ -379,18 +370,17 @@ def test_a_disk_that_takes_no_level_files_costs_time_alone(tmp_path, monkeypatch
 
 
 def test_what_takes_too_long_is_left_out_and_told(tmp_path, monkeypatch):
-    hours(tmp_path)
+    span = hours(tmp_path)
     monkeypatch.setattr(module, "PATIENCE", -1.0)
-    found = curves(Store(tmp_path, CELL), ["arm.power"], START, START + 3 * 3_600_000, 100)
+    found = curves(Store(tmp_path, CELL), *span)
     assert not found["complete"] and set(found["v"]["arm.power"]["max"]) == {None}
 
 
 def test_a_recording_that_holds_nothing_is_told_and_not_read_again_and_again(tmp_path, monkeypatch, caplog):
-    hours(tmp_path, 2)
+    span = hours(tmp_path, 2)
     bad = min(tmp_path.glob("*.mcap"))
     bad.write_bytes(b"nothing" * 100)
     reader = Store(tmp_path, CELL)
-    span = (["arm.power"], START, START + 2 * 3_600_000, 100)
     found = curves(reader, *span)
     assert curves(reader, *span) == found
     assert any(v is not None for v in found["v"]["arm.power"]["max"])

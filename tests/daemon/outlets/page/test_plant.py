@@ -108,7 +108,7 @@ async def test_all_cells_of_the_site_are_shown_with_their_states(router: str) ->
         assert (site["mode"], site["site"], len(site["cells"])) == ("plant", SITE, 3)
 
 
-async def test_a_cell_comes_and_goes_in_the_stream(router: str) -> None:
+async def test_a_cell_comes_and_goes_in_the_stream(router: str, monkeypatch: pytest.MonkeyPatch) -> None:
     async with viewing(router) as url, client() as browser, browser.get(f"{url}/api/plant/stream") as response:
         stream = Stream(response)
         assert await stream.until("plant") == {"cells": []}
@@ -121,6 +121,10 @@ async def test_a_cell_comes_and_goes_in_the_stream(router: str) -> None:
             await asyncio.wait_for(state("green"), 30)
         await asyncio.wait_for(state("gone"), 30)
         assert (await cells(browser, url))["weld-1"]["state"] == "gone"
+        monkeypatch.setattr(plant_module, "FORGOTTEN", 0.0)
+        with pytest.raises(EOFError):  # so that browsers drop its tile
+            await asyncio.wait_for(state("forgotten"), 30)
+        assert await cells(browser, url) == {}
 
 
 async def test_a_cell_that_is_looked_at_is_followed_and_then_left(router: str, monkeypatch: pytest.MonkeyPatch) -> None:

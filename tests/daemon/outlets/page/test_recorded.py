@@ -122,10 +122,9 @@ async def test_arms_are_shown_once_their_channels_are_known(
     browser: aiohttp.ClientSession, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     await asyncio.to_thread((tmp_path / "one.urdf").write_text, URDF)
-    desk = Desk()
     async with served(tmp_path) as page:
         arms = {"arm": tmp_path / "one.urdf", "other": tmp_path / "none.urdf"}
-        following = asyncio.create_task(follow_arms(page.feed, arms, desk))
+        following = asyncio.create_task(follow_arms(page.feed, arms))
         assert (await get(browser, page, "/state"))["arms"] == []
         page.feed.take_frames(cell.frames(0, 1))
         await eventually(lambda: page.feed.arms, "the arm")
@@ -135,4 +134,3 @@ async def test_arms_are_shown_once_their_channels_are_known(
         assert page.feed.joints == ["arm.joint_1.position"]
         following.cancel()
     assert "the arm of other is not shown" in caplog.text
-    await asyncio.to_thread(desk.close)

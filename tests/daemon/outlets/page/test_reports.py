@@ -120,16 +120,8 @@ def test_nothing_outside_is_listed_or_served(tmp_path):
 
 # mismatch -------------------------------------------------------------------------------------------
 
-STANDBY = Finding(
-    "standby",
-    None,
-    "missing",
-    0.7,
-    "The supply draws 40 W.",
-    {},
-    Where(("supply.power",)),
-    Improvement("supply.power", "W", 41.0, 4.2, 4.0),
-)
+DRAWS = Improvement("supply.power", "W", 41.0, 4.2, 4.0)
+STANDBY = Finding("standby", None, "missing", 0.7, "The supply draws 40 W.", {}, Where(("supply.power",)), DRAWS)
 STICKS = Improvement("joint_2.torque", "Nm", 9.0, 0.7, 0.6)
 STRIBECK = Finding("stribeck", 2, "missing", 0.98, "Joint 2 sticks.", {}, Where(("joint_2.torque",)), STICKS)
 FIT = (

@@ -7,10 +7,13 @@ import socket
 from dataclasses import replace
 from pathlib import Path
 
+import aiohttp
 import pytest
+from aiohttp import web
 
 from cellwatt import FrameChannel, Layout
 from cellwatt.outlets.page import streams
+from cellwatt.outlets.page.gate import Gate
 from cellwatt.outlets.page.streams import Browser, Browsers
 from tests.daemon.outlets.page.cell import API, Served, Stream, client, frames, served
 from tests.patience import eventually
@@ -51,6 +54,21 @@ async def test_a_browser_that_reads_nothing_costs_only_itself(tmp_path: Path, mo
         finally:
             silent.close()
         await eventually(lambda: page.feed.take_gap("x") or len(page.browsers) == 0, "both have left")
+
+
+async def test_a_browser_that_leaves_before_its_answer_is_no_mistake(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def leave(_gate: Gate, request: web.Request, _response: web.StreamResponse) -> None:
+        assert isinstance(request.transport, asyncio.Transport)
+        request.transport.abort()
+
+    monkeypatch.setattr(Gate, "prepare", leave)
+    async with served(tmp_path) as page, client() as browser:
+        with pytest.raises(aiohttp.ClientError):
+            await browser.get(f"{page.url}{API}/stream")
+        await eventually(lambda: not len(page.browsers), "its place")
+    assert "cannot be answered" not in caplog.text
 
 
 async def test_a_browser_that_takes_nothing_for_long_is_disconnected(

@@ -12,20 +12,20 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from cellwatt import CellwattError
-from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
+from cellwatt.outlets.zenoh import ZenohSettings
 from cellwatt.outlets.zenoh.answer_queue import MOST_RESULTS, MOST_SAMPLES, Answer, Turns
 from cellwatt.outlets.zenoh.answers import Answers
 from cellwatt.outlets.zenoh.backlog import ALARMS_KEPT, Backlog
 from cellwatt.outlets.zenoh.keys import CellKeys
-from cellwatt.outlets.zenoh.link import LinkSettings, open_session
+from cellwatt.outlets.zenoh.link import open_session
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.questions import QuestionError
-from cellwatt.subscriber import Subscriber
 from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch, frames
-from tests.daemon.outlets.zenoh.processes import free_port
 from tests.daemon.outlets.zenoh.serving import serving
+from tests.daemon.outlets.zenoh.test_subscriber import RAW, Cell
 from tests.patience import PATIENCE, eventually
 
+ROOT = f"cellwatt/{SITE}/{CELL}"
 NUMBERING = EPOCH + 5
 HEALTH = Mark(EPOCH, 3, 1, EPOCH, backfill=True)
 
@@ -175,30 +175,26 @@ def test_a_limit_that_is_none_is_refused(value: str) -> None:
 
 
 async def test_a_consumer_gets_all_of_the_past_at_the_limit_and_status_at_once() -> None:
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
     limit, samples = 100e3, 2000
-    outlet = ZenohOutlet("zenoh", ZenohSettings(listen=(endpoint,), backfill=limit), view := FakeView())
-    view.record(batch(0, samples))
-    link = LinkSettings(mode="client", connect=(endpoint,))
-    status = f"cellwatt/{SITE}/{CELL}/@/status"
-    async with serving(outlet):
+    cell = Cell(backfill=limit)
+    cell.give(0, samples, live=False)
+    async with serving(cell.outlet) as outlet:
         outlet.offer(batch(samples - 1, 1))
-        session: Any = await asyncio.to_thread(open_session, link, patience=PATIENCE)
+        session: Any = await asyncio.to_thread(open_session, cell.link, patience=PATIENCE)
         with session:
             began = time.monotonic()
-            resume = {"raw/arm/samples": (EPOCH, 0)}
-            async with Subscriber(SITE, CELL, link, want=("raw",), resume=resume) as cell:
+            async with cell.subscriber(want=("raw",), resume={RAW: (EPOCH, 0)}) as subscriber:
                 following = 0
-                async for message in cell:
+                async for message in subscriber:
                     assert message.sequence == following
                     following += message.count
                     if following == samples:
                         break
                     if message.backfilled:
-                        (reply,) = await asyncio.to_thread(lambda: list(session.get(status)))
+                        (reply,) = await asyncio.to_thread(lambda: list(session.get(f"{ROOT}/@/status")))
                         assert reply.ok is not None
             took = time.monotonic() - began
-            assert cell.counts["backfilled"] >= samples - 1
+            assert subscriber.counts["backfilled"] >= samples - 1
     counters = outlet.account.counters
     size = counters["bytes of the past"]
     assert size > samples * 8 * 3
@@ -210,15 +206,12 @@ async def test_a_consumer_gets_all_of_the_past_at_the_limit_and_status_at_once()
 
 async def test_an_answer_has_the_priority_of_its_question() -> None:
     """So what ``Subscriber`` asks for goes below live messages on every line."""
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    view = FakeView()
-    view.record(batch(0, 10))
-    outlet = ZenohOutlet("zenoh", ZenohSettings(listen=(endpoint,)), view)
-    async with serving(outlet):
-        link = LinkSettings(mode="client", connect=(endpoint,))
-        session: Any = await asyncio.to_thread(open_session, link, patience=PATIENCE)
+    cell = Cell()
+    cell.give(0, 10, live=False)
+    async with serving(cell.outlet):
+        session: Any = await asyncio.to_thread(open_session, cell.link, patience=PATIENCE)
         with session:
-            question = f"cellwatt/{SITE}/{CELL}/@/history?source=arm;stream=samples"
+            question = f"{ROOT}/@/history?source=arm;stream=samples"
 
             def ask() -> Any:
                 replies = list(session.get(question, priority=zenoh.Priority.DATA_LOW))

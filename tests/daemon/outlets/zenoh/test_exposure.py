@@ -16,16 +16,11 @@ from cellwatt.commands import check, doctor
 from cellwatt.config import load
 from cellwatt.outlets.zenoh import ZenohSettings
 from tests.daemon.outlets.zenoh.processes import ROOT, free_port
+from tests.daemon.outlets.zenoh.test_link import CELL, written
 
 TLS = {"root_ca": "ca.pem", "certificate": "cell.pem", "key": "cell.key"}
 RULES = {"enabled": True, "default_permission": "deny", "rules": [], "subjects": [], "policies": []}
 SECURED: dict[str, Any] = {"tls": TLS, "options": {"access_control": RULES}}
-CELL = """\
-site: plant
-cell: weld
-sources:
-  arm: {driver: ur, host: 192.0.2.10}
-"""
 
 
 @pytest.mark.parametrize(
@@ -68,12 +63,6 @@ def test_tls_with_rules_needs_no_word(listen: str, tmp_path: Path) -> None:
     ZenohSettings(listen=(listen,), tls=TLS, options=one_by_one)
 
 
-def written(folder: Path, zenoh: str) -> Path:
-    file = folder / "cell.yaml"
-    file.write_text(CELL + zenoh)
-    return file
-
-
 def test_the_place_is_told_by_line_and_column(tmp_path: Path) -> None:
     file = written(tmp_path, "zenoh:\n  listen: [tcp/127.0.0.1:1, tcp/192.0.2.1:1]\n  scouting: true\n")
     with pytest.raises(ConfigError) as caught:
@@ -113,8 +102,7 @@ def test_no_example_of_ours_lets_strangers_in(page: Path) -> None:
 
 
 def test_a_key_to_sign_with_that_is_missing_is_told_by_check(tmp_path: Path) -> None:
-    cell = tmp_path / "cell.yaml"
-    cell.write_text(CELL + "record: {folder: rec, sign: sign.key}\nzenoh: {sign: sign.key}\n")
+    cell = written(tmp_path, "record: {folder: rec, sign: sign.key}\nzenoh: {sign: sign.key}\n")
     told = CliRunner().invoke(check.command, [str(cell)])
     assert told.exit_code == 0
     for part in ("zenoh", "record"):

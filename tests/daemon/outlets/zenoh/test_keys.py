@@ -62,13 +62,7 @@ def test_topic_of_an_alarm_is_without_severity_and_kind() -> None:
 
 @pytest.mark.parametrize(
     "key",
-    [
-        "",
-        "cellwatt/a/b/@/status",
-        "cellwatt/a/b/raw/arm",
-        "cellwatt/a/b/alarm/error",
-        "other/a/b/frame",
-    ],
+    ["", "cellwatt/a/b/@/status", "cellwatt/a/b/raw/arm", "cellwatt/a/b/alarm/error", "other/a/b/frame"],
 )
 def test_foreign_keys_are_refused(key: str) -> None:
     with pytest.raises(ProtocolError, match="not a key of a cellwatt cell"):

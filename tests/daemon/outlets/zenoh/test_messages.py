@@ -42,24 +42,18 @@ def test_results_survive_the_wire(item: Any) -> None:
 def test_what_is_not_finite_is_null_and_comes_back_as_nan() -> None:
     found = decode_item("interval", encode_item(Interval("a", 1, 2, 3, (1,), (math.nan,), (math.inf,), (1.0,)), MARK))
     assert isinstance(found, Interval)
-    assert math.isnan(found.displacement[0])
-    assert math.isnan(found.pose[0])
+    assert math.isnan(found.displacement[0]) and math.isnan(found.pose[0])
     predicted = decode_item("prediction", encode_item(Prediction("m", 0, (1,), {"p": (math.nan,)}, {}), MARK))
-    assert isinstance(predicted, Prediction)
-    assert math.isnan(predicted.outputs["p"][0])
+    assert isinstance(predicted, Prediction) and math.isnan(predicted.outputs["p"][0])
     task = decode_item("task", encode_item(Task("a", "t", "s", "v", math.nan, 1, 2, (), 0), MARK))
-    assert isinstance(task, Task)
-    assert math.isnan(task.speed)
+    assert isinstance(task, Task) and math.isnan(task.speed)
     half = {"brakes": math.nan, "electronics": 1.0}
     odd = replace(ENERGY, total=math.nan, uncertainty=math.inf, groups=half, group_uncertainty=half)
     energy = decode_item("energy", encode_item(odd, MARK))
     assert isinstance(energy, Energy)
-    assert math.isnan(energy.total)
-    assert math.isnan(energy.uncertainty)
-    assert math.isnan(energy.groups["brakes"])
-    assert energy.groups["electronics"] == 1.0
-    assert math.isnan(energy.group_uncertainty["brakes"])
-    assert energy.group_uncertainty["electronics"] == 1.0
+    assert math.isnan(energy.total) and math.isnan(energy.uncertainty)
+    for groups in (energy.groups, energy.group_uncertainty):
+        assert math.isnan(groups["brakes"]) and groups["electronics"] == 1.0
 
 
 def test_an_energy_from_before_groups_had_uncertainties_is_read() -> None:
@@ -145,11 +139,10 @@ def test_numbers_of_an_answer_that_are_none(number):
     answer = json.dumps([TOLD | {"mark": {"sequence": number}}]).encode()
     with pytest.raises(ProtocolError):
         read_answer(sample(answer), "event")
-    with pytest.raises(ProtocolError):
-        read_health(sample(json.dumps({"session": 1, "time": number, "positions": {}, "status": {}}).encode()))
-    with pytest.raises(ProtocolError):
-        told = {"session": 1, "time": 1, "positions": {"frame": [1, number]}, "status": {}}
-        read_health(sample(json.dumps(told).encode()))
+    for wrong in ({"time": number}, {"positions": {"frame": [1, number]}}):
+        told = {"session": 1, "time": 1, "positions": {}, "status": {}} | wrong
+        with pytest.raises(ProtocolError):
+            read_health(sample(json.dumps(told).encode()))
     assert read_sessions(json.dumps([{"session": number}]).encode()) == []
 
 

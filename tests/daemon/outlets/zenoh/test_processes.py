@@ -117,6 +117,15 @@ def test_no_program_hangs_at_its_end(name: str, port: int, tmp_path: Any) -> Non
         assert done.returncode == 7, done.stderr
 
 
+@pytest.mark.parametrize("module", ["outlets.zenoh.messages", "outlets.metrics.serving", "outlets.page.serving"])
+def test_what_others_need_of_the_outlet_is_light(module: str) -> None:
+    """The processes that serve metrics and the page encode messages, and do not publish: 5 MB less for each."""
+    heavy = ("zenoh", "cellwatt.outlets.zenoh.outlet", "cellwatt.outlets.zenoh.answers")
+    program = f"import sys, cellwatt.{module}; print([name for name in {heavy} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", program], timeout=PATIENCE, capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+
+
 def test_idle_outlet_is_small_and_does_not_load_arrow() -> None:
     """A daemon whose devices are all down must stay small."""
     program = """

@@ -64,6 +64,9 @@ class Site:
     def link(self, member: str) -> LinkSettings:
         return LinkSettings(**{k: v for k, v in self.settings(member).items() if k != "sign"})
 
+    def authority(self) -> Pair:
+        return Pair(*((self.folder / "private" / name).read_bytes() for name in ("ca.pem", "ca.key")))
+
     def session(self, member: str) -> zenoh.Session:
         return open_session(self.link(member), patience=PATIENCE)
 
@@ -239,18 +242,12 @@ async def test_what_each_may_see_and_ask(router: Site) -> None:
 
 def stranger(site: Site, what: str) -> TlsSettings:
     """TLS settings of somebody who must not get in."""
-    private = site.folder / "private"
-    ours = Pair((private / "ca.pem").read_bytes(), (private / "ca.key").read_bytes())
-    now = datetime.now(UTC)
+    ours, now = site.authority(), datetime.now(UTC)
     own = {"certificate": site.folder / "certificate", "key": site.folder / "key"}
-    pair = {
-        "none": None,
-        "expired": lambda: issue(ours, "anna", (), now - timedelta(days=400)),
-        "foreign": lambda: issue(new_authority(SITE, now), "anna", (), now),
-    }[what]
-    if pair is None:
+    if what == "none":
         return TlsSettings(root_ca=site.folder / "anna" / "ca.pem")
-    made = pair()
+    signed = (ours, now - timedelta(days=400)) if what == "expired" else (new_authority(SITE, now), now)
+    made = issue(signed[0], "anna", (), signed[1])
     own["certificate"].write_bytes(made.certificate)
     own["key"].write_bytes(made.key)
     return TlsSettings(root_ca=site.folder / "anna" / "ca.pem", **own)
@@ -282,9 +279,7 @@ def test_a_members_certificate_cannot_pose_as_the_router(site: Site) -> None:
 
 
 async def test_a_link_ends_with_its_certificate(router: Site) -> None:
-    private = router.folder / "private"
-    ours = Pair((private / "ca.pem").read_bytes(), (private / "ca.key").read_bytes())
-    soon = issue(ours, "anna", (), datetime.now(UTC), days=4 / 86400)
+    soon = issue(router.authority(), "anna", (), datetime.now(UTC), days=4 / 86400)
     (router.folder / "anna" / "cert.pem").write_bytes(soon.certificate)
     (router.folder / "anna" / "key.pem").write_bytes(soon.key)
     with router.session("anna") as session:

@@ -86,13 +86,8 @@ def test_a_refusal_holds_for_its_question_alone(keys: Path) -> None:
     assert check._refused("first=0;count=5", body)
     assert not check._refused("first=0;count=6", body)
     assert not check._refused("first=0;count=5", body.replace(b"nothing", b"no"))
-    for wrong in (
-        b'{"error": "x"}',
-        b"[]",
-        b"\xff",
-        b'{"error": "x", "signature": 5}',
-        b'{"error": "", "signature": "z"}',
-    ):
+    unsigned = (b'{"error": "x"}', b'{"error": "x", "signature": 5}', b'{"error": "", "signature": "z"}')
+    for wrong in (*unsigned, b"[]", b"\xff"):
         assert not check._refused("first=0;count=5", wrong)
 
 

@@ -30,10 +30,10 @@ RAW = "raw/arm/samples"
 class Cell:
     """An outlet at work, and the subscribers' way to it."""
 
-    def __init__(self) -> None:
+    def __init__(self, **settings: Any) -> None:
         endpoint = f"tcp/127.0.0.1:{free_port()}"
         self.view = FakeView()
-        self.outlet = ZenohOutlet("zenoh", ZenohSettings(listen=(endpoint,)), self.view)
+        self.outlet = ZenohOutlet("zenoh", ZenohSettings(listen=(endpoint,), **settings), self.view)
         self.link = LinkSettings(mode="client", connect=(endpoint,))
 
     def subscriber(self, **more: object) -> Subscriber:
@@ -199,8 +199,10 @@ async def test_a_message_that_was_damaged_on_its_way_is_asked_for_again(cell: Ce
 
 
 def test_topics_that_no_cell_has_are_refused() -> None:
-    with pytest.raises(ConfigError, match=r"no cell publishes alarms, x/y; topics begin with raw, frame, "):
-        Subscriber(SITE, CELL, LinkSettings(), want=("raw/arm", "alarms", "x/y"))
+    named = ("raw/arm", "prediction", "alarms", "x/y", "alarm/error", "raw/arm/", "raw/arm/samples/q1")
+    refused = ", ".join(named[2:])
+    with pytest.raises(ConfigError, match=f"no cell publishes {refused}; topics are raw/SOURCE/STREAM, frame, "):
+        Subscriber(SITE, CELL, LinkSettings(), want=named)
 
 
 async def test_opening_that_is_cancelled_leaves_nothing_behind() -> None:
@@ -232,11 +234,8 @@ async def test_messages_before_their_schema_are_asked_for_once_it_came(
         monkeypatch.setattr(publisher, "SCHEMA_EVERY", 0.0)
         cell.give(15, 5)
         later = await read(subscriber, 2)
-    assert [(m.sequence, m.count, m.backfilled) for m in (first, *later)] == [
-        (0, 5, False),
-        (5, 10, True),
-        (15, 5, False),
-    ]
+    told = [(m.sequence, m.count, m.backfilled) for m in (first, *later)]
+    assert told == [(0, 5, False), (5, 10, True), (15, 5, False)]
     assert later[0].content.values.tolist() == batch(5, 10).values.tolist()  # type: ignore[union-attr]
     assert subscriber.counts["duplicates"] == 0
 

@@ -116,9 +116,9 @@ class Gathering:
 
     def _alarm(self, alarm: Alarm) -> None:
         """Store the raise of an alarm, its newest update and its clear."""
-        since, place = self._up.get(alarm.id, (None, None))
-        if alarm.active and since == alarm.since and place is not None:
-            self._said[place] = alarm
+        since, index = self._up.get(alarm.id, (None, None))
+        if alarm.active and since == alarm.since and index is not None:
+            self._said[index] = alarm
             return
         if alarm.active:
             self._up[alarm.id] = (alarm.since, len(self._said) if since == alarm.since else None)

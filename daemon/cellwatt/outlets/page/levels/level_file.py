@@ -78,10 +78,10 @@ def write(recording: RecordFile, digest: Digest) -> None:
                 _HEAD_NAME, _HEAD.dump_json(Head(*about, tuple(digest.finest), said)), zipfile.ZIP_DEFLATED
             )
             archive.writestr(_INTERVALS, _SPANS.dump_json(list(digest.spans)), zipfile.ZIP_DEFLATED)
-            for place, finest in enumerate(digest.finest.values()):
+            for number, finest in enumerate(digest.finest.values()):
                 for level, buckets in enumerate(levels(finest)):
                     parts = buckets.index.astype("<i8"), buckets.low.astype("<f4"), buckets.high.astype("<f4")
-                    archive.writestr(f"{place}/{level}", b"".join(part.tobytes() for part in parts))
+                    archive.writestr(f"{number}/{level}", b"".join(part.tobytes() for part in parts))
         new.replace(path)
     finally:
         new.unlink(missing_ok=True)

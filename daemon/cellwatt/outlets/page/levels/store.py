@@ -241,12 +241,10 @@ class Store:
         remove([file for file in level_file.listing(self.folder, self.cell) if file.name not in present])
         self._hold()
         closed = {recording.name for recording in self.recordings() if recording.closed}
-        for name in [*self._files]:
-            if name not in closed:
-                self._files.pop(name, None)
-        for name in [*self._growing]:
-            if name in closed or name not in present:
-                del self._growing[name]
+        for name in {*self._files} - closed:
+            self._files.pop(name, None)
+        for name in {*self._growing} - (present - closed):
+            del self._growing[name]
 
     def _hold(self) -> None:
         """Remove level files of the oldest recordings until the budget is met. Raises ``OSError``."""

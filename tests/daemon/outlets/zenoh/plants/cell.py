@@ -20,10 +20,11 @@ from typing import Any
 
 import numpy as np
 
-from cellwatt import Alarm, Batch, Channel, FrameChannel, Frames, Layout, Stream
+from cellwatt import Batch, Channel, FrameChannel, Frames, Layout, Stream
 from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
 from cellwatt.record import Header, History, Recorder, RecordSettings
 from cellwatt.results import Event, Result
+from tests.daemon.outlets.zenoh.fake_cell import alarm
 from tests.doing import doing
 from tests.orders import orders, say
 
@@ -86,19 +87,9 @@ class Cell:
         numbers = np.arange(self.samples, self.samples + count)
         times = self.clock + (np.arange(count) * step).astype(np.int64)
         values = numbers[:, None] + np.arange(self.width) / 16
-        bound, quality = np.full(count, 1000), np.zeros(count, np.uint8)
+        about = {"bound": np.full(count, 1000), "quality": np.zeros(count, np.uint8), "device_time": None}
         at = int(times[-1]) if arrival is None else arrival
-        batch = Batch(
-            source="arm",
-            stream=self.stream,
-            sequence=self.samples,
-            arrival=at,
-            time=times,
-            bound=bound,
-            values=values,
-            quality=quality,
-            device_time=None,
-        )
+        batch = Batch("arm", self.stream, self.samples, at, time=times, values=values, **about)
         self.refused += not self.recorder.put(batch)
         self.outlet.offer(batch)
         self.samples += count
@@ -115,21 +106,8 @@ class Cell:
         self.frames += count
 
     def make_alarm(self) -> None:
-        now, number = time.time_ns(), self.alarms
-        text = f"Joint {number} needs more power than it should."
-        self.outlet.offer(
-            Alarm(
-                id=f"alarm-{number}",
-                kind="joint_fault",
-                severity="error",
-                active=False,
-                since=now,
-                time=now,
-                statement=text,
-                joint=1,
-                evidence={},
-            )
-        )
+        now = time.time_ns()
+        self.outlet.offer(alarm(self.alarms, active=False, since=now, time=now))
         self.alarms += 1
 
     async def run(self, seconds: float | None, block: float = 0.02) -> None:

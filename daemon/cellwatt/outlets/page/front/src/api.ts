@@ -39,7 +39,7 @@ export async function drop(files: Readonly<Record<string, number>>, into: string
 }
 
 export function send(name: string, path: string, body: Blob): Promise<unknown> {
-  return ask(`${DROPS}/${name}/files/${encoded(path)}`, { method: 'PUT', headers: { 'X-CSRF-Token': csrf }, body });
+  return order(`${DROPS}/${name}/files/${encoded(path)}`, 'PUT', {}, body);
 }
 
 /** Address of the page with a recording's curves, once it is made. */
@@ -110,8 +110,21 @@ function get<T>(path: string, signal?: AbortSignal): Promise<T> {
 }
 
 function post(path: string, body: unknown): Promise<unknown> {
-  const headers = { 'Content-Type': 'application/json', 'X-CSRF-Token': csrf };
-  return ask(path, { method: 'POST', headers, body: JSON.stringify(body) });
+  return order(path, 'POST', { 'Content-Type': 'application/json' }, JSON.stringify(body));
+}
+
+/** Order something; once more if a restart of the server, or another tab, has made the token of this page invalid. */
+async function order(path: string, method: string, headers: Record<string, string>, body: BodyInit): Promise<unknown> {
+  const tried = csrf;
+  const send = (): Promise<unknown> => ask(path, { method, headers: { ...headers, 'X-CSRF-Token': csrf }, body });
+  try {
+    return await send();
+  } catch (error) {
+    if (!(error instanceof Refused) || error.status !== 403) throw error;
+    await site();
+    if (csrf === tried) throw error;
+    return send();
+  }
 }
 
 async function ask<T>(path: string, init: RequestInit): Promise<T> {

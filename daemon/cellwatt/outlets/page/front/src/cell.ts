@@ -3,7 +3,7 @@
 import { CellApi, Refused } from './api';
 import { Bus } from './bus';
 import type { Alarm, CellState, Energy, Frames, Interval, Prediction, Shelved, Status, Task } from './shapes';
-import { browser, Stream, type Connection } from './stream';
+import { browser, Stream, type Connection, type Surroundings } from './stream';
 
 export interface Topics {
   /** Everything was read anew. */
@@ -34,8 +34,9 @@ export class Cell extends Bus<Topics> {
   state: CellState | null = null;
   readonly alarms = new Map<string, Alarm>();
   connection: Connection = 'connecting';
-  /** UTC ms of the newest data. */
+  /** UTC ms of the newest data of this session, and the browser's time, ms, at which they came. */
   newest = 0;
+  private newestAt = 0;
   /** Browser time, ms, at which the cell's health came last. */
   heard = 0;
   /** The newest value of a channel; null once it has been missing for a while. */
@@ -44,29 +45,43 @@ export class Cell extends Bus<Topics> {
   readonly quality = new Map<string, number>();
   private readonly stream: Stream;
   private reading: AbortController | null = null;
+  /** Events that came while the state was being read: they may be newer than it. */
+  private held: (() => void)[] | null = null;
   private ended = false;
 
   constructor(
     readonly site: string,
     readonly name: string,
+    world: Surroundings = browser,
   ) {
     super();
     this.api = new CellApi(site, name);
+    const afterState = <T>(take: (told: T) => void) => (told: T): void => {
+      if (this.held) this.held.push(() => take(told));
+      else take(told);
+    };
     const handlers = {
       frames: (told: Frames) => this.takeFrames(told),
       prediction: (told: Prediction) => this.takePrediction(told),
-      health: (told: Status) => this.takeHealth(told),
-      alarm: (told: Alarm) => this.takeAlarm(told),
-      shelved: (told: Shelved[]) => this.takeShelved(told),
-      interval: (told: Interval) => this.takeInterval(told),
-      task: (told: Task) => this.change((state) => (state.task = told), 'task', told),
-      energy: (told: Energy) => this.takeEnergy(told),
+      health: afterState((told: Status) => this.takeHealth(told)),
+      alarm: afterState((told: Alarm) => this.takeAlarm(told)),
+      shelved: afterState((told: Shelved[]) => this.takeShelved(told)),
+      interval: afterState((told: Interval) => this.takeInterval(told)),
+      task: afterState((told: Task) => this.change((state) => (state.task = told), 'task', told)),
+      energy: afterState((told: Energy) => this.takeEnergy(told)),
       gap: (told: { text: string }) => this.tell('hole', told.text),
       behind: () => this.tell('hole', ''),
     };
-    const onstate = (state: Connection): void => this.tell('connection', (this.connection = state));
-    this.stream = new Stream(this.api.stream([], 1), handlers, onstate, () => void this.read(), browser);
-    void this.read();
+    const onstate = (state: Connection): void => {
+      this.tell('connection', (this.connection = state));
+      if (state === 'lost' && !this.state) void this.read(false); // it says why
+    };
+    this.stream = new Stream(this.api.stream([], 1), handlers, onstate, (missed) => void this.read(missed), world);
+  }
+
+  /** The cell's time now, UTC ms; the browser's clock may differ from it by hours. */
+  get now(): number {
+    return this.newest ? this.newest + performance.now() - this.newestAt : Date.now();
   }
 
   /** Follow these channels at a rate, Hz. */
@@ -87,21 +102,35 @@ export class Cell extends Bus<Topics> {
     );
   }
 
-  private async read(): Promise<void> {
+  /** Read the state, then apply the events that came meanwhile; `missed`: curves have to be read anew, too. */
+  private async read(missed: boolean): Promise<void> {
     this.reading?.abort();
     const reading = (this.reading = new AbortController());
+    this.held ??= [];
     try {
       const state = await this.api.state(reading.signal);
       if (this.ended) return;
+      if (this.state?.session !== state.session) this.newest = 0; // the cell's clock may have been set
       this.state = state;
       this.alarms.clear();
       for (const alarm of state.alarms) this.alarms.set(alarm.id, alarm);
       this.heard = performance.now() - 1000 * (state.heard_age_s ?? 0);
-      this.newest = Math.max(this.newest, state.time ?? 0);
+      this.reach(state.time ?? 0, this.heard);
       this.tell('state', state);
+      if (missed) this.tell('hole', '');
     } catch (error) {
       if (error instanceof Refused && !this.ended) this.tell('refused', error);
+    } finally {
+      if (reading === this.reading) {
+        const held = this.held ?? [];
+        this.held = null;
+        held.forEach((take) => take());
+      }
     }
+  }
+
+  private reach(time: number, at = performance.now()): void {
+    if (time > this.newest) [this.newest, this.newestAt] = [time, at];
   }
 
   private change<T extends keyof Topics>(act: (state: CellState) => void, topic: T, told: Topics[T]): void {
@@ -113,7 +142,7 @@ export class Cell extends Bus<Topics> {
   private takeFrames(told: Frames): void {
     for (const [name, values] of Object.entries(told.v)) this.note(name, values);
     for (const [name, worst] of Object.entries(told.q)) this.quality.set(name, worst);
-    this.newest = Math.max(this.newest, told.t.at(-1) ?? 0);
+    this.reach(told.t.at(-1) ?? 0);
     this.tell('frames', told);
   }
 
@@ -129,15 +158,15 @@ export class Cell extends Bus<Topics> {
       this.note(`prediction/${told.model}/${output}`, values);
     }
     const known = this.state?.predictions.some((p) => p.model === told.model);
-    if (this.state && !known) void this.read();
+    if (this.state && !known) void this.read(false);
     this.tell('prediction', told);
   }
 
   private takeHealth(told: Status): void {
     this.heard = performance.now();
-    if (told.time !== undefined) this.newest = Math.max(this.newest, told.time / 1e6);
+    if (told.time !== undefined) this.reach(told.time / 1e6);
     this.change((state) => (state.status = told), 'health', told);
-    if (this.state && !this.state.channels.length && told.frames?.count) void this.read();
+    if (this.state && !this.state.channels.length && told.frames?.count) void this.read(false);
   }
 
   private takeAlarm(alarm: Alarm): void {
@@ -169,6 +198,7 @@ export class Cell extends Bus<Topics> {
     this.change(
       (state) => {
         const kept = (state.energies[told.task] ??= []);
+        if (kept.some((one) => one.start === told.start)) return; // the state had it already
         kept.push(told);
         if (kept.length > REPETITIONS) kept.shift();
       },

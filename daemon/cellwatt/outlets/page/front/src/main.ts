@@ -145,6 +145,7 @@ class Page {
     cell.on('refused', (error) => {
       if (error.status === 401) void this.enter();
       else if (error.status === 404) this.lack(cell, error.message);
+      else if (error.message) this.shell.connection(false, error.message);
     });
   }
 

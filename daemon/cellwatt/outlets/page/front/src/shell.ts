@@ -78,9 +78,9 @@ export class Shell {
     mark(this.badge, 'class', `badge ${cell.ranked()[0]?.severity ?? ''}`);
   }
 
-  /** Say whether the connection holds. */
-  connection(live: boolean): void {
-    say(this.banner, live ? '' : t('connection.retrying'));
+  /** Say whether the connection holds, and what the server gave as the reason if it does not. */
+  connection(live: boolean, reason = ''): void {
+    say(this.banner, live ? '' : reason || t('connection.retrying'));
     this.banner.hidden = live;
     document.body.classList.toggle('lost', !live);
   }

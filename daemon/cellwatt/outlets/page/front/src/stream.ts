@@ -16,6 +16,8 @@ export interface Surroundings {
   never(timer: unknown): void;
   /** Resolves if the server answers at all. */
   alive(): Promise<unknown>;
+  /** Calls `take` now and on each change: true while the page is visible. The answer ends that. */
+  visible(take: (visible: boolean) => void): () => void;
 }
 
 const CLOSED = 2;
@@ -24,40 +26,65 @@ const FIRST = 1000;
 const LONGEST = 15_000;
 /** ms without any event after which it is asked whether the server still answers. */
 const SILENCE = 15_000;
+/**
+ * ms for which a hidden page is still followed. A browser opens six connections to a server for all its tabs together:
+ * with a stream in each, the seventh tab would not even load.
+ */
+const HIDDEN = 5000;
 
 /**
- * Follows an address. `onstate` is told of each change of the connection; `onreturn` each time that it came back, when
- * what was missed has to be read anew.
+ * Follows an address while the page is visible. `onstate` is called on each change of the connection; `onopen` each time
+ * that the stream has opened, with true if data may be missing: events from before are missing in any case.
  */
 export class Stream {
   private events: Events | null = null;
   private retry: unknown = null;
   private watch: unknown = null;
+  private leave: unknown = null;
   private refusals = 0;
   private state: Connection = 'connecting';
+  private following = false;
+  private missed = false;
   private ended = false;
+  private readonly unwatch: () => void;
 
   constructor(
     private address: string,
     private readonly handlers: Handlers,
     private readonly onstate: (state: Connection) => void,
-    private readonly onreturn: () => void,
+    private readonly onopen: (missed: boolean) => void,
     private readonly world: Surroundings,
   ) {
-    this.open();
+    this.unwatch = world.visible((visible) => this.seen(visible));
   }
 
   /** Follow another address from now on. */
   turn(address: string): void {
     if (address === this.address) return;
     this.address = address;
-    this.open();
+    if (this.following) this.open();
   }
 
   /** Follow nothing any more. */
   close(): void {
     this.ended = true;
+    this.unwatch();
+    this.world.never(this.leave);
     this.drop();
+  }
+
+  private seen(visible: boolean): void {
+    this.world.never(this.leave);
+    if (visible && !this.following) {
+      this.following = true;
+      this.open();
+    } else if (!visible && this.following) {
+      this.leave = this.world.later(() => {
+        this.following = false;
+        this.missed = true;
+        this.drop();
+      }, HIDDEN);
+    }
   }
 
   private open(): void {
@@ -78,15 +105,16 @@ export class Stream {
   }
 
   private opened(): void {
-    const back = this.state === 'lost';
+    const missed = this.missed;
     this.refusals = 0;
+    this.missed = false;
     this.become('live');
     this.heard();
-    if (back) this.onreturn();
+    this.onopen(missed);
   }
 
   private failed(events: Events): void {
-    this.become('lost');
+    this.lose();
     this.world.never(this.watch);
     if (events.readyState !== CLOSED) return; // the browser tries again by itself
     this.drop();
@@ -107,9 +135,14 @@ export class Stream {
       if (before === this.events && !this.ended) this.heard();
     } catch {
       if (before !== this.events || this.ended) return;
-      this.become('lost');
+      this.lose();
       this.open();
     }
+  }
+
+  private lose(): void {
+    this.missed = true;
+    this.become('lost');
   }
 
   private become(state: Connection): void {
@@ -132,4 +165,10 @@ export const browser: Surroundings = {
   later: (act, ms) => window.setTimeout(act, ms),
   never: (timer) => window.clearTimeout(timer as number),
   alive: () => fetch('/api/site', { signal: AbortSignal.timeout(5000) }),
+  visible: (take) => {
+    const look = (): void => take(document.visibilityState === 'visible');
+    document.addEventListener('visibilitychange', look);
+    look();
+    return () => document.removeEventListener('visibilitychange', look);
+  },
 };

@@ -25,7 +25,9 @@ class Source implements Events {
 let sources: Source[];
 let timers: Map<number, { act: () => void; ms: number }>;
 let states: Connection[];
-let returns: number;
+let opened: boolean[];
+let show: (visible: boolean) => void;
+let watched: boolean;
 let frames: unknown[];
 let alive: () => Promise<unknown>;
 let world: Surroundings;
@@ -35,14 +37,15 @@ const elapse = (ms: number): void => {
   for (const [key, timer] of [...timers]) if (timer.ms === ms && timers.delete(key)) timer.act();
 };
 const follow = (): Stream =>
-  new Stream('/stream', { frames: (told: unknown) => void frames.push(told) }, (state) => void states.push(state), () => void returns++, world);
+  new Stream('/stream', { frames: (told: unknown) => void frames.push(told) }, (state) => void states.push(state), (missed) => void opened.push(missed), world);
 
 beforeEach(() => {
   sources = [];
   timers = new Map();
   states = [];
   frames = [];
-  returns = 0;
+  opened = [];
+  watched = false;
   let last = 0;
   alive = () => Promise.resolve();
   world = {
@@ -56,6 +59,11 @@ beforeEach(() => {
     },
     never: (timer) => void timers.delete(timer as number),
     alive: () => alive(),
+    visible: (take) => {
+      [show, watched] = [take, true];
+      take(true);
+      return () => void (watched = false);
+    },
   };
 });
 
@@ -66,7 +74,7 @@ describe('a stream', () => {
     newest().fire('frames', { t: [1] });
     expect(frames).toEqual([{ t: [1] }]);
     expect(states).toEqual(['live']);
-    expect(returns).toBe(0);
+    expect(opened).toEqual([false]);
   });
 
   it('tells that it was lost, and reads anew when the browser has it back', () => {
@@ -77,7 +85,7 @@ describe('a stream', () => {
     expect(sources).toHaveLength(1);
     newest().fire('open');
     expect(states).toEqual(['live', 'lost', 'live']);
-    expect(returns).toBe(1);
+    expect(opened).toEqual([false, true]);
   });
 
   it('tries again by itself where the browser gave up, each time after twice as long', () => {
@@ -90,7 +98,7 @@ describe('a stream', () => {
     }
     expect(sources).toHaveLength(7);
     newest().fire('open');
-    expect(returns).toBe(1);
+    expect(opened).toEqual([true]);
     newest().readyState = 2;
     newest().fire('error');
     expect([...timers.values()].map((timer) => timer.ms)).toEqual([1000]);
@@ -128,6 +136,26 @@ describe('a stream', () => {
     expect(newest().address).toBe('/stream?channels=a');
     expect(frames).toEqual([]);
     expect(states).toEqual(['live']);
+    newest().fire('open');
+    expect(opened).toEqual([false, false]);
+  });
+
+  it('leaves its connection to other tabs while nobody sees the page', () => {
+    const stream = follow();
+    newest().fire('open');
+    show(false);
+    show(true);
+    elapse(5000);
+    expect(newest().closed).toBe(false);
+    show(false);
+    elapse(5000);
+    expect([newest().closed, timers.size]).toEqual([true, 0]);
+    stream.turn('/stream?channels=a');
+    expect(sources).toHaveLength(1);
+    show(true);
+    newest().fire('open');
+    expect([sources.length, newest().address, opened]).toEqual([2, '/stream?channels=a', [false, true]]);
+    expect(states).toEqual(['live']);
   });
 
   it('leaves nothing behind when it is closed', () => {
@@ -135,7 +163,7 @@ describe('a stream', () => {
     newest().fire('open');
     stream.close();
     newest().fire('error');
-    expect(newest().closed).toBe(true);
+    expect([newest().closed, watched]).toEqual([true, false]);
     expect(timers.size).toBe(0);
     expect(states).toEqual(['live']);
   });

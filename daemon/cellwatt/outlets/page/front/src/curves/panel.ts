@@ -66,7 +66,7 @@ export class Panel {
       cell.on('prediction', (told) => this.takePrediction(told)),
       cell.on('interval', (told) => (this.marks.interval(told), this.draw())),
       cell.on('alarm', ({ alarm }) => (this.marks.alarm(asMark(alarm)), this.draw())),
-      cell.on('hole', () => this.ask()),
+      cell.on('hole', () => ((this.newest = 0), this.ask())),
       onColours(() => this.list.forEach((chart) => chart.paint())),
       () => watcher.disconnect(),
     ];

@@ -45,7 +45,7 @@ export const alarmsView: CellView = (root, cell, around) => {
   };
   const showActive = (): void => {
     const found = cell.ranked();
-    const now = Math.max(cell.newest, Date.now());
+    const now = cell.now;
     const cards = found.map((alarm) => card(alarm, now));
     for (const id of [...made.keys()]) if (!cell.alarms.has(id)) made.delete(id);
     if (cards.length) reorder(active, cards);
@@ -57,7 +57,7 @@ export const alarmsView: CellView = (root, cell, around) => {
   };
   const showPast = (): void => put(rows, ...past.map((alarm) => historyRow(alarm, around.clock())));
   const read = async (): Promise<void> => {
-    const to = Math.max(cell.newest, Date.now());
+    const to = cell.now + MINUTE;
     try {
       const answer = await cell.api.alarms({ from: to - reach, to }, MOST);
       past = answer.alarms;

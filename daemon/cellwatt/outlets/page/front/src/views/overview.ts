@@ -44,10 +44,13 @@ export const overviewView: CellView = (root, cell, around) => {
   );
 
   let figures: ArmFigure[] = [];
-  let shape = '';
+  let [layout, shape] = ['', ''];
   const laidOut = (): void => {
     const state = cell.state;
     if (!state) return;
+    const found = JSON.stringify([state.channels, state.predictions, state.arms]);
+    if (found === layout) return;
+    layout = found;
     const wanted = asked('channels')?.split(',').filter(Boolean) ?? keptChannels(key) ?? firstChoice(state.channels);
     const chosen = wanted.filter((name) => state.channels.some((c) => c.name === name)).slice(0, MOST);
     picker.offer(state.channels, chosen);

@@ -56,7 +56,9 @@ export function plantView(root: HTMLElement, around: Surroundings, onconnection:
     empty,
   );
 
-  const take = (cells: readonly PlantCell[]): void => {
+  const take = (cells: readonly PlantCell[], all = false): void => {
+    const names = new Set(cells.map((cell) => cell.cell));
+    for (const name of [...tiles.keys()]) if (all && !names.has(name)) tiles.delete(name);
     for (const cell of cells) {
       const known = tiles.get(cell.cell);
       if (known) known.update(cell);
@@ -77,7 +79,7 @@ export function plantView(root: HTMLElement, around: Surroundings, onconnection:
 
   const read = async (): Promise<void> => {
     try {
-      take((await plant()).cells);
+      take((await plant()).cells, true);
     } catch (error) {
       if (error instanceof Refused) say(empty, error.message || t('connection.lost'));
     }
@@ -85,11 +87,13 @@ export function plantView(root: HTMLElement, around: Surroundings, onconnection:
   const stream = new Stream(
     '/api/plant/stream',
     { plant: (told: { cells: PlantCell[] }) => take(told.cells) },
-    (state) => onconnection(state !== 'lost'),
+    (state) => {
+      onconnection(state !== 'lost');
+      if (state === 'lost' && !tiles.size) void read();
+    },
     () => void read(),
     browser,
   );
-  void read();
   return { title, close: () => stream.close() };
 }
 
