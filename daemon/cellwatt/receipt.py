@@ -26,10 +26,11 @@ class _WallClock:
 
     def since(self, stamp: int) -> int:
         """Time since a stamp, ns; 0 if it is unknown."""
-        wall, now = time.time_ns(), time.monotonic_ns()
-        before, self._lead = self._lead, wall - now
-        if abs(self._lead - before) > _STEP:
-            self._set_at = now
+        begun, wall, now = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
+        if now - begun < _STEP:  # else this process was interrupted in between, and the difference says nothing
+            before, self._lead = self._lead, wall - now
+            if abs(self._lead - before) > _STEP:
+                self._set_at = now
         waited = wall - stamp
         return waited if 0 < waited <= now - self._set_at else 0
 

@@ -82,7 +82,9 @@ class Line(asyncio.Protocol):
                     self._news.clear()
                     await self._news.wait()
         except TimeoutError as error:
-            raise NoAnswerError(f"{self.place} gave no answer within {timeout:.2g} s") from error
+            raise NoAnswerError(
+                f"{self.place} gave no answer within {round(timeout, 1 if timeout > 1 else 2):g} s"
+            ) from error
         data, arrival = self._lines.popleft()
         return decode_line(data), arrival
 

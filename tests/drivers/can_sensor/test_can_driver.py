@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import os
 import select
 
@@ -98,6 +99,7 @@ async def test_a_bus_that_was_restarted_while_it_was_closed_is_no_longer_off(bus
 
 async def test_an_adapter_that_is_unplugged_is_let_go():
     """Else it comes back under another name, as the system keeps the old one for who has it open."""
+    gc.collect()  # connections of other tests
     before = descriptors()
     near, far = os.openpty()
     run = asyncio.create_task(CanSensorDriver("battery", settings(os.ttyname(far)), CollectingInlet()).run())

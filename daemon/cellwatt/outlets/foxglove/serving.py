@@ -109,7 +109,7 @@ def moments(translator: Translator, message: Message) -> Iterator[Moment]:
         case Frames():
             yield from translator.frames(content)
         case Health():
-            yield from translator.session(content.session)
+            yield from translator.session(content)
             yield translator.item(Recorded(content.time, content.status))
         case Gap():
             yield translator.lost(time.time_ns(), message.topic, content.count)

@@ -20,6 +20,7 @@ from cellwatt.outlets.foxglove.topics import (
     own,
     stamp_of,
 )
+from cellwatt.outlets.zenoh.received import Health
 from cellwatt.protobuf import file_descriptor_set
 from cellwatt.record import messages
 from cellwatt.record.encoder import FRAME_TOPIC, PACKAGE
@@ -71,12 +72,15 @@ class Translator:
             outgoing.append(Outgoing(self._log, time, line, _key(item), over))
         return Moment(time, tuple(outgoing))
 
-    def session(self, session: int) -> Iterator[Moment]:
+    def session(self, health: Health) -> Iterator[Moment]:
         """Note the session of the cell's daemon; clear the alarms that only an ended daemon had raised."""
-        before, self._session = self._session, session
-        for alarm in [standing.alarm for standing in self._alarms.raised] if before not in (None, session) else ():
-            if alarm.time < session:  # else the new daemon has raised it again
-                yield self.item(replace(alarm, active=False, time=session, statement=RESTARTED))
+        before, self._session = self._session, health.session
+        if before in (None, health.session):
+            return
+        current = {body["id"] for key in ("alarms", "shelved") for body in health.status.get(key, ())}
+        for alarm in [s.alarm for s in self._alarms.raised if s.alarm.id not in current]:
+            time = max(health.session, alarm.time)  # the clock may have been set back
+            yield self.item(replace(alarm, active=False, time=time, statement=RESTARTED))
 
     def lost(self, time: int, topic: str, count: int) -> Moment:
         """A log message at ``time``, UTC ns: ``count`` samples or results of a topic are lost."""

@@ -53,6 +53,8 @@ class EdgeNode:
         self._tags = Tags()
         self._units: Mapping[str, str] = {}
         self._sources: frozenset[str] = frozenset()
+        self._filled = set[str]()
+        """Sources with historical rows since the last live row."""
         """Sources of the rows' channels, once they are known."""
         self._alarms = alarms
         self._tags.declare(self._tags.node, "health/state", DataType.STRING)
@@ -167,7 +169,7 @@ class EdgeNode:
     def row(self, row: Row, historical: bool, now: int) -> Sequence[Message]:
         """Messages with the values that a row changes, per device; with all values if the row is historical.
 
-        Values of removed sources are always historical.
+        Values of removed sources are always historical; their death follows when no more of them come.
         """
         messages: list[Message] = []
         by_device: dict[str, list[tuple[str, Tag]]] = {}
@@ -175,9 +177,13 @@ class EdgeNode:
             source, tag = self._channel(name)
             by_device.setdefault(source, []).append((name, tag))
         for source, members in by_device.items():
-            removed = self._is_removed(source)
-            messages += self._device_row(source, members, row, historical or removed, now // MS)
-            messages += self._deaths([source] if removed else [], now // MS)
+            messages += self._device_row(source, members, row, historical or self._is_removed(source), now // MS)
+        if historical:
+            self._filled |= by_device.keys()
+        else:
+            gone = [source for source in self._tags.devices if self._is_removed(source) and source not in self._filled]
+            messages += self._deaths(gone, now // MS)
+            self._filled.clear()
         return messages
 
     def _device_row(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -27,6 +28,9 @@ PART: Final = 500
 """Most rows read from the record at a time."""
 PIECE: Final = 16
 """Most back-filled results, or messages of rows, that are sent together and confirmed as one."""
+BLOCKS: Final = 4
+"""A full queue owes one in so many of its rows at once: single rows between sent ones would be sent twice, as a cursor
+has few spans."""
 PAUSE: Final = 1.0
 """Time, s, before the record is read again if it does not reach the end of the span yet."""
 
@@ -133,7 +137,8 @@ class Outbox:
             self._leave(self._cursor, waiting)
             return
         if self._cursor is not None and len(self.rows) >= self._most:
-            self._leave_unseen(self._cursor, self.rows.popleft())
+            for _ in range(math.ceil(self._most / BLOCKS)):
+                self._leave_unseen(self._cursor, self.rows.popleft())
         self._put(self.rows, waiting, "rows")
 
     def prediction(self, item: Prediction) -> None:

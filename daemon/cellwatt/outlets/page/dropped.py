@@ -154,8 +154,8 @@ class Drops:
         folder = Path(await asyncio.to_thread(tempfile.mkdtemp, prefix="cellwatt-view-"))
         self._drops[name] = drop = Drop(name, folder, {})
         await asyncio.to_thread(drop.files.mkdir)
-        for old in list(self._drops)[:-KEPT]:
-            await self._remove(self._drops.pop(old))
+        while len(self._drops) > KEPT:
+            await self._remove(self._drops.pop(next(iter(self._drops))))
         return drop
 
     async def _remove(self, drop: Drop) -> None:

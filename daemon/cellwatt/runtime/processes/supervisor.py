@@ -92,7 +92,9 @@ class Supervisor:
         self._tell = SupervisedProcess("tell", tell, self._assign)
         self._judges = self._new_judges(config, held=False)
         self._ending: list[SupervisedProcess] = []
-        """Judges whose chains new judges have taken over."""
+        """Judges whose chains new judges have taken over …"""
+        self._ends_by = 0.0
+        """… and the time at which those that have not ended may be killed, monotonic s."""
         self._stop_asked = self._reload_asked = False
         self._reload: _Reload | None = None
         self._failed: Exception | None = None
@@ -322,26 +324,37 @@ class Supervisor:
         while process.alive and time.monotonic() < end:
             self._wait(end - time.monotonic())
         if process.alive:
-            if not at_once:
-                log.warning("the process %s did not end within %.0f s: its data in memory are lost", process.name, END)
-            process.kill()
-            self._bury(process)
+            self._kill(process, warn=not at_once)
+
+    def _kill(self, process: SupervisedProcess, *, warn: bool = True) -> None:
+        if warn:
+            log.warning("the process %s did not end within %.0f s: its data in memory are lost", process.name, END)
+        process.kill()
+        self._bury(process)
 
     # reload ---------------------------------------------------------------------------------------
 
     def _go_on_reloading(self) -> None:
         reload = self._reload
         if reload is None:
-            if self._reload_asked:
+            if self._reload_asked and self._slots_are_free():
                 self._reload_asked = False
                 self._begin_reload()
         elif not reload.sent and all(process.ready for process in reload.judges.values()):
             self._send(reload)
 
+    def _slots_are_free(self) -> bool:
+        """True if the judges of the reload before have ended: two processes must not write into the ring of one slot.
+
+        Judges that still compute ``END`` s after that reload are killed.
+        """
+        if time.monotonic() >= self._ends_by:
+            for process in list(self._ending):
+                self._kill(process)
+        return not self._ending
+
     def _begin_reload(self) -> None:
         systemd.reloading()
-        for process in list(self._ending):  # two processes must not write into the ring of one slot
-            self._end(process)
         try:
             config = self._again()
             change = Change.between(self._config, config)
@@ -371,6 +384,7 @@ class Supervisor:
             return
         self._generation = reload.generation
         self._ending += [process for process in self._judges.values() if process.alive]
+        self._ends_by = time.monotonic() + END
         self._judges, reload.judges = reload.judges, {}
         for process in (self._align, self._tell, self._collect):
             process.send(Apply(reload.generation, reload.config))

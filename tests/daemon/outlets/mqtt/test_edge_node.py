@@ -275,6 +275,13 @@ def test_a_source_that_a_reload_removed_is_dead_and_its_last_row_is_history() ->
     assert host.alive == {"meter"} and [value for *_, value in host.history] == [6.0]
     host.hear(node.birth(T))
     assert host.alive == {"meter"} and host.values["meter", "count"] == 2.0
+    sent = [each for i in range(3, 9) for each in node.row(row(i, {"arm.supply.power": 1.0 * i}), i % 3 != 0, T)]
+    host.hear(sent)
+    topics = ["/".join(each.topic.split("/")[2::2]) for each in sent]
+    assert topics.count("DBIRTH/arm") == 2 and len(topics) == 6 + 2 + 1, "it is born once for a back-fill"
+    host.hear(node.row(row(9, {"meter.count": 3.0}), False, T))
+    host.hear(node.row(row(10, {"meter.count": 4.0}), False, T))
+    assert host.alive == {"meter"}
 
 
 Sessions.TestCase.settings = settings(max_examples=60, stateful_step_count=60, deadline=None)

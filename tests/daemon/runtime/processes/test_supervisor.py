@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import math
 import os
 import selectors
 import time
@@ -11,7 +12,6 @@ from unittest.mock import Mock
 import pytest
 
 from cellwatt.errors import CellwattError
-from cellwatt.runtime.processes import supervisor
 from cellwatt.runtime.processes.part import SupervisedProcess
 from cellwatt.runtime.processes.supervisor import Supervisor
 from tests.daemon.runtime.fakes import config_of, stages
@@ -37,8 +37,10 @@ def test_new_judges_begin_when_those_of_the_reload_before_have_left_their_slots(
     old = SupervisedProcess("judge heat", lambda assignment: assignment.control.poll(None), daemon._assign)
     with daemon._signals() as daemon._selector:
         daemon._start(old)
-        daemon._ending, daemon._reload_asked = [old], True
-        monkeypatch.setattr(supervisor, "END", 0.1)
+        daemon._ending, daemon._reload_asked, daemon._ends_by = [old], True, math.inf
+        daemon._go_on_reloading()
+        assert daemon._reload is None and old.alive, "the daemon serves while it waits"
+        daemon._ends_by = 0.0
         daemon._go_on_reloading()
         assert daemon._reload is not None and list(daemon._reload.judges) == [0]
         assert not old.alive and not daemon._ending
