@@ -63,6 +63,7 @@ def test_a_wall_clock_that_was_set_meanwhile_says_nothing(
     device, here = pair
     stamp_receipts(here)
     leave_waiting(device, here)
+    monkeypatch.setattr(receipt, "_clock", receipt._WallClock())
     monkeypatch.setattr(receipt.time, "time_ns", lambda now=time.time_ns: now() + round(step * 1e9))
     assert receive(here, 2048)[2] == 0
 

@@ -28,7 +28,7 @@ POSE = np.repeat(np.arange(20), 100)
 """Twenty poses, so that what recognises held ones has some."""
 Q = np.column_stack([0.1 * POSE, np.sin(TIME)])
 QD = np.column_stack([np.zeros(COUNT), np.cos(TIME)])
-TAU = np.column_stack([np.full(COUNT, 5.0), -TIME])
+TAU = np.column_stack([5.0 + np.sin(2 * TIME), -TIME])
 POWER = 90.0 + np.sin(3 * TIME)
 TABLE = {
     "Time [ms]": 1e3 * TIME,

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from cellwatt import receipt
 from cellwatt_drivers.ur import transport
 from cellwatt_drivers.ur.transport import GatheringTransport
 from tests.patience import eventually
@@ -54,6 +55,7 @@ async def test_what_gathers_is_one_block_that_says_how_long_its_newest_bytes_wai
     ours, theirs = pair
     moment = asyncio.get_running_loop().time() + 0.05
     monkeypatch.setattr(transport, "next_moment", lambda gather: moment)
+    monkeypatch.setattr(receipt, "_clock", receipt._WallClock())  # the PC's clock may have been set since the last use
     heard = Heard()
     GatheringTransport(ours, heard, lambda: 0.01)
     for part in (b"one", b"two", b"three"):
