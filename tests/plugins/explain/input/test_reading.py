@@ -238,6 +238,16 @@ def test_many_unusable_values_are_refused(tmp_path, arm):
     assert message in refused(parquet(tmp_path / "a.parquet", columns), arm)
 
 
+@pytest.mark.parametrize(("column", "attribute"), [("qd_3", "velocity"), ("power", "power")])
+def test_velocity_and_power_with_many_unusable_values_are_not_used(tmp_path, arm, column, attribute):
+    columns = recording(times())
+    columns[column][300:320] = np.nan
+    run = one(parquet(tmp_path / "a.parquet", columns), arm)
+    assert getattr(run, attribute) is None
+    assert not run.gaps.any()
+    assert f"{column} has no usable number in 2.0 % of its rows, first at t = 2.400 s. It is not used" in run.notes[0]
+
+
 def test_a_temperature_that_is_empty_leaves_the_temperatures_out(tmp_path, arm):
     t = times()
     columns = recording(t, **numbered("temperature", 30 + motion(t)[0]))

@@ -129,7 +129,7 @@ def resting(described, joint):
 
 def test_the_velocity_of_a_joint_at_rest_may_flicker(described, arm):
     run = without_plan(resting(described, 6))
-    assert examine([run], arm)[1] == ["joint 6 never moved: its friction and inertia cannot be found"]
+    assert examine([run], arm)[1] == ["joint 6 never moved: friction and inertia there cannot be found"]
 
 
 def test_numbers_of_a_joint_that_never_moves_are_not_found_from_a_simulation(described, arm):

@@ -59,8 +59,8 @@ def admit(runs: Sequence[Run], arm: Arm) -> Admitted:
     if not runs:
         raise RecordingError("no recording given")
     check_length(runs)
-    check_moving(runs)
     check_read(runs)
+    check_moving(runs)
     notes = [note for run in runs for note in run.notes]
     # Not spread over workers: sending a run takes as long as these checks.
     for run in steps(runs, "checking run"):
@@ -102,6 +102,7 @@ def check_run(run: Run, arm: Arm) -> Moved:
     """Check a single run and return its motion. Raises as ``admit``; ``arm`` is the simulation's."""
     check_length((run,))
     check_read((run,))
+    check_moving((run,))
     _check(run, arm)
     return _moved(run, arm)
 

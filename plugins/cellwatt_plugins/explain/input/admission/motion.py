@@ -13,6 +13,7 @@ from cellwatt.arrays import Bool, Float
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.explain.input.factors import DEGREES, RPM, order_text, recognised, times_text, usable
 from cellwatt_plugins.explain.input.run import Run
+from cellwatt_plugins.explain.input.unread import unread
 from cellwatt_plugins.robot import Arm, RobotDescription
 from cellwatt_plugins.robot.motion import rates
 
@@ -54,13 +55,13 @@ def travel(run: Run) -> Float:
 
 
 def check_moving(runs: Sequence[Run]) -> None:
-    """Raises ``RecordingError`` if no joint moves in any run."""
-    widest = max(float(travel(run).max()) for run in runs)
-    if widest < AT_REST:
+    """Raises ``RecordingError`` if no joint with torque certainly moves in any run."""
+    widest = max(float(np.where(unread(run), 0.0, travel(run)).max()) for run in runs)
+    if widest < MOVES:
         names = runs[0].name if len(runs) == 1 else "the recordings"
         raise RecordingError(
-            f"{names}: nothing moves (at most {widest:.4f} rad): at rest only standby power and holding torques are "
-            "visible; record at least some seconds of motion of every joint"
+            f"{names}: nothing moves (at most {widest:.4f} rad at a joint whose torque was recorded): at rest only "
+            "standby power and holding torques are visible; record at least some seconds of motion of every joint"
         )
 
 
