@@ -14,7 +14,7 @@ from concealed.arms import Array
 
 @dataclass(frozen=True)
 class Run:
-    """One recording beside its simulation: t (N,), the planned q, v, a and both torques (N, n), both powers (N,)."""
+    """One recording beside its simulation: t (N,), planned q, v, a and both torques (N, n), measured power (N,)."""
 
     name: str
     t: Array
@@ -23,7 +23,6 @@ class Run:
     a: Array
     simulated: Array
     measured: Array
-    simulated_power: Array
     measured_power: Array
 
 
@@ -46,7 +45,6 @@ def load_run(recording: Path, keys: Path) -> Run:
         group(told, "qdd"),
         group(told, "tau"),
         group(seen, "tau"),
-        told["power"].to_numpy().astype(float),
         seen["power"].to_numpy().astype(float),
     )
 

@@ -60,12 +60,17 @@ class Answer:
     error: str | None
 
 
-def explain(command: str, case: Path, out: Path, limit: float = LIMIT) -> Answer:
-    """Run `explain` on all open runs of one case."""
+def explain_words(command: str, case: Path, out: Path) -> list[str]:
+    """The command that explains all open runs of one case."""
     runs = sorted(case.glob("run_*.recording.parquet"))
     told = [r.with_name(r.name.replace(".recording.", ".simulation.")) for r in runs]
     words = [*shlex.split(command), "explain", *map(str, runs), "--simulation", *map(str, told)]
-    words += ["--robot", str(case / "robot.yaml"), "--out", str(out)]
+    return [*words, "--robot", str(case / "robot.yaml"), "--out", str(out)]
+
+
+def explain(command: str, case: Path, out: Path, limit: float = LIMIT) -> Answer:
+    """Run `explain` on all open runs of one case."""
+    words = explain_words(command, case, out)
     out.mkdir(parents=True, exist_ok=True)
     start = time.monotonic()
     error = call(words, limit)

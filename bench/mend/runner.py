@@ -11,7 +11,7 @@ from typing import Any
 import mujoco
 import numpy as np
 from concealed.arms import Array
-from concealed.product import call, default_command
+from concealed.product import LIMIT, call, default_command, explain_words
 
 from mend import judge
 from mend.arms import CASES, Case, Drawn, draw
@@ -21,12 +21,9 @@ from mend.page import markdown
 
 def product(drawn: Drawn, command: str) -> dict[str, Any]:
     """`explain --mend` on the open runs; its findings."""
-    runs = sorted(drawn.folder.glob("run_*.recording.parquet"))
-    told = [r.with_name(r.name.replace(".recording.", ".simulation.")) for r in runs]
     out = drawn.folder / "out"
-    words = ["explain", *map(str, runs), "--simulation", *map(str, told), "--robot", str(drawn.folder / "robot.yaml")]
-    failed = call([*command.split(), *words, "--out", str(out), "--mend", str(drawn.folder / "arm.xml")])
-    if failed:
+    words = [*explain_words(command, drawn.folder, out), "--mend", str(drawn.folder / "arm.xml")]
+    if (failed := call(words, LIMIT)) is not None:
         raise SystemExit(f"{drawn.case.name}: {failed}")
     return dict(json.loads((out / "findings.json").read_text()))
 

@@ -1,13 +1,3 @@
-import sys
-from pathlib import Path
+from tests.bench.concealed.conftest import bench
 
-import pytest
-
-BENCH = Path(__file__).resolve().parents[3] / "bench"
-sys.path.append(str(BENCH))
-pytest.importorskip("mujoco", reason="the arms are MuJoCo files")
-
-
-@pytest.fixture(scope="session")
-def bench() -> Path:
-    return BENCH
+__all__ = ["bench"]

@@ -92,6 +92,12 @@ def excitation(seed: int, seconds: float = 20.0, rate: float = 100.0) -> Moves:
     return Moves(t, q, qd, qdd)
 
 
+def some(moves: Moves, *joints: int) -> Moves:
+    """The motion of some joints, from 1; the others rest where they are at first."""
+    own = np.isin(np.arange(JOINTS) + 1, joints)
+    return replace(moves, q=np.where(own, moves.q, moves.q[0]), qd=moves.qd * own, qdd=moves.qdd * own)
+
+
 def points(seed: int, seconds: float = 24.0, rate: float = 100.0) -> Moves:
     """From point to point, all joints together (quintic), with rests between."""
     random = np.random.default_rng(seed)

@@ -2,7 +2,6 @@ import json
 import shutil
 
 import numpy as np
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -12,13 +11,9 @@ from cellwatt_plugins.explain import api
 from cellwatt_plugins.explain.model import load_model
 from tests.plugins.explain import plant
 from tests.plugins.explain.calling import call
+from tests.plugins.explain.logs import numbered, parquet
 
 OFFSET = plant.Missing(read=lambda torque: torque + np.array([0, 0, 1.5]))
-
-
-def parquet(path, columns):
-    pq.write_table(pa.table(columns), path)
-    return path
 
 
 @pytest.fixture(scope="module")
@@ -98,10 +93,7 @@ def test_without_a_simulation_the_robot_is_simulated(cell, tmp_path):
 def motion_columns():
     time = np.arange(500) / plant.RATE
     q, qd, qdd = plant.moves(9, 5.0)(time)
-    columns = {"t": time}
-    for stem, values in (("q", q), ("qd", qd), ("qdd", qdd)):
-        columns |= {f"{stem}_{i + 1}": values[:, i] for i in range(plant.JOINTS)}
-    return columns, (time, q, qd, qdd)
+    return {"t": time, **numbered("q", q), **numbered("qd", qd), **numbered("qdd", qdd)}, (time, q, qd, qdd)
 
 
 def test_simulate_says_what_the_model_says(explained, tmp_path):

@@ -9,14 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.arrays import Bool, Float
-from cellwatt_plugins.explain.input.factors import joints_text, usable
+from cellwatt_plugins.explain.input.factors import MOVES, joints_text, usable
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.robot.motion import rates
 
 SAMPLES = 2000
 """Samples of a run that are examined."""
-MOVES = 0.05
-"""Travel, rad or m, above which a joint moves."""
 COUNTS = 16
 """Largest number of different values of a channel that contains converter noise only."""
 LITTLE = 0.002

@@ -17,6 +17,7 @@ from tests.plugins.explain.recorded_arm import (
     load,
     points,
     recorded,
+    some,
     without_plan,
     write_robot,
 )
@@ -214,12 +215,6 @@ def test_too_short(described, arm):
     assert "60 usable samples in 6.00 s" in refusal([recorded(described, excitation(1, seconds=6, rate=10))], arm)
     gappy = recorded(described, excitation(1, seconds=5))
     assert "200 usable samples in 2.00 s" in refusal([replace(gappy, gaps=gappy.time >= 2.0)], arm)
-
-
-def some(moves, *joints):
-    """The motion of some joints, from 1; the others rest where they are at first."""
-    own = np.isin(np.arange(JOINTS) + 1, joints)
-    return replace(moves, q=np.where(own, moves.q, moves.q[0]), qd=moves.qd * own, qdd=moves.qdd * own)
 
 
 def at_rest(described):

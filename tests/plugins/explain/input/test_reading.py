@@ -1,6 +1,4 @@
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
 from cellwatt.errors import ConfigError, RecordingError
@@ -9,7 +7,7 @@ from cellwatt.record import Header, Recorder, RecordSettings
 from cellwatt_plugins.explain.input.reading import read_motion
 from cellwatt_plugins.explain.input.signals import read_signals
 from tests.plugins.explain.input.reading import read_runs
-from tests.plugins.explain.logs import numbered
+from tests.plugins.explain.logs import numbered, parquet
 from tests.plugins.explain.recorded_arm import CONSTANT, JOINTS, load, write_robot
 
 RATE = 125.0
@@ -35,11 +33,6 @@ def simulation(t):
 
 def times(seconds=8.0, rate=RATE):
     return np.arange(round(seconds * rate)) / rate
-
-
-def parquet(path, columns):
-    pq.write_table(pa.table(columns), path)
-    return path
 
 
 def csv(path, columns, separator=","):

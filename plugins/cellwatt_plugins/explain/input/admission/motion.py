@@ -11,7 +11,7 @@ from scipy.optimize import linear_sum_assignment
 
 from cellwatt.arrays import Bool, Float
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.explain.input.factors import DEGREES, RPM, order_text, recognised, times_text, usable
+from cellwatt_plugins.explain.input.factors import DEGREES, MOVES, RPM, order_text, recognised, times_text, usable
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.explain.input.unread import unread
 from cellwatt_plugins.robot import Arm, RobotDescription
@@ -19,8 +19,6 @@ from cellwatt_plugins.robot.motion import rates
 
 AT_REST = 0.01
 """Travel, rad, below which a joint is at rest."""
-MOVES = 0.05
-"""Travel, rad, above which a joint certainly moves."""
 WIDE = 0.2
 """Travel, rad, above which the derivative of a position can be compared."""
 FLICKER = 0.1
@@ -115,10 +113,8 @@ def check_velocity(run: Run, robot: RobotDescription) -> None:
         return
     rows = usable(run)
     # Central differences of a slow log are means over two steps: the recorded velocities are averaged alike.
-    velocity, own = (
-        convolve1d(run.velocity, SIMPSON, axis=0, mode="nearest")[rows],
-        rates(run.position, run.step)[1][rows],
-    )
+    velocity = convolve1d(run.velocity, SIMPSON, axis=0, mode="nearest")[rows]
+    own = rates(run.position, run.step)[1][rows]
     wide = np.flatnonzero(travel(run) > WIDE)
     if not len(wide):
         return

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.explain.input.admission.motion import AT_REST, MOVES, travel
-from cellwatt_plugins.explain.input.factors import joints_text, usable
+from cellwatt_plugins.explain.input.admission.motion import AT_REST, travel
+from cellwatt_plugins.explain.input.factors import MOVES, joints_text, usable
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.explain.input.unread import unread_remarks
 from cellwatt_plugins.robot import RobotDescription

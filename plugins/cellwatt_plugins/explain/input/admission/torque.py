@@ -21,8 +21,7 @@ from cellwatt_plugins.explain.input.admission.agreement import (
     deviation,
     sample_of,
 )
-from cellwatt_plugins.explain.input.admission.motion import MOVES
-from cellwatt_plugins.explain.input.factors import DEGREES, joints_text, order_text, recognised, times_text
+from cellwatt_plugins.explain.input.factors import DEGREES, MOVES, joints_text, order_text, recognised, times_text
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import Moved, Plan
