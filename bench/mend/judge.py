@@ -30,11 +30,6 @@ def motion(folder: Path, run: str, joints: int) -> Motion:
     return Motion(*(of(plan, name).astype(float) for name in ("q", "qd", "qdd")), of(recorded, "tau").astype(float))
 
 
-def load(path: Path) -> mujoco.MjModel:
-    """The model of a file; arms of this benchmark have no shapes to touch with."""
-    return mujoco.MjModel.from_xml_path(str(path))
-
-
 def torque(model: mujoco.MjModel, q: Array, v: Array, a: Array, soft: bool = False) -> Array:
     """(N, n) Nm by ``mj_inverse``; dry friction as the file states it, or ``soft`` as MuJoCo's constraint steps it."""
     flags = model.opt.disableflags

@@ -41,10 +41,8 @@ def measure(case: Case, work: Path, command: str, with_peer: bool) -> dict[str, 
     runs = {split: [r for r in drawn.key["runs"] if r["split"] == split] for split in ("open", "sealed")}
     seen = [judge.motion(drawn.folder, r["run"], joints) for r in runs["open"]]
     sealed = [judge.motion(drawn.sealed, r["run"], joints) for r in runs["sealed"]]
-    models = {
-        "before": judge.load(drawn.folder / "arm.xml"),
-        "mended": judge.load(drawn.folder / "out" / "arm.mended.xml"),
-    }
+    files = {"before": drawn.folder / "arm.xml", "mended": drawn.folder / "out" / "arm.mended.xml"}
+    models = {name: mujoco.MjModel.from_xml_path(str(file)) for name, file in files.items()}
     noise = drawn.truth.noise
     if with_peer:
         from mend import peer

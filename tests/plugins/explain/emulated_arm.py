@@ -7,12 +7,12 @@ those of any textbook (Siciliano et al., *Robotics*, ch. 7.5), written out in nu
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from cellwatt.emulation.arm import ArmSignals, Move
 from cellwatt.frames import FrameChannel, Frames, Layout
+from cellwatt_plugins.explain.input.run import Run
 from tests.plugins.explain.recorded_arm import (
     AXES,
     CENTRES,
@@ -86,17 +86,6 @@ def rigid_torque(q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
     return out
 
 
-@dataclass(frozen=True)
-class Recorded:
-    """Samples (N,) s of the arm: position, velocity, torque (N, 6) and power (N,)."""
-
-    time: np.ndarray
-    position: np.ndarray
-    velocity: np.ndarray
-    torque: np.ndarray
-    power: np.ndarray
-
-
 def recorded(
     seconds: float,
     rate: float,
@@ -106,7 +95,7 @@ def recorded(
     since: float = 0.0,
     until: float = math.inf,
     seed: int = 0,
-) -> Recorded:
+) -> Run:
     """The arm at work; from ``since`` to ``until`` s ``joint`` has so many Nm s/rad of viscous friction more."""
     random = np.random.default_rng(seed)
     t = np.arange(round(seconds * rate)) / rate
@@ -114,7 +103,8 @@ def recorded(
     torque = rigid_torque(q, qd, qdd) + ROTOR * qdd + COULOMB * np.tanh(qd / 0.004)
     torque[:, joint - 1] += np.where((t >= since) & (t < until), viscous * qd[:, joint - 1], 0.0)
     power = STANDBY + np.sum(torque * qd + RESISTANCE * (torque / CONSTANT) ** 2, axis=1)
-    return Recorded(
+    return Run(
+        name="arm",
         time=t,
         position=q + 2e-5 * random.standard_normal(q.shape),
         velocity=qd + 1e-3 * random.standard_normal(q.shape),
@@ -138,7 +128,7 @@ START = 1_795_000_000 * 10**9
 """UTC ns of the first frame."""
 
 
-def frames(arm: Recorded, lay: Layout) -> Frames:
+def frames(arm: Run, lay: Layout) -> Frames:
     """The recording as one block of frames."""
     return framed(lay, np.column_stack([arm.position, arm.velocity, arm.torque, arm.power]))
 

@@ -115,6 +115,13 @@ def _yaw_slopes(arm: Arm, q: np.ndarray) -> np.ndarray:
     return np.column_stack([np.zeros(len(q)), inner + outer, outer])
 
 
+def inertial(arm: Arm, link: int) -> list[float]:
+    """Mass, first moment and moments of inertia about its joint of a moving link (0-based), by the parallel axes."""
+    mass, centre, axial, transverse = arm.masses[link], arm.centres[link], arm.axial[link], arm.transverse[link]
+    across = transverse + mass * centre**2
+    return [mass, mass * centre, 0, 0, axial, 0, across, 0, 0, across]
+
+
 def links(arm: Arm, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
     """Torque (N, 3) Nm that the links need."""
     slopes = _yaw_slopes(arm, q)

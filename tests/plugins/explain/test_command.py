@@ -26,20 +26,16 @@ def cell(tmp_path_factory):
     return folder
 
 
-def recordings(cell):
-    return [cell / "run_01.recording.parquet", cell / "run_02.recording.parquet"]
-
-
-def simulations(cell):
-    return [cell / "run_01.simulation.parquet", cell / "run_02.simulation.parquet"]
+def files(cell, kind):
+    return [cell / f"run_0{number}.{kind}.parquet" for number in (1, 2)]
 
 
 @pytest.fixture(scope="module")
 def explained(cell, tmp_path_factory):
     """What ``explain`` leaves in its folder."""
     out = tmp_path_factory.mktemp("explained") / "results"
-    words = [*recordings(cell), "--simulation", *simulations(cell), "--robot", cell / "robot.yaml", "--out", out]
-    assert call("explain", *words)[0] == 0
+    words = ["--simulation", *files(cell, "simulation"), "--robot", cell / "robot.yaml", "--out", out]
+    assert call("explain", *files(cell, "recording"), *words)[0] == 0
     return out
 
 
@@ -52,13 +48,9 @@ def test_findings_model_and_report_are_written(explained):
     start, offset, retuned = found["cascade"]
     gain = found["findings"][0]["improvement"]
     assert [start["kind"], offset["effect"], retuned["kind"]] == ["simulation", "torque_offset", "retuning"]
-    assert (gain["before"], gain["after"]) == (
-        pytest.approx(start["channels"]["tau_3"], rel=1e-3),
-        offset["channels"]["tau_3"],
-    )
-    assert {name: pytest.approx(error) for name, error in retuned["channels"].items()} == {
-        f["channel"]: f["model"] for f in found["fit"]
-    }
+    assert gain["before"] == pytest.approx(start["channels"]["tau_3"], rel=1e-3)
+    assert gain["after"] == offset["channels"]["tau_3"]
+    assert retuned["channels"] == pytest.approx({f["channel"]: f["model"] for f in found["fit"]})
     assert (explained / "model.yaml").exists()
     page = (explained / "report.html").read_text()
     assert "<html" in page
@@ -66,14 +58,8 @@ def test_findings_model_and_report_are_written(explained):
 
 
 def test_in_words_each_finding_is_a_sentence(cell, tmp_path):
-    code, said, _ = call(
-        "explain",
-        *recordings(cell),
-        *("--simulation", *simulations(cell)),
-        *("--robot", cell),
-        *("--out", tmp_path),
-        "--no-report",
-    )
+    words = ["--simulation", *files(cell, "simulation"), "--robot", cell, "--out", tmp_path, "--no-report"]
+    code, said, _ = call("explain", *files(cell, "recording"), *words)
     assert code == 0
     assert said.startswith("The difference is explained: torque offset (joint 3).")
     assert "joint 3" in said.lower()
@@ -85,7 +71,8 @@ def test_in_words_each_finding_is_a_sentence(cell, tmp_path):
 
 
 def test_without_a_simulation_the_robot_is_simulated(cell, tmp_path):
-    code, said, _ = call("explain", *recordings(cell), "--robot", cell, "--out", tmp_path, "--json", "--no-report")
+    words = ["--robot", cell, "--out", tmp_path, "--json", "--no-report"]
+    code, said, _ = call("explain", *files(cell, "recording"), *words)
     assert code == 0
     assert ("torque_offset", 3) in {(f["effect"], f["joint"]) for f in json.loads(said)["findings"]}
 
@@ -120,17 +107,13 @@ def one_line(*words):
     return code, errors
 
 
-def explain_words(cell, out):
-    first = cell / "run_01.recording.parquet"
-    return ["explain", first, "--simulation", cell / "run_01.simulation.parquet", "--robot", cell, "--out", out]
-
-
 def test_a_bad_recording_is_one_line_and_an_error(cell, tmp_path):
     folder = shutil.copytree(cell, tmp_path / "cell")
     path = folder / "run_01.recording.parquet"
     table = pq.read_table(path)
     parquet(path, {n: np.degrees(table[n]) if n.startswith("q_") else table[n] for n in table.column_names})
-    code, errors = one_line(*explain_words(folder, tmp_path / "out"))
+    simulation = folder / "run_01.simulation.parquet"
+    code, errors = one_line("explain", path, "--simulation", simulation, "--robot", folder, "--out", tmp_path / "out")
     assert code == EXIT_ERROR
     assert "deg" in errors
     assert "run_01" in errors

@@ -230,12 +230,9 @@ def folds_of(problem: Problem) -> tuple[NDArray[np.intp], int]:
     Runs that repeat a motion share its folds: a motion that was fitted in one run is not unseen in another. If a motion
     is too short for that, each run is split by itself.
     """
-    shared = _blocks(problem, _motions([s.q for s in problem.states]))
-    block = (
-        shared
-        if max(int(part.max()) for part in shared) >= FEWEST - 1
-        else _blocks(problem, range(len(problem.states)))
-    )
+    block = _blocks(problem, _motions([s.q for s in problem.states]))
+    if max(int(part.max()) for part in block) < FEWEST - 1:
+        block = _blocks(problem, range(len(problem.states)))
     count = min(FOLDS, 1 + max(int(part.max()) for part in block))
     return np.concatenate(block) % count, count
 

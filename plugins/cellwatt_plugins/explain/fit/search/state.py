@@ -83,10 +83,8 @@ class SearchState:
 
     def _anew(self) -> None:
         # Results of motion and priors alone remain valid; the weight of each sample changes.
-        old = self.problem
-        self.problem = replace(
-            loose(self.make(self.turning, self.late), self.looseness), simulated=old.simulated, made=old.made
-        )
+        new = loose(self.make(self.turning, self.late), self.looseness)
+        self.problem = replace(new, simulated=self.problem.simulated, made=self.problem.made)
         self.solved.clear()
         self.known.clear()
         self.residuals = None
