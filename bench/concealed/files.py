@@ -36,14 +36,14 @@ def load_run(recording: Path, keys: Path) -> Run:
     """One recording and what the simulation says at its times: in the keys where the simulation has its own clock."""
     seen = pq.read_table(recording)
     beside = recording.with_name(recording.name.replace(".recording.", ".simulation."))
-    told = pq.read_table(aligned if (aligned := keys / beside.name).exists() else beside)
+    simulation = pq.read_table(aligned if (aligned := keys / beside.name).exists() else beside)
     return Run(
         recording.name.split(".")[0],
         seen["t"].to_numpy().astype(float),
-        group(told, "q"),
-        group(told, "qd"),
-        group(told, "qdd"),
-        group(told, "tau"),
+        group(simulation, "q"),
+        group(simulation, "qd"),
+        group(simulation, "qdd"),
+        group(simulation, "tau"),
         group(seen, "tau"),
         seen["power"].to_numpy().astype(float),
     )
