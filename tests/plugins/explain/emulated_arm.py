@@ -141,12 +141,5 @@ def framed(lay: Layout, values: np.ndarray) -> Frames:
 
 def cut(whole: Frames, first: int, last: int) -> Frames:
     """A block of frames out of a larger one."""
-    part = slice(first, last)
-    return Frames(
-        whole.layout,
-        whole.sequence + first,
-        whole.time[part],
-        whole.values[part],
-        whole.quality[part],
-        whole.bound[part],
-    )
+    rows = (getattr(whole, name)[first:last] for name in ("time", "values", "quality", "bound"))
+    return Frames(whole.layout, whole.sequence + first, *rows)

@@ -76,10 +76,7 @@ def endless(described, folder, kind, limit):
 
 @pytest.mark.parametrize(
     ("kind", "limit"),
-    [
-        ("continuous", ""),
-        ("revolute", '<limit effort="39" velocity="1.4"/>'),
-    ],
+    [("continuous", ""), ("revolute", '<limit effort="39" velocity="1.4"/>')],
 )
 def test_joints_that_turn_without_end_are_described_as_any_other(kind, limit, tmp_path, described, arm):
     endlessly = load(endless(described, tmp_path, kind, limit))
