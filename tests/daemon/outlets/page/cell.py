@@ -12,6 +12,7 @@ from typing import Any
 
 import aiohttp
 import numpy as np
+from yarl import URL
 
 from cellwatt import Alarm, CellwattError, FrameChannel, Frames, Layout
 from cellwatt.outlets.page.app import Assets, Page
@@ -183,10 +184,26 @@ def client() -> aiohttp.ClientSession:
     return aiohttp.ClientSession(cookie_jar=aiohttp.CookieJar(unsafe=True))
 
 
+async def get(browser: aiohttp.ClientSession, url: str, status: int = 200) -> Any:
+    """The JSON of an answer, which has to have this status."""
+    async with browser.get(url) as response:
+        assert response.status == status, f"{url}: {await response.text()}"
+        return await response.json()
+
+
+async def post(
+    browser: aiohttp.ClientSession, url: str, body: Any = None, status: int = 200, headers: Any = None
+) -> Any:
+    """As ``get``; ``headers`` go beside, or before, the one that a page of ours puts on what it posts."""
+    headers = {**await csrf(browser, str(URL(url).origin())), **(headers or {})}
+    async with browser.post(url, json=body, headers=headers) as response:
+        assert response.status == status, f"{url}: {await response.text()}"
+        return await response.json()
+
+
 async def csrf(browser: aiohttp.ClientSession, url: str) -> dict[str, str]:
     """The header that a page of ours puts on what it posts."""
-    async with browser.get(f"{url}/api/site") as response:
-        return {"X-CSRF-Token": (await response.json())["csrf"]}
+    return {"X-CSRF-Token": (await get(browser, f"{url}/api/site"))["csrf"]}
 
 
 async def log_in(browser: aiohttp.ClientSession, url: str, name: str, password: str = PASSWORD) -> int:

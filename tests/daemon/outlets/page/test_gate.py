@@ -27,7 +27,9 @@ from tests.daemon.outlets.page.cell import (
     alarm,
     client,
     csrf,
+    get,
     log_in,
+    post,
     served,
     status,
 )
@@ -67,33 +69,25 @@ async def code_of(browser: aiohttp.ClientSession, url: str, **more: Any) -> int:
 
 async def test_nothing_of_the_cell_is_told_without_a_login(browser: aiohttp.ClientSession, page: Served) -> None:
     for path in LOCKED:
-        async with browser.get(page.url + path) as response:
-            assert response.status == 401, path
-            assert await response.json() == {"error": "log in first"}
-    async with browser.get(f"{page.url}/api/site") as response:
-        told = await response.json()
-        assert (told["site"], told["cells"], told["user"], told["may_act"]) == (None, [], None, False)
-        assert told["login_needed"] is True
-    header = await csrf(browser, page.url)
+        assert await get(browser, page.url + path, 401) == {"error": "log in first"}
+    told = await get(browser, f"{page.url}/api/site")
+    assert (told["site"], told["cells"], told["user"], told["may_act"]) == (None, [], None, False)
+    assert told["login_needed"] is True
     for what in ("acknowledge", "shelve", "unshelve"):
         body = {"id": "alarm-1", "name": "ada", "note": "", "minutes": 5}
-        async with browser.post(f"{page.url}{API}/{what}", json=body, headers=header) as response:
-            assert response.status == 401
+        await post(browser, f"{page.url}{API}/{what}", body, 401)
     assert page.orders == []
 
 
 async def test_a_login_lasts_until_it_is_ended(browser: aiohttp.ClientSession, page: Served) -> None:
     assert await log_in(browser, page.url, "ada") == 200
     assert await code_of(browser, f"{page.url}{API}/state") == 200
-    async with browser.get(f"{page.url}/api/site") as response:
-        told = await response.json()
-        assert (told["user"], told["may_act"], told["login_needed"]) == ("ada", True, False)
-        assert told["cells"] != []
+    told = await get(browser, f"{page.url}/api/site")
+    assert (told["user"], told["may_act"], told["login_needed"]) == ("ada", True, False)
+    assert told["cells"] != []
     stolen = {"Cookie": "; ".join(f"{c.key}={c.value}" for c in browser.cookie_jar)}
     assert await code_of(browser, f"{page.url}{API}/state", headers=stolen) == 200
-    header = await csrf(browser, page.url)
-    async with browser.post(f"{page.url}/api/logout", headers=header) as response:
-        assert response.status == 200
+    await post(browser, f"{page.url}/api/logout")
     assert await code_of(browser, f"{page.url}{API}/state") == 401
     async with aiohttp.ClientSession() as thief:
         assert await code_of(thief, f"{page.url}{API}/state", headers=stolen) == 401
@@ -104,9 +98,7 @@ async def test_a_logout_ends_the_streams_of_that_login_alone(page: Served) -> No
         await log_in(mine, page.url, "ada")
         await log_in(other, page.url, "ada")
         async with mine.get(f"{page.url}{API}/stream") as first, other.get(f"{page.url}{API}/stream") as second:
-            header = await csrf(mine, page.url)
-            async with mine.post(f"{page.url}/api/logout", headers=header):
-                pass
+            await post(mine, f"{page.url}/api/logout")
             with pytest.raises(EOFError):
                 await Stream(first).until("never")
             page.feed.take_gap("still here")
@@ -134,8 +126,7 @@ async def test_who_may_act_does_so_by_the_name_of_the_login(page: Served) -> Non
             own = {**await csrf(browser, page.url), "Origin": page.url, "Sec-Fetch-Site": "same-origin"}
             async with browser.post(f"{page.url}{API}/acknowledge", data=body, headers=own) as response:
                 assert response.status == (code if name == "eve" else 415), "a form cannot post"
-            async with browser.post(f"{page.url}{API}/acknowledge", json=body, headers=own) as response:
-                assert response.status == code
+            await post(browser, f"{page.url}{API}/acknowledge", body, code, own)
     assert page.orders == [{"what": "acknowledge", "alarm": "alarm-1", "name": "ada", "note": "seen"}]
 
 
@@ -157,10 +148,8 @@ async def test_tries_at_passwords_have_to_wait(browser: aiohttp.ClientSession, p
 
 
 async def test_half_a_login_is_none(browser: aiohttp.ClientSession, page: Served) -> None:
-    header = await csrf(browser, page.url)
     for body in ({"name": "ada"}, {"name": "ada", "password": 5}, []):
-        async with browser.post(f"{page.url}/api/login", json=body, headers=header) as response:
-            assert response.status == 400
+        await post(browser, f"{page.url}/api/login", body, 400)
 
 
 # forged requests ----------------------------------------------------------------------------------
@@ -168,7 +157,6 @@ async def test_half_a_login_is_none(browser: aiohttp.ClientSession, page: Served
 
 async def test_what_another_site_posts_is_refused(browser: aiohttp.ClientSession, page: Served) -> None:
     await log_in(browser, page.url, "ada")
-    own = await csrf(browser, page.url)
     for headers in (
         {"X-CSRF-Token": "0" * 64},
         {"X-CSRF-Token": "ß"},
@@ -177,9 +165,7 @@ async def test_what_another_site_posts_is_refused(browser: aiohttp.ClientSession
         {"Origin": "http://[::1"},
         {"Sec-Fetch-Site": "same-site"},
     ):
-        body = {"id": "alarm-1", "note": ""}
-        async with browser.post(f"{page.url}{API}/acknowledge", json=body, headers={**own, **headers}) as response:
-            assert response.status == 403, headers
+        await post(browser, f"{page.url}{API}/acknowledge", {"id": "alarm-1", "note": ""}, 403, headers)
     assert page.orders == []
 
 
@@ -204,8 +190,7 @@ async def test_the_proof_of_one_browser_is_none_of_another(page: Served) -> None
         await log_in(other, page.url, "ada")
         body = {"id": "alarm-1", "note": ""}
         header = await csrf(other, page.url)
-        async with mine.post(f"{page.url}{API}/acknowledge", json=body, headers=header) as response:
-            assert response.status == 403
+        await post(mine, f"{page.url}{API}/acknowledge", body, 403, header)
 
 
 LOCAL = ("localhost:8480", "[::1]:8480", "LOCALHOST.")

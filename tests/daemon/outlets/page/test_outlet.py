@@ -36,6 +36,7 @@ from tests.daemon.outlets.page.cell import (
     client,
     csrf,
     frames,
+    get,
     log_in,
     status,
 )
@@ -100,8 +101,7 @@ async def test_what_the_cell_tells_reaches_a_browser(view: View) -> None:
             assert got["frames"]["v"]["arm.mode"] == [4e9 + n for n in range(5, 10)]
             assert got["alarm"]["id"] == "alarm-1"
             assert got["event"]["text"] == "UR10e"
-            async with browser.get(f"{url}{API}/state") as asked:
-                told = await asked.json()
+            told = await get(browser, f"{url}{API}/state")
             assert (told["session"], told["record"], len(told["channels"])) == (EPOCH / 1e6, False, 3)
             assert [a["id"] for a in told["alarms"]] == ["alarm-2", "alarm-1"]
             await eventually(lambda: outlet.account.counters["messages not shown"] == 1, "what was not shown")
@@ -163,8 +163,8 @@ async def test_logins_survive_a_restart_and_secrets_are_nowhere_to_be_seen(view:
             assert await asyncio.to_thread(child.nice) == max(10, os.nice(0))
             assert await log_in(browser, url, "ada") == 200
         assert (record / FILE).stat().st_mode & 0o777 == 0o600
-        async with serving(outlet) as url, browser.get(f"{url}{API}/state") as response:
-            assert response.status == 200
+        async with serving(outlet) as url:
+            await get(browser, f"{url}{API}/state")
 
 
 async def test_a_port_that_is_taken_is_named(view: View) -> None:
@@ -189,8 +189,8 @@ async def test_a_process_that_is_killed_is_started_again(view: View, monkeypatch
         await eventually(lambda: outlet.url, "the page again")
         delivery.offer(frames(0, 5))
         await eventually(lambda: outlet.account.received == 5, "frames again")
-        async with client() as browser, browser.get(f"{outlet.url}api/site") as response:
-            assert response.status == 200
+        async with client() as browser:
+            await get(browser, f"{outlet.url}api/site")
 
 
 async def test_a_process_that_hangs_is_told_and_holds_up_nobody(view: View, monkeypatch: pytest.MonkeyPatch) -> None:
