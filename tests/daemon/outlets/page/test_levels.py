@@ -146,15 +146,16 @@ def test_what_a_killed_process_left_of_its_level_files_goes_and_nothing_else(tmp
 # spans ----------------------------------------------------------------------------------------------
 
 
-def hours(folder: Path, count: int = 3, names: tuple[str, ...] = ("arm.power", "arm.voltage")) -> tuple:
-    """Recordings of an hour each, one frame a second."""
+def hours(folder: Path, count: int = 3) -> tuple[list[str], float, float, int]:
+    """Recordings of an hour each, one frame a second; gives what to ask of them."""
+    names = ("arm.power", "arm.voltage")
     time = SESSION + np.arange(3600 * count) * S
     values = np.random.default_rng(1).standard_normal((len(time), len(names)))
     values[3000, 0] = 1000.0
     for number in range(count):
         part = slice(3600 * number, 3600 * (number + 1))
         recording(folder, in_chunks(time[part], values[part], 600, names=names, rate=1.0), number + 1)
-    return time, values
+    return ["arm.power"], START, START + count * 3_600_000, 100
 
 
 def test_channels_may_change_from_file_to_file(tmp_path):
@@ -276,6 +277,8 @@ def levels_of(folder: Path) -> set[str]:
     return {path.stem for path in (folder / "levels").glob("*.levels")}
 
 
+MINUTES = (["arm.power"], START, START + 300_000, 30)
+
 # level files ----------------------------------------------------------------------------------------
 
 
@@ -289,44 +292,39 @@ def test_no_damage_gives_wrong_numbers(data):
             folder,
             [[frames(time, np.arange(300), rate=1.0), interval(1, SESSION, SESSION + S), alarm("a", SESSION, SESSION)]],
         )
-        span = (["arm.power"], START, START + 300_000, 30)
-        true = curves(Store(folder, CELL), *span)
+        true = curves(Store(folder, CELL), *MINUTES)
         file = level_file.path_of(path)
         body = bytearray(file.read_bytes())
         for _ in range(data.draw(st.integers(1, 3))):
             body[data.draw(st.integers(0, len(body) - 1))] = data.draw(st.integers(0, 255))
         file.write_bytes(body[: data.draw(st.integers(0, len(body)))])
         reader = Store(folder, CELL)
-        curves(reader, *span)
-        assert curves(reader, *span) == true
+        curves(reader, *MINUTES)
+        assert curves(reader, *MINUTES) == true
 
 
 def test_a_level_file_of_another_recording_is_not_used(tmp_path):
     time = SESSION + np.arange(300) * S
     path = recording(tmp_path, [[frames(time, np.zeros(300), rate=1.0)]])
-    span = (["arm.power"], START, START + 300_000, 30)
-    curves(Store(tmp_path, CELL), *span)
+    curves(Store(tmp_path, CELL), *MINUTES)
     path.unlink()
     recording(tmp_path, [[frames(time, np.arange(300), rate=1.0)]])
-    assert curves(Store(tmp_path, CELL), *span)["v"]["arm.power"]["max"] == [*range(9, 300, 10)]
+    assert curves(Store(tmp_path, CELL), *MINUTES)["v"]["arm.power"]["max"] == [*range(9, 300, 10)]
 
 
 def test_a_damaged_level_file_that_cannot_be_removed_leaves_a_gap_that_is_told(tmp_path, monkeypatch):
     path = recording(tmp_path, [[frames(SESSION + np.arange(300) * S, np.zeros(300), rate=1.0)]])
-    span = (["arm.power"], START, START + 300_000, 30)
-    assert curves(Store(tmp_path, CELL), *span)["complete"]
+    assert curves(Store(tmp_path, CELL), *MINUTES)["complete"]
     reader = Store(tmp_path, CELL)
     asked = []
     monkeypatch.setattr(level_file.LevelFile, "levels", lambda *_: asked.append(1) or level_file._unpacked(b"a", 1))
     monkeypatch.setattr(Path, "unlink", lambda *_, **__: (_ for _ in ()).throw(OSError(errno.EROFS, "read-only")))
-    assert not curves(reader, *span)["complete"] and len(asked) == 2
+    assert not curves(reader, *MINUTES)["complete"] and len(asked) == 2
     assert level_file.path_of(path).exists()
 
 
 def test_levels_go_with_their_recording(tmp_path):
-    hours(tmp_path)
-    reader = Store(tmp_path, CELL)
-    span = (["arm.power"], START, START + 3 * 3_600_000, 100)
+    span, reader = hours(tmp_path), Store(tmp_path, CELL)
     curves(reader, *span)
     (tmp_path / "levels" / "notes.txt").write_text("mine")
     min(tmp_path.glob("*.mcap")).unlink()
@@ -337,8 +335,7 @@ def test_levels_go_with_their_recording(tmp_path):
 
 
 def test_levels_keep_to_their_budget_and_the_oldest_go(tmp_path, monkeypatch):
-    hours(tmp_path)
-    span = (["arm.power"], START, START + 3 * 3_600_000, 100)
+    span = hours(tmp_path)
     true = curves(Store(tmp_path, CELL), *span)
     files = sorted((tmp_path / "levels").iterdir())
     read = []
@@ -357,8 +354,7 @@ def test_levels_keep_to_their_budget_and_the_oldest_go(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("full", [True, False])
 def test_a_disk_that_takes_no_level_files_costs_time_alone(tmp_path, monkeypatch, caplog, full):
-    hours(tmp_path)
-    span = (["arm.power"], START, START + 3 * 3_600_000, 100)
+    span = hours(tmp_path)
 
     def refuse(*_):
         raise OSError(errno.EROFS, "Read-only file system")
@@ -379,18 +375,17 @@ def test_a_disk_that_takes_no_level_files_costs_time_alone(tmp_path, monkeypatch
 
 
 def test_what_takes_too_long_is_left_out_and_told(tmp_path, monkeypatch):
-    hours(tmp_path)
+    span = hours(tmp_path)
     monkeypatch.setattr(module, "PATIENCE", -1.0)
-    found = curves(Store(tmp_path, CELL), ["arm.power"], START, START + 3 * 3_600_000, 100)
+    found = curves(Store(tmp_path, CELL), *span)
     assert not found["complete"] and set(found["v"]["arm.power"]["max"]) == {None}
 
 
 def test_a_recording_that_holds_nothing_is_told_and_not_read_again_and_again(tmp_path, monkeypatch, caplog):
-    hours(tmp_path, 2)
+    span = hours(tmp_path, 2)
     bad = min(tmp_path.glob("*.mcap"))
     bad.write_bytes(b"nothing" * 100)
     reader = Store(tmp_path, CELL)
-    span = (["arm.power"], START, START + 2 * 3_600_000, 100)
     found = curves(reader, *span)
     assert curves(reader, *span) == found
     assert any(v is not None for v in found["v"]["arm.power"]["max"])

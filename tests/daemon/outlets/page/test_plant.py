@@ -28,16 +28,12 @@ from tests.patience import eventually
 SITE = "plant-1"
 
 
-class OtherView(FakeView):
-    def __init__(self, cell: str) -> None:
-        super().__init__()
-        self.cell = cell
-
-
 @asynccontextmanager
 async def speaking(cell: str, router: str, told: dict[str, Any]) -> AsyncIterator[ZenohOutlet]:
     """A cell that publishes, with its health ten times a second as ``told`` has it."""
-    outlet = ZenohOutlet("zenoh", ZenohSettings(mode="client", connect=(router,)), OtherView(cell))
+    view = FakeView()
+    view.cell = cell
+    outlet = ZenohOutlet("zenoh", ZenohSettings(mode="client", connect=(router,)), view)
     async with serving(outlet, told):
         yield outlet
 
