@@ -11,6 +11,7 @@ import numpy as np
 
 from cellwatt import Alarm, AlarmBook, Batch, Channel, FrameChannel, Frames, Layout, Stream
 from cellwatt.frames import Block, cut
+from cellwatt.record import History
 from cellwatt.results import Event, Result, Task
 
 SITE, CELL = "plant-1", "weld-3"
@@ -151,3 +152,23 @@ class FakeView:
             for b in blocks
             if b.sequence < end and b.sequence + len(b) > begin
         ]
+
+
+class RecordedView(FakeView):
+    """A cell with a record on disk, of which it is asked."""
+
+    def __init__(self, session: int, made: History) -> None:
+        super().__init__(session)
+        self.made = made
+
+    def recordings(self) -> Sequence[Mapping[str, Any]]:
+        return self.made.recordings()
+
+    def history(self, source: str, stream: str, session: int, first: int, count: int) -> Sequence[Batch]:
+        return self.made.history(source, stream, session, first, count)
+
+    def frame_history(self, session: int, first: int, count: int) -> Sequence[Frames]:
+        return self.made.frames(session, first, count)
+
+    def result_history(self, series: str, session: int, first: int, count: int) -> Sequence[tuple[int, Result | Event]]:
+        return self.made.results(series, session, first, count)

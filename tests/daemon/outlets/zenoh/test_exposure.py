@@ -82,9 +82,8 @@ def test_the_place_is_told_by_line_and_column(tmp_path: Path) -> None:
     assert first.startswith(f"{file}:6:29: zenoh.listen[1]: found 'tcp/192.0.2.1:1': open to the network without")
     assert second.startswith(f"{file}:7:13: zenoh.scouting: found true: finds, and links with,")
     file = written(tmp_path, "zenoh: {listen: [tls/127.0.0.1:1], tls: {root_ca: ca.pem}}\n")
-    with pytest.raises(
-        ConfigError, match=r"cell.yaml:5:1: zenoh: to listen, tls/127.0.0.1:1 needs .*certificate: FILE"
-    ):
+    needs = r"cell.yaml:5:1: zenoh: to listen, tls/127.0.0.1:1 needs .*certificate: FILE"
+    with pytest.raises(ConfigError, match=needs):
         load(file)
 
 
@@ -113,8 +112,7 @@ def test_no_example_of_ours_lets_strangers_in(page: Path) -> None:
 
 
 def test_a_key_to_sign_with_that_is_missing_is_told_by_check(tmp_path: Path) -> None:
-    cell = tmp_path / "cell.yaml"
-    cell.write_text(CELL + "record: {folder: rec, sign: sign.key}\nzenoh: {sign: sign.key}\n")
+    cell = written(tmp_path, "record: {folder: rec, sign: sign.key}\nzenoh: {sign: sign.key}\n")
     told = CliRunner().invoke(check.command, [str(cell)])
     assert told.exit_code == 0
     for part in ("zenoh", "record"):

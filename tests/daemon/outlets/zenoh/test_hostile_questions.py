@@ -15,17 +15,16 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from cellwatt import CellwattError, OutletError
-from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
 from cellwatt.outlets.zenoh.answer_queue import Answer
 from cellwatt.outlets.zenoh.answers import Answers
 from cellwatt.outlets.zenoh.backlog import Backlog
 from cellwatt.outlets.zenoh.keys import CellKeys
-from cellwatt.outlets.zenoh.link import LinkSettings, open_session
+from cellwatt.outlets.zenoh.link import open_session
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.questions import LARGEST, QuestionError, number_of, parameters
 from cellwatt.runtime.delivery import Delivery
 from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch, frames
-from tests.daemon.outlets.zenoh.processes import free_port
+from tests.daemon.outlets.zenoh.test_subscriber import Cell
 from tests.doing import doing
 from tests.patience import PATIENCE, eventually
 
@@ -94,14 +93,10 @@ def test_any_parameters_get_an_answer_or_a_reason(name: str, asked: dict[str, st
 # over real sessions -------------------------------------------------------------------------------------
 
 
-class Asked:
+class Asked(Cell):
     """An outlet that serves, and somebody who asks it."""
 
-    def __init__(self) -> None:
-        self.endpoint = f"tcp/127.0.0.1:{free_port()}"
-        self.view = FakeView()
-        self.outlet = ZenohOutlet("zenoh", ZenohSettings(listen=(self.endpoint,)), self.view)
-        self.session: Any = None
+    session: Any = None
 
     async def ask(self, selector: str, **more: Any) -> list[zenoh.Reply]:
         return await asyncio.to_thread(lambda: list(self.session.get(f"{ROOT}/{selector}", timeout=10.0, **more)))
@@ -118,9 +113,8 @@ class Asked:
 @pytest.fixture
 async def cell() -> AsyncIterator[Asked]:
     found = Asked()
-    link = LinkSettings(mode="client", connect=(found.endpoint,))
     async with doing(found.outlet.run(), allowed=(OutletError,)):
-        with await asyncio.to_thread(open_session, link, patience=PATIENCE) as found.session:
+        with await asyncio.to_thread(open_session, found.link, patience=PATIENCE) as found.session:
             await eventually(found.serves, "an answer")
             yield found
 

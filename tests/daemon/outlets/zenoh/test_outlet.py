@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 import json
 import zlib
-from collections.abc import AsyncIterator, Iterator
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -183,18 +183,14 @@ async def test_history_is_answered_on_its_backfill_key(consumer: Consumer, view:
 
 async def test_liveliness_comes_and_goes_with_the_cell(outlet: ZenohOutlet, endpoint: str) -> None:
     seen: list[tuple[str, str]] = []
-    async with doing(outlet.run()):
-        session = await asyncio.to_thread(open_session, LinkSettings(mode="client", connect=(endpoint,)))
-        try:
+    async with AsyncExitStack() as stack:
+        async with doing(outlet.run()):
+            session = await stack.enter_async_context(client(endpoint))
             session.liveliness().declare_subscriber(
                 "cellwatt/*/*", lambda s: seen.append((str(s.key_expr), str(s.kind))), history=True
             )
             await eventually(lambda: seen, "the token")
-        except BaseException:
-            session.close()
-            raise
-    await eventually(lambda: len(seen) == 2, "the end of the token")
-    session.close()
+        await eventually(lambda: len(seen) == 2, "the end of the token")
     assert seen == [(ROOT, "SampleKind.PUT"), (ROOT, "SampleKind.DELETE")]
 
 
@@ -263,11 +259,9 @@ async def test_the_schema_goes_out_first_then_now_and_then_and_when_somebody_com
 
 
 async def test_what_was_offered_before_a_stop_arrives(outlet: ZenohOutlet, endpoint: str) -> None:
-    session: zenoh.Session | None = None
-    try:
+    async with AsyncExitStack() as stack:
         async with doing(outlet.run()):
-            session = await asyncio.to_thread(open_session, LinkSettings(mode="client", connect=(endpoint,)))
-            consumer = Consumer(session)
+            consumer = Consumer(await stack.enter_async_context(client(endpoint)))
             await hears(consumer, outlet)
             for first in range(0, 3000, 3):
                 outlet.offer(batch(first, 3))
@@ -275,9 +269,6 @@ async def test_what_was_offered_before_a_stop_arrives(outlet: ZenohOutlet, endpo
         assert outlet.account.residue == 0
         last = lambda: mark_of(consumer.samples[-1])  # noqa: E731
         await eventually(lambda: consumer.samples and last().end == 3000, "the last sample")
-    finally:
-        if session is not None:
-            session.close()
 
 
 async def test_without_a_router_nothing_waits_and_its_alarms_are_for_who_asks_later(
@@ -376,16 +367,10 @@ async def test_a_namespace_is_put_before_every_key(view: FakeView, endpoint: str
         assert json.loads(reply.ok.payload.to_bytes())["session"] == EPOCH
 
 
-@pytest.fixture
-def links_are_quick(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    monkeypatch.setattr("cellwatt.outlets.zenoh.publisher._UNCONNECTED", 0.2)
-    return
-
-
-@pytest.mark.usefixtures("links_are_quick")
 async def test_a_peer_that_reaches_nobody_says_so_once(
-    view: FakeView, endpoint: str, caplog: pytest.LogCaptureFixture
+    view: FakeView, endpoint: str, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(publisher, "_UNCONNECTED", 0.2)
     caplog.set_level("INFO")
     outlet = ZenohOutlet("zenoh", ZenohSettings(connect=(endpoint,)), view)
     async with doing(outlet.run()):

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from datetime import UTC, datetime, timedelta
+from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -253,12 +254,9 @@ async def test_answers_and_refusals_of_others_are_left_out(
             assert not [m for m in found if isinstance(m.content, Gap)]
 
 
-Kept = list[tuple[str, bytes, bytes | None]]
-
-
-def keep_all(attacker: zenoh.Session) -> Kept:
+def keep_all(attacker: zenoh.Session) -> list[tuple[str, bytes, bytes | None]]:
     """What the attacker hears from now on."""
-    kept: Kept = []
+    kept = []
 
     def keep(sample: zenoh.Sample) -> None:
         attachment = None if sample.attachment is None else sample.attachment.to_bytes()
@@ -268,23 +266,13 @@ def keep_all(attacker: zenoh.Session) -> Kept:
     return kept
 
 
-def kinds(kept: Kept) -> set[str]:
-    return {key.split("/")[3] for key, _, _ in list(kept)}
-
-
 async def test_an_earlier_session_cannot_be_shown_again(bus: LinkSettings, keys: Path, attacker: zenoh.Session) -> None:
     """Alarms and health that the cell signed before its daemon began anew, kept by who carried them."""
     kept = keep_all(attacker)
     async with signing_cell(bus, keys) as outlet:
-        count = 0
-
-        def seen() -> bool:
-            nonlocal count
-            outlet.offer(alarm(count))
-            count += 1
-            return kinds(kept) >= {"alarm", "health"}
-
-        await eventually(seen, "an alarm and a health message to keep")
+        raised = map(alarm, count())
+        seen = lambda: {key.split("/")[3] for key, _, _ in list(kept)}  # noqa: E731
+        await eventually(lambda: outlet.offer(next(raised)) or seen() >= {"alarm", "health"}, "messages to keep")
     old = list(kept)
     async with (
         signing_cell(bus, keys, EPOCH + 10**12) as outlet,

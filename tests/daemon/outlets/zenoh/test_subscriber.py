@@ -30,10 +30,10 @@ RAW = "raw/arm/samples"
 class Cell:
     """An outlet at work, and the subscribers' way to it."""
 
-    def __init__(self) -> None:
+    def __init__(self, **settings: Any) -> None:
         endpoint = f"tcp/127.0.0.1:{free_port()}"
         self.view = FakeView()
-        self.outlet = ZenohOutlet("zenoh", ZenohSettings(listen=(endpoint,)), self.view)
+        self.outlet = ZenohOutlet("zenoh", ZenohSettings(listen=(endpoint,), **settings), self.view)
         self.link = LinkSettings(mode="client", connect=(endpoint,))
 
     def subscriber(self, **more: object) -> Subscriber:

@@ -14,16 +14,16 @@ import json
 import resource
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cellwatt import Alarm, Batch, Channel, FrameChannel, Frames, Layout, Stream
+from cellwatt import Batch, Channel, FrameChannel, Frames, Layout, Stream
 from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
 from cellwatt.record import Header, History, Recorder, RecordSettings
-from cellwatt.results import Event, Result
+from tests.daemon.outlets.zenoh.fake_cell import RecordedView, alarm
 from tests.doing import doing
 from tests.orders import orders, say
 
@@ -31,16 +31,12 @@ HOUR = 3600 * 10**9
 FRAME_RATE = 50.0
 
 
-class View:
+class View(RecordedView):
     """What the outlet asks of its cell."""
 
-    journal = None
-    folder = Path("/")
-
     def __init__(self, site: str, cell: str, recorder: Recorder) -> None:
-        self.site, self.cell, self.session = site, cell, recorder.session
-        self.record_folder = recorder.settings.folder
-        self.made = History(recorder.settings.folder, recorder)
+        self.site, self.cell, self.record_folder = site, cell, recorder.settings.folder
+        super().__init__(recorder.session, History(recorder.settings.folder, recorder))
 
     def status(self) -> Mapping[str, Any]:
         return {"state": "green"}
@@ -49,18 +45,6 @@ class View:
 
     def config(self) -> Mapping[str, Any]:
         return {"record": {"frames": True}}
-
-    def recordings(self) -> Sequence[Mapping[str, Any]]:
-        return self.made.recordings()
-
-    def history(self, source: str, stream: str, session: int, first: int, count: int) -> Sequence[Batch]:
-        return self.made.history(source, stream, session, first, count)
-
-    def frame_history(self, session: int, first: int, count: int) -> Sequence[Frames]:
-        return self.made.frames(session, first, count)
-
-    def result_history(self, series: str, session: int, first: int, count: int) -> Sequence[tuple[int, Result | Event]]:
-        return self.made.results(series, session, first, count)
 
 
 class Cell:
@@ -75,7 +59,7 @@ class Cell:
         record = RecordSettings(**{**order["record"], "folder": order["folder"]})
         self.recorder = Recorder(record, header)
         self.view = View(order["site"], order["cell"], self.recorder)
-        self.outlet = ZenohOutlet("zenoh", ZenohSettings(**order["zenoh"]), self.view)  # type: ignore[arg-type]
+        self.outlet = ZenohOutlet("zenoh", ZenohSettings(**order["zenoh"]), self.view)
         self.samples = self.frames = self.alarms = self.refused = 0
         self.clock = self.recorder.session
         """UTC ns of the next sample."""
@@ -115,21 +99,8 @@ class Cell:
         self.frames += count
 
     def make_alarm(self) -> None:
-        now, number = time.time_ns(), self.alarms
-        text = f"Joint {number} needs more power than it should."
-        self.outlet.offer(
-            Alarm(
-                id=f"alarm-{number}",
-                kind="joint_fault",
-                severity="error",
-                active=False,
-                since=now,
-                time=now,
-                statement=text,
-                joint=1,
-                evidence={},
-            )
-        )
+        now = time.time_ns()
+        self.outlet.offer(alarm(self.alarms, active=False, since=now, time=now))
         self.alarms += 1
 
     async def run(self, seconds: float | None, block: float = 0.02) -> None:
