@@ -87,21 +87,14 @@ def rigid_torque(q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
 
 
 def recorded(
-    seconds: float,
-    rate: float,
-    *,
-    joint: int = 2,
-    viscous: float = 0.0,
-    since: float = 0.0,
-    until: float = math.inf,
-    seed: int = 0,
+    seconds: float, rate: float, *, viscous: float = 0.0, since: float = 0.0, until: float = math.inf, seed: int = 0
 ) -> Run:
-    """The arm at work; from ``since`` to ``until`` s ``joint`` has so many Nm s/rad of viscous friction more."""
+    """The arm at work; from ``since`` to ``until`` s joint 2 has so many Nm s/rad of viscous friction more."""
     random = np.random.default_rng(seed)
     t = np.arange(round(seconds * rate)) / rate
     q, qd, qdd = ARM.motion(t)
     torque = rigid_torque(q, qd, qdd) + ROTOR * qdd + COULOMB * np.tanh(qd / 0.004)
-    torque[:, joint - 1] += np.where((t >= since) & (t < until), viscous * qd[:, joint - 1], 0.0)
+    torque[:, 1] += np.where((t >= since) & (t < until), viscous * qd[:, 1], 0.0)
     power = STANDBY + np.sum(torque * qd + RESISTANCE * (torque / CONSTANT) ** 2, axis=1)
     return Run(
         name="arm",

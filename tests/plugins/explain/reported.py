@@ -46,16 +46,10 @@ def motion(seed: int, count: int, joints: int, rate: float) -> tuple[Float, Floa
 
 
 def trace(
-    name: str = "run_01",
-    seed: int = 1,
-    count: int = 7500,
-    joints: int = 6,
-    rate: float = 125.0,
-    power: bool = True,
-    effects: bool = True,
+    name: str = "run_01", seed: int = 1, count: int = 7500, joints: int = 6, power: bool = True, effects: bool = True
 ) -> Trace:
     """Joint 2 lacks Stribeck friction, joint 3 has a bump that no model explains, the supply lacks standby power."""
-    time, position, velocity = motion(seed, count, joints, rate)
+    time, position, velocity = motion(seed, count, joints, rate=125.0)
     random = np.random.default_rng(seed + 100)
     weight = np.array([4, 40, 22, 5, 4, 1, 1, 1, 1, 1.0])[:joints]
     simulation = weight * np.cos(position) * (np.arange(joints) > 0) + 5 * np.tanh(velocity / 0.004) + 6 * velocity

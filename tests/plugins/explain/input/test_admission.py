@@ -14,7 +14,6 @@ from tests.plugins.explain.recorded_arm import (
     JOINTS,
     NOISE,
     excitation,
-    load,
     points,
     recorded,
     some,
@@ -32,7 +31,7 @@ PLAN = ("position", "velocity", "acceleration")
 def bare(tmp_path_factory):
     """A description that knows no friction and no rotors."""
     changes = {"coulomb_friction": 0.0, "viscous_friction": 0.0, "rotor_inertia": 0.0}
-    return load(write_robot(tmp_path_factory.mktemp("bare"), **changes))
+    return Arm.load(write_robot(tmp_path_factory.mktemp("bare"), **changes))
 
 
 @pytest.fixture(scope="module")

@@ -6,9 +6,10 @@ from cellwatt.frames import FrameChannel, Frames, Layout
 from cellwatt.record import Header, Recorder, RecordSettings
 from cellwatt_plugins.explain.input.reading import read_motion
 from cellwatt_plugins.explain.input.signals import read_signals
+from cellwatt_plugins.robot import Arm
 from tests.plugins.explain.input.reading import read_runs
 from tests.plugins.explain.logs import numbered, parquet
-from tests.plugins.explain.recorded_arm import CONSTANT, JOINTS, load, write_robot
+from tests.plugins.explain.recorded_arm import CONSTANT, JOINTS, write_robot
 
 RATE = 125.0
 
@@ -140,7 +141,7 @@ async def test_cellwatts_own_recordings(tmp_path, arm):
 
 
 def test_currents_need_torque_constants(tmp_path):
-    arm = load(write_robot(tmp_path, torque_constant=0.0))
+    arm = Arm.load(write_robot(tmp_path, torque_constant=0.0))
     columns = recording(times())
     for i in range(JOINTS):
         columns[f"current_{i + 1}"] = columns.pop(f"tau_{i + 1}")

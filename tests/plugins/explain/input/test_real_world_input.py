@@ -9,9 +9,10 @@ import pytest
 
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.explain.input.run import Run
+from cellwatt_plugins.robot import Arm
 from tests.plugins.explain.input.reading import examine, read_runs
 from tests.plugins.explain.logs import logged
-from tests.plugins.explain.recorded_arm import JOINTS, NOISE, excitation, load, model, needed
+from tests.plugins.explain.recorded_arm import JOINTS, NOISE, excitation, model, needed
 from tests.plugins.robot import scara
 
 
@@ -79,7 +80,7 @@ def endless(described, folder, kind, limit):
     [("continuous", ""), ("revolute", '<limit effort="39" velocity="1.4"/>')],
 )
 def test_joints_that_turn_without_end_are_described_as_any_other(kind, limit, tmp_path, described, arm):
-    endlessly = load(endless(described, tmp_path, kind, limit))
+    endlessly = Arm.load(endless(described, tmp_path, kind, limit))
     moves = excitation(2, seconds=2.0)
     torque = endlessly.body.inverse_dynamics(moves.q, moves.qd, moves.qdd)
     np.testing.assert_allclose(torque, arm.body.inverse_dynamics(moves.q, moves.qd, moves.qdd), atol=1e-9)
@@ -90,7 +91,7 @@ def test_joints_that_turn_without_end_are_described_as_any_other(kind, limit, tm
 
 def test_columns_of_a_linear_axis_have_its_units(tmp_path):
     time, q, qd, qdd = scara.motion()
-    arm = load(scara.write(tmp_path))
+    arm = Arm.load(scara.write(tmp_path))
     torque = scara.torque(q, qd, qdd)
     columns = {"t": time, "q_1 [deg]": np.degrees(q[:, 0]), "q_2": q[:, 1], "q_3 [mm]": 1e3 * q[:, 2]}
     columns |= {"tau_1": torque[:, 0], "tau_2": torque[:, 1], "tau_3 [N]": torque[:, 2]}
