@@ -47,8 +47,3 @@ def load_run(recording: Path, keys: Path) -> Run:
         group(seen, "tau"),
         seen["power"].to_numpy().astype(float),
     )
-
-
-def load_runs(folder: Path, keys: Path) -> list[Run]:
-    """All recordings of a folder in order."""
-    return [load_run(p, keys) for p in sorted(folder.glob("*.recording.parquet"))]
