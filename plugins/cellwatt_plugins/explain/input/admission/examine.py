@@ -84,7 +84,8 @@ def _turning_over(
     def made(lead: float | None) -> tuple[float, Baseline, list[States]]:
         law = replace(base, lead=lead)
         states = [law.along(run, i, *course) for i, (run, course) in enumerate(zip(runs, courses, strict=True))]
-        off = [np.diff((run.torque - s.nominal) / _spread(run), axis=0) for run, s in zip(runs, states, strict=True)]
+        pairs = [(run.torque, s.nominal) for run, s in zip(runs, states, strict=True)]
+        off = [np.diff((torque - nominal) / np.nanstd(torque), axis=0) for torque, nominal in pairs]
         return float(np.nansum(np.square(np.concatenate(off)))), law, states
 
     first = made(None)
@@ -92,10 +93,6 @@ def _turning_over(
         return first[1:]
     plain = made(0.0)
     return first[1:] if first[0] < SOONER * plain[0] else plain[1:]
-
-
-def _spread(run: Run) -> float:
-    return float(np.nanstd(run.torque))
 
 
 def check_run(run: Run, arm: Arm) -> Moved:
