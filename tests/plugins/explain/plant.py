@@ -242,11 +242,11 @@ def record(
     )
 
 
-def simulated(course: Course, time: np.ndarray) -> Simulated:
-    """What the simulation of the nominal arm says of the commanded motion."""
+def simulated(course: Course, time: np.ndarray, arm: Arm = NOMINAL, more: np.ndarray | float = 0.0) -> Simulated:
+    """What the simulation of an arm says of the commanded motion; ``more`` Nm on top."""
     q, qd, qdd = course(time)
-    torque = motors(NOMINAL, q, qd, qdd)
-    return Simulated(time, Plan(q, qd, qdd), torque, draw(NOMINAL, torque, qd))
+    torque = motors(arm, q, qd, qdd) + more
+    return Simulated(time, Plan(q, qd, qdd), torque, draw(arm, torque, qd))
 
 
 def write_robot(folder: Path, **changes: object) -> Path:

@@ -14,8 +14,8 @@ MASS, REACH = 1.7, 0.3
 
 
 @pytest.fixture(scope="module")
-def robot(tmp_path_factory):
-    return plant.load(plant.write_robot(tmp_path_factory.mktemp("plant"))).description
+def robot(arm):
+    return arm.description
 
 
 @pytest.fixture(scope="module")

@@ -16,9 +16,8 @@ PAYLOAD = 2.0  # kg that the simulation does not know of
 
 
 @pytest.fixture(scope="module")
-def reports(tmp_path_factory):
+def reports(arm, tmp_path_factory):
     """A folder in which an explanation was written as ``cellwatt explain`` does."""
-    arm = plant.load(plant.write_robot(tmp_path_factory.mktemp("plant")))
     missing = Missing(arm=loaded(REAL, PAYLOAD, 0.12))
     runs = [plant.record("run_01", 1, missing), plant.record("run_02", 2, missing)]
     found = explained(arm, runs)

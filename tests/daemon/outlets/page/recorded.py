@@ -21,15 +21,11 @@ HEADER = Header("plant-1", CELL, SESSION)
 STEP = 20 * MS
 
 
-def layout_of(names: Sequence[str], rate: float = 50.0) -> Layout:
-    return Layout(tuple(FrameChannel(name, "W", "continuous", "linear") for name in names), rate)
-
-
 def frames(time: np.ndarray, values: np.ndarray, names: Sequence[str] = ("arm.power",), rate: float = 50.0) -> Frames:
     """A block of frames at some times, UTC ns."""
     values = np.asarray(values, float).reshape(len(time), len(names))
     return Frames(
-        layout=layout_of(names, rate),
+        layout=Layout(tuple(FrameChannel(name, "W", "continuous", "linear") for name in names), rate),
         sequence=0,
         time=np.asarray(time, np.int64),
         values=values,

@@ -89,10 +89,6 @@ async def consumer(outlet: ZenohOutlet, endpoint: str) -> AsyncIterator[Consumer
         yield found
 
 
-async def opened(outlet: ZenohOutlet) -> None:
-    await eventually(lambda: outlet._publisher, "a session")
-
-
 async def hears(consumer: Consumer, outlet: ZenohOutlet) -> None:
     """Until the subscription has reached the outlet."""
     await eventually(lambda: outlet.health({}) or consumer.samples, "health")
@@ -215,7 +211,7 @@ async def test_nothing_is_encoded_while_nobody_subscribes(
     monkeypatch.setattr(publisher, "encode_apart", lambda block: encoded.append(block) or real(block))
     assert not outlet.awaited
     async with doing(outlet.run()):
-        await opened(outlet)
+        await eventually(lambda: outlet._publisher, "a session")
         outlet.offer(batch(0, 5))
         outlet.offer(frames(0, 2))
         assert outlet.account.received == 7
@@ -284,7 +280,7 @@ async def test_without_a_router_nothing_waits_and_its_alarms_are_for_who_asks_la
         assert outlet.account.residue == 0
         with await asyncio.to_thread(open_session, LinkSettings(mode="router", listen=(endpoint,))) as session:
             consumer = Consumer(session)
-            await opened(outlet)
+            await eventually(lambda: outlet._publisher, "a session")
             # A session learns a moment after it was opened who answers it.
             replies = await eventually(lambda: consumer.ask("alarm/**"), "the alarm's answer")
             assert len(replies) == 1

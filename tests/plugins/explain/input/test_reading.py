@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 
 from cellwatt.errors import ConfigError, RecordingError
-from cellwatt.frames import FrameChannel, Frames, Layout
 from cellwatt.record import Header, Recorder, RecordSettings
 from cellwatt_plugins.explain.input.reading import read_motion
 from cellwatt_plugins.explain.input.signals import read_signals
 from cellwatt_plugins.robot import Arm
+from tests.plugins.explain.emulated_arm import START, framed, layout
 from tests.plugins.explain.input.reading import read_runs
 from tests.plugins.explain.logs import numbered, parquet
 from tests.plugins.explain.recorded_arm import CONSTANT, JOINTS, write_robot
@@ -112,19 +112,9 @@ def test_targets_logged_ahead_of_the_motion_are_moved_back(tmp_path, arm):
 async def recorded_by_cellwatt(folder, t):
     """Frames at 50 Hz."""
     q, qd, _, tau = motion(t)
-    channels = [
-        FrameChannel(f"arm.joint_{i + 1}.{quantity}", unit, "continuous", "linear")
-        for quantity, unit in (("position", "rad"), ("velocity", "rad/s"), ("torque", "Nm"))
-        for i in range(JOINTS)
-    ]
-    table = np.column_stack([q, qd, tau, 100 + t])
-    layout = Layout((*channels, FrameChannel("meter.supply.power", "W", "continuous", "average")), 50.0)
-    start = 1_790_000_000 * 10**9
-    recorder = Recorder(RecordSettings(folder=folder), Header("plant-1", "bench", start))
+    recorder = Recorder(RecordSettings(folder=folder), Header("plant-1", "bench", START))
     recorder.start()
-    none = np.zeros(table.shape, np.int64)
-    time = start + np.arange(len(t)) * layout.step
-    assert recorder.put(Frames(layout, 0, time, table, none.astype(np.uint8), none))
+    assert recorder.put(framed(layout(), np.column_stack([q, qd, tau, 100 + t])))
     await recorder.close()
 
 

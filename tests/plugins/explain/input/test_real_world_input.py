@@ -8,24 +8,17 @@ import pyarrow.parquet as pq
 import pytest
 
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.robot import Arm
+from tests.plugins.explain import recorded_arm
 from tests.plugins.explain.input.reading import examine, read_runs
 from tests.plugins.explain.logs import logged
-from tests.plugins.explain.recorded_arm import JOINTS, NOISE, excitation, model, needed
+from tests.plugins.explain.recorded_arm import JOINTS, excitation, without_plan
 from tests.plugins.robot import scara
 
 
 def recorded(path, moves):
-    """A recording without a plan."""
-    random = np.random.default_rng(0)
-    return Run(
-        name="run",
-        time=moves.time,
-        position=moves.q + 1e-4 * random.standard_normal(moves.q.shape),
-        velocity=moves.qd + 2e-3 * random.standard_normal(moves.q.shape),
-        torque=needed(model(path), moves) + NOISE * random.standard_normal(moves.q.shape),
-    )
+    """A recording without a plan, and without power."""
+    return replace(without_plan(recorded_arm.recorded(path, moves, "run")), power=None)
 
 
 def slowly(described, rate, seconds, seed=1):
