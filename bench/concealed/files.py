@@ -14,7 +14,7 @@ from concealed.arms import Array
 
 @dataclass(frozen=True)
 class Run:
-    """One recording beside its simulation: t (N,), the planned q, v, a and both torques (N, n), both powers (N,)."""
+    """One recording beside its simulation: t (N,), planned q, v, a and both torques (N, n), measured power (N,)."""
 
     name: str
     t: Array
@@ -23,7 +23,6 @@ class Run:
     a: Array
     simulated: Array
     measured: Array
-    simulated_power: Array
     measured_power: Array
 
 
@@ -37,20 +36,14 @@ def load_run(recording: Path, keys: Path) -> Run:
     """One recording and what the simulation says at its times: in the keys where the simulation has its own clock."""
     seen = pq.read_table(recording)
     beside = recording.with_name(recording.name.replace(".recording.", ".simulation."))
-    told = pq.read_table(aligned if (aligned := keys / beside.name).exists() else beside)
+    simulation = pq.read_table(aligned if (aligned := keys / beside.name).exists() else beside)
     return Run(
         recording.name.split(".")[0],
         seen["t"].to_numpy().astype(float),
-        group(told, "q"),
-        group(told, "qd"),
-        group(told, "qdd"),
-        group(told, "tau"),
+        group(simulation, "q"),
+        group(simulation, "qd"),
+        group(simulation, "qdd"),
+        group(simulation, "tau"),
         group(seen, "tau"),
-        told["power"].to_numpy().astype(float),
         seen["power"].to_numpy().astype(float),
     )
-
-
-def load_runs(folder: Path, keys: Path) -> list[Run]:
-    """All recordings of a folder in order."""
-    return [load_run(p, keys) for p in sorted(folder.glob("*.recording.parquet"))]

@@ -20,6 +20,16 @@ def gravity_of(roll: float, pitch: float) -> Array:
     return np.asarray(base.T @ np.array([0.0, 0.0, -GRAVITY]))
 
 
+def inverse(model: mujoco.MjModel, data: mujoco.MjData, q: Array, v: Array, a: Array) -> Array:
+    """(N, n) Nm by ``mj_inverse`` for motion (N, n) in rad, rad/s, rad/s²."""
+    out = np.empty_like(q, dtype=float)
+    for i in range(len(q)):
+        data.qpos[:], data.qvel[:], data.qacc[:] = q[i], v[i], a[i]
+        mujoco.mj_inverse(model, data)
+        out[i] = data.qfrc_inverse
+    return out
+
+
 class RigidBody:
     """Inverse dynamics of the links alone (no rotors, no friction).
 
@@ -36,13 +46,7 @@ class RigidBody:
 
     def torque(self, q: Array, v: Array, a: Array) -> Array:
         """(N, n) torque in Nm for motion (N, n) in rad, rad/s, rad/s²."""
-        out = np.empty_like(q, dtype=float)
-        model, data = self.model, self.data
-        for i in range(len(q)):
-            data.qpos[:], data.qvel[:], data.qacc[:] = q[i], v[i], a[i]
-            mujoco.mj_inverse(model, data)
-            out[i] = data.qfrc_inverse
-        return out
+        return inverse(self.model, self.data, q, v, a)
 
     def inertia(self, q: Array) -> Array:
         """(n,) diagonal of the mass matrix of the links at one pose, kg m²."""
@@ -62,8 +66,3 @@ def friction(arm: Arm, v: Array) -> Array:
 def joint_torque(arm: Arm, q: Array, v: Array, a: Array) -> Array:
     """(N, n) torque of the simulation's law, Nm."""
     return np.asarray(RigidBody(arm).torque(q, v, a) + arm.rotor * a + friction(arm, v))
-
-
-def supply_power(arm: Arm, torque: Array, v: Array) -> Array:
-    """(N,) supply power of the simulation's law, W."""
-    return np.asarray(arm.standby + np.sum(torque * v + arm.resistance * (torque / arm.constant) ** 2, axis=-1))

@@ -41,81 +41,85 @@ class Load(Protocol):
 
 
 @dataclass(frozen=True)
-class Stribeck:
-    """excess · exp(-(v / velocity)²) · sign(v)."""
+class AtJoint:
+    """A friction or a load of one joint."""
 
     joint: int
+
+    def add(self, m: Moment, torque: Array) -> None:
+        torque[:, self.joint] += self.of(m, m.q[:, self.joint], m.v[:, self.joint], m.sign[:, self.joint])
+
+    def of(self, m: Moment, q: Array, v: Array, sign: Array) -> Array:
+        """Torque (C,) of the joint at its position, velocity and sign of the velocity."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class Stribeck(AtJoint):
+    """excess · exp(-(v / velocity)²) · sign(v)."""
+
     excess: float
     velocity: float
 
-    def add(self, m: Moment, torque: Array) -> None:
-        torque[:, self.joint] += (
-            self.excess * np.exp(-((m.v[:, self.joint] / self.velocity) ** 2)) * m.sign[:, self.joint]
-        )
+    def of(self, m: Moment, q: Array, v: Array, sign: Array) -> Array:
+        return np.asarray(self.excess * np.exp(-((v / self.velocity) ** 2)) * sign)
 
 
 @dataclass(frozen=True)
-class LoadFriction:
+class LoadFriction(AtJoint):
     """coefficient · |torque through the gear| · sign(v)."""
 
-    joint: int
     coefficient: float
 
-    def add(self, m: Moment, torque: Array) -> None:
-        torque[:, self.joint] += self.coefficient * np.abs(m.load[:, self.joint]) * m.sign[:, self.joint]
+    def of(self, m: Moment, q: Array, v: Array, sign: Array) -> Array:
+        return np.asarray(self.coefficient * np.abs(m.load[:, self.joint]) * sign)
 
 
 @dataclass(frozen=True)
-class Asymmetry:
+class Asymmetry(AtJoint):
     """Coulomb friction larger by difference/2 forward and smaller by it backward."""
 
-    joint: int
     difference: float
 
-    def add(self, m: Moment, torque: Array) -> None:
-        torque[:, self.joint] += 0.5 * self.difference * np.abs(m.sign[:, self.joint])
+    def of(self, m: Moment, q: Array, v: Array, sign: Array) -> Array:
+        return np.asarray(0.5 * self.difference * np.abs(sign))
 
 
 @dataclass(frozen=True)
-class PowerLaw:
+class PowerLaw(AtJoint):
     """coefficient · |v|^exponent · sign(v)."""
 
-    joint: int
     coefficient: float
     exponent: float
 
-    def add(self, m: Moment, torque: Array) -> None:
-        v = m.v[:, self.joint]
-        torque[:, self.joint] += self.coefficient * np.abs(v) ** self.exponent * np.sign(v)
+    def of(self, m: Moment, q: Array, v: Array, sign: Array) -> Array:
+        return np.asarray(self.coefficient * np.abs(v) ** self.exponent * np.sign(v))
 
 
 @dataclass(frozen=True)
-class Patch:
+class Patch(AtJoint):
     """Extra Coulomb friction in the part of the range beyond `start` (rad)."""
 
-    joint: int
     force: float
     start: float
 
-    def add(self, m: Moment, torque: Array) -> None:
-        torque[:, self.joint] += self.force * m.sign[:, self.joint] * (m.q[:, self.joint] > self.start)
+    def of(self, m: Moment, q: Array, v: Array, sign: Array) -> Array:
+        return np.asarray(self.force * sign * (q > self.start))
 
 
 @dataclass(frozen=True)
-class Warming:
+class Warming(AtJoint):
     """Base friction times 1 + (cold_factor - 1) · exp(-(T - cold) / scale): larger in a cold gear."""
 
-    joint: int
     coulomb: float
     viscous: float
     cold_factor: float
     scale: float
     cold: float
 
-    def add(self, m: Moment, torque: Array) -> None:
-        j = self.joint
-        share = (self.cold_factor - 1.0) * np.exp(-(m.temperature[:, j] - self.cold) / self.scale)
-        torque[:, j] += share * (self.coulomb * m.sign[:, j] + self.viscous * m.v[:, j])
+    def of(self, m: Moment, q: Array, v: Array, sign: Array) -> Array:
+        share = (self.cold_factor - 1.0) * np.exp(-(m.temperature[:, self.joint] - self.cold) / self.scale)
+        return np.asarray(share * (self.coulomb * sign + self.viscous * v))
 
 
 @dataclass
@@ -140,28 +144,26 @@ class Dahl:
 
 
 @dataclass(frozen=True)
-class Spring:
+class Spring(AtJoint):
     """stiffness · (q - rest): balancer, hose or cable."""
 
-    joint: int
     stiffness: float
     rest: float
 
-    def add(self, m: Moment, torque: Array) -> None:
-        torque[:, self.joint] += self.stiffness * (m.q[:, self.joint] - self.rest)
+    def of(self, m: Moment, q: Array, v: Array, sign: Array) -> Array:
+        return np.asarray(self.stiffness * (q - self.rest))
 
 
 @dataclass(frozen=True)
-class Cogging:
+class Cogging(AtJoint):
     """amplitude · sin(cycles · q + phase)."""
 
-    joint: int
     amplitude: float
     cycles: float
     phase: float
 
-    def add(self, m: Moment, torque: Array) -> None:
-        torque[:, self.joint] += self.amplitude * np.sin(self.cycles * m.q[:, self.joint] + self.phase)
+    def of(self, m: Moment, q: Array, v: Array, sign: Array) -> Array:
+        return np.asarray(self.amplitude * np.sin(self.cycles * q + self.phase))
 
 
 @dataclass(frozen=True)
@@ -181,33 +183,31 @@ class Push:
 
 
 @dataclass(frozen=True)
-class Shaking:
+class Shaking(AtJoint):
     """A tone of `hertz` while the position is within `width` of `where`."""
 
-    joint: int
     amplitude: float
     hertz: float
     where: float
     width: float
 
-    def add(self, m: Moment, torque: Array) -> None:
-        near = np.exp(-(((m.q[:, self.joint] - self.where) / self.width) ** 4))
-        torque[:, self.joint] += self.amplitude * np.sin(2 * np.pi * self.hertz * m.t) * near
+    def of(self, m: Moment, q: Array, v: Array, sign: Array) -> Array:
+        near = np.exp(-(((q - self.where) / self.width) ** 4))
+        return np.asarray(self.amplitude * np.sin(2 * np.pi * self.hertz * m.t) * near)
 
 
 @dataclass(frozen=True)
-class Howling:
+class Howling(AtJoint):
     """A tone of `hertz` while the speed is in a band around `speed` (a resonance of the drive)."""
 
-    joint: int
     amplitude: float
     hertz: float
     speed: float
     band: float
 
-    def add(self, m: Moment, torque: Array) -> None:
-        inside = np.exp(-(((np.abs(m.v[:, self.joint]) - self.speed) / self.band) ** 2))
-        torque[:, self.joint] += self.amplitude * np.sin(2 * np.pi * self.hertz * m.t) * inside
+    def of(self, m: Moment, q: Array, v: Array, sign: Array) -> Array:
+        inside = np.exp(-(((np.abs(v) - self.speed) / self.band) ** 2))
+        return np.asarray(self.amplitude * np.sin(2 * np.pi * self.hertz * m.t) * inside)
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,9 @@ from concealed.arms import Arm, Array
 
 TICK = 0.001
 
+Move = Callable[[Array], tuple[Array, float, float] | None]
+"""Where a move from a point ends, its length and the pause behind it, s; None where no joint moves."""
+
 
 @dataclass(frozen=True)
 class Plan:
@@ -80,39 +83,44 @@ def move_time(arm: Arm, start: Array, end: Array, pace: float) -> float:
     )
 
 
-def task(rng: np.random.Generator, arm: Arm, seconds: float, focus: Sequence[int], tick: float = TICK) -> Plan:
-    """Point to point with stops; each move takes a random set of joints, those in focus more often."""
-    here = rng.uniform(arm.low, arm.high)
+def wander(style: str, here: Array, move: Move, seconds: float, tick: float) -> Plan:
+    """Moves one after the other from ``here``, until the time is filled."""
     points, times, pauses, total = [here], [], [], 0.0
     while total < seconds:
+        if (found := move(points[-1])) is not None:
+            there, time, pause = found
+            points.append(there)
+            times.append(time)
+            pauses.append(pause)
+            total += time + pause
+    return moves(style, np.array(points), np.array(times), np.array(pauses), seconds, tick)
+
+
+def task(rng: np.random.Generator, arm: Arm, seconds: float, focus: Sequence[int], tick: float = TICK) -> Plan:
+    """Point to point with stops; each move takes a random set of joints, those in focus more often."""
+
+    def move(here: Array) -> tuple[Array, float, float] | None:
         moving = rng.random(arm.joints) < 0.55
         moving[list(focus)] |= rng.random(len(focus)) < 0.6
         if not moving.any():
-            continue
+            return None
         there = np.where(moving, rng.uniform(arm.low, arm.high), here)
-        times.append(max(0.5, move_time(arm, here, there, rng.uniform(0.5, 1.0))))
-        pauses.append(rng.uniform(0.2, 1.2))
-        total += times[-1] + pauses[-1]
-        points.append(there)
-        here = there
-    return moves("task", np.array(points), np.array(times), np.array(pauses), seconds, tick)
+        return there, max(0.5, move_time(arm, here, there, rng.uniform(0.5, 1.0))), rng.uniform(0.2, 1.2)
+
+    return wander("task", rng.uniform(arm.low, arm.high), move, seconds, tick)
 
 
 def jerky(rng: np.random.Generator, arm: Arm, seconds: float, focus: Sequence[int], tick: float = TICK) -> Plan:
     """Short hard moves with short stops, as a pick-and-place cell makes them; excites two-mass effects."""
-    here = rng.uniform(arm.low, arm.high) * 0.7 + 0.3 * 0.5 * (arm.low + arm.high)
-    points, times, pauses, total = [here], [], [], 0.0
-    while total < seconds:
+
+    def move(here: Array) -> tuple[Array, float, float]:
         moving = rng.random(arm.joints) < 0.35
         moving[list(focus)] |= rng.random(len(focus)) < 0.8
         step = np.where(moving, rng.uniform(0.08, 0.35, arm.joints) * rng.choice([-1, 1], arm.joints), 0.0)
         there = here + np.where((here + step > arm.high) | (here + step < arm.low), -step, step)
-        times.append(max(0.28, 0.62 * move_time(arm, here, there, 1.0)))
-        pauses.append(rng.uniform(0.05, 0.6))
-        total += times[-1] + pauses[-1]
-        points.append(there)
-        here = there
-    return moves("jerky", np.array(points), np.array(times), np.array(pauses), seconds, tick)
+        return there, max(0.28, 0.62 * move_time(arm, here, there, 1.0)), rng.uniform(0.05, 0.6)
+
+    return wander("jerky", rng.uniform(arm.low, arm.high) * 0.7 + 0.3 * 0.5 * (arm.low + arm.high), move, seconds, tick)
 
 
 def sweep(rng: np.random.Generator, arm: Arm, seconds: float, focus: Sequence[int], tick: float = TICK) -> Plan:
@@ -164,10 +172,4 @@ def cycle(rng: np.random.Generator, arm: Arm, seconds: float, focus: Sequence[in
     return moves("cycle", points, np.array(lengths * rounds), pauses, seconds, tick)
 
 
-STYLES: dict[str, Callable[..., Plan]] = {
-    "excite": excite,
-    "task": task,
-    "jerky": jerky,
-    "sweep": sweep,
-    "cycle": cycle,
-}
+STYLES: dict[str, Callable[..., Plan]] = {style.__name__: style for style in (excite, task, jerky, sweep, cycle)}

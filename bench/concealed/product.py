@@ -60,12 +60,17 @@ class Answer:
     error: str | None
 
 
+def explain_words(command: str, case: Path, out: Path) -> list[str]:
+    """The command that explains all open runs of one case."""
+    runs = sorted(case.glob("run_*.recording.parquet"))
+    simulation = [r.with_name(r.name.replace(".recording.", ".simulation.")) for r in runs]
+    words = [*shlex.split(command), "explain", *map(str, runs), "--simulation", *map(str, simulation)]
+    return [*words, "--robot", str(case / "robot.yaml"), "--out", str(out)]
+
+
 def explain(command: str, case: Path, out: Path, limit: float = LIMIT) -> Answer:
     """Run `explain` on all open runs of one case."""
-    runs = sorted(case.glob("run_*.recording.parquet"))
-    told = [r.with_name(r.name.replace(".recording.", ".simulation.")) for r in runs]
-    words = [*shlex.split(command), "explain", *map(str, runs), "--simulation", *map(str, told)]
-    words += ["--robot", str(case / "robot.yaml"), "--out", str(out)]
+    words = explain_words(command, case, out)
     out.mkdir(parents=True, exist_ok=True)
     start = time.monotonic()
     error = call(words, limit)
@@ -84,9 +89,9 @@ def answer(out: Path, seconds: float, error: str | None) -> Answer:
         return Answer([], [], None, seconds, error or f"findings.json: {broken!r}")
 
 
-def motion_of(recording: Path, told: Path, source: str) -> pa.Table:
+def motion_of(recording: Path, simulation: Path, source: str) -> pa.Table:
     """What is asked for: the planned motion, or the recorded positions and velocities; never torque or power."""
-    seen, plan = pq.read_table(recording), pq.read_table(told)
+    seen, plan = pq.read_table(recording), pq.read_table(simulation)
     motion = plan.drop_columns([c for c in plan.column_names if c.startswith("tau_") or c == "power"])
     if source == "recorded":
         motion = seen.select(["t", *(c for c in seen.column_names if c.startswith(("q_", "qd_")))])
@@ -104,13 +109,13 @@ def predict(
     every sample of the motion.
     """
     name = recording.name.split(".")[0]
-    told, own = (recording.with_name(f"{name}.{what}.parquet") for what in ("simulation", "simulator"))
+    simulation, own = (recording.with_name(f"{name}.{what}.parquet") for what in ("simulation", "simulator"))
     motion, result = out / f"{name}.{source}.parquet", out / f"{name}.{source}.prediction.parquet"
-    asked = motion_of(recording, told, source)
+    asked = motion_of(recording, simulation, source)
     pq.write_table(asked, motion)
     result.unlink(missing_ok=True)
     words = [*shlex.split(command), "simulate", "--model", str(out / "model.yaml")]
-    words += ["--motion", str(motion), "--out", str(result), "--simulation", str(own if own.exists() else told)]
+    words += ["--motion", str(motion), "--out", str(result), "--simulation", str(own if own.exists() else simulation)]
     if call(words, limit) is not None or not result.exists():
         return None
     table = pq.read_table(result)

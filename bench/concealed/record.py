@@ -44,13 +44,8 @@ def recording_table(r: Reading, with_temperature: bool) -> pa.Table:
     return columns(**groups, power=r.power)
 
 
-def simulation_table(s: Setting, copy: int, t: Array) -> pa.Table:
-    """What the simulation says for the planned motion, on the recording's times."""
-    return columns(t=t, **said(s.believed, s.simulation, s.plans[copy], t))
-
-
 def simulator_table(s: Setting, copy: int) -> pa.Table | None:
-    """The same as a simulation with its own step and clock writes it; None where it has none."""
+    """The planned motion as a simulation with its own step and clock writes it; None where it has none."""
     if (clock := s.simulation.clock) is None:
         return None
     t = own_times(clock, s.plans[copy].seconds)
@@ -65,11 +60,6 @@ def rms(x: Array) -> Array:
 def true_power(s: Setting, trace: Trace, copy: int) -> Array:
     """(N,) supply power of one copy on the trace's grid."""
     return s.supply.power(trace.t, np.asarray(trace.torque[:, copy], float), np.asarray(trace.v[:, copy], float))
-
-
-def perfect_trace(s: Setting) -> Trace:
-    """The best that anyone could predict from the planned motion: the true plant as if it followed the plan."""
-    return Trace(s.grid, s.t, s.q, s.v, s.a, ideal(s.body, s.q, s.v, s.a, s.t))
 
 
 def present(s: Setting) -> Arm:
@@ -126,7 +116,7 @@ def write_run(s: Setting, trace: Trace, perfect: Trace, copy: int, case: Path, k
     plan, is_open = s.plans[copy], copy < s.opens
     run = f"run_{copy + 1:02d}" if is_open else f"holdout_{copy + 1:02d}"
     r = read(s.rng, s.interface, trace, copy, plan.seconds, true_power(s, trace, copy))
-    sim, own = simulation_table(s, copy, r.t), simulator_table(s, copy)
+    sim, own = columns(t=r.t, **said(s.believed, s.simulation, plan, r.t)), simulator_table(s, copy)
     folder = case if is_open else keys
     pq.write_table(recording_table(r, s.shows_temperature), folder / f"{run}.recording.parquet")
     pq.write_table(sim, (folder if own is None else keys) / f"{run}.simulation.parquet")
@@ -168,7 +158,8 @@ def write_case(s: Setting, effects: list[Key], level: str, name: str, work: Path
     (case / "robot.urdf").write_text(urdf(known))
     (case / "robot.yaml").write_text(robot_yaml(known, s.interface.rate, leave_out))
     trace = simulate(s.body, s.plans, tune(s.rng, s.body, s.plans[0].tick, s.hertz))
-    perfect = perfect_trace(s)
+    # The best that anyone could predict from the planned motion: the true plant as if it followed the plan.
+    perfect = Trace(s.grid, s.t, s.q, s.v, s.a, ideal(s.body, s.q, s.v, s.a, s.t))
     runs = [write_run(s, trace, perfect, copy, case, keys) for copy in range(len(s.plans))]
     sizes = channel_sizes(runs)
     require(s.body.two_mass is None or bool(sizes[s.body.two_mass.joint] > TWO_MASS_SHOWS))

@@ -28,15 +28,8 @@ def wanted(all_specs: list[Spec], only: list[str], count: int | None) -> list[in
     """Indices of the cases to run: by level, effect, run set, simulation, loop or name; all without a choice."""
 
     def fits(index: int, s: Spec) -> bool:
-        own = set() if s.simulation == "law" else {"own"}
-        words = {
-            s.level,
-            s.run_set,
-            s.simulation,
-            "soft" if s.soft else "stiff",
-            f"case-{index + 1:03d}",
-            *(e for e, _ in s.effects),
-        } | own
+        loop, whose = "soft" if s.soft else "stiff", "law" if s.simulation == "law" else "own"
+        words = {s.level, s.run_set, s.simulation, whose, loop, f"case-{index + 1:03d}", *(e for e, _ in s.effects)}
         return not only or bool(words & set(only))
 
     return [i for i, s in enumerate(all_specs) if fits(i, s)][:count]

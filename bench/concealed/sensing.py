@@ -18,92 +18,93 @@ class Sensor(Protocol):
 
 
 @dataclass(frozen=True)
-class Gain:
+class AtJoint:
+    """A sensor of one joint."""
+
+    joint: int
+
+    def read(self, t: Array, torque: Array) -> Array:
+        torque[:, self.joint] = self.seen(t, torque, torque[:, self.joint])
+        return torque
+
+    def seen(self, t: Array, torque: Array, own: Array) -> Array:
+        """The joint's ``own`` torque (N,) as it is measured, of the torque (N, n) of all."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class Gain(AtJoint):
     """Measured torque is (1 + gain) times the true one."""
 
-    joint: int
     gain: float
 
-    def read(self, t: Array, torque: Array) -> Array:
-        torque[:, self.joint] *= 1.0 + self.gain
-        return torque
+    def seen(self, t: Array, torque: Array, own: Array) -> Array:
+        return own * (1.0 + self.gain)
 
 
 @dataclass(frozen=True)
-class Offset:
+class Offset(AtJoint):
     """A constant added to the measured torque."""
 
-    joint: int
     offset: float
 
-    def read(self, t: Array, torque: Array) -> Array:
-        torque[:, self.joint] += self.offset
-        return torque
+    def seen(self, t: Array, torque: Array, own: Array) -> Array:
+        return own + self.offset
 
 
 @dataclass(frozen=True)
-class Drift:
+class Drift(AtJoint):
     """A measured offset that grows with time, Nm/s, from zero at the start of each recording."""
 
-    joint: int
     rate: float
 
-    def read(self, t: Array, torque: Array) -> Array:
-        torque[:, self.joint] += self.rate * t
-        return torque
+    def seen(self, t: Array, torque: Array, own: Array) -> Array:
+        return own + self.rate * t
 
 
 @dataclass(frozen=True)
-class Clipping:
+class Clipping(AtJoint):
     """Measured torque stops at ± limit; acts after the noise."""
 
-    joint: int
     limit: float
 
-    def read(self, t: Array, torque: Array) -> Array:
-        torque[:, self.joint] = np.clip(torque[:, self.joint], -self.limit, self.limit)
-        return torque
+    def seen(self, t: Array, torque: Array, own: Array) -> Array:
+        return np.clip(own, -self.limit, self.limit)
 
 
 @dataclass(frozen=True)
-class DeadBand:
+class DeadBand(AtJoint):
     """Measured torque reads zero below `band`; acts after the noise."""
 
-    joint: int
     band: float
 
-    def read(self, t: Array, torque: Array) -> Array:
-        torque[:, self.joint] *= np.abs(torque[:, self.joint]) > self.band
-        return torque
+    def seen(self, t: Array, torque: Array, own: Array) -> Array:
+        return own * (np.abs(own) > self.band)
 
 
 @dataclass(frozen=True)
-class CrossTalk:
+class CrossTalk(AtJoint):
     """A share of another joint's torque shows in this joint's measurement."""
 
-    joint: int
     source: int
     share: float
 
-    def read(self, t: Array, torque: Array) -> Array:
-        torque[:, self.joint] += self.share * torque[:, self.source]
-        return torque
+    def seen(self, t: Array, torque: Array, own: Array) -> Array:
+        return own + self.share * torque[:, self.source]
 
 
 @dataclass(frozen=True)
-class LooseContact:
+class LooseContact(AtJoint):
     """The reading jumps between two levels `step` apart, with random dwell times of `dwell` s on average."""
 
-    joint: int
     step: float
     dwell: float
     seed: int
 
-    def read(self, t: Array, torque: Array) -> Array:
-        rng = np.random.default_rng([self.seed, round(1e6 * abs(float(torque[0, self.joint])))])
+    def seen(self, t: Array, torque: Array, own: Array) -> Array:
+        rng = np.random.default_rng([self.seed, round(1e6 * abs(float(own[0])))])
         turns = np.cumsum(rng.exponential(self.dwell, 4 + int(4 * t[-1] / self.dwell)))
-        torque[:, self.joint] += self.step * (np.searchsorted(turns, t) % 2)
-        return torque
+        return own + self.step * (np.searchsorted(turns, t) % 2)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -108,9 +108,7 @@ def grouped(rows: list[Row], of: Callable[[Row], list[str]], figures: Callable[[
 
 def by_effect(rows: list[Row]) -> Row:
     """How often each effect was there, was named, and was named where it was not."""
-    there: dict[str, int] = defaultdict(int)
-    hit: dict[str, int] = defaultdict(int)
-    wrong: dict[str, int] = defaultdict(int)
+    there, hit, wrong = Counter[str](), Counter[str](), Counter[str]()
     gaps: dict[str, list[float | None]] = defaultdict(list)
     errors: dict[str, list[float]] = defaultdict(list)
     for s in rows:

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pyarrow.parquet as pq
 from concealed.arms import Array
-from concealed.law import SIGN_WIDTH
+from concealed.law import SIGN_WIDTH, inverse
 from concealed.product import predict
 
 
@@ -30,22 +30,12 @@ def motion(folder: Path, run: str, joints: int) -> Motion:
     return Motion(*(of(plan, name).astype(float) for name in ("q", "qd", "qdd")), of(recorded, "tau").astype(float))
 
 
-def load(path: Path) -> mujoco.MjModel:
-    """The model of a file; arms of this benchmark have no shapes to touch with."""
-    return mujoco.MjModel.from_xml_path(str(path))
-
-
 def torque(model: mujoco.MjModel, q: Array, v: Array, a: Array, soft: bool = False) -> Array:
     """(N, n) Nm by ``mj_inverse``; dry friction as the file states it, or ``soft`` as MuJoCo's constraint steps it."""
     flags = model.opt.disableflags
-    data = mujoco.MjData(model)
-    out = np.empty_like(q)
     if not soft:
         model.opt.disableflags = flags | int(mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS)
-    for i in range(len(q)):
-        data.qpos[:], data.qvel[:], data.qacc[:] = q[i], v[i], a[i]
-        mujoco.mj_inverse(model, data)
-        out[i] = data.qfrc_inverse
+    out = inverse(model, mujoco.MjData(model), q, v, a)
     model.opt.disableflags = flags
     return out if soft else np.asarray(out + model.dof_frictionloss * np.tanh(v / SIGN_WIDTH))
 

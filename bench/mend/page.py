@@ -21,7 +21,7 @@ def markdown(figures: Row) -> str:
     first = next(iter(figures.values()))
     methods = [m for m in METHODS if m in first["errors"]]
     missing = table(
-        ["arm", "kind", "missing in the file", "named", "cannot be said in it (Nm rms)"],
+        ["arm", "kind", "missing in the file", "named", "cannot be written in it (Nm rms)"],
         [
             [
                 name,

@@ -11,7 +11,7 @@ from typing import Any
 import mujoco
 import numpy as np
 from concealed.arms import Array
-from concealed.product import call, default_command
+from concealed.product import LIMIT, call, default_command, explain_words
 
 from mend import judge
 from mend.arms import CASES, Case, Drawn, draw
@@ -21,12 +21,9 @@ from mend.page import markdown
 
 def product(drawn: Drawn, command: str) -> dict[str, Any]:
     """`explain --mend` on the open runs; its findings."""
-    runs = sorted(drawn.folder.glob("run_*.recording.parquet"))
-    told = [r.with_name(r.name.replace(".recording.", ".simulation.")) for r in runs]
     out = drawn.folder / "out"
-    words = ["explain", *map(str, runs), "--simulation", *map(str, told), "--robot", str(drawn.folder / "robot.yaml")]
-    failed = call([*command.split(), *words, "--out", str(out), "--mend", str(drawn.folder / "arm.xml")])
-    if failed:
+    words = [*explain_words(command, drawn.folder, out), "--mend", str(drawn.folder / "arm.xml")]
+    if (failed := call(words, LIMIT)) is not None:
         raise SystemExit(f"{drawn.case.name}: {failed}")
     return dict(json.loads((out / "findings.json").read_text()))
 
@@ -44,10 +41,8 @@ def measure(case: Case, work: Path, command: str, with_peer: bool) -> dict[str, 
     runs = {split: [r for r in drawn.key["runs"] if r["split"] == split] for split in ("open", "sealed")}
     seen = [judge.motion(drawn.folder, r["run"], joints) for r in runs["open"]]
     sealed = [judge.motion(drawn.sealed, r["run"], joints) for r in runs["sealed"]]
-    models = {
-        "before": judge.load(drawn.folder / "arm.xml"),
-        "mended": judge.load(drawn.folder / "out" / "arm.mended.xml"),
-    }
+    files = {"before": drawn.folder / "arm.xml", "mended": drawn.folder / "out" / "arm.mended.xml"}
+    models = {name: mujoco.MjModel.from_xml_path(str(file)) for name, file in files.items()}
     noise = drawn.truth.noise
     if with_peer:
         from mend import peer

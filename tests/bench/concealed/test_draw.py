@@ -8,7 +8,7 @@ import pytest
 import yaml
 from concealed.cases import generator, kind_of, specs
 from concealed.effects import KINDS, UNKNOWNS
-from concealed.files import load_runs
+from concealed.files import load_run
 from concealed.seal import commit, reveal
 
 TABLE = """coulomb_friction viscous_friction stribeck_friction load_dependent_friction asymmetric_friction
@@ -83,7 +83,8 @@ def test_the_effect_is_in_the_recording_beside_the_noise_that_the_key_tells(smal
     case, entry = work / "dev" / "case-005", key["effects"][0]
     joint, noise = entry["joint"], np.array(key["runs"][0]["noise"])
     assert key["required"] == [{"effect": "torque_offset", "joint": joint + 1}]
-    left = np.concatenate([run.measured - run.simulated for run in load_runs(case, work / "keys" / "case-005")])
+    runs = [load_run(file, work / "keys" / "case-005") for file in case.glob("*.recording.parquet")]
+    left = np.concatenate([run.measured - run.simulated for run in runs])
     assert np.mean(left[:, joint]) == pytest.approx(entry["offset"], rel=0.3)
     assert key["runs"][0]["effect_rms"][joint] == pytest.approx(abs(entry["offset"]), rel=0.1)
     second = np.median(np.abs(np.diff(left, n=2, axis=0)), axis=0) / 0.6745 / np.sqrt(6.0)

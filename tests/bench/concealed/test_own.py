@@ -9,6 +9,7 @@ import pytest
 import yaml
 from concealed import setting
 from concealed.cases import Spec, make_case, specs
+from concealed.files import group
 from concealed.own import KNOWABLE, OWN
 
 pin = pytest.importorskip("pinocchio")
@@ -35,9 +36,7 @@ def cases(tmp_path_factory):
 
 
 def columns(file: Path, name: str) -> np.ndarray:
-    table = pq.read_table(file)
-    found = [c for c in table.column_names if c.startswith(f"{name}_")]
-    return np.stack([table[c].to_numpy() for c in found], axis=1).astype(float)
+    return group(pq.read_table(file), name)
 
 
 class Described:

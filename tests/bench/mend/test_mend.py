@@ -1,5 +1,8 @@
 """The user's file is the arm that the benchmark's law describes; figures and tables are those of what was measured."""
 
+import sys
+from types import SimpleNamespace
+
 import mujoco
 import numpy as np
 import pytest
@@ -7,7 +10,7 @@ from concealed.arms import draw_arm, mistune
 from concealed.cases import generator
 from concealed.families import FAMILIES
 from concealed.law import joint_torque
-from mend import arms, judge, numbers
+from mend import arms, judge, numbers, runner
 
 from tests.bench.independent import assert_shares_no_code
 
@@ -45,6 +48,12 @@ def test_numbers_that_are_off_are_found_where_they_are():
     found = numbers.off(model, arm)
     assert (found["where"], round(found["worst"], 1)) == ("damping 4", 20.0)
     assert found["median"] < 0.01
+
+
+def test_an_explanation_that_fails_ends_the_benchmark(tmp_path):
+    drawn = SimpleNamespace(folder=tmp_path, case=arms.CASES[0])
+    with pytest.raises(SystemExit, match="payload-spring-stribeck: broken"):
+        runner.product(drawn, f"""{sys.executable} -c "raise SystemExit('broken')" """)
 
 
 def test_the_peer_finds_numbers_that_are_off():

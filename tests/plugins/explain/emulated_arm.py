@@ -7,12 +7,12 @@ those of any textbook (Siciliano et al., *Robotics*, ch. 7.5), written out in nu
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from cellwatt.emulation.arm import ArmSignals, Move
 from cellwatt.frames import FrameChannel, Frames, Layout
+from cellwatt_plugins.explain.input.run import Run
 from tests.plugins.explain.recorded_arm import (
     AXES,
     CENTRES,
@@ -86,35 +86,18 @@ def rigid_torque(q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
     return out
 
 
-@dataclass(frozen=True)
-class Recorded:
-    """Samples (N,) s of the arm: position, velocity, torque (N, 6) and power (N,)."""
-
-    time: np.ndarray
-    position: np.ndarray
-    velocity: np.ndarray
-    torque: np.ndarray
-    power: np.ndarray
-
-
 def recorded(
-    seconds: float,
-    rate: float,
-    *,
-    joint: int = 2,
-    viscous: float = 0.0,
-    since: float = 0.0,
-    until: float = math.inf,
-    seed: int = 0,
-) -> Recorded:
-    """The arm at work; from ``since`` to ``until`` s ``joint`` has so many Nm s/rad of viscous friction more."""
+    seconds: float, rate: float, *, viscous: float = 0.0, since: float = 0.0, until: float = math.inf, seed: int = 0
+) -> Run:
+    """The arm at work; from ``since`` to ``until`` s joint 2 has so many Nm s/rad of viscous friction more."""
     random = np.random.default_rng(seed)
     t = np.arange(round(seconds * rate)) / rate
     q, qd, qdd = ARM.motion(t)
     torque = rigid_torque(q, qd, qdd) + ROTOR * qdd + COULOMB * np.tanh(qd / 0.004)
-    torque[:, joint - 1] += np.where((t >= since) & (t < until), viscous * qd[:, joint - 1], 0.0)
+    torque[:, 1] += np.where((t >= since) & (t < until), viscous * qd[:, 1], 0.0)
     power = STANDBY + np.sum(torque * qd + RESISTANCE * (torque / CONSTANT) ** 2, axis=1)
-    return Recorded(
+    return Run(
+        name="arm",
         time=t,
         position=q + 2e-5 * random.standard_normal(q.shape),
         velocity=qd + 1e-3 * random.standard_normal(q.shape),
@@ -138,7 +121,7 @@ START = 1_795_000_000 * 10**9
 """UTC ns of the first frame."""
 
 
-def frames(arm: Recorded, lay: Layout) -> Frames:
+def frames(arm: Run, lay: Layout) -> Frames:
     """The recording as one block of frames."""
     return framed(lay, np.column_stack([arm.position, arm.velocity, arm.torque, arm.power]))
 
@@ -151,12 +134,5 @@ def framed(lay: Layout, values: np.ndarray) -> Frames:
 
 def cut(whole: Frames, first: int, last: int) -> Frames:
     """A block of frames out of a larger one."""
-    part = slice(first, last)
-    return Frames(
-        whole.layout,
-        whole.sequence + first,
-        whole.time[part],
-        whole.values[part],
-        whole.quality[part],
-        whole.bound[part],
-    )
+    rows = (getattr(whole, name)[first:last] for name in ("time", "values", "quality", "bound"))
+    return Frames(whole.layout, whole.sequence + first, *rows)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +24,13 @@ def measured(run: Run, first: int = 1) -> dict[str, np.ndarray]:
     return columns if run.power is None else columns | {"power": run.power}
 
 
+def parquet(path: Path, columns: Mapping[str, np.ndarray]) -> Path:
+    """Columns as a file."""
+    write_table(path, dict(columns))
+    return path
+
+
 def logged(folder: Path, run: Run, first: int = 1, **changes: np.ndarray | None) -> Path:
     """The recording of a run as a file; ``changes`` are other columns, None leaves one out."""
     columns = (measured(run, first) | changes).items()
-    write_table(folder / "log.parquet", {name: values for name, values in columns if values is not None})
-    return folder / "log.parquet"
+    return parquet(folder / "log.parquet", {name: values for name, values in columns if values is not None})

@@ -7,8 +7,9 @@ the rest by the moment of inertia about the vertical alone (Lagrange's equations
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from cellwatt_plugins.robot import Arm as DescribedArm
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import Plan, exact
 from tests.plugins.explain.logs import measured, numbered
-from tests.plugins.explain.robot_file import write_description
+from tests.plugins.explain.robot_file import write_arm
 
 JOINTS = 3
 G = 9.81
@@ -115,6 +116,13 @@ def _yaw_slopes(arm: Arm, q: np.ndarray) -> np.ndarray:
     return np.column_stack([np.zeros(len(q)), inner + outer, outer])
 
 
+def inertial(arm: Arm, link: int) -> list[float]:
+    """Mass, first moment and moments of inertia about its joint of a moving link (0-based), by the parallel axes."""
+    mass, centre, axial, transverse = arm.masses[link], arm.centres[link], arm.axial[link], arm.transverse[link]
+    across = transverse + mass * centre**2
+    return [mass, mass * centre, 0, 0, axial, 0, across, 0, 0, across]
+
+
 def links(arm: Arm, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
     """Torque (N, 3) Nm that the links need."""
     slopes = _yaw_slopes(arm, q)
@@ -163,18 +171,22 @@ def moves(seed: int, seconds: float, pause: float = 0.5) -> Course:
         starts.append(at)
         at += float(np.max(durations[-1])) + pause
 
-    def course(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        q = np.tile(points[0], (len(time), 1))
-        qd, qdd = np.zeros_like(q), np.zeros_like(q)
-        for start, lasts, here, there in zip(starts, durations, points, points[1:], strict=False):
-            s = np.clip((time[:, None] - start) / lasts, 0, 1)
-            way = there - here
-            q += way * (10 * s**3 - 15 * s**4 + 6 * s**5)
-            qd += way * (30 * s**2 - 60 * s**3 + 30 * s**4) / lasts
-            qdd += way * (60 * s - 180 * s**2 + 120 * s**3) / lasts**2
-        return q, qd, qdd
+    return lambda time: travelled(time, starts, durations, points)
 
-    return course
+
+def travelled(
+    time: np.ndarray, starts: Iterable[float], durations: Iterable[np.ndarray | float], points: Sequence[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Position, velocity and acceleration (N, n) from point to point (quintic), at rest before, between and after."""
+    q = np.tile(points[0], (len(time), 1))
+    qd, qdd = np.zeros_like(q), np.zeros_like(q)
+    for start, lasts, (here, there) in zip(starts, durations, pairwise(points), strict=False):
+        s = np.clip((time[:, None] - start) / lasts, 0, 1)
+        way = there - here
+        q += way * (10 * s**3 - 15 * s**4 + 6 * s**5)
+        qd += way * (30 * s**2 - 60 * s**3 + 30 * s**4) / lasts
+        qdd += way * (60 * s - 180 * s**2 + 120 * s**3) / lasts**2
+    return q, qd, qdd
 
 
 @dataclass(frozen=True)
@@ -230,52 +242,23 @@ def record(
     )
 
 
-def simulated(course: Course, time: np.ndarray) -> Simulated:
-    """What the simulation of the nominal arm says of the commanded motion."""
+def simulated(course: Course, time: np.ndarray, arm: Arm = NOMINAL, more: np.ndarray | float = 0.0) -> Simulated:
+    """What the simulation of an arm says of the commanded motion; ``more`` Nm on top."""
     q, qd, qdd = course(time)
-    torque = motors(NOMINAL, q, qd, qdd)
-    return Simulated(time, Plan(q, qd, qdd), torque, draw(NOMINAL, torque, qd))
+    torque = motors(arm, q, qd, qdd) + more
+    return Simulated(time, Plan(q, qd, qdd), torque, draw(arm, torque, qd))
 
 
 def write_robot(folder: Path, **changes: object) -> Path:
     """The nominal arm as URDF and ``robot.yaml``; ``changes`` are the same for every joint, or keys of the robot."""
     arm = NOMINAL
-    inertias = [(0.01, 0.01, arm.column_inertia)]
-    inertias += [(x, t, t) for x, t in zip(arm.axial, arm.transverse, strict=True)]
-    parts = ['<robot name="plant"><link name="base"/>']
-    for i, (mass, centre, size) in enumerate(
-        zip((10.0, *arm.masses), (0.0, *arm.centres), inertias, strict=True), start=1
-    ):
-        parts.append(
-            f'<link name="link_{i}"><inertial><origin xyz="{centre} 0 0"/><mass value="{mass}"/>'
-            f'<inertia ixx="{size[0]}" iyy="{size[1]}" izz="{size[2]}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-        )
-    for i, (axis, offset) in enumerate((("0 0 1", "0 0 0.4"), ("0 1 0", "0 0 0"), ("0 1 0", f"{arm.length} 0 0")), 1):
-        parts.append(
-            f'<joint name="axis_{i}" type="revolute"><parent link="{f"link_{i - 1}" if i > 1 else "base"}"/>'
-            f'<child link="link_{i}"/><origin xyz="{offset}"/><axis xyz="{axis}"/>'
-            '<limit lower="-3.1" upper="3.1" effort="400" velocity="8"/></joint>'
-        )
-    (folder / "plant.urdf").write_text("\n".join([*parts, "</robot>"]))
-    joints = [
-        {
-            "name": f"axis_{i + 1}",
-            "gear_ratio": 81.0,
-            "torque_constant": arm.constant[i],
-            "rotor_inertia": arm.rotor[i],
-            "coulomb_friction": arm.coulomb[i],
-            "viscous_friction": arm.viscous[i],
-            "winding_resistance": arm.resistance[i],
-        }
-        for i in range(JOINTS)
-    ]
-    content: dict[str, object] = {
-        "robot": "plant",
-        "urdf": "plant.urdf",
-        "standby_power": arm.standby,
-        "tolerances": TOLERANCES,
-    }
-    return write_description(folder, content, joints, changes)
+    sizes = [(0.01, 0.01, arm.column_inertia), *((x, t, t) for x, t in zip(arm.axial, arm.transverse, strict=True))]
+    links = list(zip((f"{x} 0 0" for x in (0.0, *arm.centres)), (10.0, *arm.masses), sizes, strict=True))
+    joints = (("0 0 1", "0 0 0.4"), ("0 1 0", "0 0 0"), ("0 1 0", f"{arm.length} 0 0"))
+    drives = (JOINTS * (81.0,), arm.constant, arm.rotor, arm.coulomb, arm.viscous, arm.resistance)
+    limit = 'lower="-3.1" upper="3.1" effort="400" velocity="8"'
+    content = {"standby_power": arm.standby, "tolerances": TOLERANCES}
+    return write_arm(folder, "plant", links, joints, limit, drives, content, changes)
 
 
 def load(path: Path) -> DescribedArm:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import repeat
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 
 from cellwatt_plugins.explain.input.run import Run, Simulated
-from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import Plan
-from tests.plugins.explain.robot_file import write_description
+from tests.plugins.explain.plant import travelled
+from tests.plugins.explain.robot_file import write_arm
 
 AXES = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0")
 OFFSETS = ("0 0 0.3", "0.1 0 0.1", "0 0 0.6", "0.3 0 0.1", "0.3 0 0", "0.08 0 0")
@@ -29,43 +30,13 @@ NOISE = np.array([0.8, 1.0, 0.6, 0.15, 0.12, 0.08])
 JOINTS = 6
 
 
-def urdf() -> str:
-    """The arm's links and joints."""
-    links = ['<robot name="bench"><link name="base"/>']
-    for i in range(JOINTS):
-        size = INERTIAS[i]
-        links.append(
-            f'<link name="link_{i + 1}"><inertial><origin xyz="{CENTRES[i]}"/><mass value="{MASSES[i]}"/>'
-            f'<inertia ixx="{size}" iyy="{size}" izz="{0.6 * size}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-            f'<joint name="axis_{i + 1}" type="revolute"><parent link="{f"link_{i}" if i else "base"}"/>'
-            f'<child link="link_{i + 1}"/><origin xyz="{OFFSETS[i]}"/><axis xyz="{AXES[i]}"/>'
-            '<limit lower="-3.5" upper="3.5" effort="300" velocity="6"/></joint>'
-        )
-    return "\n".join([*links, "</robot>"])
-
-
 def write_robot(folder: Path, **changes: object) -> Path:
     """The arm's URDF and ``robot.yaml``; ``changes`` are the same for every joint, or keys of the robot."""
-    (folder / "bench.urdf").write_text(urdf())
-    joints = [
-        {
-            "name": f"axis_{i + 1}",
-            "gear_ratio": 100.0,
-            "torque_constant": float(CONSTANT[i]),
-            "rotor_inertia": float(ROTOR[i]),
-            "coulomb_friction": float(COULOMB[i]),
-            "viscous_friction": float(VISCOUS[i]),
-            "winding_resistance": float(RESISTANCE[i]),
-        }
-        for i in range(JOINTS)
-    ]
-    content: dict[str, object] = {"robot": "bench", "urdf": "bench.urdf", "standby_power": STANDBY}
-    return write_description(folder, content, joints, changes)
-
-
-def load(path: Path) -> Arm:
-    """The description and the dynamics."""
-    return Arm.load(path)
+    links = [(centre, mass, (x, x, 0.6 * x)) for centre, mass, x in zip(CENTRES, MASSES, INERTIAS, strict=True)]
+    joints = list(zip(AXES, OFFSETS, strict=True))
+    limit = 'lower="-3.5" upper="3.5" effort="300" velocity="6"'
+    drives = (JOINTS * (100.0,), CONSTANT, ROTOR, COULOMB, VISCOUS, RESISTANCE)
+    return write_arm(folder, "bench", links, joints, limit, drives, {"standby_power": STANDBY}, changes)
 
 
 @dataclass(frozen=True)
@@ -92,24 +63,18 @@ def excitation(seed: int, seconds: float = 20.0, rate: float = 100.0) -> Moves:
     return Moves(t, q, qd, qdd)
 
 
-def points(seed: int, seconds: float = 24.0, rate: float = 100.0) -> Moves:
-    """From point to point, all joints together (quintic), with rests between."""
+def some(moves: Moves, *joints: int) -> Moves:
+    """The motion of some joints, from 1; the others rest where they are at first."""
+    own = np.isin(np.arange(JOINTS) + 1, joints)
+    return replace(moves, q=np.where(own, moves.q, moves.q[0]), qd=moves.qd * own, qdd=moves.qdd * own)
+
+
+def points(seed: int) -> Moves:
+    """24 s from point to point, all joints together, with rests between."""
     random = np.random.default_rng(seed)
-    t = np.arange(round(seconds * rate)) / rate
-    q, qd, qdd = np.zeros((3, len(t), JOINTS))
-    here = random.uniform(-1, 1, JOINTS)
-    for start in np.arange(0.5, seconds, 2.5):
-        there = random.uniform(-1.2, 1.2, JOINTS)
-        s = np.clip((t - start) / 2.0, 0, 1)
-        inside = (t >= start) & (t < start + 2.5)
-        go = there - here
-        q[inside] = here + np.outer(10 * s**3 - 15 * s**4 + 6 * s**5, go)[inside]
-        qd[inside] = np.outer((30 * s**2 - 60 * s**3 + 30 * s**4) / 2.0, go)[inside]
-        qdd[inside] = np.outer((60 * s - 180 * s**2 + 120 * s**3) / 4.0, go)[inside]
-        if start == 0.5:
-            q[t < start] = here
-        here = there
-    return Moves(t, q, qd, qdd)
+    t, starts = np.arange(2400) / 100, np.arange(0.5, 24.0, 2.5)
+    places = [random.uniform(-1, 1, JOINTS), *random.uniform(-1.2, 1.2, (len(starts), JOINTS))]
+    return Moves(t, *travelled(t, starts, repeat(2.0), places))
 
 
 def model(path: Path, payload: float = 0.0, gravity: tuple[float, float, float] = (0, 0, -9.81)) -> pin.Model:

@@ -22,40 +22,24 @@ from cellwatt_plugins.explain.verdict.findings import (
     Where,
 )
 from cellwatt_plugins.robot.effects.effect import Parameter
+from tests.plugins.explain.plant import travelled
 
-NOISE, POWER_NOISE = 0.6, 4.0
+NOISE, POWER_NOISE, RATE = 0.6, 4.0, 125.0
 
 
-def motion(seed: int, count: int, joints: int, rate: float) -> tuple[Float, Float, Float]:
-    """Time (N,), position and velocity (N, n): moves between random poses with stops between."""
-    random = np.random.default_rng(seed)
-    time = np.arange(count) / rate
-    position = np.zeros((count, joints))
-    velocity = np.zeros((count, joints))
-    for j in range(joints):
-        at, place = 0, float(random.uniform(-1, 1))
-        while at < count:
-            go, rest = int(rate * random.uniform(1.5, 5)), int(rate * random.uniform(0.3, 1.5))
-            goal = float(random.uniform(-1.6, 1.6))
-            share = np.clip(np.arange(go + rest) / go, 0, 1)[: count - at]
-            position[at : at + len(share), j] = place + (goal - place) * (share - np.sin(2 * np.pi * share) / 2 / np.pi)
-            speed = (goal - place) * rate / go * (1 - np.cos(2 * np.pi * share))
-            velocity[at : at + len(share), j] = np.where(share < 1, speed, 0.0)
-            at, place = at + go + rest, goal
-    return time, position, velocity
+def motion(seed: int, count: int, joints: int) -> tuple[Float, Float, Float]:
+    """Time (N,), position and velocity (N, n): each joint moves between random places, with stops between."""
+    random, time = np.random.default_rng(seed), np.arange(count) / RATE
+    shape = int(time[-1] / 3) + 10, joints
+    go, rest, places = random.uniform(1.5, 5, shape), random.uniform(0.3, 1.5, shape), random.uniform(-1.6, 1.6, shape)
+    return time, *travelled(time, np.cumsum(go + rest, axis=0) - go - rest, go, places)[:2]
 
 
 def trace(
-    name: str = "run_01",
-    seed: int = 1,
-    count: int = 7500,
-    joints: int = 6,
-    rate: float = 125.0,
-    power: bool = True,
-    effects: bool = True,
+    name: str = "run_01", seed: int = 1, count: int = 7500, joints: int = 6, power: bool = True, effects: bool = True
 ) -> Trace:
     """Joint 2 lacks Stribeck friction, joint 3 has a bump that no model explains, the supply lacks standby power."""
-    time, position, velocity = motion(seed, count, joints, rate)
+    time, position, velocity = motion(seed, count, joints)
     random = np.random.default_rng(seed + 100)
     weight = np.array([4, 40, 22, 5, 4, 1, 1, 1, 1, 1.0])[:joints]
     simulation = weight * np.cos(position) * (np.arange(joints) > 0) + 5 * np.tanh(velocity / 0.004) + 6 * velocity

@@ -2,7 +2,6 @@ import json
 import shutil
 
 import numpy as np
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -12,13 +11,9 @@ from cellwatt_plugins.explain import api
 from cellwatt_plugins.explain.model import load_model
 from tests.plugins.explain import plant
 from tests.plugins.explain.calling import call
+from tests.plugins.explain.logs import numbered, parquet
 
 OFFSET = plant.Missing(read=lambda torque: torque + np.array([0, 0, 1.5]))
-
-
-def parquet(path, columns):
-    pq.write_table(pa.table(columns), path)
-    return path
 
 
 @pytest.fixture(scope="module")
@@ -31,20 +26,16 @@ def cell(tmp_path_factory):
     return folder
 
 
-def recordings(cell):
-    return [cell / "run_01.recording.parquet", cell / "run_02.recording.parquet"]
-
-
-def simulations(cell):
-    return [cell / "run_01.simulation.parquet", cell / "run_02.simulation.parquet"]
+def files(cell, kind):
+    return [cell / f"run_0{number}.{kind}.parquet" for number in (1, 2)]
 
 
 @pytest.fixture(scope="module")
 def explained(cell, tmp_path_factory):
     """What ``explain`` leaves in its folder."""
     out = tmp_path_factory.mktemp("explained") / "results"
-    words = [*recordings(cell), "--simulation", *simulations(cell), "--robot", cell / "robot.yaml", "--out", out]
-    assert call("explain", *words)[0] == 0
+    words = ["--simulation", *files(cell, "simulation"), "--robot", cell / "robot.yaml", "--out", out]
+    assert call("explain", *files(cell, "recording"), *words)[0] == 0
     return out
 
 
@@ -57,13 +48,9 @@ def test_findings_model_and_report_are_written(explained):
     start, offset, retuned = found["cascade"]
     gain = found["findings"][0]["improvement"]
     assert [start["kind"], offset["effect"], retuned["kind"]] == ["simulation", "torque_offset", "retuning"]
-    assert (gain["before"], gain["after"]) == (
-        pytest.approx(start["channels"]["tau_3"], rel=1e-3),
-        offset["channels"]["tau_3"],
-    )
-    assert {name: pytest.approx(error) for name, error in retuned["channels"].items()} == {
-        f["channel"]: f["model"] for f in found["fit"]
-    }
+    assert gain["before"] == pytest.approx(start["channels"]["tau_3"], rel=1e-3)
+    assert gain["after"] == offset["channels"]["tau_3"]
+    assert retuned["channels"] == pytest.approx({f["channel"]: f["model"] for f in found["fit"]})
     assert (explained / "model.yaml").exists()
     page = (explained / "report.html").read_text()
     assert "<html" in page
@@ -71,14 +58,8 @@ def test_findings_model_and_report_are_written(explained):
 
 
 def test_in_words_each_finding_is_a_sentence(cell, tmp_path):
-    code, said, _ = call(
-        "explain",
-        *recordings(cell),
-        *("--simulation", *simulations(cell)),
-        *("--robot", cell),
-        *("--out", tmp_path),
-        "--no-report",
-    )
+    words = ["--simulation", *files(cell, "simulation"), "--robot", cell, "--out", tmp_path, "--no-report"]
+    code, said, _ = call("explain", *files(cell, "recording"), *words)
     assert code == 0
     assert said.startswith("The difference is explained: torque offset (joint 3).")
     assert "joint 3" in said.lower()
@@ -90,7 +71,8 @@ def test_in_words_each_finding_is_a_sentence(cell, tmp_path):
 
 
 def test_without_a_simulation_the_robot_is_simulated(cell, tmp_path):
-    code, said, _ = call("explain", *recordings(cell), "--robot", cell, "--out", tmp_path, "--json", "--no-report")
+    words = ["--robot", cell, "--out", tmp_path, "--json", "--no-report"]
+    code, said, _ = call("explain", *files(cell, "recording"), *words)
     assert code == 0
     assert ("torque_offset", 3) in {(f["effect"], f["joint"]) for f in json.loads(said)["findings"]}
 
@@ -98,10 +80,7 @@ def test_without_a_simulation_the_robot_is_simulated(cell, tmp_path):
 def motion_columns():
     time = np.arange(500) / plant.RATE
     q, qd, qdd = plant.moves(9, 5.0)(time)
-    columns = {"t": time}
-    for stem, values in (("q", q), ("qd", qd), ("qdd", qdd)):
-        columns |= {f"{stem}_{i + 1}": values[:, i] for i in range(plant.JOINTS)}
-    return columns, (time, q, qd, qdd)
+    return {"t": time, **numbered("q", q), **numbered("qd", qd), **numbered("qdd", qdd)}, (time, q, qd, qdd)
 
 
 def test_simulate_says_what_the_model_says(explained, tmp_path):
@@ -128,17 +107,13 @@ def one_line(*words):
     return code, errors
 
 
-def explain_words(cell, out):
-    first = cell / "run_01.recording.parquet"
-    return ["explain", first, "--simulation", cell / "run_01.simulation.parquet", "--robot", cell, "--out", out]
-
-
 def test_a_bad_recording_is_one_line_and_an_error(cell, tmp_path):
     folder = shutil.copytree(cell, tmp_path / "cell")
     path = folder / "run_01.recording.parquet"
     table = pq.read_table(path)
     parquet(path, {n: np.degrees(table[n]) if n.startswith("q_") else table[n] for n in table.column_names})
-    code, errors = one_line(*explain_words(folder, tmp_path / "out"))
+    simulation = folder / "run_01.simulation.parquet"
+    code, errors = one_line("explain", path, "--simulation", simulation, "--robot", folder, "--out", tmp_path / "out")
     assert code == EXIT_ERROR
     assert "deg" in errors
     assert "run_01" in errors

@@ -5,11 +5,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from threadpoolctl import threadpool_limits
 
-from cellwatt_plugins.explain.explain import explain
-from cellwatt_plugins.explain.input.baseline import baseline
-from tests.plugins.explain import plant
+from tests.plugins.explain import calling, plant
 from tests.plugins.explain.plant import REAL, Missing, column, loaded, turned
 from tests.plugins.robot.slow_meter import shown
 
@@ -51,13 +48,9 @@ SINGLE = {
 
 @pytest.fixture(scope="module")
 def explained(arm):
-    @cache
-    def of(missing):
-        runs = [plant.record("run_01", 1, missing), plant.record("run_02", 2, missing)]
-        with threadpool_limits(1):
-            return explain(runs, baseline(runs, arm))
-
-    return of
+    return cache(
+        lambda missing: calling.explained(arm, [plant.record(f"run_0{seed}", seed, missing) for seed in (1, 2)])
+    )
 
 
 def test_a_simulation_that_is_only_mistuned_lacks_nothing(explained):
@@ -126,25 +119,17 @@ def test_the_model_predicts_a_run_that_it_has_not_seen(explained, name):
         assert np.std((said.torque - torque)[:, 1]) < 0.25 * before
 
 
-def slow(run):
-    """The run with its power from a meter of five values a second."""
-    return replace(run, power=shown(run.time, run.power, 0.2, 0.15))
-
-
 def test_what_the_supply_lacks_is_found_through_a_slow_meter(arm):
-    missing = SINGLE["supply"].missing
-    runs = [slow(plant.record("run_01", 1, missing)), slow(plant.record("run_02", 2, missing))]
-    with threadpool_limits(1):
-        found = explain(runs, baseline(runs, arm)).findings
-    (one,) = found.findings
+    """A meter of five values a second."""
+    runs = [plant.record(f"run_0{seed}", seed, SINGLE["supply"].missing) for seed in (1, 2)]
+    runs = [replace(run, power=shown(run.time, run.power, 0.2, 0.15)) for run in runs]
+    (one,) = calling.explained(arm, runs).findings.findings
     assert one.effect == "converter_efficiency"
     assert one.parameters["efficiency"].value == pytest.approx(0.86, abs=0.02)
 
 
 def test_runs_without_power_leave_the_supply_out_and_say_so(arm):
-    runs = [plant.record("run_01", 1, power=False)]
-    with threadpool_limits(1):
-        found = explain(runs, baseline(runs, arm))
+    found = calling.explained(arm, [plant.record("run_01", 1, power=False)])
     assert found.supply is None
     assert found.findings.verdict == "no_mismatch"
     assert [fit.channel for fit in found.findings.fit] == ["tau_1", "tau_2", "tau_3"]

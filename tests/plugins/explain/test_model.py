@@ -14,8 +14,8 @@ MASS, REACH = 1.7, 0.3
 
 
 @pytest.fixture(scope="module")
-def robot(tmp_path_factory):
-    return plant.load(plant.write_robot(tmp_path_factory.mktemp("plant"))).description
+def robot(arm):
+    return arm.description
 
 
 @pytest.fixture(scope="module")
@@ -25,13 +25,8 @@ def motion():
 
 
 def inertial(arm):
-    """Mass, first moment and moments of inertia about the joint of the two moving links; link 1 has only its column."""
-    out = np.zeros((3, 10))
-    for link in (0, 1):
-        mass, centre, axial, transverse = arm.masses[link], arm.centres[link], arm.axial[link], arm.transverse[link]
-        across = transverse + mass * centre**2
-        out[link + 1] = [mass, mass * centre, 0, 0, axial, 0, across, 0, 0, across]
-    return out.ravel()
+    """Of the two moving links; link 1 has only its column."""
+    return np.ravel([np.zeros(10), plant.inertial(arm, 0), plant.inertial(arm, 1)])
 
 
 def difference(new, old):

@@ -6,25 +6,21 @@ import json
 
 import numpy as np
 import pytest
-from threadpoolctl import threadpool_limits
 
-from cellwatt_plugins.explain.explain import explain
-from cellwatt_plugins.explain.input.baseline import baseline
 from tests.daemon.outlets.page.cell import API, client, served
 from tests.plugins.explain import plant
+from tests.plugins.explain.calling import explained
 from tests.plugins.explain.plant import REAL, Missing, loaded
 
 PAYLOAD = 2.0  # kg that the simulation does not know of
 
 
 @pytest.fixture(scope="module")
-def reports(tmp_path_factory):
+def reports(arm, tmp_path_factory):
     """A folder in which an explanation was written as ``cellwatt explain`` does."""
-    arm = plant.load(plant.write_robot(tmp_path_factory.mktemp("plant")))
     missing = Missing(arm=loaded(REAL, PAYLOAD, 0.12))
     runs = [plant.record("run_01", 1, missing), plant.record("run_02", 2, missing)]
-    with threadpool_limits(1):
-        found = explain(runs, baseline(runs, arm))
+    found = explained(arm, runs)
     folder = tmp_path_factory.mktemp("reports") / "one"
     folder.mkdir()
     (folder / "findings.json").write_text(json.dumps(found.as_json()))

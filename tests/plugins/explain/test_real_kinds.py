@@ -5,15 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from threadpoolctl import threadpool_limits
 
-from cellwatt_plugins.explain.explain import Explained, explain
-from cellwatt_plugins.explain.input.baseline import baseline
+from cellwatt_plugins.explain.explain import Explained
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.explain.input.unread import without_unread
 from cellwatt_plugins.explain.model import load_model, save_model
 from cellwatt_plugins.robot import Arm
 from tests.plugins.explain import plant
+from tests.plugins.explain.calling import explained
 from tests.plugins.explain.plant import REAL, Course, Missing, column, loaded, turned
 from tests.plugins.robot import scara
 
@@ -22,11 +21,6 @@ OFFSET = Missing(read=lambda torque: torque + np.array([1.5, 0, 0]))
 
 def recorded(missing: Missing, seconds: float = 16.0, seeds: tuple[int, ...] = (1, 2), plan: bool = True) -> list[Run]:
     return [plant.record(f"run_{s:02d}", s, missing, seconds, plan=plan, power=False) for s in seeds]
-
-
-def explained(arm: Arm, runs: list[Run]) -> Explained:
-    with threadpool_limits(1):
-        return explain(runs, baseline(runs, arm))
 
 
 def named(found: Explained) -> set[tuple[str, int | None]]:
@@ -95,10 +89,7 @@ def held(course: Course, joint: int, at: float) -> Course:
 def test_a_joint_at_rest_names_nothing(arm):
     """At rest friction holds what it is asked to: here 2 Nm more than the links."""
 
-    def stuck(time, q, qd, run):
-        return column(np.full(len(time), 2.0), 3)
-
-    missing = replace(OFFSET, added=stuck)
+    missing = replace(OFFSET, added=lambda time, q, qd, run: column(np.full(len(time), 2.0), 3))
     along = [held(plant.moves(seed, 16.0), 2, 0.7) for seed in (1, 2)]
     runs = [plant.record(f"run_0{i}", i, missing, 16.0, power=False, along=a) for i, a in enumerate(along, 1)]
     found = explained(arm, runs)
@@ -118,11 +109,14 @@ def test_a_joint_at_rest_takes_no_sample_from_the_supply(tmp_path):
     assert standby.parameters["power"].value == pytest.approx(plant.REAL.standby, abs=1.0)
 
 
-def test_an_offset_is_found_beside_strong_physics_that_no_law_explains(arm):
-    def strange(time, q, qd, run):
-        return column(5 * np.sin(2 * np.pi * (0.5 * time + 0.06 * time**2)), 1)
+def chirp(time):
+    return 5 * np.sin(2 * np.pi * (0.5 * time + 0.06 * time**2))
 
-    missing = Missing(added=strange, read=lambda torque: torque + np.array([4.0, 0, 0]))
+
+def test_an_offset_is_found_beside_strong_physics_that_no_law_explains(arm):
+    missing = Missing(
+        added=lambda time, q, qd, run: column(chirp(time), 1), read=lambda torque: torque + np.array([4.0, 0, 0])
+    )
     found = explained(arm, recorded(missing))
     assert named(found) == {("torque_offset", 1), ("unknown", 1)}
     (offset,) = [f for f in found.findings.findings if f.effect == "torque_offset"]
@@ -130,10 +124,8 @@ def test_an_offset_is_found_beside_strong_physics_that_no_law_explains(arm):
 
 
 def test_the_mean_of_what_no_law_explains_is_no_offset(arm):
-    def pushes(time, q, qd, run):
-        return column(np.maximum(5 * np.sin(2 * np.pi * (0.5 * time + 0.06 * time**2)), 0.0), 1)
-
-    assert named(explained(arm, recorded(Missing(added=pushes)))) == {("unknown", 1)}
+    pushes = Missing(added=lambda time, q, qd, run: column(np.maximum(chirp(time), 0.0), 1))
+    assert named(explained(arm, recorded(pushes))) == {("unknown", 1)}
 
 
 @pytest.mark.slow
@@ -188,11 +180,9 @@ def test_the_mass_of_a_payload_from_a_slow_log(arm):
 def test_friction_of_which_nothing_is_known_is_found_at_every_joint_behind_a_balancer(tmp_path):
     """Until the balancer of joint 2 is known, which takes ten times as much, no friction shows there."""
 
-    def balancer(time, q, qd, run):
-        return column(90.0 * (q[:, 1] - 0.3), 2)
-
+    balancer = Missing(added=lambda time, q, qd, run: column(90.0 * (q[:, 1] - 0.3), 2))
     unknown = plant.load(plant.write_robot(tmp_path, coulomb_friction=0.0, viscous_friction=0.0))
-    runs = [replace(run, plan=None, simulated=None) for run in recorded(Missing(added=balancer))]
+    runs = [replace(run, plan=None, simulated=None) for run in recorded(balancer)]
     found = explained(unknown, runs)
     true = {("coulomb_friction", joint): value for joint, value in enumerate(REAL.coulomb, start=1)}
     true |= {("viscous_friction", joint): value for joint, value in enumerate(REAL.viscous, start=1)}

@@ -29,12 +29,6 @@ from tests.plugins.explain.emulated_arm import START, cut, frames, layout, recor
 from tests.plugins.explain.recorded_arm import COULOMB, write_robot
 
 
-@pytest.fixture(scope="module")
-def robot(tmp_path_factory):
-    """A folder with the arm's description, which knows no viscous friction: the arm has none."""
-    return write_robot(tmp_path_factory.mktemp("robot"), viscous_friction=0.0).parent
-
-
 def made(folder, lay=None, cell_robot=None, **settings):
     cell = CellInfo("plant", "cell", cell_robot, folder)
     chosen = MismatchSettings(**({"robot": None if cell_robot else folder, "explain": None} | settings))

@@ -14,6 +14,7 @@ from cellwatt.arrays import Float
 from cellwatt_plugins.explain.demo.arm import JOINTS, RANGES, Arm, mjcf
 from cellwatt_plugins.explain.demo.physics import Concealed
 from cellwatt_plugins.robot.mjcf import library
+from cellwatt_plugins.robot.motion import Plan
 
 STEP = 0.001
 """Time step of MuJoCo, s."""
@@ -32,15 +33,6 @@ POSITION_NOISE, VELOCITY_NOISE, TORQUE_NOISE = 2e-5, 1e-3, np.array([0.25, 0.25,
 
 
 @dataclass(frozen=True)
-class Motion:
-    """A planned motion, (N, n) each on the steps of MuJoCo."""
-
-    q: Float
-    qd: Float
-    qdd: Float
-
-
-@dataclass(frozen=True)
 class Log:
     """Samples of one run: time (N,), the others (N, n)."""
 
@@ -50,12 +42,12 @@ class Log:
     torque: Float
 
 
-def motions(rng: np.random.Generator) -> list[Motion]:
-    """Two motions: one swings all joints at once, one goes from point to point, fast and slow, with rests."""
+def motions(rng: np.random.Generator) -> list[Plan]:
+    """Two motions on MuJoCo's steps: all joints swing at once; then from point to point, fast and slow, with rests."""
     return [_swings(rng, SECONDS[0]), _moves(rng, SECONDS[1])]
 
 
-def _swings(rng: np.random.Generator, seconds: float) -> Motion:
+def _swings(rng: np.random.Generator, seconds: float) -> Plan:
     """Five sines a joint, from rest to rest."""
     t = np.arange(round(seconds / STEP)) * STEP
     half = 0.38 * np.ptp(RANGES, axis=1)
@@ -65,10 +57,10 @@ def _swings(rng: np.random.Generator, seconds: float) -> Motion:
     s = np.clip(np.minimum(t, t[-1] - t) / RAMP, 0, 1)
     q = RANGES.mean(axis=1) + waves * (10 * s**3 - 15 * s**4 + 6 * s**5)[:, None]
     qd = np.gradient(q, STEP, axis=0)
-    return Motion(q, qd, np.gradient(qd, STEP, axis=0))
+    return Plan(q, qd, np.gradient(qd, STEP, axis=0))
 
 
-def _moves(rng: np.random.Generator, seconds: float) -> Motion:
+def _moves(rng: np.random.Generator, seconds: float) -> Plan:
     """Minimum-jerk moves between poses; every third one is slow."""
     n = round(seconds / STEP)
     q, qd, qdd = (np.zeros((n, JOINTS)) for _ in range(3))
@@ -91,10 +83,10 @@ def _moves(rng: np.random.Generator, seconds: float) -> Motion:
         rest = min(n, at + round(rng.uniform(0.2, 0.6) / STEP))
         q[at:rest] = pose
         at = rest
-    return Motion(q, qd, qdd)
+    return Plan(q, qd, qdd)
 
 
-def run(arm: Arm, simulation: Path, concealed: Sequence[Concealed], motion: Motion, rng: np.random.Generator) -> Log:
+def run(arm: Arm, simulation: Path, concealed: Sequence[Concealed], motion: Plan, rng: np.random.Generator) -> Log:
     """Run one motion under a PD controller that feeds forward the torque of ``simulation``, the user's file.
 
     Logged position, velocity and motor torque are of one instant, with sensor noise.
@@ -106,12 +98,13 @@ def run(arm: Arm, simulation: Path, concealed: Sequence[Concealed], motion: Moti
     stiffness, damping = _gains(mujoco, model, data, motion)
     dry = model.dof_frictionloss.copy()
     sticking = [(each.joint, each.numbers) for each in concealed if each.kind == "stribeck"]
-    n = len(motion.q)
-    data.qpos[:] = motion.q[0]
+    n = len(motion.position)
+    data.qpos[:] = motion.position[0]
     q, qd, torque = (np.empty((n, JOINTS)) for _ in range(3))
     for i in range(-round(SETTLE / STEP), n):
         k = max(i, 0)
-        data.ctrl[:] = wanted[k] + stiffness * (motion.q[k] - data.qpos) + damping * (motion.qd[k] - data.qvel)
+        off = stiffness * (motion.position[k] - data.qpos) + damping * (motion.velocity[k] - data.qvel)
+        data.ctrl[:] = wanted[k] + off
         for joint, value in sticking:
             slow = np.exp(-((data.qvel[joint] / value["velocity"][0]) ** 2))
             model.dof_frictionloss[joint] = dry[joint] + value["excess"][0] * slow
@@ -143,22 +136,22 @@ def _with(arm: Arm, concealed: Sequence[Concealed]) -> str:
     return ET.tostring(root, encoding="unicode")
 
 
-def _feed_forward(mujoco: Any, simulation: Path, motion: Motion) -> Float:
+def _feed_forward(mujoco: Any, simulation: Path, motion: Plan) -> Float:
     """Torque (N, n) Nm of the motion according to the user's file."""
     model = mujoco.MjModel.from_xml_path(str(simulation))
     data = mujoco.MjData(model)
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
-    out = np.empty_like(motion.q)
+    out = np.empty_like(motion.position)
     for i in range(len(out)):
-        data.qpos[:], data.qvel[:], data.qacc[:] = motion.q[i], motion.qd[i], motion.qdd[i]
+        data.qpos[:], data.qvel[:], data.qacc[:] = motion.position[i], motion.velocity[i], motion.acceleration[i]
         mujoco.mj_inverse(model, data)
         out[i] = data.qfrc_inverse
-    return np.asarray(out + model.dof_frictionloss * np.tanh(motion.qd / 0.02))
+    return np.asarray(out + model.dof_frictionloss * np.tanh(motion.velocity / 0.02))
 
 
-def _gains(mujoco: Any, model: Any, data: Any, motion: Motion) -> tuple[Float, Float]:
+def _gains(mujoco: Any, model: Any, data: Any, motion: Plan) -> tuple[Float, Float]:
     """Stiffness and damping (n,) of a loop with bandwidth ``BAND`` at the inertia of each joint."""
-    data.qpos[:] = motion.q[0]
+    data.qpos[:] = motion.position[0]
     mujoco.mj_forward(model, data)
     felt, column = np.empty(JOINTS), np.empty(JOINTS)
     for j, way in enumerate(np.eye(JOINTS)):

@@ -15,18 +15,16 @@ DECADES = 30.0
 """Ratio of its bounds above which a shape parameter is searched by its logarithm."""
 
 
-def climb(
-    evidence: Callable[[Shape], float], start: Shape, bounds: Sequence[tuple[float, float]], rounds: int = 2
-) -> Shape:
+def climb(evidence: Callable[[Shape], float], start: Shape, bounds: Sequence[tuple[float, float]]) -> Shape:
     """Shape of greatest evidence near ``start``, found one parameter at a time with steps that halve."""
     best, top = start, evidence(start)
-    for turn in range(rounds):
+    for share in (0.2, 0.05):
         for i, (low, high) in enumerate(bounds):
             if high <= low:
                 continue
             log = _wide(low, high)
             size = 2.5 if log else min(max(abs(best[i]), 0.05 * (high - low)), high - low)
-            step = (0.2 if turn == 0 else 0.05) * size
+            step = share * size
             for _ in range(5):
                 moved = False
                 for way in (1, -1):

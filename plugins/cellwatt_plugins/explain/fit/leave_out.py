@@ -164,17 +164,13 @@ class _Products:
         self.design, self.fold = design, fold
         self.rows = [np.flatnonzero(fold == k) for k in range(count)]
         self._target = design.target * design.root
-        self.square = [np.array([np.sum(self._target[rows, c] ** 2) for rows in self.rows]) for c in self._channels]
+        self.square = [np.array([np.sum(column[rows] ** 2) for rows in self.rows]) for column in self._target.T]
         self._fixed = [
             _Own(np.empty(0), *self._with_itself(channel.columns, c)) for c, channel in enumerate(design.channels)
         ]
         self.fitted: dict[tuple[object, ...], tuple[Float, Float]] = {}
         self._own: dict[tuple[Block, int], _Own] = {}
         self._pairs: dict[tuple[Block, Block, int], Float] = {}
-
-    @property
-    def _channels(self) -> range:
-        return range(self.design.target.shape[1])
 
     def channel(
         self, c: int, blocks: Sequence[Block], slices: Sequence[slice]
@@ -230,12 +226,9 @@ def folds_of(problem: Problem) -> tuple[NDArray[np.intp], int]:
     Runs that repeat a motion share its folds: a motion that was fitted in one run is not unseen in another. If a motion
     is too short for that, each run is split by itself.
     """
-    shared = _blocks(problem, _motions([s.q for s in problem.states]))
-    block = (
-        shared
-        if max(int(part.max()) for part in shared) >= FEWEST - 1
-        else _blocks(problem, range(len(problem.states)))
-    )
+    block = _blocks(problem, _motions([s.q for s in problem.states]))
+    if max(int(part.max()) for part in block) < FEWEST - 1:
+        block = _blocks(problem, range(len(problem.states)))
     count = min(FOLDS, 1 + max(int(part.max()) for part in block))
     return np.concatenate(block) % count, count
 

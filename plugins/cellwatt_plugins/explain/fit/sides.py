@@ -15,6 +15,7 @@ from cellwatt_plugins.explain.fit.noise import floor
 from cellwatt_plugins.explain.fit.nuisance import supply_nuisance, torque_nuisance
 from cellwatt_plugins.explain.fit.problem import UNKNOWN_VARIANCE, Problem
 from cellwatt_plugins.explain.fit.rows import Filtered, Rows, Thinned, filtered, thinned
+from cellwatt_plugins.explain.input.factors import MOVES
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.noise import step_noise
 from cellwatt_plugins.robot.effects.states import States
@@ -26,8 +27,6 @@ FINEST = 0.002
 """Smallest noise floor, as a share of the measured values: no law of an arm is more accurate."""
 LAWS = 0.005
 """The same where a servo's law replaces measured torque."""
-MOVES = 0.05
-"""rad beyond which a joint counts as moving."""
 LEAK = 0.15
 """Share of a joint's rattling, too fast to be compared, that may appear as a slow torque because a drive clips it."""
 RATTLES = 3.0

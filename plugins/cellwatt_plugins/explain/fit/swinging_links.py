@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.explain.fit.problem import Problem, Term
+from cellwatt_plugins.explain.fit.problem import Problem, Term, on_joints
 from cellwatt_plugins.explain.fit.solution import Solution
 
 FELT = 0.3
@@ -68,7 +68,8 @@ def confirmed_share(problem: Problem, term: Term, coefficients: Float, residual:
     residuals = problem.every_sample(residual)
     if len(residuals) < 2:
         return 1.0
-    own = [_at(columns @ coefficients, joint) for columns in problem.columns(term)]
+    count = len(problem.floor)
+    own = [on_joints(columns @ coefficients, joint, count)[:, joint] for columns in problem.columns(term)]
     course = [part[:, joint] + more for part, more in zip(residuals, own, strict=True)]
     shapes = [term.shape, *term.effect.shapes(problem.states, term.joint, residuals)]
     tried = [np.concatenate(term.effect.grid(s, term.joint, shapes), axis=1) for s in problem.states]
@@ -90,7 +91,3 @@ def _ratio(above: Float, below: Float) -> tuple[float, float]:
     without = (np.sum(above) - above) / np.maximum(np.sum(below) - below, 1e-12)
     spread = np.sqrt((count - 1) / count * np.sum(np.square(without - np.mean(without))))
     return float(np.sum(above) / max(float(np.sum(below)), 1e-12)), float(spread)
-
-
-def _at(course: Float, joint: int) -> Float:
-    return np.asarray(course[:, joint] if course.ndim == 2 else course)

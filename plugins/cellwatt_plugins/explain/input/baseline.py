@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from cellwatt.arrays import Float
+from cellwatt_plugins.explain.input.factors import MOVES
 from cellwatt_plugins.explain.input.moved import later, moved, servo_lag
 from cellwatt_plugins.explain.input.run import Run, Simulated
 from cellwatt_plugins.robot import Arm, Body, RobotDescription
@@ -45,8 +46,6 @@ NO_WORSE = 1.1
 """Factor on the rms residual up to which a number has the description's value, or is 0."""
 LOSSIEST = 0.4
 """Lowest efficiency of a converter."""
-MOVES = 0.05
-"""Least travel, rad or m, of a joint whose friction and rotor are identified from the simulation."""
 SLOW = 0.03
 """rad/s below which simulators differ in how friction reverses."""
 LEADS = tuple((0.0005 * np.arange(61)).tolist())

@@ -11,6 +11,8 @@ from cellwatt_plugins.explain.input.run import Run
 
 DEGREES = float(np.degrees(1.0))
 RPM = 30 / np.pi
+MOVES = 0.05
+"""Travel, rad or m, above which a joint certainly moves."""
 
 
 def recognised(factor: float, known: Mapping[str, float], within: float = 1.25) -> str | None:

@@ -59,14 +59,16 @@ def even(
     slow: Collection[str] = (),
     positions: Collection[str] = (),
     lossy: Collection[str] = (),
+    spare: Collection[str] = (),
     power: str | None = None,
 ) -> Even:
     """Resample columns (R,) at ``time`` (R,) s to an even grid of their median rate.
 
     Holes in time and single missing values are filled in and marked as gaps. Missing values of ``slow`` columns, which
     change over minutes, are filled in without a mark; a ``slow`` column without any value is omitted. Glitches of
-    ``positions`` are replaced. ``lossy`` columns stay NaN where more than a few values are missing. ``power`` of a slow
-    meter is held. Raises ``RecordingError`` if too much is missing, or if the time does not rise or jumps.
+    ``positions`` are replaced. If more than a few values are missing, ``lossy`` columns stay NaN there, and ``spare``
+    columns are omitted. ``power`` of a slow meter is held. Raises ``RecordingError`` if too much is missing, or if the
+    time does not rise or jumps.
     """
     valid, notes = _rising(place, time)
     time, columns = time[valid], {name: values[valid] for name, values in columns.items()}
@@ -81,6 +83,9 @@ def even(
             filled[name] = np.where(wrong, np.nan, values)
             if not wrong.all():
                 notes.append(_lost(place, name, time, wrong))
+            continue
+        if name in spare and not _few(time, wrong):
+            notes.append(f"{place}: {_unusable(name, time, wrong)}. It is not used")
             continue
         if name in slow and wrong.all():
             notes.append(f"{place}: {name} has no usable number: no temperature is used")
@@ -156,10 +161,14 @@ def _glitches(time: Float, values: Float) -> Bool:
 def _few_enough(place: str, name: str, time: Float, wrong: Bool) -> None:
     if not _few(time, wrong):
         raise RecordingError(
-            f"{place}: column {name} has no usable number in {100 * float(np.mean(wrong)):.1f} % of its rows, first at "
-            f"t = {time[wrong][0]:.3f} s, the longest stretch {_longest(time, wrong):.2f} s: record it again or cut "
-            "the file there"
+            f"{place}: column {_unusable(name, time, wrong)}, the longest stretch {_longest(time, wrong):.2f} s: "
+            "record it again or cut the file there"
         )
+
+
+def _unusable(name: str, time: Float, wrong: Bool) -> str:
+    share = 100 * float(np.mean(wrong))
+    return f"{name} has no usable number in {share:.1f} % of its rows, first at t = {time[wrong][0]:.3f} s"
 
 
 def _lost(place: str, name: str, time: Float, wrong: Bool) -> str:

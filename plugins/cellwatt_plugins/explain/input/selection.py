@@ -66,6 +66,5 @@ def _look(file: Source, robot: RobotDescription) -> tuple[float, Float]:
     signals = read_source(file, robot)
     position = signals.needed("position")
     speed = np.sqrt(np.mean(np.square(np.diff(position, axis=0) / signals.step), axis=0))
-    return float(signals.time[-1] - signals.time[0]), np.concatenate(
-        [position.min(axis=0), position.max(axis=0), speed]
-    )
+    motion = np.concatenate([position.min(axis=0), position.max(axis=0), speed])
+    return float(signals.time[-1] - signals.time[0]), motion

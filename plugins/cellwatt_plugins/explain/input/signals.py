@@ -23,6 +23,8 @@ OPTIONAL = ("velocity", "acceleration", "torque", "current", "temperature", "com
 """Quantities that count as not recorded if all their columns are empty."""
 LOSSY = ("torque", "current")
 """Quantities that may lack joints or samples of joints; missing values are NaN."""
+SPARE = ("velocity", "acceleration")
+"""Quantities that can be derived: they are not used if a column lacks many values."""
 NEEDED = ("position", "target_position", "target_velocity", "target_acceleration")
 POWER = "power"
 LEAST_MEANS = 8
@@ -148,12 +150,12 @@ def read_signals(path: Path, robot: RobotDescription) -> Signals:
         slow=names.get(SLOW, ()),
         positions=names[positions],
         lossy=[name for q in LOSSY for name in names.get(q, ())],
+        spare=[POWER, *(name for q in SPARE for name in names.get(q, ()))],
         power=POWER,
     )
     silent = np.full(len(grid.time), np.nan)
     found = {q: np.column_stack([grid.columns.get(name, silent) for name in names[q]]) for q in joints}
-    if SLOW in found and np.isnan(found[SLOW]).any():
-        del found[SLOW]
+    found = {q: values for q, values in found.items() if q not in (SLOW, *SPARE) or np.isfinite(values).all()}
     return Signals(
         place=str(path),
         time=grid.time,

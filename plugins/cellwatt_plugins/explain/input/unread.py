@@ -6,17 +6,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cellwatt.arrays import Bool, Float
-from cellwatt_plugins.explain.input.factors import joints_text, usable
+from cellwatt_plugins.explain.input.factors import MOVES, joints_text, usable
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.robot.motion import rates
 
 SAMPLES = 2000
 """Samples of a run that are examined."""
-MOVES = 0.05
-"""Travel, rad or m, above which a joint moves."""
 COUNTS = 16
 """Largest number of different values of a channel that contains converter noise only."""
 LITTLE = 0.002
@@ -67,15 +64,12 @@ def _dead(run: Run) -> Bool:
     constant = np.zeros(run.joints, bool)
     constant[recorded] = np.nanmax(run.torque[:, recorded], axis=0) == np.nanmin(run.torque[:, recorded], axis=0)
     dead |= constant & (moves | (run.torque[0] == 0))
-    suspect = moves & ~dead & ((size < LITTLE * size.max()) | (_levels(run.torque) <= COUNTS))
+    levels = np.array([len(np.unique(column[np.isfinite(column)])) for column in run.torque.T])
+    suspect = moves & ~dead & ((size < LITTLE * size.max()) | (levels <= COUNTS))
     if suspect.any():
         terms = _terms(run)[rows]
         dead[suspect] = [_related(terms, torque[:, i]) < RELATED for i in np.flatnonzero(suspect)]
     return dead
-
-
-def _levels(torque: Float) -> NDArray[np.int_]:
-    return np.array([len(np.unique(one[np.isfinite(one)])) for one in torque.T])
 
 
 def _terms(run: Run) -> Float:

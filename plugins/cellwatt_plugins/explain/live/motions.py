@@ -28,8 +28,7 @@ class Motions:
         number = next((n for n, other in self._known.items() if _same(interval, other)), None)
         if number is None:
             number, self._next = self._next, self._next + 1
-        first = self._known.pop(number, interval)
-        self._known[number] = first
+        self._known[number] = self._known.pop(number, interval)
         if len(self._known) > MOST:
             del self._known[next(iter(self._known))]
         return number

@@ -41,12 +41,10 @@ class Simulation:
     daemon knows (the start of the run, or when the joint was cold).
     """
 
-    def __init__(
-        self, model: Model, step: float, warm: bool, servo: Servo | None = None, hold: float | None = None
-    ) -> None:
+    def __init__(self, model: Model, step: float, warm: bool, servo: Servo | None, hold: float | None) -> None:
         """``step`` is s from frame to frame; ``warm``: temperatures are recorded. Raises ``ConfigError``.
 
-        ``hold`` is s for which a ``servo`` holds each command; ``step`` if omitted.
+        ``hold`` is s for which a ``servo`` holds each command; ``step`` if None.
         """
         self._arm, self._servo = model.arm(), servo
         self._late = 0.0 if hold is None else (hold - step) / 2

@@ -73,11 +73,8 @@ def _found(finding: Finding) -> Iterator[NumberRow]:
 
 
 def _retuned(moved: RetunedNumber) -> NumberRow:
-    place = (
-        ""
-        if moved.joint is None
-        else f" of {'link' if moved.parameter.startswith(('mass', 'com', 'i')) else 'joint'} {moved.joint}"
-    )
+    owner = "link" if moved.parameter.startswith(("mass", "com", "i")) else "joint"
+    place = "" if moved.joint is None else f" of {owner} {moved.joint}"
     name = moved.parameter.replace("com_", "centre of mass along ")
     symbol = unit(moved.unit)
     allowed = "beyond" if moved.beyond else "within"

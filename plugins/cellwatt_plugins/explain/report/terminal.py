@@ -23,8 +23,9 @@ def in_words(found: Explained, out: Path, report: bool) -> str:
         gain = finding.improvement
         lines.append(f"  • {finding.statement}")
         curved = " with the curves below" if not finding.followed and gain.channel in with_curves else ""
+        held_out = "held-out " if gain.held_out else ""
         lines.append(
-            f"      {gain.channel}: held-out error {gain.before:.3g} → {gain.after:.3g} "
+            f"      {gain.channel}: {held_out}error {gain.before:.3g} → {gain.after:.3g} "
             f"{gain.unit.replace('*', '')}{curved}, noise {gain.noise_floor:.3g}"
         )
         lines += [f"      or {other.effect.replace('_', ' ')}: {other.why}" for other in finding.alternatives]

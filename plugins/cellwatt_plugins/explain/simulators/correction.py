@@ -62,7 +62,7 @@ def correction(
             case "viscous_friction":
                 damping[joint, 0] += own[0]
             case "nonlinear_viscous_friction" if fitted.term.shape[0] > 1:
-                damping[joint] += own[0] * _polynomial(fitted.term.shape[0], _fastest(states, joint))
+                damping[joint] += own[0] * _polynomial(fitted.term.shape[0], states, joint)
             case "rotor_inertia":
                 armature[joint] += own[0]
             case "link_inertial_error":
@@ -134,11 +134,7 @@ def why_unwritten(fitted: FittedTerm) -> str:
     return "the simulator has no such term"
 
 
-def _polynomial(exponent: float, fastest: float) -> Float:
-    """Nonnegative coefficients (3,) of w, w² and w³ that approximate w to the ``exponent`` up to ``fastest`` rad/s."""
-    speed = np.linspace(0.0, fastest, 200)
+def _polynomial(exponent: float, states: Sequence[States], joint: int) -> Float:
+    """Nonnegative coefficients (3,) of w, w² and w³ that approximate w to the ``exponent`` at a joint's speeds."""
+    speed = np.linspace(0.0, max(float(np.max(np.abs(s.qd[:, joint]))) for s in states), 200)
     return np.asarray(nnls(powers(speed), speed**exponent)[0])
-
-
-def _fastest(states: Sequence[States], joint: int) -> float:
-    return max(float(np.max(np.abs(s.qd[:, joint]))) for s in states)

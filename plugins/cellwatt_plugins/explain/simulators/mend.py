@@ -207,9 +207,8 @@ def unwritten(found: Explained, solution: Solution, refused: Sequence[tuple[str,
         elif effect.name not in EXPRESSED:
             course = [remainder(term, s, problem.states) for s in problem.states]
             out += _entries(effect.name, why_unwritten(term), course, problem)
-    rotor = retuned(solution, None).rotor_inertia
-    if any(effect == "rotor_inertia" for effect, _ in why):
-        reason = next(text for (effect, _), text in why.items() if effect == "rotor_inertia")
+    if reason := next((text for (effect, _), text in why.items() if effect == "rotor_inertia"), None):
+        rotor = retuned(solution, None).rotor_inertia
         out += _entries("rotor_inertia", reason, [rotor * s.qdd for s in problem.states], problem)
     return out
 

@@ -130,8 +130,8 @@ def load_simulator(path: Path, joints: Sequence[str]) -> Simulator:
     others = [j.name or f"number {j.id}" for j in map(model.joint, range(model.njnt)) if j.name not in names]
     if others:
         notes.append(f"{path.name}: held at their reference: {', '.join(others)}")
-    if model.neq:
-        notes.append(f"{path.name}: its equality constraints are left out")
+    absent = {"equality constraints": model.neq > 0, "frictions of tendons": np.any(model.tendon_frictionloss > 0)}
+    notes += [f"{path.name}: its {what} are left out" for what, present in absent.items() if present]
     if np.any(model.body_gravcomp > 0) and not np.any(model.jnt_actgravcomp):
         notes.append(f"{path.name}: gravity is compensated (gravcomp): its torques are without that weight")
     return Simulator(path, model, tuple(names), tuple(notes))

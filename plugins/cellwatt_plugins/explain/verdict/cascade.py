@@ -121,14 +121,11 @@ def cascade(sides: Sequence[Falling], mounted: Float | None) -> tuple[Step, ...]
     def put(i: int, values: Float) -> None:
         errors.update({(i, c): float(values[c]) for c in sides[i].problem.observed})
 
-    steps = []
-    if mounted is None:
-        steps.append(step("simulation", "your simulation", held_out=False))
-    else:
-        upright = [side.simulation for side in sides]
+    if mounted is not None:
         put(0, mounted)
-        steps.append(step("simulation", "your simulation", held_out=False))
-        put(0, upright[0])
+    steps = [step("simulation", "your simulation", held_out=False)]
+    if mounted is not None:
+        put(0, sides[0].simulation)
         steps.append(step("finding", "mount of the base", "gravity_tilt", held_out=False))
     parts = [[(i, added) for added in side.added] for i, side in enumerate(sides)]
     for i, added in heapq.merge(*parts, key=lambda pair: (pair[1].curve, -pair[1].drop)):

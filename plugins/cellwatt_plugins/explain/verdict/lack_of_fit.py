@@ -75,7 +75,7 @@ def _windows(solution: Solution, channel: int) -> list[Float]:
 
 def _place(solution: Solution, channel: int, strong: NDArray[np.bool_]) -> LackOfFit:
     problem = solution.problem
-    squared = solution.residual[:, channel] ** 2
+    rms = float(np.sqrt(np.mean(np.square(solution.residual[:, channel]))))
     spans, positions, speeds, at = [], [], [], 0
     every = zip(problem.states, problem.rows, _windows(solution, channel), strict=True)
     for states, rows, windows in every:
@@ -94,14 +94,7 @@ def _place(solution: Solution, channel: int, strong: NDArray[np.bool_]) -> LackO
         else None
         for name, parts in (("q", positions), ("qd", speeds))
     )
-    return LackOfFit(
-        channel,
-        float(np.sqrt(np.mean(squared))),
-        float(problem.floor[channel]),
-        velocity,
-        position,
-        tuple(_joined(spans)[:20]),
-    )
+    return LackOfFit(channel, rms, float(problem.floor[channel]), velocity, position, tuple(_joined(spans)[:20]))
 
 
 def mostly(values: Float, everywhere: Float) -> tuple[float, float] | None:

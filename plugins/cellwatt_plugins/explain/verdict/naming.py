@@ -88,7 +88,8 @@ def _finding(
     return Finding(
         effect=term.effect.name,
         joint=term.number,
-        kind="mistuned" if described or _within_gain(term, gain) else "missing",
+        # A torque gain is of an imprecise torque constant in the description.
+        kind="mistuned" if described or (gain > 0 and term.effect.name == "torque_gain") else "missing",
         confidence=min(_confidence(term, own, rivals), _worth(step, share, seen or _seen(main, added))),
         statement=statement if term.joint is None else robot.unit(term.joint, statement),
         parameters=parameters,
@@ -98,11 +99,6 @@ def _finding(
         alternatives=(*_alternatives(term, own, rivals), *_inseparable(term, gain)),
         was=described or None,
     )
-
-
-def _within_gain(term: Term, gain: float) -> bool:
-    """True for a torque gain where the description has an imprecise torque constant."""
-    return gain > 0 and term.effect.name == "torque_gain"
 
 
 def _mistuned(who: str, term: Term, parameters: Mapping[str, Parameter], described: float) -> str:

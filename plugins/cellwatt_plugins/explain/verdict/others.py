@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
 from cellwatt.scheduler import spread
 from cellwatt_plugins.explain.input.admission import check_run
@@ -82,13 +81,9 @@ def _compared(file: Source, known: tuple[Model, Path | None, float, dict[str, fl
         read = np.isfinite(measured) & ~run.filled
         if name in usual and read.any():
             off = float(np.sqrt(np.mean(np.square(measured - modelled)[read])))
-            explained = _explained(off, usual[name], measured[read], model)
-            found.append(Other(file.name, explained, name, unit, off, usual[name]))
+            # Unexplained is an error above both the usual one and the share of the measured values that matters.
+            most = max(FACTOR * usual[name], model.robot.tolerances.unexplained * float(np.std(measured[read])))
+            found.append(Other(file.name, off < most, name, unit, off, usual[name]))
     if not found:
         return Other(file.name, None, why="it has no channel that was explained in the other recordings")
     return max(found, key=lambda other: (other.explained is False, other.error / other.usual))
-
-
-def _explained(error: float, usual: float, measured: Float, model: Model) -> bool:
-    """True unless the error exceeds both the usual error and the share of the measured values that matters."""
-    return error < max(FACTOR * usual, model.robot.tolerances.unexplained * float(np.std(measured)))

@@ -135,20 +135,20 @@ def _link(joint: int, own: Float, off: Float, spread: Float, tolerance: float) -
 
 def _number(moved: _Moved, fall: Falling, explained: Sequence[int]) -> RetunedNumber:
     unit = moved.unit.replace("N*m", "Nm").replace("*", " ").replace("^2", "²")
-    allowed = "beyond" if moved.beyond else "within"
     more, less = ("heavier", "lighter") if moved.parameter == "mass" else ("more", "less")
     way = more if moved.off > 0 else less
+    allowed = f"{moved.tolerance:.2g} {unit} (one standard deviation)"
     statement = (
-        f"{_what(moved)} is {abs(moved.off):.2g} ± {moved.std:.1g} {unit} {way} than in your simulation "
-        f"({moved.was + moved.off:.3g} instead of {moved.was:.3g} {unit}): {allowed} what you allow "
-        f"(± {moved.tolerance:.2g} {unit}, one standard deviation)"
+        f"{_what(moved)} is {abs(moved.off):.2g} ± {moved.std:.1g} {unit} {way} than in your simulation: "
+        f"{moved.was + moved.off:.3g} instead of {moved.was:.3g} {unit}. "
+        + (f"This is more than twice your tolerance of {allowed}." if moved.beyond else f"Your tolerance is {allowed}.")
     )
     falls = [
         f"{'the supply' if fall.problem.side == 'supply' else f'joint {c + 1}'} ({fall.untuned[c]:.3g} → "
         f"{fall.model[c]:.3g} {fall.problem.channel(c)[1].replace('*', '')})"
         for c in explained
     ]
-    statement += f", and with it retuning explains most of {' and '.join(falls)}." if falls else "."
+    statement += f" Retuning it with the others explains most of {' and '.join(falls)}." if falls else ""
     joint = None if moved.joint is None else moved.joint + 1
     was, off, std, tolerance = (float(x) for x in (moved.was, moved.off, moved.std, moved.tolerance))
     return RetunedNumber(moved.parameter, joint, was, was + off, std, moved.unit, tolerance, moved.beyond, statement)

@@ -11,9 +11,10 @@ from click.testing import CliRunner
 from cellwatt.commands import cli
 from cellwatt_plugins.explain.demo.arm import JOINTS, believed, draw, mjcf
 from cellwatt_plugins.explain.demo.physics import Concealed, conceal, kinds
-from cellwatt_plugins.explain.demo.plant import Motion, run
+from cellwatt_plugins.explain.demo.plant import run
 from cellwatt_plugins.explain.demo.reveal import compared
 from cellwatt_plugins.robot.effects import BY_NAME
+from cellwatt_plugins.robot.motion import Plan
 
 pytest.importorskip("mujoco")
 LEANING = np.array([0.0, 1.2, 0.0, 0.0])
@@ -33,7 +34,7 @@ def torque(tmp_path, kind: str | None, moving: int | None = None) -> tuple[np.nd
     if moving is not None:
         q[:, moving] += CREEP * (t - t[-1])
         qd[:, moving] = CREEP
-    log = run(arm, tmp_path / "arm.xml", concealed, Motion(q, qd, np.zeros_like(q)), np.random.default_rng(4))
+    log = run(arm, tmp_path / "arm.xml", concealed, Plan(q, qd, np.zeros_like(q)), np.random.default_rng(4))
     return log.torque[100:].mean(axis=0), concealed
 
 

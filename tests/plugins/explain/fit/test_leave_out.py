@@ -31,12 +31,8 @@ def held(problem) -> LeaveOut:
 
 def test_runs_of_one_motion_share_their_folds(problem):
     """A third run that makes the motion of the first again is left out with it."""
-    again = replace(
-        problem,
-        states=(*problem.states, problem.states[0]),
-        rows=(*problem.rows, problem.rows[0]),
-        target=(*problem.target, problem.target[0]),
-    )
+    runs = {name: getattr(problem, name) for name in ("states", "rows", "target")}
+    again = replace(problem, **{name: (*parts, parts[0]) for name, parts in runs.items()})
     fold, count = folds_of(again)
     first, other, repeated = np.split(fold, np.cumsum([len(part) for part in problem.target]))
     np.testing.assert_array_equal(first, repeated)

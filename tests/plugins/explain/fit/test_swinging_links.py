@@ -32,12 +32,8 @@ def solved(problem, residual, terms=(SWINGS,)):
     """As if the fit had left ``residual`` beside terms of their full size."""
     blocks = [problem.block(term) for term in terms]
     ends = np.cumsum([0, *(block.size for block in blocks)])
-    fit = SimpleNamespace(
-        residual=residual,
-        blocks=blocks,
-        slices=[slice(a, b) for a, b in pairwise(ends)],
-        coefficients=np.ones(ends[-1]),
-    )
+    slices = [slice(a, b) for a, b in pairwise(ends)]
+    fit = SimpleNamespace(residual=residual, blocks=blocks, slices=slices, coefficients=np.ones(ends[-1]))
     return Solution(problem, list(terms), fit, np.ones(plant.JOINTS))
 
 

@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from cellwatt_plugins.robot import Arm
-from tests.plugins.explain.recorded_arm import load, write_robot
+from tests.plugins.explain.recorded_arm import write_robot
 
 
 @pytest.fixture(scope="package")
@@ -15,4 +15,4 @@ def described(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="package")
 def arm(described: Path) -> Arm:
     """The arm as its description has it."""
-    return load(described)
+    return Arm.load(described)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from cellwatt.errors import RecordingError
+from cellwatt_plugins.explain.input.admission import check_run
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.robot import Arm
 from tests.plugins.explain.input.reading import examine, read_runs
@@ -13,9 +14,9 @@ from tests.plugins.explain.recorded_arm import (
     JOINTS,
     NOISE,
     excitation,
-    load,
     points,
     recorded,
+    some,
     without_plan,
     write_robot,
 )
@@ -30,7 +31,7 @@ PLAN = ("position", "velocity", "acceleration")
 def bare(tmp_path_factory):
     """A description that knows no friction and no rotors."""
     changes = {"coulomb_friction": 0.0, "viscous_friction": 0.0, "rotor_inertia": 0.0}
-    return load(write_robot(tmp_path_factory.mktemp("bare"), **changes))
+    return Arm.load(write_robot(tmp_path_factory.mktemp("bare"), **changes))
 
 
 @pytest.fixture(scope="module")
@@ -215,18 +216,46 @@ def test_too_short(described, arm):
     assert "200 usable samples in 2.00 s" in refusal([replace(gappy, gaps=gappy.time >= 2.0)], arm)
 
 
-def at_rest(described, name="rest"):
-    moves = excitation(1)
-    still = replace(moves, q=np.tile(moves.q[0], (len(moves.time), 1)), qd=0 * moves.qd, qdd=0 * moves.qdd)
-    return recorded(described, still, name=name)
+def at_rest(described):
+    return recorded(described, some(excitation(1)), name="rest")
 
 
 def test_nothing_moves(described, arm):
-    assert "rest: nothing moves (at most 0.000" in refusal([at_rest(described)], arm)
+    rest = at_rest(described)
+    assert "rest: nothing moves (at most 0.000" in refusal([rest], arm)
+    with pytest.raises(RecordingError, match="rest: nothing moves"):
+        check_run(rest, arm)
+
+
+def test_a_motion_without_its_torque_shows_nothing(described, arm):
+    run = recorded(described, some(excitation(1), 1))
+    torque = np.where(np.arange(JOINTS) == 0, np.nan, run.torque)
+    assert "run_01: nothing moves (at most 0.000" in refusal([replace(run, torque=torque)], arm)
+
+
+SHORT = [(excitation, 3, "gain", 0.0, 1.2), (points, 1, "gain", 3.8, 1.2), (excitation, 1, "ceiling", 0.0, 3.0)]
+
+
+@pytest.mark.parametrize(("motion", "seed", "effect", "start", "seconds"), SHORT)
+def test_along_one_way_torques_show_neither_order_nor_sign(motion, seed, effect, start, seconds, described, arm):
+    run = without_plan(recorded(described, motion(seed), effect=EFFECTS[effect], seed=7))
+    rows = (run.time >= start) & (run.time < start + seconds)
+    columns = {name: getattr(run, name)[rows] for name in ("time", *ALL, "power")}
+    assert examine([recorded(described, excitation(5)), replace(run, name="short", **columns)], arm)[1] == []
 
 
 def test_a_run_at_rest_among_others_is_a_note(described, arm):
     assert examine([at_rest(described), recorded(described, excitation(1))], arm)[1] == ["rest: the arm stands still"]
+
+
+def test_rounding_of_a_simulated_torque_is_in_no_order(described, arm):
+    moves = excitation(1)
+    run = recorded(described, some(replace(moves, q=moves.q - moves.q[0]), 6))
+    torque = run.simulated.torque.copy()
+    torque[:, 0] = 1e-16 * np.random.default_rng(3).standard_normal(len(torque))
+    simulated = replace(run.simulated, torque=torque)
+    (note,) = examine([replace(run, simulated=simulated)], arm)[1]
+    assert note == "joints 1, 2, 3, 4, 5 never moved: friction and inertia there cannot be found"
 
 
 @pytest.mark.parametrize("effect", EFFECTS)
@@ -285,11 +314,8 @@ def test_other_supplies_are_no_wrong_unit(run, arm):
 
 
 def test_what_never_moved_is_a_note(described, arm):
-    moves = excitation(1)
-    still = np.array([1, 1, 1, 1, 0, 0])
-    some = replace(moves, q=moves.q * still, qd=moves.qd * still, qdd=moves.qdd * still)
-    assert examine([recorded(described, some)], arm)[1] == [
-        "joints 5, 6 never moved: its friction and inertia cannot be found"
+    assert examine([recorded(described, some(excitation(1), 1, 2, 3, 4))], arm)[1] == [
+        "joints 5, 6 never moved: friction and inertia there cannot be found"
     ]
 
 

@@ -9,8 +9,7 @@ import pytest
 
 from cellwatt_plugins.explain.explain import explain
 from cellwatt_plugins.explain.input.baseline import baseline
-from cellwatt_plugins.explain.input.run import Run, Simulated
-from cellwatt_plugins.robot.motion import Plan
+from cellwatt_plugins.explain.input.run import Run
 from tests.plugins.explain import plant
 from tests.plugins.explain.input.reading import examine
 
@@ -30,13 +29,6 @@ def silent(tmp_path_factory):
     return plant.load(plant.write_robot(tmp_path_factory.mktemp("silent"), **nothing, standby_power=0.0))
 
 
-def says(arm, course, time, more=0.0):
-    """What a simulation of an arm says of a motion; ``more`` Nm on top."""
-    q, qd, qdd = course(time)
-    torque = plant.motors(arm, q, qd, qdd) + more
-    return Simulated(time, Plan(q, qd, qdd), torque, plant.draw(arm, torque, qd))
-
-
 def run(simulated, name="run"):
     """A recording that follows its plan exactly."""
     plan = simulated.plan
@@ -49,7 +41,7 @@ TIME = np.arange(2400) / plant.RATE
 
 
 def test_without_a_simulation_it_is_the_description(described):
-    bare = replace(run(says(plant.NOMINAL, plant.moves(1, 24.0), TIME)), simulated=None)
+    bare = replace(run(plant.simulated(plant.moves(1, 24.0), TIME)), simulated=None)
     base = baseline([bare], described)
     assert base.arm == described
     assert base.beyond(bare) == (None, None)
@@ -63,20 +55,20 @@ def turned_early(lead):
 
 @pytest.mark.parametrize("lead", [0.0, 0.0095])
 def test_friction_that_turns_over_early_is_found_in_the_simulation(silent, lead):
-    base = baseline([run(says(plant.NOMINAL, plant.moves(1, 24.0), TIME, turned_early(lead)))], silent)
+    base = baseline([run(plant.simulated(plant.moves(1, 24.0), TIME, more=turned_early(lead)))], silent)
     assert base.arm.description.friction_lead == pytest.approx(lead, abs=0.001)
 
 
 def test_an_arm_whose_friction_turns_with_its_velocity_has_no_lead(silent):
     early = turned_early(0.0095)
-    simulated = run(says(plant.NOMINAL, plant.moves(1, 24.0), TIME, early))
+    simulated = run(plant.simulated(plant.moves(1, 24.0), TIME, more=early))
     arm = replace(simulated, torque=simulated.torque - early)
     assert examine([simulated], silent)[0].lead is None
     assert examine([arm], silent)[0].lead == 0.0
 
 
 def test_numbers_that_the_description_lacks_are_the_simulations(silent):
-    runs = [run(says(plant.NOMINAL, plant.moves(seed, 24.0), TIME)) for seed in (1, 2)]
+    runs = [run(plant.simulated(plant.moves(seed, 24.0), TIME)) for seed in (1, 2)]
     base = baseline(runs, silent)
     for name in ("coulomb", "viscous", "rotor", "resistance"):
         key = {"coulomb": "coulomb_friction", "viscous": "viscous_friction", "rotor": "rotor_inertia"}
@@ -90,7 +82,7 @@ def test_numbers_that_the_description_lacks_are_the_simulations(silent):
 
 def test_a_tool_that_the_urdf_lacks_is_carried_to_other_motion(silent):
     """The links found from one motion say what the tool needs in another."""
-    runs = [run(says(HEAVIER, plant.moves(seed, 24.0), TIME)) for seed in (1, 2)]
+    runs = [run(plant.simulated(plant.moves(seed, 24.0), TIME, HEAVIER)) for seed in (1, 2)]
     base = baseline(runs, silent)
     q, qd, qdd = plant.moves(9, 10.0)(TIME[:1000])
     clear = np.all((np.abs(qd) > 0.05) | (qd == 0), axis=1)

@@ -1,16 +1,15 @@
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
 from cellwatt.errors import ConfigError, RecordingError
-from cellwatt.frames import FrameChannel, Frames, Layout
 from cellwatt.record import Header, Recorder, RecordSettings
 from cellwatt_plugins.explain.input.reading import read_motion
 from cellwatt_plugins.explain.input.signals import read_signals
+from cellwatt_plugins.robot import Arm
+from tests.plugins.explain.emulated_arm import START, framed, layout
 from tests.plugins.explain.input.reading import read_runs
-from tests.plugins.explain.logs import numbered
-from tests.plugins.explain.recorded_arm import CONSTANT, JOINTS, load, write_robot
+from tests.plugins.explain.logs import numbered, parquet
+from tests.plugins.explain.recorded_arm import CONSTANT, JOINTS, write_robot
 
 RATE = 125.0
 
@@ -35,11 +34,6 @@ def simulation(t):
 
 def times(seconds=8.0, rate=RATE):
     return np.arange(round(seconds * rate)) / rate
-
-
-def parquet(path, columns):
-    pq.write_table(pa.table(columns), path)
-    return path
 
 
 def csv(path, columns, separator=","):
@@ -118,19 +112,9 @@ def test_targets_logged_ahead_of_the_motion_are_moved_back(tmp_path, arm):
 async def recorded_by_cellwatt(folder, t):
     """Frames at 50 Hz."""
     q, qd, _, tau = motion(t)
-    channels = [
-        FrameChannel(f"arm.joint_{i + 1}.{quantity}", unit, "continuous", "linear")
-        for quantity, unit in (("position", "rad"), ("velocity", "rad/s"), ("torque", "Nm"))
-        for i in range(JOINTS)
-    ]
-    table = np.column_stack([q, qd, tau, 100 + t])
-    layout = Layout((*channels, FrameChannel("meter.supply.power", "W", "continuous", "average")), 50.0)
-    start = 1_790_000_000 * 10**9
-    recorder = Recorder(RecordSettings(folder=folder), Header("plant-1", "bench", start))
+    recorder = Recorder(RecordSettings(folder=folder), Header("plant-1", "bench", START))
     recorder.start()
-    none = np.zeros(table.shape, np.int64)
-    time = start + np.arange(len(t)) * layout.step
-    assert recorder.put(Frames(layout, 0, time, table, none.astype(np.uint8), none))
+    assert recorder.put(framed(layout(), np.column_stack([q, qd, tau, 100 + t])))
     await recorder.close()
 
 
@@ -147,7 +131,7 @@ async def test_cellwatts_own_recordings(tmp_path, arm):
 
 
 def test_currents_need_torque_constants(tmp_path):
-    arm = load(write_robot(tmp_path, torque_constant=0.0))
+    arm = Arm.load(write_robot(tmp_path, torque_constant=0.0))
     columns = recording(times())
     for i in range(JOINTS):
         columns[f"current_{i + 1}"] = columns.pop(f"tau_{i + 1}")
@@ -238,6 +222,16 @@ def test_many_unusable_values_are_refused(tmp_path, arm):
     assert message in refused(parquet(tmp_path / "a.parquet", columns), arm)
 
 
+@pytest.mark.parametrize(("column", "attribute"), [("qd_3", "velocity"), ("power", "power")])
+def test_velocity_and_power_with_many_unusable_values_are_not_used(tmp_path, arm, column, attribute):
+    columns = recording(times())
+    columns[column][300:320] = np.nan
+    run = one(parquet(tmp_path / "a.parquet", columns), arm)
+    assert getattr(run, attribute) is None
+    assert not run.gaps.any()
+    assert f"{column} has no usable number in 2.0 % of its rows, first at t = 2.400 s. It is not used" in run.notes[0]
+
+
 def test_a_temperature_that_is_empty_leaves_the_temperatures_out(tmp_path, arm):
     t = times()
     columns = recording(t, **numbered("temperature", 30 + motion(t)[0]))
@@ -277,10 +271,7 @@ TAU = tuple(f"tau_{i + 1}" for i in range(JOINTS))
         (without("qd_6"), "5 joints in the columns qd_1 … qd_5, but the robot's description has 6 (axis_1, axis_2"),
         (changed(t=lambda c: np.minimum(c["t"], 5.0)), "374 of 1000 rows have no new time"),
         (changed(t=lambda c: c["t"] % 4.0), "the time goes back from 3.992 to 0.000 s in row 501"),
-        (
-            changed(t=lambda c: c["t"] + 1.7e9 * (c["t"] > 1)),
-            "jumps from 1.000 to 1700000001.008 s in row 127: was",
-        ),
+        (changed(t=lambda c: c["t"] + 1.7e9 * (c["t"] > 1)), "jumps from 1.000 to 1700000001.008 s in row 127: was"),
         (changed(t=lambda c: 1000 * c["t"]), "rises by 8 from row to row, in whole numbers: is it in milliseconds"),
     ],
 )

@@ -8,23 +8,17 @@ import pyarrow.parquet as pq
 import pytest
 
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.explain.input.run import Run
+from cellwatt_plugins.robot import Arm
+from tests.plugins.explain import recorded_arm
 from tests.plugins.explain.input.reading import examine, read_runs
 from tests.plugins.explain.logs import logged
-from tests.plugins.explain.recorded_arm import JOINTS, NOISE, excitation, load, model, needed
+from tests.plugins.explain.recorded_arm import JOINTS, excitation, without_plan
 from tests.plugins.robot import scara
 
 
 def recorded(path, moves):
-    """A recording without a plan."""
-    random = np.random.default_rng(0)
-    return Run(
-        name="run",
-        time=moves.time,
-        position=moves.q + 1e-4 * random.standard_normal(moves.q.shape),
-        velocity=moves.qd + 2e-3 * random.standard_normal(moves.q.shape),
-        torque=needed(model(path), moves) + NOISE * random.standard_normal(moves.q.shape),
-    )
+    """A recording without a plan, and without power."""
+    return replace(without_plan(recorded_arm.recorded(path, moves, "run")), power=None)
 
 
 def slowly(described, rate, seconds, seed=1):
@@ -76,13 +70,10 @@ def endless(described, folder, kind, limit):
 
 @pytest.mark.parametrize(
     ("kind", "limit"),
-    [
-        ("continuous", ""),
-        ("revolute", '<limit effort="39" velocity="1.4"/>'),
-    ],
+    [("continuous", ""), ("revolute", '<limit effort="39" velocity="1.4"/>')],
 )
 def test_joints_that_turn_without_end_are_described_as_any_other(kind, limit, tmp_path, described, arm):
-    endlessly = load(endless(described, tmp_path, kind, limit))
+    endlessly = Arm.load(endless(described, tmp_path, kind, limit))
     moves = excitation(2, seconds=2.0)
     torque = endlessly.body.inverse_dynamics(moves.q, moves.qd, moves.qdd)
     np.testing.assert_allclose(torque, arm.body.inverse_dynamics(moves.q, moves.qd, moves.qdd), atol=1e-9)
@@ -93,7 +84,7 @@ def test_joints_that_turn_without_end_are_described_as_any_other(kind, limit, tm
 
 def test_columns_of_a_linear_axis_have_its_units(tmp_path):
     time, q, qd, qdd = scara.motion()
-    arm = load(scara.write(tmp_path))
+    arm = Arm.load(scara.write(tmp_path))
     torque = scara.torque(q, qd, qdd)
     columns = {"t": time, "q_1 [deg]": np.degrees(q[:, 0]), "q_2": q[:, 1], "q_3 [mm]": 1e3 * q[:, 2]}
     columns |= {"tau_1": torque[:, 0], "tau_2": torque[:, 1], "tau_3 [N]": torque[:, 2]}

@@ -23,7 +23,6 @@ from cellwatt_plugins.explain.live.settings import ExplainSettings, MismatchSett
 from cellwatt_plugins.explain.stage import MismatchStage
 from cellwatt_plugins.segment import SegmentSettings, SegmentStage
 from tests.plugins.explain.emulated_arm import START, cut, frames, layout, recorded
-from tests.plugins.explain.recorded_arm import write_robot
 
 pytestmark = pytest.mark.timeout(300)
 
@@ -33,11 +32,6 @@ def _gets_its_turn(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPat
     """The stage explains at the lowest priority: beside busy processes it would not come to its end."""
     if request.node.originalname != "test_it_gives_way_and_ends_by_itself":
         monkeypatch.setattr(explanation, "NICENESS", 0)
-
-
-@pytest.fixture(scope="module")
-def robot(tmp_path_factory):
-    return write_robot(tmp_path_factory.mktemp("robot"), viscous_friction=0.0).parent
 
 
 @pytest.fixture(scope="module")

@@ -9,13 +9,7 @@ from cellwatt.errors import ConfigError
 from cellwatt.frames import FrameChannel, Layout
 from cellwatt.results import Alarm, Prediction
 from tests.plugins.explain.emulated_arm import JOINTS, framed, frames, layout, recorded
-from tests.plugins.explain.recorded_arm import write_robot
 from tests.plugins.explain.test_stage import made, run
-
-
-@pytest.fixture(scope="module")
-def robot(tmp_path_factory):
-    return write_robot(tmp_path_factory.mktemp("robot"), viscous_friction=0.0).parent
 
 
 def beside(arm, twin, without=()):

@@ -71,12 +71,7 @@ def test_a_motion_that_is_not_done_any_more_is_forgotten():
 
 @pytest.mark.parametrize(
     "other",
-    [
-        interval(9, way=0.55),
-        interval(9, pose=0.2),
-        interval(9, moving=(2, 3)),
-        interval(9, length=1.2),
-    ],
+    [interval(9, way=0.55), interval(9, pose=0.2), interval(9, moving=(2, 3)), interval(9, length=1.2)],
 )
 def test_what_is_another_motion(other):
     motions = Motions()

@@ -37,10 +37,13 @@ def test_a_urdf_needs_no_meshes(tmp_path):
 
 
 def test_fingers_rest_and_contacts_do_not_push(tmp_path):
-    """The elbow folds the lower link into the upper one, and a gripper has a joint of its own."""
-    arm = load_simulator(written(tmp_path, FULL.mjcf(hand=FINGER)), JOINTS)
+    """The elbow folds the lower link into the upper one, and a gripper has a joint of its own, drawn by a cable."""
+    cable = '<tendon><fixed frictionloss="2"><joint joint="grip" coef="1"/></fixed></tendon>'
+    text = FULL.mjcf(hand=FINGER).replace("</worldbody>", f"</worldbody>{cable}")
+    arm = load_simulator(written(tmp_path, text), JOINTS)
     np.testing.assert_allclose(arm.torque(*moves(), leading=False), FULL.torque(*moves()), atol=1e-6)
-    assert arm.notes == ("arm.xml: held at their reference: grip",)
+    left_out = "arm.xml: its frictions of tendons are left out"
+    assert arm.notes == ("arm.xml: held at their reference: grip", left_out)
 
 
 @pytest.mark.parametrize(

@@ -52,10 +52,7 @@ def test_the_time_is_told(arm):
 
 
 def test_the_position_is_told(arm):
-    def dent(time, q, qd, run):
-        return plant.column(25 * np.exp(-(((q[:, 0] - 0.5) / 0.08) ** 2)), 1)
-
-    (found,) = left(arm, dent)
+    (found,) = left(arm, lambda t, q, qd, run: plant.column(25 * np.exp(-(((q[:, 0] - 0.5) / 0.08) ** 2)), 1))
     assert found.channel == 0
     low, high = found.position
     assert low < 0.5 < high
@@ -76,15 +73,13 @@ def test_what_is_small_but_where_it_acts_is_told(arm):
     """The same mean square: a hum that is always there, and knocks that act now and then."""
     hum = 1.6 * plant.TORQUE_NOISE[1]
 
-    def always(time, q, qd, run):
-        return plant.column(np.sqrt(2) * hum * np.sin(2 * np.pi * 9 * time), 2)
-
     def knocks(time, q, qd, run):
         on = np.mod(time, 3.1) < 0.25
         return plant.column(on * hum / np.sqrt(np.mean(on)) * np.sign(np.sin(2 * np.pi * 9 * time)), 2)
 
     measured = np.std(plant.record("run_01", 1, plant.Missing()).torque[:, 1])
     assert 0.05 * measured < hum < 0.1 * measured
-    assert left(arm, always, **EIGHTH) == []
+    always = np.sqrt(2) * hum
+    assert left(arm, lambda t, q, qd, run: plant.column(always * np.sin(2 * np.pi * 9 * t), 2), **EIGHTH) == []
     (found,) = left(arm, knocks, **EIGHTH)
     assert found.channel == 1

@@ -12,9 +12,9 @@ from cellwatt.arrays import Float
 from cellwatt_plugins.explain.fit.problem import Place, Problem, Term
 from cellwatt_plugins.explain.fit.retuning import loose
 from cellwatt_plugins.explain.fit.search.budget import now
-from cellwatt_plugins.explain.fit.sides import MOVES
 from cellwatt_plugins.explain.fit.solution import Candidate, Solution, Trial
 from cellwatt_plugins.explain.fit.thresholds import Thresholds
+from cellwatt_plugins.explain.input.factors import MOVES
 from cellwatt_plugins.robot.blocks import Block
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.effect import Effect
@@ -83,10 +83,8 @@ class SearchState:
 
     def _anew(self) -> None:
         # Results of motion and priors alone remain valid; the weight of each sample changes.
-        old = self.problem
-        self.problem = replace(
-            loose(self.make(self.turning, self.late), self.looseness), simulated=old.simulated, made=old.made
-        )
+        new = loose(self.make(self.turning, self.late), self.looseness)
+        self.problem = replace(new, simulated=self.problem.simulated, made=self.problem.made)
         self.solved.clear()
         self.known.clear()
         self.residuals = None

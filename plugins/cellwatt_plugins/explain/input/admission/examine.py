@@ -59,8 +59,8 @@ def admit(runs: Sequence[Run], arm: Arm) -> Admitted:
     if not runs:
         raise RecordingError("no recording given")
     check_length(runs)
-    check_moving(runs)
     check_read(runs)
+    check_moving(runs)
     notes = [note for run in runs for note in run.notes]
     # Not spread over workers: sending a run takes as long as these checks.
     for run in steps(runs, "checking run"):
@@ -84,7 +84,8 @@ def _turning_over(
     def made(lead: float | None) -> tuple[float, Baseline, list[States]]:
         law = replace(base, lead=lead)
         states = [law.along(run, i, *course) for i, (run, course) in enumerate(zip(runs, courses, strict=True))]
-        off = [np.diff((run.torque - s.nominal) / _spread(run), axis=0) for run, s in zip(runs, states, strict=True)]
+        pairs = [(run.torque, s.nominal) for run, s in zip(runs, states, strict=True)]
+        off = [np.diff((torque - nominal) / np.nanstd(torque), axis=0) for torque, nominal in pairs]
         return float(np.nansum(np.square(np.concatenate(off)))), law, states
 
     first = made(None)
@@ -94,14 +95,11 @@ def _turning_over(
     return first[1:] if first[0] < SOONER * plain[0] else plain[1:]
 
 
-def _spread(run: Run) -> float:
-    return float(np.nanstd(run.torque))
-
-
 def check_run(run: Run, arm: Arm) -> Moved:
     """Check a single run and return its motion. Raises as ``admit``; ``arm`` is the simulation's."""
     check_length((run,))
     check_read((run,))
+    check_moving((run,))
     _check(run, arm)
     return _moved(run, arm)
 

@@ -11,15 +11,14 @@ from scipy.optimize import linear_sum_assignment
 
 from cellwatt.arrays import Bool, Float
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.explain.input.factors import DEGREES, RPM, order_text, recognised, times_text, usable
+from cellwatt_plugins.explain.input.factors import DEGREES, MOVES, RPM, order_text, recognised, times_text, usable
 from cellwatt_plugins.explain.input.run import Run
+from cellwatt_plugins.explain.input.unread import unread
 from cellwatt_plugins.robot import Arm, RobotDescription
 from cellwatt_plugins.robot.motion import rates
 
 AT_REST = 0.01
 """Travel, rad, below which a joint is at rest."""
-MOVES = 0.05
-"""Travel, rad, above which a joint certainly moves."""
 WIDE = 0.2
 """Travel, rad, above which the derivative of a position can be compared."""
 FLICKER = 0.1
@@ -54,13 +53,13 @@ def travel(run: Run) -> Float:
 
 
 def check_moving(runs: Sequence[Run]) -> None:
-    """Raises ``RecordingError`` if no joint moves in any run."""
-    widest = max(float(travel(run).max()) for run in runs)
-    if widest < AT_REST:
+    """Raises ``RecordingError`` if no joint with torque certainly moves in any run."""
+    widest = max(float(np.where(unread(run), 0.0, travel(run)).max()) for run in runs)
+    if widest < MOVES:
         names = runs[0].name if len(runs) == 1 else "the recordings"
         raise RecordingError(
-            f"{names}: nothing moves (at most {widest:.4f} rad): at rest only standby power and holding torques are "
-            "visible; record at least some seconds of motion of every joint"
+            f"{names}: nothing moves (at most {widest:.4f} rad at a joint whose torque was recorded): at rest only "
+            "standby power and holding torques are visible; record at least some seconds of motion of every joint"
         )
 
 
@@ -114,10 +113,8 @@ def check_velocity(run: Run, robot: RobotDescription) -> None:
         return
     rows = usable(run)
     # Central differences of a slow log are means over two steps: the recorded velocities are averaged alike.
-    velocity, own = (
-        convolve1d(run.velocity, SIMPSON, axis=0, mode="nearest")[rows],
-        rates(run.position, run.step)[1][rows],
-    )
+    velocity = convolve1d(run.velocity, SIMPSON, axis=0, mode="nearest")[rows]
+    own = rates(run.position, run.step)[1][rows]
     wide = np.flatnonzero(travel(run) > WIDE)
     if not len(wide):
         return

@@ -10,10 +10,11 @@ from scipy.optimize import linear_sum_assignment
 
 from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.explain.input.admission.motion import MOVES, span
+from cellwatt_plugins.explain.input.admission.motion import span
 from cellwatt_plugins.explain.input.alignment import LATE, delay
 from cellwatt_plugins.explain.input.factors import (
     DEGREES,
+    MOVES,
     joints_text,
     order_text,
     recognised,

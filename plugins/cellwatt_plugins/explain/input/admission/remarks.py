@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.explain.input.admission.motion import AT_REST, MOVES, travel
-from cellwatt_plugins.explain.input.factors import joints_text, usable
+from cellwatt_plugins.explain.input.admission.motion import AT_REST, travel
+from cellwatt_plugins.explain.input.factors import MOVES, joints_text, usable
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.explain.input.unread import unread_remarks
 from cellwatt_plugins.robot import RobotDescription
@@ -39,7 +39,7 @@ def remarks(runs: Sequence[Run], robot: RobotDescription) -> list[str]:
     widest = np.max([travel(run) for run in runs], axis=0)
     notes = [f"{run.name}: the arm stands still" for run in runs if travel(run).max() < AT_REST]
     if (still := np.flatnonzero(widest < MOVES)).size:
-        notes.append(f"{joints_text((still + 1).tolist())} never moved: its friction and inertia cannot be found")
+        notes.append(f"{joints_text((still + 1).tolist())} never moved: friction and inertia there cannot be found")
     if all(run.power is None for run in runs):
         notes.append("no power recorded: the supply cannot be examined")
     notes += unread_remarks(runs)

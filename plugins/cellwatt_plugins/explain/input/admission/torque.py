@@ -12,8 +12,16 @@ from scipy.optimize import linear_sum_assignment
 
 from cellwatt.arrays import Bool, Float
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.explain.input.admission.agreement import SAMPLES, Expected, Sample, Torques, sample_of
-from cellwatt_plugins.explain.input.factors import DEGREES, joints_text, order_text, recognised, times_text
+from cellwatt_plugins.explain.input.admission.agreement import (
+    SAMPLES,
+    STOPPED,
+    Expected,
+    Sample,
+    Torques,
+    deviation,
+    sample_of,
+)
+from cellwatt_plugins.explain.input.factors import DEGREES, MOVES, joints_text, order_text, recognised, times_text
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import Moved, Plan
@@ -41,6 +49,21 @@ TIE = 1e-6
 """Preference, in misfit, for leaving a column of noise at its own joint."""
 AGREES = 0.3
 """Largest mean misfit of a whole arm if description and interpretation are right; a wrong mounting has more."""
+BACK = 0.2
+"""Distance that a joint covers in its less frequent direction, as a share of that in the other, if it goes to and fro.
+
+Along one way, friction of any size makes nearly every torque fit nearly every joint.
+"""
+SEVERAL = 0.5
+"""Share of the moving joints that must go to and fro for torques to show an order of columns."""
+TWICE = 1.9
+"""Misfit, nearly 2, of a torque that is right but for its sign, also along one way."""
+FOLLOWS = 0.5
+"""Correlation of a torque of the wrong sign with the expected one, friction apart."""
+LOSS = 0.1
+"""Share of a joint's power that friction takes, below which it may take none."""
+ROUNDED = 1e-4
+"""Rounding of a simulated torque, as a share of its rms."""
 
 
 def check_torque(run: Run, motion: Moved, arm: Arm) -> None:
@@ -56,7 +79,10 @@ def check_simulated(run: Run, arm: Arm) -> None:
     if simulated is None:
         return
     thin = max(1, len(simulated.time) // SAMPLES)
-    read = Torques(simulated.torque[::thin], np.zeros(run.joints))
+    torque = simulated.torque[::thin]
+    size = np.sqrt(np.mean(torque**2, axis=0))
+    # The torque of a joint that nothing loads is the rounding of numbers that cancel.
+    read = Torques(torque, ROUNDED * np.maximum(size, 0.01 * size.max()))
     plan = Plan(*(part[::thin] for part in simulated.plan.courses))
     _check(f"{run.name}: its simulation's torque", False, Sample(arm, read, plan))
 
@@ -71,8 +97,10 @@ def _check(place: str, current: bool, sample: Sample) -> None:
     misfit = expected.misfits(sample.read)
     if (misfit > POOR).any():
         _direction(place, sample, expected, misfit)
-        _order(place, sample.read, expected)
-        _motion_read_otherwise(place, sample, expected.misfit(sample.read))
+        moves = np.ptp(sample.motion.position, axis=0) > MOVES
+        if moves.any() and np.mean(_to_and_fro(sample.motion.velocity)[moves]) >= SEVERAL:
+            _order(place, sample.read, expected)
+            _motion_read_otherwise(place, sample, expected.misfit(sample.read))
     _unit_of_one(place, sample.read, replace(expected, strict=True), friction)
 
 
@@ -107,7 +135,9 @@ def _unit_of_one(place: str, read: Torques, expected: Expected, friction: float)
     strongest = int(np.argmax(size))
     others = max(nominal.max(), np.delete(size, strongest).max(initial=0.0), friction)
     alone = (np.arange(len(size)) == strongest) & (size > ALONE * others) & (len(size) > 1)
-    large = _better(expected.misfits(read * (1 / THOUSAND)), misfit) | alone
+    # Changes of a torque that are no larger than friction may be friction, which the description need not know.
+    varies = np.array([deviation(column) for column in torque.T]) > friction
+    large = (_better(expected.misfits(read * (1 / THOUSAND)), misfit) & varies) | alone
     # A wrist at rest may carry nothing although the description has a tool: below friction, the unit may be right.
     small = _better(expected.misfits(read * THOUSAND), misfit)
     small |= (size > 0) & (size * HIDDEN < nominal) & (nominal > friction)
@@ -122,13 +152,35 @@ def _unit_of_one(place: str, read: Torques, expected: Expected, friction: float)
 
 def _direction(place: str, sample: Sample, expected: Expected, misfit: Float) -> None:
     """Check the signs: a torque of the wrong sign also gains energy from friction, which is impossible."""
-    gained = np.mean(sample.read.torque * sample.motion.velocity, axis=0) < 0
-    turned = _better(expected.misfits(sample.read * -1.0), misfit) & gained
+    read, velocity = sample.read, sample.motion.velocity
+    turned = _better(expected.misfits(read * -1.0), misfit) & (read.shares() > TELLS)
+    turned &= _to_and_fro(velocity) | (misfit > TWICE)
+    turned &= [_opposite(*course) for course in zip(read.torque.T, expected.torque.T, velocity.T, strict=True)]
     if turned.any():
         raise RecordingError(
             f"{place} of {joints_text((np.flatnonzero(turned) + 1).tolist())} has the opposite sign: "
             "it drives where the motion requires braking"
         )
+
+
+def _opposite(torque: Float, expected: Float, velocity: Float) -> bool:
+    """True if a torque (N,) Nm follows the expected one with the other sign, and friction takes no energy from it."""
+    friction = np.column_stack([np.tanh(velocity / STOPPED), velocity])
+    beside = np.column_stack([friction, np.ones_like(velocity)])
+    both = np.column_stack([torque, expected])
+    own, other = (both - beside @ np.linalg.lstsq(beside, both, rcond=None)[0]).T
+    if float(own @ other) > -FOLLOWS * float(np.linalg.norm(own) * np.linalg.norm(other)):
+        return False
+    terms = np.column_stack([beside, expected])
+    found = np.linalg.lstsq(terms, torque, rcond=None)[0]
+    lost = float(np.mean(friction @ found[:2] * velocity))
+    return lost < LOSS * float(np.mean(np.abs(torque * velocity)))
+
+
+def _to_and_fro(velocity: Float) -> Bool:
+    """True (n,) for the joints that go to and fro at ``velocity`` (N, n) rad/s; see ``BACK``."""
+    less, more = np.sort([np.maximum(velocity, 0.0).mean(axis=0), np.maximum(-velocity, 0.0).mean(axis=0)], axis=0)
+    return np.asarray(less > BACK * more, np.bool_)
 
 
 def _order(place: str, read: Torques, expected: Expected) -> None:
@@ -148,6 +200,8 @@ def _order(place: str, read: Torques, expected: Expected) -> None:
 
 def _motion_read_otherwise(place: str, sample: Sample, before: float) -> None:
     """Check for degrees, a reversed joint or another order of columns: an error only if the whole arm then agrees."""
+    if before < POOR:
+        return
     read = sample.read
     after = sample.expected(1 / DEGREES).misfit(read)
     if _agrees(after, before):
