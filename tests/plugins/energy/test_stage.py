@@ -1,6 +1,7 @@
 """The live stage on production of the arm whose campaign the tests ran; true groups are the plant's."""
 
 import json
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -12,10 +13,11 @@ from energy.live import BEGIN, RATE, frames_of, run_stages
 from energy.plant import production
 
 from cellwatt.errors import ConfigError, ModelError
-from cellwatt.frames import Layout
+from cellwatt.frames import Frames, Layout
 from cellwatt.record import Recording
-from cellwatt.results import Alarm, Energy, Task
+from cellwatt.results import Alarm, Energy, Interval, Task
 from cellwatt.stage import CellInfo
+from cellwatt_plugins.energy.electronics import FOLLOW
 from cellwatt_plugins.energy.stage import EnergySettings, EnergyStage
 from cellwatt_plugins.robot import Arm
 from tests.daemon.record.making import write_chunks
@@ -87,7 +89,7 @@ def test_a_replay_gives_the_same_to_the_bit_however_frames_are_cut(results, fold
 
 
 def test_advice_is_given_once_with_its_saving(results):
-    advice = [alarm for alarm in of(results, Alarm) if alarm.kind.startswith("energy_advice")]
+    advice = advised(results)
     kinds = [alarm.kind for alarm in advice]
     assert len(set(kinds)) == len(kinds) > 0
     for alarm in advice:
@@ -118,13 +120,112 @@ def test_a_consumer_that_is_in_no_group_is_told_and_cleared(folder, produced):
     assert alarms[0].id == alarms[1].id
 
 
-def test_a_task_whose_power_is_missing_is_not_split(folder, produced):
+@pytest.mark.parametrize(
+    ("value", "reason"),
+    [(np.nan, r"100.0 % of its frames are missing, most of meter.supply.power; up to 2 %"), (0.0, "shows no power")],
+)
+def test_a_task_whose_power_is_missing_is_not_split_which_is_reported(folder, produced, value, reason):
+    """The meter is off in the second and third of the tasks."""
     seen, power, _ = produced
+    tasks = of(run_stages(frames_of(seen, power), folder), Task)
     broken = power.copy()
-    broken[len(power) // 2 :] = np.nan
+    broken[slice(*(round((t - BEGIN) * RATE * 1e-9) for t in (tasks[0].end, tasks[3].start)))] = value
     results = run_stages(frames_of(seen, broken), folder)
-    whole = [task for task in of(results, Task) if task.end < BEGIN + len(power) // 2 * 1e9 / RATE]
-    assert len(of(results, Energy)) == len(whole) < len(of(results, Task))
+    assert [energy.repetition for energy in of(results, Energy)] == [1, *range(4, len(tasks) + 1)]
+    first, second, over = [alarm for alarm in of(results, Alarm) if alarm.kind == "energy_not_split"]
+    assert re.search(f"energy of task_1 is not split: .*{reason}", first.statement)
+    assert [alarm.evidence for alarm in (first, second, over)] == [
+        {"repetition": 2, "not_split": 1},
+        {"repetition": 3, "not_split": 2},
+        {"repetition": 4, "not_split": 2},
+    ]
+    assert (first.active, second.active, over.active) == (True, True, False)
+    assert first.id == second.id == over.id
+    assert advised(results)  # of the third repetition, which was not split, there was none
+
+
+def advised(results):
+    return [alarm for alarm in of(results, Alarm) if alarm.kind.startswith("energy_advice")]
+
+
+@pytest.fixture
+def fed(folder, produced):
+    """A stage that has all frames, with ``more`` W of power; it is then given results of segment."""
+
+    def make(more=0.0, **settings):
+        frames = frames_of(produced[0], produced[1] + more)
+        stage = made(folder, frames.layout, **settings)
+        stage.process(frames, ())
+        nothing = [values[:0] for values in (frames.time, frames.values, frames.quality, frames.bound)]
+        return lambda upstream: stage.process(Frames(frames.layout, len(frames), *nothing), upstream)
+
+    return make
+
+
+def test_a_task_that_began_before_the_frames_stored_is_not_split(fed, results):
+    task = of(results, Task)[0]
+    (alarm,) = fed()([replace(task, start=task.start - 11 * 60 * 10**9)])
+    assert "it began more than 10 min before it was recognised" in alarm.statement
+
+
+def test_alarms_of_a_task_that_no_longer_runs_are_withdrawn(fed, results):
+    """A gripper draws power, and the cell then makes another part."""
+    process, tasks = fed(more=40.0), of(results, Task)
+    raised = of(process(tasks[:3]), Alarm)
+    assert "energy_balance" in {alarm.kind for alarm in raised}
+    others = [replace(tasks[0], name="task_2", repetition=i + 1) for i in range(100)]
+    assert [alarm for alarm in of(process(others[:-1]), Alarm) if not alarm.active] == []
+    over = of(process(others[-1:]), Alarm)
+    assert {alarm.id for alarm in over} == {alarm.id for alarm in raised}
+    assert {alarm.statement for alarm in over} == {"Withdrawn: task_1 was none of the last 100 tasks"}
+    again = [replace(task, repetition=task.repetition + 3) for task in tasks[:3]]
+    assert {alarm.id for alarm in of(process(again), Alarm)} == {alarm.id for alarm in raised}
+
+
+def waited(process, upstream):
+    """Times for which advice on brakes takes the arm to wait, s."""
+    brakes = [alarm for alarm in advised(process(upstream)) if alarm.kind == "energy_advice_brakes"]
+    return {re.search(r"with (\d+) s of waiting", alarm.statement)[1] for alarm in brakes}
+
+
+def test_an_arm_that_does_another_task_in_between_does_not_wait(fed, results):
+    upstream = [result for result in results if isinstance(result, Interval | Task)]
+    names = [
+        replace(result, name=f"task_{2 - result.repetition % 2}", repetition=(result.repetition + 1) // 2)
+        if isinstance(result, Task)
+        else result
+        for result in upstream
+    ]
+    assert [task.repetition for task in of(names, Task) if task.name == "task_1"][:3] == [1, 2, 3]
+    assert waited(fed(brake_time=0.5), names) == waited(fed(brake_time=0.5), upstream) == {"2"}
+
+
+def test_a_pause_of_production_is_not_what_the_arm_waits_after_a_task(fed, results):
+    upstream = [result for result in results if isinstance(result, Interval | Task)]
+    second = of(upstream, Task)[1].intervals[-1]
+    paused = [
+        replace(result, end=result.end + 3600 * 10**9)
+        if isinstance(result, Interval) and result.closed and result.number == second + 1
+        else result
+        for result in upstream
+    ]
+    assert paused != upstream
+    assert waited(fed(brake_time=0.5), paused) == {"2"}
+
+
+def test_electronics_are_followed_at_the_end_of_a_rest_longer_than_the_frames_stored(folder, produced, results):
+    """A fan takes 4 W more from the lunch break on."""
+    seen, power, _ = produced
+    rest, minutes = slice(0, 100), 11
+    still = {name: np.vstack([*[values[rest]] * 30 * minutes, values]) for name, values in seen.items()}
+    watts = np.concatenate([*[power[rest]] * 30 * minutes, power])
+    before, after = (
+        [energy.groups["electronics"] for energy in of(run_stages(frames_of(still, watts + more), folder), Energy)]
+        for more in (0.0, 4.0)
+    )
+    task = of(results, Task)[0]
+    followed = 1 - (1 - FOLLOW) ** 2  # of this rest, and the one before the task is recognised
+    assert after[0] - before[0] == pytest.approx(followed * 4.0 * (task.end - task.start) * 1e-9)
 
 
 def test_without_torques_currents_times_the_constant_are_taken(results, folder, produced):
