@@ -203,7 +203,7 @@ class EnergyStage(Stage[EnergySettings]):
         return Stretch(step, filled[:, :n], filled[:, n : 2 * n], torque, np.interp(grid + late, times, power))
 
     def _gap(self, expected: int, values: Float) -> str:
-        """Reason why the frames with ``values`` of a task do not suffice: how many are missing, and of which channel."""
+        """Reason why a task's frames with ``values`` do not suffice: how many are missing, and of which channel."""
         empty = np.isnan(values).sum(axis=0)
         share = 100 * (1 - int(np.isfinite(values).all(axis=1).sum()) / expected)
         which = self.layout.names[self._columns[int(np.argmax(empty))]]

@@ -51,6 +51,8 @@ def read(folder: Path, text: str | bytes):
         ("Date,Time,q_1\n3/13/2026,11:59:59 PM,1\n3/14/2026,12:00:00 AM,2\n", [1773446399, 1773446400], [1, 2]),
         (",q_1\n2026-03-01 00:00:00,1\n2026-03-01 00:00:00.020,2\n", [1772323200, 1772323200.02], [1, 2]),
         ("time,q_1\n23:59:59.5,1\n00:00:00.5,2\n", [86399.5, 86400.5], [1, 2]),
+        ("timestamp,q_1\n1772323200000,1\n1772323200020,2\n", [1772323200, 1772323200.02], [1, 2]),
+        ("%time,q_1\n1772323200000000000,1\n1772323200020000000,2\n", [1772323200, 1772323200.02], [1, 2]),
         ("time,q_1\n2026-03-01T01:00:00.5+01:00,1\n2026-03-01T00:00:01Z,2\n", [1772323200.5, 1772323201], [1, 2]),
     ],
 )
@@ -98,6 +100,15 @@ def test_a_file_that_is_no_table(tmp_path: Path, text: str | bytes, message: str
     with pytest.raises(RecordingError) as caught:
         read(tmp_path, text)
     assert str(caught.value).startswith(f"{tmp_path / 'a.csv'}: cannot be read as a table: {message}")
+
+
+def test_a_row_within_which_the_file_ends_is_left_out_and_named(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Of a logger that was killed."""
+    assert read(tmp_path, "t;q_1\n0;1\n1;2\n2").needed("position", 1)[:, 0].tolist() == [1, 2]
+    assert "ends within row 4, which is left out" in caplog.text
+    assert read(tmp_path, "t;q_1\n0;1\n1;2").time.tolist() == [0, 1]
 
 
 def test_rows_without_a_time_are_left_out_and_counted(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -187,6 +187,30 @@ def test_a_small_file_that_unpacks_to_gigabytes_is_refused(tmp_path):
         read_table(tmp_path / "wide.csv")
 
 
+def test_columns_of_numbers_in_other_types_and_in_lists(tmp_path: Path) -> None:
+    """As pandas, Spark and loggers of robots write them."""
+    columns = {
+        "t": pa.array([0, 20_000], pa.duration("us")),
+        "power": pa.array(["1.5", "2.5"]).cast(pa.decimal128(5, 1)),
+        "position": [[1.0, 2.0], [3.0, None]],
+        "qd": pa.array([[5, 6], [7, 8]], pa.list_(pa.int32(), 2)),
+        "log": [{"fan": 1.0, "notes": [1.0]}, {"fan": 2.0, "notes": []}],
+    }
+    pq.write_table(pa.table(columns), tmp_path / "a.parquet")
+    found = read_table(tmp_path / "a.parquet")
+    assert found.time.tolist() == [0.0, 0.02]
+    assert found.whole("supply.power").tolist() == [1.5, 2.5]
+    np.testing.assert_array_equal(found.joints("position"), [[1.0, 2.0], [3.0, np.nan]])
+    np.testing.assert_array_equal(found.joints("velocity"), [[5.0, 6.0], [7.0, 8.0]])
+    assert found.columns["log.fan"].tolist() == [1.0, 2.0]
+    assert found.unfit["log.notes"].startswith("holds lists of different lengths, first '[1.0]' in row 1")
+
+
+def test_a_column_that_is_there_twice_spares_the_others(tmp_path: Path) -> None:
+    pq.write_table(pa.Table.from_arrays([pa.array([0.0, 1.0])] * 3, ["t", "power", "power"]), tmp_path / "a.parquet")
+    assert read_table(tmp_path / "a.parquet").time.tolist() == [0.0, 1.0]
+
+
 def test_texts_of_a_file_stay_what_they_are(tmp_path):
     field = pa.field("note", pa.string(), metadata={"unit": "mm"})
     schema = pa.schema([pa.field("t", pa.float64()), field])
