@@ -24,7 +24,7 @@ ANGLES: Final = ("position", "target_position")
 FOLLOWED: Final = 0.5
 """Longest time in s between rows of a log in which no joint can turn by half a turn."""
 SINCE_1970: Final = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
-"""Least time without a unit that is in ns, µs and ms, and its factor to s: as s since 1970 it is after the year 5000."""
+"""Least time without a unit that is in ns, µs and ms (as s since 1970, it is after the year 5000), and its factor to s."""
 MOST_NAMES: Final = 12
 """Largest number of columns that a message lists."""
 

@@ -37,7 +37,7 @@ FOLLOWED = 300 * 10**9
 MISSING = 0.02
 """Largest share of a task's frames that may be missing; they are interpolated."""
 EARLY_OR_LATE = 10**8
-"""Time by which a value of the meter may be early or late, ns, as it covers 0.1 s and is held."""
+"""Time by which a value of the meter may be early or late, ns, as it covers 0.1 s and is held; at least its window."""
 ADVISED_AT = 3
 """Repetition of a task after which advice is given, once."""
 STALE = 100
@@ -112,6 +112,7 @@ class EnergyStage(Stage[EnergySettings]):
         self._newest = 0
         self._level = at_campaign(self._known)
         self._late = round(self._known.late * 1e9)
+        self._early_or_late = max(EARLY_OR_LATE, round(layout.channels[self._columns[-1]].window * 1e9))
         self._waiting: deque[Task] = deque()
         self._rests: deque[Interval] = deque(maxlen=RESTS)
         self._tasks = 0
@@ -162,7 +163,7 @@ class EnergyStage(Stage[EnergySettings]):
     def _due(self, *, all_of_them: bool = False) -> list[Result]:
         """Split the tasks whose power has arrived."""
         out: list[Result] = []
-        wanted = self._late + EARLY_OR_LATE
+        wanted = self._late + self._early_or_late
         while self._waiting and (all_of_them or self._newest >= self._waiting[0].end + wanted):
             out += self._split(self._waiting.popleft())
         return out
@@ -247,7 +248,7 @@ class EnergyStage(Stage[EnergySettings]):
 
     def _edge(self, task: Task) -> float:
         """Change of a task's total, J, if power is earlier or later than usual."""
-        shifts = (self._late - EARLY_OR_LATE, self._late + EARLY_OR_LATE)
+        shifts = (self._late - self._early_or_late, self._late + self._early_or_late)
         grid = np.arange(task.start, task.end, self.layout.step)
         time, values = self._between(task.start + shifts[0], task.end + shifts[1])
         there = np.isfinite(values[:, -1])

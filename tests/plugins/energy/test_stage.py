@@ -228,6 +228,17 @@ def test_electronics_are_followed_at_the_end_of_a_rest_longer_than_the_frames_st
     assert after[0] - before[0] == pytest.approx(followed * 4.0 * (task.end - task.start) * 1e-9)
 
 
+def test_a_slow_meters_window_is_in_the_uncertainty(folder, produced):
+    """Means over 1 s, held, half a second late."""
+    seen, power, _ = produced
+    slow = np.repeat(power.reshape(-1, 50).mean(axis=1), 50)
+    frames = frames_of(seen, np.concatenate([slow[:25], slow[:-25]]))
+    *joints, meter = frames.layout.channels
+    frames = replace(frames, layout=Layout((*joints, replace(meter, window=1.0)), RATE))
+    for energy in of(run_stages(frames, folder), Energy):
+        assert abs(energy.groups["unexplained"]) < 2.5 * energy.uncertainty
+
+
 def test_without_torques_currents_times_the_constant_are_taken(results, folder, produced):
     """As in a campaign of an arm that gives currents only."""
     seen, power, _ = produced
