@@ -253,13 +253,14 @@ def _flat(table: pa.Table) -> pa.Table:
 
     while any(pa.types.is_struct(field.type) for field in table.schema):
         table = table.flatten()
-    fields, columns = [], []
+    fields: list[pa.Field[Any]] = []
+    columns: list[Any] = []
     for field, column in zip(table.schema, table.columns, strict=True):
         width = _width(column)
         _check_columns(len(fields) + width)
-        values = column.combine_chunks().flatten() if width else None
+        values: Any = column.combine_chunks().flatten() if width else column
         fields += [field.with_name(f"{field.name}[{i}]").with_type(values.type) for i in range(width)] or [field]
-        columns += [values[i::width] for i in range(width)] or [column]
+        columns += [values[i::width] for i in range(width)] or [values]
     return pa.Table.from_arrays(columns, schema=pa.schema(fields))
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import AsyncIterator, Iterable
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -65,9 +66,12 @@ def name_of(number: int = 1) -> str:
     return str(FileName(SESSION, number, CELL))
 
 
-def write_chunks(folder: Path, chunks: Iterable[Iterable[Item]], *, number: int = 1, close: bool = True) -> OpenFile:
+def write_chunks(
+    folder: Path, chunks: Iterable[Iterable[Item]], *, number: int = 1, close: bool = True, header: Header = HEADER
+) -> OpenFile:
     """A file whose chunks hold exactly these items; with ``close=False`` as a killed writer leaves it."""
-    file = OpenFile(folder / name_of(number), Header(**{**_plain(HEADER), "number": number}))
+    name = FileName(header.session, number, header.cell)
+    file = OpenFile(folder / str(name), replace(header, number=number))
     encoder = Encoder(file)
     for chunk in chunks:
         for item in chunk:
@@ -79,10 +83,6 @@ def write_chunks(folder: Path, chunks: Iterable[Iterable[Item]], *, number: int 
     else:
         file.release()
     return file
-
-
-def _plain(header: Header) -> dict:
-    return {name: getattr(header, name) for name in Header.__dataclass_fields__}
 
 
 def numbered_in(folder: Path) -> dict[str, list[tuple[int, Item]]]:

@@ -61,17 +61,13 @@ def test_units_of_a_joints_quantity(name: str, quantity: str, value: float) -> N
     assert found[0, 0] == pytest.approx(value)
 
 
-def test_units_of_time() -> None:
+def test_units_of_time_power_and_payload() -> None:
     for name, seconds in (("time [s]", 1.0), ("time_ms", 1e-3), ("timestamp (us)", 1e-6), ("utc_ns", 1e-9)):
-        found = table(**{name: [0.0, 4e9], "q_1": [0, 1]})
+        found = table(**{name: [0.0, 4e9], "q_1": [0, 1], "power_kW": [0.25] * 2, "payload [g]": [500.0] * 2})
         assert found.rising_time() == pytest.approx([0.0, 4e9 * seconds])
-        assert found.names == ("q_1",)
-
-
-def test_units_of_power_and_payload() -> None:
-    found = table(**{"power_kW": [0.25], "payload [g]": [500.0]})
-    assert found.whole("supply.power") == pytest.approx([250.0])
-    assert found.whole("tool.payload") == pytest.approx([0.5])
+        assert found.names == ("q_1", "power_kW", "payload [g]")
+        assert found.whole("supply.power") == pytest.approx([250.0] * 2)
+        assert found.whole("tool.payload") == pytest.approx([0.5] * 2)
 
 
 def test_a_unit_beside_the_name_counts_where_the_name_has_none(tmp_path: Path) -> None:

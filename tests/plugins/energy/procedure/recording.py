@@ -8,13 +8,10 @@ import numpy as np
 
 from cellwatt import Batch, Channel, Stream
 from cellwatt.record import Header, Recording
-from cellwatt.record.encoder import Encoder
-from cellwatt.record.header import FileName
-from cellwatt.record.openfile import OpenFile
+from tests.daemon.record.making import write_chunks
 
 SESSION = 1_795_000_000_000_000_000
 BLOCK = 5000
-CHUNK = 1_000_000
 SUPPLY = Stream("measured", (Channel("supply.voltage", "V"), Channel("supply.power", "W")), 10.0, "host")
 
 
@@ -73,17 +70,9 @@ class Taped:
 
     def write(self):
         """The recording."""
-        header = Header("plant", "cell", SESSION, number=1, streams={"arm": (self.stream,), "supply": (SUPPLY,)})
-        file = OpenFile(self.folder / str(FileName(SESSION, 1, "cell")), header)
-        encoder = Encoder(file)
+        header = Header("plant", "cell", SESSION, streams={"arm": (self.stream,), "supply": (SUPPLY,)})
         blocks = [*_blocks("arm", self.stream, self._arm), *_blocks("supply", SUPPLY, self._supply)]
-        for batch in sorted(blocks, key=lambda b: int(b.time[0])):
-            encoder.add(batch)
-            if file.waiting > CHUNK:
-                file.write_chunk()
-        file.write_chunk()
-        file.finish()
-        file.publish()
+        write_chunks(self.folder, ([b] for b in sorted(blocks, key=lambda b: int(b.time[0]))), header=header)
         return Recording.open(self.folder)
 
 
