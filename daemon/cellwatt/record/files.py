@@ -167,7 +167,7 @@ class Files:
 
     def _unused(self) -> int:
         """The first file number that no earlier process of this session has used."""
-        names = (kept.name for kept in listing(self._settings.folder, self._header.cell))
+        names = (stored.name for stored in listing(self._settings.folder, self._header.cell))
         return 1 + max((name.number for name in names if name.session == self._header.session), default=0)
 
     def _commit(self) -> None:

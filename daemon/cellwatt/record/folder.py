@@ -121,9 +121,9 @@ def _take(lock: int, folder: Path, cell: str) -> None:
         if error.errno not in (errno.EACCES, errno.EAGAIN):
             raise
         holder = os.pread(lock, _LONGEST, 0).decode(errors="replace").strip()
-        told = f" ({holder})" if holder and holder.isprintable() else ""
+        remark = f" ({holder})" if holder and holder.isprintable() else ""
         raise RecordingError(
-            f"record.folder {folder} is in use: another cellwatt records into it{told}; stop that one, or give each "
+            f"record.folder {folder} is in use: another cellwatt records into it{remark}; stop that one, or give each "
             "its own folder"
         ) from error
     os.ftruncate(lock, 0)
@@ -169,7 +169,7 @@ def listing(folder: Path, cell: str) -> list[RecordFile]:
 
 def files_of(folder: Path, cell: str) -> list[RecordFile]:
     """Recordings of a cell in the order in which they were recorded."""
-    return [kept for kept in listing(folder, cell) if kept.path.name.endswith((".mcap", f".mcap{PART}"))]
+    return [stored for stored in listing(folder, cell) if stored.path.name.endswith((".mcap", f".mcap{PART}"))]
 
 
 S = TypeVar("S", bound=Stored)

@@ -166,12 +166,14 @@ class _Scanner:
         index = listed.index()
         _check_times(index, opened.start, opened.end)
         after = at + RECORD.size + len(body)
-        indexes, places = message_indexes(index, after)
+        indexes, positions = message_indexes(index, after)
         length, contents = after - at, self.found.contents
         contents.define(listed.definitions)
         self._note_numbers(listed)
         sizes = (opened.compressed, len(opened.data))
-        contents.add_chunk(Chunk(at, length, opened.start, opened.end, *sizes, places, len(indexes)), listed.counts())
+        contents.add_chunk(
+            Chunk(at, length, opened.start, opened.end, *sizes, positions, len(indexes)), listed.counts()
+        )
         if read_at(self._file, len(indexes), after) == indexes:
             self.found.end, self.found.tail = after + len(indexes), b""
             return self.found.end
@@ -232,11 +234,11 @@ class _Scanner:
         at = start
         while at < self.found.size:
             window = read_at(self._file, _WINDOW, at)
-            place = window.find(COMPRESSION)
-            while place >= 0:
-                if (candidate := at + place - _MARK) >= start and self._is_chunk(candidate):
+            position = window.find(COMPRESSION)
+            while position >= 0:
+                if (candidate := at + position - _MARK) >= start and self._is_chunk(candidate):
                     return candidate
-                place = window.find(COMPRESSION, place + 1)
+                position = window.find(COMPRESSION, position + 1)
             at += _WINDOW - len(COMPRESSION)
         return self.found.size
 

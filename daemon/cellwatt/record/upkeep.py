@@ -111,9 +111,9 @@ class Upkeep:
         self._submit(self._retain)
 
     def _submit(self, work: Callable[..., None], *arguments: object) -> None:
-        self._worker.submit(work, *arguments).add_done_callback(self._told)
+        self._worker.submit(work, *arguments).add_done_callback(self._note_failure)
 
-    def _told(self, done: Future[None]) -> None:
+    def _note_failure(self, done: Future[None]) -> None:
         error = done.exception()
         if error is not None:
             log.error("the upkeep of recordings failed", exc_info=error)
@@ -127,8 +127,8 @@ class Upkeep:
         """Repair the abandoned files, because the disk works again."""
         self._in_vain = 0
         self._problem = ""
-        left, self._left = self._left, set()
-        self._repair(sorted(left))
+        remaining, self._left = self._left, set()
+        self._repair(sorted(remaining))
 
     def make_room(self) -> bool:
         """Delete the oldest closed recording, because the disk is full.
@@ -148,10 +148,10 @@ class Upkeep:
         if gone is None:
             return False
         self._count_removed([gone.size])
-        left = sum(file.size for file in listing(self._settings.folder, self._cell))
-        if left < self._settings.keep:
+        remaining = sum(file.size for file in listing(self._settings.folder, self._cell))
+        if remaining < self._settings.keep:
             self._short_at = time.monotonic()
-            self._short = {"files": self._short.get("files", 0) + 1, "bytes": left, "keep": self._settings.keep}
+            self._short = {"files": self._short.get("files", 0) + 1, "bytes": remaining, "keep": self._settings.keep}
         return True
 
     def _repair(self, parts: Iterable[Path]) -> None:

@@ -118,7 +118,7 @@ def _without_dictionaries(table: pa.Table) -> pa.Table:
     import pyarrow.compute as pc
 
     size = 0
-    for place, column in enumerate(table.columns):
+    for index, column in enumerate(table.columns):
         if not pa.types.is_dictionary(column.type):
             continue
         for chunk in column.chunks:
@@ -126,8 +126,8 @@ def _without_dictionaries(table: pa.Table) -> pa.Table:
             size += pc.sum(lengths).as_py() or 0
         if size > LARGEST_TEXT:
             raise UnfitFileError(f"has more than {LARGEST_TEXT:,} bytes of text")
-        field = table.schema.field(place).with_type(column.type.value_type)
-        table = table.set_column(place, field, column.cast(field.type))
+        field = table.schema.field(index).with_type(column.type.value_type)
+        table = table.set_column(index, field, column.cast(field.type))
     return table
 
 
@@ -197,8 +197,8 @@ def _placed(
     dates = [cells.values for cells in found if cells.kind == "date" and cells.values is not None]
     for name, cells, column in zip(names, found, columns, strict=True):
         if name and names.count(name) > 1:
-            places = [letters_of(k) for k, other in enumerate(names) if other == name]
-            unfit[name] = f"is there {len(places)} times, as columns {', '.join(places)}: keep one"
+            positions = [letters_of(k) for k, other in enumerate(names) if other == name]
+            unfit[name] = f"is there {len(positions)} times, as columns {', '.join(positions)}: keep one"
         elif name and cells.values is not None:
             day = dates[0] if cells.kind == "clock" and len(dates) == 1 else 0.0
             values[name] = cells.values % DAY + day if np.ndim(day) else cells.values
@@ -243,8 +243,8 @@ def _arrow(path: Path, table: pa.Table) -> Table:
     if not table.num_rows:
         raise RecordingError(f"{path}: has no rows")
     units = {name: (field.metadata or {}).get(b"unit", b"") for name, field in zip(names, table.schema, strict=True)}
-    told = {name: unit.decode() for name, unit in units.items() if unit}
-    return _placed(path, names, table.columns, [_typed(column) for column in table.columns], told)
+    stated = {name: unit.decode() for name, unit in units.items() if unit}
+    return _placed(path, names, table.columns, [_typed(column) for column in table.columns], stated)
 
 
 def _flat(table: pa.Table) -> pa.Table:

@@ -43,13 +43,13 @@ class Rows:
 def rows_of(text: str) -> Rows:
     """Split a text into rows. Raises ``ValueError``, with the row, if it is not a table."""
     every = [(number, record) for number, record in enumerate(_records(text), start=1) if record.strip(_BLANK)]
-    told = _DIRECTIVE.fullmatch(every[0][1].strip(" ")) if every else None
-    every = every[1:] if told else every
+    directive = _DIRECTIVE.fullmatch(every[0][1].strip(" ")) if every else None
+    every = every[1:] if directive else every
     rows = [(number, record) for number, record in every if not _COMMENT.match(record)]
     if not rows:
         raise ValueError("it holds comments alone" if every else "it is empty")
     numbers, records = [number for number, _ in rows], [record for _, record in rows]
-    first, separator = 0, told[1] if told else ""
+    first, separator = 0, directive[1] if directive else ""
     names: list[str] = []
     if _all_numbers(re.split(r'[;\t|, "]+', records[0])):
         comments = [_COMMENT.sub("", record).strip(" #%/") for number, record in every if number < numbers[0]]

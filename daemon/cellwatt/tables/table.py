@@ -24,7 +24,7 @@ ANGLES: Final = ("position", "target_position")
 FOLLOWED: Final = 0.5
 """Longest time in s between rows of a log in which no joint can turn by half a turn."""
 SINCE_1970: Final = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
-"""Least time without a unit that is in ns, µs and ms (as s since 1970, it is after the year 5000), and its factor to s."""
+"""Least times without a unit that are in ns, µs and ms, and their factors to s: as s, they are after the year 5000."""
 MOST_NAMES: Final = 12
 """Largest number of columns that a message lists."""
 
@@ -272,9 +272,9 @@ class Table:
         return values if scaled == (1.0, 0.0) else values * factor + offset
 
 
-def listed(names: tuple[str, ...] | list[str], most: int = MOST_NAMES) -> str:
-    """List names for a message, at most ``most``."""
-    return ", ".join(names[:most]) + (" …" if len(names) > most else "")
+def listed(names: tuple[str, ...] | list[str]) -> str:
+    """List names for a message, at most ``MOST_NAMES``."""
+    return ", ".join(names[:MOST_NAMES]) + (" …" if len(names) > MOST_NAMES else "")
 
 
 def _first(family: Mapping[int, str]) -> int:

@@ -80,8 +80,8 @@ def in_words(found: Findings, units: Units) -> str:
         f"{amount(fixed.brakes, power, 2)} ± {amount(fixed.brakes_uncertainty, power, 2)} {power.name}"
     )
     runs = Table(head, heads, [[run.run, amount(run.total, units.of("J")), *_shares(run)] for run in found.runs])
-    said = [*fixed.notes, *found.notes, *(f"{run.run}: {note}" for run in found.runs for note in run.notes)]
-    return "\n".join([runs.text(), *(f"  note: {note}" for note in said)])
+    notes = [*fixed.notes, *found.notes, *(f"{run.run}: {note}" for run in found.runs for note in run.notes)]
+    return "\n".join([runs.text(), *(f"  note: {note}" for note in notes)])
 
 
 def _shares(run: RunEnergy) -> list[str]:

@@ -37,7 +37,7 @@ def report(found: Findings, identified: Identified, provenance: Provenance, unit
     """Return the report of a campaign, energies and powers in ``units``."""
     energy, power = units.of("J"), units.of("W")
     runs = found.runs
-    said = [*found.fixed.notes, *found.notes, *(f"{run.run}: {note}" for run in runs for note in run.notes)]
+    remarks = [*found.fixed.notes, *found.notes, *(f"{run.run}: {note}" for run in runs for note in run.notes)]
     return Report(
         name=found.robot,
         subject="energy by consumer",
@@ -49,7 +49,7 @@ def report(found: Findings, identified: Identified, provenance: Provenance, unit
             Section("Over time", _curves(found, identified, power), OVER_TIME),
             Section("Energies of one repetition", [_energies(found, energy)], _columns_told(found, energy)),
             Section("Payload efficiency", _payload(found), "ε_P = 100 (E_RL − E_RNL) / E_RL."),
-            Section("Notes", [Notes(said)]),
+            Section("Notes", [Notes(remarks)]),
         ],
         provenance=provenance,
     )
@@ -85,13 +85,13 @@ def _bars(found: Findings, power: Unit) -> Figure:
     traces = [bars(name, labels, sizes[:, i], colour, power.name) for i, (name, colour) in enumerate(GROUPS.items())]
     ends = np.maximum(sizes, 0.0).sum(axis=1)
     shares = [f"electronics {100 * run.electronics / run.total:.0f} %" for run in runs]
-    said = [
+    remarks = [
         f"{amount(run.total / run.seconds, power, 0)} {power.name}, {share}"
         for run, share in zip(runs, shares, strict=True)
     ]
     marks = [
         {**note(f" {text}", float(end), i, up="y"), "xanchor": "left", "yanchor": "middle"}
-        for i, (text, end) in enumerate(zip(said, ends, strict=True))
+        for i, (text, end) in enumerate(zip(remarks, ends, strict=True))
     ]
     x = Axis(power.name, (0.0, 1.3 * float(ends.max())))
     rows = [[Panel(traces, x, Axis(names=True, grid=False), marks)]]
@@ -105,8 +105,8 @@ def _bars(found: Findings, power: Unit) -> Figure:
 
 def _parts(run: RunEnergy) -> tuple[float, ...]:
     """Energy of each of ``GROUPS``, J."""
-    left = run.electrical_losses_with_regeneration if run.electrical_losses is None else run.electrical_losses
-    return run.electronics, run.brakes, run.mechanical_losses, left, run.regeneration or 0.0
+    electrical = run.electrical_losses_with_regeneration if run.electrical_losses is None else run.electrical_losses
+    return run.electronics, run.brakes, run.mechanical_losses, electrical, run.regeneration or 0.0
 
 
 def _curves(found: Findings, identified: Identified, power: Unit) -> list[Block]:

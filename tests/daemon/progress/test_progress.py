@@ -103,10 +103,10 @@ def test_stages_do_their_share_of_what_is_around_them(work, clock):
             clock.now = 1.0
         assert work.state() == WorkState("", 0.2, pytest.approx(4.0))
         with stage("writing", 8, share=80.0) as told:
-            told.advance(2, "writing frames")
-            assert work.state() == WorkState("writing frames", pytest.approx(0.4), pytest.approx(1.5))
+            told.advance(2)
+            assert work.state() == WorkState("writing", pytest.approx(0.4), pytest.approx(1.5))
             told.advance(15)
-            assert work.state() == WorkState("writing frames", 1.0, 0.0)
+            assert work.state() == WorkState("writing", 1.0, 0.0)
 
 
 def test_stages_end_however_they_are_left(work):

@@ -10,15 +10,17 @@ from energy.plant import production
 from cellwatt_plugins.energy.advice import Cycle, advise, motion_energy, speed_advice
 from cellwatt_plugins.energy.task_energy import Stretch, stored_energy
 
+PAUSE = 2.0
 
-def produced(measured, speed, repetitions=1, pause=2.0):
+
+def produced(measured, speed):
     case, _, key = measured
-    seen, power, _ = production(case, key["fixed"], speed, 5.0, repetitions, pause, RATE)
+    seen, power, _ = production(case, key["fixed"], speed, 5.0, 1, PAUSE, RATE)
     return Stretch(1 / RATE, seen["position"], seen["velocity"], seen["torque"], power)
 
 
-def moving(whole, pause=2.0):
-    part = slice(round(pause * RATE), len(whole.power) - round(pause * RATE))
+def moving(whole):
+    part = slice(round(PAUSE * RATE), len(whole.power) - round(PAUSE * RATE))
     return Stretch(whole.step, *(getattr(whole, n)[part] for n in ("position", "velocity", "torque", "power")))
 
 
