@@ -10,7 +10,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
 from urllib.parse import urlsplit
@@ -24,7 +24,10 @@ from cellwatt.progress import stage
 KEPT: Final = 30 * 86400.0
 """Time in s for which a copy is stored after its last use."""
 _URL: Final = re.compile(r"[a-z][a-z0-9+.-]*(?:::|://)")
-_TAGS: Final = ("size", "ETag", "etag", "mtime", "LastModified", "last_modified", "updated", "created")
+_TAGS: Final = (
+    *("size", "ETag", "etag", "mtime", "LastModified", "last_modified", "updated", "created"),
+    *("Last-Modified", "Content-MD5", "Digest", "modify", "modified", "last_write_time", "sha"),
+)
 """Keys of fsspec's file information that distinguish versions of a file."""
 _REFUSED: Final = ("ACCESS_DENIED", "INVALID_ACCESS_KEY_ID", "SIGNATURE_DOES_NOT_MATCH", "NO_CREDENTIALS", "FORBIDDEN")
 _PIECE: Final = 8_000_000
@@ -92,8 +95,9 @@ def _copy(url: str, store: Any, files: Mapping[str, Mapping[str, Any]], folder: 
     """Copy the files to ``place / name``, all or none."""
     folder.parent.mkdir(0o700, parents=True, exist_ok=True)
     for old in folder.parent.iterdir():  # copies long unused, or of a killed process
-        if old.stat().st_mtime < time.time() - KEPT:
-            shutil.rmtree(old, ignore_errors=True)
+        with suppress(FileNotFoundError):  # another process has removed or finished it
+            if old.stat().st_mtime < time.time() - KEPT:
+                shutil.rmtree(old, ignore_errors=True)
     part = Path(tempfile.mkdtemp(prefix=".part-", dir=folder.parent))
     try:
         sizes = [about.get("size") for about in files.values()]
