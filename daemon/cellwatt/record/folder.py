@@ -172,6 +172,14 @@ def files_of(folder: Path, cell: str) -> list[RecordFile]:
     return [stored for stored in listing(folder, cell) if stored.path.name.endswith((".mcap", f".mcap{PART}"))]
 
 
+def oldest_first(folder: Path, cell: str, session: int) -> list[RecordFile]:
+    """The files of one cell in the order in which ``session``, the present one, removes them.
+
+    Sessions that begin later were recorded before the PC's clock was set back.
+    """
+    return sorted(listing(folder, cell), key=lambda file: file.name.session <= session)
+
+
 S = TypeVar("S", bound=Stored)
 
 
@@ -196,11 +204,3 @@ def remove(files: Iterable[Stored]) -> None:
     for file in files:
         for path in (*file.beside, file.path):
             path.unlink(missing_ok=True)
-
-
-def remove_oldest(folder: Path, cell: str) -> RecordFile | None:
-    """Delete the oldest closed file, regardless of the budget, because the disk is full. Raises ``OSError``."""
-    oldest = next((f for f in listing(folder, cell) if f.closed), None)
-    if oldest is not None:
-        remove([oldest])
-    return oldest

@@ -16,7 +16,7 @@ from cellwatt.door.signing import Signer
 from cellwatt.errors import ConfigError
 from cellwatt.files import sync_folder
 from cellwatt.record import seal
-from cellwatt.record.folder import listing, remove, remove_oldest, surplus
+from cellwatt.record.folder import RecordFile, oldest_first, remove, surplus
 from cellwatt.record.header import FileName
 from cellwatt.record.openfile import OpenFile, check_place
 from cellwatt.record.recovery import Recovery, left_open, recover
@@ -38,9 +38,9 @@ def is_full(error: OSError) -> bool:
 class Upkeep:
     """Runs slow file work for one recorder, one job at a time, and repairs in parallel."""
 
-    def __init__(self, settings: RecordSettings, cell: str) -> None:
+    def __init__(self, settings: RecordSettings, cell: str, session: int) -> None:
         self._settings = settings
-        self._cell = cell
+        self._cell, self._session = cell, session
         self.rotate_at = settings.file_limit
         self._worker = ThreadPoolExecutor(1, "recording-upkeep")
         self._repairs = ThreadPoolExecutor(1, "recording-repair")
@@ -141,14 +141,16 @@ class Upkeep:
             return False
         self._in_vain += 1
         try:
-            gone = remove_oldest(self._settings.folder, self._cell)
+            files = self._oldest_first()
+            gone = [file for file in files if file.closed][:1]
+            remove(gone)
         except OSError as error:
             self._problem = f"recordings cannot be deleted to make room: {error.strerror}"
             return False
-        if gone is None:
+        if not gone:
             return False
-        self._count_removed([gone.size])
-        remaining = sum(file.size for file in listing(self._settings.folder, self._cell))
+        self._count_removed([gone[0].size])
+        remaining = sum(file.size for file in files) - gone[0].size
         if remaining < self._settings.keep:
             self._short_at = time.monotonic()
             self._short = {"files": self._short.get("files", 0) + 1, "bytes": remaining, "keep": self._settings.keep}
@@ -195,7 +197,7 @@ class Upkeep:
     def _retain(self) -> None:
         settings = self._settings
         try:
-            files = listing(settings.folder, self._cell)
+            files = self._oldest_first()
             growing = next((f.size for f in reversed(files) if not f.closed), 0)
             reserve = max(self.rotate_at - growing, 0)
             gone = surplus(files, keep=settings.keep, age=settings.age, now=time.time(), reserve=reserve)
@@ -203,6 +205,9 @@ class Upkeep:
             self._count_removed([f.size for f in gone])
         except OSError as error:
             self._problem = f"old recordings cannot be removed: {error.strerror}"
+
+    def _oldest_first(self) -> list[RecordFile]:
+        return oldest_first(self._settings.folder, self._cell, self._session)
 
     def _count_removed(self, sizes: list[int]) -> None:
         self._removed_files += len(sizes)

@@ -188,29 +188,23 @@ def waited(process, upstream):
     return {re.search(r"with (\d+) s of waiting", alarm.statement)[1] for alarm in brakes}
 
 
-def test_an_arm_that_does_another_task_in_between_does_not_wait(fed, results):
-    upstream = [result for result in results if isinstance(result, Interval | Task)]
-    names = [
-        replace(result, name=f"task_{2 - result.repetition % 2}", repetition=(result.repetition + 1) // 2)
-        if isinstance(result, Task)
-        else result
-        for result in upstream
-    ]
-    assert [task.repetition for task in of(names, Task) if task.name == "task_1"][:3] == [1, 2, 3]
-    assert waited(fed(brake_time=0.5), names) == waited(fed(brake_time=0.5), upstream) == {"2"}
+def another_name(result):
+    """Every other repetition is of another task."""
+    number, odd = (result.repetition + 1) // 2, result.repetition % 2
+    return replace(result, name=f"task_{2 - odd}", repetition=number)
 
 
-def test_a_pause_of_production_is_not_what_the_arm_waits_after_a_task(fed, results):
-    upstream = [result for result in results if isinstance(result, Interval | Task)]
-    second = of(upstream, Task)[1].intervals[-1]
-    paused = [
-        replace(result, end=result.end + 3600 * 10**9)
-        if isinstance(result, Interval) and result.closed and result.number == second + 1
-        else result
-        for result in upstream
-    ]
-    assert paused != upstream
-    assert waited(fed(brake_time=0.5), paused) == {"2"}
+@pytest.mark.parametrize("what", ["another task in between", "a pause of production after the second repetition"])
+def test_what_is_no_waiting_of_the_arm_after_its_task(fed, results, what):
+    upstream = of(results, Interval | Task)
+    if "task" in what:
+        changed = [another_name(result) if isinstance(result, Task) else result for result in upstream]
+        assert [task.repetition for task in of(changed, Task) if task.name == "task_1"][:3] == [1, 2, 3]
+    else:
+        after = of(upstream, Task)[1].intervals[-1] + 1
+        rest = next(each for each in of(upstream, Interval) if each.closed and each.number == after)
+        changed = [replace(each, end=each.end + 3600 * 10**9) if each is rest else each for each in upstream]
+    assert waited(fed(brake_time=0.5), changed) == waited(fed(brake_time=0.5), upstream) == {"2"}
 
 
 def test_electronics_are_followed_at_the_end_of_a_rest_longer_than_the_frames_stored(folder, produced, results):
