@@ -81,7 +81,8 @@ def _bars(found: Findings, power: Unit) -> Figure:
     """Stacked bars of mean power, one per run, with the electronics' share (Figs 7 and 8)."""
     runs = found.runs
     labels = [_name(run) for run in runs]
-    sizes = np.array([_parts(run) for run in runs]) / np.array([[run.seconds * power.factor] for run in runs])
+    energies = np.array([[energy or 0.0 for energy in run.split] for run in runs])
+    sizes = energies / np.array([[run.seconds * power.factor] for run in runs])
     traces = [bars(name, labels, sizes[:, i], colour, power.name) for i, (name, colour) in enumerate(GROUPS.items())]
     ends = np.maximum(sizes, 0.0).sum(axis=1)
     shares = [f"electronics {100 * run.electronics / run.total:.0f} %" for run in runs]
@@ -101,12 +102,6 @@ def _bars(found: Findings, power: Unit) -> Figure:
         (ROW * len(labels),),
         layout={"barmode": "stack", "bargap": 0.22},
     )
-
-
-def _parts(run: RunEnergy) -> tuple[float, ...]:
-    """Energy of each of ``GROUPS``, J."""
-    electrical = run.electrical_losses_with_regeneration if run.electrical_losses is None else run.electrical_losses
-    return run.electronics, run.brakes, run.mechanical_losses, electrical, run.regeneration or 0.0
 
 
 def _curves(found: Findings, identified: Identified, power: Unit) -> list[Block]:

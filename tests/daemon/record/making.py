@@ -67,9 +67,15 @@ def name_of(number: int = 1) -> str:
 
 
 def write_chunks(
-    folder: Path, chunks: Iterable[Iterable[Item]], *, number: int = 1, close: bool = True, header: Header = HEADER
+    folder: Path,
+    chunks: Iterable[Iterable[Item]],
+    *,
+    number: int = 1,
+    close: bool = True,
+    header: Header | None = None,
 ) -> OpenFile:
     """A file whose chunks hold exactly these items; with ``close=False`` as a killed writer leaves it."""
+    header = header or HEADER
     name = FileName(header.session, number, header.cell)
     file = OpenFile(folder / str(name), replace(header, number=number))
     encoder = Encoder(file)
