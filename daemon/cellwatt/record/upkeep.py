@@ -18,7 +18,7 @@ from cellwatt.files import sync_folder
 from cellwatt.record import seal
 from cellwatt.record.folder import RecordFile, oldest_first, remove, surplus
 from cellwatt.record.header import FileName
-from cellwatt.record.openfile import OpenFile, check_place
+from cellwatt.record.openfile import DisplacedError, OpenFile, check_place
 from cellwatt.record.recovery import Recovery, left_open, recover
 from cellwatt.record.settings import RecordSettings
 
@@ -45,6 +45,8 @@ class Upkeep:
         self._worker = ThreadPoolExecutor(1, "recording-upkeep")
         self._repairs = ThreadPoolExecutor(1, "recording-repair")
         self._syncing: Future[None] | None = None
+        self._synced: Path | None = None
+        """The file of the last sync."""
         self._repairing: dict[Future[Recovery | None], Path] = {}
         self._left: set[Path] = set()
         self._recovered: list[Recovery] = []
@@ -89,12 +91,14 @@ class Upkeep:
 
         Raises the ``OSError`` of the last sync, ``DisplacedError`` if the file was not at its path.
         """
-        last, self._syncing = self._syncing, None
-        if last is not None:
-            if not last.done():
-                self._syncing = last
-                return False
+        last, synced = self._syncing, self._synced
+        if last is not None and not last.done():
+            return False
+        self._syncing = None
+        # An earlier file that was displaced has been counted when it was closed.
+        if last is not None and not (synced != file.part and isinstance(last.exception(), DisplacedError)):
             last.result()
+        self._synced = file.part
         self._syncing = self._worker.submit(_sync, file.descriptor(), file.part)
         return True
 
