@@ -71,9 +71,14 @@ def test_units_of_time_power_and_payload() -> None:
 
 
 def test_a_unit_beside_the_name_counts_where_the_name_has_none(tmp_path: Path) -> None:
-    fields = [pa.field("t", pa.float64()), pa.field("q_1", pa.float64(), metadata={"unit": "deg"})]
-    pq.write_table(pa.table([[0.0, 1.0], [90.0, 180.0]], schema=pa.schema(fields)), tmp_path / "a.parquet")
-    np.testing.assert_allclose(read_table(tmp_path / "a.parquet").joints("position"), [[np.pi / 2], [np.pi]])
+    types = {"t": pa.float64(), "q_1": pa.float64(), "note": pa.string()}
+    units = {"t": "s", "q_1": "deg", "note": "mm"}
+    schema = pa.schema([pa.field(name, types[name], metadata={"unit": unit}) for name, unit in units.items()])
+    pq.write_table(pa.table([[0.0, 1.0], [90.0, 180.0], ["wet", "dry"]], schema=schema), tmp_path / "a.parquet")
+    found = read_table(tmp_path / "a.parquet")
+    np.testing.assert_allclose(found.joints("position"), [[np.pi / 2], [np.pi]])
+    assert "wet" in found.unfit["note"], "a text stays what it is"
+    assert found.units["note"] == "mm"
 
 
 def test_of_several_names_the_preferred_one_counts() -> None:
@@ -109,29 +114,7 @@ def test_a_channel_of_no_joint_is_found_with_its_source() -> None:
 def test_what_is_wrong_with_the_columns_is_said(columns: dict[str, object], message: str) -> None:
     with pytest.raises(RecordingError) as caught:
         table(**columns).needed("position", 1)
-    assert str(caught.value) == f"a.csv: {message}" or str(caught.value).startswith(f"a.csv: {message}")
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (b"", "cannot be read as a table"),
-        (b"t,q_1\n", "has no rows"),
-        (b"0.62,0.0\n0.63,0.0\n", "cannot be read as a table: no names in its first row"),
-        (b"q_1\n1\n", "no column t, timestamp or time for the time; there are: q_1"),
-        (b"t,q_1\n0,1\n1,1\n1,2\n", "column t does not rise from 1 to 1 s in row 4, column A"),
-        (b"noon,q_1\n0,1\n1,2\n", "no column t, timestamp or time"),
-    ],
-)
-def test_what_is_wrong_with_a_file_is_said_in_one_line(tmp_path: Path, text: bytes, message: str) -> None:
-    path = tmp_path / "a.csv"
-    path.write_bytes(text)
-    with pytest.raises(RecordingError) as caught:
-        found = read_table(path)
-        found.rising_time()
-        found.joints("position")
-    assert str(caught.value).startswith(f"{path}: {message}")
-    assert len(str(caught.value).splitlines()) == 1
+    assert str(caught.value).startswith(f"a.csv: {message}")
 
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
@@ -153,10 +136,7 @@ def test_whole_numbers_may_turn_into_fractions_late_in_the_file(tmp_path: Path) 
 def test_what_is_written_is_read(tmp_path: Path, name: str) -> None:
     columns = {"t": np.array([0.0, 0.1]), "move": np.array([1, 2]), "power": np.array([90.0, np.pi])}
     write_table(tmp_path / name, columns)
-    found = read_table(tmp_path / name)
-    assert {key: values.tolist() for key, values in found.columns.items()} == {
-        k: v.tolist() for k, v in columns.items()
-    }
+    np.testing.assert_equal(read_table(tmp_path / name).columns, columns)
     (tmp_path / "file").touch()
     with pytest.raises(RecordingError, match="cannot be written"):
         write_table(tmp_path / "file" / "a.csv", columns)
@@ -205,12 +185,3 @@ def test_columns_of_numbers_in_other_types_and_in_lists(tmp_path: Path) -> None:
 def test_a_column_that_is_there_twice_spares_the_others(tmp_path: Path) -> None:
     pq.write_table(pa.Table.from_arrays([pa.array([0.0, 1.0])] * 3, ["t", "power", "power"]), tmp_path / "a.parquet")
     assert read_table(tmp_path / "a.parquet").time.tolist() == [0.0, 1.0]
-
-
-def test_texts_of_a_file_stay_what_they_are(tmp_path):
-    field = pa.field("note", pa.string(), metadata={"unit": "mm"})
-    schema = pa.schema([pa.field("t", pa.float64()), field])
-    pq.write_table(pa.table({"t": [1.0, 2.0], "note": ["wet", "dry"]}, schema=schema), tmp_path / "a.parquet")
-    found = read_table(tmp_path / "a.parquet")
-    assert "wet" in found.unfit["note"]
-    assert found.units["note"] == "mm"
