@@ -13,6 +13,7 @@ from cellwatt_plugins.energy.procedure.cut import cut_programme, cut_state
 from cellwatt_plugins.energy.procedure.recorded import motion_of, power_of
 from cellwatt_plugins.energy.recordings import read_reading, read_runs
 from cellwatt_plugins.robot import Arm
+from tests.plugins.energy.procedure.cube import TABLE_SECONDS
 from tests.plugins.energy.running import MEASURED
 
 REPETITIONS = 3
@@ -86,7 +87,7 @@ def test_the_emulated_arms_draw_what_the_tables_say(robot):
     for speed, energies in plant.made.total.items():
         for payload, energy in zip((0.0, plant.cube.payload), energies, strict=True):
             true = plant.truth(speed, payload)
-            pace = true["seconds"] * speed / 50 / plant.made.table_seconds
+            pace = true["seconds"] * speed / 50 / TABLE_SECONDS[robot]
             assert true["total"] / pace == pytest.approx(energy, rel=0.01)
             assert pace == pytest.approx(1.0, abs=0.01)
     assert np.isfinite(plant.rates).all()

@@ -110,9 +110,7 @@ def test_the_abstracts_68_78_and_not_67_76_percent_of_electronics_follows_from_t
 
 def test_the_shares_of_electrical_losses_of_ur10e_and_gen3_are_printed_the_wrong_way_round():
     """Section V.C: UR10e 28.22 % (33.21 W), Gen3 27.62 % (11.79 W); the least is neither's, but that of UR5e."""
-    found = {
-        robot: mean_power_shares(runs[:, 1:], runs[:, 1] / ELECTRONICS[robot])[2] for robot, runs in RUNS.items()
-    }
+    found = {robot: mean_power_shares(runs[:, 1:], runs[:, 1] / ELECTRONICS[robot])[2] for robot, runs in RUNS.items()}
     assert found["UR10e"] == pytest.approx(27.62, abs=0.01)
     assert found["Gen3"] == pytest.approx(28.22, abs=0.02)
     assert min(found, key=found.get) == "UR5e"

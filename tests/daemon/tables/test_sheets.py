@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from cellwatt.errors import RecordingError
 from cellwatt.tables import read_table
 
-
 NO_TABLE = "cannot be read as a table"
 
 

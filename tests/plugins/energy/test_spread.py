@@ -81,10 +81,7 @@ def test_an_energy_json_from_before_is_refused_with_what_to_do(measured, outcome
         load_known(path, arm)
     del found["covariance"]
     path.write_text(json.dumps(found))
-    with pytest.raises(
-        ModelError,
-        match="the key 'covariance' is missing; if it is of an earlier cellwatt, run",
-    ):
+    with pytest.raises(ModelError, match="the key 'covariance' is missing; if it is of an earlier cellwatt, run"):
         load_known(path, arm)
 
 

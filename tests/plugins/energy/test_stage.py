@@ -22,11 +22,7 @@ from cellwatt_plugins.energy.stage import EnergySettings, EnergyStage
 from cellwatt_plugins.robot import Arm
 from tests.daemon.record.making import write_chunks
 
-GROUPS = {
-    "mechanical_losses": "mechanical",
-    "electrical_losses": "electrical",
-    "regeneration": "chopper",
-}
+GROUPS = {"mechanical_losses": "mechanical", "electrical_losses": "electrical", "regeneration": "chopper"}
 
 
 @pytest.fixture(scope="module")
