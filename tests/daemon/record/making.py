@@ -26,7 +26,7 @@ def stream_of(channels: int, name: str = "rtde") -> Stream:
     return Stream(name, tuple(Channel(f"joint_{i + 1}.position", "rad") for i in range(channels)), 500.0, "device")
 
 
-ARM = stream_of(6)
+ARM, METER = stream_of(6), stream_of(2, "meter")
 
 
 def batch_of(

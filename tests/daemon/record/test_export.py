@@ -10,10 +10,8 @@ from cellwatt.commands.export import command
 from cellwatt.emulation import load_signals
 from cellwatt.tables import read_table
 
-from .making import SESSION, batch_of, frames_of, name_of, stream_of, write_chunks
+from .making import METER, SESSION, batch_of, frames_of, name_of, write_chunks
 from .test_roundtrip import RESULTS
-
-SUPPLY = stream_of(2, "meter")
 
 
 @pytest.fixture
@@ -22,7 +20,7 @@ def folder(tmp_path):
     for number in (1, 2):
         first = (number - 1) * 20
         items = [batch_of(first, 15), batch_of(first + 15, 5), frames_of(first, 10), Tick(SESSION)]
-        items.append(batch_of(first, 20, stream=SUPPLY, source="supply", device=False))
+        items.append(batch_of(first, 20, stream=METER, source="supply", device=False))
         write_chunks(tmp_path / "rec", [items, [*RESULTS, Event(SESSION, "arm", "connected", "up")]], number=number)
     return tmp_path / "rec"
 
