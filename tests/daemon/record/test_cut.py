@@ -19,22 +19,16 @@ def alarm_at(time: int) -> Alarm:
     return Alarm("faults.arm.joint_fault.2", "joint_fault", "error", True, time, time, "Joint 2 needs 38 W more")
 
 
-def write_record(folder: Path) -> list[int]:
-    """Three files of 1 s: samples, frames, and an alarm at 1.5 s; gives the numbers of the samples."""
+def write_record(folder: Path) -> None:
+    """Three files of 1 s, 500 samples: samples, frames, and an alarm at 1.5 s."""
     for number in range(3):
-        first = 500 * number
         chunks = [
-            [
-                batch_of(first + 50 * i, 50),
-                frames_of((first + 50 * i) // 10, 5),
-                Tick(SESSION + (first + 50 * i + 49) * PERIOD),
-            ]
-            for i in range(10)
+            [batch_of(first, 50), frames_of(first // 10, 5), Tick(SESSION + (first + 49) * PERIOD)]
+            for first in range(500 * number, 500 * (number + 1), 50)
         ]
         if number == 1:
             chunks[5].append(alarm_at(SESSION + 750 * PERIOD))
         write_chunks(folder, chunks, number=number + 1, close=number < 2)
-    return list(range(1500))
 
 
 def test_the_span_and_nothing_else_over_several_files_one_still_open(tmp_path):

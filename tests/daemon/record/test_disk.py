@@ -25,8 +25,7 @@ class Disk:
     """Takes ``room`` bytes in all, then raises ``code``; a write that does not fit is cut, as real ones are."""
 
     def __init__(self, room, code=errno.ENOSPC):
-        self.room = room
-        self.code = code
+        self.room, self.code = room, code
 
     def open(self, path):
         disk = self
@@ -158,16 +157,14 @@ def test_a_repair_waits_for_room(tmp_path, monkeypatch):
 @pytest.mark.parametrize("how", ["moved", "folder removed"])
 async def test_a_file_that_is_taken_away_is_noticed_and_what_it_held_is_counted(tmp_path, how):
     folder = tmp_path / "record"
-    settings = RecordSettings(folder=folder, sync=0.02, flush=0.01)
-    async with started(settings) as recorder:
+    async with started(RecordSettings(folder=folder, sync=0.02, flush=0.01)) as recorder:
         await record(recorder, range(3))
         (part,) = folder.glob(f"*{PART}")
         away = tmp_path / "away"
-        match how:
-            case "moved":
-                part.rename(away)
-            case "folder removed":
-                shutil.rmtree(folder)
+        if how == "moved":
+            part.rename(away)
+        else:
+            shutil.rmtree(folder)
 
         async def noticed():
             await record(recorder, [7])
