@@ -99,7 +99,11 @@ def _repair(file: FileIO, part: Path) -> Recovery:
         part.rename(target)
     elif found.torn:
         aside = _set_aside(file, found, target)
-        _close_behind(file, found)
+        # The incomplete end is cut off, and the end of the file is written in its place.
+        file.truncate(found.end)
+        file.seek(found.end)
+        write_all(file, found.tail + closing(found.contents, found.end + len(found.tail)))
+        os.fsync(file.fileno())
         part.rename(target)
     else:
         _rewrite(file, found, target)
@@ -143,14 +147,6 @@ def _set_aside(file: FileIO, found: Scan, target: Path) -> Path | None:
         write_all(out, tail)
         os.fsync(out.fileno())
     return aside
-
-
-def _close_behind(file: FileIO, found: Scan) -> None:
-    """Cut the incomplete end off and write the end of the file in its place."""
-    file.truncate(found.end)
-    file.seek(found.end)
-    write_all(file, found.tail + closing(found.contents, found.end + len(found.tail)))
-    os.fsync(file.fileno())
 
 
 def _rewrite(file: FileIO, found: Scan, target: Path) -> None:

@@ -20,7 +20,6 @@ from mcap.records import Header as McapHeader
 from cellwatt.record.chunks import (
     DEFINED,
     LARGEST_RECORD,
-    Walk,
     definition,
     definitions,
     open_chunk,
@@ -169,7 +168,8 @@ class _Scanner:
         indexes, positions = message_indexes(index, after)
         length, contents = after - at, self.found.contents
         contents.define(listed.definitions)
-        self._note_numbers(listed)
+        for channel, counted in listed.counts().items():
+            self._numbers.setdefault(channel, []).append((listed.first[channel], listed.last[channel], counted))
         sizes = (opened.compressed, len(opened.data))
         contents.add_chunk(
             Chunk(at, length, opened.start, opened.end, *sizes, positions, len(indexes)), listed.counts()
@@ -205,10 +205,6 @@ class _Scanner:
         elif read.name == DEFINITIONS:
             self.found.contents.define(definitions(read.data))
         self.found.contents.attachments.append(attachment_index(read, at, RECORD.size + len(body)))
-
-    def _note_numbers(self, listed: Walk) -> None:
-        for channel, counted in listed.counts().items():
-            self._numbers.setdefault(channel, []).append((listed.first[channel], listed.last[channel], counted))
 
     def _count_missing(self) -> None:
         """Count the numbers that are missing between the messages found."""

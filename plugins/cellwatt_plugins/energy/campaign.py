@@ -239,13 +239,8 @@ def _notes(arm: Arm, identified: Identified) -> tuple[str, ...]:
     for joint, factor, unsure in zip(arm.description.joints, drive.torque, spread, strict=True):
         if abs(factor - 1) > max(OFF, 3 * unsure):
             notes.append(f"{joint.name}: the reported torque is the true torque times {1 / factor:.3f}: corrected")
-    as_given = {one.run.name: _given_losses(one, n) for one in identified.observed}
-    if negative := [name for name, energy in as_given.items() if energy < 0]:
+    if negative := [one.run.name for one in identified.observed if one.feature[:, :n].sum() < 0]:
         notes.append(
             f"with the reported torque, mechanical losses would be negative in {', '.join(negative)}: corrected"
         )
     return tuple(notes)
-
-
-def _given_losses(one: Observed, joints: int) -> float:
-    return float(one.feature[:, :joints].sum() * one.run.motion.step)

@@ -322,18 +322,12 @@ class EnergyStage(Stage[EnergySettings]):
         cycle = Cycle(stretch, (end - start) * 1e-9, None if isinstance(rest, str) else rest)
         # The power of the electronics is the present one, as in the split.
         drive = replace(self._known.drive, fixed=self._known.drive.fixed + self._level.drift)
-        found = advise(self._arm, replace(self._known, drive=drive), cycle, self.settings.brake_time)
-        alarms = [
-            self._alarm(
-                f"energy_advice_{advice.kind}",
-                "info",
-                task,
-                f"{task.name}: {advice.statement} (±{advice.uncertainty:.0f} J)",
-                {"saving_J": advice.saving, "uncertainty_J": advice.uncertainty, **advice.setting},
-            )
-            for advice in found
-        ]
-        return [published for alarm in alarms for published in self._book.raise_(alarm)]
+        out: list[Alarm] = []
+        for advice in advise(self._arm, replace(self._known, drive=drive), cycle, self.settings.brake_time):
+            text = f"{task.name}: {advice.statement} (±{advice.uncertainty:.0f} J)"
+            evidence = {"saving_J": advice.saving, "uncertainty_J": advice.uncertainty, **advice.setting}
+            out += self._book.raise_(self._alarm(f"energy_advice_{advice.kind}", "info", task, text, evidence))
+        return out
 
     def _rest_after(self, task: Task) -> tuple[int, int]:
         """Start and end, ns, of the rest that follows a task before any other motion; equal if there is none."""

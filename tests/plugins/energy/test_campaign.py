@@ -35,8 +35,7 @@ def test_regeneration_is_told_from_electrical_losses(measured, outcome):
 
 def test_groups_add_up(outcome):
     for run in outcome.findings.runs:
-        parts = run.electronics + run.brakes + run.mechanical_losses + run.electrical_losses + run.regeneration
-        assert parts == pytest.approx(run.total, rel=1e-9)
+        assert sum(run.split) == pytest.approx(run.total, rel=1e-9)
 
 
 def test_errors_are_within_the_stated_uncertainty(measured, outcome):

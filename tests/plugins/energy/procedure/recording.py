@@ -25,11 +25,9 @@ def arm_stream(joints, by_current, rate):
 class Taped:
     """Puts spans one after the other into a recording, on the cell's time."""
 
-    def __init__(self, folder: Path, arm, noise=0.08, lag=0.1, seed=1):
-        self.folder, self.arm = folder, arm
+    def __init__(self, folder: Path, arm, seed=1):
+        self.folder, self.arm, self.now = folder, arm, SESSION
         self.rng = np.random.default_rng(seed)
-        self.noise, self.lag = noise, lag
-        self.now = SESSION
         self.states, self.programmes = {}, {}
         self.stream = arm_stream(arm.made.joints, arm.made.by_current, 500.0)
         self._arm, self._supply = [], []
@@ -54,10 +52,10 @@ class Taped:
         self.now = end + 30_000_000_000
 
     def _power(self, watts):
-        """Means over 0.1 s, each stamped ``lag`` s after the middle of its time."""
+        """Means over 0.1 s with noise of 0.08 W, each stamped 0.1 s after the middle of its time."""
         means = watts[: len(watts) // 50 * 50].reshape(-1, 50).mean(axis=1)
-        time = self.now + round(self.lag * 1e9) + 50_000_000 + np.arange(len(means)) * 100_000_000
-        noisy = means + self.rng.normal(0, self.noise, len(means))
+        time = self.now + 150_000_000 + np.arange(len(means)) * 100_000_000
+        noisy = means + self.rng.normal(0, 0.08, len(means))
         self._supply.append((time, np.column_stack([np.full(len(means), 230.0), noisy])))
 
     def without(self, source, start, end):
