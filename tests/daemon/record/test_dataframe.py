@@ -13,8 +13,7 @@ from .test_roundtrip import RESULTS
 
 @pytest.fixture
 def folder(tmp_path):
-    for number in (1, 2):
-        first = (number - 1) * 20
+    for number, first in ((1, 0), (2, 20)):
         items = [batch_of(first, 20), frames_of(first, 20), batch_of(first, 20, stream=METER, source="supply")]
         write_chunks(tmp_path, [items, RESULTS if number == 1 else []], number=number)
     return tmp_path
