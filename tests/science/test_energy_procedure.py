@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -17,12 +15,6 @@ from tests.plugins.energy.procedure.cube import TABLE_SECONDS
 from tests.plugins.energy.running import MEASURED
 
 REPETITIONS = 3
-BENCH = Path(__file__).resolve().parents[2] / "bench"
-
-
-@pytest.fixture(autouse=True)
-def _bench(monkeypatch):
-    monkeypatch.syspath_prepend(str(BENCH))
 
 
 def measured(robot, folder, seed=1):

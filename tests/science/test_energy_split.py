@@ -24,7 +24,6 @@ from tests.plugins.energy.running import run_on, worst_error
 ROOT = Path(__file__).resolve().parents[2]
 SHARED = ROOT / ".." / "shared" / "energy_runs"
 DATA = ROOT / ".." / "shared" / "data"
-BENCH = ROOT / "bench"
 ONE = (Repetition(0.0, 1.0, 0.0),)
 """A move is one repetition, whose ends do not count here."""
 
@@ -77,8 +76,7 @@ def test_every_row_of_table_iii_by_our_equations(robot):
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("name", ["ur_big", "gen3_like", "seven_by_current"])
-def test_arms_that_nothing_was_tuned_on(name, tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(str(BENCH))
+def test_arms_that_nothing_was_tuned_on(name, tmp_path):
     from energy.arms import CASES
     from energy.plant import write_campaign
 
@@ -119,9 +117,8 @@ def fit(arm, moves):
     return identify(moves, begin(arm, BELIEF.fixed[0]), BELIEF)
 
 
-def recorded_ur3e(folder, monkeypatch):
+def recorded_ur3e(folder):
     """Five short moves of a real UR3e (Hein Lab, MIT): power of the 48 V bus, torque from the joints' currents."""
-    monkeypatch.syspath_prepend(str(BENCH))
     from models import ur3e
 
     described = ur3e.write_robot(folder)
@@ -140,9 +137,9 @@ def recorded_ur3e(folder, monkeypatch):
 
 
 @needs_ur3e
-def test_energy_balance_of_a_real_ur3e(tmp_path, monkeypatch):
+def test_energy_balance_of_a_real_ur3e(tmp_path):
     """Groups add up to the measured energy of every move; of a move that was left out, nearly."""
-    arm, seen = recorded_ur3e(tmp_path, monkeypatch)
+    arm, seen = recorded_ur3e(tmp_path)
     whole = fit(arm, seen)
     for one in whole.observed:
         assert abs(one.residual(whole.drive).sum()) < 0.02 * one.power.sum()

@@ -12,8 +12,7 @@ pytestmark = needs_ur3e
 
 @pytest.fixture(scope="module")
 def arm_and_moves(tmp_path_factory):
-    with pytest.MonkeyPatch.context() as patch:
-        return recorded_ur3e(tmp_path_factory.mktemp("ur3e"), patch)
+    return recorded_ur3e(tmp_path_factory.mktemp("ur3e"))
 
 
 def known_from(identified):
