@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from cellwatt import CellInfo, FrameChannel, Frames, Layout
+from cellwatt.frames import cut
 from cellwatt.results import Alarm, Energy, Task
 from cellwatt_plugins.energy.stage import EnergySettings, EnergyStage
 from cellwatt_plugins.segment import SegmentSettings, SegmentStage
@@ -40,17 +41,11 @@ def run_stages(frames: Frames, folder: Path, **settings) -> list:
     segment = SegmentStage("segment", SegmentSettings(), frames.layout, cell)
     out: list = []
     for a in range(0, len(frames), BLOCK):
-        part = slice(a, a + BLOCK)
-        block = Frames(
-            frames.layout, a, frames.time[part], frames.values[part], frames.quality[part], frames.bound[part]
-        )
+        block = cut(frames, a, min(a + BLOCK, len(frames)))
         found = list(segment.process(block, ()))
         out += [*found, *energy.process(block, found)]
     found = list(segment.close())
-    nothing = Frames(
-        frames.layout, len(frames), frames.time[:0], frames.values[:0], frames.quality[:0], frames.bound[:0]
-    )
-    return [*out, *found, *energy.process(nothing, found), *energy.close()]
+    return [*out, *found, *energy.process(cut(frames, len(frames), len(frames)), found), *energy.close()]
 
 
 def measure_live(case: Case, key: dict, folder: Path, speed: float, payload: float) -> dict:

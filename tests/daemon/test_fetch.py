@@ -44,12 +44,20 @@ def test_a_file_is_fetched_once(store: fsspec.AbstractFileSystem, home: Path, mo
     assert [entry.name[0] != "." for entry in home.iterdir()] == [True]
 
 
-def test_another_version_has_a_copy_of_its_own(store: fsspec.AbstractFileSystem) -> None:
-    store.pipe("/plant/run.mcap", b"first")
-    first = fetch("memory://plant/run.mcap")
-    store.pipe("/plant/run.mcap", b"second, which is longer")
-    second = fetch("memory://plant/run.mcap")
-    assert (first.read_bytes(), second.read_bytes()) == (b"first", b"second, which is longer")
+@pytest.mark.parametrize(("tag", "content"), [("created", b"second, which is longer"), ("Last-Modified", b"other")])
+def test_another_version_has_a_copy_of_its_own(
+    store: fsspec.AbstractFileSystem, monkeypatch: pytest.MonkeyPatch, tag: str, content: bytes
+) -> None:
+    """Also of a web server that tells only when a file was changed."""
+    info = store.info
+    monkeypatch.setattr(
+        store, "info", lambda path: {k: v for k, v in info(path).items() if k != "created"} | {tag: now}
+    )
+    copies = []
+    for now in (b"first", content):
+        store.pipe("/plant/run.mcap", now)
+        copies.append(fetch("memory://plant/run.mcap"))
+    assert [copy.read_bytes() for copy in copies] == [b"first", content]
 
 
 def test_a_folder_is_fetched_with_those_below(store: fsspec.AbstractFileSystem) -> None:
@@ -87,6 +95,8 @@ def test_what_nobody_used_for_long_is_removed(store: fsspec.AbstractFileSystem, 
     os.utime(old.parent, (0, 0))
     fetch("memory://plant/c")
     assert (old.exists(), kept.exists()) == (False, True)
+    (home / ".part-of-another").symlink_to(home / "gone")  # as if its process had just finished it
+    assert fetch("memory://plant/a").read_bytes() == b"a"
 
 
 @pytest.mark.parametrize(

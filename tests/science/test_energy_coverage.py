@@ -1,19 +1,12 @@
 """The truth lies within what the live split says it is uncertain by: neither too narrow nor wide beyond use."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-BENCH = Path(__file__).resolve().parents[2] / "bench"
 SMALL = (1, 3, 8)
 """Arms of the small set: six and seven joints, torque by current and by sensor."""
-
-
-@pytest.fixture(autouse=True)
-def _bench(monkeypatch):
-    monkeypatch.syspath_prepend(str(BENCH))
 
 
 def all_of(found):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -12,23 +10,19 @@ from cellwatt_plugins.energy.fixed import AtRest, steady_power
 from cellwatt_plugins.energy.procedure.cut import cut_programme, cut_state
 from cellwatt_plugins.energy.procedure.recorded import motion_of, power_of
 from cellwatt_plugins.energy.recordings import read_reading, read_runs
+from cellwatt_plugins.robot import Arm
+from tests.plugins.energy.procedure.cube import TABLE_SECONDS
 from tests.plugins.energy.running import MEASURED
 
 REPETITIONS = 3
-BENCH = Path(__file__).resolve().parents[2] / "bench"
-
-
-@pytest.fixture(autouse=True)
-def _bench(monkeypatch):
-    monkeypatch.syspath_prepend(str(BENCH))
 
 
 def measured(robot, folder, seed=1):
     """A campaign of an arm through the recording: the arm, and what disaggregation makes of the files cut from it."""
-    from tests.plugins.energy.procedure.plant import ROBOTS, Arm
+    from tests.plugins.energy.procedure import plant as plants
     from tests.plugins.energy.procedure.recording import Taped
 
-    plant = Arm(ROBOTS[robot])
+    plant = plants.Arm(plants.ROBOTS[robot])
     arm = Arm.load(plant.describe(folder))
     taped = Taped(folder, plant, seed=seed)
     made, speeds = plant.made, tuple(plant.made.total)
@@ -79,13 +73,13 @@ def test_what_an_arm_truly_spent(robot, tmp_path):
 @pytest.mark.parametrize("robot", ["UR5e", "UR10e", "FR3", "Gen3"])
 def test_the_emulated_arms_draw_what_the_tables_say(robot):
     """Within 1 % of the run's energy in Table III, at the time that the cube takes."""
-    from tests.plugins.energy.procedure.plant import ROBOTS, Arm
+    from tests.plugins.energy.procedure import plant as plants
 
-    plant = Arm(ROBOTS[robot])
+    plant = plants.Arm(plants.ROBOTS[robot])
     for speed, energies in plant.made.total.items():
         for payload, energy in zip((0.0, plant.cube.payload), energies, strict=True):
             true = plant.truth(speed, payload)
-            pace = true["seconds"] * speed / 50 / plant.made.table_seconds
+            pace = true["seconds"] * speed / 50 / TABLE_SECONDS[robot]
             assert true["total"] / pace == pytest.approx(energy, rel=0.01)
             assert pace == pytest.approx(1.0, abs=0.01)
     assert np.isfinite(plant.rates).all()

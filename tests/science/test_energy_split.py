@@ -24,7 +24,6 @@ from tests.plugins.energy.running import run_on, worst_error
 ROOT = Path(__file__).resolve().parents[2]
 SHARED = ROOT / ".." / "shared" / "energy_runs"
 DATA = ROOT / ".." / "shared" / "data"
-BENCH = ROOT / "bench"
 ONE = (Repetition(0.0, 1.0, 0.0),)
 """A move is one repetition, whose ends do not count here."""
 
@@ -60,27 +59,24 @@ TABLE_III = {
     ],
 }
 """J: E_R, E_E, E_MB, L_E*, L_M without payload, the same with it, and ε_P in percent; one row a speed."""
+HALVES = (slice(0, 5), slice(5, 10))
 
-
-def runs_of(robot):
-    """(2 R, 5) J: every run of a robot, without and with payload."""
-    rows = np.array(TABLE_III[robot])
-    return np.vstack([rows[:, :5], rows[:, 5:10]])
+RUNS = {robot: np.array([row[half] for half in HALVES for row in rows]) for robot, rows in TABLE_III.items()}
+"""(2 R, 5) J: every run of a robot, without and with payload."""
 
 
 @pytest.mark.parametrize("robot", list(TABLE_III))
 def test_every_row_of_table_iii_by_our_equations(robot):
+    for total, electronics, brakes, electrical, mechanical in RUNS[robot]:
+        assert electrical_losses(total, electronics, brakes, mechanical) == pytest.approx(electrical, abs=2.0)
     for row in TABLE_III[robot]:
-        for total, electronics, brakes, electrical, mechanical in (row[:5], row[5:10]):
-            assert electrical_losses(total, electronics, brakes, mechanical) == pytest.approx(electrical, abs=2.0)
         assert payload_efficiency(row[5], row[0]) == pytest.approx(row[10], abs=0.06)
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("name", ["ur_big", "gen3_like", "seven_by_current"])
-def test_arms_that_nothing_was_tuned_on(name, tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(str(BENCH))
+def test_arms_that_nothing_was_tuned_on(name, tmp_path):
     from energy.arms import CASES
     from energy.plant import write_campaign
 
@@ -111,9 +107,18 @@ def test_the_shared_campaigns_by_their_own_scorer(arm, tmp_path):
     assert figures["negative_mechanical_losses"] == 0
 
 
-def recorded_ur3e(folder, monkeypatch):
+BELIEF = Belief((45.0, 20.0), np.ones(6), np.full(6, 0.3), 0.5)
+needs_ur3e = pytest.mark.skipif(
+    not (DATA / "ur3e_power").is_dir(), reason="the recordings of the UR3e are not beside the checkout"
+)
+
+
+def fit(arm, moves):
+    return identify(moves, begin(arm, BELIEF.fixed[0]), BELIEF)
+
+
+def recorded_ur3e(folder):
     """Five short moves of a real UR3e (Hein Lab, MIT): power of the 48 V bus, torque from the joints' currents."""
-    monkeypatch.syspath_prepend(str(BENCH))
     from models import ur3e
 
     described = ur3e.write_robot(folder)
@@ -127,21 +132,18 @@ def recorded_ur3e(folder, monkeypatch):
         q, qd, current = (np.stack([table[f"{s}_{i}"] for i in range(1, 7)], axis=1) for s in ("q", "qd", "current"))
         motion = RobotTrace(path.name, time, q, qd, current * np.array(ur3e.CONSTANT))
         runs.append(Recorded(path.stem, 0.0, 0.0, motion, PowerTrace(path.name, time, table["power"].to_numpy())))
-    return Arm.load(folder), runs
+    arm = Arm.load(folder)
+    return arm, [Observed(run, motion_features(arm, run.motion), Offset(0.0, 0.04), ONE) for run in runs]
 
 
-def test_energy_balance_of_a_real_ur3e(tmp_path, monkeypatch):
+@needs_ur3e
+def test_energy_balance_of_a_real_ur3e(tmp_path):
     """Groups add up to the measured energy of every move; of a move that was left out, nearly."""
-    if not (DATA / "ur3e_power").is_dir():
-        pytest.skip("the recordings of the UR3e are not beside the checkout")
-    arm, runs = recorded_ur3e(tmp_path, monkeypatch)
-    belief = Belief((45.0, 20.0), np.ones(6), np.full(6, 0.3), 0.5)
-    guess = begin(arm, 45.0)
-    seen = [Observed(run, motion_features(arm, run.motion), Offset(0.0, 0.04), ONE) for run in runs]
-    whole = identify(seen, guess, belief)
+    arm, seen = recorded_ur3e(tmp_path)
+    whole = fit(arm, seen)
     for one in whole.observed:
         assert abs(one.residual(whole.drive).sum()) < 0.02 * one.power.sum()
     for i, one in enumerate(seen):
-        others = identify(seen[:i] + seen[i + 1 :], guess, belief)
+        others = fit(arm, seen[:i] + seen[i + 1 :])
         later = replace(one, offset=whole.observed[i].offset)
         assert abs(later.residual(others.drive).sum()) < 0.1 * later.power.sum()

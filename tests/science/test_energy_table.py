@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cellwatt_plugins.energy.equations import mean_power_shares, motion_efficiency
-from tests.science.test_energy_split import ELECTRONICS, TABLE_III, runs_of
+from tests.science.test_energy_split import ELECTRONICS, RUNS, TABLE_III
 
 PERCENT = {
     "FR3": [
@@ -56,15 +56,11 @@ def halves(robot):
 
 @pytest.mark.parametrize("robot", list(PERCENT))
 def test_every_percentage_of_table_iii_is_its_energy_over_that_of_the_robot(robot):
-    """The print cuts as well as rounds its last digit: 0.1."""
+    """The print cuts as well as rounds its last digit: 0.1. The row of averages is the mean of the percentages."""
     for joules, percent in halves(robot):
         for energy, printed in zip(joules[1:], percent[:4], strict=True):
             if printed is not None:
                 assert 100 * energy / joules[0] == pytest.approx(printed, abs=0.11), (joules, percent)
-
-
-@pytest.mark.parametrize("robot", list(PERCENT))
-def test_the_row_of_averages_is_the_mean_of_the_percentages(robot):
     joules = np.array(TABLE_III[robot])
     own = [100 * joules[:, k + 1 : k + 5] / joules[:, k : k + 1] for k in (0, 5)]
     printed = np.array(AVERAGES[robot]).reshape(2, 5)
@@ -72,17 +68,13 @@ def test_the_row_of_averages_is_the_mean_of_the_percentages(robot):
 
 
 @pytest.mark.parametrize("robot", list(PERCENT))
-def test_eps_m_plus_is_not_below_what_the_joints_lose(robot):
+def test_eps_m_plus_is_not_below_what_the_joints_lose_and_rises_with_speed(robot):
     """E_M+ = L_M + what is braked (eqs 4, 5, 10, 18): on a closed path eps_M+ is L_M's share or more."""
     for joules, percent in halves(robot):
         if percent[4] is not None:
             positive = percent[4] / 100 * joules[0]
             assert motion_efficiency(positive, joules[0]) == pytest.approx(percent[4])
             assert positive >= joules[4] - 0.05 / 100 * joules[0]
-
-
-@pytest.mark.parametrize("robot", list(PERCENT))
-def test_eps_m_plus_averages_and_rises_with_speed(robot):
     for at in (4, 9):
         column = [row[at] for row in PERCENT[robot]]
         known = [value for value in column if value is not None]
@@ -106,9 +98,8 @@ def test_eps_m_plus_below_8_percent_in_every_case_is_not_what_the_table_says():
 def test_the_abstracts_68_78_and_not_67_76_percent_of_electronics_follows_from_the_table():
     """Section V.C has 67.76 %; with its own 6.77, 23.84 and 0.60 % that is 98.97 %, and no mean of the table is it."""
     shares, of_rows, of_sums = [], [], []
-    for robot, electronics in ELECTRONICS.items():
-        runs = runs_of(robot)
-        shares.append(mean_power_shares(runs[:, 1:], runs[:, 1] / electronics))
+    for robot, runs in RUNS.items():
+        shares.append(mean_power_shares(runs[:, 1:], runs[:, 1] / ELECTRONICS[robot]))
         of_rows.append(100 * np.mean(runs[:, 1:] / runs[:, :1], axis=0))
         of_sums.append(100 * runs[:, 1:].sum(axis=0) / runs[:, 0].sum())
     assert np.mean(shares, axis=0) == pytest.approx([68.78, 6.77, 23.84, 0.60], abs=0.01)
@@ -119,10 +110,7 @@ def test_the_abstracts_68_78_and_not_67_76_percent_of_electronics_follows_from_t
 
 def test_the_shares_of_electrical_losses_of_ur10e_and_gen3_are_printed_the_wrong_way_round():
     """Section V.C: UR10e 28.22 % (33.21 W), Gen3 27.62 % (11.79 W); the least is neither's, but that of UR5e."""
-    found = {}
-    for robot, electronics in ELECTRONICS.items():
-        runs = runs_of(robot)
-        found[robot] = mean_power_shares(runs[:, 1:], runs[:, 1] / electronics)[2]
+    found = {robot: mean_power_shares(runs[:, 1:], runs[:, 1] / ELECTRONICS[robot])[2] for robot, runs in RUNS.items()}
     assert found["UR10e"] == pytest.approx(27.62, abs=0.01)
     assert found["Gen3"] == pytest.approx(28.22, abs=0.02)
     assert min(found, key=found.get) == "UR5e"

@@ -10,7 +10,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
 from urllib.parse import urlsplit
@@ -24,7 +24,10 @@ from cellwatt.progress import stage
 KEPT: Final = 30 * 86400.0
 """Time in s for which a copy is stored after its last use."""
 _URL: Final = re.compile(r"[a-z][a-z0-9+.-]*(?:::|://)")
-_TAGS: Final = ("size", "ETag", "etag", "mtime", "LastModified", "last_modified", "updated", "created")
+_TAGS: Final = (
+    *("size", "ETag", "etag", "mtime", "LastModified", "last_modified", "updated", "created"),
+    *("Last-Modified", "Content-MD5", "Digest", "modify", "modified", "last_write_time", "sha"),
+)
 """Keys of fsspec's file information that distinguish versions of a file."""
 _REFUSED: Final = ("ACCESS_DENIED", "INVALID_ACCESS_KEY_ID", "SIGNATURE_DOES_NOT_MATCH", "NO_CREDENTIALS", "FORBIDDEN")
 _PIECE: Final = 8_000_000
@@ -56,7 +59,7 @@ def fetch(url: str) -> Path:
     """
     if url.startswith("file://"):
         return Path(url2pathname(urlsplit(url).path))
-    with _told(url):
+    with _reported(url):
         store, root = _file_system(url)
         files = _files(store, root)
     name = PurePosixPath(root).name
@@ -67,15 +70,15 @@ def fetch(url: str) -> Path:
     if wrong := next((below for below in files if "\0" in below or ".." in PurePosixPath(below).parts), None):
         raise CellwattError(f"{blank(url)} has a file {wrong!r}, whose name leads out of the folder")
     version = json.dumps([url, [(below, [str(about.get(tag)) for tag in _TAGS]) for below, about in files.items()]])
-    place = copies() / hashlib.sha256(version.encode()).hexdigest()[:32]
+    folder = copies() / hashlib.sha256(version.encode()).hexdigest()[:32]
     try:
-        if place.is_dir():
-            os.utime(place)
+        if folder.is_dir():
+            os.utime(folder)
         else:
-            _copy(url, store, files, place, name)
+            _copy(url, store, files, folder, name)
     except OSError as error:
-        raise CellwattError(f"{blank(url)} cannot be stored in {place.parent}: {why(error)}") from error
-    return place / name
+        raise CellwattError(f"{blank(url)} cannot be stored in {folder.parent}: {why(error)}") from error
+    return folder / name
 
 
 def _files(store: Any, root: str) -> dict[str, Mapping[str, Any]]:
@@ -88,36 +91,37 @@ def _files(store: Any, root: str) -> dict[str, Mapping[str, Any]]:
     return {path.strip("/").removeprefix(top).lstrip("/"): {**about, "name": path} for path, about in found}
 
 
-def _copy(url: str, store: Any, files: Mapping[str, Mapping[str, Any]], place: Path, name: str) -> None:
+def _copy(url: str, store: Any, files: Mapping[str, Mapping[str, Any]], folder: Path, name: str) -> None:
     """Copy the files to ``place / name``, all or none."""
-    place.parent.mkdir(0o700, parents=True, exist_ok=True)
-    for old in place.parent.iterdir():  # copies long unused, or of a killed process
-        if old.stat().st_mtime < time.time() - KEPT:
-            shutil.rmtree(old, ignore_errors=True)
-    part = Path(tempfile.mkdtemp(prefix=".part-", dir=place.parent))
+    folder.parent.mkdir(0o700, parents=True, exist_ok=True)
+    for old in folder.parent.iterdir():  # copies long unused, or of a killed process
+        with suppress(FileNotFoundError):  # another process has removed or finished it
+            if old.stat().st_mtime < time.time() - KEPT:
+                shutil.rmtree(old, ignore_errors=True)
+    part = Path(tempfile.mkdtemp(prefix=".part-", dir=folder.parent))
     try:
         sizes = [about.get("size") for about in files.values()]
-        with stage(f"fetching {blank(url)}", sum(filter(None, sizes))) as told:
+        with stage(f"fetching {blank(url)}", sum(filter(None, sizes))) as progress:
             for (below, about), size in zip(files.items(), sizes, strict=True):
                 target = part / name / below
                 target.parent.mkdir(parents=True, exist_ok=True)
-                with _told(url), store.open(about["name"], "rb") as source, target.open("xb") as copy:
+                with _reported(url), store.open(about["name"], "rb") as source, target.open("xb") as copy:
                     while piece := source.read(_PIECE):
                         copy.write(piece)
-                        told.advance(len(piece))
+                        progress.advance(len(piece))
                     if size is not None and copy.tell() != size:
                         came = f"{copy.tell()} of {size} bytes received of {about['name']}"
                         raise CellwattError(f"{blank(url)}: {came}: try again")
-        part.rename(place)
+        part.rename(folder)
     except OSError:
-        if not place.is_dir():  # else another process was first
+        if not folder.is_dir():  # else another process was first
             raise
     finally:
         shutil.rmtree(part, ignore_errors=True)
 
 
 @contextmanager
-def _told(url: str) -> Iterator[None]:
+def _reported(url: str) -> Iterator[None]:
     try:
         yield
     except CellwattError:

@@ -38,10 +38,10 @@ class LastMinute:
             return
         while self._blocks and self._blocks[-1][0][-1] >= time[0]:
             before, old = self._blocks.pop()
-            left = int(np.searchsorted(before, time[0]))
-            self._rows -= len(before) - left
-            if left:
-                self._blocks.append((before[:left], old[:left]))
+            remaining = int(np.searchsorted(before, time[0]))
+            self._rows -= len(before) - remaining
+            if remaining:
+                self._blocks.append((before[:remaining], old[:remaining]))
         self._blocks.append((time, values))
         self._rows += len(time)
         while len(self._blocks) > 1 and (

@@ -20,7 +20,9 @@ from cellwatt.subscriber import Gap, Health, Message
 CLEARED: Final = 500
 """Number of cleared alarms that are stored."""
 REPETITIONS: Final = 100
-"""Number of cycles of a task whose energies are stored."""
+"""Number of cycles of a task whose energies are stored …"""
+TASKS: Final = 64
+"""… and number of tasks; beyond it, those of the task that ended first are discarded."""
 SILENT: Final = 5.0
 """Time, s, without a message after which the cell counts as silent; it sends its health every second."""
 
@@ -81,6 +83,8 @@ class LiveCell:
             self.task = body
         elif kind == "energy":
             self.energies.setdefault(body["task"], deque(maxlen=REPETITIONS)).append(body)
+            if len(self.energies) > TASKS:
+                del self.energies[min(self.energies, key=lambda name: self.energies[name][-1]["end"])]
         elif kind == "prediction":
             self._prediction(body)
         return []
@@ -118,15 +122,18 @@ class LiveCell:
         return self._over(self.alarms.agree(status))
 
     def _session(self, session: int) -> list[Standing]:
-        """On a new session, clear the alarms of the ended daemon: the new daemon raises those that are still active."""
-        before, self.session = self.session, session
-        if before in (None, session):
+        """On a new session, clear the alarms of the ended daemon: the new daemon raises those that are still active.
+
+        Its tasks are forgotten, as the new daemon gives their names to other motions.
+        """
+        known, self.session = self.session, session
+        if known in (None, session):
             return []
         self.restarts += 1
-        self.status = {}
-        left, self.alarms = self.alarms, AlarmBook()
-        ends = (replace(s.alarm, active=False, time=session, statement=RESTARTED) for s in left.raised)
-        return self._over([left.hear(end) for end in ends])
+        self.status, self.task, self.energies = {}, None, {}
+        before, self.alarms = self.alarms, AlarmBook()
+        ends = (replace(s.alarm, active=False, time=session, statement=RESTARTED) for s in before.raised)
+        return self._over([before.hear(end) for end in ends])
 
     def _over(self, alarms: list[Standing]) -> list[Standing]:
         """Store the cleared alarms among ``alarms``; return all ``alarms``."""

@@ -31,10 +31,9 @@ class Stage:
     done: float = 0.0
     began: float = 0.0
 
-    def advance(self, amount: float = 1.0, name: str | None = None) -> None:
-        """Add the ``amount`` done since the last call; rename the stage to ``name``, if given."""
+    def advance(self, amount: float = 1.0) -> None:
+        """Add the ``amount`` done since the last call."""
         self.done += amount
-        self.name = self.name if name is None else name
 
 
 @dataclass(frozen=True)

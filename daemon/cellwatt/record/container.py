@@ -189,17 +189,17 @@ def chunk_bytes(
         CHUNK_HEAD.pack(start, end, len(data), zlib.crc32(data)) + COMPRESSION + struct.pack("<Q", len(packed)) + packed
     )
     record = framed(Opcode.CHUNK, body)
-    indexes, places = message_indexes(index, offset + len(record))
-    return record + indexes, Chunk(offset, len(record), start, end, len(packed), len(data), places, len(indexes))
+    indexes, positions = message_indexes(index, offset + len(record))
+    return record + indexes, Chunk(offset, len(record), start, end, len(packed), len(data), positions, len(indexes))
 
 
 def message_indexes(index: Mapping[int, bytes], offset: int) -> tuple[bytes, tuple[tuple[int, int], ...]]:
     """The message index records that follow a chunk, and the offset of each by channel."""
-    out, places = bytearray(), []
+    out, positions = bytearray(), []
     for channel, pairs in index.items():
-        places.append((channel, offset + len(out)))
+        positions.append((channel, offset + len(out)))
         out += framed(Opcode.MESSAGE_INDEX, struct.pack("<HI", channel, len(pairs)) + pairs)
-    return bytes(out), tuple(places)
+    return bytes(out), tuple(positions)
 
 
 _CHUNK_INDEX = struct.Struct("<QQQQI")
@@ -208,19 +208,19 @@ _CHUNK_INDEX = struct.Struct("<QQQQI")
 def chunk_index(chunk: Chunk) -> bytes:
     """The summary's record of a chunk."""
     head = _CHUNK_INDEX.pack(chunk.start, chunk.end, chunk.offset, chunk.length, 10 * len(chunk.indexes))
-    places = b"".join(struct.pack("<HQ", channel, offset) for channel, offset in chunk.indexes)
+    positions = b"".join(struct.pack("<HQ", channel, offset) for channel, offset in chunk.indexes)
     tail = struct.pack("<QQ", chunk.compressed, chunk.uncompressed)
-    return framed(Opcode.CHUNK_INDEX, head + places + struct.pack("<Q", chunk.index_length) + COMPRESSION + tail)
+    return framed(Opcode.CHUNK_INDEX, head + positions + struct.pack("<Q", chunk.index_length) + COMPRESSION + tail)
 
 
 def read_chunk_index(body: bytes) -> Chunk:
     """Decode a chunk's position from its record in the summary; raises ``struct.error``."""
     start, end, offset, length, size = _CHUNK_INDEX.unpack_from(body)
     at = _CHUNK_INDEX.size
-    places = tuple(struct.unpack_from("<HQ", body, p) for p in range(at, at + size, 10))
+    positions = tuple(struct.unpack_from("<HQ", body, p) for p in range(at, at + size, 10))
     index_length, compression = struct.unpack_from("<QI", body, at + size)
     compressed, uncompressed = struct.unpack_from("<QQ", body, at + size + 12 + compression)
-    return Chunk(offset, length, start, end, compressed, uncompressed, places, index_length)
+    return Chunk(offset, length, start, end, compressed, uncompressed, positions, index_length)
 
 
 def closing(contents: Contents, offset: int) -> bytes:

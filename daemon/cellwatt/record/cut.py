@@ -44,7 +44,7 @@ def cut(folder: Path, cell: str, start: int, end: int, to: Path, *, reserve: flo
 
     Raises ``RecordingError`` if nothing was recorded in that span or the file cannot be written.
     """
-    files = [kept.path for kept in files_of(folder, cell)]
+    files = [stored.path for stored in files_of(folder, cell)]
     if not files:
         raise RecordingError(f"{folder}: no recordings of cell {cell}")
     recording = Recording.open(files).between(start, end)

@@ -36,19 +36,19 @@ class Track:
 
 def track_of(channel: Channel) -> Track | None:
     """Return the reader of a channel; ``None`` if it is not cellwatt's. Raises ``ValueError`` if it is damaged."""
-    topic, said = channel.topic, channel.metadata
+    topic, metadata = channel.topic, channel.metadata
     kind = _KINDS.get(topic)
-    if kind is None and "declaration" not in said:
+    if kind is None and "declaration" not in metadata:
         return None
     try:
-        if kind is not None and "series" not in said:
+        if kind is not None and "series" not in metadata:
             return Track(topic, kind=kind)
-        first = int(said["first"])
+        first = int(metadata["first"])
         if not 0 <= first < _LATEST_FIRST:
             raise ValueError(f"begins at number {first}")
         if kind is not None:
-            return Track(topic, kind=kind, first=first, series=said["series"])
-        rows = declared_rows(said)
+            return Track(topic, kind=kind, first=first, series=metadata["series"])
+        rows = declared_rows(metadata)
         if isinstance(rows, FrameRows) != (topic == FRAME_TOPIC):
             raise ValueError("its kind does not fit its topic")
         return Track(topic, rows, first=first, series=topic)

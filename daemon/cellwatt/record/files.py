@@ -147,7 +147,10 @@ class Files:
     def _ready(self) -> tuple[OpenFile, Encoder]:
         if self.open is None or self._encoder is None:
             if not self.count:
-                self._number = self._unused()
+                # The first file number that no earlier process of this session has used.
+                names = (stored.name for stored in listing(self._settings.folder, self._header.cell))
+                used = (name.number for name in names if name.session == self._header.session)
+                self._number = 1 + max(used, default=0)
             self._settings.folder.mkdir(parents=True, exist_ok=True)  # the folder may have been removed
             header = replace(self._header, number=self._number)
             name = str(FileName(header.session, header.number, header.cell))
@@ -164,11 +167,6 @@ class Files:
             self.count += 1
             self.bytes += self.open.size
         return self.open, self._encoder
-
-    def _unused(self) -> int:
-        """The first file number that no earlier process of this session has used."""
-        names = (kept.name for kept in listing(self._settings.folder, self._header.cell))
-        return 1 + max((name.number for name in names if name.session == self._header.session), default=0)
 
     def _commit(self) -> None:
         file = self.open

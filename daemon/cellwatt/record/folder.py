@@ -121,9 +121,9 @@ def _take(lock: int, folder: Path, cell: str) -> None:
         if error.errno not in (errno.EACCES, errno.EAGAIN):
             raise
         holder = os.pread(lock, _LONGEST, 0).decode(errors="replace").strip()
-        told = f" ({holder})" if holder and holder.isprintable() else ""
+        remark = f" ({holder})" if holder and holder.isprintable() else ""
         raise RecordingError(
-            f"record.folder {folder} is in use: another cellwatt records into it{told}; stop that one, or give each "
+            f"record.folder {folder} is in use: another cellwatt records into it{remark}; stop that one, or give each "
             "its own folder"
         ) from error
     os.ftruncate(lock, 0)
@@ -169,7 +169,15 @@ def listing(folder: Path, cell: str) -> list[RecordFile]:
 
 def files_of(folder: Path, cell: str) -> list[RecordFile]:
     """Recordings of a cell in the order in which they were recorded."""
-    return [kept for kept in listing(folder, cell) if kept.path.name.endswith((".mcap", f".mcap{PART}"))]
+    return [stored for stored in listing(folder, cell) if stored.path.name.endswith((".mcap", f".mcap{PART}"))]
+
+
+def oldest_first(folder: Path, cell: str, session: int) -> list[RecordFile]:
+    """The files of one cell in the order in which ``session``, the present one, removes them.
+
+    Sessions that begin later were recorded before the PC's clock was set back.
+    """
+    return sorted(listing(folder, cell), key=lambda file: file.name.session <= session)
 
 
 S = TypeVar("S", bound=Stored)
@@ -196,11 +204,3 @@ def remove(files: Iterable[Stored]) -> None:
     for file in files:
         for path in (*file.beside, file.path):
             path.unlink(missing_ok=True)
-
-
-def remove_oldest(folder: Path, cell: str) -> RecordFile | None:
-    """Delete the oldest closed file, regardless of the budget, because the disk is full. Raises ``OSError``."""
-    oldest = next((f for f in listing(folder, cell) if f.closed), None)
-    if oldest is not None:
-        remove([oldest])
-    return oldest

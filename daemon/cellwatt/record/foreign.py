@@ -63,8 +63,8 @@ def described(profile: str, channel: Channel, schema: Schema | None) -> str:
 
 def listed(topics: Iterable[str]) -> str:
     """List topics for a message, sorted, at most ``MOST``."""
-    told = sorted(set(topics))
-    return "; ".join(told[:MOST]) + ("; …" if len(told) > MOST else "") or "no topics"
+    unique = sorted(set(topics))
+    return "; ".join(unique[:MOST]) + ("; …" if len(unique) > MOST else "") or "no topics"
 
 
 def records(file: FileIO) -> Iterator[McapRecord]:

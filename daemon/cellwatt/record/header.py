@@ -56,8 +56,8 @@ class Header:
         try:
             return _HEADER.validate_json(text)
         except ValueError as error:
-            said = " ".join(str(error).split())[:200]
-            raise ValueError(f"this version cannot read the header: {said}") from error
+            reason = " ".join(str(error).split())[:200]
+            raise ValueError(f"this version cannot read the header: {reason}") from error
 
 
 _HEADER: TypeAdapter[Header] = TypeAdapter(Header)

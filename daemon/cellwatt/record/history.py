@@ -43,7 +43,7 @@ CACHED_FILES = 2
 class FileIndex:
     """Index of a file: ``firsts`` maps topics and series to their channel and first sequence number."""
 
-    kept: RecordFile
+    stored: RecordFile
     state: str
     start: int
     end: int
@@ -58,26 +58,26 @@ def tracks_in(contents: Contents) -> dict[int, Track]:
     return tracks_of(dict(contents.channels))[0]
 
 
-def look_at(kept: RecordFile) -> FileIndex:
+def look_at(stored: RecordFile) -> FileIndex:
     """Index of a file on disk; a file that its writer left open is not read before its repair."""
     try:
-        if kept.path.suffix == ".mcap":
-            found: Survey = survey(kept.path, chunks=False)
-            known = index_of(kept, found.contents, "closed" if not found.damage and found.closed else "damaged")
-            return replace(known, seal=read_seal(kept.path))
-        if not kept.closed:
-            with open_file(kept.path) as file:
+        if stored.path.suffix == ".mcap":
+            found: Survey = survey(stored.path, chunks=False)
+            known = index_of(stored, found.contents, "closed" if not found.damage and found.closed else "damaged")
+            return replace(known, seal=read_seal(stored.path))
+        if not stored.closed:
+            with open_file(stored.path) as file:
                 summary = read_summary(file, chunks=False)
-            return index_of(kept, summary, "closing") if summary else FileIndex(kept, "left open", 0, 0, 0, {})
+            return index_of(stored, summary, "closing") if summary else FileIndex(stored, "left open", 0, 0, 0, {})
     except (OSError, ValueError, RecordingError):
         pass
-    return FileIndex(kept, "unreadable", 0, 0, 0, {})
+    return FileIndex(stored, "unreadable", 0, 0, 0, {})
 
 
-def index_of(kept: RecordFile, contents: Contents, state: str) -> FileIndex:
+def index_of(stored: RecordFile, contents: Contents, state: str) -> FileIndex:
     """The index of a file from its contents."""
     firsts = {t.series: (number, t.first) for number, t in tracks_in(contents).items() if t.series is not None}
-    return FileIndex(kept, state, contents.start, contents.end, sum(dict(contents.counts).values()), firsts)
+    return FileIndex(stored, state, contents.start, contents.end, sum(dict(contents.counts).values()), firsts)
 
 
 T = TypeVar("T")
@@ -119,11 +119,11 @@ class History:
         with self._lock:
             return [
                 {
-                    "file": known.kept.path.name,
-                    "session": known.kept.name.session,
+                    "file": known.stored.path.name,
+                    "session": known.stored.name.session,
                     "start": known.start,
                     "end": known.end,
-                    "bytes": known.kept.size,
+                    "bytes": known.stored.size,
                     "messages": known.messages,
                     "state": known.state,
                     **({} if known.seal is None else {"seal": asdict(known.seal)}),
@@ -146,14 +146,14 @@ class History:
         """Indexes of all files of the cell in order; only changed files are read again."""
         live = self._recorder.live()
         fresh: dict[Path, FileIndex] = {}
-        for kept in listing(self._folder, self._recorder.cell):
-            old = self._known.get(kept.path)
-            if live is not None and kept.path == live[0]:
-                fresh[kept.path] = index_of(kept, live[1], "open")
-            elif old is not None and old.state != "open" and old.kept == kept:
-                fresh[kept.path] = old
+        for stored in listing(self._folder, self._recorder.cell):
+            old = self._known.get(stored.path)
+            if live is not None and stored.path == live[0]:
+                fresh[stored.path] = index_of(stored, live[1], "open")
+            elif old is not None and old.state != "open" and old.stored == stored:
+                fresh[stored.path] = old
             else:
-                fresh[kept.path] = look_at(kept)
+                fresh[stored.path] = look_at(stored)
         self._known = fresh
         return list(fresh.values())
 
@@ -175,7 +175,7 @@ class History:
 
     def _find(self, name: str, session: int, first: int, count: int) -> list[Numbered]:
         """The stored rows of ``first`` … ``first + count``; if none is stored, the first ``count`` rows after them."""
-        files = [f for f in self._files() if f.kept.name.session == session and name in f.firsts]
+        files = [f for f in self._files() if f.stored.name.session == session and name in f.firsts]
         files = files[max(bisect_right(files, first, key=lambda f: f.firsts[name][1]) - 1, 0) :]
         found = list(self._between(files, name, first, first + count))
         if not found and (later := next(self._between(files, name, first, sys.maxsize), None)) is not None:
@@ -188,7 +188,7 @@ class History:
             channel = known.firsts[name][0]
             try:
                 chunks, tracks = self._listed(known)
-                with open_file(known.kept.path) as file:
+                with open_file(known.stored.path) as file:
                     since = _since(first, file, chunks.holding(channel), tracks, channel)
                     for each in takewhile(lambda f: f[0] < stop, since):
                         yield from _part(each, first, stop)
@@ -197,7 +197,7 @@ class History:
 
     def _listed(self, known: FileIndex) -> tuple[Chunks, dict[int, Track]]:
         """Chunks and tracks of a file; those of the last few closed files are cached."""
-        path = known.kept.path
+        path = known.stored.path
         live = self._recorder.live()
         if live is not None and path == live[0]:
             return live[1].chunks, tracks_in(live[1])
@@ -217,12 +217,12 @@ def _since(
 
     def items(at: int) -> Iterator[Numbered]:
         """Items of the chunks from ``at`` on, without damaged chunks."""
-        for place in range(at, len(chunks)):  # each is decoded when needed: a slice would decode all
+        for index in range(at, len(chunks)):  # each is decoded when needed: a slice would decode all
             with suppress(ValueError):
-                yield from numbered_items(file, chunks[place], tracks, {channel})
+                yield from numbered_items(file, chunks[index], tracks, {channel})
 
-    places = range(len(chunks))
-    behind = bisect_right(places, first, key=lambda at: next(items(at), (sys.maxsize,))[0])
+    order = range(len(chunks))
+    behind = bisect_right(order, first, key=lambda at: next(items(at), (sys.maxsize,))[0])
     return items(max(behind - 1, 0))
 
 

@@ -95,8 +95,8 @@ class Recording:
         if len(cells) > 1:
             raise RecordingError(f"recordings of several cells ({', '.join(cells)}): name the files of one")
         recording = cls(*in_order(surveys, damage))
-        for told in (*map(open_until, recording._unfinished), *recording.damage):
-            log.warning("%s", told)
+        for warning in (*map(open_until, recording._unfinished), *recording.damage):
+            log.warning("%s", warning)
         return recording
 
     @property
@@ -282,8 +282,8 @@ class Recording:
         if not numbers or (span is not None and (contents.start > span[1] or contents.end < span[0])):
             return
         for item in self._read(file, tracks, numbers):
-            if (kept := item if span is None else _within(item, span)) is not None:
-                yield kept
+            if (inside := item if span is None else _within(item, span)) is not None:
+                yield inside
 
     def _read(self, file: Survey, tracks: dict[int, Track], wanted: set[int]) -> Iterator[Item]:
         """The wanted items of a file; a chunk is decoded as a whole, so that a damaged chunk yields no items."""

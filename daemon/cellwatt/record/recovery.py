@@ -48,14 +48,14 @@ class Recovery:
             return f"{self.part.name}: {self.problem}"
         if self.result is None and not self.size:
             return f"{self.part.name}: was empty and has been removed"
-        kept = f"{name}: {self.messages} messages recovered" if self.result else f"{name}: held no message"
+        recovered = f"{name}: {self.messages} messages recovered" if self.result else f"{name}: held no message"
         if not self.unreadable and not self.missing:
-            return f"{kept}, nothing lost except data still in memory"
+            return f"{recovered}, nothing lost except data still in memory"
         lost = [f"{n} of {topic}" for topic, n in sorted(self.missing.items())]
         if self.unreadable:
             lost.append(f"{self.unreadable} bytes unreadable ({'; '.join(dict.fromkeys(d.what for d in self.damage))})")
         where = f"; stored as {self.aside.name}" if self.aside else ""
-        return f"{kept}, lost: {', '.join(lost)}{where}"
+        return f"{recovered}, lost: {', '.join(lost)}{where}"
 
 
 def left_open(folder: Path, cell: str) -> list[Path]:
@@ -93,22 +93,26 @@ def _repair(file: FileIO, part: Path) -> Recovery:
     if not found.contents.chunks:
         aside = _set_aside_whole(part) if found.damage else None
         part.unlink(missing_ok=True)
-        return _told(found, None, aside)
+        return _report(found, None, aside)
     if found.closed and not found.damage:
         os.fsync(file.fileno())
         part.rename(target)
     elif found.torn:
         aside = _set_aside(file, found, target)
-        _close_behind(file, found)
+        # The incomplete end is cut off, and the end of the file is written in its place.
+        file.truncate(found.end)
+        file.seek(found.end)
+        write_all(file, found.tail + closing(found.contents, found.end + len(found.tail)))
+        os.fsync(file.fileno())
         part.rename(target)
     else:
         _rewrite(file, found, target)
         aside = _set_aside_whole(part)
     sync_folder(part.parent)
-    return _told(found, target, aside)
+    return _report(found, target, aside)
 
 
-def _told(found: Scan, result: Path | None, aside: Path | None) -> Recovery:
+def _report(found: Scan, result: Path | None, aside: Path | None) -> Recovery:
     return Recovery(
         part=found.path,
         result=result,
@@ -143,14 +147,6 @@ def _set_aside(file: FileIO, found: Scan, target: Path) -> Path | None:
         write_all(out, tail)
         os.fsync(out.fileno())
     return aside
-
-
-def _close_behind(file: FileIO, found: Scan) -> None:
-    """Cut the incomplete end off and write the end of the file in its place."""
-    file.truncate(found.end)
-    file.seek(found.end)
-    write_all(file, found.tail + closing(found.contents, found.end + len(found.tail)))
-    os.fsync(file.fileno())
 
 
 def _rewrite(file: FileIO, found: Scan, target: Path) -> None:

@@ -111,12 +111,12 @@ class RowType:
         n = min(int(rows[0]["block_left"]) + 1, most)
         rows = rows[:n]
         if n > 1:
-            left = rows["block_left"]
+            remaining = rows["block_left"]
             alike = (
                 (rows["opcode"] == OPCODE_MESSAGE)
                 & (rows["length"] == self.size - 9)
                 & (rows["channel"] == rows["channel"][0])
-                & (left == left[0] - np.arange(n, dtype=np.uint32))
+                & (remaining == remaining[0] - np.arange(n, dtype=np.uint32))
             )
             if not alike.all():
                 rows = rows[: int(np.argmin(alike))]
@@ -211,10 +211,10 @@ class SampleRows(BlockRows):
         ``keep`` the batch refers to its rows, and so holds all of ``data`` in memory.
         Raises ``ValueError`` if the record is not of this stream.
         """
-        rows, told = self._decoded(data, offset, length, first)
+        rows, common = self._decoded(data, offset, length, first)
         arrival = int(rows["publish_time"][:1].astype(np.int64)[0])
         device_time = rows["device_time"].astype(np.int64) if "device_time" in (rows.dtype.names or ()) else None
-        batch = Batch(self.source, self.stream, arrival=arrival, device_time=device_time, **told)
+        batch = Batch(self.source, self.stream, arrival=arrival, device_time=device_time, **common)
         if keep:
             object.__setattr__(batch, "rows", rows)
         return batch, offset + rows.nbytes
@@ -231,8 +231,8 @@ class FrameRows(BlockRows):
 
     def decode(self, data: bytes, offset: int, length: int, first: int) -> tuple[Frames, int]:
         """The frames whose records begin at ``offset``, and the offset of their end. Raises ``ValueError``."""
-        rows, told = self._decoded(data, offset, length, first)
-        return Frames(self.layout, **told), offset + rows.nbytes
+        rows, common = self._decoded(data, offset, length, first)
+        return Frames(self.layout, **common), offset + rows.nbytes
 
 
 def rows_of(block: Batch | Frames) -> SampleRows | FrameRows:

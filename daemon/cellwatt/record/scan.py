@@ -20,7 +20,6 @@ from mcap.records import Header as McapHeader
 from cellwatt.record.chunks import (
     DEFINED,
     LARGEST_RECORD,
-    Walk,
     definition,
     definitions,
     open_chunk,
@@ -166,12 +165,15 @@ class _Scanner:
         index = listed.index()
         _check_times(index, opened.start, opened.end)
         after = at + RECORD.size + len(body)
-        indexes, places = message_indexes(index, after)
+        indexes, positions = message_indexes(index, after)
         length, contents = after - at, self.found.contents
         contents.define(listed.definitions)
-        self._note_numbers(listed)
+        for channel, counted in listed.counts().items():
+            self._numbers.setdefault(channel, []).append((listed.first[channel], listed.last[channel], counted))
         sizes = (opened.compressed, len(opened.data))
-        contents.add_chunk(Chunk(at, length, opened.start, opened.end, *sizes, places, len(indexes)), listed.counts())
+        contents.add_chunk(
+            Chunk(at, length, opened.start, opened.end, *sizes, positions, len(indexes)), listed.counts()
+        )
         if read_at(self._file, len(indexes), after) == indexes:
             self.found.end, self.found.tail = after + len(indexes), b""
             return self.found.end
@@ -204,10 +206,6 @@ class _Scanner:
             self.found.contents.define(definitions(read.data))
         self.found.contents.attachments.append(attachment_index(read, at, RECORD.size + len(body)))
 
-    def _note_numbers(self, listed: Walk) -> None:
-        for channel, counted in listed.counts().items():
-            self._numbers.setdefault(channel, []).append((listed.first[channel], listed.last[channel], counted))
-
     def _count_missing(self) -> None:
         """Count the numbers that are missing between the messages found."""
         for channel, runs in self._numbers.items():
@@ -232,11 +230,11 @@ class _Scanner:
         at = start
         while at < self.found.size:
             window = read_at(self._file, _WINDOW, at)
-            place = window.find(COMPRESSION)
-            while place >= 0:
-                if (candidate := at + place - _MARK) >= start and self._is_chunk(candidate):
+            position = window.find(COMPRESSION)
+            while position >= 0:
+                if (candidate := at + position - _MARK) >= start and self._is_chunk(candidate):
                     return candidate
-                place = window.find(COMPRESSION, place + 1)
+                position = window.find(COMPRESSION, position + 1)
             at += _WINDOW - len(COMPRESSION)
         return self.found.size
 

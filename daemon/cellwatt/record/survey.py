@@ -160,14 +160,14 @@ def _unread(path: Path, error: RecordingError) -> list[Damage]:
 
 def in_order(surveys: Sequence[Survey], damage: list[Damage]) -> tuple[list[Survey], list[Damage]]:
     """Files ordered by session and number; of copies, the one with most messages."""
-    kept: dict[tuple[int, ...], Survey] = {}
+    unique: dict[tuple[int, ...], Survey] = {}
     for file in sorted(surveys, key=lambda f: (-f.contents.counts.total(), f.path.name)):
         header, contents = file.header, file.contents
         same = (header.session, header.number) if header.number else (header.session, 0, contents.start, contents.end)
-        first = kept.setdefault(same, file)
+        first = unique.setdefault(same, file)
         if first is not file:
             damage.append(Damage(file.path, 0, 0, f"is a copy of {first.path.name}, not read again"))
-    filled = [f for f in kept.values() if f.contents.counts] or list(kept.values())[:1]
+    filled = [f for f in unique.values() if f.contents.counts] or list(unique.values())[:1]
     return sorted(filled, key=lambda f: (f.header.session, f.header.number, f.contents.start)), damage
 
 

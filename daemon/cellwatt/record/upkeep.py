@@ -16,9 +16,9 @@ from cellwatt.door.signing import Signer
 from cellwatt.errors import ConfigError
 from cellwatt.files import sync_folder
 from cellwatt.record import seal
-from cellwatt.record.folder import listing, remove, remove_oldest, surplus
+from cellwatt.record.folder import RecordFile, oldest_first, remove, surplus
 from cellwatt.record.header import FileName
-from cellwatt.record.openfile import OpenFile, check_place
+from cellwatt.record.openfile import DisplacedError, OpenFile, check_place
 from cellwatt.record.recovery import Recovery, left_open, recover
 from cellwatt.record.settings import RecordSettings
 
@@ -38,13 +38,15 @@ def is_full(error: OSError) -> bool:
 class Upkeep:
     """Runs slow file work for one recorder, one job at a time, and repairs in parallel."""
 
-    def __init__(self, settings: RecordSettings, cell: str) -> None:
+    def __init__(self, settings: RecordSettings, cell: str, session: int) -> None:
         self._settings = settings
-        self._cell = cell
+        self._cell, self._session = cell, session
         self.rotate_at = settings.file_limit
         self._worker = ThreadPoolExecutor(1, "recording-upkeep")
         self._repairs = ThreadPoolExecutor(1, "recording-repair")
         self._syncing: Future[None] | None = None
+        self._synced: Path | None = None
+        """The file of the last sync."""
         self._repairing: dict[Future[Recovery | None], Path] = {}
         self._left: set[Path] = set()
         self._recovered: list[Recovery] = []
@@ -89,12 +91,14 @@ class Upkeep:
 
         Raises the ``OSError`` of the last sync, ``DisplacedError`` if the file was not at its path.
         """
-        last, self._syncing = self._syncing, None
-        if last is not None:
-            if not last.done():
-                self._syncing = last
-                return False
+        last, synced = self._syncing, self._synced
+        if last is not None and not last.done():
+            return False
+        self._syncing = None
+        # An earlier file that was displaced has been counted when it was closed.
+        if last is not None and not (synced != file.part and isinstance(last.exception(), DisplacedError)):
             last.result()
+        self._synced = file.part
         self._syncing = self._worker.submit(_sync, file.descriptor(), file.part)
         return True
 
@@ -111,9 +115,9 @@ class Upkeep:
         self._submit(self._retain)
 
     def _submit(self, work: Callable[..., None], *arguments: object) -> None:
-        self._worker.submit(work, *arguments).add_done_callback(self._told)
+        self._worker.submit(work, *arguments).add_done_callback(self._note_failure)
 
-    def _told(self, done: Future[None]) -> None:
+    def _note_failure(self, done: Future[None]) -> None:
         error = done.exception()
         if error is not None:
             log.error("the upkeep of recordings failed", exc_info=error)
@@ -127,8 +131,8 @@ class Upkeep:
         """Repair the abandoned files, because the disk works again."""
         self._in_vain = 0
         self._problem = ""
-        left, self._left = self._left, set()
-        self._repair(sorted(left))
+        remaining, self._left = self._left, set()
+        self._repair(sorted(remaining))
 
     def make_room(self) -> bool:
         """Delete the oldest closed recording, because the disk is full.
@@ -141,17 +145,19 @@ class Upkeep:
             return False
         self._in_vain += 1
         try:
-            gone = remove_oldest(self._settings.folder, self._cell)
+            files = self._oldest_first()
+            gone = [file for file in files if file.closed][:1]
+            remove(gone)
         except OSError as error:
             self._problem = f"recordings cannot be deleted to make room: {error.strerror}"
             return False
-        if gone is None:
+        if not gone:
             return False
-        self._count_removed([gone.size])
-        left = sum(file.size for file in listing(self._settings.folder, self._cell))
-        if left < self._settings.keep:
+        self._count_removed([gone[0].size])
+        remaining = sum(file.size for file in files) - gone[0].size
+        if remaining < self._settings.keep:
             self._short_at = time.monotonic()
-            self._short = {"files": self._short.get("files", 0) + 1, "bytes": left, "keep": self._settings.keep}
+            self._short = {"files": self._short.get("files", 0) + 1, "bytes": remaining, "keep": self._settings.keep}
         return True
 
     def _repair(self, parts: Iterable[Path]) -> None:
@@ -195,7 +201,7 @@ class Upkeep:
     def _retain(self) -> None:
         settings = self._settings
         try:
-            files = listing(settings.folder, self._cell)
+            files = self._oldest_first()
             growing = next((f.size for f in reversed(files) if not f.closed), 0)
             reserve = max(self.rotate_at - growing, 0)
             gone = surplus(files, keep=settings.keep, age=settings.age, now=time.time(), reserve=reserve)
@@ -203,6 +209,9 @@ class Upkeep:
             self._count_removed([f.size for f in gone])
         except OSError as error:
             self._problem = f"old recordings cannot be removed: {error.strerror}"
+
+    def _oldest_first(self) -> list[RecordFile]:
+        return oldest_first(self._settings.folder, self._cell, self._session)
 
     def _count_removed(self, sizes: list[int]) -> None:
         self._removed_files += len(sizes)

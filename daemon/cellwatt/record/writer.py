@@ -44,7 +44,7 @@ class Recorder:
         self.cell, self.session = header.cell, header.session
         self.gathered = 0.0
         """s that items have waited before ``put``, so that none waits for longer than ``settings.flush`` in total."""
-        self.upkeep = Upkeep(settings, header.cell)
+        self.upkeep = Upkeep(settings, header.cell, header.session)
         self._files = Files(settings, header, self.upkeep)
         self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
         self._wake = threading.Condition()

@@ -32,17 +32,14 @@ def curve(
     """A line through evenly spaced values (N,), the first at ``start``, thinned to ``most`` points."""
     y, apart = thin(np.asarray(values, np.float64), most)
     line = {"color": colour, "width": width}
-    place = {"x0": round(start, 4), "dx": apart * step, "y": plain(y, decimals)}
-    return {"type": "scatter", "mode": "lines", "name": escape(name), "line": line, **place}
+    position = {"x0": round(start, 4), "dx": apart * step, "y": plain(y, decimals)}
+    return {"type": "scatter", "mode": "lines", "name": escape(name), "line": line, **position}
 
 
-def line(
-    name: str, x: ArrayLike, y: ArrayLike, colour: str, *, dots: bool = False, dash: str = "solid", width: float = 1.6
-) -> Json:
+def line(name: str, x: ArrayLike, y: ArrayLike, colour: str, *, dash: str = "solid", width: float = 1.6) -> Json:
     """A line through a few points (N,)."""
     style = {"color": colour, "width": width, "dash": dash}
-    mode = "lines+markers" if dots else "lines"
-    return {"type": "scatter", "mode": mode, "name": escape(name), "line": style, "x": plain(x), "y": plain(y)}
+    return {"type": "scatter", "mode": "lines", "name": escape(name), "line": style, "x": plain(x), "y": plain(y)}
 
 
 def dots(
@@ -63,8 +60,8 @@ def dots(
         known = np.sort(np.random.default_rng(0).choice(known, MOST_DOTS, replace=False))
     marker = {"color": colour, "size": size, "opacity": opacity, "symbol": symbol}
     tooltips = {"text": list(map(escape, hover)), "hoverinfo": "text"} if hover else {}
-    places = {"x": plain(at[known]), "y": plain(up[known])}
-    return {"type": "scatter", "mode": "markers", "name": escape(name), "marker": marker, **places, **tooltips}
+    positions = {"x": plain(at[known]), "y": plain(up[known])}
+    return {"type": "scatter", "mode": "markers", "name": escape(name), "marker": marker, **positions, **tooltips}
 
 
 def ribbon(low: ArrayLike, high: ArrayLike, colour: str, start: float) -> list[Json]:
@@ -78,9 +75,9 @@ def ribbon(low: ArrayLike, high: ArrayLike, colour: str, start: float) -> list[J
 def bars(name: str, labels: Sequence[str], sizes: ArrayLike, colour: str, unit: str = "") -> Json:
     """Horizontal bars, one per label; several traces are stacked."""
     hover = f"%{{y}}, {escape(name)}: %{{x:.4g}} {escape(unit)}<extra></extra>"
-    place = {"y": list(map(escape, labels)), "x": plain(sizes)}
+    position = {"y": list(map(escape, labels)), "x": plain(sizes)}
     style = {"marker": {"color": colour}, "orientation": "h", "hovertemplate": hover}
-    return {"type": "bar", "name": escape(name), **place, **style}
+    return {"type": "bar", "name": escape(name), **position, **style}
 
 
 def cells(x: ArrayLike, rows: Sequence[str], shade: Float, tooltips: Sequence[Sequence[str]]) -> Json:
@@ -121,8 +118,8 @@ def upright(x: float, colour: str) -> Json:
 def note(text: str, x: float, y: float, colour: str = "", *, up: str = "y domain") -> Json:
     """A label at ``x``; ``y`` is a share of the height, or in the unit of the axis if ``up`` is "y"."""
     font = {"size": 10, **({"color": colour} if colour else {})}
-    place = {"xref": "x", "yref": up, "x": x, "y": y, "yanchor": "bottom"}
-    return {**place, "text": escape(text), "showarrow": False, "font": font}
+    position = {"xref": "x", "yref": up, "x": x, "y": y, "yanchor": "bottom"}
+    return {**position, "text": escape(text), "showarrow": False, "font": font}
 
 
 def plain(values: ArrayLike, decimals: int | None = None) -> list[Any]:
@@ -156,6 +153,6 @@ def thin(values: Float, most: int) -> tuple[Float, float]:
 
 
 def _box(along: tuple[str, float, float], up: tuple[str, float, float], colour: str, opacity: float) -> Json:
-    place = {"xref": along[0], "x0": along[1], "x1": along[2], "yref": up[0], "y0": up[1], "y1": up[2]}
+    position = {"xref": along[0], "x0": along[1], "x1": along[2], "yref": up[0], "y0": up[1], "y1": up[2]}
     style = {"fillcolor": colour, "opacity": opacity, "line": {"width": 0}, "layer": "below"}
-    return {"type": "rect", **place, **style}
+    return {"type": "rect", **position, **style}

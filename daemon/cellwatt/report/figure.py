@@ -182,5 +182,5 @@ def _placed(mark: Json, number: int) -> Json:
 
 
 def _title(text: str, left: float, top: float) -> Json:
-    place = {"xref": "paper", "yref": "paper", "x": left, "y": top, "xanchor": "left", "yanchor": "bottom"}
-    return {**place, "text": f"<b>{escape(text)}</b>", "showarrow": False}
+    position = {"xref": "paper", "yref": "paper", "x": left, "y": top, "xanchor": "left", "yanchor": "bottom"}
+    return {**position, "text": f"<b>{escape(text)}</b>", "showarrow": False}

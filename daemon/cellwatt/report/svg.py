@@ -75,11 +75,11 @@ def _panel(panel: Panel, wide: Span, high: Span, *, last: bool) -> Iterator[str]
         if mark["type"] == "line":
             yield _line(ends, height, _stroke(mark["line"]))
         else:
-            place = f'x="{ends[0]:.1f}" y="{height[0]:.1f}" width="{ends[1] - ends[0]:.1f}"'
+            position = f'x="{ends[0]:.1f}" y="{height[0]:.1f}" width="{ends[1] - ends[0]:.1f}"'
             shade = f'height="{height[1] - height[0]:.1f}" fill="{mark["fillcolor"]}" opacity="{mark["opacity"]}"'
-            yield f"<rect {place} {shade}/>"
+            yield f"<rect {position} {shade}/>"
     for trace, points in zip(panel.traces, lines, strict=True):
-        path = _path([(at(place), None if value is None else up(value)) for place, value in points])
+        path = _path([(at(position), None if value is None else up(value)) for position, value in points])
         yield f'<path d="{path}" fill="none" {_stroke(trace["line"])}/>'
     yield "</g>"
     for mark in (mark for mark in panel.marks if "text" in mark and x[0] <= mark["x"] <= x[1]):

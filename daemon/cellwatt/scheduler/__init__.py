@@ -34,25 +34,25 @@ class Pool:
         self._count = count or len(os.sched_getaffinity(0))
         self._pool: ProcessPoolExecutor | None = None
 
-    def run(self, function: Callable[..., Any], items: Sequence[Any], shared: Any, told: Stage) -> list[Any]:
+    def run(self, function: Callable[..., Any], items: Sequence[Any], shared: Any, progress: Stage) -> list[Any]:
         """Results in the order of the items. Raises as ``spread``; ``CellwattError`` if a worker is killed."""
         if self._pool is None:
             context = multiprocessing.get_context("spawn")
             self._pool = ProcessPoolExecutor(self._count, context, initializer=_begin, initargs=(os.getpid(),))
         results: list[Any] = []
-        with tempfile.NamedTemporaryFile(prefix="cellwatt-shared-") as kept:
-            kept.write(pickle.dumps(shared))
-            kept.flush()
-            call = partial(_call, function, Path.cwd(), None if shared is None else kept.name)
+        with tempfile.NamedTemporaryFile(prefix="cellwatt-shared-") as pickled:
+            pickled.write(pickle.dumps(shared))
+            pickled.flush()
+            call = partial(_call, function, Path.cwd(), None if shared is None else pickled.name)
             try:
                 for answer in [self._pool.submit(call, item) for item in items]:
                     results.append(answer.result())
-                    told.done = float(len(results))
+                    progress.done = float(len(results))
             except BrokenProcessPool as error:
                 self.end()
                 item = f"item {len(results) + 1} of {len(items)} ({' '.join(repr(items[len(results)]).split())[:100]})"
                 why = "a worker process was killed: is there enough memory?"
-                raise CellwattError(f"{told.name}, at {item} or later: {why}") from error
+                raise CellwattError(f"{progress.name}, at {item} or later: {why}") from error
             except BaseException:
                 self.end()  # the running items are not needed any more
                 raise
@@ -114,14 +114,14 @@ def spread(function: Callable[..., R], items: Sequence[T], what: str, shared: An
     may change. Raises the exception of the first item for which the function fails.
     """
     found = workers()
-    with stage(what, total=len(items)) as told:
+    with stage(what, total=len(items)) as progress:
         if found is not None and len(items) > 1:  # a single item may spread its own items to the workers
-            return found.run(function, items, shared, told)
+            return found.run(function, items, shared, progress)
         results = []
         for i, item in enumerate(items):
             with _one_thread():
                 results.append(function(item) if shared is None else function(item, shared))
-            told.done = i + 1.0
+            progress.done = i + 1.0
         return results
 
 

@@ -103,7 +103,8 @@ def _parquet(path: Path) -> pa.Table:
     columns = [about.schema.column(i) for i in range(about.num_columns)]
     # A dictionary holds each text once, as the file does; then the number of its occurrences is known.
     texts = [c.path for c in columns if c.physical_type == "BYTE_ARRAY" and not c.max_repetition_level]
-    return _without_dictionaries(pq.read_table(path, read_dictionary=texts))
+    with pq.ParquetFile(path, read_dictionary=texts) as file:
+        return _without_dictionaries(file.read())
 
 
 def _check_columns(number: int) -> None:
@@ -117,7 +118,7 @@ def _without_dictionaries(table: pa.Table) -> pa.Table:
     import pyarrow.compute as pc
 
     size = 0
-    for place, column in enumerate(table.columns):
+    for index, column in enumerate(table.columns):
         if not pa.types.is_dictionary(column.type):
             continue
         for chunk in column.chunks:
@@ -125,8 +126,8 @@ def _without_dictionaries(table: pa.Table) -> pa.Table:
             size += pc.sum(lengths).as_py() or 0
         if size > LARGEST_TEXT:
             raise UnfitFileError(f"has more than {LARGEST_TEXT:,} bytes of text")
-        field = table.schema.field(place).with_type(column.type.value_type)
-        table = table.set_column(place, field, column.cast(field.type))
+        field = table.schema.field(index).with_type(column.type.value_type)
+        table = table.set_column(index, field, column.cast(field.type))
     return table
 
 
@@ -137,6 +138,8 @@ def _csv(path: Path) -> Table:
 
     rows = rows_of(text_of(read_bytes(path, COMPUTED)))
     _check_columns(len(rows.names))
+    if rows.torn:
+        log.warning("%s: ends within row %d, which is left out", path, rows.torn)
     units, records, numbers = _units(rows)
     if not records:
         raise RecordingError(f"{path}: has no rows")
@@ -194,8 +197,8 @@ def _placed(
     dates = [cells.values for cells in found if cells.kind == "date" and cells.values is not None]
     for name, cells, column in zip(names, found, columns, strict=True):
         if name and names.count(name) > 1:
-            places = [letters_of(k) for k, other in enumerate(names) if other == name]
-            unfit[name] = f"is there {len(places)} times, as columns {', '.join(places)}: keep one"
+            positions = [letters_of(k) for k, other in enumerate(names) if other == name]
+            unfit[name] = f"is there {len(positions)} times, as columns {', '.join(positions)}: keep one"
         elif name and cells.values is not None:
             day = dates[0] if cells.kind == "clock" and len(dates) == 1 else 0.0
             values[name] = cells.values % DAY + day if np.ndim(day) else cells.values
@@ -235,12 +238,41 @@ def letters_of(column: int) -> str:
 
 def _arrow(path: Path, table: pa.Table) -> Table:
     """Make a table of the columns of a Parquet file."""
+    table = _flat(table)
     names = [name.strip() for name in table.column_names]
     if not table.num_rows:
         raise RecordingError(f"{path}: has no rows")
     units = {name: (field.metadata or {}).get(b"unit", b"") for name, field in zip(names, table.schema, strict=True)}
-    told = {name: unit.decode() for name, unit in units.items() if unit}
-    return _placed(path, names, table.columns, [_typed(column) for column in table.columns], told)
+    stated = {name: unit.decode() for name, unit in units.items() if unit}
+    return _placed(path, names, table.columns, [_typed(column) for column in table.columns], stated)
+
+
+def _flat(table: pa.Table) -> pa.Table:
+    """Replace fields and lists of one length by columns: ``joint.speed``, ``position[0]``, ``position[1]`` …"""
+    import pyarrow as pa
+
+    while any(pa.types.is_struct(field.type) for field in table.schema):
+        table = table.flatten()
+    fields: list[pa.Field[Any]] = []
+    columns: list[Any] = []
+    for field, column in zip(table.schema, table.columns, strict=True):
+        width = _width(column)
+        _check_columns(len(fields) + width)
+        values: Any = column.combine_chunks().flatten() if width else column
+        fields += [field.with_name(f"{field.name}[{i}]").with_type(values.type) for i in range(width)] or [field]
+        columns += [values[i::width] for i in range(width)] or [values]
+    return pa.Table.from_arrays(columns, schema=pa.schema(fields))
+
+
+def _width(column: Any) -> int:
+    """Length of the lists of a column; 0 if it has none, or of different lengths."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if not any(of(column.type) for of in (pa.types.is_list, pa.types.is_large_list, pa.types.is_fixed_size_list)):
+        return 0
+    lengths = pc.min_max(pc.list_value_length(column)).as_py()
+    return lengths["min"] if lengths["min"] == lengths["max"] and not column.null_count and len(column) else 0
 
 
 def _typed(column: Any) -> Cells:
@@ -253,9 +285,15 @@ def _typed(column: Any) -> Cells:
     if pa.types.is_timestamp(kind):
         ns = column.cast(pa.timestamp("ns")).cast(pa.int64()).cast(pa.float64(), safe=False)
         return Cells(1e-9 * np.asarray(ns.to_numpy(), np.float64), "moment")
+    if pa.types.is_duration(kind):
+        ns = column.cast(pa.duration("ns")).cast(pa.int64()).cast(pa.float64(), safe=False)
+        return Cells(1e-9 * np.asarray(ns.to_numpy(), np.float64))
     if pa.types.is_string(kind) or pa.types.is_large_string(kind):
         return cells_of(column.cast(pa.string()), "")
-    if not any(of(kind) for of in (pa.types.is_floating, pa.types.is_integer, pa.types.is_null, pa.types.is_boolean)):
+    if pa.types.is_nested(kind):
+        return Cells(None, fault="holds lists of different lengths")
+    numbers = ("is_floating", "is_integer", "is_null", "is_boolean", "is_decimal")
+    if not any(getattr(pa.types, each)(kind) for each in numbers):
         return Cells(None, fault=TEXT)
     # Unsafe: counters of ns beyond 2⁵³ lose their last digits.
     return Cells(np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), np.float64))

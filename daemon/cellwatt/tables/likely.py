@@ -56,8 +56,8 @@ def likely(table: Table) -> list[Likely]:
             position = q
             break
     if position is not None and table.joints("torque") is None:
-        left = {p: v for p, v in values.items() if p not in found and v.shape == position.shape}
-        shares = {p: _share(time, position, v) for p, v in left.items()}
+        remainder = {p: v for p, v in values.items() if p not in found and v.shape == position.shape}
+        shares = {p: _share(time, position, v) for p, v in remainder.items()}
         best = max(shares, key=lambda p: shares[p], default=None)
         if best is not None and shares[best] > FOLLOWS:
             found[best] = "torque"
@@ -97,5 +97,5 @@ def _share(time: Float, position: Float, values: Float) -> float:
     columns = [np.ones(len(time)), *qd.T, *np.tanh(qd / 0.02).T, *np.gradient(qd, time, axis=0).T]
     columns += [*np.sin(sums).T, *np.cos(sums).T, *np.sin(position).T, *np.cos(position).T]
     design = np.column_stack(columns)
-    left = values - design @ np.linalg.lstsq(design, values, rcond=None)[0]
-    return float(np.median(1 - np.var(left, axis=0) / np.maximum(np.var(values, axis=0), 1e-12)))
+    remainder = values - design @ np.linalg.lstsq(design, values, rcond=None)[0]
+    return float(np.median(1 - np.var(remainder, axis=0) / np.maximum(np.var(values, axis=0), 1e-12)))

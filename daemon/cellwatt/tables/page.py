@@ -85,7 +85,7 @@ def _curve(table: Table, name: str, x: NDArray[np.float64], shown: NDArray[np.bo
     at, values = x[shown], table.columns[name][shown]
     step = float(np.median(np.diff(at))) if len(at) > 1 else 1.0
     step = max(step, (at[-1] - at[0]) / (FINEST * len(at)))
-    places = np.round((at - at[0]) / step).astype(np.int64)
-    grid = np.full(int(places[-1]) + 1, np.nan)
-    grid[places] = values
+    positions = np.round((at - at[0]) / step).astype(np.int64)
+    grid = np.full(int(positions[-1]) + 1, np.nan)
+    grid[positions] = values
     return curve(name, grid, SERIES[number % len(SERIES)], start=float(at[0]), step=step)

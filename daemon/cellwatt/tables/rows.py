@@ -36,18 +36,20 @@ class Rows:
     """Data rows, each with as many cells as names."""
     numbers: tuple[int, ...]
     """Number of each row in the file, from 1, as a spreadsheet shows it."""
+    torn: int = 0
+    """Number of the last row if the file ends within it: it is left out; 0 if the file does not."""
 
 
 def rows_of(text: str) -> Rows:
     """Split a text into rows. Raises ``ValueError``, with the row, if it is not a table."""
     every = [(number, record) for number, record in enumerate(_records(text), start=1) if record.strip(_BLANK)]
-    told = _DIRECTIVE.fullmatch(every[0][1].strip(" ")) if every else None
-    every = every[1:] if told else every
+    directive = _DIRECTIVE.fullmatch(every[0][1].strip(" ")) if every else None
+    every = every[1:] if directive else every
     rows = [(number, record) for number, record in every if not _COMMENT.match(record)]
     if not rows:
         raise ValueError("it holds comments alone" if every else "it is empty")
     numbers, records = [number for number, _ in rows], [record for _, record in rows]
-    first, separator = 0, told[1] if told else ""
+    first, separator = 0, directive[1] if directive else ""
     names: list[str] = []
     if _all_numbers(re.split(r'[;\t|, "]+', records[0])):
         comments = [_COMMENT.sub("", record).strip(" #%/") for number, record in every if number < numbers[0]]
@@ -59,9 +61,13 @@ def rows_of(text: str) -> Rows:
         first += 1
     if _all_numbers(names):
         raise ValueError("no names in its first row: write t, q_1, …, tau_1, … above the columns")
-    numbers, records = numbers[first:], records[first:]
+    numbers, records, torn = numbers[first:], records[first:], 0
+    if records and not text.endswith("\n"):
+        last = cells_in(records[-1], separator)
+        if len(last) < len(names) and not _fits(last, names):
+            torn, numbers, records = numbers[-1], numbers[:-1], records[:-1]
     fitted = [_fitted(record, number, names, separator) for number, record in zip(numbers, records, strict=True)]
-    return Rows(separator, tuple(names), tuple(fitted), tuple(numbers))
+    return Rows(separator, tuple(names), tuple(fitted), tuple(numbers), torn)
 
 
 def _records(text: str) -> list[str]:

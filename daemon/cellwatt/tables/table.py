@@ -23,6 +23,8 @@ ANGLES: Final = ("position", "target_position")
 """Quantities that some devices report modulo a turn."""
 FOLLOWED: Final = 0.5
 """Longest time in s between rows of a log in which no joint can turn by half a turn."""
+SINCE_1970: Final = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
+"""Least times without a unit that are in ns, µs and ms, and their factors to s: as s, they are after the year 5000."""
 MOST_NAMES: Final = 12
 """Largest number of columns that a message lists."""
 
@@ -263,12 +265,16 @@ class Table:
                 f"(expected {', '.join(units)})"
             )
         values, (factor, offset) = self.columns[name], scaled
+        if known.quantity == "time" and unit is None:
+            first = values[np.isfinite(values)].min(initial=np.inf)
+            factor = next((each for least, each in SINCE_1970 if least < first < np.inf), 1.0)
+            return values * factor
         return values if scaled == (1.0, 0.0) else values * factor + offset
 
 
-def listed(names: tuple[str, ...] | list[str], most: int = MOST_NAMES) -> str:
-    """List names for a message, at most ``most``."""
-    return ", ".join(names[:most]) + (" …" if len(names) > most else "")
+def listed(names: tuple[str, ...] | list[str]) -> str:
+    """List names for a message, at most ``MOST_NAMES``."""
+    return ", ".join(names[:MOST_NAMES]) + (" …" if len(names) > MOST_NAMES else "")
 
 
 def _first(family: Mapping[int, str]) -> int:

@@ -30,8 +30,8 @@ def wraps(angles: Float) -> NDArray[np.intp]:
     if not jumps.any() or jumps.all():
         return np.empty(0, np.intp)
     usual = np.quantile(np.abs(steps[~jumps]), [0.9, 0.99])
-    left = np.abs(np.abs(steps[jumps]) - TURN)
-    if usual[0] > SMALL or np.any(left > max(ALIKE * usual[1], SLACK)):
+    remainder = np.abs(np.abs(steps[jumps]) - TURN)
+    if usual[0] > SMALL or np.any(remainder > max(ALIKE * usual[1], SLACK)):
         return np.empty(0, np.intp)
     return np.asarray(rows[1:][jumps], np.intp)
 

@@ -65,8 +65,8 @@ def advise(arm: Arm, known: Known, cycle: Cycle, brake_time: float) -> list[Advi
     if not cycle.braked(known):
         found.append(brake_advice(arm, known, cycle, brake_time))
     whole = float(cycle.motion.power.sum()) * cycle.motion.step + cycle.waiting * known.drive.fixed
-    told = [a for a in found if a is not None and a.saving > max(WORTH * whole, SURE * a.uncertainty)]
-    return sorted(told, key=lambda advice: -advice.saving)
+    worthwhile = [a for a in found if a is not None and a.saving > max(WORTH * whole, SURE * a.uncertainty)]
+    return sorted(worthwhile, key=lambda advice: -advice.saving)
 
 
 def motion_energy(arm: Arm, known: Known, motion: Stretch, scale: float) -> float:
@@ -119,16 +119,16 @@ def speed_advice(arm: Arm, known: Known, cycle: Cycle) -> Advice | None:
 
 def brake_advice(arm: Arm, known: Known, cycle: Cycle, brake_time: float) -> Advice | None:
     """Waiting with the brakes on, when neither the brakes nor the motors draw power."""
-    left = cycle.waiting - brake_time
-    if not known.brakes or left <= 0:
+    braked = cycle.waiting - brake_time
+    if not known.brakes or braked <= 0:
         return None
     hold = resting_power(arm, known, cycle.holding)
-    saving = (known.brakes + hold) * left
+    saving = (known.brakes + hold) * braked
     return Advice(
         "brakes",
         f"putting the brakes on {brake_time:g} s after the task saves {known.brakes + hold:.1f} W, "
         f"{saving:.0f} J per cycle with {cycle.waiting:.0f} s of waiting",
         saving,
-        float(np.hypot(known.brakes_uncertainty, CHANGE * hold)) * left,
+        float(np.hypot(known.brakes_uncertainty, CHANGE * hold)) * braked,
         {"after_s": brake_time},
     )

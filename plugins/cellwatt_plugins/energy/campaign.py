@@ -33,21 +33,21 @@ def observed(run: Recorded, known: tuple[Arm, Drive]) -> Observed:
     Raises ``RecordingError`` if no repetition is complete and measured, or power does not follow the motion.
     """
     arm, guess = known
-    kept, notes = find_repetitions(run.motion)
+    found, notes = find_repetitions(run.motion)
     feature = motion_features(arm, run.motion)
-    one = Observed(run, feature, Offset(0.0, 0.0), tuple(kept), tuple(notes))
+    one = Observed(run, feature, Offset(0.0, 0.0), tuple(found), tuple(notes))
     kinds = feature.reshape(len(feature), -1, arm.joints).sum(axis=2)  # each kind of power, of all joints
     one = replace(one, offset=align(run.reading, one.modelled(guess), one.integral(kinds)))
-    measured = shared(one).sum(axis=1) >= MEASURED * np.array([repetition.seconds for repetition in kept])
+    measured = shared(one).sum(axis=1) >= MEASURED * np.array([repetition.seconds for repetition in found])
     if not measured.any():
         raise RecordingError(f"{run.reading.place}: it has too few values in every repetition: record this run again")
     notes += [
         f"the repetition at t = {repetition.start:.1f} s: too few values of the analyzer: not used"
-        for repetition, seen in zip(kept, measured, strict=True)
+        for repetition, seen in zip(found, measured, strict=True)
         if not seen
     ]
-    kept = [repetition for repetition, seen in zip(kept, measured, strict=True) if seen]
-    return replace(one, repetitions=tuple(kept), notes=tuple(notes))
+    found = [repetition for repetition, seen in zip(found, measured, strict=True) if seen]
+    return replace(one, repetitions=tuple(found), notes=tuple(notes))
 
 
 MEASURED = 0.7
@@ -187,8 +187,8 @@ def _model_error(identified: Identified) -> float:
     errors = []
     for one in identified.observed:
         measured = total_energy(one, identified.drive)
-        said = one.modelled(identified.drive).between(*edges(one))
-        errors.append(100 * float((measured - said).mean() / measured.mean()))
+        modelled = one.modelled(identified.drive).between(*edges(one))
+        errors.append(100 * float((measured - modelled).mean() / measured.mean()))
     return float(np.sqrt(np.mean(np.square(errors))))
 
 
@@ -239,13 +239,8 @@ def _notes(arm: Arm, identified: Identified) -> tuple[str, ...]:
     for joint, factor, unsure in zip(arm.description.joints, drive.torque, spread, strict=True):
         if abs(factor - 1) > max(OFF, 3 * unsure):
             notes.append(f"{joint.name}: the reported torque is the true torque times {1 / factor:.3f}: corrected")
-    as_given = {one.run.name: _given_losses(one, n) for one in identified.observed}
-    if negative := [name for name, energy in as_given.items() if energy < 0]:
+    if negative := [one.run.name for one in identified.observed if one.feature[:, :n].sum() < 0]:
         notes.append(
             f"with the reported torque, mechanical losses would be negative in {', '.join(negative)}: corrected"
         )
     return tuple(notes)
-
-
-def _given_losses(one: Observed, joints: int) -> float:
-    return float(one.feature[:, :joints].sum() * one.run.motion.step)

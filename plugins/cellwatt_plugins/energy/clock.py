@@ -62,9 +62,9 @@ def _explained(reading: PowerTrace, kinds: Accumulated, offset: float) -> float:
     """Share of the variance of measured power that the kinds of power explain at an offset."""
     design = kinds.between(*windows(reading, offset)) / reading.step
     design = np.column_stack([design, np.ones(len(design))])
-    left = reading.power - design @ np.linalg.lstsq(design, reading.power, rcond=None)[0]
+    residual = reading.power - design @ np.linalg.lstsq(design, reading.power, rcond=None)[0]
     variance = float(np.var(reading.power))
-    return 1.0 - float(np.var(left)) / variance if variance > 0 else 0.0
+    return 1.0 - float(np.var(residual)) / variance if variance > 0 else 0.0
 
 
 def refine(reading: PowerTrace, modelled: Accumulated, offset: float) -> Offset:

@@ -80,14 +80,10 @@ def in_words(found: Findings, units: Units) -> str:
         f"{amount(fixed.brakes, power, 2)} ± {amount(fixed.brakes_uncertainty, power, 2)} {power.name}"
     )
     runs = Table(head, heads, [[run.run, amount(run.total, units.of("J")), *_shares(run)] for run in found.runs])
-    said = [*fixed.notes, *found.notes, *(f"{run.run}: {note}" for run in found.runs for note in run.notes)]
-    return "\n".join([runs.text(), *(f"  note: {note}" for note in said)])
+    notes = [*fixed.notes, *found.notes, *(f"{run.run}: {note}" for run in found.runs for note in run.notes)]
+    return "\n".join([runs.text(), *(f"  note: {note}" for note in notes)])
 
 
 def _shares(run: RunEnergy) -> list[str]:
     """Share of each group in the total, percent; electrical losses include the chopper if they cannot be separated."""
-    split = [run.electrical_losses, run.regeneration]
-    if None in split:
-        split = [run.electrical_losses_with_regeneration, None]
-    parts = (run.electronics, run.brakes, run.mechanical_losses, *split)
-    return ["with the other" if part is None else f"{100 * part / run.total:.1f}" for part in parts]
+    return ["with the other" if energy is None else f"{100 * energy / run.total:.1f}" for energy in run.split]

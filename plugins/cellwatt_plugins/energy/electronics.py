@@ -38,7 +38,9 @@ def followed(level: Level, arm: Arm, known: Known, torque: Float, power: float) 
     """Update the level by a rest of mean ``power`` W, held by the reported ``torque`` (n,) Nm, unless braked."""
     feature = features(arm, torque[None, :], np.zeros((1, arm.joints)))
     seen = power - known.drive.fixed - float(bus_power(known.drive, feature)[0])
-    if known.brakes and seen < -0.5 * known.brakes:
+    # The electronics may have drifted by more than the brakes draw, and back since the last rest.
+    released = np.array([0.0, level.drift])
+    if known.brakes and np.abs(seen - released + known.brakes).min() < np.abs(seen - released).min():
         return level
     # At rest, the electronics' power is the measured power minus that of the brakes and of holding the arm.
     shown = -brake_slope(known)

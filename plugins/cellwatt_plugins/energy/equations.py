@@ -22,9 +22,9 @@ def brake_energy(brakes: float, seconds: float) -> float:
     return brakes * seconds
 
 
-def electrical_losses(total: float, electronics: float, brakes: float, mechanical: float, stored: float = 0.0) -> float:
-    """L_E* = E_R − E_E − E_MB − L_M (− ΔE), J (eqs 9, 12, 13): electrical losses including the chopper."""
-    return total - electronics - brakes - mechanical - stored
+def electrical_losses(total: float, electronics: float, brakes: float, mechanical: float) -> float:
+    """L_E* = E_R − E_E − E_MB − L_M, J (eqs 9, 12, 13): electrical losses including the chopper, of a closed path."""
+    return total - electronics - brakes - mechanical
 
 
 def motion_efficiency(positive: float, total: float) -> float:

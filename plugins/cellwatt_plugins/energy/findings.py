@@ -90,6 +90,12 @@ class RunEnergy:
     uncertainty: Mapping[str, float | None] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
+    @property
+    def split(self) -> tuple[float | None, ...]:
+        """Energies of electronics, brakes, friction, motors and drives, chopper; None: part of the one before it."""
+        electrical = self.electrical_losses_with_regeneration if self.regeneration is None else self.electrical_losses
+        return self.electronics, self.brakes, self.mechanical_losses, electrical, self.regeneration
+
 
 @dataclass(frozen=True)
 class Findings:

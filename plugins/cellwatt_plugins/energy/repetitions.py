@@ -50,8 +50,8 @@ class Repetition:
     def path_speed(self, arm: Arm, motion: RobotTrace) -> float:
         """Mean Cartesian speed of the last joint's frame, from the encoders, mm/s."""
         q = interpolated(np.linspace(self.start, self.end, POINTS), motion.time, motion.position)
-        places = arm.forward(q)[:, -1, :3, 3]
-        return 1000.0 * float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum()) / self.seconds
+        positions = arm.forward(q)[:, -1, :3, 3]
+        return 1000.0 * float(np.linalg.norm(np.diff(positions, axis=0), axis=1).sum()) / self.seconds
 
 
 def find_repetitions(motion: RobotTrace) -> tuple[list[Repetition], list[str]]:
@@ -72,16 +72,16 @@ def find_repetitions(motion: RobotTrace) -> tuple[list[Repetition], list[str]]:
     notes = []
     if stays[0][0] > 1 or stays[-1][1] < len(motion.time) - 1:
         notes.append("the recording begins or ends in motion; motion that is not from rest to rest is not used")
-    kept = [r for r in found if abs(r.seconds - usual) <= SAME_LENGTH * usual + 2 * r.uncertainty]
-    if not kept:
+    uninterrupted = [r for r in found if abs(r.seconds - usual) <= SAME_LENGTH * usual + 2 * r.uncertainty]
+    if not uninterrupted:
         lengths = ", ".join(f"{r.seconds:.2f}" for r in found)
         raise RecordingError(f"{motion.place}: repetitions took {lengths} s: which was interrupted? Record it again")
     notes += [
         f"the repetition at t = {r.start:.1f} s took {r.seconds:.2f} s instead of {usual:.2f} s: not used"
         for r in found
-        if r not in kept
+        if r not in uninterrupted
     ]
-    return kept, notes
+    return uninterrupted, notes
 
 
 def _stays(motion: RobotTrace, noise: float) -> list[tuple[int, int]]:

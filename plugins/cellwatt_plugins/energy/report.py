@@ -37,7 +37,7 @@ def report(found: Findings, identified: Identified, provenance: Provenance, unit
     """Return the report of a campaign, energies and powers in ``units``."""
     energy, power = units.of("J"), units.of("W")
     runs = found.runs
-    said = [*found.fixed.notes, *found.notes, *(f"{run.run}: {note}" for run in runs for note in run.notes)]
+    remarks = [*found.fixed.notes, *found.notes, *(f"{run.run}: {note}" for run in runs for note in run.notes)]
     return Report(
         name=found.robot,
         subject="energy by consumer",
@@ -49,7 +49,7 @@ def report(found: Findings, identified: Identified, provenance: Provenance, unit
             Section("Over time", _curves(found, identified, power), OVER_TIME),
             Section("Energies of one repetition", [_energies(found, energy)], _columns_told(found, energy)),
             Section("Payload efficiency", _payload(found), "ε_P = 100 (E_RL − E_RNL) / E_RL."),
-            Section("Notes", [Notes(said)]),
+            Section("Notes", [Notes(remarks)]),
         ],
         provenance=provenance,
     )
@@ -81,17 +81,18 @@ def _bars(found: Findings, power: Unit) -> Figure:
     """Stacked bars of mean power, one per run, with the electronics' share (Figs 7 and 8)."""
     runs = found.runs
     labels = [_name(run) for run in runs]
-    sizes = np.array([_parts(run) for run in runs]) / np.array([[run.seconds * power.factor] for run in runs])
+    energies = np.array([[energy or 0.0 for energy in run.split] for run in runs])
+    sizes = energies / np.array([[run.seconds * power.factor] for run in runs])
     traces = [bars(name, labels, sizes[:, i], colour, power.name) for i, (name, colour) in enumerate(GROUPS.items())]
     ends = np.maximum(sizes, 0.0).sum(axis=1)
     shares = [f"electronics {100 * run.electronics / run.total:.0f} %" for run in runs]
-    said = [
+    remarks = [
         f"{amount(run.total / run.seconds, power, 0)} {power.name}, {share}"
         for run, share in zip(runs, shares, strict=True)
     ]
     marks = [
         {**note(f" {text}", float(end), i, up="y"), "xanchor": "left", "yanchor": "middle"}
-        for i, (text, end) in enumerate(zip(said, ends, strict=True))
+        for i, (text, end) in enumerate(zip(remarks, ends, strict=True))
     ]
     x = Axis(power.name, (0.0, 1.3 * float(ends.max())))
     rows = [[Panel(traces, x, Axis(names=True, grid=False), marks)]]
@@ -101,12 +102,6 @@ def _bars(found: Findings, power: Unit) -> Figure:
         (ROW * len(labels),),
         layout={"barmode": "stack", "bargap": 0.22},
     )
-
-
-def _parts(run: RunEnergy) -> tuple[float, ...]:
-    """Energy of each of ``GROUPS``, J."""
-    left = run.electrical_losses_with_regeneration if run.electrical_losses is None else run.electrical_losses
-    return run.electronics, run.brakes, run.mechanical_losses, left, run.regeneration or 0.0
 
 
 def _curves(found: Findings, identified: Identified, power: Unit) -> list[Block]:

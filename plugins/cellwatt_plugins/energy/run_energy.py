@@ -74,9 +74,9 @@ class Learnt:
 
 def run_energy(one: Observed, learnt: Learnt) -> RunEnergy:
     """Groups of one run as means over its repetitions (eqs 4, 5, 9 … 14, 17 … 19)."""
-    best, spread, said = _groups(one, learnt), _uncertainty(one, learnt), list(one.notes)
+    best, spread, notes = _groups(one, learnt), _uncertainty(one, learnt), list(one.notes)
     if best["mechanical_losses"] < 0:
-        said.append(
+        notes.append(
             f"mechanical losses of {best['mechanical_losses']:.1f} J measured, which is impossible: reported as 0; "
             "the torque error is larger than the fit can correct"
         )
@@ -92,7 +92,7 @@ def run_energy(one: Observed, learnt: Learnt) -> RunEnergy:
         analyzer_offset_s=one.offset.seconds,
         path_speed_mm_s=one.repetitions[0].path_speed(learnt.arm, one.run.motion),
         uncertainty={**spread, "analyzer_offset_s": one.offset.uncertainty},
-        notes=(*said, reason) if reason else tuple(said),
+        notes=(*notes, reason) if reason else tuple(notes),
         **best,
     )
     return replace(found, electrical_losses=None, regeneration=None) if reason else found
@@ -132,14 +132,14 @@ def _uncertainty(one: Observed, learnt: Learnt) -> dict[str, float | None]:
     # Edges change total, electronics and brakes equally, except for the power that holds the arm at the edges.
     by_power = float(np.hypot(power_e, fixed.brakes_uncertainty)) * seconds
     scatter = _scatter(totals - rest * each - own["mechanical_losses"])
-    left = float(np.linalg.norm([by_power, edge * (at_edges - rest), moved["mechanical_losses"], scatter]))
+    remainder = float(np.linalg.norm([by_power, edge * (at_edges - rest), moved["mechanical_losses"], scatter]))
     return {
         "seconds": edge,
         "total": float(np.hypot(_scatter(totals), edge * at_edges)),
         "electronics": float(np.hypot(power_e * seconds, edge * fixed.electronics)),
         "brakes": float(np.hypot(fixed.brakes_uncertainty * seconds, edge * fixed.brakes)),
-        "electrical_losses_with_regeneration": left,
-        "electrical_losses": float(np.hypot(left, moved["regeneration"])),
+        "electrical_losses_with_regeneration": remainder,
+        "electrical_losses": float(np.hypot(remainder, moved["regeneration"])),
         "motion_efficiency_percent": motion_efficiency(moved["positive_mechanical"], float(totals.mean())),
         **moved,
     }

@@ -69,8 +69,8 @@ def _sampled(drive: Drive, feature: Float, step: float) -> Float:
     third = np.diff(power, n=3, axis=0)
     out = np.zeros((len(GROUPS), len(GROUPS)))
     if len(third):
-        place = slice(MECHANICAL, REGENERATION + 1)
-        out[place, place] = third.T @ third / (20.0 * len(third)) * len(power) * step**2
+        groups = slice(MECHANICAL, REGENERATION + 1)
+        out[groups, groups] = third.T @ third / (20.0 * len(third)) * len(power) * step**2
     return out
 
 

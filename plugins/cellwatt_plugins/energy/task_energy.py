@@ -86,9 +86,9 @@ def task_energy(
     total = float(stretch.power.sum()) * step
     electronics = (known.electronics + level.drift) * seconds
     brakes = brake_energy(known.brakes, seconds)
-    said = float((supply_power(drive, bus) - drive.fixed).sum()) * step
+    modelled = float((supply_power(drive, bus) - drive.fixed).sum()) * step
     positive = float(np.maximum(work, 0.0).sum()) * step
-    losses, electrical = mechanical - stored, said - mechanical - chopper
+    losses, electrical = mechanical - stored, modelled - mechanical - chopper
     causes = np.zeros((len(GROUPS), 4))
     causes[ELECTRICAL, 0] = known.model_error * total
     # Mechanical energy that is not stored is lost.
@@ -96,7 +96,7 @@ def task_energy(
     causes[[STORED, MECHANICAL], 1] = lifted, -lifted
     causes[TOTAL, 2] = np.hypot(HELD * total, edge)
     causes[:, 3] = meter * np.array([electronics, brakes, stored, losses, electrical, chopper, total])
-    groups = (electronics, brakes, stored, losses, electrical, chopper, total - electronics - brakes - said)
+    groups = (electronics, brakes, stored, losses, electrical, chopper, total - electronics - brakes - modelled)
     return TaskEnergy(
         total=total,
         groups=dict(zip(GROUPS, groups, strict=True)),

@@ -45,20 +45,19 @@ def health(session: int = 1, **more: Any) -> Message:
     return Message("health", session, 0, False, Health(session, START, {}, status(**more)))
 
 
-def frames(first: int, power: Any, session: int = 1) -> Message:
+def frames(first: int, power: Any) -> Message:
     """Frames every 0.1 s from the ``first`` one on; joint 1 counts them, the mains draw 300 W more than the board."""
     count = np.arange(first, first + len(power))
     values = np.column_stack([count, -count, power, np.add(power, 300.0)]).astype(float)
     zeros = np.zeros(values.shape, np.int64)
     block = Frames(LAYOUT, first, START + LAYOUT.step * count, values, zeros.astype(np.uint8), zeros)
-    return Message("frame", session, first, False, block)
+    return Message("frame", 1, first, False, block)
 
 
-def prediction(first: int, power: Any, output: str = "power", model: str = "model") -> Message:
+def prediction(first: int, power: Any) -> Message:
     times = tuple((START + LAYOUT.step * np.arange(first, first + len(power))).tolist())
-    outputs = {output: tuple(power), "current_1": tuple(0.0 for _ in power)}
-    said = Prediction(model, first, times, outputs, {output: "W", "current_1": "A"})
-    return Message(f"prediction/{model}", 1, first, False, said)
+    said = Prediction("model", first, times, {"power": tuple(power)}, {"power": "W"})
+    return Message("prediction/model", 1, first, False, said)
 
 
 def interval(number: int, moving: tuple[int, ...], seconds: float, closed: bool = True) -> Message:

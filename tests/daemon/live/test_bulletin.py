@@ -10,9 +10,10 @@ def said(bulletin, *messages):
     return [line.split(" ", 1)[1] for message in messages for line in bulletin.of(message)]
 
 
-def test_changes_are_told_once() -> None:
-    bulletin = Bulletin()
-    assert said(bulletin, health(), health()) == ["source arm: ok", "source board: ok"]
+def test_changes_are_told_once_and_health_of_another_version_ends_nothing() -> None:
+    bulletin, other = Bulletin(), health()
+    del other.content.status["results"]
+    assert said(bulletin, other, health(), health()) == ["source arm: ok", "source board: ok"]
     down = {"arm": source("retrying", "nobody answers"), "board": source()}
     assert said(bulletin, health(sources=down, warnings=["the disk is full"])) == [
         "source arm: ok, now retrying: nobody answers",
@@ -20,17 +21,10 @@ def test_changes_are_told_once() -> None:
     ]
 
 
-def test_health_of_another_version_ends_nothing() -> None:
-    other = health()
-    del other.content.status["results"]
-    assert said(Bulletin(), other, health()) == ["source arm: ok", "source board: ok"]
-
-
 def test_results_are_told_with_their_time() -> None:
     bulletin = Bulletin()
-    moved, rest, begun = interval(1, (1, 3), 2.3), interval(2, (), 0.25), interval(3, (2,), 1.0, closed=False)
-    messages = (moved, rest, begun, task(4), energy(4))
-    assert said(bulletin, *messages) == [
+    intervals = (interval(1, (1, 3), 2.3), interval(2, (), 0.25), interval(3, (2,), 1.0, closed=False))
+    assert said(bulletin, *intervals, task(4), energy(4)) == [
         "interval 1: joints 1+3 moved, 2.30 s",
         "interval 2: rest, 0.25 s",
         "task task_1 × 4 (speed=1.00), 9.00 s",

@@ -1,4 +1,4 @@
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 from cellwatt.live import state
 from cellwatt.live.state import LiveCell
@@ -31,9 +31,11 @@ def test_health_tells_the_alarms_that_were_not_heard() -> None:
     assert not list(cleared.alarms), "it was cleared after that health was taken"
 
 
-def test_a_new_session_of_the_daemon_ends_the_alarms_of_the_old_one() -> None:
-    cell = told(health(), alarm("a"), health(session=2))
+def test_a_new_session_of_the_daemon_ends_alarms_and_tasks_of_the_old_one() -> None:
+    """The new daemon may call another motion task_1."""
+    cell = told(health(), alarm("a"), task(4), energy(4, 64.0), health(session=2))
     assert (cell.restarts, cell.session, list(cell.alarms)) == (1, 2, [])
+    assert (cell.task, cell.energies) == (None, {})
     assert [s.alarm.id for s in cell.cleared] == ["a"]
 
 
@@ -61,6 +63,14 @@ def test_tasks_energies_frames_and_predictions_are_kept() -> None:
     assert cell.frames.names[3] == "mains.supply.power"
     assert cell.frames.values[:, 3].tolist() == [301.0, 302.0]
     assert (cell.predicted["model"].names[0], cell.predicted["model"].values[1, 0]) == ("power", 3.0)
+
+
+def test_energies_of_the_tasks_that_ran_last_are_kept() -> None:
+    cell = LiveCell()
+    for n in [*range(state.TASKS), 0, state.TASKS]:
+        content = replace(energy(1, 60.0).content, task=f"task_{n}", end=START + len(cell.energies))
+        cell.take(replace(energy(1, 60.0), content=content))
+    assert set(cell.energies) == {f"task_{n}" for n in range(state.TASKS + 1)} - {"task_1"}
 
 
 def test_the_state_is_the_worse_of_the_daemons_and_that_of_the_alarms_as_on_the_page() -> None:

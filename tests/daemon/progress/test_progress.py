@@ -20,9 +20,8 @@ class Clock:
     """A clock that moves when it is told to; the thread of the work looks once for each ``look``."""
 
     def __init__(self):
-        self.now = 0.0
+        self.now, self.waiting = 0.0, False
         self.asked, self.looked = threading.Semaphore(0), threading.Semaphore(0)
-        self.waiting = False
 
     def __call__(self):
         return self.now
@@ -85,14 +84,10 @@ def test_a_loop_in_a_loop(work, clock):
 
 
 def test_labels_and_loops_of_unknown_length(work):
-    assert [work.state().text for _ in steps(["spring", "gap"], "trying", str)] == [
-        "trying spring (1 of 2)",
-        "trying gap (2 of 2)",
-    ]
-    assert [work.state() for _ in steps(iter("ab"), "part")] == [
-        WorkState("part 1", None, None),
-        WorkState("part 2", None, None),
-    ]
+    told = [work.state().text for _ in steps(["spring", "gap"], "trying", str)]
+    assert told == ["trying spring (1 of 2)", "trying gap (2 of 2)"]
+    told = [work.state() for _ in steps(iter("ab"), "part")]
+    assert told == [WorkState("part 1", None, None), WorkState("part 2", None, None)]
     with stage("searching"):
         assert [work.state().fraction for _ in steps(range(2), "trying")] == [None, None]
 
@@ -103,10 +98,10 @@ def test_stages_do_their_share_of_what_is_around_them(work, clock):
             clock.now = 1.0
         assert work.state() == WorkState("", 0.2, pytest.approx(4.0))
         with stage("writing", 8, share=80.0) as told:
-            told.advance(2, "writing frames")
-            assert work.state() == WorkState("writing frames", pytest.approx(0.4), pytest.approx(1.5))
+            told.advance(2)
+            assert work.state() == WorkState("writing", pytest.approx(0.4), pytest.approx(1.5))
             told.advance(15)
-            assert work.state() == WorkState("writing frames", 1.0, 0.0)
+            assert work.state() == WorkState("writing", 1.0, 0.0)
 
 
 def test_stages_end_however_they_are_left(work):
@@ -122,11 +117,11 @@ def test_stages_end_however_they_are_left(work):
         with stage(name):
             yield 1
 
-    first, second = read("first"), read("second")  # two readers in turns: the one that began first ends first
-    next(first), next(second)
+    both = read("first"), read("second")  # two readers in turns: the one that began first ends first
+    assert [next(each) for each in both] == [1, 1]
     assert work.state().text == "first, second"
-    first.close()
-    second.close()
+    for each in both:
+        each.close()
     assert work.state() is None
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import AsyncIterator, Iterable
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,7 @@ def stream_of(channels: int, name: str = "rtde") -> Stream:
     return Stream(name, tuple(Channel(f"joint_{i + 1}.position", "rad") for i in range(channels)), 500.0, "device")
 
 
-ARM = stream_of(6)
+ARM, METER = stream_of(6), stream_of(2, "meter")
 
 
 def batch_of(
@@ -66,10 +67,17 @@ def name_of(number: int = 1) -> str:
 
 
 def write_chunks(
-    folder: Path, chunks: Iterable[Iterable[Item]], *, number: int = 1, close: bool = True, header: Header = HEADER
+    folder: Path,
+    chunks: Iterable[Iterable[Item]],
+    *,
+    number: int = 1,
+    close: bool = True,
+    header: Header | None = None,
 ) -> OpenFile:
     """A file whose chunks hold exactly these items; with ``close=False`` as a killed writer leaves it."""
-    file = OpenFile(folder / name_of(number), Header(**{**_plain(header), "number": number}))
+    header = header or HEADER
+    name = FileName(header.session, number, header.cell)
+    file = OpenFile(folder / str(name), replace(header, number=number))
     encoder = Encoder(file)
     for chunk in chunks:
         for item in chunk:
@@ -86,10 +94,6 @@ def write_chunks(
 def weld(settings: str, **streams: tuple[Stream, ...]) -> Header:
     """The header of a cell whose streams are those of an arm, and others."""
     return Header("plant", "weld", SESSION, None, settings, {"arm": (ARM,), **streams})
-
-
-def _plain(header: Header) -> dict:
-    return {name: getattr(header, name) for name in Header.__dataclass_fields__}
 
 
 def numbered_in(folder: Path) -> dict[str, list[tuple[int, Item]]]:

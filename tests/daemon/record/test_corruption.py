@@ -24,24 +24,25 @@ PER_CHUNK = 4
 
 
 def entries_of(chunk: int) -> list[Batch | Tick]:
-    start, sizes, items = chunk * 10, (3, 1, 4, 2), []
-    for size in sizes:
-        items.append(batch_of(start, size))
-        start += size
-    return [*items, Tick(SESSION + chunk)]
+    sizes = {0: 3, 3: 1, 4: 4, 8: 2}
+    return [*(batch_of(chunk * 10 + at, size) for at, size in sizes.items()), Tick(SESSION + chunk)]
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     """The bytes of a file as a killed writer leaves it, of the same file closed, and where its chunks are."""
-    folder = tmp_path_factory.mktemp("whole")
-    file = write_chunks(folder, map(entries_of, range(CHUNKS)), close=False)
-    open_bytes = (folder / (name_of() + PART)).read_bytes()
-    closed = tmp_path_factory.mktemp("closed")
-    write_chunks(closed, map(entries_of, range(CHUNKS)))
-    closed_bytes = (closed / name_of()).read_bytes()
+    folder, chunks = tmp_path_factory.mktemp("whole"), [entries_of(n) for n in range(CHUNKS)]
+    file = write_chunks(folder, chunks, close=False)
+    open_bytes = (folder / (name_of() + PART)).rename(folder / "left").read_bytes()
+    write_chunks(folder, chunks)
+    closed_bytes = (folder / name_of()).read_bytes()
     assert closed_bytes.startswith(open_bytes)
     return open_bytes, closed_bytes, file.contents.chunks
+
+
+@pytest.fixture
+def part(tmp_path):
+    return tmp_path / (name_of() + PART)
 
 
 Place = Callable[[list[Chunk]], int]
@@ -129,10 +130,9 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_a_file_left_open_is_recovered(name, whole, tmp_path):
+def test_a_file_left_open_is_recovered(name, whole, tmp_path, part):
     case = CASES[name]
     data = case.change(whole[1] if case.closed else whole[0], whole[2])
-    part = tmp_path / (name_of() + PART)
     part.write_bytes(data)
     expected = [e for n in range(CHUNKS) if n not in case.lost for e in entries_of(n)]
 
@@ -199,8 +199,7 @@ NOTHING = {
 
 
 @pytest.mark.parametrize("name", NOTHING)
-def test_a_file_without_a_chunk_leaves_no_recording(name, tmp_path):
-    part = tmp_path / (name_of() + PART)
+def test_a_file_without_a_chunk_leaves_no_recording(name, tmp_path, part):
     part.write_bytes(NOTHING[name])
     report = recover(part)
     assert report is not None and report.result is None and report.messages == 0
@@ -212,18 +211,17 @@ def test_a_file_without_a_chunk_leaves_no_recording(name, tmp_path):
         assert report.aside.read_bytes() == NOTHING[name]
 
 
-def test_a_message_that_is_none_costs_its_chunk_no_samples(tmp_path):
+def test_a_message_that_is_none_costs_its_chunk_no_samples(tmp_path, part):
     event = Event(SESSION, "arm", "connected", "UR10e")
     broken = OpenFile(tmp_path / name_of(), HEADER)
     encoder = Encoder(broken)
-    for item in (batch_of(0, 5), event):
-        encoder.add(item)
+    encoder.add(batch_of(0, 5))
+    encoder.add(event)
     broken.add_message(2, 1, SESSION, b"{}")
     broken.write_chunk()
     encoder.add(batch_of(5, 5))
     broken.write_chunk()
     broken.release()
-    part = tmp_path / (name_of() + PART)
     data = part.read_bytes()
     at = broken.contents.chunks[1].offset
     part.write_bytes(data[:at] + GARBAGE + data[at:])
@@ -235,9 +233,8 @@ def test_a_message_that_is_none_costs_its_chunk_no_samples(tmp_path):
     assert back.counts == {"/raw/arm/rtde": 10}
 
 
-def test_a_copy_beside_the_closed_file_is_set_aside(whole, tmp_path):
+def test_a_copy_beside_the_closed_file_is_set_aside(whole, tmp_path, part):
     (tmp_path / name_of()).write_bytes(whole[1])
-    part = tmp_path / (name_of() + PART)
     part.write_bytes(whole[0])
     report = recover(part)
     assert report is not None and "exists already" in str(report)
@@ -257,9 +254,8 @@ def test_a_duplicate_is_read_once_and_the_fuller_one_wins(whole, tmp_path):
     assert f"{name_of()}: is a copy of copy.mcap, not read again" in map(str, recording.damage)
 
 
-def test_chunks_whose_channels_nothing_describes_are_kept_aside(tmp_path):
+def test_chunks_whose_channels_nothing_describes_are_kept_aside(tmp_path, part):
     file = write_chunks(tmp_path, map(entries_of, range(3)), close=False)
-    part = tmp_path / (name_of() + PART)
     data = zero(lambda c: c[0].offset - 500, 1000)(part.read_bytes(), file.contents.chunks)
     part.write_bytes(data)
     report = recover(part)

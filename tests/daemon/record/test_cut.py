@@ -1,5 +1,6 @@
 """A span of time cut out of the record into one file."""
 
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -7,12 +8,9 @@ import numpy as np
 import pytest
 
 from cellwatt import Alarm, Event, RecordingError, Tick
-from cellwatt.record import Header, Recording
+from cellwatt.record import Recording
 from cellwatt.record.cut import cut
-from cellwatt.record.encoder import Encoder
-from cellwatt.record.header import FileName
-from cellwatt.record.openfile import OpenFile
-from tests.daemon.record.making import CELL, PERIOD, SESSION, batch_of, frames_of, stream_of, write_chunks
+from tests.daemon.record.making import CELL, HEADER, PERIOD, SESSION, batch_of, frames_of, stream_of, write_chunks
 
 HALF = 500_000_000  # ns; 250 samples
 
@@ -21,22 +19,16 @@ def alarm_at(time: int) -> Alarm:
     return Alarm("faults.arm.joint_fault.2", "joint_fault", "error", True, time, time, "Joint 2 needs 38 W more")
 
 
-def write_record(folder: Path) -> list[int]:
-    """Three files of 1 s: samples, frames, and an alarm at 1.5 s; gives the numbers of the samples."""
+def write_record(folder: Path) -> None:
+    """Three files of 1 s, 500 samples: samples, frames, and an alarm at 1.5 s."""
     for number in range(3):
-        first = 500 * number
         chunks = [
-            [
-                batch_of(first + 50 * i, 50),
-                frames_of((first + 50 * i) // 10, 5),
-                Tick(SESSION + (first + 50 * i + 49) * PERIOD),
-            ]
-            for i in range(10)
+            [batch_of(first, 50), frames_of(first // 10, 5), Tick(SESSION + (first + 49) * PERIOD)]
+            for first in range(500 * number, 500 * (number + 1), 50)
         ]
         if number == 1:
             chunks[5].append(alarm_at(SESSION + 750 * PERIOD))
         write_chunks(folder, chunks, number=number + 1, close=number < 2)
-    return list(range(1500))
 
 
 def test_the_span_and_nothing_else_over_several_files_one_still_open(tmp_path):
@@ -62,12 +54,8 @@ def test_a_restart_of_the_daemon_and_new_channels_within_the_span(tmp_path):
     wider = stream_of(7)
     write_chunks(tmp_path, [[batch_of(1100, 100, stream=wider)]], number=2)
     later = SESSION + 10**10
-    file = OpenFile(tmp_path / str(FileName(later, 1, CELL)), Header("plant-1", CELL, later, number=1))
-    encoder = Encoder(file)
-    encoder.add(batch_of(0, 100, stream=wider))
-    encoder.add(Event(SESSION + 5 * 10**9, None, "begun", "again"))
-    file.finish()
-    file.publish()
+    again = [batch_of(0, 100, stream=wider), Event(SESSION + 5 * 10**9, None, "begun", "again")]
+    write_chunks(tmp_path, [again], header=replace(HEADER, session=later))
     made = cut(tmp_path, CELL, SESSION, SESSION + 6 * 10**9, tmp_path / "out" / "pack.mcap")
     batches = [b for b in Recording.open(made.path).entries() if not isinstance(b, Tick)]
     assert [(b.sequence, len(b.stream.channels)) for b in batches] == [(1000, 6), (1100, 7), (0, 7)]
@@ -76,10 +64,7 @@ def test_a_restart_of_the_daemon_and_new_channels_within_the_span(tmp_path):
 
 def test_others_files_in_the_folder_are_left_out(tmp_path):
     write_record(tmp_path)
-    other = OpenFile(tmp_path / str(FileName(SESSION, 1, "paint-1")), Header("plant-1", "paint-1", SESSION, number=1))
-    Encoder(other).add(batch_of(0, 100, source="other"))
-    other.finish()
-    other.publish()
+    write_chunks(tmp_path, [[batch_of(0, 100, source="other")]], header=replace(HEADER, cell="paint-1"))
     (tmp_path / "notes.mcap").write_bytes(b"not ours")
     made = cut(tmp_path, CELL, SESSION, SESSION + HALF, tmp_path / "out" / "pack.mcap")
     assert Recording.open(made.path).sources == ("arm",)

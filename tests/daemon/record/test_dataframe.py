@@ -7,17 +7,14 @@ import pytest
 import cellwatt as cw
 from cellwatt.errors import CellwattError, ConfigError, RecordingError
 
-from .making import SESSION, batch_of, frames_of, name_of, stream_of, write_chunks
+from .making import METER, SESSION, batch_of, frames_of, name_of, write_chunks
 from .test_roundtrip import RESULTS
-
-SUPPLY = stream_of(2, "meter")
 
 
 @pytest.fixture
 def folder(tmp_path):
-    for number in (1, 2):
-        first = (number - 1) * 20
-        items = [batch_of(first, 20), frames_of(first, 20), batch_of(first, 20, stream=SUPPLY, source="supply")]
+    for number, first in ((1, 0), (2, 20)):
+        items = [batch_of(first, 20), frames_of(first, 20), batch_of(first, 20, stream=METER, source="supply")]
         write_chunks(tmp_path, [items, RESULTS if number == 1 else []], number=number)
     return tmp_path
 
@@ -62,7 +59,7 @@ def test_raw_samples(folder):
     recording = cw.open(folder)
     assert recording.sources == ("arm", "supply")
     frame = recording.raw("supply/meter", end=0.02)
-    truth = batch_of(0, 11, stream=SUPPLY)
+    truth = batch_of(0, 11, stream=METER)
     assert np.array_equal(frame["joint_2.position"], truth.values[:, 1])
     assert frame["sequence"].tolist() == list(range(11))
     assert frame["device_time_ns"].tolist() == truth.device_time.tolist()
@@ -84,6 +81,6 @@ def test_arrow_where_neither_pandas_nor_polars_is_installed(folder, monkeypatch)
 def test_channels_have_units_with_frames_and_without(folder, tmp_path):
     assert cw.open(folder).channels == {f"arm.joint_{i}.position": "rad" for i in (1, 2, 3)}
     (tmp_path / "raw").mkdir()
-    write_chunks(tmp_path / "raw", [[batch_of(0, 5, stream=SUPPLY, source="supply")]])
+    write_chunks(tmp_path / "raw", [[batch_of(0, 5, stream=METER, source="supply")]])
     raw = cw.open(tmp_path / "raw")
     assert raw.channels == {"supply.joint_1.position": "rad", "supply.joint_2.position": "rad"}

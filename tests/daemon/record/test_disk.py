@@ -4,6 +4,7 @@ import asyncio
 import errno
 import os
 import shutil
+from concurrent.futures import wait
 from dataclasses import replace
 from io import FileIO
 from pathlib import Path
@@ -13,6 +14,8 @@ import pytest
 from cellwatt.record import Recording, RecordSettings, openfile, recover
 from cellwatt.record import files as files_module
 from cellwatt.record.header import PART, FileName
+from cellwatt.record.openfile import OpenFile
+from cellwatt.record.upkeep import Upkeep
 from tests.patience import PATIENCE, eventually
 
 from .making import HEADER, SESSION, batch_of, name_of, started, write_chunks
@@ -22,8 +25,7 @@ class Disk:
     """Takes ``room`` bytes in all, then raises ``code``; a write that does not fit is cut, as real ones are."""
 
     def __init__(self, room, code=errno.ENOSPC):
-        self.room = room
-        self.code = code
+        self.room, self.code = room, code
 
     def open(self, path):
         disk = self
@@ -155,16 +157,14 @@ def test_a_repair_waits_for_room(tmp_path, monkeypatch):
 @pytest.mark.parametrize("how", ["moved", "folder removed"])
 async def test_a_file_that_is_taken_away_is_noticed_and_what_it_held_is_counted(tmp_path, how):
     folder = tmp_path / "record"
-    settings = RecordSettings(folder=folder, sync=0.02, flush=0.01)
-    async with started(settings) as recorder:
+    async with started(RecordSettings(folder=folder, sync=0.02, flush=0.01)) as recorder:
         await record(recorder, range(3))
         (part,) = folder.glob(f"*{PART}")
         away = tmp_path / "away"
-        match how:
-            case "moved":
-                part.rename(away)
-            case "folder removed":
-                shutil.rmtree(folder)
+        if how == "moved":
+            part.rename(away)
+        else:
+            shutil.rmtree(folder)
 
         async def noticed():
             await record(recorder, [7])
@@ -183,6 +183,22 @@ async def test_a_file_that_is_taken_away_is_noticed_and_what_it_held_is_counted(
     if how == "moved":
         moved = away.rename(tmp_path / name_of())
         assert len(Recording.open(moved).batches("arm", "rtde")) == stats["drops"][topic]
+
+
+def test_a_file_that_was_taken_away_costs_the_next_one_nothing(tmp_path):
+    upkeep = Upkeep(RecordSettings(folder=tmp_path), HEADER.cell, SESSION)
+    first, second = (OpenFile(tmp_path / name_of(number), HEADER) for number in (1, 2))
+    first.part.unlink()
+    upkeep.sync(first)
+    wait([upkeep._syncing], PATIENCE)
+    with pytest.raises(openfile.DisplacedError, match="removed"):
+        upkeep.sync(first)
+    upkeep.sync(first)
+    wait([upkeep._syncing], PATIENCE)
+    assert upkeep.sync(second)
+    upkeep.close()
+    for file in (first, second):
+        file.release()
 
 
 async def test_recordings_that_had_to_go_before_their_time_are_told(tmp_path, monkeypatch):

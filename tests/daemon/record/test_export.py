@@ -10,19 +10,16 @@ from cellwatt.commands.export import command
 from cellwatt.emulation import load_signals
 from cellwatt.tables import read_table
 
-from .making import SESSION, batch_of, frames_of, name_of, stream_of, write_chunks
+from .making import METER, SESSION, batch_of, frames_of, name_of, write_chunks
 from .test_roundtrip import RESULTS
-
-SUPPLY = stream_of(2, "meter")
 
 
 @pytest.fixture
 def folder(tmp_path):
     (tmp_path / "rec").mkdir()
-    for number in (1, 2):
-        first = (number - 1) * 20
+    for number, first in ((1, 0), (2, 20)):
         items = [batch_of(first, 15), batch_of(first + 15, 5), frames_of(first, 10), Tick(SESSION)]
-        items.append(batch_of(first, 20, stream=SUPPLY, source="supply", device=False))
+        items.append(batch_of(first, 20, stream=METER, source="supply", device=False))
         write_chunks(tmp_path / "rec", [items, [*RESULTS, Event(SESSION, "arm", "connected", "up")]], number=number)
     return tmp_path / "rec"
 
@@ -44,16 +41,15 @@ def test_parquet_has_the_recorded_values_names_and_units(folder, tmp_path):
     }
     assert report["damage"] == [] and report["start"] == SESSION
     table = pq.read_table(tmp_path / "out" / "arm.rtde.parquet")
-    truth = [batch_of(0, 15), batch_of(15, 5), batch_of(20, 15), batch_of(35, 5)]
     for i in range(6):
         name = f"joint_{i + 1}.position"
-        assert np.array_equal(table[name], np.concatenate([b.values[:, i] for b in truth]))
+        assert np.array_equal(table[name], batch_of(0, 40).values[:, i])
         assert table.schema.field(name).metadata == {b"unit": b"rad"}
     assert table["utc_ns"].to_pylist() == [SESSION + n * 2_000_000 for n in range(40)]
     assert table["t"].to_pylist() == [n * 2_000_000 / 1e9 for n in range(40)]
     assert table["sequence"].to_pylist() == list(range(40))
     assert table["device_time_ns"].to_pylist() == [n * 2_000_000 + 17 for n in range(40)]
-    assert table["arrival_ns"].to_pylist()[14:16] == [truth[0].arrival, truth[1].arrival]
+    assert table["arrival_ns"].to_pylist()[14:16] == [batch_of(0, 15).arrival, batch_of(15, 5).arrival]
     assert table["quality"].to_pylist() == [n % 5 for n in range(40)]
     assert json.loads(table.schema.metadata[b"cellwatt"])["cell"] == "weld-3"
     assert pq.read_table(tmp_path / "out" / "supply.meter.parquet")["device_time_ns"].null_count == 40
@@ -76,8 +72,7 @@ def test_csv_has_the_same_digits_and_its_units_beside_it(folder, tmp_path):
     names = sorted(p.name for p in (tmp_path / "out").iterdir())
     assert names == ["arm.rtde.csv", "arm.rtde.json", "supply.meter.csv", "supply.meter.json"]
     signals = load_signals(tmp_path / "out" / "arm.rtde.csv")
-    truth = np.concatenate([batch_of(0, 20).values, batch_of(20, 20).values])
-    assert np.array_equal(signals.columns["joint_3.position"], truth[:, 2])
+    assert np.array_equal(signals.columns["joint_3.position"], batch_of(0, 40).values[:, 2])
     about = json.loads((tmp_path / "out" / "arm.rtde.json").read_text())
     assert about["units"]["joint_3.position"] == "rad" and about["start_utc_ns"] == SESSION
 
@@ -101,7 +96,7 @@ def test_nothing_is_overwritten_unless_told(folder, tmp_path):
 def test_units_asked_for_are_named_and_read_back_by_the_reader_of_tables(folder, tmp_path, form):
     out = tmp_path / "out"
     assert run(folder, "--out", out, "--format", form, "--raw", "--units", "deg").exit_code == 0
-    radians = np.concatenate([b.values[:, 0] for b in (batch_of(0, 15), batch_of(15, 5), batch_of(20, 15))])
+    radians = batch_of(0, 35).values[:, 0]
     file = out / f"arm.rtde.{form}"
     name = "joint_1.position" if form == "parquet" else "joint_1.position [deg]"
     table = read_table(file)

@@ -7,7 +7,7 @@ import pytest
 
 from cellwatt.errors import RepairingError
 from cellwatt.frames import cut
-from cellwatt.record import History, Recorder, Recording, RecordSettings
+from cellwatt.record import History, Recording, RecordSettings
 from cellwatt.record.header import PART
 from cellwatt.record.survey import survey
 from cellwatt.record.upkeep import Upkeep
@@ -15,9 +15,7 @@ from cellwatt.results import Prediction, Task
 from tests.patience import PATIENCE, eventually
 
 from ..outlets.zenoh.fake_cell import alarm
-from .making import HEADER, SESSION, batch_of, bits, frames_of, name_of, same_batch, started, stream_of, write_chunks
-
-SUPPLY = stream_of(2, "meter")
+from .making import HEADER, METER, SESSION, batch_of, bits, frames_of, name_of, same_batch, started, write_chunks
 
 
 @pytest.fixture
@@ -31,7 +29,7 @@ async def history(recorder, tmp_path):
     """3000 samples of the arm and 600 of the supply, in several closed files and an open one, some still in memory."""
     for n in range(300):
         assert recorder.put(batch_of(n * 10, 10))
-        assert recorder.put(batch_of(n * 2, 2, stream=SUPPLY, source="supply"))
+        assert recorder.put(batch_of(n * 2, 2, stream=METER, source="supply"))
         if n % 10 == 0:
             assert await asyncio.to_thread(recorder.flush, PATIENCE)
     await eventually(lambda: len(list(tmp_path.glob("*.mcap"))) >= 3)
@@ -44,6 +42,10 @@ def numbers(batches):
 
 async def ask(history, *question):
     return await asyncio.to_thread(history.history, *question)
+
+
+async def results(history, series, first, count):
+    return await asyncio.to_thread(history.results, series, SESSION, first, count)
 
 
 @pytest.mark.parametrize(("first", "count"), [(0, 1), (7, 3), (1, 2998), (2985, 15), (1500, 0)])
@@ -146,23 +148,20 @@ async def judged(recorder, tmp_path):
 
 
 async def test_models_are_numbered_each_for_itself(judged):
-    found = await asyncio.to_thread(judged.results, "prediction/other", SESSION, 299, 10)
-    assert found == [(299, prediction(598, "other"))]
-    found = await asyncio.to_thread(judged.results, "task", SESSION, 100, 200)
-    assert found == [(n, task(n - 5)) for n in range(100, 300)]
-    found = await asyncio.to_thread(judged.results, "prediction/a/b", SESSION, 299, 2)
-    assert found == [(n, prediction(n, "a/b")) for n in (299, 300)]
+    assert await results(judged, "prediction/other", 299, 10) == [(299, prediction(598, "other"))]
+    assert await results(judged, "task", 100, 200) == [(n, task(n - 5)) for n in range(100, 300)]
+    assert await results(judged, "prediction/a/b", 299, 2) == [(n, prediction(n, "a/b")) for n in (299, 300)]
 
 
 async def test_of_results_that_are_gone_those_after_them_are_given(judged, tmp_path):
     sorted(tmp_path.glob("*.mcap"))[0].unlink()
-    ((number, left), *_) = await asyncio.to_thread(judged.results, "task", SESSION, 0, 3)
+    ((number, left), *_) = await results(judged, "task", 0, 3)
     assert number > 50 and left == task(number - 5)
-    assert await asyncio.to_thread(judged.results, "task", SESSION, 700, 3) == []
+    assert await results(judged, "task", 700, 3) == []
 
 
 async def test_what_has_no_numbers_is_recorded_and_not_given_by_number(judged, recorder, tmp_path):
-    assert await asyncio.to_thread(judged.results, "alarm", SESSION, 0, 3) == []
+    assert await results(judged, "alarm", 0, 3) == []
     await recorder.close()
     recording = Recording.open(tmp_path)
     assert recording.alarms() == [alarm(n) for n in range(600)]
@@ -174,8 +173,7 @@ async def test_one_without_a_number_stands_beside_those_that_have_one(recorder, 
     """What a process told and its journal lost again is recorded by the next one as it is."""
     for item, number in ((task(1), 7), (task(2), None), (task(3), 8)):
         assert recorder.put(item, number)
-    found = await asyncio.to_thread(History(tmp_path, recorder).results, "task", SESSION, 0, 10)
-    assert found == [(7, task(1)), (8, task(3))]
+    assert await results(History(tmp_path, recorder), "task", 0, 10) == [(7, task(1)), (8, task(3))]
     await recorder.close()
     assert Recording.open(tmp_path).tasks() == [task(1), task(2), task(3)]
 
@@ -191,9 +189,7 @@ async def test_what_is_being_repaired_is_not_said_to_be_gone(tmp_path, monkeypat
         return repair(upkeep, part)
 
     monkeypatch.setattr(Upkeep, "_recover", late)
-    recorder = Recorder(RecordSettings(folder=tmp_path), replace(HEADER, session=SESSION + 1))
-    recorder.start()
-    try:
+    async with started(RecordSettings(folder=tmp_path), replace(HEADER, session=SESSION + 1)) as recorder:
         history = History(tmp_path, recorder)
         frames = lambda: asyncio.to_thread(history.frames, SESSION, 0, 10)  # noqa: E731
         assert numbers(await ask(history, "arm", "rtde", SESSION, 5, 10)) == list(range(5, 10))
@@ -206,9 +202,6 @@ async def test_what_is_being_repaired_is_not_said_to_be_gone(tmp_path, monkeypat
         assert numbers(await ask(history, "arm", "rtde", SESSION, 10, 10)) == list(range(10, 20))
         assert numbers(await frames()) == list(range(10))
         assert await ask(history, "arm", "rtde", SESSION, 20, 10) == []
-    finally:
-        begin.set()
-        await recorder.close()
 
 
 async def test_the_files_are_listed(history, recorder, tmp_path):

@@ -15,9 +15,11 @@ from cellwatt.record.folder import Obstacles, obstacles
 from cellwatt.record.settings import EvidenceSettings, RecordSettings, default_folder
 
 
-def test_a_folder_that_can_be_made_is_no_trouble_and_is_not_made(tmp_path: Path) -> None:
+def test_no_trouble_are_a_folder_that_can_be_made_and_a_recording_that_is_gone(tmp_path: Path) -> None:
     assert obstacles(RecordSettings(folder=tmp_path / "a" / "b", keep=1e6)) == Obstacles()
-    assert list(tmp_path.iterdir()) == []
+    assert list(tmp_path.iterdir()) == [], "the folder is not made"
+    (tmp_path / "weld.mcap").symlink_to(tmp_path / "gone")
+    assert obstacles(RecordSettings(folder=tmp_path, keep=1e6)) == Obstacles()
 
 
 def test_a_file_in_the_way(tmp_path: Path) -> None:
@@ -44,11 +46,6 @@ def test_a_disk_that_is_too_small_for_what_is_to_be_kept(tmp_path: Path) -> None
     assert "keep allows 0.0 GB, evidence.keep 1000000000.0 GB" in told
     none = EvidenceSettings(keep=1e18, severity="none")
     assert obstacles(RecordSettings(folder=tmp_path, keep=1e6, evidence=none)) == Obstacles()
-
-
-def test_a_recording_that_is_gone_when_its_size_is_asked_for_is_no_trouble(tmp_path: Path) -> None:
-    (tmp_path / "weld.mcap").symlink_to(tmp_path / "gone")
-    assert obstacles(RecordSettings(folder=tmp_path, keep=1e6)) == Obstacles()
 
 
 def test_a_folder_that_takes_no_byte(tmp_path: Path) -> None:

@@ -67,7 +67,7 @@ def test_which_alarms_want_a_pack(least, severity, wanted):
     assert not wants(settings, alarm(severity=severity, active=False))
 
 
-def test_what_is_due_outlives_the_process(tmp_path):
+def test_what_is_due_outlives_the_process_and_a_note_that_names_a_place_outside_is_refused(tmp_path):
     folder = tmp_path / packs.FOLDER
     evidence = {"power_residual_W": 38.0, "task": "task_1", "flag": True}
     due = [Due.of(CELL, alarm(at=t, evidence=evidence, alternatives=(3,)), SETTINGS) for t in (0, 200)]
@@ -78,14 +78,9 @@ def test_what_is_due_outlives_the_process(tmp_path):
     assert packs.all_due(folder, CELL) == due
     assert not (folder / f"broken{packs.DUE}").exists()
     assert packs.all_due(tmp_path / "none", CELL) == []
-
-
-def test_a_note_that_names_a_place_outside_is_refused(tmp_path):
-    due = Due.of(CELL, alarm(), SETTINGS)
-    packs.write_due(tmp_path, due)
-    path = packs.due_path(tmp_path, due)
-    path.write_bytes(path.read_bytes().replace(due.name.encode(), b"../" + due.name.encode()))
-    assert packs.all_due(tmp_path, CELL) == [] and not path.exists()
+    path, name = packs.due_path(folder, due[0]), due[0].name.encode()
+    path.write_bytes(path.read_bytes().replace(name, b"../" + name))
+    assert packs.all_due(folder, CELL) == due[1:] and not path.exists()
 
 
 def made(folder, n, size=1000, age=0.0):

@@ -1,6 +1,6 @@
-import os
 from pathlib import Path
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -51,15 +51,18 @@ def test_only_this_cells_files_are_listed(tmp_path):
     assert listing(tmp_path / "absent", CELL) == []
 
 
-def test_a_new_start_keeps_to_the_budget(tmp_path):
-    for number in range(1, 6):
-        (tmp_path / name_of(number)).write_bytes(bytes(1000))
-        os.utime(tmp_path / name_of(number), (number, number))
-    upkeep = Upkeep(RecordSettings(folder=tmp_path, keep=4000.0, file_size=1e9), CELL)
+@pytest.mark.parametrize("session", [SESSION, SESSION + 10**12, SESSION - 10**12])
+def test_a_new_start_keeps_to_the_budget(tmp_path, session):
+    """Also after the PC's clock was set back: what was recorded since is not taken for the oldest."""
+    before, now = (str(FileName(each, 1, CELL)) for each in (SESSION, session))
+    names = [name.replace("_000001", f"_{n:06d}") for n, name in enumerate([before, before, now, now, now], start=1)]
+    for name in names:
+        (tmp_path / name).write_bytes(bytes(1000))
+    upkeep = Upkeep(RecordSettings(folder=tmp_path, keep=4000.0, file_size=1e9), CELL, session)
     upkeep.start()
     upkeep.close()
     # A quarter of the budget is left to the file that will be written.
-    assert sorted(p.name for p in tmp_path.iterdir()) == [name_of(3), name_of(4), name_of(5)]
+    assert {p.name for p in tmp_path.iterdir()} == set(names[2:])
     assert upkeep.stats()["removed"] == {"files": 2, "bytes": 2000}
 
 

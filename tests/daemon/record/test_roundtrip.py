@@ -1,4 +1,3 @@
-import asyncio
 import json
 from dataclasses import replace
 
@@ -19,6 +18,7 @@ from cellwatt.record.rows import SampleRows
 from .making import (
     ARM,
     HEADER,
+    METER,
     PERIOD,
     SESSION,
     batch_of,
@@ -88,30 +88,18 @@ def test_sequence_numbers_pass_32_bits(tmp_path):
     first = 2**32 - 3
     sent = [batch_of(first, 2), batch_of(first + 2, 4), batch_of(first + 6, 1)]
     write_chunks(tmp_path, [sent])
-    back = list(Recording.open(tmp_path).entries())
-    assert [b.sequence for b in back] == [2**32 - 3, 2**32 - 1, 2**32 + 3]
-    assert Recording.open(tmp_path).batches("arm", "rtde").sequence.tolist() == list(range(first, first + 7))
+    recording = Recording.open(tmp_path)
+    assert [b.sequence for b in recording.entries()] == [2**32 - 3, 2**32 - 1, 2**32 + 3]
+    assert recording.batches("arm", "rtde").sequence.tolist() == list(range(first, first + 7))
 
 
+GROUPS, SPREAD = {"brakes": 65.0, "unexplained": 0.25}, {"brakes": 0.25, "unexplained": 0.5}
+ENERGY = Energy("arm", "task_1", "speed=0.60", 4, SESSION, SESSION + 9, 65.25, GROUPS, 0.5, 9.0, 14.0)
+ENERGY = replace(ENERGY, group_uncertainty=SPREAD)
 RESULTS = [
-    Interval(
-        "arm", 1, SESSION, SESSION + 5, (1, 3), (0.5, -0.25), (0.0, 1.0), (0.1, 0.2), closed=False, complete=False
-    ),
+    Interval("arm", 1, SESSION, SESSION + 5, (1, 3), (0.5, -0.25), (0.0, 1.0), (0.1, 0.2), False, False),
     Task("arm", "task_1", "ab12", "speed=0.60", 0.6, SESSION, SESSION + 9, (1, 2, 3), 4),
-    Energy(
-        "arm",
-        "task_1",
-        "speed=0.60",
-        4,
-        SESSION,
-        SESSION + 9,
-        65.25,
-        {"brakes": 65.0, "unexplained": 0.25},
-        0.5,
-        9.0,
-        14.0,
-        group_uncertainty={"brakes": 0.25, "unexplained": 0.5},
-    ),
+    ENERGY,
     Prediction("power", 7, (SESSION, SESSION + 20), {"power": (1.5, float("inf"))}, {"power": "W"}),
     Alarm("a1", "joint_fault", "error", True, SESSION, SESSION + 1, "elbow", "arm", 3, (2,), 9, {"power_W": 12.5}),
 ]
@@ -129,10 +117,9 @@ def test_results_events_and_health_come_back(tmp_path):
 
 
 def test_an_energy_recorded_before_groups_had_uncertainties_is_read():
-    (energy,) = (result for result in RESULTS if isinstance(result, Energy))
-    body = json.loads(encode(energy))
+    body = json.loads(encode(ENERGY))
     del body["group_uncertainty"]
-    assert decode(Energy, json.dumps(body).encode()) == replace(energy, group_uncertainty={})
+    assert decode(Energy, json.dumps(body).encode()) == replace(ENERGY, group_uncertainty={})
 
 
 def test_numbers_that_json_lacks_stay_valid_json(tmp_path):
@@ -184,7 +171,7 @@ def test_the_mcap_library_reads_every_value(tmp_path):
     assert json.loads(ticks[0][2].data) == {"time": SESSION}
 
 
-def test_the_header_and_declarations_come_back(tmp_path):
+async def test_the_header_and_declarations_come_back(tmp_path):
     channels = (
         Channel("supply.power", "W"),
         Channel("tool.closed", "1", "discrete"),
@@ -192,23 +179,17 @@ def test_the_header_and_declarations_come_back(tmp_path):
     )
     supply = Stream("hmc8015", channels, 10.0, "host")
     header = replace(HEADER, streams={"arm": (ARM,), "supply": (supply,)})
-    asyncio.run(
-        _record(tmp_path, header, [batch_of(0, 2), batch_of(0, 2, stream=supply, source="supply", device=False)])
-    )
+    async with started(RecordSettings(folder=tmp_path), header) as recorder:
+        assert recorder.put(batch_of(0, 2))
+        assert recorder.put(batch_of(0, 2, stream=supply, source="supply", device=False))
     recording = Recording.open(tmp_path)
     assert recording.header == replace(header, number=1)
     assert recording.streams == {"arm": (ARM,), "supply": (supply,)}
     assert (recording.start, recording.end) == (SESSION, SESSION + 2_000_000)
 
 
-async def _record(folder, header, batches):
-    async with started(RecordSettings(folder=folder), header) as recorder:
-        assert all(recorder.put(b) for b in batches)
-
-
 def test_a_file_sorted_and_rechunked_by_other_tools_is_still_read(tmp_path):
-    supply = stream_of(2, "meter")
-    items = [batch_of(0, 20), batch_of(0, 20, stream=supply, source="supply"), frames_of(0, 4), RESULTS[0]]
+    items = [batch_of(0, 20), batch_of(0, 20, stream=METER, source="supply"), frames_of(0, 4), RESULTS[0]]
     write_chunks(tmp_path, [items])
     path, other = tmp_path / name_of(), tmp_path / "sorted.mcap"
     with path.open("rb") as old, other.open("wb") as new:
@@ -217,12 +198,10 @@ def test_a_file_sorted_and_rechunked_by_other_tools_is_still_read(tmp_path):
         for schema, channel, message in reader.iter_messages():
             if channel.id not in known:
                 number = writer.register_schema(schema.name, schema.encoding, schema.data)
-                known[channel.id] = writer.register_channel(
-                    channel.topic, channel.message_encoding, number, channel.metadata
-                )
-            writer.add_message(
-                known[channel.id], message.log_time, message.data, message.publish_time, message.sequence
-            )
+                declared = (channel.topic, channel.message_encoding, number, channel.metadata)
+                known[channel.id] = writer.register_channel(*declared)
+            times = {"log_time": message.log_time, "publish_time": message.publish_time}
+            writer.add_message(known[channel.id], data=message.data, sequence=message.sequence, **times)
         writer.finish()
     before, after = Recording.open(path), Recording.open(other)
     assert [len(b) for b in after.entries()] == [1] * 40

@@ -139,10 +139,8 @@ async def test_a_repaired_file_is_told_as_such(keys: Path) -> None:
 
 
 def test_a_seal_goes_with_its_file(keys: Path) -> None:
-    sign = keys / "cell.key"
-    asyncio.run(
-        record(RecordSettings(folder=keys / "recordings", file_size=30e3, keep=120e3, flush=3600.0, sign=sign), 400)
-    )
+    given = {"file_size": 30e3, "keep": 120e3, "flush": 3600.0, "sign": keys / "cell.key"}
+    asyncio.run(record(RecordSettings(folder=keys / "recordings", **given), 400))
     names = {p.name for p in (keys / "recordings").iterdir()}
     assert not [n for n in names if n.endswith("_000001.mcap")], "some were removed to keep to the budget"
     assert {n.removesuffix(".sig") for n in names if n.endswith(".sig")} == {n for n in names if n.endswith(".mcap")}

@@ -15,10 +15,8 @@ from tests.daemon.report.reading import check, read
 @pytest.fixture
 def page(tmp_path: Path) -> Path:
     origin = report.Provenance({"a.mcap": "00"}, "cellwatt plot a.mcap", {}, datetime(2026, 3, 4, 8, 30, tzinfo=UTC))
-    made = report.Report(
-        "weld-3", "recording", ["2 recordings"], "<script>alert(1)</script>", [], "found", provenance=origin
-    )
-    made.write(tmp_path / "a.html")
+    facts, verdict = ["2 recordings"], "<script>alert(1)</script>"
+    report.Report("weld-3", "recording", facts, verdict, [], "found", provenance=origin).write(tmp_path / "a.html")
     return tmp_path / "a.html"
 
 
@@ -31,13 +29,10 @@ def test_a_page_carries_its_facts(page: Path) -> None:
     check(read(page))
 
 
-def test_a_page_of_others_has_none(tmp_path: Path) -> None:
-    (tmp_path / "other.html").write_text("<!doctype html><title>Somebody else's</title>")
-    assert facts_in(tmp_path / "other.html") is None
-
-
-def test_a_page_that_is_not_whole_is_named(page: Path) -> None:
+def test_a_page_of_others_has_none_and_one_that_is_not_whole_is_named(page: Path) -> None:
     whole = page.read_text()
+    page.write_text("<!doctype html><title>Somebody else's</title>")
+    assert facts_in(page) is None
     page.write_text(whole[: len(whole) // 2])
     with pytest.raises(BrokenPageError, match="the page ends too early: make it anew"):
         facts_in(page)

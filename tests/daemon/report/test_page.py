@@ -28,15 +28,14 @@ def figure(text: str = "one", when: int = 0) -> report.Figure:
 
 
 def page(text: str = "plain") -> Page:
+    one_bar = report.Bars([(text, "model", 3.0)], "N*m", 1.0)
     blocks = [
         text,
         figure(text),
         figure(text, 1),
         report.Switch("run", (text, "other")),
         report.Table(f"table {text}", (text, "W"), [(text, "−1.5 ± 0.1"), ("b", "2")]),
-        report.Card(
-            text, [text, report.Columns([text], [report.Bars([(text, "model", 3.0)], "N*m", 1.0)])], text, text
-        ),
+        report.Card(text, [text, report.Columns([text], [one_bar])], text, text),
         report.Folded(text, [report.Notes([text])]),
     ]
     sections = [report.Section(text, blocks, text), report.Section("empty", [])]

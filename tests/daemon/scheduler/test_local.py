@@ -80,13 +80,9 @@ class TestOnWorkers:
 
     def test_a_worker_that_is_killed_is_told_with_the_items_it_may_have_had(self, tmp_path: Path) -> None:
         with pytest.raises(CellwattError, match="a worker process was killed: is there enough memory") as told:
-            spread(parts.dies, _items(tmp_path), "numbers")
+            spread(parts.dies, [Item(number, tmp_path) for number in range(8)], "numbers")
         assert re.match(r"numbers, at item [1-4] of 8 \(Item\(number=[0-3], ", str(told.value))
         assert spread(abs, [-1, -2], "after it") == [1, 2]
-
-
-def _items(folder: Path) -> list[Item]:
-    return [Item(number, folder) for number in range(8)]
 
 
 def test_nothing_is_left_of_local_workers(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -13,6 +13,8 @@ from hypothesis import strategies as st
 from cellwatt.errors import RecordingError
 from cellwatt.tables import read_table
 
+NO_TABLE = "cannot be read as a table"
+
 
 @settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(st.binary(min_size=40, max_size=160))
@@ -51,6 +53,8 @@ def read(folder: Path, text: str | bytes):
         ("Date,Time,q_1\n3/13/2026,11:59:59 PM,1\n3/14/2026,12:00:00 AM,2\n", [1773446399, 1773446400], [1, 2]),
         (",q_1\n2026-03-01 00:00:00,1\n2026-03-01 00:00:00.020,2\n", [1772323200, 1772323200.02], [1, 2]),
         ("time,q_1\n23:59:59.5,1\n00:00:00.5,2\n", [86399.5, 86400.5], [1, 2]),
+        ("timestamp,q_1\n1772323200000,1\n1772323200020,2\n", [1772323200, 1772323200.02], [1, 2]),
+        ("%time,q_1\n1772323200000000000,1\n1772323200020000000,2\n", [1772323200, 1772323200.02], [1, 2]),
         ("time,q_1\n2026-03-01T01:00:00.5+01:00,1\n2026-03-01T00:00:01Z,2\n", [1772323200.5, 1772323201], [1, 2]),
     ],
 )
@@ -72,32 +76,40 @@ def test_ordinary_files(tmp_path: Path, text: str | bytes, time: list[float], q:
         ("t;q_1;q_1\n0;1;2\n", "column q_1 is there 2 times, as columns B, C: keep one"),
         ('t;a;q_1\n\n0;x;1\n;;\n1;"a\nb";ERR\n', "column q_1 holds text, first 'ERR' in row 5, column C"),
         ("time,q_1\n3/1/2026 1:00:00,1\n3/2/2026 1:00:00,2\n", "column time holds dates with ambiguous day and month"),
+        ("t,q_1\n", "has no rows"),
+        ("q_1\n1\n", "no column t, timestamp or time for the time; there are: q_1"),
+        ("t,q_1\n0,1\n1,1\n1,2\n", "column t does not rise from 1 to 1 s in row 4, column A"),
+        ("noon,q_1\n0,1\n1,2\n", "no column t, timestamp or time"),
+        ("", f"{NO_TABLE}: "),
+        ("0.62,0.0\n0.63,0.0\n", f"{NO_TABLE}: no names in its first row"),
+        (
+            "t,q_1\n0,5,1,5\n1,2\n",
+            f"{NO_TABLE}: row 2 has 4 cells, expected 2 as in the row of names: is one a decimal",
+        ),
+        ("t;q_1\n0;1\n1\n", f"{NO_TABLE}: row 3 has 1 cells, expected 2"),
+        (b"PK\x03\x04xl/workbook.xml", f"{NO_TABLE}: it is a workbook or an archive, no text: save the sheet as CSV"),
+        (b"t,q_1\n0,\0001\n1,2\n", f"{NO_TABLE}: it holds bytes of 0 and is no text"),
+        (b"t,\x81q\n0,1\n", f"{NO_TABLE}: its encoding is not known: save it as UTF-8"),
+        ('t;q_1\n0;"1\n1;2\n', f"{NO_TABLE}: the quotes that begin in row 2 are not closed"),
+        ("# t, q_1\n#\n", f"{NO_TABLE}: it holds comments alone"),
     ],
 )
-def test_a_refusal_names_the_cell(tmp_path: Path, text: str, message: str) -> None:
-    table = read(tmp_path, text)
+def test_a_refusal_names_the_cell_in_one_line(tmp_path: Path, text: str | bytes, message: str) -> None:
     with pytest.raises(RecordingError) as caught:
+        table = read(tmp_path, text)
         table.rising_time(1)
         table.joints("position")
-    assert str(caught.value).startswith(f"{table.path}: {message}")
+    assert str(caught.value).startswith(f"{tmp_path / 'a.csv'}: {message}")
+    assert len(str(caught.value).splitlines()) == 1
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("t,q_1\n0,5,1,5\n1,2\n", "row 2 has 4 cells, expected 2 as in the row of names: is one a decimal comma?"),
-        ("t;q_1\n0;1\n1\n", "row 3 has 1 cells, expected 2"),
-        (b"PK\x03\x04xl/workbook.xml", "it is a workbook or an archive, no text: save the sheet as CSV"),
-        (b"t,q_1\n0,\0001\n1,2\n", "it holds bytes of 0 and is no text"),
-        (b"t,\x81q\n0,1\n", "its encoding is not known: save it as UTF-8"),
-        ('t;q_1\n0;"1\n1;2\n', "the quotes that begin in row 2 are not closed"),
-        ("# t, q_1\n#\n", "it holds comments alone"),
-    ],
-)
-def test_a_file_that_is_no_table(tmp_path: Path, text: str | bytes, message: str) -> None:
-    with pytest.raises(RecordingError) as caught:
-        read(tmp_path, text)
-    assert str(caught.value).startswith(f"{tmp_path / 'a.csv'}: cannot be read as a table: {message}")
+def test_a_row_within_which_the_file_ends_is_left_out_and_named(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Of a logger that was killed."""
+    assert read(tmp_path, "t;q_1\n0;1\n1;2\n2").needed("position", 1)[:, 0].tolist() == [1, 2]
+    assert "ends within row 4, which is left out" in caplog.text
+    assert read(tmp_path, "t;q_1\n0;1\n1;2").time.tolist() == [0, 1]
 
 
 def test_rows_without_a_time_are_left_out_and_counted(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

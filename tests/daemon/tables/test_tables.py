@@ -61,23 +61,24 @@ def test_units_of_a_joints_quantity(name: str, quantity: str, value: float) -> N
     assert found[0, 0] == pytest.approx(value)
 
 
-def test_units_of_time() -> None:
+def test_units_of_time_power_and_payload() -> None:
     for name, seconds in (("time [s]", 1.0), ("time_ms", 1e-3), ("timestamp (us)", 1e-6), ("utc_ns", 1e-9)):
-        found = table(**{name: [0.0, 4e9], "q_1": [0, 1]})
+        found = table(**{name: [0.0, 4e9], "q_1": [0, 1], "power_kW": [0.25] * 2, "payload [g]": [500.0] * 2})
         assert found.rising_time() == pytest.approx([0.0, 4e9 * seconds])
-        assert found.names == ("q_1",)
-
-
-def test_units_of_power_and_payload() -> None:
-    found = table(**{"power_kW": [0.25], "payload [g]": [500.0]})
-    assert found.whole("supply.power") == pytest.approx([250.0])
-    assert found.whole("tool.payload") == pytest.approx([0.5])
+        assert found.names == ("q_1", "power_kW", "payload [g]")
+        assert found.whole("supply.power") == pytest.approx([250.0] * 2)
+        assert found.whole("tool.payload") == pytest.approx([0.5] * 2)
 
 
 def test_a_unit_beside_the_name_counts_where_the_name_has_none(tmp_path: Path) -> None:
-    fields = [pa.field("t", pa.float64()), pa.field("q_1", pa.float64(), metadata={"unit": "deg"})]
-    pq.write_table(pa.table([[0.0, 1.0], [90.0, 180.0]], schema=pa.schema(fields)), tmp_path / "a.parquet")
-    np.testing.assert_allclose(read_table(tmp_path / "a.parquet").joints("position"), [[np.pi / 2], [np.pi]])
+    types = {"t": pa.float64(), "q_1": pa.float64(), "note": pa.string()}
+    units = {"t": "s", "q_1": "deg", "note": "mm"}
+    schema = pa.schema([pa.field(name, types[name], metadata={"unit": unit}) for name, unit in units.items()])
+    pq.write_table(pa.table([[0.0, 1.0], [90.0, 180.0], ["wet", "dry"]], schema=schema), tmp_path / "a.parquet")
+    found = read_table(tmp_path / "a.parquet")
+    np.testing.assert_allclose(found.joints("position"), [[np.pi / 2], [np.pi]])
+    assert "wet" in found.unfit["note"], "a text stays what it is"
+    assert found.units["note"] == "mm"
 
 
 def test_of_several_names_the_preferred_one_counts() -> None:
@@ -113,29 +114,7 @@ def test_a_channel_of_no_joint_is_found_with_its_source() -> None:
 def test_what_is_wrong_with_the_columns_is_said(columns: dict[str, object], message: str) -> None:
     with pytest.raises(RecordingError) as caught:
         table(**columns).needed("position", 1)
-    assert str(caught.value) == f"a.csv: {message}" or str(caught.value).startswith(f"a.csv: {message}")
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (b"", "cannot be read as a table"),
-        (b"t,q_1\n", "has no rows"),
-        (b"0.62,0.0\n0.63,0.0\n", "cannot be read as a table: no names in its first row"),
-        (b"q_1\n1\n", "no column t, timestamp or time for the time; there are: q_1"),
-        (b"t,q_1\n0,1\n1,1\n1,2\n", "column t does not rise from 1 to 1 s in row 4, column A"),
-        (b"noon,q_1\n0,1\n1,2\n", "no column t, timestamp or time"),
-    ],
-)
-def test_what_is_wrong_with_a_file_is_said_in_one_line(tmp_path: Path, text: bytes, message: str) -> None:
-    path = tmp_path / "a.csv"
-    path.write_bytes(text)
-    with pytest.raises(RecordingError) as caught:
-        found = read_table(path)
-        found.rising_time()
-        found.joints("position")
-    assert str(caught.value).startswith(f"{path}: {message}")
-    assert len(str(caught.value).splitlines()) == 1
+    assert str(caught.value).startswith(f"a.csv: {message}")
 
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
@@ -157,10 +136,7 @@ def test_whole_numbers_may_turn_into_fractions_late_in_the_file(tmp_path: Path) 
 def test_what_is_written_is_read(tmp_path: Path, name: str) -> None:
     columns = {"t": np.array([0.0, 0.1]), "move": np.array([1, 2]), "power": np.array([90.0, np.pi])}
     write_table(tmp_path / name, columns)
-    found = read_table(tmp_path / name)
-    assert {key: values.tolist() for key, values in found.columns.items()} == {
-        k: v.tolist() for k, v in columns.items()
-    }
+    np.testing.assert_equal(read_table(tmp_path / name).columns, columns)
     (tmp_path / "file").touch()
     with pytest.raises(RecordingError, match="cannot be written"):
         write_table(tmp_path / "file" / "a.csv", columns)
@@ -187,10 +163,25 @@ def test_a_small_file_that_unpacks_to_gigabytes_is_refused(tmp_path):
         read_table(tmp_path / "wide.csv")
 
 
-def test_texts_of_a_file_stay_what_they_are(tmp_path):
-    field = pa.field("note", pa.string(), metadata={"unit": "mm"})
-    schema = pa.schema([pa.field("t", pa.float64()), field])
-    pq.write_table(pa.table({"t": [1.0, 2.0], "note": ["wet", "dry"]}, schema=schema), tmp_path / "a.parquet")
+def test_columns_of_numbers_in_other_types_and_in_lists(tmp_path: Path) -> None:
+    """As pandas, Spark and loggers of robots write them."""
+    columns = {
+        "t": pa.array([0, 20_000], pa.duration("us")),
+        "power": pa.array(["1.5", "2.5"]).cast(pa.decimal128(5, 1)),
+        "position": [[1.0, 2.0], [3.0, None]],
+        "qd": pa.array([[5, 6], [7, 8]], pa.list_(pa.int32(), 2)),
+        "log": [{"fan": 1.0, "notes": [1.0]}, {"fan": 2.0, "notes": []}],
+    }
+    pq.write_table(pa.table(columns), tmp_path / "a.parquet")
     found = read_table(tmp_path / "a.parquet")
-    assert "wet" in found.unfit["note"]
-    assert found.units["note"] == "mm"
+    assert found.time.tolist() == [0.0, 0.02]
+    assert found.whole("supply.power").tolist() == [1.5, 2.5]
+    np.testing.assert_array_equal(found.joints("position"), [[1.0, 2.0], [3.0, np.nan]])
+    np.testing.assert_array_equal(found.joints("velocity"), [[5.0, 6.0], [7.0, 8.0]])
+    assert found.columns["log.fan"].tolist() == [1.0, 2.0]
+    assert found.unfit["log.notes"].startswith("holds lists of different lengths, first '[1.0]' in row 1")
+
+
+def test_a_column_that_is_there_twice_spares_the_others(tmp_path: Path) -> None:
+    pq.write_table(pa.Table.from_arrays([pa.array([0.0, 1.0])] * 3, ["t", "power", "power"]), tmp_path / "a.parquet")
+    assert read_table(tmp_path / "a.parquet").time.tolist() == [0.0, 1.0]

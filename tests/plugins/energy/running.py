@@ -17,13 +17,18 @@ def run_on(folder):
     return disaggregate(arm, rest, read_runs(folder / "runs", arm.joints))
 
 
-def worst_error(key, findings):
-    """Per cent of the run's total, over all groups and runs."""
+def with_truth(key, findings):
+    """Each run that was found, and its true energies."""
     found = {run.run: run for run in findings.runs}
-    worst = 0.0
     for true in key["runs"]:
         both = {"electrical_losses_with_regeneration": true["electrical_losses"] + true["regeneration"]}
-        for group in MEASURED:
-            off = getattr(found[true["run"]], group) - (true | both)[group]
-            worst = max(worst, 100 * abs(off) / true["total"])
-    return worst
+        yield found[true["run"]], true | both
+
+
+def worst_error(key, findings):
+    """Per cent of the run's total, over all groups and runs."""
+    return max(
+        100 * abs(getattr(run, group) - true[group]) / true["total"]
+        for run, true in with_truth(key, findings)
+        for group in MEASURED
+    )

@@ -10,16 +10,22 @@ from energy.plant import production
 from cellwatt_plugins.energy.advice import Cycle, advise, motion_energy, speed_advice
 from cellwatt_plugins.energy.task_energy import Stretch, stored_energy
 
+PAUSE = 2.0
 
-def produced(measured, speed, repetitions=1, pause=2.0):
+
+def produced(measured, speed):
     case, _, key = measured
-    seen, power, _ = production(case, key["fixed"], speed, 5.0, repetitions, pause, RATE)
+    seen, power, _ = production(case, key["fixed"], speed, 5.0, 1, PAUSE, RATE)
     return Stretch(1 / RATE, seen["position"], seen["velocity"], seen["torque"], power)
 
 
-def moving(whole, pause=2.0):
-    part = slice(round(pause * RATE), len(whole.power) - round(pause * RATE))
-    return Stretch(whole.step, *(getattr(whole, n)[part] for n in ("position", "velocity", "torque", "power")))
+def part_of(whole, first, end):
+    names = ("position", "velocity", "torque", "power")
+    return Stretch(whole.step, *(getattr(whole, name)[first:end] for name in names))
+
+
+def moving(whole):
+    return part_of(whole, round(PAUSE * RATE), len(whole.power) - round(PAUSE * RATE))
 
 
 def test_the_energy_of_another_speed_is_what_the_arm_then_takes(measured, arm_and_known):
@@ -63,15 +69,9 @@ def test_brakes_save_their_power_and_the_holding(measured, arm_and_known):
     assert not [a for a in advise(*arm_and_known, Cycle(fast, 1.0), brake_time=2.0) if a.kind == "brakes"]
 
 
-def resting(measured):
-    """The arm as it waits."""
-    whole = produced(measured, 400.0)
-    part = slice(0, round(1.5 * RATE))
-    return Stretch(whole.step, *(getattr(whole, n)[part] for n in ("position", "velocity", "torque", "power")))
-
-
 def test_an_arm_that_waits_with_its_brakes_on_is_not_told_to(measured, arm_and_known):
-    fast, rest = moving(produced(measured, 400.0)), resting(measured)
+    whole = produced(measured, 400.0)
+    fast, rest = moving(whole), part_of(whole, 0, round(1.5 * RATE))
     assert "brakes" in {a.kind for a in advise(*arm_and_known, Cycle(fast, 60.0, rest), brake_time=2.0)}
     fixed = measured[2]["fixed"]
     electronics = np.full_like(rest.power, fixed["controller"] + fixed["robot_electronics"])
@@ -82,8 +82,7 @@ def test_an_arm_that_waits_with_its_brakes_on_is_not_told_to(measured, arm_and_k
 def test_an_open_path_stores_what_it_lifts(measured, arm_and_known):
     arm, _ = arm_and_known
     whole = moving(produced(measured, 400.0))
-    half = slice(0, len(whole.power) // 3)
-    part = Stretch(whole.step, *(getattr(whole, n)[half] for n in ("position", "velocity", "torque", "power")))
+    part = part_of(whole, 0, len(whole.power) // 3)
     torque = arm.body.inverse_dynamics(part.position, part.velocity, np.gradient(part.velocity, 1 / RATE, axis=0))
     work = np.trapezoid((torque * part.velocity).sum(axis=1), dx=1 / RATE)
     assert stored_energy(arm, part) == pytest.approx(work, abs=0.5)

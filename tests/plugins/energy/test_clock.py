@@ -7,6 +7,7 @@ from cellwatt_plugins.energy.recordings import PowerTrace
 from cellwatt_plugins.robot.accumulate import Accumulated
 
 STEP = 0.01
+GRID = np.arange(0, 12, STEP)
 
 
 def power(time):
@@ -23,16 +24,14 @@ def measured(offset, seed=0, noise=0.3):
 
 @pytest.mark.parametrize("offset", [-0.333, 2.4])
 def test_offset_to_a_fraction_of_a_sample(offset):
-    grid = np.arange(0, 12, STEP)
     # The model is off by a third and a level: only its shape counts.
-    modelled = 40 + 0.7 * power(grid)
+    modelled = 40 + 0.7 * power(GRID)
     found = align(measured(offset), Accumulated(0.0, STEP, modelled), Accumulated(0.0, STEP, modelled[:, None]))
     assert found.seconds == pytest.approx(offset, abs=0.003)
 
 
 def test_its_uncertainty_is_honest():
-    grid = np.arange(0, 12, STEP)
-    model = Accumulated(0.0, STEP, power(grid))
+    model = Accumulated(0.0, STEP, power(GRID))
     found = [refine(measured(0.4, seed), model, 0.43) for seed in range(30)]
     pull = [(one.seconds - 0.4) / one.uncertainty for one in found]
     assert 0.5 < np.std(pull) < 1.6
@@ -42,5 +41,5 @@ def test_power_of_another_run_is_refused():
     noise = np.random.default_rng(1).normal(90, 5, 120)
     reading = PowerTrace("run.analyzer.parquet", np.arange(120) * 0.1, noise)
     with pytest.raises(RecordingError, match=r"run\.analyzer\.parquet: its power does not follow"):
-        modelled = power(np.arange(0, 12, STEP))
+        modelled = power(GRID)
         align(reading, Accumulated(0.0, STEP, modelled), Accumulated(0.0, STEP, modelled[:, None]))

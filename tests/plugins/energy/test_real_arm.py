@@ -3,28 +3,16 @@
 import numpy as np
 import pytest
 
-from cellwatt_plugins.energy.clock import Offset
-from cellwatt_plugins.energy.drive import motion_features
-from cellwatt_plugins.energy.identify import Belief, Observed, begin, identify
 from cellwatt_plugins.energy.known import Known
 from cellwatt_plugins.energy.task_energy import Stretch, task_energy
-from tests.science.test_energy_split import DATA, ONE, recorded_ur3e
+from tests.science.test_energy_split import fit, needs_ur3e, recorded_ur3e
 
-pytestmark = pytest.mark.skipif(
-    not (DATA / "ur3e_power").is_dir(), reason="the recordings of the UR3e are not beside the checkout"
-)
-BELIEF = Belief((45.0, 20.0), np.ones(6), np.full(6, 0.3), 0.5)
+pytestmark = needs_ur3e
 
 
 @pytest.fixture(scope="module")
 def arm_and_moves(tmp_path_factory):
-    with pytest.MonkeyPatch.context() as patch:
-        arm, runs = recorded_ur3e(tmp_path_factory.mktemp("ur3e"), patch)
-    return arm, [Observed(run, motion_features(arm, run.motion), Offset(0.0, 0.04), ONE) for run in runs]
-
-
-def fit(arm, moves):
-    return identify(moves, begin(arm, BELIEF.fixed[0]), BELIEF)
+    return recorded_ur3e(tmp_path_factory.mktemp("ur3e"))
 
 
 def known_from(identified):

@@ -12,21 +12,20 @@ NOISE = 2e-5
 RATE = 100.0
 
 
-def motion(profile, legs, seconds, rest=1.0, corners=((0.4, -0.3), (0.1, 0.6)), late=0.0037):
-    """Closed paths of three legs each; begins ``late`` s after a sample."""
+def motion(profile, legs, seconds):
+    """Closed paths of three legs each, a rest of 1 s between them; begins 3.7 ms after a sample."""
     fine = 1e-3
-    points = np.array([[0.2, 0.9], *([x + 0.2, y + 0.9] for x, y in corners), [0.2, 0.9]])
-    still = np.tile(points[:1], (round(rest / fine), 1))
+    points = np.array([[0.2, 0.9], [0.6, 0.6], [0.3, 1.5], [0.2, 0.9]])
+    still = np.tile(points[:1], (1000, 1))
     parts, starts, at = [still], [], len(still)
     for length in legs:
-        starts.append((at * fine, (at + 3 * round(length * seconds / fine)) * fine))
-        for a, b in pairwise(points):
-            s = np.linspace(0, 1, round(length * seconds / fine) + 1)[1:]
-            parts.append(a + (b - a) * _timing(profile, s)[:, None])
-        parts.append(still)
-        at += 3 * round(length * seconds / fine) + len(still)
+        count = round(length * seconds / fine)
+        starts.append((at * fine, (at + 3 * count) * fine))
+        s = _timing(profile, np.linspace(0, 1, count + 1)[1:])[:, None]
+        parts += [*(a + (b - a) * s for a, b in pairwise(points)), still]
+        at += 3 * count + len(still)
     q = np.vstack(parts)
-    time = np.arange(late, len(q) * fine - fine, 1 / RATE)
+    time = np.arange(0.0037, len(q) * fine - fine, 1 / RATE)
     grid = np.arange(len(q)) * fine
     seen = np.stack([np.interp(time, grid, column) for column in q.T], axis=1)
     seen += np.random.default_rng(1).normal(0, NOISE, seen.shape)
@@ -55,9 +54,8 @@ def test_an_interrupted_repetition_is_left_out_and_named():
 def test_no_repetition_says_what_to_do():
     recorded, _ = motion("quintic", [1], 2.0)
     keep = recorded.time < 4.0
-    cut = RobotTrace(
-        "run", recorded.time[keep], recorded.position[keep], recorded.velocity[keep], recorded.torque[keep]
-    )
+    columns = (recorded.time, recorded.position, recorded.velocity, recorded.torque)
+    cut = RobotTrace("run", *(column[keep] for column in columns))
     with pytest.raises(RecordingError, match="record from rest to rest"):
         find_repetitions(cut)
 

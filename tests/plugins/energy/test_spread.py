@@ -10,7 +10,7 @@ from energy.plant import production
 
 from cellwatt.errors import ModelError
 from cellwatt_plugins.energy.drive import features
-from cellwatt_plugins.energy.electronics import at_campaign
+from cellwatt_plugins.energy.electronics import at_campaign, followed
 from cellwatt_plugins.energy.known import load_known
 from cellwatt_plugins.energy.spread import GROUPS, group_slopes
 from cellwatt_plugins.energy.task_energy import Stretch, task_energy
@@ -81,8 +81,14 @@ def test_an_energy_json_from_before_is_refused_with_what_to_do(measured, outcome
         load_known(path, arm)
     del found["covariance"]
     path.write_text(json.dumps(found))
-    with pytest.raises(
-        ModelError,
-        match="the key 'covariance' is missing; if it is of an earlier cellwatt, run",
-    ):
+    with pytest.raises(ModelError, match="the key 'covariance' is missing; if it is of an earlier cellwatt, run"):
         load_known(path, arm)
+
+
+@pytest.mark.parametrize(("drift", "now", "braked"), [(0, 0, True), (4, 4, True), (4, 0, False), (-4, -4, True)])
+def test_brakes_are_no_drift_of_the_electronics_and_drift_is_no_brakes(arm_and_known, drift, now, braked):
+    """``drift`` W at the rests before and ``now``, of an arm whose brakes draw 5 W."""
+    arm, known = arm_and_known
+    known, still = replace(known, brakes=5.0), np.zeros(arm.joints)
+    level = replace(at_campaign(known), drift=float(drift))
+    assert (followed(level, arm, known, still, known.drive.fixed + now - 5.0 * braked) is level) == braked

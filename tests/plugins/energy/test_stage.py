@@ -1,6 +1,7 @@
 """The live stage on production of the arm whose campaign the tests ran; true groups are the plant's."""
 
 import json
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -12,19 +13,16 @@ from energy.live import BEGIN, RATE, frames_of, run_stages
 from energy.plant import production
 
 from cellwatt.errors import ConfigError, ModelError
-from cellwatt.frames import Layout
+from cellwatt.frames import Layout, cut
 from cellwatt.record import Recording
-from cellwatt.results import Alarm, Energy, Task
+from cellwatt.results import Alarm, Energy, Interval, Task
 from cellwatt.stage import CellInfo
+from cellwatt_plugins.energy.electronics import FOLLOW
 from cellwatt_plugins.energy.stage import EnergySettings, EnergyStage
 from cellwatt_plugins.robot import Arm
 from tests.daemon.record.making import write_chunks
 
-GROUPS = {
-    "mechanical_losses": "mechanical",
-    "electrical_losses": "electrical",
-    "regeneration": "chopper",
-}
+GROUPS = {"mechanical_losses": "mechanical", "electrical_losses": "electrical", "regeneration": "chopper"}
 
 
 @pytest.fixture(scope="module")
@@ -45,12 +43,6 @@ def produced(measured):
 def results(folder, produced):
     seen, power, _ = produced
     return run_stages(frames_of(seen, power), folder, parts=2.0)
-
-
-def recorded(results, frames, folder):
-    """A recording of them, read back."""
-    write_chunks(folder, [[frames, *results]])
-    return Recording.open(folder)
 
 
 def of(results, kind):
@@ -77,7 +69,8 @@ def test_every_task_is_split(results, produced):
 
 
 def test_a_replay_gives_the_same_to_the_bit_however_frames_are_cut(results, folder, produced, tmp_path, monkeypatch):
-    recording = recorded(results, frames_of(produced[0], produced[1]), tmp_path)
+    write_chunks(tmp_path, [[frames_of(produced[0], produced[1]), *results]])
+    recording = Recording.open(tmp_path)
     told = of(results, Energy)
     assert of(recording.results(), Energy) == told
     for block in (7, 400):
@@ -87,7 +80,7 @@ def test_a_replay_gives_the_same_to_the_bit_however_frames_are_cut(results, fold
 
 
 def test_advice_is_given_once_with_its_saving(results):
-    advice = [alarm for alarm in of(results, Alarm) if alarm.kind.startswith("energy_advice")]
+    advice = advised(results)
     kinds = [alarm.kind for alarm in advice]
     assert len(set(kinds)) == len(kinds) > 0
     for alarm in advice:
@@ -95,12 +88,12 @@ def test_advice_is_given_once_with_its_saving(results):
         assert alarm.evidence["saving_J"] > 2 * alarm.evidence["uncertainty_J"]
 
 
-def test_electronics_that_drift_are_followed(folder, produced):
+def test_electronics_that_drift_are_followed(folder, produced, results):
     """A fan takes 4 W more: rests show it, and the split of later tasks counts it to the electronics."""
     seen, power, _ = produced
     told = of(run_stages(frames_of(seen, power + 4.0), folder), Energy)
-    before = of(run_stages(frames_of(seen, power), folder), Energy)
-    more = [a.groups["electronics"] - b.groups["electronics"] for a, b in zip(told, before, strict=True)]
+    both = zip(told, of(results, Energy), strict=True)
+    more = [drifted.groups["electronics"] - before.groups["electronics"] for drifted, before in both]
     assert more[-1] > more[0] > 0
     assert abs(told[-1].groups["unexplained"]) < abs(told[0].groups["unexplained"])
     assert told[-1].total_per_part is None  # nobody said how many parts
@@ -118,13 +111,115 @@ def test_a_consumer_that_is_in_no_group_is_told_and_cleared(folder, produced):
     assert alarms[0].id == alarms[1].id
 
 
-def test_a_task_whose_power_is_missing_is_not_split(folder, produced):
+@pytest.mark.parametrize(
+    ("value", "reason"),
+    [(np.nan, r"100.0 % of its frames are missing, most of meter.supply.power; up to 2 %"), (0.0, "shows no power")],
+)
+def test_a_task_whose_power_is_missing_is_not_split_which_is_reported(folder, produced, results, value, reason):
+    """The meter is off in the second and third of the tasks."""
     seen, power, _ = produced
+    tasks = of(results, Task)
     broken = power.copy()
-    broken[len(power) // 2 :] = np.nan
+    broken[slice(*(round((t - BEGIN) * RATE * 1e-9) for t in (tasks[0].end, tasks[3].start)))] = value
     results = run_stages(frames_of(seen, broken), folder)
-    whole = [task for task in of(results, Task) if task.end < BEGIN + len(power) // 2 * 1e9 / RATE]
-    assert len(of(results, Energy)) == len(whole) < len(of(results, Task))
+    assert [energy.repetition for energy in of(results, Energy)] == [1, *range(4, len(tasks) + 1)]
+    first, second, over = [alarm for alarm in of(results, Alarm) if alarm.kind == "energy_not_split"]
+    assert re.search(f"energy of task_1 is not split: .*{reason}", first.statement)
+    assert [(alarm.active, alarm.evidence) for alarm in (first, second, over)] == [
+        (True, {"repetition": 2, "not_split": 1}),
+        (True, {"repetition": 3, "not_split": 2}),
+        (False, {"repetition": 4, "not_split": 2}),
+    ]
+    assert first.id == second.id == over.id
+    assert advised(results)  # of the third repetition, which was not split, there was none
+
+
+def advised(results):
+    return [alarm for alarm in of(results, Alarm) if alarm.kind.startswith("energy_advice")]
+
+
+@pytest.fixture
+def fed(folder, produced):
+    """A stage that has all frames, with ``more`` W of power; it is then given results of segment."""
+
+    def make(more=0.0, **settings):
+        frames = frames_of(produced[0], produced[1] + more)
+        stage = made(folder, frames.layout, **settings)
+        stage.process(frames, ())
+        return lambda upstream: stage.process(cut(frames, len(frames), len(frames)), upstream)
+
+    return make
+
+
+def test_a_task_that_began_before_the_frames_stored_is_not_split(fed, results):
+    task = of(results, Task)[0]
+    (alarm,) = fed()([replace(task, start=task.start - 11 * 60 * 10**9)])
+    assert "it began more than 10 min before it was recognised" in alarm.statement
+
+
+def test_alarms_of_a_task_that_no_longer_runs_are_withdrawn(fed, results):
+    """A gripper draws power, and the cell then makes another part."""
+    process, tasks = fed(more=40.0), of(results, Task)
+    raised = of(process(tasks[:3]), Alarm)
+    assert "energy_balance" in {alarm.kind for alarm in raised}
+    others = [replace(tasks[0], name="task_2", repetition=i + 1) for i in range(100)]
+    assert [alarm for alarm in of(process(others[:-1]), Alarm) if not alarm.active] == []
+    over = of(process(others[-1:]), Alarm)
+    assert {alarm.id for alarm in over} == {alarm.id for alarm in raised}
+    assert {alarm.statement for alarm in over} == {"Withdrawn: task_1 was none of the last 100 tasks"}
+    again = [replace(task, repetition=task.repetition + 3) for task in tasks[:3]]
+    assert {alarm.id for alarm in of(process(again), Alarm)} == {alarm.id for alarm in raised}
+
+
+def waited(process, upstream):
+    """Times for which advice on brakes takes the arm to wait, s."""
+    brakes = [alarm for alarm in advised(process(upstream)) if alarm.kind == "energy_advice_brakes"]
+    return {re.search(r"with (\d+) s of waiting", alarm.statement)[1] for alarm in brakes}
+
+
+def another_name(result):
+    """Every other repetition is of another task."""
+    number, odd = (result.repetition + 1) // 2, result.repetition % 2
+    return replace(result, name=f"task_{2 - odd}", repetition=number)
+
+
+@pytest.mark.parametrize("what", ["another task in between", "a pause of production after the second repetition"])
+def test_what_is_no_waiting_of_the_arm_after_its_task(fed, results, what):
+    upstream = of(results, Interval | Task)
+    if "task" in what:
+        changed = [another_name(result) if isinstance(result, Task) else result for result in upstream]
+        assert [task.repetition for task in of(changed, Task) if task.name == "task_1"][:3] == [1, 2, 3]
+    else:
+        after = of(upstream, Task)[1].intervals[-1] + 1
+        rest = next(each for each in of(upstream, Interval) if each.closed and each.number == after)
+        changed = [replace(each, end=each.end + 3600 * 10**9) if each is rest else each for each in upstream]
+    assert waited(fed(brake_time=0.5), changed) == waited(fed(brake_time=0.5), upstream) == {"2"}
+
+
+def test_electronics_are_followed_at_the_end_of_a_rest_longer_than_the_frames_stored(folder, produced, results):
+    """A fan takes 4 W more from the lunch break on."""
+    seen, power, _ = produced
+    rest, minutes = slice(0, 100), 11
+    still = {name: np.vstack([*[values[rest]] * 30 * minutes, values]) for name, values in seen.items()}
+    watts = np.concatenate([*[power[rest]] * 30 * minutes, power])
+    before, after = (
+        [energy.groups["electronics"] for energy in of(run_stages(frames_of(still, watts + more), folder), Energy)]
+        for more in (0.0, 4.0)
+    )
+    task = of(results, Task)[0]
+    followed = 1 - (1 - FOLLOW) ** 2  # of this rest, and the one before the task is recognised
+    assert after[0] - before[0] == pytest.approx(followed * 4.0 * (task.end - task.start) * 1e-9)
+
+
+def test_a_slow_meters_window_is_in_the_uncertainty(folder, produced):
+    """Means over 1 s, held, half a second late."""
+    seen, power, _ = produced
+    slow = np.repeat(power.reshape(-1, 50).mean(axis=1), 50)
+    frames = frames_of(seen, np.concatenate([slow[:25], slow[:-25]]))
+    *joints, meter = frames.layout.channels
+    frames = replace(frames, layout=Layout((*joints, replace(meter, window=1.0)), RATE))
+    for energy in of(run_stages(frames, folder), Energy):
+        assert abs(energy.groups["unexplained"]) < 2.5 * energy.uncertainty
 
 
 def test_without_torques_currents_times_the_constant_are_taken(results, folder, produced):
@@ -132,8 +227,8 @@ def test_without_torques_currents_times_the_constant_are_taken(results, folder, 
     seen, power, _ = produced
     constant = Arm.load(folder).column("torque_constant")
     by_torque = frames_of(seen, power)
-    channels = tuple(replace(c, name=c.name.replace("torque", "current")) for c in by_torque.layout.channels)
-    channels = tuple(replace(c, unit="A") if c.name.endswith("current") else c for c in channels)
+    named = [(c, c.name.replace("torque", "current"), c.unit.replace("Nm", "A")) for c in by_torque.layout.channels]
+    channels = tuple(replace(c, name=name, unit=unit) for c, name, unit in named)
     values = by_torque.values.copy()
     values[:, 2 * len(constant) : 3 * len(constant)] /= constant
     frames = replace(by_torque, layout=Layout(channels, RATE), values=values)

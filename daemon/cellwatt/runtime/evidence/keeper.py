@@ -55,6 +55,8 @@ class Keeper:
         """Names of packs whose note on disk is out of date."""
         self._seen = {alarm.id: alarm.since for alarm in known if packs.wants(settings.evidence, alarm)}
         """``since`` of each active alarm that has a pack, by alarm id."""
+        self._writing: asyncio.Future[None] | None = None
+        """The last write of a note; if ``run`` is cancelled, it goes on."""
         self._noted = asyncio.Event()
         self._stored: list[packs.Pack] = []
         self._retained_at = -RETAIN_EVERY
@@ -98,6 +100,8 @@ class Keeper:
 
     async def close(self) -> None:
         """Make the remaining packs from the data recorded so far, after ``run`` and the record have ended."""
+        if self._writing is not None:
+            await asyncio.wait([self._writing])  # two threads cannot replace the same file
         await self._write()
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(CLOSE):
@@ -129,7 +133,8 @@ class Keeper:
         while (due := next((due for due in self._waiting if due.name in self._unwritten), None)) is not None:
             self._unwritten.discard(due.name)
             try:
-                await asyncio.to_thread(packs.write_due, self.folder, due)
+                self._writing = asyncio.ensure_future(asyncio.to_thread(packs.write_due, self.folder, due))
+                await asyncio.shield(self._writing)
             except OSError as error:
                 self._waiting = [other for other in self._waiting if other.name != due.name]
                 self._give_up(due, f"{self.folder} cannot be written: {error.strerror}")

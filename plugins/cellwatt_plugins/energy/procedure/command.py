@@ -59,18 +59,18 @@ def rest_pose(robot: Path, starts: int, as_json: bool) -> None:
     arm = Arm.load(robot, MOTOR)
     with threadpool_limits(1):
         found = least_gravity(arm, starts)
-    place = arm.forward(found.q[None])[0, -1, :3, 3].tolist()
+    last = arm.forward(found.q[None])[0, -1, :3, 3].tolist()
     if as_json:
         about = asdict(found) | {"joints": found.q.tolist(), "torque": found.torque.tolist()}
         del about["q"]
-        click.echo(json.dumps({**about, "residual": found.residual, "last_joint_at": place}))
+        click.echo(json.dumps({**about, "residual": found.residual, "last_joint_at": last}))
         return
     degrees = ", ".join(f"{angle:.1f}" for angle in np.degrees(found.q))
     click.echo(
         f"joints at {degrees} deg\n"
         f"gravity torque {found.residual:.3f} Nm in total, the smallest found from {found.starts} start poses; "
         f"{found.reached} of them led to it\n"
-        f"the last joint is at {', '.join(f'{x:.2f}' for x in place)} m; {100 * found.clearance:.0f} cm to the nearest "
+        f"the last joint is at {', '.join(f'{x:.2f}' for x in last)} m; {100 * found.clearance:.0f} cm to the nearest "
         "link or the floor. Other objects in the cell are not known: check before you move"
     )
 

@@ -39,8 +39,8 @@ class CutRun:
     def in_words(self) -> str:
         """Text for the terminal."""
         done = f"{self.run}: {self.repetitions} of {self.asked} repetitions"
-        told = "" if self.written else ", too few: not written, run it again"
-        return "\n".join([done + told, *(f"  {sentence}" for sentence in self.refused)])
+        remarks = "" if self.written else ", too few: not written, run it again"
+        return "\n".join([done + remarks, *(f"  {sentence}" for sentence in self.refused)])
 
 
 def cut_state(reading: PowerTrace, path: Path) -> Steady:
@@ -72,10 +72,10 @@ def cut_programme(
     for speed in speeds:
         name, best = f"{speed:g}_{payload:g}kg", _longest(loops, speed, motion)
         bad = [loop for loop in loops if loop.problem and loop.speed in (speed, 0.0 if speed == speeds[0] else speed)]
-        told = [f"the repetition at t = {loop.start:.1f} s is refused: {loop.problem}" for loop in bad]
+        remarks = [f"the repetition at t = {loop.start:.1f} s is refused: {loop.problem}" for loop in bad]
         if enough := len(best) >= (least or repetitions):
             _write_run(best, motion, reading, out / "runs" / name)
-        runs.append(CutRun(name, len(best), repetitions, (*told, *(notes if speed == speeds[0] else ())), enough))
+        runs.append(CutRun(name, len(best), repetitions, (*remarks, *(notes if speed == speeds[0] else ())), enough))
     return runs
 
 
@@ -125,7 +125,7 @@ def _write_run(loops: Sequence[Loop], motion: RobotTrace, reading: PowerTrace, p
 def _edges(loops: Sequence[Loop], motion: RobotTrace) -> tuple[int, int]:
     """First sample, within the rest before the first repetition, and end, within the rest after the last."""
     pauses = [b.start - a.end for a, b in pairwise(loops)]
-    kept = BESIDE * (float(np.median(pauses)) if pauses else 1.0)
-    begin, end = np.searchsorted(motion.time, [loops[0].start - kept, loops[-1].end + kept]).tolist()
+    margin = BESIDE * (float(np.median(pauses)) if pauses else 1.0)
+    begin, end = np.searchsorted(motion.time, [loops[0].start - margin, loops[-1].end + margin]).tolist()
     before, after = _holes(motion, begin, loops[0].first), _holes(motion, loops[-1].last, end - 1)
     return int(before[-1]) + 1 if before.size else begin, int(after[0]) + 1 if after.size else end

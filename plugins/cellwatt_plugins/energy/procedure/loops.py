@@ -108,8 +108,8 @@ def _named(loop: Loop, length: float, speeds: Sequence[float]) -> Loop:
         return replace(loop, problem=f"its path is {way}: another path, or interrupted")
     nearest = min(speeds, key=lambda speed: abs(speed / loop.mean_speed - 1))
     if abs(loop.mean_speed / nearest - 1) > NOMINAL:
-        told = ", ".join(f"{speed:g}" for speed in speeds)
-        return replace(loop, problem=f"its mean speed is {loop.mean_speed:.0f} mm/s, none of {told}: interrupted?")
+        listed = ", ".join(f"{speed:g}" for speed in speeds)
+        return replace(loop, problem=f"its mean speed is {loop.mean_speed:.0f} mm/s, none of {listed}: interrupted?")
     return replace(loop, speed=nearest)
 
 

@@ -58,9 +58,9 @@ def rest_pose(arm: Arm, starts: int = STARTS) -> RestPose:
     edge = 1e-6 * np.ptp(limits, axis=1)
     lower, upper = limits[:, 0] + edge, limits[:, 1] - edge
     shares = qmc.Sobol(len(limits), scramble=False).random(starts)
-    places = [np.clip(np.zeros(len(limits)), lower, upper), *(lower + shares[1:] * (upper - lower))]
+    poses = [np.clip(np.zeros(len(limits)), lower, upper), *(lower + shares[1:] * (upper - lower))]
 
-    found = [_descend(arm, place, (lower, upper), checker) for place in steps(places, "searching from place")]
+    found = [_descend(arm, pose, (lower, upper), checker) for pose in steps(poses, "searching from pose")]
     free = [q for q in found if checker.safe(q[None])[0]]
     if not free:
         raise ConfigError(

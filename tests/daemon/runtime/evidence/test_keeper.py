@@ -16,7 +16,7 @@ from cellwatt.runtime.evidence import keeper as keeping
 from cellwatt.runtime.evidence.keeper import Keeper
 from cellwatt.runtime.evidence.making import make
 from tests.daemon.record.making import CELL, PERIOD, SESSION, batch_of, frames_of, write_chunks
-from tests.patience import eventually
+from tests.patience import PATIENCE, eventually
 
 S = 10**9
 EVIDENCE = EvidenceSettings(before=2.0, after=1.0)
@@ -66,6 +66,7 @@ class Cell:
 @pytest.fixture
 def cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cell:
     monkeypatch.setattr(keeping, "LOOK", 0.01)
+    monkeypatch.setattr(keeping, "CLOSE", PATIENCE)
     return Cell(tmp_path)
 
 

@@ -39,3 +39,5 @@ CUBES = {
     # electronics (1133.6 J at 29.54 W and 50 mm/s) is that of 1.92 m: 250 mm it is, 1.93 m.
     "Gen3": Cube(((0.25, -0.15, -0.2), (0.65, 0.25, -0.2), (0.65, 0.25, 0.2), (0.25, -0.15, 0.2)), 4.0),
 }
+TABLE_SECONDS = {"UR5e": 168.8 / 4.3669, "UR10e": 534.6 / 6.9176, "FR3": 720.0 / 18.6436, "Gen3": 1133.6 / 29.54}
+"""Of a repetition at 50 mm/s: energy over power of the brakes, or of the electronics, in Tables II and III."""

@@ -16,7 +16,8 @@ from energy.chain import Link, rotations, torques, write_urdf
 from scipy.interpolate import CubicSpline
 from scipy.optimize import nnls
 
-from tests.plugins.energy.procedure.cube import CUBES
+from tests.plugins.energy.procedure.cube import CUBES, TABLE_SECONDS
+from tests.science.test_energy_split import TABLE_III
 
 STEP = 0.002
 DWELL, BETWEEN = 1.0, 3.0
@@ -35,18 +36,19 @@ class Made:
     controller: float
     electronics: float
     brakes: float
-    total: dict[float, tuple[float, float]]
-    """E_R of Table III by speed, without and with payload, J."""
     by_current: bool = False
     gains: tuple[float, ...] = ()
     """Torque as given against true torque."""
     separate: bool = True
-    table_seconds: float = 38.63
-    """Of a repetition at 50 mm/s."""
 
     @property
     def joints(self):
         return len(self.masses)
+
+    @property
+    def total(self):
+        """E_R of Table III by speed, without and with payload, J."""
+        return {50 * (i + 1): (row[0], row[5]) for i, row in enumerate(TABLE_III[self.name])}
 
     @property
     def fixed(self):
@@ -60,7 +62,6 @@ UR5E = Made(
     54.03,
     27.38,
     4.3669,
-    {50: (3542.8, 3870.1), 100: (1836.0, 2002.3), 150: (1281.9, 1385.0), 200: (998.0, 1084.1), 250: (838.5, 906.2)},
     by_current=True,
     gains=(0.93, 0.9, 0.88, 0.95, 1.04, 0.9),
 )
@@ -71,10 +72,8 @@ UR10E = Made(
     52.29,
     26.27,
     6.9176,
-    {50: (7485.4, 9494.4), 100: (3904.6, 4932.3), 150: (2727.7, 3438.8), 200: (2145.4, 2693.4), 250: (1817.1, 2255.6)},
     by_current=True,
     gains=(1.05, 0.92, 0.9, 0.94, 0.9, 1.0),
-    table_seconds=77.27,
 )
 FR3 = Made(
     "FR3",
@@ -83,7 +82,6 @@ FR3 = Made(
     32.12,
     33.09,
     18.6436,
-    {50: (3719.7, 4128.3), 100: (1917.7, 2126.0), 150: (1326.9, 1465.5), 200: (1035.2, 1139.3), 250: (859.5, 947.3)},
 )
 GEN3 = Made(
     "Gen3",
@@ -92,7 +90,6 @@ GEN3 = Made(
     29.54,
     0.0,
     0.0,
-    {50: (1300.1, 1642.7), 100: (691.6, 871.2), 150: (494.3, 616.8), 200: (392.0, 485.8)},
     separate=False,
 )
 ROBOTS = {made.name: made for made in (UR5E, UR10E, FR3, GEN3)}
@@ -136,7 +133,7 @@ def solve(links, target, q):
     for _ in range(200):
         steps = np.vstack([q, q + 1e-6 * np.eye(len(q))])
         at, turn = places(links, steps)
-        error = np.column_stack([target - at, *(_twist(turn),)])
+        error = np.column_stack([target - at, _twist(turn)])
         if np.abs(error[0]).max() < 1e-10:
             return q
         jacobian = (error[1:] - error[0]).T / -1e-6
@@ -154,27 +151,25 @@ def _twist(turn):
 class Arm:
     """A robot on its cube, with losses that bring its runs to the table's energies."""
 
-    def __init__(self, made, links=None):
-        self.made, self.links = made, links or links_of(made)
+    def __init__(self, made):
+        self.made, self.links = made, links_of(made)
         self.cube = CUBES[made.name]
         n = made.joints
         size = np.array([1.0, 1.0, *([0.6] * (n - 5)), 0.25, 0.2, 0.15])[:n] * (2.0 if made.name == "UR10e" else 1.0)
         self.constant = 10.0 * np.sqrt(size)
         self.rotor = 0.8 * size
         self.described = 0.8 / size
-        self.friction = np.full(n, 0.0)
         self.way = self._way()
-        self.rates = np.ones(4)
-        self.friction = self._friction_for(6.0)
+        travelled = np.abs(self.motion(250.0)[1]).sum() * STEP
+        self.friction = np.full(n, 6.0 / travelled)
+        """Coulomb friction (n,) Nm that takes 6 J in a repetition: Table III's mechanical losses."""
         self.rates = self._rates()
 
     def _way(self):
         """Joint angles along the path, one spline a leg, over the share of the leg."""
         n = self.made.joints
-        guess = np.zeros(n)
-        guess[1], guess[-4] = -1.0, 1.6
-        guess[-3] = -0.6
-        q, legs = guess, []
+        q, legs = np.zeros(n), []
+        q[1], q[-4], q[-3] = -1.0, 1.6, -0.6
         for a, b in pairwise(self.cube.path):
             shares = np.linspace(0, 1, 60)
             rows = []
@@ -228,11 +223,6 @@ class Arm:
             "supply": supply,
         }
 
-    def _friction_for(self, joule):
-        """Coulomb friction (n,) Nm that takes so much in a repetition: Table III's mechanical losses."""
-        _, qd, _ = self.motion(250.0)
-        return np.full(self.made.joints, joule / (np.abs(qd).sum() * STEP))
-
     def _rates(self):
         """What copper, switches and iron lose, by least squares to Table III's energies."""
         rows, wanted = [], []
@@ -240,11 +230,10 @@ class Arm:
             q, qd, qdd = self.motion(speed)
             for payload, energy in zip((0.0, self.cube.payload), energies, strict=True):
                 torque = self.torque(q, qd, qdd, payload)
-                seconds = len(q) * STEP
-                weight = 1 / energy
+                seconds, weight = len(q) * STEP, 1 / energy
                 rows.append(self.losses(torque, qd).sum(axis=0) * STEP * weight)
                 mechanical = (torque * qd).sum() * STEP
-                table = energy * seconds / (self.made.table_seconds * 50 / speed)
+                table = energy * seconds / (TABLE_SECONDS[self.made.name] * 50 / speed)
                 wanted.append((table - self.made.fixed * seconds - mechanical) * weight)
         return nnls(np.array(rows), np.array(wanted))[0]
 

@@ -8,13 +8,10 @@ import numpy as np
 
 from cellwatt import Batch, Channel, Stream
 from cellwatt.record import Header, Recording
-from cellwatt.record.encoder import Encoder
-from cellwatt.record.header import FileName
-from cellwatt.record.openfile import OpenFile
+from tests.daemon.record.making import write_chunks
 
 SESSION = 1_795_000_000_000_000_000
 BLOCK = 5000
-CHUNK = 1_000_000
 SUPPLY = Stream("measured", (Channel("supply.voltage", "V"), Channel("supply.power", "W")), 10.0, "host")
 
 
@@ -28,11 +25,9 @@ def arm_stream(joints, by_current, rate):
 class Taped:
     """Puts spans one after the other into a recording, on the cell's time."""
 
-    def __init__(self, folder: Path, arm, noise=0.08, lag=0.1, seed=1):
-        self.folder, self.arm = folder, arm
+    def __init__(self, folder: Path, arm, seed=1):
+        self.folder, self.arm, self.now = folder, arm, SESSION
         self.rng = np.random.default_rng(seed)
-        self.noise, self.lag = noise, lag
-        self.now = SESSION
         self.states, self.programmes = {}, {}
         self.stream = arm_stream(arm.made.joints, arm.made.by_current, 500.0)
         self._arm, self._supply = [], []
@@ -57,10 +52,10 @@ class Taped:
         self.now = end + 30_000_000_000
 
     def _power(self, watts):
-        """Means over 0.1 s, each stamped ``lag`` s after the middle of its time."""
+        """Means over 0.1 s with noise of 0.08 W, each stamped 0.1 s after the middle of its time."""
         means = watts[: len(watts) // 50 * 50].reshape(-1, 50).mean(axis=1)
-        time = self.now + round(self.lag * 1e9) + 50_000_000 + np.arange(len(means)) * 100_000_000
-        noisy = means + self.rng.normal(0, self.noise, len(means))
+        time = self.now + 150_000_000 + np.arange(len(means)) * 100_000_000
+        noisy = means + self.rng.normal(0, 0.08, len(means))
         self._supply.append((time, np.column_stack([np.full(len(means), 230.0), noisy])))
 
     def without(self, source, start, end):
@@ -73,17 +68,9 @@ class Taped:
 
     def write(self):
         """The recording."""
-        header = Header("plant", "cell", SESSION, number=1, streams={"arm": (self.stream,), "supply": (SUPPLY,)})
-        file = OpenFile(self.folder / str(FileName(SESSION, 1, "cell")), header)
-        encoder = Encoder(file)
+        header = Header("plant", "cell", SESSION, streams={"arm": (self.stream,), "supply": (SUPPLY,)})
         blocks = [*_blocks("arm", self.stream, self._arm), *_blocks("supply", SUPPLY, self._supply)]
-        for batch in sorted(blocks, key=lambda b: int(b.time[0])):
-            encoder.add(batch)
-            if file.waiting > CHUNK:
-                file.write_chunk()
-        file.write_chunk()
-        file.finish()
-        file.publish()
+        write_chunks(self.folder, ([b] for b in sorted(blocks, key=lambda b: int(b.time[0]))), header=header)
         return Recording.open(self.folder)
 
 

@@ -27,10 +27,7 @@ def test_files_are_cut_from_recordings(plant, programme, tmp_path):
     words = ["cut", tmp_path / "record", "--robot", file, "--out", tmp_path / "cut"]
     runs = [*words, "--payload", "0", "--speeds", "200,250", "--repetitions", "30"]
     told = json.loads(run(*runs, "--json").stdout)
-    assert [(r["run"], r["repetitions"], r["written"]) for r in told] == [
-        ("200_0kg", 3, False),
-        ("250_0kg", 3, False),
-    ]
+    assert [(r["run"], r["repetitions"], r["written"]) for r in told] == [("200_0kg", 3, False), ("250_0kg", 3, False)]
     assert "3 of 30 repetitions, too few" in run(*runs).output
     told = json.loads(run(*runs, "--least", "3", "--json").stdout)
     assert all(one["written"] for one in told)

@@ -2,11 +2,9 @@ import numpy as np
 import pytest
 
 from cellwatt_plugins.energy.procedure.command import SPEEDS
-from tests.plugins.energy.procedure.cube import CUBES
+from tests.plugins.energy.procedure.cube import CUBES, TABLE_SECONDS
 
 SIDE = {"UR5e": 0.4, "UR10e": 0.8, "FR3": 0.4, "Gen3": 0.4}
-TABLE_SECONDS = {"UR5e": 168.8 / 4.3669, "UR10e": 534.6 / 6.9176, "FR3": 720.0 / 18.6436, "Gen3": 1133.6 / 29.54}
-"""Of a repetition at 50 mm/s: energy over power of the brakes, or of the electronics, in Tables II and III."""
 
 
 @pytest.mark.parametrize("robot", list(SIDE))

@@ -29,14 +29,13 @@ def begins(plant, speed, repetition):
 def cut(plant, arm, tmp_path):
     """Tapes a program, cuts it, gives runs by name."""
 
-    def run(rows, watts, silent=None, repetitions=3, least=3, payload=0.0, speeds=SPEEDS):
+    def run(rows, watts, silent=None, least=3, speeds=SPEEDS):
         taped = Taped(tmp_path, plant)
-        taped.programme(payload, rows, watts)
+        taped.programme(0.0, rows, watts)
         if silent:
             taped.without(*silent)
-        recording = taped.write().between(*taped.programmes[payload])
-        motion, reading = motion_of(recording, arm), power_of(recording)
-        runs = cut_programme(arm, motion, reading, payload, speeds, repetitions, least, tmp_path)
+        recording = taped.write().between(*taped.programmes[0.0])
+        runs = cut_programme(arm, motion_of(recording, arm), power_of(recording), 0.0, speeds, 3, least, tmp_path)
         return {one.run: one for one in runs}
 
     return run

@@ -15,7 +15,7 @@ THIN = (0.01, 0.01, 0.01)
 ROD = 0.4
 
 
-def arm_of(folder, ranges, capsules=""):
+def arm_of(folder, ranges):
     """Shoulder and elbow about y, two links of 0.4 m along x at zero; a third joint about the vertical below them."""
     links = (
         Link((0, 0, 0.3), (0, 0, 1), 2.0, (0, 0, 0), THIN),
@@ -27,7 +27,7 @@ def arm_of(folder, ranges, capsules=""):
     joints = "\n".join(
         f"- {{name: joint_{i + 1}, lower_limit: {low}, upper_limit: {high}}}" for i, (low, high) in enumerate(ranges)
     )
-    (folder / "robot.yaml").write_text(f"robot: planar\nurdf: robot.urdf\njoints:\n{joints}\n{capsules}")
+    (folder / "robot.yaml").write_text(f"robot: planar\nurdf: robot.urdf\njoints:\n{joints}\n")
     arm = Arm.load(folder)
     limits = arm.finite_limits()
     return links, arm, limits, Checker(arm, limits)
