@@ -68,6 +68,14 @@ def test_joints_of_one_motion_are_one_interval_though_one_hardly_moves():
     assert [i.moving for i in found] == [(1, 2, 4)]
 
 
+def test_a_joint_that_vibrates_does_not_hold_up_the_intervals_of_the_others():
+    time, q = positions([Leg(2.0 + 4 * k, {1: 0.5 * (-1) ** k}, 1.0) for k in range(10)], 45.0)
+    q[:, 1] += math.radians(0.1) * np.sin(10 * math.pi * (time - time[0]) * 1e-9)
+    segmenter = Segmenter("arm", 4, STEP)
+    ends = [since_start(i.end) for i in moving(segmenter.update(time, q)) if 1 in i.moving]
+    assert ends == pytest.approx([3.0 + 4 * k for k in range(10)], abs=0.1)
+
+
 def test_a_turn_without_rest_is_a_boundary():
     t = np.arange(600) / 100
     q = np.zeros((600, 2))

@@ -37,7 +37,8 @@ class Scores:
     r2: float
     """Eq. 5."""
     mape: float
-    """Mean absolute error as a share of the measured value, per cent. Eq. 6 as printed lacks the division."""
+    """Mean absolute error as a share of the measured value, per cent; values of 0 do not count. Eq. 6 as printed lacks
+    the division."""
     mean_absolute: float
     """Nm; eq. 6 as printed gives a hundred times this."""
 
@@ -50,10 +51,11 @@ class Scores:
     def of(cls, measured: Float, predicted: Float) -> Scores:
         """Scores of values (N,) each, Nm."""
         error = predicted - measured
+        loaded = measured != 0  # an arm that stands straight up may need no torque, of which an error has no share
         return cls(
             rmse=float(np.sqrt(np.mean(error**2))),
             r2=float(1 - np.mean(error**2) / np.var(measured)),
-            mape=float(100 * np.mean(np.abs(error) / np.abs(measured))),
+            mape=float(100 * np.mean(np.abs(error[loaded] / measured[loaded]))),
             mean_absolute=float(np.mean(np.abs(error))),
         )
 

@@ -137,6 +137,7 @@ def test_scores_are_those_of_the_paper():
     assert scores.accuracy == pytest.approx(100 - 20 / 3)
     assert scores.mean_absolute == pytest.approx(10.0)
     assert scores.r2 == pytest.approx(1 - 500 / np.sum((measured - measured.mean()) ** 2))
+    assert Scores.of(np.append(measured, 0.0), np.append(predicted, 5.0)).mape == pytest.approx(scores.mape)
 
 
 def test_intervals_hold_what_they_say():
