@@ -71,6 +71,15 @@ class Rows:
         return replace(self, warmth=(temperature - mean) / PER_WARMTH)
 
 
+def spread_of(values: Float) -> Float:
+    """Standard deviation (n,) of each joint's values (N, n); the median of the others for a joint without any."""
+    known = np.isfinite(values).any(axis=0)
+    spread = np.nanstd(values[:, known], axis=0)
+    out = np.full(len(known), np.median(spread))
+    out[known] = spread
+    return out
+
+
 def mean_temperature(temperature: Float) -> Float:
     """Mean (n,) °C of joint temperatures (N, n)."""
     return np.asarray(np.nanmean(temperature, axis=0))

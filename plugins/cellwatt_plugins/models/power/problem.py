@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cellwatt.arrays import Float
 from cellwatt_plugins.models.power import torque as torques
-from cellwatt_plugins.models.power.design import Belief, Design, Rows, possible
+from cellwatt_plugins.models.power.design import Belief, Design, Rows, possible, spread_of
 from cellwatt_plugins.models.power.folds import folds_of
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.smoothing import noise_of
@@ -107,5 +107,5 @@ def row_folds(moves: Moves, rows: Rows) -> NDArray[np.int64]:
 def _scale(rows: Rows, design: Design, inertial: Float, constant: Float) -> Float:
     """Size (n,) Nm of the torques, measured or from the URDF; no drive's is far below the others'."""
     torque = rows.torque if np.isfinite(rows.torque).any() else design.shared @ inertial
-    current = np.nanstd(torque, axis=0) / constant
+    current = spread_of(torque / constant)
     return np.asarray(np.maximum(current, LEAST_SPREAD * np.median(current)) * constant) + 1e-6

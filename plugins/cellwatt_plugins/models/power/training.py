@@ -44,7 +44,7 @@ class Trained:
 
     fitted: Fitted
     nls: Nls | None
-    """None if no current was measured; ``scg`` likewise."""
+    """None if the current of a joint was not measured; ``scg`` likewise."""
     scg: Scg | None
     tuning: Tuning
     predictions: Predictions
@@ -71,7 +71,7 @@ def train(moves: Moves, arm: Arm, seed: int = 0) -> Trained:
     with stage("choosing effects", share=SHARES[1]):
         structure = structure_of(moves, arm, tuning)
     fold = folds_of(moves)
-    methods = METHODS if np.isfinite(moves.current).any() else (BEST,)
+    methods = METHODS if np.isfinite(moves.current).any(axis=0).all() else (BEST,)
     with stage("folds and all moves", 2, share=SHARES[2]):
         models, predictions = _fitted(_Known(moves, arm, fold, seed), methods, tuning, structure)
     many = moves.count >= FEW

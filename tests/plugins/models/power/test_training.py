@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cellwatt_plugins.models.power import scg_network
+from cellwatt_plugins.models.power import fitting, scg_network, tuning
 from cellwatt_plugins.models.power.moves import Moves, read_moves
 from cellwatt_plugins.models.power.scores import Score
 from cellwatt_plugins.models.power.training import estimate, model_of, train
@@ -23,6 +23,32 @@ def case(tmp_path_factory):
     robot, table, unseen = write_case(tmp_path_factory.mktemp("case"), "six axes", 7, moves=12, unseen=4)
     arm = Arm.load(robot)
     return arm, read_moves([table], 6), read_moves([unseen], 6)
+
+
+@pytest.fixture
+def few_trials(monkeypatch):
+    """Few windows and widths to try, and no network."""
+    monkeypatch.setattr(tuning, "SPANS", (5, 21))
+    monkeypatch.setattr(tuning, "WIDTHS", (0.004,))
+    monkeypatch.setattr(fitting, "_network_helps", lambda *_: False)
+
+
+@pytest.mark.usefixtures("few_trials")
+def test_a_joint_whose_current_is_dead_leaves_those_of_the_others(case):
+    arm, known, unseen = case
+    trained = train(replace(known, current=np.where(np.arange(6) == 2, np.nan, known.current)), arm)
+    assert list(trained.scores) == ["best"]
+    assert trained.scores["best"].current[2] is None
+    score = Score.of(unseen, *estimate(trained.fitted, unseen, arm))
+    assert max(share for joint, share in enumerate(score.current) if joint != 2) < 0.1
+    assert score.power < 0.05 * unseen.power.std()
+
+
+@pytest.mark.usefixtures("few_trials")
+def test_a_short_piece_between_gaps_does_not_shorten_the_windows(case):
+    arm, known, _ = case
+    cut = known.move + (np.arange(len(known)) >= len(known) - 12)
+    assert tuning.tune(replace(known, move=cut), arm, ahead=True).smoother.window == 21
 
 
 @pytest.mark.slow
