@@ -17,7 +17,7 @@ from cellwatt.files import Place
 from cellwatt.progress import stage
 from cellwatt.scheduler import spread
 from cellwatt.tables import Table, read_table, write_table
-from cellwatt_plugins.models.metadata import Metadata
+from cellwatt_plugins.models.metadata import SAME_RATE, Metadata
 from cellwatt_plugins.models.network import Network, open_network
 from cellwatt_plugins.models.outside import OUTSIDE, Limits
 from cellwatt_plugins.models.window import whole
@@ -25,8 +25,6 @@ from cellwatt_plugins.onnx_file import refused
 
 KEPT: Final = ("pose", "move")
 """Columns that number the rows; they are copied into the output, after the time."""
-SAME_RATE = 0.02
-"""Largest difference between the rate of a table and that of the model, as a share."""
 HOLE = 1.5
 """Steps between two rows above which they are not in one window."""
 _APPROACH = re.compile(r"(joint_\d+)\.approach")

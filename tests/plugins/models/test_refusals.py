@@ -140,6 +140,7 @@ def test_cell(tmp_path, name):
         ({}, {}),
         ({"robot": None}, {"robot": None}),
         ({"grid": layout(rate=100.0)}, {"rate_hz": None}),
+        ({}, {"rate_hz": 49.981}),
         ({"grid": layout(TWO_ARMS), "source": "left"}, {}),
     ],
 )
@@ -147,9 +148,19 @@ def test_what_fits_is_taken(tmp_path, cell, changes):
     assert stage(MLP.save(tmp_path / "m.onnx", metadata(**changes)), **cell).metadata.name == "test-power"
 
 
-def test_a_path_to_a_description_stands_for_the_name_in_it(tmp_path):
-    (tmp_path / "robot.yaml").write_text("robot: ur10e\n")
-    assert stage(MLP.save(tmp_path / "m.onnx", metadata()), robot="robot.yaml").metadata.robot == "ur10e"
+@pytest.mark.parametrize(
+    ("file", "content"),
+    [
+        ("robot.yaml", "robot: ur10e\n"),
+        ("ur10e.xml", "<mujoco model='scene'/>"),
+        ("arm.urdf", "<?xml version='1.0'?>\n<robot\n name='ur10e'></robot>"),
+    ],
+)
+def test_a_path_to_a_description_stands_for_the_name_in_it(tmp_path, file, content):
+    (tmp_path / file).write_text(content)
+    assert stage(MLP.save(tmp_path / "m.onnx", metadata()), robot=file).metadata.robot == "ur10e"
+    with pytest.raises(ModelError, match="of robot 'ur5e'"):
+        stage(MLP.save(tmp_path / "m.onnx", metadata(robot="ur5e")), robot=file)
 
 
 def test_without_onnxruntime_the_extra_is_named(tmp_path, monkeypatch):

@@ -40,8 +40,8 @@ def test_a_joint_whose_current_is_dead_leaves_those_of_the_others(case):
     assert list(trained.scores) == ["best"]
     assert trained.scores["best"].current[2] is None
     score = Score.of(unseen, *estimate(trained.fitted, unseen, arm))
-    assert max(share for joint, share in enumerate(score.current) if joint != 2) < 0.1
-    assert score.power < 0.05 * unseen.power.std()
+    assert max(share for joint, share in enumerate(score.current) if joint != 2) < 0.2
+    assert score.power < 0.15 * unseen.power.std()
 
 
 @pytest.mark.usefixtures("few_trials")
