@@ -53,6 +53,16 @@ class Supply:
     sharing: Sharing
     """``bus`` if drives use the power that others return, ``joint`` if each drive dissipates its own."""
 
+    @property
+    def efficiency(self) -> float:
+        """Share of the power drawn that reaches the drives."""
+        return 1 / self.up
+
+    @property
+    def used(self) -> float:
+        """Share of the energy returned by drives that is used."""
+        return self.down / self.up
+
     def power(self, drive: Drives) -> Any:
         """Supply power (N, 1) W."""
         taken = sum(TERMS[name](drive) * weight for name, weight in zip(self.terms, self.weights, strict=True))

@@ -11,6 +11,7 @@ from cellwatt_plugins.models.power import fitting, scg_network, tuning
 from cellwatt_plugins.models.power.moves import Moves, read_moves
 from cellwatt_plugins.models.power.scores import Score
 from cellwatt_plugins.models.power.training import estimate, model_of, train
+from cellwatt_plugins.models.power.wording import findings
 from cellwatt_plugins.robot import Arm
 from tests.plugins.models.power.emulated_arm import recorded, six_axes, write_case, write_known
 
@@ -25,27 +26,38 @@ def case(tmp_path_factory):
     return arm, read_moves([table], 6), read_moves([unseen], 6)
 
 
-@pytest.fixture
-def few_trials(monkeypatch):
-    """Few windows and widths to try, and no network."""
-    monkeypatch.setattr(tuning, "SPANS", (5, 21))
-    monkeypatch.setattr(tuning, "WIDTHS", (0.004,))
-    monkeypatch.setattr(fitting, "_network_helps", lambda *_: False)
+@pytest.fixture(scope="module")
+def partial(case):
+    """A training without the third joint's current, with few windows and widths to try and no network."""
+    arm, known, _ = case
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tuning, "SPANS", (5, 21))
+        patch.setattr(tuning, "WIDTHS", (0.004,))
+        patch.setattr(fitting, "_network_helps", lambda *_: False)
+        return train(replace(known, current=np.where(np.arange(6) == 2, np.nan, known.current)), arm)
 
 
-@pytest.mark.usefixtures("few_trials")
-def test_a_joint_whose_current_is_dead_leaves_those_of_the_others(case):
-    arm, known, unseen = case
-    trained = train(replace(known, current=np.where(np.arange(6) == 2, np.nan, known.current)), arm)
-    assert list(trained.scores) == ["best"]
-    assert trained.scores["best"].current[2] is None
-    score = Score.of(unseen, *estimate(trained.fitted, unseen, arm))
+def test_a_joint_whose_current_is_dead_leaves_those_of_the_others(case, partial):
+    arm, _, unseen = case
+    assert list(partial.scores) == ["best"]
+    assert partial.scores["best"].current[2] is None
+    score = Score.of(unseen, *estimate(partial.fitted, unseen, arm))
     assert max(share for joint, share in enumerate(score.current) if joint != 2) < 0.2
     assert score.power < 0.15 * unseen.power.std()
 
 
-@pytest.mark.usefixtures("few_trials")
-def test_a_short_piece_between_gaps_does_not_shorten_the_windows(case):
+@pytest.mark.parametrize(("up", "possible"), [(1.1, True), (-1.1, False), (0.003, False)])
+def test_an_efficiency_that_cannot_be_is_remarked(partial, up, possible):
+    supply = replace(partial.fitted.model.supply, up=up)
+    fitted = replace(partial.fitted, model=replace(partial.fitted.model, supply=supply))
+    text = "\n".join(findings(replace(partial, fitted=fitted)))
+    assert f"efficiency {1 / up:.3f}" in text
+    assert ("impossible, power does not follow the motion" in text) != possible
+
+
+def test_a_short_piece_between_gaps_does_not_shorten_the_windows(case, monkeypatch):
+    monkeypatch.setattr(tuning, "SPANS", (5, 21))
+    monkeypatch.setattr(tuning, "WIDTHS", (0.004,))
     arm, known, _ = case
     cut = known.move + (np.arange(len(known)) >= len(known) - 12)
     assert tuning.tune(replace(known, move=cut), arm, ahead=True).smoother.window == 21
