@@ -28,7 +28,7 @@ from cellwatt_plugins.models.power.nls import Nls
 from cellwatt_plugins.models.power.paper import Seen
 from cellwatt_plugins.models.power.scg_network import Scg
 from cellwatt_plugins.models.power.scores import Score
-from cellwatt_plugins.models.power.training import AHEAD, Trained, estimate, model_of, train
+from cellwatt_plugins.models.power.training import Trained, estimate, model_of, train
 from cellwatt_plugins.models.power.tuning import tune
 from cellwatt_plugins.robot import Arm
 from models import ur3e
@@ -205,7 +205,7 @@ def learning_picture(sizes: Sequence[Size]) -> dict[str, Any]:
 
 
 def _papers(case: Case) -> dict[str, Score]:
-    tuning = tune(case.known, case.arm, AHEAD)
+    tuning = tune(case.known, case.arm)
     seen = Seen.of(case.known, case.arm, tuning)
     here = Seen.of(case.unseen, case.arm, tuning)
     found = {"NLS": Nls.fit(case.known, seen, case.arm.description), "SCG": Scg.fit(case.known, seen, 0)}

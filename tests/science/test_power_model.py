@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cellwatt_plugins.models.power import training
 from cellwatt_plugins.models.power.moves import read_moves
 from cellwatt_plugins.models.power.nls import Nls
 from cellwatt_plugins.models.power.paper import Seen
@@ -50,7 +49,7 @@ def test_the_emulated_arm_is_one(tmp_path):
 @pytest.mark.timeout(300)
 def test_the_papers_two_methods_reach_its_figures(tmp_path):
     arm, known, unseen = read(*write_case(tmp_path, "six axes", 11, moves=40, unseen=16))
-    tuning = tune(known, arm, ahead=False)
+    tuning = tune(known, arm)
     seen, here = Seen.of(known, arm, tuning), Seen.of(unseen, arm, tuning)
     nls = Nls.fit(known, seen, arm.description)
     assert Score.of(unseen, *nls.predict(here)).energy_mean <= 1.54
@@ -62,27 +61,14 @@ def test_the_papers_two_methods_reach_its_figures(tmp_path):
 @pytest.mark.parametrize("kind", list(ARMS))
 @pytest.mark.timeout(300)
 @pytest.mark.slow
-def test_the_best_model_on_faster_and_slower_moves(tmp_path, monkeypatch, kind):
-    """With windows that reach as far ahead as back. A hose that no term is for costs the most."""
-    monkeypatch.setattr(training, "AHEAD", True)
+def test_the_best_model_on_faster_and_slower_moves(tmp_path, kind):
+    """A hose that no term is for costs the most."""
     arm, known, unseen = read(*write_case(tmp_path, kind, 21))
     score = Score.of(unseen, *estimate(model_of(known, arm), unseen, arm))
     assert score.energy_mean <= 0.4
     assert score.energy_worst <= 1.5
     assert score.power <= 1.3 * NOISE[kind]
     assert max(score.current) <= (0.1 if kind == "rippled" else 0.045)
-
-
-@pytest.mark.timeout(300)
-@pytest.mark.slow
-def test_windows_that_only_look_back(tmp_path, monkeypatch):
-    """Velocity is known late then, which shows in the currents where friction turns over."""
-    monkeypatch.setattr(training, "AHEAD", False)
-    arm, known, unseen = read(*write_case(tmp_path, "six axes", 21))
-    score = Score.of(unseen, *estimate(model_of(known, arm), unseen, arm))
-    assert score.energy_mean <= 0.4
-    assert score.power <= 1.6 * NOISE["six axes"]
-    assert max(score.current) <= 0.12
 
 
 @pytest.mark.slow

@@ -34,8 +34,6 @@ SHARES: Final = (0.05, 0.15, 0.8)
 
 METHODS: Final = ("NLS", "SCG", "best")
 BEST: Final = "best"
-AHEAD: Final = True
-"""True if windows reach ahead of the estimated row."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +65,7 @@ def train(moves: Moves, arm: Arm, seed: int = 0) -> Trained:
     check_known(arm)
     moves = through_its_meter(moves, arm)
     with stage("smoothing of the encoders", share=SHARES[0]):
-        tuning = tune(moves, arm, AHEAD)
+        tuning = tune(moves, arm)
     with stage("choosing effects", share=SHARES[1]):
         structure = structure_of(moves, arm, tuning)
     fold = folds_of(moves)
@@ -94,7 +92,7 @@ def model_of(moves: Moves, arm: Arm) -> Fitted:
     """The best model alone, without scores: for short recordings and the demonstration, in seconds."""
     check_known(arm)
     moves = through_its_meter(moves, arm)
-    tuning = tune(moves, arm, AHEAD)
+    tuning = tune(moves, arm)
     return fit(moves, arm, tuning, structure_of(moves, arm, tuning))
 
 
@@ -154,7 +152,7 @@ def _fitted(
 def _chosen(k: int, known: _Known) -> tuple[Tuning, Structure]:
     """Select windows and effects from all moves but those of a fold."""
     moves = known.moves.where(known.fold != k)
-    tuning = tune(moves, known.arm, AHEAD)
+    tuning = tune(moves, known.arm)
     return tuning, structure_of(moves, known.arm, tuning)
 
 

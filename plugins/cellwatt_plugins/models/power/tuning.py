@@ -51,24 +51,21 @@ class _Known:
     moves: Moves
     noise: Noise
     arm: Arm
-    ahead: bool
 
     def smoother(self, velocity: Span, acceleration: Span) -> Smoother:
         """The smoother of some spans."""
-        return Smoother.design(self.noise, self.moves.step, velocity, acceleration, self.ahead)
+        return Smoother.design(self.noise, self.moves.step, velocity, acceleration)
 
 
-def tune(moves: Moves, arm: Arm, ahead: bool) -> Tuning:
+def tune(moves: Moves, arm: Arm) -> Tuning:
     """Spans of velocity and acceleration one after the other, then the width within which friction reverses."""
-    known = _Known(_some(moves), Noise.of(moves), arm, ahead)
+    known = _Known(_some(moves), Noise.of(moves), arm)
     step = known.moves.step
     rows = [n for n in SPANS if SHORTEST <= n * step <= LONGEST] or [3]
     lengths = np.sort([b - a for a, b in known.moves.bounds()])
     short = int(lengths[np.searchsorted(np.cumsum(lengths), IN_SHORT * len(known.moves))])
     rows = [n for n in rows if n <= short // 2] or rows[:1]
-    orders = (2,) if ahead else (2, 3)
-    slow = [Span(n, order) for n in rows for order in orders]
-    fast = [Span(n, order) for n in rows for order in ((3,) if ahead else (2, 3)) if n > order]
+    slow, fast = [Span(n, 2) for n in rows], [Span(n, 3) for n in rows if n > 3]
     start = min(rows, key=lambda n: abs(n * step - 0.12))
     velocity, acceleration, width = Span(start, 2), Span(max(start, 5), 3), SIGN_WIDTH
     if np.isfinite(known.moves.current).any():

@@ -27,7 +27,7 @@ def trained(tmp_path_factory):
     arm = Arm.load(write_known(true, folder, draw))
     pq.write_table(recorded(true, draw, 6, (0.6, 1.6)), folder / "moves.parquet")
     moves = read_moves([folder / "moves.parquet"], 6)
-    smoother = Smoother.design(Noise(2e-5, 2.5e-3), moves.step, Span(9, 2), Span(11, 3), ahead=True)
+    smoother = Smoother.design(Noise(2e-5, 2.5e-3), moves.step, Span(9, 2), Span(11, 3))
     tuning = Tuning(smoother, 0.005)
     seen = Seen.of(moves, arm, tuning)
     models = {"nls": Nls.fit(moves, seen, arm.description), "scg": Scg.fit(moves, seen, 0)}

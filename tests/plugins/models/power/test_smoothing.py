@@ -28,25 +28,23 @@ def polynomial(rows=200):
     return q, qd, np.tile([-1.0, 4.0], (rows, 1))
 
 
-@pytest.mark.parametrize("ahead", [True, False])
-def test_a_parabola_is_passed_on_as_it_is(ahead, monkeypatch):
+def test_a_parabola_is_passed_on_as_it_is(monkeypatch):
     monkeypatch.setattr(smoothing, "AT_ONCE", 64)
     q, qd, qdd = polynomial()
-    smoother = Smoother.design(NOISE, STEP, Span(11, 2), Span(21, 3), ahead)
+    smoother = Smoother.design(NOISE, STEP, Span(11, 2), Span(21, 3))
     moves = moves_of(q, qd, [200])
     inside = smoother.whole(moves)
     assert inside.sum() == 180
-    assert smoother.delay == (10 if ahead else 0)
+    assert smoother.delay == 10
     for found, true in zip(smoother.apply(moves), (q, qd, qdd), strict=True):
         assert np.abs(found - true)[inside].max() < 1e-7
 
 
-@pytest.mark.parametrize("ahead", [True, False])
-def test_noise_falls_as_the_weights_say(ahead):
+def test_noise_falls_as_the_weights_say():
     draw = np.random.default_rng(0)
     shape = (20_000, 2)
     moves = moves_of(NOISE.position * draw.normal(size=shape), NOISE.velocity * draw.normal(size=shape), [20_000])
-    smoother = Smoother.design(NOISE, STEP, Span(15, 2), Span(15, 3), ahead)
+    smoother = Smoother.design(NOISE, STEP, Span(15, 2), Span(15, 3))
     each = smoother.weights.reshape(3, -1, 2) * [NOISE.position, NOISE.velocity]
     expected = np.sqrt((each**2).sum(axis=(1, 2)))
     found = [values.std() for values in smoother.apply(moves)]
@@ -54,10 +52,9 @@ def test_noise_falls_as_the_weights_say(ahead):
     assert found[1] < 0.4 * NOISE.velocity
 
 
-@pytest.mark.parametrize("ahead", [True, False])
-def test_in_a_graph_it_gives_the_same(ahead):
+def test_in_a_graph_it_gives_the_same():
     q, qd, _ = polynomial(60)
-    smoother = Smoother.design(NOISE, STEP, Span(7, 2), Span(11, 3), ahead)
+    smoother = Smoother.design(NOISE, STEP, Span(7, 2), Span(11, 3))
     moves = moves_of(q, qd, [60])
     graph = Graph(columns=5, window=11)
     traced = smoother.trace(graph, joints=2, columns=5)

@@ -60,7 +60,7 @@ def test_a_short_piece_between_gaps_does_not_shorten_the_windows(case, monkeypat
     monkeypatch.setattr(tuning, "WIDTHS", (0.004,))
     arm, known, _ = case
     cut = known.move + (np.arange(len(known)) >= len(known) - 12)
-    assert tuning.tune(replace(known, move=cut), arm, ahead=True).smoother.window == 21
+    assert tuning.tune(replace(known, move=cut), arm).smoother.window == 21
 
 
 @pytest.mark.slow
