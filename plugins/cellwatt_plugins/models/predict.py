@@ -23,7 +23,7 @@ from cellwatt_plugins.models.outside import OUTSIDE, Limits
 from cellwatt_plugins.models.window import whole
 from cellwatt_plugins.onnx_file import refused
 
-KEPT: Final = ("pose", "move")
+COPIED: Final = ("pose", "move")
 """Columns that number the rows; they are copied into the output, after the time."""
 HOLE = 1.5
 """Steps between two rows above which they are not in one window."""
@@ -120,9 +120,9 @@ def _predicted(table: Path, model: Path) -> Report:
     with stage("running the model"):
         given = predict(network, values, starts)
     names = tuple(output.name for output in network.metadata.outputs)
-    kept = {name: _numbered(rows.columns[name]) for name in KEPT if name in rows.columns}
+    copied = {name: _numbered(rows.columns[name]) for name in COPIED if name in rows.columns}
     clock = {} if rows.clock is None else {"t": rows.time}
-    columns = {**clock, **kept, **dict(zip(names, given.T, strict=True))}
+    columns = {**clock, **copied, **dict(zip(names, given.T, strict=True))}
     return Report(
         columns,
         None,

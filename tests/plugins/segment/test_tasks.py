@@ -11,8 +11,9 @@ B = [{2: -0.4}, {1: 0.3, 2: 0.4}, {1: -0.3}]
 class World:
     """Intervals at rest and in motion, one after the other."""
 
-    def __init__(self):
-        self.pose = [0.0, -1.0, 0.5]
+    def __init__(self, before=()):
+        """Begin with the arm where the moves ``before`` lead."""
+        self.pose = [at + sum(by.get(j, 0.0) for by in before) for j, at in enumerate((0.0, -1.0, 0.5), start=1)]
         self.time = 0
         self.number = 0
         self.intervals = []
@@ -76,9 +77,7 @@ def test_a_cycle_is_found_when_it_has_run_twice_and_then_each_time():
 @pytest.mark.parametrize("late", [0, 3])
 def test_without_a_longest_rest_it_still_begins_at_the_same_move(late):
     order = A[late:] + A[:late]
-    world = World()
-    for by in A[:late]:
-        world.pose = [p + by.get(j, 0.0) for j, p in enumerate(world.pose, start=1)]
+    world = World(A[:late])
     for _ in range(4):
         world.run(order, last=0.3)
     first = {numbers(world, t)[0].popitem() for t in recognise(world)}
@@ -176,9 +175,7 @@ def test_memory_stays_bounded():
 
 @pytest.mark.parametrize("late", range(len(A)))
 def test_it_begins_after_the_longest_rest_wherever_the_data_begin(late):
-    world = World()
-    for by in A[:late]:
-        world.pose = [p + by.get(j, 0.0) for j, p in enumerate(world.pose, start=1)]
+    world = World(A[:late])
     for index, by in enumerate(A[late:], start=late):
         world.add(by, 0.8)
         world.add({}, 0.8 if index == len(A) - 1 else 0.3)

@@ -84,8 +84,8 @@ class Moves:
 
     def where(self, rows: NDArray[np.bool_]) -> Moves:
         """Some complete moves, renumbered."""
-        kept = rows_of(self, rows)
-        return replace(kept, move=np.unique(kept.move, return_inverse=True)[1].astype(np.int64))
+        chosen = rows_of(self, rows)
+        return replace(chosen, move=np.unique(chosen.move, return_inverse=True)[1].astype(np.int64))
 
     def only(self, moves: Iterable[int]) -> Moves:
         """The moves with these numbers, renumbered."""
@@ -121,7 +121,7 @@ def _parts(file: tuple[Path, Path | None], joints: int) -> list[Moves]:
     time = table.time
     metered = None if meter is None else power_beside(meter, table.rising_time(), table.needed("position", joints))
     found = _quantities(table, joints, metered)
-    whole = np.isfinite(np.column_stack([found["q"], found["qd"]])).all(axis=1)
+    whole = np.asarray(np.isfinite(np.column_stack([found["q"], found["qd"]])).all(axis=1))
     starts = np.flatnonzero(starts_of(table.at(whole), HOLE))
     pieces = [rows for rows in np.split(np.flatnonzero(whole), starts[1:]) if len(rows) >= SHORTEST]
     if lost := len(table) - sum(map(len, pieces)):
@@ -130,14 +130,12 @@ def _parts(file: tuple[Path, Path | None], joints: int) -> list[Moves]:
             *(path, lost, len(table), SHORTEST),
         )
     return [
-        Moves(
-            move=np.zeros(len(rows), np.int64), time=time[rows], **{name: value[rows] for name, value in found.items()}
-        )
+        Moves(np.zeros(len(rows), np.int64), time[rows], **{name: value[rows] for name, value in found.items()})
         for rows in pieces
     ]
 
 
-def _quantities(table: Table, joints: int, metered: Float | None) -> dict[str, Float]:
+def _quantities(table: Table, joints: int, metered: Float | None) -> dict[str, Any]:
     """The fields of ``Moves``, other than the time, that a file has."""
     known = [metered] if metered is not None else [table.whole(name) for name in POWER]
     power = next((each for each in known if each is not None and _varies(each)), None)
@@ -157,8 +155,10 @@ def _quantities(table: Table, joints: int, metered: Float | None) -> dict[str, F
     temperature = table.joints("temperature")
     if payload is not None and np.isfinite(payload).any():
         found["payload"] = _filled(payload)
-    if temperature is not None and np.isfinite(temperature).any(axis=0)[:joints].sum() == joints:
-        found["temperature"] = np.column_stack([_filled(column) for column in temperature.T[:joints]])
+    if temperature is not None and temperature.shape[1] >= joints:
+        columns = temperature.T[:joints]
+        if all(np.isfinite(column).any() for column in columns):
+            found["temperature"] = np.column_stack([_filled(column) for column in columns])
     return found
 
 
@@ -167,11 +167,11 @@ def _currents(table: Table, joints: int) -> Float:
     found = table.joints("current")
     if found is None or found.shape[1] < joints:
         return np.full((len(table), joints), np.nan)
-    dead = np.array([not _varies(column) for column in found.T[:joints]])
-    if dead.any():
-        names = [name for name, gone in zip(table.joint_names("current"), dead, strict=False) if gone]
-        log.warning("%s: %s: no number, or always the same: not used", table.path, ", ".join(names))
-    return np.where(dead, np.nan, found[:, :joints])
+    dead = [j for j, column in enumerate(found.T[:joints]) if not _varies(column)]
+    if dead:
+        names = ", ".join(table.joint_names("current")[j] for j in dead)
+        log.warning("%s: %s: no number, or always the same: not used", table.path, names)
+    return np.where(np.isin(np.arange(joints), dead), np.nan, found[:, :joints])
 
 
 def _varies(values: Float) -> bool:

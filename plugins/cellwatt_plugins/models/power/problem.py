@@ -77,12 +77,12 @@ class Problem:
     def reweighed(self, effects: tuple[str, ...]) -> Problem:
         """The same with the load of the current coefficients, and rows weighed by their residuals."""
         solution, rows, design = self.solution(effects), self.rows, self.design
-        left = rows.torque - solution.torque(design)
-        known = np.isfinite(left).any(axis=0)
-        least = np.ones(left.shape[1])
-        least[known] = 1e-3 * np.sqrt(np.nanmean(left[:, known] ** 2, axis=0))
+        residual = rows.torque - solution.torque(design)
+        known = np.isfinite(residual).any(axis=0)
+        least = np.ones(residual.shape[1])
+        least[known] = 1e-3 * np.sqrt(np.nanmean(residual[:, known] ** 2, axis=0))
         loaded = Design.of(rows, design.shared, solution.shared, design.width, design.names)
-        return replace(self, variance=torques.variance_by_speed(left, rows.qd, least), design=loaded)
+        return replace(self, variance=torques.variance_by_speed(residual, rows.qd, least), design=loaded)
 
     def doubting(self, doubt: float) -> Belief:
         """Return the prior with ``doubt`` as the factor on links' tolerances."""

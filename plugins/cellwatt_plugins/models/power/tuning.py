@@ -78,7 +78,7 @@ def tune(moves: Moves, arm: Arm) -> Tuning:
 
 
 def _best(tried: Sequence[Trial], known: _Known) -> Trial:
-    costs = spread(_left, tried, "spans and widths", shared=known)
+    costs = spread(_misfit, tried, "spans and widths", shared=known)
     return tried[min(range(len(tried)), key=costs.__getitem__)]
 
 
@@ -89,7 +89,7 @@ def _some(moves: Moves) -> Moves:
     return moves if wanted >= moves.count else moves.only(np.linspace(0, moves.count - 1, wanted).astype(int).tolist())
 
 
-def _left(trial: Trial, known: _Known) -> float:
+def _misfit(trial: Trial, known: _Known) -> float:
     """Sum over the joints of the logarithm of the mean square torque residual."""
     velocity, acceleration, width = trial
     arm, smoother = known.arm, known.smoother(velocity, acceleration)
@@ -99,5 +99,5 @@ def _left(trial: Trial, known: _Known) -> float:
     belief = Belief.of(arm, design, scale, DOUBT)
     variance = np.broadcast_to((0.05 * scale) ** 2, rows.torque.shape)
     sums = sums_of(design, rows.torque, variance, np.ones(len(rows), bool))
-    left = rows.torque - solve(sums, belief, range(len(TERMS))).torque(design)
-    return float(np.sum(np.log(np.nanmean(left[:, np.isfinite(left).any(axis=0)] ** 2, axis=0))))
+    residual = rows.torque - solve(sums, belief, range(len(TERMS))).torque(design)
+    return float(np.sum(np.log(np.nanmean(residual[:, np.isfinite(residual).any(axis=0)] ** 2, axis=0))))

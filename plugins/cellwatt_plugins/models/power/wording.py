@@ -116,13 +116,13 @@ def findings(trained: Trained) -> list[str]:
     if model.supply is not None:
         supply = model.supply
         lines.append(
-            f"  supply: {supply.standby:.1f} W standby, efficiency {supply.efficiency:.3f}, {100 * supply.used:.0f} % of "
-            "the energy that drives return is used"
+            f"  supply: {supply.standby:.1f} W standby, efficiency {supply.efficiency:.3f}, {100 * supply.used:.0f} % "
+            "of the energy that drives return is used"
         )
         if not EFFICIENCIES[0] < supply.efficiency < EFFICIENCIES[1]:
             lines.append(
-                "  this efficiency is impossible, power does not follow the motion: is it of this arm, in W, and positive "
-                "when drawn?"
+                "  this efficiency is impossible, power does not follow the motion: is it of this arm, in W, and "
+                "positive when drawn?"
             )
     if trained.nls is not None:
         lines += [f"NLS: {doubt}" for doubt in trained.nls.doubts]

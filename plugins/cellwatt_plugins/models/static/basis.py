@@ -57,8 +57,8 @@ class Basis:
 
     def rows(self, which: NDArray[np.intp] | NDArray[np.bool_]) -> Basis:
         """Some of the poses."""
-        kept = {name: getattr(self, name)[which] for name in ("vertical", "share", "direction", "payload")}
-        return replace(self, sideways=self.sideways[:, which], slopes=self.slopes[:, which], **kept)
+        picked = {name: getattr(self, name)[which] for name in ("vertical", "share", "direction", "payload")}
+        return replace(self, sideways=self.sideways[:, which], slopes=self.slopes[:, which], **picked)
 
     def __len__(self) -> int:
         return len(self.share)

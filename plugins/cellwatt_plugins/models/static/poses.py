@@ -66,9 +66,10 @@ class Poses:
 def read_poses(paths: Sequence[Path], robot: RobotDescription) -> Poses:
     """The poses of all files in the order given.
 
-    A table has a column ``pose`` with one row per sample, or one per pose, in the order in which the poses were visited;
-    or plain rows ``t``, ``q_i`` and torques, in which poses are recognised, as in recordings of cellwatt. Raises
-    ``RecordingError``.
+    A table has a column ``pose`` with one row per sample, or one per pose, in the order in which the poses were
+    visited; or plain rows ``t``, ``q_i`` and torques, in which poses are recognised, as in recordings of cellwatt.
+
+    Raises ``RecordingError``.
     """
     return _joined(spread(_read, paths, "reading recordings", shared=robot), paths)
 
@@ -80,7 +81,7 @@ def _read(path: Path, robot: RobotDescription) -> Poses:
     known = np.isfinite(q) & np.isfinite(torque)
     whole = known.all(axis=1)
     if not whole.any():
-        dead = ", ".join(joint.name for joint, numbers in zip(robot.joints, known.any(axis=0), strict=True) if not numbers)
+        dead = ", ".join(robot.joints[j].name for j in np.flatnonzero(~known.any(axis=0)))
         raise RecordingError(
             f"{path}: no row has positions and torques of all joints" + (f": there are none of {dead}" if dead else "")
         )
@@ -117,8 +118,8 @@ def _unknown(count: int) -> Float:
 def _grouped(pose: Float, q: Float, torque: Float, came_from: Float, payload: Float) -> Poses:
     """Means of neighbouring rows of one pose.
 
-    Each joint came from where it last turned in the poses before, unless ``came_from`` (N, n) rad is known: a joint that
-    did not move on the way to a pose is held from the side of its last movement.
+    Each joint came from where it last turned in the poses before, unless ``came_from`` (N, n) rad is known: a joint
+    that did not move on the way to a pose is held from the side of its last movement.
     """
     starts = np.flatnonzero(np.concatenate([[True], np.diff(pose) != 0]))
     count = np.diff(np.append(starts, len(q)))

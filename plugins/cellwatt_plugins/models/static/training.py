@@ -148,14 +148,14 @@ def train(poses: Poses, arm: HeldArm) -> Trained:
         checked = identify_checked(poses, basis, effects, SEED)
     scores = Scores.of(poses.total, checked.predicted)
     floor = float(np.sqrt(np.sum(checked.model.posterior.noise**2)))
-    told = half_width(checked.predicted - poses.total)
-    widths = Widths(told, max(told, half_width(checked.blind - poses.total)))
+    sided = half_width(checked.predicted - poses.total)
+    widths = Widths(sided, max(sided, half_width(checked.blind - poses.total)))
     best = Method("best", _held_out(poses, basis, effects, checked))
     with stage("", share=SHARES[2]):
         curve = learning_curve(poses, basis, effects, floor, scores.rmse, SEED)
-    told_of = tuple(findings(checked.model, arm, basis))
+    causes = tuple(findings(checked.model, arm, basis))
     residual = poses.torque - checked.model.torque(basis)
-    return Trained((*methods, best), checked, scores, widths, curve, told_of, poses, residual, networks)
+    return Trained((*methods, best), checked, scores, widths, curve, causes, poses, residual, networks)
 
 
 def half_width(errors: Float) -> float:
@@ -188,12 +188,12 @@ def _published(poses: Poses, basis: Basis, effects: Effects) -> tuple[list[Metho
     both = np.hstack([poses.q, gravity])
     pairs = [(poses.q[rows], poses.total[rows]), (both[rows], poses.total[rows] - simulated[rows])]
     plain, hybrid = paper.searched(pairs, SEED)
-    said: Sequence[tuple[str, Float, int | None]] = (
+    predictions: Sequence[tuple[str, Float, int | None]] = (
         ("gravity", simulated, None),
         ("network", plain(poses.q), plain.neurons),
         ("hybrid", simulated + hybrid(both), hybrid.neurons),
     )
-    methods = [Method(name, Scores.of(poses.total[test], value[test]), neurons) for name, value, neurons in said]
+    methods = [Method(name, Scores.of(poses.total[test], value[test]), neurons) for name, value, neurons in predictions]
     return methods, (plain, hybrid)
 
 

@@ -91,7 +91,10 @@ def test_samples_that_are_no_numbers_are_left_out_and_counted(tmp_path, robot):
         (lambda t: t.update({k: v[:500] for k, v in t.items()}), "5 poses; a training needs 12, and 40"),
         (lambda t: (t.pop("pose"), t.pop("t")), r"expected a column pose, or t \(s\)"),
         (lambda t: t.update(pose=np.char.add("P", t["pose"].astype(str))), "column pose holds text"),
-        (lambda t: t.update(torque_percent_2=np.full(2000, np.nan)), "torques of all joints: there are none of joint_2"),
+        (
+            lambda t: t.update(torque_percent_2=np.full(2000, np.nan)),
+            "there are none of joint_2",
+        ),
         (lambda t: (t.pop("pose"), t.update(q_1=np.arange(2000))), "no pose was held long enough"),
         (lambda t: t.update({k: 0 * v for k, v in t.items() if "torque" in k}), "all torques are 0"),
         (lambda t: t.update({k: 0 * v for k, v in t.items() if k.startswith("q_")}), "all poses are the same"),
