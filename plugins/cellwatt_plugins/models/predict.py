@@ -114,7 +114,7 @@ def _predicted(table: Path, model: Path) -> Report:
     with stage("reading"):
         rows = read_table(table)
     values = inputs_of(network.metadata, rows)
-    starts = starts_of(rows)
+    starts = starts_of(rows) if network.metadata.window > 1 else np.arange(len(rows)) == 0
     if network.metadata.rate_hz is not None:
         _check_rate(network.metadata.rate_hz, rows, starts, model)
     with stage("running the model"):

@@ -72,6 +72,14 @@ def test_windows_begin_with_each_motion_and_hold_its_first_row(tmp_path):
     assert "9 rows at the start of a motion were predicted as if the arm had been at rest" in report.in_words()
 
 
+def test_moves_by_name_are_refused_only_where_windows_need_them(tmp_path):
+    table = columns() | {"move": np.repeat(["pick", "place"], 30)}
+    report, given = said(tmp_path, save(tmp_path, Mlp.random(1, inputs=3, outputs=2), table))
+    assert (report.rows, given.column_names) == (60, ["t", "power", "heat"])
+    with pytest.raises(RecordingError, match="column move holds text"):
+        said(tmp_path, save(tmp_path, Mlp.random(1, inputs=3, outputs=2, window=4), table, window=4))
+
+
 def test_missing_values_have_no_prediction_and_far_ones_are_told(tmp_path):
     table = columns()
     table["qd_1"][7] = np.nan
