@@ -13,9 +13,11 @@ import numpy as np
 import onnx
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
+from onnxruntime import InferenceSession
 
 from cellwatt import Alarm, CellInfo, FrameChannel, Frames, Layout, Prediction, Result
 from cellwatt_plugins.models import Input, Metadata, ModelSettings, ModelStage, Output, Training
+from cellwatt_plugins.models.graph import Graph
 from cellwatt_plugins.models.metadata import KEY, encode
 
 RATE = 50.0
@@ -133,6 +135,12 @@ def stage(path: Path, grid: Layout | None = None, robot: str | None = "ur10e", *
     # Not checked by pydantic, so that a file that has gone since reaches the stage.
     given = ModelSettings.model_construct(**{"file": path, "source": None, "outside": 0.05, **settings})
     return ModelStage("power", given, grid or layout(), cell)
+
+
+def run_graph(graph: Graph, output: str, columns: int, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The ``output`` with so many columns of a graph."""
+    session = InferenceSession(graph.model(output, columns), providers=["CPUExecutionProvider"])
+    return np.asarray(session.run(None, {"input": values})[0])
 
 
 def run(made: ModelStage, blocks: Sequence[Frames] | Iterator[Frames]) -> list[Result]:
