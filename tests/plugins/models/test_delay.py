@@ -16,11 +16,6 @@ from tests.plugins.models.making import COLUMNS, Mlp, cut, frames, metadata, out
 WINDOW, DELAY = 5, 2
 
 
-@pytest.fixture
-def values():
-    return np.random.default_rng(1).uniform(-2, 2, (40, 5))
-
-
 @pytest.mark.parametrize("edges", [[], list(range(1, 40))])
 def test_predictions_carry_the_times_of_the_frames_they_are_for(tmp_path, values, edges):
     network = Mlp.random(3, window=WINDOW)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.csv
 import pyarrow.parquet as pq
 import pytest
 
@@ -35,14 +36,11 @@ def columns(count=60, seed=0):
     }
 
 
-def save(folder, model: Mlp, table, window=1, suffix=".parquet", **changes):
-    model.save(folder / "model.onnx", metadata(inputs=INPUTS, window=window, rate_hz=50.0, **changes))
+def save(folder, model: Mlp, table, suffix=".parquet"):
+    model.save(folder / "model.onnx", metadata(inputs=INPUTS, window=model.window))
     path = folder / f"moves{suffix}"
-    if suffix == ".parquet":
-        pq.write_table(pa.table(table), path)
-    else:
-        rows = zip(*table.values(), strict=True)
-        path.write_text("\n".join([",".join(table), *(",".join(map(str, row)) for row in rows)]) + "\n")
+    write = pq.write_table if suffix == ".parquet" else pyarrow.csv.write_csv
+    write(pa.table(table), path)
     return path
 
 
@@ -63,7 +61,7 @@ def test_columns_become_channels_and_what_numbers_the_rows_is_kept(tmp_path, suf
 
 def test_windows_begin_with_each_motion_and_hold_its_first_row(tmp_path):
     model, table = Mlp.random(1, inputs=3, outputs=2, window=4), columns()
-    report, given = said(tmp_path, save(tmp_path, model, table, window=4))
+    report, given = said(tmp_path, save(tmp_path, model, table))
     values = np.column_stack([table["q_1"], table["qd_1"], table["power"]])
     starts = np.repeat([0, 25, 40], [25, 15, 20])  # a new move, and a jump in time
     rows = np.maximum(np.arange(60)[:, None] + np.arange(-3, 1), starts[:, None])
@@ -77,7 +75,7 @@ def test_moves_by_name_are_refused_only_where_windows_need_them(tmp_path):
     report, given = said(tmp_path, save(tmp_path, Mlp.random(1, inputs=3, outputs=2), table))
     assert (report.rows, given.column_names) == (60, ["t", "power", "heat"])
     with pytest.raises(RecordingError, match="column move holds text"):
-        said(tmp_path, save(tmp_path, Mlp.random(1, inputs=3, outputs=2, window=4), table, window=4))
+        said(tmp_path, save(tmp_path, Mlp.random(1, inputs=3, outputs=2, window=4), table))
 
 
 def test_missing_values_have_no_prediction_and_far_ones_are_told(tmp_path):
@@ -92,7 +90,7 @@ def test_missing_values_have_no_prediction_and_far_ones_are_told(tmp_path):
 
 
 def test_a_long_table_is_predicted_some_rows_at_a_time(tmp_path, monkeypatch):
-    source = save(tmp_path, Mlp.random(1, inputs=3, outputs=2, window=4), columns(), window=4)
+    source = save(tmp_path, Mlp.random(1, inputs=3, outputs=2, window=4), columns())
     whole = said(tmp_path, source)[1]
     monkeypatch.setattr(predicting, "AT_ONCE", 7)
     np.testing.assert_allclose(said(tmp_path, source)[1]["power"], whole["power"], atol=1e-6)
