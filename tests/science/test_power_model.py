@@ -16,7 +16,8 @@ from cellwatt_plugins.models.power.scores import Score
 from cellwatt_plugins.models.power.training import estimate, model_of, train
 from cellwatt_plugins.models.power.tuning import tune
 from cellwatt_plugins.robot import Arm
-from tests.plugins.models.power.emulated_arm import ARMS, course, six_axes, supply, torques, write_case
+from tests.plugins.models.power.cases import read_case
+from tests.plugins.models.power.emulated_arm import ARMS, course, six_axes, supply, torques
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT / ".." / "shared" / "data"
@@ -24,12 +25,7 @@ NOISE = {"six axes": 0.7, "seven axes": 0.7, "burdened": 1.2, "rippled": 0.7}
 """W of the emulated power."""
 
 
-def read(robot, *tables):
-    arm = Arm.load(robot)
-    return arm, *(read_moves([table], arm.joints) for table in tables)
-
-
-def test_the_emulated_arm_is_one(tmp_path):
+def test_the_emulated_arm_is_one():
     """Its torques do the work that its energy gains, with friction off."""
     arm = six_axes(np.random.default_rng(0))
     draw = np.random.default_rng(1)
@@ -48,7 +44,7 @@ def test_the_emulated_arm_is_one(tmp_path):
 @pytest.mark.slow  # both are trained and scored in tests/plugins/models/power/test_train_command.py
 @pytest.mark.timeout(300)
 def test_the_papers_two_methods_reach_its_figures(tmp_path):
-    arm, known, unseen = read(*write_case(tmp_path, "six axes", 11, moves=40, unseen=16))
+    arm, known, unseen = read_case(tmp_path, "six axes", 11, moves=40, unseen=16)
     tuning = tune(known, arm)
     seen, here = Seen.of(known, arm, tuning), Seen.of(unseen, arm, tuning)
     nls = Nls.fit(known, seen, arm.description)
@@ -63,7 +59,7 @@ def test_the_papers_two_methods_reach_its_figures(tmp_path):
 @pytest.mark.slow
 def test_the_best_model_on_faster_and_slower_moves(tmp_path, kind):
     """A hose that no term is for costs the most."""
-    arm, known, unseen = read(*write_case(tmp_path, kind, 21))
+    arm, known, unseen = read_case(tmp_path, kind, 21)
     score = Score.of(unseen, *estimate(model_of(known, arm), unseen, arm))
     assert score.energy_mean <= 0.4
     assert score.energy_worst <= 1.5
@@ -73,7 +69,7 @@ def test_the_best_model_on_faster_and_slower_moves(tmp_path, kind):
 
 @pytest.mark.slow
 def test_what_an_arm_has_is_found(tmp_path):
-    arm, known = read(*write_case(tmp_path, "six axes", 31, moves=8, unseen=1)[:2])
+    arm, known, _ = read_case(tmp_path, "six axes", 31, moves=8, unseen=1)
     fitted = model_of(known, arm)
     arm = six_axes(np.random.default_rng(31))
     model = fitted.model

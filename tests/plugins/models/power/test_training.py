@@ -5,15 +5,18 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from cellwatt_plugins.models.power import fitting, scg_network, tuning
-from cellwatt_plugins.models.power.moves import Moves, read_moves
+from cellwatt_plugins.models.power.moves import read_moves
 from cellwatt_plugins.models.power.scores import Score
 from cellwatt_plugins.models.power.training import estimate, model_of, train
 from cellwatt_plugins.models.power.wording import findings
 from cellwatt_plugins.robot import Arm
-from tests.plugins.models.power.emulated_arm import recorded, six_axes, write_case, write_known
+from tests.plugins.models.power.cases import read_case
+from tests.plugins.models.power.emulated_arm import recorded, six_axes, write_known
 
 # A training takes 20 s of an idle core, and cores are shared.
 pytestmark = pytest.mark.timeout(300)
@@ -21,9 +24,7 @@ pytestmark = pytest.mark.timeout(300)
 
 @pytest.fixture(scope="module")
 def case(tmp_path_factory):
-    robot, table, unseen = write_case(tmp_path_factory.mktemp("case"), "six axes", 7, moves=12, unseen=4)
-    arm = Arm.load(robot)
-    return arm, read_moves([table], 6), read_moves([unseen], 6)
+    return read_case(tmp_path_factory.mktemp("case"), "six axes", 7, moves=12, unseen=4)
 
 
 @pytest.fixture(scope="module")
@@ -91,24 +92,13 @@ def test_currents_alone_give_a_model_of_currents(case, monkeypatch):
 def test_a_payload_that_was_recorded_is_an_input(tmp_path):
     draw = np.random.default_rng(9)
     arm = six_axes(draw)
-    parts = []
     described = Arm.load(write_known(arm, tmp_path, draw))
-    for load in (0.0, 2.0, 1.0):
-        table = recorded(replace(arm, payload=load), draw, 3, (0.6, 1.4))
-        columns = {name: table[name].to_numpy() for name in table.column_names}
-        every = {
-            stem: np.column_stack([columns[f"{stem}_{i}"] for i in range(1, 7)]) for stem in ("q", "qd", "current")
-        }
-        parts.append(
-            Moves(columns["move"], columns["t"], **every, power=columns["power"], payload=np.full(table.num_rows, load))
-        )
-    bare, loaded, unseen = parts
-    both = {
-        name: np.concatenate([getattr(bare, name), getattr(loaded, name)])
-        for name in ("time", "q", "qd", "current", "power", "payload")
-    }
-    known = Moves(move=np.concatenate([bare.move, loaded.move + bare.count]), **both)
-    fitted = model_of(known, described)
+    files = [tmp_path / f"{load}.parquet" for load in (0.0, 2.0, 1.0)]
+    for file in files:
+        table = recorded(replace(arm, payload=float(file.stem)), draw, 3, (0.6, 1.4))
+        pq.write_table(table.append_column("payload", pa.array([float(file.stem)] * table.num_rows)), file)
+    unseen = read_moves(files[2:], 6)
+    fitted = model_of(read_moves(files[:2], 6), described)
     told = Score.of(unseen, *estimate(fitted, unseen, described))
     ignored = Score.of(unseen, *estimate(fitted, replace(unseen, payload=np.zeros(len(unseen))), described))
     assert told.power < 0.5 * ignored.power

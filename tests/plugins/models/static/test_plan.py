@@ -39,8 +39,7 @@ def test_the_packaged_robot_has_the_limits_of_the_paper(mh12):
 
 
 def test_all_of_the_papers_poses_are_safe(mh12):
-    checker = Checker(mh12, arms.LIMITS)
-    plan = plan_poses(532, arms.LIMITS, SPEED, checker)
+    plan = plan_poses(532, arms.LIMITS, SPEED, Checker(mh12, arms.LIMITS))
     assert (len(plan.q), plan.unsafe, plan.unreachable) == (532, 0, 0)
     expected = within(arms.LIMITS, halton(532, 6))
     np.testing.assert_allclose(sorted(map(tuple, plan.q)), sorted(map(tuple, expected)))

@@ -11,6 +11,7 @@ from cellwatt.errors import ConfigError, RecordingError
 from cellwatt_plugins.models.static.poses import read_poses
 from cellwatt_plugins.robot import load_robot
 from tests.plugins.models.static import arms
+from tests.plugins.models.static.test_held import motion
 
 
 @pytest.fixture(scope="module")
@@ -56,13 +57,8 @@ def test_a_joint_is_held_from_the_side_of_its_last_movement(tmp_path, robot, row
 
 
 def test_poses_are_recognised_in_a_recording_of_motion(tmp_path, robot):
-    rng = np.random.default_rng(3)
-    goals = rng.uniform(-1, 1, (14, 6))
-    q = [np.zeros((1, 6))]
-    for goal in goals:
-        q.append(q[-1][-1] + np.linspace(0, 1, 26)[1:, None] * (goal - q[-1][-1]))
-        q.append(np.repeat(goal[None], 140, axis=0))
-    q = np.concatenate(q)
+    goals = np.random.default_rng(3).uniform(-1, 1, (14, 6))
+    q = motion(*((goal, 2.8) for goal in goals))
     torque = arms.Arm().load(q) / arms.RATED
     columns = {"t": 0.02 * np.arange(len(q))}
     for j in range(6):
@@ -91,10 +87,7 @@ def test_samples_that_are_no_numbers_are_left_out_and_counted(tmp_path, robot):
         (lambda t: t.update({k: v[:500] for k, v in t.items()}), "5 poses; a training needs 12, and 40"),
         (lambda t: (t.pop("pose"), t.pop("t")), r"expected a column pose, or t \(s\)"),
         (lambda t: t.update(pose=np.char.add("P", t["pose"].astype(str))), "column pose holds text"),
-        (
-            lambda t: t.update(torque_percent_2=np.full(2000, np.nan)),
-            "there are none of joint_2",
-        ),
+        (lambda t: t.update(torque_percent_2=np.full(2000, np.nan)), "there are none of joint_2"),
         (lambda t: (t.pop("pose"), t.update(q_1=np.arange(2000))), "no pose was held long enough"),
         (lambda t: t.update({k: 0 * v for k, v in t.items() if "torque" in k}), "all torques are 0"),
         (lambda t: t.update({k: 0 * v for k, v in t.items() if k.startswith("q_")}), "all poses are the same"),

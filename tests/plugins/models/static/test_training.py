@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pyarrow as pa
@@ -28,8 +27,8 @@ from tests.plugins.models.static import arms
 def case(tmp_path_factory):
     """A collection, its robot, poses never collected, and what two trainings on it said."""
     folder = tmp_path_factory.mktemp("case")
-    really = replace(arms.Arm(), friction=0.01 * arms.RATED, mass=arms.MASS * 1.1)
-    robot, unseen = arms.write_case(folder, really, 4, cad=arms.Arm(), count=48)
+    really = arms.Arm(friction=0.01 * arms.RATED, mass=arms.MASS * 1.1)
+    robot, unseen = arms.write_case(folder, really, 4, count=48)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(paper, "TRIALS", 2)
         patch.setattr(identify, "FOLDS", 3)
