@@ -1,24 +1,21 @@
 """The truth lies within what the live split says it is uncertain by: neither too narrow nor wide beyond use."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-BENCH = Path(__file__).resolve().parents[2] / "bench"
 SMALL = (1, 3, 8)
 """Arms of the small set: six and seven joints, torque by current and by sensor."""
 
 
-@pytest.fixture(autouse=True)
-def _bench(monkeypatch):
-    monkeypatch.syspath_prepend(str(BENCH))
+pytestmark = pytest.mark.usefixtures("bench")
 
 
-def all_of(found):
-    """Pulls of all groups that a consumer takes, of all arms."""
-    return np.concatenate([those for one in found for group, those in one.items() if group != "unexplained"])
+def of_all(found):
+    """Pulls of all arms by group."""
+    groups = dict.fromkeys(group for one in found for group in one)
+    return {group: [pull for one in found for pull in one.get(group, ())] for group in groups}
 
 
 @pytest.mark.slow
@@ -30,7 +27,7 @@ def test_of_a_small_set_nine_in_ten_are_within_two_standard_deviations(tmp_path)
         case, accuracy = drawn(seed)
         small = replace(case, speeds=(250.0, max(case.speeds)), rate=100.0, repetitions=3)
         found.append(pulls(small, accuracy, tmp_path / case.name, tasks=2))
-    every = np.abs(all_of(found))
+    every = np.abs(np.concatenate([those for group, those in of_all(found).items() if group != "unexplained"]))
     assert len(every) >= 80
     assert np.mean(every < 2) >= 0.9
     assert np.mean(every > 0.5) > 0.2
@@ -42,15 +39,8 @@ def test_of_nineteen_arms_nine_in_ten_are_within_two_standard_deviations(tmp_pat
     """The figures of docs/proof-energy.md."""
     from energy.coverage import drawn, pulls, within
 
-    found = []
-    for seed in range(19):
-        case, accuracy = drawn(seed)
-        found.append(pulls(case, accuracy, tmp_path / case.name))
-    together = {}
-    for one in found:
-        for group, those in one.items():
-            together.setdefault(group, []).extend(those)
-    shares = within(together)
+    cases = [drawn(seed) for seed in range(19)]
+    shares = within(of_all([pulls(case, accuracy, tmp_path / case.name) for case, accuracy in cases]))
     print(shares)
     assert 90 <= shares["all"] <= 99, shares
     assert min(shares.values()) >= 85, shares

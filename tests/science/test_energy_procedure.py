@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -15,22 +13,17 @@ from cellwatt_plugins.energy.recordings import read_reading, read_runs
 from tests.plugins.energy.running import MEASURED
 
 REPETITIONS = 3
-BENCH = Path(__file__).resolve().parents[2] / "bench"
+pytestmark = pytest.mark.usefixtures("bench")
 
 
-@pytest.fixture(autouse=True)
-def _bench(monkeypatch):
-    monkeypatch.syspath_prepend(str(BENCH))
-
-
-def measured(robot, folder, seed=1):
+def measured(robot, folder):
     """A campaign of an arm through the recording: the arm, and what disaggregation makes of the files cut from it."""
     from tests.plugins.energy.procedure.plant import ROBOTS, Arm
     from tests.plugins.energy.procedure.recording import Taped
 
     plant = Arm(ROBOTS[robot])
     arm = Arm.load(plant.describe(folder))
-    taped = Taped(folder, plant, seed=seed)
+    taped = Taped(folder, plant, seed=1)
     made, speeds = plant.made, tuple(plant.made.total)
     if made.separate:
         taped.state("controller", made.controller)
@@ -46,15 +39,11 @@ def measured(robot, folder, seed=1):
         recorded = motion_of(part, arm), power_of(part)
         runs = cut_programme(arm, *recorded, payload, speeds, REPETITIONS, REPETITIONS, folder)
         assert all(run.written and not run.refused for run in runs)
-    return plant, disaggregated(arm, folder)
-
-
-def disaggregated(arm, folder):
     states = {path.stem: steady_power(read_reading(path)) for path in folder.glob("*ed.parquet")}
     controller = folder / "controller.parquet"
     alone = steady_power(read_reading(controller)) if controller.exists() else states["connected"]
     rest = AtRest(alone, states["connected"], states["released"])
-    return disaggregate(arm, rest, read_runs(folder / "runs", arm.joints)).findings
+    return plant, disaggregate(arm, rest, read_runs(folder / "runs", arm.joints)).findings
 
 
 @pytest.mark.slow

@@ -24,7 +24,6 @@ from tests.plugins.energy.running import run_on, worst_error
 ROOT = Path(__file__).resolve().parents[2]
 SHARED = ROOT / ".." / "shared" / "energy_runs"
 DATA = ROOT / ".." / "shared" / "data"
-BENCH = ROOT / "bench"
 ONE = (Repetition(0.0, 1.0, 0.0),)
 """A move is one repetition, whose ends do not count here."""
 
@@ -79,8 +78,8 @@ def test_every_row_of_table_iii_by_our_equations(robot):
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("name", ["ur_big", "gen3_like", "seven_by_current"])
-def test_arms_that_nothing_was_tuned_on(name, tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(str(BENCH))
+@pytest.mark.usefixtures("bench")
+def test_arms_that_nothing_was_tuned_on(name, tmp_path):
     from energy.arms import CASES
     from energy.plant import write_campaign
 
@@ -111,9 +110,8 @@ def test_the_shared_campaigns_by_their_own_scorer(arm, tmp_path):
     assert figures["negative_mechanical_losses"] == 0
 
 
-def recorded_ur3e(folder, monkeypatch):
+def recorded_ur3e(folder):
     """Five short moves of a real UR3e (Hein Lab, MIT): power of the 48 V bus, torque from the joints' currents."""
-    monkeypatch.syspath_prepend(str(BENCH))
     from models import ur3e
 
     described = ur3e.write_robot(folder)
@@ -130,11 +128,12 @@ def recorded_ur3e(folder, monkeypatch):
     return Arm.load(folder), runs
 
 
-def test_energy_balance_of_a_real_ur3e(tmp_path, monkeypatch):
+@pytest.mark.usefixtures("bench")
+def test_energy_balance_of_a_real_ur3e(tmp_path):
     """Groups add up to the measured energy of every move; of a move that was left out, nearly."""
     if not (DATA / "ur3e_power").is_dir():
         pytest.skip("the recordings of the UR3e are not beside the checkout")
-    arm, runs = recorded_ur3e(tmp_path, monkeypatch)
+    arm, runs = recorded_ur3e(tmp_path)
     belief = Belief((45.0, 20.0), np.ones(6), np.full(6, 0.3), 0.5)
     guess = begin(arm, 45.0)
     seen = [Observed(run, motion_features(arm, run.motion), Offset(0.0, 0.04), ONE) for run in runs]

@@ -54,6 +54,12 @@ def halves(robot):
         yield np.array(joules[5:10]), percent[5:]
 
 
+def power_shares(robot):
+    """Percent of the mean power: electronics, brakes, electrical and mechanical losses."""
+    runs = runs_of(robot)
+    return mean_power_shares(runs[:, 1:], runs[:, 1] / ELECTRONICS[robot])
+
+
 @pytest.mark.parametrize("robot", list(PERCENT))
 def test_every_percentage_of_table_iii_is_its_energy_over_that_of_the_robot(robot):
     """The print cuts as well as rounds its last digit: 0.1."""
@@ -105,12 +111,9 @@ def test_eps_m_plus_below_8_percent_in_every_case_is_not_what_the_table_says():
 
 def test_the_abstracts_68_78_and_not_67_76_percent_of_electronics_follows_from_the_table():
     """Section V.C has 67.76 %; with its own 6.77, 23.84 and 0.60 % that is 98.97 %, and no mean of the table is it."""
-    shares, of_rows, of_sums = [], [], []
-    for robot, electronics in ELECTRONICS.items():
-        runs = runs_of(robot)
-        shares.append(mean_power_shares(runs[:, 1:], runs[:, 1] / electronics))
-        of_rows.append(100 * np.mean(runs[:, 1:] / runs[:, :1], axis=0))
-        of_sums.append(100 * runs[:, 1:].sum(axis=0) / runs[:, 0].sum())
+    shares, every = [power_shares(robot) for robot in ELECTRONICS], [runs_of(robot) for robot in ELECTRONICS]
+    of_rows = [100 * np.mean(runs[:, 1:] / runs[:, :1], axis=0) for runs in every]
+    of_sums = [100 * runs[:, 1:].sum(axis=0) / runs[:, 0].sum() for runs in every]
     assert np.mean(shares, axis=0) == pytest.approx([68.78, 6.77, 23.84, 0.60], abs=0.01)
     for other in (shares, of_rows, of_sums):
         assert abs(np.mean(other, axis=0)[0] - 67.76) > 1.0
@@ -119,10 +122,7 @@ def test_the_abstracts_68_78_and_not_67_76_percent_of_electronics_follows_from_t
 
 def test_the_shares_of_electrical_losses_of_ur10e_and_gen3_are_printed_the_wrong_way_round():
     """Section V.C: UR10e 28.22 % (33.21 W), Gen3 27.62 % (11.79 W); the least is neither's, but that of UR5e."""
-    found = {}
-    for robot, electronics in ELECTRONICS.items():
-        runs = runs_of(robot)
-        found[robot] = mean_power_shares(runs[:, 1:], runs[:, 1] / electronics)[2]
+    found = {robot: power_shares(robot)[2] for robot in ELECTRONICS}
     assert found["UR10e"] == pytest.approx(27.62, abs=0.01)
     assert found["Gen3"] == pytest.approx(28.22, abs=0.02)
     assert min(found, key=found.get) == "UR5e"

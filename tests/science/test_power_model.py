@@ -19,8 +19,7 @@ from cellwatt_plugins.robot import Arm
 from tests.plugins.models.power.cases import read_case
 from tests.plugins.models.power.emulated_arm import ARMS, course, six_axes, supply, torques
 
-ROOT = Path(__file__).resolve().parents[2]
-DATA = ROOT / ".." / "shared" / "data"
+DATA = Path(__file__).resolve().parents[2] / ".." / "shared" / "data"
 NOISE = {"six axes": 0.7, "seven axes": 0.7, "burdened": 1.2, "rippled": 0.7}
 """W of the emulated power."""
 
@@ -85,8 +84,8 @@ def test_what_an_arm_has_is_found(tmp_path):
 @pytest.mark.skipif(not (DATA / "ur3e_power").is_dir(), reason="the recordings of the UR3e are not here")
 @pytest.mark.timeout(300)
 @pytest.mark.slow
-def test_five_short_moves_of_a_real_ur3e(tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(str(ROOT / "bench"))
+@pytest.mark.usefixtures("bench")
+def test_five_short_moves_of_a_real_ur3e(tmp_path):
     sys.modules.pop("models", None)
     from models import ur3e
 
