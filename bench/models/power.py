@@ -18,7 +18,8 @@ from threadpoolctl import threadpool_limits
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from tests.plugins.models.power.emulated_arm import ARMS, write_case
+from tests.plugins.models.power.cases import read_case
+from tests.plugins.models.power.emulated_arm import ARMS
 
 from cellwatt_plugins.models.network import open_network
 from cellwatt_plugins.models.power.api import write
@@ -97,9 +98,7 @@ class Case:
     @classmethod
     def of(cls, folder: Path, kind: str, seed: int) -> Case:
         """One emulated arm, written to ``folder`` as a user would have it."""
-        robot, known, unseen = write_case(folder, kind, seed)
-        arm = Arm.load(robot)
-        return cls(arm, read_moves([known], arm.joints), read_moves([unseen], arm.joints))
+        return cls(*read_case(folder, kind, seed))
 
     def best(self, known: Moves) -> Fitted:
         with threadpool_limits(1):
