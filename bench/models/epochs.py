@@ -15,13 +15,9 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from cellwatt_plugins.models.static.identify import HeldArm
-from cellwatt_plugins.models.static.paper import TEST, split, trained
-from cellwatt_plugins.models.static.poses import read_poses
+from cellwatt_plugins.models.static.paper import split, trained
 from cellwatt_plugins.models.static.training import SEED, Scores
-from cellwatt_plugins.robot import Arm
-from models import held_arms
-from models.static import COUNT, Spread
+from models.static import COUNT, Spread, collected
 
 COURSE = (10, 30, 100, 200, 500)
 """Epochs."""
@@ -70,35 +66,30 @@ class EpochTables:
     arms: int
 
 
-def collected(seed: int) -> Held:
-    """532 poses of one arm, as a user has them."""
-    with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch)
-        described = Arm.load(held_arms.write_robot(folder))
-        held_arms.write_samples(held_arms.collection(held_arms.some_arm(seed), seed, COUNT), folder / "samples.parquet")
-        poses = read_poses([folder / "samples.parquet"], described.description)
-        arm = HeldArm.of(described, poses.q)
-        gravity = arm.basis(poses).vertical @ arm.effects(poses).cad
-    return Held(poses.q, gravity, poses.total)
+def held_by(seed: int) -> Held:
+    """The collection of one arm."""
+    with tempfile.TemporaryDirectory() as folder:
+        _, arm, poses = collected(seed, Path(folder))
+    return Held(poses.q, arm.basis(poses).vertical @ arm.effects(poses).cad, poses.total)
 
 
-def scores(held: Held, method: str, epochs: int, share: float) -> Scores:
+def scores(held: Held, method: str, epochs: int) -> Scores:
     """On the share left out."""
-    rows, test = split(len(held.q), SEED, share)
+    rows, test = split(len(held.q), SEED)
     return Scores.of(held.total[test], held.said(method, rows, epochs)[test])
 
 
 def run(arms: int = 3) -> EpochTables:
     """All of it."""
     with threadpool_limits(1):
-        held = [collected(SEED + seed) for seed in range(arms)]
+        held = [held_by(SEED + seed) for seed in range(arms)]
         course = {
-            (method, epochs): [scores(each, method, epochs, TEST) for each in held]
+            (method, epochs): [scores(each, method, epochs) for each in held]
             for method in METHODS
             for epochs in (COURSE if method in NEURONS else COURSE[:1])
         }
     return EpochTables(
-        tuple(_row(method, epochs, TEST, found) for (method, epochs), found in course.items()),
+        tuple(_row(method, epochs, found) for (method, epochs), found in course.items()),
         {epochs: _in_order(course, epochs, arms) for epochs in COURSE},
         arms,
     )
@@ -117,11 +108,11 @@ def picture(tables: EpochTables) -> dict[str, Any]:
     return {"data": traces, "layout": {"width": 640, "height": 420, "xaxis": below, "yaxis": beside}}
 
 
-def _row(method: str, epochs: int, share: float, found: Sequence[Scores]) -> Row:
+def _row(method: str, epochs: int, found: Sequence[Scores]) -> Row:
     def over(what: Callable[[Scores], float]) -> Spread:
         return Spread.of([what(each) for each in found])
 
-    left_out = len(split(COUNT, SEED, share)[1])
+    left_out = len(split(COUNT, SEED)[1])
     return Row(method, epochs, left_out, over(lambda s: s.rmse), over(lambda s: s.r2), over(lambda s: s.mape))
 
 

@@ -18,7 +18,8 @@ from threadpoolctl import threadpool_limits
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from tests.plugins.models.power.emulated_arm import ARMS, write_case
+from tests.plugins.models.power.cases import read_case
+from tests.plugins.models.power.emulated_arm import ARMS
 
 from cellwatt_plugins.models.network import open_network
 from cellwatt_plugins.models.power.api import write
@@ -28,7 +29,7 @@ from cellwatt_plugins.models.power.nls import Nls
 from cellwatt_plugins.models.power.paper import Seen
 from cellwatt_plugins.models.power.scg_network import Scg
 from cellwatt_plugins.models.power.scores import Score
-from cellwatt_plugins.models.power.training import AHEAD, Trained, estimate, model_of, train
+from cellwatt_plugins.models.power.training import Trained, estimate, model_of, train
 from cellwatt_plugins.models.power.tuning import tune
 from cellwatt_plugins.robot import Arm
 from models import ur3e
@@ -97,9 +98,7 @@ class Case:
     @classmethod
     def of(cls, folder: Path, kind: str, seed: int) -> Case:
         """One emulated arm, written to ``folder`` as a user would have it."""
-        robot, known, unseen = write_case(folder, kind, seed)
-        arm = Arm.load(robot)
-        return cls(arm, read_moves([known], arm.joints), read_moves([unseen], arm.joints))
+        return cls(*read_case(folder, kind, seed))
 
     def best(self, known: Moves) -> Fitted:
         with threadpool_limits(1):
@@ -205,7 +204,7 @@ def learning_picture(sizes: Sequence[Size]) -> dict[str, Any]:
 
 
 def _papers(case: Case) -> dict[str, Score]:
-    tuning = tune(case.known, case.arm, AHEAD)
+    tuning = tune(case.known, case.arm)
     seen = Seen.of(case.known, case.arm, tuning)
     here = Seen.of(case.unseen, case.arm, tuning)
     found = {"NLS": Nls.fit(case.known, seen, case.arm.description), "SCG": Scg.fit(case.known, seen, 0)}

@@ -96,13 +96,18 @@ class Case:
     trained: Trained
 
 
-def case(seed: int, folder: Path) -> Case:
-    """Collects, trains, writes the files and asks them for poses never collected."""
+def collected(seed: int, folder: Path) -> tuple[held_arms.HeldArm, HeldArm, Poses]:
+    """An arm as it really is, the same arm as its user knows it, and 532 poses as the user has them."""
     really = held_arms.some_arm(seed)
     described = Arm.load(held_arms.write_robot(folder))
     held_arms.write_samples(held_arms.collection(really, seed, COUNT), folder / "samples.parquet")
     poses = read_poses([folder / "samples.parquet"], described.description)
-    arm = HeldArm.of(described, poses.q)
+    return really, HeldArm.of(described, poses.q), poses
+
+
+def case(seed: int, folder: Path) -> Case:
+    """Collects, trains, writes the files and asks them for poses never collected."""
+    really, arm, poses = collected(seed, folder)
     start = time.process_time()
     with threadpool_limits(1):
         trained = train(poses, arm)
@@ -120,13 +125,9 @@ def case(seed: int, folder: Path) -> Case:
 
 def few_poses(seed: int, folder: Path) -> dict[int, Scores]:
     """The best model's physics from the first poses only."""
-    really = held_arms.some_arm(seed)
-    described = Arm.load(held_arms.write_robot(folder))
+    really, arm, poses = collected(seed, folder)
     q, came, torque = held_arms.unseen(really, seed)
     new = Poses(q, np.zeros_like(q), q - came, np.full(len(q), np.nan))
-    held_arms.write_samples(held_arms.collection(really, seed, COUNT), folder / "samples.parquet")
-    poses = read_poses([folder / "samples.parquet"], described.description)
-    arm = HeldArm.of(described, poses.q)
     out = {}
     for size in SIZES:
         some = rows_of(poses, np.arange(size))

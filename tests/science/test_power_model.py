@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cellwatt_plugins.models.power import training
 from cellwatt_plugins.models.power.moves import read_moves
 from cellwatt_plugins.models.power.nls import Nls
 from cellwatt_plugins.models.power.paper import Seen
@@ -17,20 +16,15 @@ from cellwatt_plugins.models.power.scores import Score
 from cellwatt_plugins.models.power.training import estimate, model_of, train
 from cellwatt_plugins.models.power.tuning import tune
 from cellwatt_plugins.robot import Arm
-from tests.plugins.models.power.emulated_arm import ARMS, course, six_axes, supply, torques, write_case
+from tests.plugins.models.power.cases import read_case
+from tests.plugins.models.power.emulated_arm import ARMS, course, six_axes, supply, torques
 
-ROOT = Path(__file__).resolve().parents[2]
-DATA = ROOT / ".." / "shared" / "data"
+DATA = Path(__file__).resolve().parents[2] / ".." / "shared" / "data"
 NOISE = {"six axes": 0.7, "seven axes": 0.7, "burdened": 1.2, "rippled": 0.7}
 """W of the emulated power."""
 
 
-def read(robot, *tables):
-    arm = Arm.load(robot)
-    return arm, *(read_moves([table], arm.joints) for table in tables)
-
-
-def test_the_emulated_arm_is_one(tmp_path):
+def test_the_emulated_arm_is_one():
     """Its torques do the work that its energy gains, with friction off."""
     arm = six_axes(np.random.default_rng(0))
     draw = np.random.default_rng(1)
@@ -49,8 +43,8 @@ def test_the_emulated_arm_is_one(tmp_path):
 @pytest.mark.slow  # both are trained and scored in tests/plugins/models/power/test_train_command.py
 @pytest.mark.timeout(300)
 def test_the_papers_two_methods_reach_its_figures(tmp_path):
-    arm, known, unseen = read(*write_case(tmp_path, "six axes", 11, moves=40, unseen=16))
-    tuning = tune(known, arm, ahead=False)
+    arm, known, unseen = read_case(tmp_path, "six axes", 11, moves=40, unseen=16)
+    tuning = tune(known, arm)
     seen, here = Seen.of(known, arm, tuning), Seen.of(unseen, arm, tuning)
     nls = Nls.fit(known, seen, arm.description)
     assert Score.of(unseen, *nls.predict(here)).energy_mean <= 1.54
@@ -62,10 +56,9 @@ def test_the_papers_two_methods_reach_its_figures(tmp_path):
 @pytest.mark.parametrize("kind", list(ARMS))
 @pytest.mark.timeout(300)
 @pytest.mark.slow
-def test_the_best_model_on_faster_and_slower_moves(tmp_path, monkeypatch, kind):
-    """With windows that reach as far ahead as back. A hose that no term is for costs the most."""
-    monkeypatch.setattr(training, "AHEAD", True)
-    arm, known, unseen = read(*write_case(tmp_path, kind, 21))
+def test_the_best_model_on_faster_and_slower_moves(tmp_path, kind):
+    """A hose that no term is for costs the most."""
+    arm, known, unseen = read_case(tmp_path, kind, 21)
     score = Score.of(unseen, *estimate(model_of(known, arm), unseen, arm))
     assert score.energy_mean <= 0.4
     assert score.energy_worst <= 1.5
@@ -73,21 +66,9 @@ def test_the_best_model_on_faster_and_slower_moves(tmp_path, monkeypatch, kind):
     assert max(score.current) <= (0.1 if kind == "rippled" else 0.045)
 
 
-@pytest.mark.timeout(300)
-@pytest.mark.slow
-def test_windows_that_only_look_back(tmp_path, monkeypatch):
-    """Velocity is known late then, which shows in the currents where friction turns over."""
-    monkeypatch.setattr(training, "AHEAD", False)
-    arm, known, unseen = read(*write_case(tmp_path, "six axes", 21))
-    score = Score.of(unseen, *estimate(model_of(known, arm), unseen, arm))
-    assert score.energy_mean <= 0.4
-    assert score.power <= 1.6 * NOISE["six axes"]
-    assert max(score.current) <= 0.12
-
-
 @pytest.mark.slow
 def test_what_an_arm_has_is_found(tmp_path):
-    arm, known = read(*write_case(tmp_path, "six axes", 31, moves=8, unseen=1)[:2])
+    arm, known, _ = read_case(tmp_path, "six axes", 31, moves=8, unseen=1)
     fitted = model_of(known, arm)
     arm = six_axes(np.random.default_rng(31))
     model = fitted.model
@@ -103,8 +84,7 @@ def test_what_an_arm_has_is_found(tmp_path):
 @pytest.mark.skipif(not (DATA / "ur3e_power").is_dir(), reason="the recordings of the UR3e are not here")
 @pytest.mark.timeout(300)
 @pytest.mark.slow
-def test_five_short_moves_of_a_real_ur3e(tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(str(ROOT / "bench"))
+def test_five_short_moves_of_a_real_ur3e(tmp_path):
     sys.modules.pop("models", None)
     from models import ur3e
 

@@ -23,16 +23,14 @@ SHARED = Path(__file__).resolve().parents[2] / ".." / "shared" / "static_poses"
 def collected(tmp_path_factory):
     """An arm that has what its CAD model has not: other masses, a spring, friction. Gravity explains 0.89 of it."""
     folder = tmp_path_factory.mktemp("case")
-    spring = np.array([0, 0, 20.0, 0, 0, 0])
-    really = replace(
-        arms.Arm(),
+    really = arms.Arm(
         mass=arms.MASS * np.array([1, 1.05, 1.1, 1.1, 1.1, 1]),
-        spring=spring,
+        spring=np.array([0, 0, 20.0, 0, 0, 0]),
         relaxed=np.full(6, 0.15),
         friction=0.01 * arms.RATED,
         load_friction=0.03,
     )
-    robot, unseen = arms.write_case(folder, really, 5, cad=arms.Arm())
+    robot, unseen = arms.write_case(folder, really, 5)
     described = Arm.load(robot)
     poses = read_poses([folder / "samples.parquet"], described.description)
     return described, poses, unseen
@@ -41,7 +39,7 @@ def collected(tmp_path_factory):
 def test_gravity_is_equation_2():
     """τ_i = Σ m_j g ∂p_j/∂q_i, p_j the height of a link's centre of mass, by differences."""
     body = Arm.load("mh12").body
-    arm = replace(arms.Arm(), mass=np.array([*arms.MASS[:5], 0.0]), centre=_paper_centres())
+    arm = arms.Arm(mass=np.array([*arms.MASS[:5], 0.0]), centre=_paper_centres())
     q = arms.within(arms.LIMITS, arms.halton(20))
 
     def energy(q):

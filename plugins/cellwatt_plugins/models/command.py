@@ -75,5 +75,5 @@ def predict(tables: tuple[Path, ...], model: Path, out: Path, as_json: bool) -> 
         click.echo(json.dumps(report.as_json()) if as_json else report.in_words())
         return
     reports = predict_files(model, tables, out)
-    told = {"tables": [report.as_json() for report in reports]}
-    click.echo(json.dumps(told) if as_json else "\n".join(report.in_words() for report in reports))
+    content = {"tables": [report.as_json() for report in reports]}
+    click.echo(json.dumps(content) if as_json else "\n".join(report.in_words() for report in reports))

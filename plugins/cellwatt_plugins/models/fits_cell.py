@@ -8,7 +8,7 @@ from pathlib import Path, PurePath
 from cellwatt.errors import ConfigError
 from cellwatt.frames import Layout
 from cellwatt.stage import CellInfo
-from cellwatt_plugins.models.metadata import Metadata
+from cellwatt_plugins.models.metadata import SAME_RATE, Metadata
 from cellwatt_plugins.onnx_file import refused
 from cellwatt_plugins.robot_name import robot_name
 
@@ -30,7 +30,7 @@ def check_robot(metadata: Metadata, cell: CellInfo, path: Path) -> None:
 
 def check_rate(metadata: Metadata, rate: float, path: Path) -> None:
     """Raises ``ModelError`` where the model was trained on frames of another rate, Hz."""
-    if metadata.rate_hz is not None and not math.isclose(metadata.rate_hz, rate, rel_tol=1e-6):
+    if metadata.rate_hz is not None and not math.isclose(metadata.rate_hz, rate, rel_tol=SAME_RATE):
         raise refused(
             path, f"it was trained on frames at {metadata.rate_hz:g} Hz, the cell's come at {rate:g} Hz (frames: rate)"
         )

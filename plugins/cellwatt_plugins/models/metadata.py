@@ -27,6 +27,9 @@ from cellwatt_plugins.onnx_file import OnnxFile
 
 KEY = "cellwatt"
 VERSION: Final = 1
+SAME_RATE: Final = 0.02
+"""Largest difference between the rate of frames or rows and that of a model's training, as a share: a training takes
+the rate from the clock of its recording."""
 
 _CONFIG = ConfigDict(extra="forbid")
 

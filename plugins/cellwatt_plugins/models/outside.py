@@ -86,9 +86,9 @@ class RangeWatch:
                     changes += self._book.raise_(self._alarm(name, channel, (low, high), at, value))
                     self._furthest[column] = value
             elif self._limits.low[column] <= value <= self._limits.high[column]:
-                said = f"Resolved: {channel.name} is back in the range that model {self._model} was trained on"
+                statement = f"Resolved: {channel.name} is back in the range that model {self._model} was trained on"
                 evidence = {**self._book[name].alarm.evidence, f"furthest_{channel.unit}": self._furthest[column]}
-                if over := self._book.clear(name, at, said, after=self._patience, evidence=evidence):
+                if over := self._book.clear(name, at, statement, after=self._patience, evidence=evidence):
                     del self._furthest[column]
                 changes += over
             elif value == value:  # a number

@@ -17,16 +17,14 @@ from cellwatt.files import Place
 from cellwatt.progress import stage
 from cellwatt.scheduler import spread
 from cellwatt.tables import Table, read_table, write_table
-from cellwatt_plugins.models.metadata import Metadata
+from cellwatt_plugins.models.metadata import SAME_RATE, Metadata
 from cellwatt_plugins.models.network import Network, open_network
 from cellwatt_plugins.models.outside import OUTSIDE, Limits
 from cellwatt_plugins.models.window import whole
 from cellwatt_plugins.onnx_file import refused
 
-KEPT: Final = ("pose", "move")
+COPIED: Final = ("pose", "move")
 """Columns that number the rows; they are copied into the output, after the time."""
-SAME_RATE = 0.02
-"""Largest difference between the rate of a table and that of the model, as a share."""
 HOLE = 1.5
 """Steps between two rows above which they are not in one window."""
 _APPROACH = re.compile(r"(joint_\d+)\.approach")
@@ -84,6 +82,8 @@ def predict_file(model: Place, table: Place, out: Place | None = None) -> Report
     model that sees several rows at once starts again where move changes or t jumps. Raises ``ModelError`` if the model
     cannot be run, ``RecordingError`` if the table cannot be used or ``out`` cannot be written.
     """
+    if out is not None:
+        _check_apart([Path(out)], [Path(table)])
     report = _predicted(Path(table), Path(model))
     return report if out is None else report.written(Path(out))
 
@@ -94,6 +94,7 @@ def predict_files(model: Path, tables: Sequence[Path], folder: Path) -> list[Rep
     Raises as ``predict_file``, and ``RecordingError`` if two tables have the same name.
     """
     files = [folder / f"{table.stem}.parquet" for table in tables]
+    _check_apart(files, tables)
     if len(set(files)) < len(files):
         twice = next(file.stem for file in files if files.count(file) > 1)
         raise RecordingError(f"two tables have the name {twice}: predict them one by one")
@@ -101,20 +102,27 @@ def predict_files(model: Path, tables: Sequence[Path], folder: Path) -> list[Rep
     return [report.written(file) for report, file in zip(reports, files, strict=True)]
 
 
+def _check_apart(files: Sequence[Path], tables: Sequence[Path]) -> None:
+    """Raise ``RecordingError`` if a file to write is one of the tables that are read."""
+    read = {table.resolve() for table in tables}
+    if same := next((file for file in files if file.resolve() in read), None):
+        raise RecordingError(f"{same} would be overwritten by its own predictions: choose another --out")
+
+
 def _predicted(table: Path, model: Path) -> Report:
     network = open_network(model)
     with stage("reading"):
         rows = read_table(table)
     values = inputs_of(network.metadata, rows)
-    starts = starts_of(rows)
+    starts = starts_of(rows) if network.metadata.window > 1 else np.arange(len(rows)) == 0
     if network.metadata.rate_hz is not None:
         _check_rate(network.metadata.rate_hz, rows, starts, model)
     with stage("running the model"):
         given = predict(network, values, starts)
     names = tuple(output.name for output in network.metadata.outputs)
-    kept = {name: _numbered(rows.columns[name]) for name in KEPT if name in rows.columns}
+    copied = {name: _numbered(rows.columns[name]) for name in COPIED if name in rows.columns}
     clock = {} if rows.clock is None else {"t": rows.time}
-    columns = {**clock, **kept, **dict(zip(names, given.T, strict=True))}
+    columns = {**clock, **copied, **dict(zip(names, given.T, strict=True))}
     return Report(
         columns,
         None,
@@ -148,16 +156,20 @@ def inputs_of(metadata: Metadata, table: Table) -> Float:
     return out
 
 
-def starts_of(table: Table) -> NDArray[np.bool_]:
-    """(N,) true where a motion begins: first row, a new ``move``, or a jump of time by more than ``HOLE`` steps."""
+def starts_of(table: Table, hole: float = HOLE) -> NDArray[np.bool_]:
+    """(N,) true where a motion begins: first row, a new ``move``, or a jump of time by more than ``hole`` steps.
+
+    Raises ``RecordingError`` if ``move`` is no number.
+    """
     starts = np.zeros(len(table), dtype=bool)
     starts[:1] = True
-    if "move" in table.columns:
-        starts[1:] |= np.diff(table.columns["move"]) != 0
+    move = table.channel("move") if "move" in table.names else None
+    if move is not None:
+        starts[1:] |= np.diff(move) != 0
     if table.clock is not None and len(table) > 1:
         steps = np.diff(table.time)
         rising = steps[steps > 0]
-        starts[1:] |= (steps <= 0) | (steps > HOLE * (np.median(rising) if len(rising) else np.inf))
+        starts[1:] |= (steps <= 0) | (steps > hole * (np.median(rising) if len(rising) else np.inf))
     return starts
 
 

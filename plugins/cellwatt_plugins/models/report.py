@@ -14,13 +14,13 @@ ACROSS = 3
 """Number of joints side by side."""
 
 
-def left_by_joint(
-    label: str, name: str, x: Float, left: Float, units: tuple[str, str], bands: Sequence[list[dict[str, Any]]] = ()
+def residuals_by_joint(
+    label: str, name: str, x: Float, residual: Float, units: tuple[str, str], bands: Sequence[list[dict[str, Any]]] = ()
 ) -> Figure:
-    """Residuals ``left`` (N, n) of each joint over its ``x`` (N, n), in their ``units``, each panel with a band."""
+    """The ``residual`` (N, n) of each joint over its ``x`` (N, n), in their ``units``, each panel with a band."""
     panels = [
         Panel(
-            [dots(name, x[:, j], left[:, j], MODEL)],
+            [dots(name, x[:, j], residual[:, j], MODEL)],
             Axis(units[0]),
             Axis(units[1] if j % ACROSS == 0 else ""),
             bands[j] if bands else (),

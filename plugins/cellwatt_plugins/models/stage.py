@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,17 +75,21 @@ class ModelStage(Stage[ModelSettings]):
         known = [*self._behind, *enumerate(frames.time.tolist(), start=frames.sequence)]
         ready = max(0, len(known) - self.metadata.delay)
         self._behind = known[ready:]
-        if not ready:
-            return alarms
-        columns = outputs[len(outputs) - ready :].T.tolist()
-        prediction = Prediction(
+        given = outputs[len(outputs) - ready :]
+        # Frames may have been skipped since the last block: a prediction is of consecutive frames.
+        edges = [i for i in range(1, ready) if known[i][0] != known[i - 1][0] + 1]
+        parts = [slice(*ends) for ends in pairwise([0, *edges, ready]) if ready]
+        return [*(self._prediction(known[part], given[part]) for part in parts), *alarms]
+
+    def _prediction(self, frames: Sequence[tuple[int, int]], outputs: NDArray[np.float64]) -> Prediction:
+        """The prediction of consecutive frames (n), by their sequences and times."""
+        return Prediction(
             model=self.name,
-            sequence=known[0][0],
-            time=tuple(time for _, time in known[:ready]),
-            outputs={name: tuple(column) for name, column in zip(self._units, columns, strict=True)},
+            sequence=frames[0][0],
+            time=tuple(time for _, time in frames),
+            outputs={name: tuple(column) for name, column in zip(self._units, outputs.T.tolist(), strict=True)},
             units=self._units,
         )
-        return [prediction, *alarms]
 
     def _predict(self, time: NDArray[np.int64], values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Outputs (n, outputs), NaN where an input of the model was incomplete."""

@@ -75,9 +75,9 @@ class Joint(_Keys):
     rated_torque: NonNegative = 0.0
     """Nm at the joint side for 100 %."""
     lower_limit: float | None = None
-    """rad; the URDF's where absent."""
+    """rad; the URDF's where absent, except in ``train static``."""
     upper_limit: float | None = None
-    """rad; the URDF's where absent."""
+    """rad; the URDF's where absent, except in ``train static``."""
     velocity_limit: PositiveFloat | None = None
     """rad/s; the URDF's where absent."""
 

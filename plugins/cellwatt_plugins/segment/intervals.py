@@ -16,6 +16,8 @@ from cellwatt_plugins.segment.settings import SegmentSettings
 TURN_REACH = 0.25
 TURN_DEPTH = 0.15
 """The arm turns where its fastest joint drops below ``TURN_DEPTH`` of its speed ``TURN_REACH`` s before and after."""
+LINGER = 1.0
+"""Longest time in s that joints may stop after the others and still end the same interval."""
 
 
 @dataclass(slots=True)
@@ -147,10 +149,14 @@ class Segmenter:
         return b.time - a.time < self._minimum or _travel(a, b) < self.thresholds.minimum_travel
 
     def _leaves_little(self, group: list[Change], sample: Sample) -> bool:
-        """True if some joints stopped just before the others, which have hardly moved since: wait for these to stop."""
+        """True if some joints stopped just before the others, which have hardly moved since: wait for these to stop.
+
+        The wait is at most ``LINGER``, as a joint that vibrates may neither stop nor move any further.
+        """
         if not self._motion.moving or any(c.started for c in group):
             return False
-        return _travel(group[-1].sample, sample) < self.thresholds.minimum_travel
+        stop = group[-1].sample
+        return sample.time - stop.time < LINGER * 1e9 and _travel(stop, sample) < self.thresholds.minimum_travel
 
     def _transit(self, group: list[Change]) -> None:
         """Change from one set of moving joints to the next, at the boundary of a group of changes."""

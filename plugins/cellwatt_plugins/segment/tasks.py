@@ -142,8 +142,8 @@ class TaskRecogniser:
     def _gap_before(self, first: int) -> list[Task]:
         """A new task if the run between two known tasks ends in its start pose and was seen before."""
         run = self._free_run(first)
-        left = first - len(run) - 1
-        if not run or left < 0 or not self._moves[left].claimed or run[0].broken or not self._closes(run):
+        before = first - len(run) - 1
+        if not run or before < 0 or not self._moves[before].claimed or run[0].broken or not self._closes(run):
             return []
         for other in self._between:
             if len(other) == len(run) and all(map(self._same, run, other)):

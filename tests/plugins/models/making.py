@@ -13,9 +13,11 @@ import numpy as np
 import onnx
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
+from onnxruntime import InferenceSession
 
 from cellwatt import Alarm, CellInfo, FrameChannel, Frames, Layout, Prediction, Result
 from cellwatt_plugins.models import Input, Metadata, ModelSettings, ModelStage, Output, Training
+from cellwatt_plugins.models.graph import Graph
 from cellwatt_plugins.models.metadata import KEY, encode
 
 RATE = 50.0
@@ -57,15 +59,9 @@ def metadata(**changes: Any) -> Metadata:
     training = Training(
         data="ab" * 32, range=((-4.0, 4.0),) * len(inputs), created=datetime(2026, 5, 4, tzinfo=UTC), rows=1000
     )
-    given: dict[str, Any] = {
-        "name": "test-power",
-        "robot": "ur10e",
-        "inputs": inputs,
-        "outputs": (Output("power", "W"), Output("heat", "J")),
-        "rate_hz": RATE,
-        "training": training,
-    }
-    return Metadata(**given | changes)
+    given = {"name": "test-power", "robot": "ur10e", "rate_hz": RATE, "training": training}
+    outputs = (Output("power", "W"), Output("heat", "J"))
+    return Metadata(**given | {"inputs": inputs, "outputs": outputs} | changes)
 
 
 @dataclass(frozen=True)
@@ -93,19 +89,17 @@ class Mlp:
         kind = helper.np_dtype_to_tensor_dtype(np.dtype(dtype))
         weights = [numpy_helper.from_array(getattr(self, n).astype(dtype), n) for n in "abcd"]
         inputs = len(self.a) // self.window
-        flat = helper.make_node("Reshape", ["x", "flat"], ["v"])
         weights.append(numpy_helper.from_array(np.array([-1, len(self.a)]), "flat"))
         nodes = [
-            flat,
+            helper.make_node("Reshape", ["x", "flat"], ["v"]),
             helper.make_node("MatMul", ["v", "a"], ["va"]),
             helper.make_node("Add", ["va", "b"], ["vab"]),
             helper.make_node("Tanh", ["vab"], ["h"]),
             helper.make_node("MatMul", ["h", "c"], ["hc"]),
             helper.make_node("Add", ["hc", "d"], ["y"]),
         ]
-        x = helper.make_tensor_value_info("x", kind, ["n", *([self.window] if self.window > 1 else []), inputs])
-        y = helper.make_tensor_value_info("y", kind, ["n", len(self.d)])
-        return save(path, nodes, [x], [y], told, weights)
+        x = tensor("x", ["n", *([self.window] if self.window > 1 else []), inputs], kind)
+        return save(path, nodes, [x], [tensor("y", ["n", len(self.d)], kind)], told, weights)
 
 
 def tensor(name: str, shape: Sequence[int | str], kind: int = TensorProto.FLOAT) -> onnx.ValueInfoProto:
@@ -133,6 +127,12 @@ def stage(path: Path, grid: Layout | None = None, robot: str | None = "ur10e", *
     # Not checked by pydantic, so that a file that has gone since reaches the stage.
     given = ModelSettings.model_construct(**{"file": path, "source": None, "outside": 0.05, **settings})
     return ModelStage("power", given, grid or layout(), cell)
+
+
+def run_graph(graph: Graph, output: str, columns: int, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The ``output`` with so many columns of a graph."""
+    session = InferenceSession(graph.model(output, columns), providers=["CPUExecutionProvider"])
+    return np.asarray(session.run(None, {"input": values})[0])
 
 
 def run(made: ModelStage, blocks: Sequence[Frames] | Iterator[Frames]) -> list[Result]:

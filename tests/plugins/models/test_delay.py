@@ -16,11 +16,6 @@ from tests.plugins.models.making import COLUMNS, Mlp, cut, frames, metadata, out
 WINDOW, DELAY = 5, 2
 
 
-@pytest.fixture
-def values():
-    return np.random.default_rng(1).uniform(-2, 2, (40, 5))
-
-
 @pytest.mark.parametrize("edges", [[], list(range(1, 40))])
 def test_predictions_carry_the_times_of_the_frames_they_are_for(tmp_path, values, edges):
     network = Mlp.random(3, window=WINDOW)
@@ -34,6 +29,16 @@ def test_predictions_carry_the_times_of_the_frames_they_are_for(tmp_path, values
     assert np.isnan(given[: WINDOW - 1 - DELAY]).all()
     windows = np.stack([values[i - 2 : i + 3][:, COLUMNS] for i in range(2, 38)])
     np.testing.assert_allclose(given[2:], network.truth(windows), rtol=0, atol=1e-4)
+
+
+def test_predictions_around_skipped_frames_carry_their_own_sequence(tmp_path, values):
+    made = stage(Mlp.random(3, window=WINDOW).save(tmp_path / "m.onnx", metadata(window=WINDOW, delay=DELAY)))
+    blocks = list(cut(frames(values), [10, 30]))
+    results = run(made, [blocks[0], blocks[2]])
+    predictions = [result for result in results if isinstance(result, Prediction)]
+    told = [(p.sequence + i, time) for p in predictions for i, time in enumerate(p.time)]
+    assert told == [(i, frames(values).time[i]) for i in [*range(10), *range(30, 40 - DELAY)]]
+    assert np.flatnonzero(np.isnan(outputs(results)[:, 0])).tolist() == [0, 1, 8, 9, 10, 11]
 
 
 def test_offline_both_ends_of_a_motion_are_held(tmp_path):

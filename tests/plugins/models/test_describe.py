@@ -43,10 +43,9 @@ def test_any_flipped_bit_is_seen_until_the_file_is_described_again(tmp_path_fact
     content = bytearray(path.read_bytes())
     content[int(at * (len(content) - SEAL))] ^= 1 << bit
     path.write_bytes(content)
-    with pytest.raises(ModelError, match="has changed since describe\\(\\)"):
-        stage(path)
-    with pytest.raises(ModelError, match="has changed since describe\\(\\)"):
-        read_metadata(path)
+    for opened in (stage, read_metadata):
+        with pytest.raises(ModelError, match="has changed since describe\\(\\)"):
+            opened(path)
 
 
 def with_weights_beside(folder: Path, seed: int) -> Path:

@@ -18,16 +18,12 @@ INPUTS = (
 
 def pass_through(path, window=1):
     """A model whose outputs are its inputs: those of the oldest frame it sees."""
-    shape = ["n", 3] if window == 1 else ["n", window, 3]
-    nodes = (
-        [helper.make_node("Identity", ["x"], ["y"])]
-        if window == 1
-        else [helper.make_node("Gather", ["x", "first"], ["y"], axis=1)]
-    )
-
-    weights = [] if window == 1 else [numpy_helper.from_array(np.array(0), "first")]
+    shape, node, weights = ["n", 3], helper.make_node("Identity", ["x"], ["y"]), []
+    if window > 1:
+        shape, node = ["n", window, 3], helper.make_node("Gather", ["x", "first"], ["y"], axis=1)
+        weights = [numpy_helper.from_array(np.array(0), "first")]
     told = metadata(inputs=INPUTS, outputs=tuple(Output(i.channel, i.unit) for i in INPUTS), window=window)
-    return save(path, nodes, [tensor("x", shape)], [tensor("y", ["n", 3])], told, weights)
+    return save(path, [node], [tensor("x", shape)], [tensor("y", ["n", 3])], told, weights)
 
 
 @pytest.fixture

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.csv
 import pyarrow.parquet as pq
 import pytest
 
@@ -35,14 +36,11 @@ def columns(count=60, seed=0):
     }
 
 
-def save(folder, model: Mlp, table, window=1, suffix=".parquet", **changes):
-    model.save(folder / "model.onnx", metadata(inputs=INPUTS, window=window, rate_hz=50.0, **changes))
+def save(folder, model: Mlp, table, suffix=".parquet"):
+    model.save(folder / "model.onnx", metadata(inputs=INPUTS, window=model.window))
     path = folder / f"moves{suffix}"
-    if suffix == ".parquet":
-        pq.write_table(pa.table(table), path)
-    else:
-        rows = zip(*table.values(), strict=True)
-        path.write_text("\n".join([",".join(table), *(",".join(map(str, row)) for row in rows)]) + "\n")
+    write = pq.write_table if suffix == ".parquet" else pyarrow.csv.write_csv
+    write(pa.table(table), path)
     return path
 
 
@@ -63,13 +61,21 @@ def test_columns_become_channels_and_what_numbers_the_rows_is_kept(tmp_path, suf
 
 def test_windows_begin_with_each_motion_and_hold_its_first_row(tmp_path):
     model, table = Mlp.random(1, inputs=3, outputs=2, window=4), columns()
-    report, given = said(tmp_path, save(tmp_path, model, table, window=4))
+    report, given = said(tmp_path, save(tmp_path, model, table))
     values = np.column_stack([table["q_1"], table["qd_1"], table["power"]])
     starts = np.repeat([0, 25, 40], [25, 15, 20])  # a new move, and a jump in time
     rows = np.maximum(np.arange(60)[:, None] + np.arange(-3, 1), starts[:, None])
     np.testing.assert_allclose(given["power"].to_numpy(), model.truth(values[rows])[:, 0], atol=1e-5)
     assert report.begun == 9
     assert "9 rows at the start of a motion were predicted as if the arm had been at rest" in report.in_words()
+
+
+def test_moves_by_name_are_refused_only_where_windows_need_them(tmp_path):
+    table = columns() | {"move": np.repeat(["pick", "place"], 30)}
+    report, given = said(tmp_path, save(tmp_path, Mlp.random(1, inputs=3, outputs=2), table))
+    assert (report.rows, given.column_names) == (60, ["t", "power", "heat"])
+    with pytest.raises(RecordingError, match="column move holds text"):
+        said(tmp_path, save(tmp_path, Mlp.random(1, inputs=3, outputs=2, window=4), table))
 
 
 def test_missing_values_have_no_prediction_and_far_ones_are_told(tmp_path):
@@ -84,7 +90,7 @@ def test_missing_values_have_no_prediction_and_far_ones_are_told(tmp_path):
 
 
 def test_a_long_table_is_predicted_some_rows_at_a_time(tmp_path, monkeypatch):
-    source = save(tmp_path, Mlp.random(1, inputs=3, outputs=2, window=4), columns(), window=4)
+    source = save(tmp_path, Mlp.random(1, inputs=3, outputs=2, window=4), columns())
     whole = said(tmp_path, source)[1]
     monkeypatch.setattr(predicting, "AT_ONCE", 7)
     np.testing.assert_allclose(said(tmp_path, source)[1]["power"], whole["power"], atol=1e-6)
@@ -115,3 +121,12 @@ def test_how_an_arm_came_to_a_pose_is_told_by_where_it_came_from():
     assert np.isnan(inputs_of(asked, Table(PLACE, {"q_1": one}))).all()
     way = inputs_of(asked, Table(PLACE, {"q_0": one, "q_1": one, "q_from_0": 0.25 * one}))
     np.testing.assert_array_equal(way[:, 0], 0.75 * one)
+
+
+@pytest.mark.parametrize("several", [False, True])
+def test_a_table_is_not_overwritten_by_its_own_predictions(tmp_path, several):
+    source = save(tmp_path, Mlp.random(1, inputs=3, outputs=2), columns())
+    before, model = source.read_bytes(), tmp_path / "model.onnx"
+    with pytest.raises(RecordingError, match=r"moves\.parquet would be overwritten by its own predictions"):
+        predicting.predict_files(model, [source], tmp_path) if several else predict_file(model, source, source)
+    assert source.read_bytes() == before

@@ -13,11 +13,6 @@ from hypothesis import strategies as st
 from tests.plugins.models.making import COLUMNS, Mlp, alarms, cut, frames, layout, metadata, outputs, run, stage
 
 
-@pytest.fixture
-def values():
-    return np.random.default_rng(1).uniform(-2, 2, (40, 5))
-
-
 @pytest.mark.parametrize(("dtype", "within"), [(np.float32, 1e-5), (np.float64, 1e-12)])
 def test_outputs_are_those_of_the_weights(tmp_path, values, dtype, within):
     network = Mlp.random(2)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from onnx import TensorProto, helper, numpy_helper
+from onnx import helper, numpy_helper
 
 from cellwatt import CellwattError, ConfigError, ModelError
 from cellwatt.config import load
@@ -29,32 +29,20 @@ TWO_ARMS = {
 }
 
 
-def told(**changes: Any) -> Callable[[Path], Path]:
-    """A good model with other metadata; ``None`` removes a key, ``__`` leads inside."""
-    document = json.loads(encode(metadata()))
-    for path, value in changes.items():
-        *parents, last = [int(part) if part.isdigit() else part for part in path.split("__")]
-        inside = document
-        for part in parents:
-            inside = inside[part]
-        if value is None:
-            del inside[last]
-        else:
-            inside[last] = value
+def told(of_input: dict[str, Any], **changes: Any) -> Callable[[Path], Path]:
+    """A good model with other metadata, and those of its second input."""
+    document = json.loads(encode(metadata())) | changes
+    document["inputs"][1] |= of_input
     return lambda path: MLP.save(path, json.dumps(document))
-
-
-def text(content: str | None) -> Callable[[Path], Path]:
-    return lambda path: MLP.save(path, content)
 
 
 def content(data: bytes) -> Callable[[Path], Path]:
     return lambda path: (path.write_bytes(data), path)[1]
 
 
-def identity(shape: list[int | str], out: list[int | str], kind: int = TensorProto.FLOAT) -> Callable[[Path], Path]:
-    nodes = [helper.make_node("Identity", ["x"], ["y"])]
-    return lambda path: save(path, nodes, [tensor("x", shape, kind)], [tensor("y", out, kind)], metadata())
+def identity(columns: int) -> Callable[[Path], Path]:
+    nodes, shape = [helper.make_node("Identity", ["x"], ["y"])], ["n", columns]
+    return lambda path: save(path, nodes, [tensor("x", shape)], [tensor("y", shape)], metadata())
 
 
 def reduced(*nodes: Any, weights: Any = ()) -> Callable[[Path], Path]:
@@ -65,10 +53,6 @@ def reduced(*nodes: Any, weights: Any = ()) -> Callable[[Path], Path]:
     return lambda path: save(path, [first, *nodes], [tensor("x", ["n", 3])], [y], metadata(), [*bounds, *weights])
 
 
-def windowed(path: Path) -> Path:
-    return Mlp.random(1, window=3).save(path, metadata(window=5))
-
-
 dropout = reduced(helper.make_node("RandomNormalLike", ["v"], ["r"]), helper.make_node("Add", ["v", "r"], ["y"]))
 failing = reduced(
     helper.make_node("Reshape", ["v", "shape"], ["y"]), weights=[numpy_helper.from_array(np.array([7, 2]), "shape")]
@@ -76,13 +60,16 @@ failing = reduced(
 
 MODELS: dict[str, tuple[Callable[[Path], Path], list[str]]] = {
     "file that is not ONNX": (content(b"site: plant-1\n"), ["onnxruntime cannot load it as ONNX", "Protobuf"]),
-    "no metadata": (text(None), ["no metadata", "'cellwatt'", "found none", "describe()"]),
-    "newer version": (told(version=2, colour="red"), ["version this cellwatt reads version 1", "update cellwatt"]),
-    "unknown key": (told(inputs__1__units="rad"), ["inputs.1.units"]),
-    "unit that is not SI": (told(inputs__1__unit="deg"), ["inputs.1.unit", "rad/s"]),
-    "too few columns": (identity(["n", 2], ["n", 2]), ["'x' has the shape [n, 2]", "expected [N, 3]", "3 inputs"]),
-    "other window": (windowed, ["'x' has the shape [n, 3, 3]", "expected [N, 5, 3]", "window 5"]),
-    "too many outputs": (identity(["n", 3], ["n", 3]), ["'y' has the shape [2, 3]", "expected [2, 2]", "power, heat"]),
+    "no metadata": (lambda path: MLP.save(path, None), ["no metadata", "'cellwatt'", "found none", "describe()"]),
+    "newer version": (told({}, version=2, colour="red"), ["version this cellwatt reads version 1", "update cellwatt"]),
+    "unknown key": (told({"units": "rad"}), ["inputs.1.units"]),
+    "unit that is not SI": (told({"unit": "deg"}), ["inputs.1.unit", "rad/s"]),
+    "too few columns": (identity(2), ["'x' has the shape [n, 2]", "expected [N, 3]", "3 inputs"]),
+    "other window": (
+        lambda path: Mlp.random(1, window=3).save(path, metadata(window=5)),
+        ["'x' has the shape [n, 3, 3]", "expected [N, 5, 3]", "window 5"],
+    ),
+    "too many outputs": (identity(3), ["'y' has the shape [2, 3]", "expected [2, 2]", "power, heat"]),
     "dropout left on": (dropout, ["one frame alone gives", "among others", "export it for inference"]),
     "graph that fails": (failing, ["it fails on inputs of shape [2, 3]"]),
 }
@@ -108,8 +95,10 @@ CELLS: dict[str, tuple[dict[str, Any], type[CellwattError], list[str]]] = {
 }
 
 
-def the_line(error: CellwattError, path: Path, parts: list[str]) -> None:
-    line = str(error)
+def check_refused(path: Path, kind: type[CellwattError], parts: list[str], **cell: Any) -> None:
+    with pytest.raises(kind) as caught:
+        stage(path, **cell)
+    line = str(caught.value)
     assert "\n" not in line
     assert str(path) in line
     assert [part for part in parts if part not in line] == [], line
@@ -118,20 +107,14 @@ def the_line(error: CellwattError, path: Path, parts: list[str]) -> None:
 @pytest.mark.parametrize("name", MODELS)
 def test_model(tmp_path, capfd, name):
     make, parts = MODELS[name]
-    path = make(tmp_path / "m.onnx")
-    with pytest.raises(ModelError) as caught:
-        stage(path)
-    the_line(caught.value, path, parts)
+    check_refused(make(tmp_path / "m.onnx"), ModelError, parts)
     assert tuple(capfd.readouterr()) == ("", "")
 
 
 @pytest.mark.parametrize("name", CELLS)
 def test_cell(tmp_path, name):
     cell, kind, parts = CELLS[name]
-    path = MLP.save(tmp_path / "m.onnx", metadata())
-    with pytest.raises(kind) as caught:
-        stage(path, **cell)
-    the_line(caught.value, path, parts)
+    check_refused(MLP.save(tmp_path / "m.onnx", metadata()), kind, parts, **cell)
 
 
 @pytest.mark.parametrize(
@@ -140,6 +123,7 @@ def test_cell(tmp_path, name):
         ({}, {}),
         ({"robot": None}, {"robot": None}),
         ({"grid": layout(rate=100.0)}, {"rate_hz": None}),
+        ({}, {"rate_hz": 49.981}),
         ({"grid": layout(TWO_ARMS), "source": "left"}, {}),
     ],
 )
@@ -147,9 +131,19 @@ def test_what_fits_is_taken(tmp_path, cell, changes):
     assert stage(MLP.save(tmp_path / "m.onnx", metadata(**changes)), **cell).metadata.name == "test-power"
 
 
-def test_a_path_to_a_description_stands_for_the_name_in_it(tmp_path):
-    (tmp_path / "robot.yaml").write_text("robot: ur10e\n")
-    assert stage(MLP.save(tmp_path / "m.onnx", metadata()), robot="robot.yaml").metadata.robot == "ur10e"
+@pytest.mark.parametrize(
+    ("file", "content"),
+    [
+        ("robot.yaml", "robot: ur10e\n"),
+        ("ur10e.xml", "<mujoco model='scene'/>"),
+        ("arm.urdf", "<?xml version='1.0'?>\n<robot\n name='ur10e'></robot>"),
+    ],
+)
+def test_a_path_to_a_description_stands_for_the_name_in_it(tmp_path, file, content):
+    (tmp_path / file).write_text(content)
+    assert stage(MLP.save(tmp_path / "m.onnx", metadata()), robot=file).metadata.robot == "ur10e"
+    with pytest.raises(ModelError, match="of robot 'ur5e'"):
+        stage(MLP.save(tmp_path / "m.onnx", metadata(robot="ur5e")), robot=file)
 
 
 def test_without_onnxruntime_the_extra_is_named(tmp_path, monkeypatch):

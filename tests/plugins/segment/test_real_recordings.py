@@ -51,18 +51,13 @@ def cut(t, q, qd, rate):
 
 
 @pytest.mark.parametrize("joint", [2, 6])
-def test_a_joint_that_swings_is_cut_at_every_turn(joint):
+def test_a_joint_that_swings_is_cut_at_every_turn_and_its_swings_are_one_task(joint):
     found, mask, speed = cut(*ur10e(f"jointwise_motion/ur-20_01_22-joint_{joint}.csv"))
     swings = [i for i in found if i.moving == (joint,) and abs(i.displacement[joint - 1]) > 1.5]
     assert len(swings) >= 10
     assert all(4.9 < (i.end - i.start) * 1e-9 < 5.1 for i in swings[:10])
     assert ((np.abs(speed) > FAST) & ~mask).mean() < 5e-4
     assert (mask.any(axis=1) == (np.abs(speed) > MOVES).any(axis=1)).mean() > 0.96
-
-
-@pytest.mark.parametrize("joint", [2, 6])
-def test_its_swings_are_one_task(joint):
-    found, *_ = cut(*ur10e(f"jointwise_motion/ur-20_01_22-joint_{joint}.csv"))
     recogniser = TaskRecogniser()
     tasks = [t for interval in found for t in recogniser.update(interval)]
     assert [t.name for t in tasks] == ["task_1"] * 5

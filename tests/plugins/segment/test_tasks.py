@@ -11,41 +11,29 @@ B = [{2: -0.4}, {1: 0.3, 2: 0.4}, {1: -0.3}]
 class World:
     """Intervals at rest and in motion, one after the other."""
 
-    def __init__(self):
-        self.pose = [0.0, -1.0, 0.5]
+    def __init__(self, before=()):
+        """Begin with the arm where the moves ``before`` lead."""
+        self.pose = [at + sum(by.get(j, 0.0) for by in before) for j, at in enumerate((0.0, -1.0, 0.5), start=1)]
         self.time = 0
-        self.number = 0
         self.intervals = []
         self.add({}, 1.0, complete=False)
 
     def add(self, by, seconds, *, complete=True):
-        self.number += 1
         way = tuple(by.get(j, 0.0) for j in (1, 2, 3))
-        end = self.time + round(seconds * SECOND)
+        start, self.time = self.time, self.time + round(seconds * SECOND)
         speed = tuple(abs(w) / seconds * 1.9 for w in way)
-        self.intervals.append(
-            Interval(
-                "arm",
-                self.number,
-                self.time,
-                end,
-                tuple(by),
-                way,
-                tuple(self.pose),
-                speed,
-                closed=True,
-                complete=complete,
-            )
+        number, pose = len(self.intervals) + 1, tuple(self.pose)
+        interval = Interval(
+            "arm", number, start, self.time, tuple(by), way, pose, speed, closed=True, complete=complete
         )
+        self.intervals.append(interval)
         self.pose = [p + w for p, w in zip(self.pose, way, strict=True)]
-        self.time = end
 
-    def run(self, moves, *, seconds=0.8, rest=0.3, last=0.8, extra=None, noise=0.0):
-        """One repetition; ``extra`` index → more rest after that move."""
-        for index, by in enumerate(moves):
-            self.add({j: w + noise for j, w in by.items()}, seconds)
-            if noise:
-                self.pose = [p - noise * (j + 1 in by) for j, p in enumerate(self.pose)]
+    def run(self, moves, times=1, *, seconds=0.8, rest=0.3, last=0.8, extra=None, noise=0.0, lost=None):
+        """Repetitions; ``extra`` index → more rest after that move, ``lost`` the index of a move with lost data."""
+        for index, by in times * [*enumerate(moves)]:
+            self.add({j: w + noise for j, w in by.items()}, seconds, complete=index != lost)
+            self.pose = [p - noise * (j + 1 in by) for j, p in enumerate(self.pose)]
             self.add({}, (last if index == len(moves) - 1 else rest) + (extra or {}).get(index, 0.0))
         return self
 
@@ -61,9 +49,7 @@ def numbers(world, task):
 
 
 def test_a_cycle_is_found_when_it_has_run_twice_and_then_each_time():
-    world = World()
-    for _ in range(5):
-        world.run(A)
+    world = World().run(A, 5)
     tasks = recognise(world)
     assert [t.repetition for t in tasks] == [1, 2, 3, 4, 5]
     assert {t.name for t in tasks} == {"task_1"}
@@ -75,92 +61,56 @@ def test_a_cycle_is_found_when_it_has_run_twice_and_then_each_time():
 
 @pytest.mark.parametrize("late", [0, 3])
 def test_without_a_longest_rest_it_still_begins_at_the_same_move(late):
-    order = A[late:] + A[:late]
-    world = World()
-    for by in A[:late]:
-        world.pose = [p + by.get(j, 0.0) for j, p in enumerate(world.pose, start=1)]
-    for _ in range(4):
-        world.run(order, last=0.3)
+    world = World(A[:late]).run(A[late:] + A[:late], 4, last=0.3)
     first = {numbers(world, t)[0].popitem() for t in recognise(world)}
-    assert len(first) == 1
     assert first == {(1, 0.9)}
 
 
-def test_a_pause_does_not_matter():
-    world = World()
-    world.run(A).run(A, extra={1: 5.0}).run(A, extra={0: 2.0, 3: 1.0}).run(A)
+@pytest.mark.parametrize(
+    ("world", "count"),
+    [
+        (World().run(A).run(A, extra={1: 5.0}).run(A, extra={0: 2.0, 3: 1.0}).run(A), 4),
+        (World().run(A, 2).run(A[:2], last=0.3).run([{1: -0.9, 3: 0.7}], seconds=1.0, last=2.0).run(A, 2), 4),
+        (World().run(A, 2).run(A, last=0.3, lost=2).run(A), 3),
+    ],
+    ids=["pauses", "an interrupted repetition", "lost data"],
+)
+def test_only_whole_repetitions_count_with_whatever_pauses(world, count):
     tasks = recognise(world)
-    assert len(tasks) == 4
+    assert [t.repetition for t in tasks] == list(range(1, count + 1))
     assert all(numbers(world, t) == A for t in tasks)
 
 
 def test_speed_makes_a_variant():
-    world = World()
-    world.run(A).run(A).run(A, seconds=0.8 / 0.6, rest=0.5).run(A, seconds=0.81).run(A, seconds=0.8 / 0.6)
+    world = World().run(A, 2).run(A, seconds=0.8 / 0.6, rest=0.5).run(A, seconds=0.81).run(A, seconds=0.8 / 0.6)
     tasks = recognise(world)
     assert {t.name for t in tasks} == {"task_1"}
     assert [t.variant for t in tasks] == ["speed=1.00", "speed=1.00", "speed=0.60", "speed=1.00", "speed=0.60"]
     assert tasks[2].speed == pytest.approx(0.6, abs=0.01)
 
 
-def test_an_interrupted_repetition_is_not_one():
-    world = World()
-    world.run(A).run(A)
-    for by in A[:2]:
-        world.add(by, 0.8)
-        world.add({}, 0.3)
-    world.add({1: -0.9, 3: 0.7}, 1.0)
-    world.add({}, 2.0)
-    world.run(A).run(A)
-    tasks = recognise(world)
-    assert [t.repetition for t in tasks] == [1, 2, 3, 4]
-    assert all(numbers(world, t) == A for t in tasks)
-
-
 def test_another_task_in_between_is_found_too():
-    world = World()
-    world.run(A).run(A).run(B).run(A).run(B).run(B).run(A)
-    tasks = recognise(world)
-    assert [t.name for t in sorted(tasks, key=lambda t: t.start)] == [
-        *("task_1", "task_1", "task_2", "task_1", "task_2", "task_2", "task_1")
-    ]
+    world = World().run(A, 2).run(B).run(A).run(B, 2).run(A)
+    tasks = sorted(recognise(world), key=lambda t: t.start)
+    assert [t.name for t in tasks] == ["task_1", "task_1", "task_2", "task_1", "task_2", "task_2", "task_1"]
     assert all(numbers(world, t) == (A if t.name == "task_1" else B) for t in tasks)
 
 
 def test_strict_alternation_is_one_task_until_its_parts_recur_alone():
-    world = World()
-    world.run(A).run(B, last=1.5).run(A).run(B)
+    world = World().run(A).run(B, last=1.5).run(A).run(B)
     assert [len(numbers(world, t)) for t in recognise(world)] == [len(A) + len(B)] * 2
-    world.run(A).run(A).run(B)
+    world.run(A, 2).run(B)
     last = recognise(world)[-1]
     assert numbers(world, last) == A or numbers(world, last) == B
 
 
 def test_the_same_step_again_and_again_is_no_task_while_the_arm_goes_on():
-    world = World()
-    for _ in range(6):
-        world.add({1: 0.3}, 0.5)
-        world.add({}, 0.4)
-    assert recognise(world) == []
-
-
-def test_lost_data_break_a_repetition():
-    world = World()
-    world.run(A).run(A)
-    for index, by in enumerate(A):
-        world.add(by, 0.8, complete=index != 2)
-        world.add({}, 0.3)
-    world.run(A)
-    assert [t.repetition for t in recognise(world)] == [1, 2, 3]
+    assert recognise(World().run([{1: 0.3}], 6, seconds=0.5, last=0.4)) == []
 
 
 def test_the_signature_is_the_same_in_any_session():
-    found = set()
-    for noise in (-0.0005, 0.0, 0.0005):
-        world = World()
-        for _ in range(2):
-            world.run([{1: 0.7853981, 2: 0.3926991}, {1: -0.7853981, 2: -0.3926991}], noise=noise)
-        found |= {t.signature for t in recognise(world)}
+    moves = [{1: 0.7853981, 2: 0.3926991}, {1: -0.7853981, 2: -0.3926991}]
+    found = {t.signature for noise in (-0.0005, 0.0, 0.0005) for t in recognise(World().run(moves, 2, noise=noise))}
     assert found == {"1+45,2+22 1-45,2-23"}
 
 
@@ -176,14 +126,7 @@ def test_memory_stays_bounded():
 
 @pytest.mark.parametrize("late", range(len(A)))
 def test_it_begins_after_the_longest_rest_wherever_the_data_begin(late):
-    world = World()
-    for by in A[:late]:
-        world.pose = [p + by.get(j, 0.0) for j, p in enumerate(world.pose, start=1)]
-    for index, by in enumerate(A[late:], start=late):
-        world.add(by, 0.8)
-        world.add({}, 0.8 if index == len(A) - 1 else 0.3)
-    for _ in range(3):
-        world.run(A)
+    world = World(A[:late]).run(A[late:]).run(A, 3)
     tasks = recognise(world)
     assert len(tasks) == 3 + (late == 0)
     assert all(numbers(world, t) == A for t in tasks)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from cellwatt.errors import RecordingError
 from cellwatt.files import Place, Places, paths_of, write_file
 from cellwatt_plugins.models.describe import write_model
 from cellwatt_plugins.models.graph import Chain
@@ -121,6 +122,12 @@ def train_power(recordings: Places, *, robot: Place, meter: Places = (), seed: i
     arm = Arm.load(robot)
     recorded, metered = paths_of(recordings), paths_of(meter)
     moves = read_moves(recorded, arm.joints, metered)
-    with threadpool_limits(1):
-        trained = train(moves, arm, seed)
+    try:
+        with threadpool_limits(1):
+            trained = train(moves, arm, seed)
+    except np.linalg.LinAlgError as error:
+        raise RecordingError(
+            f"{', '.join(map(str, recorded))}: {len(moves)} rows do not determine a model: record more moves, "
+            "of all joints"
+        ) from error
     return PowerModel(trained, moves, arm, (*recorded, *metered, robot_file(robot), arm.description.urdf))

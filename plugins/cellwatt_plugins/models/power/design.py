@@ -56,19 +56,28 @@ class Rows:
     def of(cls, moves: Moves, smoother: Smoother, constant: Float, most: int, whole: bool = True) -> Rows:
         """At most ``most`` rows, evenly spread; if ``whole``, only rows with a complete window."""
         q, qd, qdd = smoother.apply(moves)
-        kept = np.flatnonzero(smoother.whole(moves) if whole else np.ones(len(moves), bool))
-        if not len(kept):
-            kept = np.arange(len(moves))
-        kept = kept[:: spacing(moves, most, len(kept))]
+        chosen = np.flatnonzero(smoother.whole(moves) if whole else np.ones(len(moves), bool))
+        if not len(chosen):
+            chosen = np.arange(len(moves))
+        chosen = chosen[:: spacing(moves, most, len(chosen))]
         torque = moves.current * constant
-        rows = rows_of(cls(q, qd, qdd, torque, moves.move, moves.payload, None, Shown.of(moves, kept)), kept)
+        rows = rows_of(cls(q, qd, qdd, torque, moves.move, moves.payload, None, Shown.of(moves, chosen)), chosen)
         if moves.temperature is None:
             return rows
-        return rows.with_temperature(moves.temperature[kept], mean_temperature(moves.temperature))
+        return rows.with_temperature(moves.temperature[chosen], mean_temperature(moves.temperature))
 
     def with_temperature(self, temperature: Float, mean: Float) -> Rows:
         """Add the warmth: joint temperatures (N, n) minus a training's mean (n,), °C."""
         return replace(self, warmth=(temperature - mean) / PER_WARMTH)
+
+
+def spread_of(values: Float) -> Float:
+    """Standard deviation (n,) of each joint's values (N, n); the median of the others for a joint without any."""
+    known = np.isfinite(values).any(axis=0)
+    spread = np.nanstd(values[:, known], axis=0)
+    out = np.full(values.shape[1], np.median(spread))
+    out[known] = spread
+    return out
 
 
 def mean_temperature(temperature: Float) -> Float:

@@ -94,7 +94,7 @@ def _effects(problem: Problem, fold: NDArray[np.int64]) -> tuple[Problem, tuple[
 
 def _network_helps(moves: Moves, arm: Arm, tuning: Tuning, structure: Structure) -> bool:
     """True if a network lowers the torques' error on held-out moves, the fastest and the slowest first."""
-    if not np.isfinite(moves.current).any():
+    if not np.isfinite(moves.current).all(axis=1).any():
         return False
     fold = folds_of(moves)
     ratios = []
@@ -104,7 +104,8 @@ def _network_helps(moves: Moves, arm: Arm, tuning: Tuning, structure: Structure)
         motion = fitted.model.motion(held, shared_columns(held, arm.body, fitted.model.carries(arm.joints)))
         with_it = held.torque - fitted.model.torque(motion)
         without = held.torque - replace(fitted.model, leftover=None).torque(motion)
-        ratios.append(np.nanmean(with_it**2, axis=0) / np.nanmean(without**2, axis=0))
+        known = np.isfinite(without).any(axis=0)
+        ratios.append(np.nanmean(with_it[:, known] ** 2, axis=0) / np.nanmean(without[:, known] ** 2, axis=0))
         if np.mean(ratios[-1]) > HARM:
             return False
     return bool(np.mean(ratios) < HELPS)

@@ -55,8 +55,8 @@ def grown(
     (now,) = scores([found])
     while True:
         more = [e for e in tried(found) if e not in found]
-        left = scores([[*found, e] for e in more])
-        trials = {e: error / now for e, error in zip(more, left, strict=True)}
+        errors = scores([[*found, e] for e in more])
+        trials = {e: error / now for e, error in zip(more, errors, strict=True)}
         best = min(trials, key=lambda e: float(trials[e].mean()), default=None)
         if best is None or trials[best].mean() > GAIN or trials[best].max() > HARM:
             return found, now

@@ -48,16 +48,16 @@ class Leftover:
         return np.tanh(x @ self.hidden + self.bias) @ self.out + (x @ self.direct + self.level)
 
     @classmethod
-    def train(cls, motion: Motion, left: Float, seed: int) -> Leftover:
-        """Train on the torque residuals ``left``, (N, n) Nm; rows without a value are skipped."""
-        kept = np.flatnonzero(np.isfinite(left).all(axis=1))
-        kept = kept[:: max(1, len(kept) // ROWS)]
-        held = np.arange(len(kept)) // BLOCK % EVERY == EVERY - 1
-        seen = np.stack([each[kept] for each in inputs(motion)], axis=2)
+    def train(cls, motion: Motion, residual: Float, seed: int) -> Leftover:
+        """Train on the torque ``residual``, (N, n) Nm; rows without a value are skipped."""
+        rows = np.flatnonzero(np.isfinite(residual).all(axis=1))
+        rows = rows[:: max(1, len(rows) // ROWS)]
+        held = np.arange(len(rows)) // BLOCK % EVERY == EVERY - 1
+        seen = np.stack([each[rows] for each in inputs(motion)], axis=2)
         least = LEAST * np.median(seen.std(axis=0), axis=0)
         networks = [
-            Perceptron.train(seen[:, j], left[kept, j, None], held, NEURONS, ITERATIONS, seed, least)
-            for j in range(left.shape[1])
+            Perceptron.train(seen[:, j], residual[rows, j, None], held, NEURONS, ITERATIONS, seed, least)
+            for j in range(residual.shape[1])
         ]
         return cls.of(networks)
 

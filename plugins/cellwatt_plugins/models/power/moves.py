@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -20,10 +21,14 @@ from cellwatt_plugins.robot.meter.held import onto
 from cellwatt_plugins.robot.meter.model import Meter
 from cellwatt_plugins.robot.samples import interpolated
 
+log = logging.getLogger(__name__)
+
 POWER = ("supply.power", "bus.power")
-"""Channels of the power that a model may be trained on; the first with numbers is used."""
+"""Channels of the power that a model may be trained on; the first that varies is used."""
 UNEVEN = 0.02
 """Largest relative difference between steps; rows with larger ones are interpolated to an even grid."""
+HOLE = 3.5
+"""Steps between two rows above which a move ends; across shorter holes, rows are interpolated."""
 SHORTEST = 10
 """Fewest rows of a move."""
 
@@ -41,7 +46,7 @@ class Moves:
     qd: Float
     """(N, n) rad/s."""
     current: Float
-    """(N, n) A; NaN if not measured."""
+    """(N, n) A; NaN where not measured."""
     power: Float
     """(N,) W; NaN if not measured."""
     payload: Float | None = None
@@ -79,8 +84,8 @@ class Moves:
 
     def where(self, rows: NDArray[np.bool_]) -> Moves:
         """Some complete moves, renumbered."""
-        kept = rows_of(self, rows)
-        return replace(kept, move=np.unique(kept.move, return_inverse=True)[1].astype(np.int64))
+        chosen = rows_of(self, rows)
+        return replace(chosen, move=np.unique(chosen.move, return_inverse=True)[1].astype(np.int64))
 
     def only(self, moves: Iterable[int]) -> Moves:
         """The moves with these numbers, renumbered."""
@@ -101,7 +106,8 @@ def read_moves(paths: Sequence[Path], joints: int, meters: Sequence[Path] = ()) 
         parts = [replace(part, payload=None) for part in parts]
     if any(part.temperature is None for part in parts):
         parts = [replace(part, temperature=None) for part in parts]
-    step = float(np.median([part.step for part in parts]))
+    steps = np.concatenate([np.full(len(part), part.step) for part in parts])
+    step = float(np.quantile(steps, 0.5, method="lower"))  # that of most rows, not a mean of two files' steps
     numbered = [replace(part, move=np.full(len(part), i)) for i, part in enumerate(_even(p, step) for p in parts)]
     names = [f.name for f in fields(Moves) if getattr(numbered[0], f.name) is not None]
     whole: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in numbered]) for name in names}
@@ -115,44 +121,69 @@ def _parts(file: tuple[Path, Path | None], joints: int) -> list[Moves]:
     time = table.time
     metered = None if meter is None else power_beside(meter, table.rising_time(), table.needed("position", joints))
     found = _quantities(table, joints, metered)
-    starts = starts_of(table)
-    whole = np.isfinite(np.column_stack([found["q"], found["qd"]])).all(axis=1)
-    starts |= np.diff(whole, prepend=False)
-    group = np.cumsum(starts)
-    out = []
-    for number in np.unique(group[whole]):
-        rows = whole & (group == number)
-        if np.sum(rows) >= SHORTEST:
-            kept = {name: value[rows] for name, value in found.items()}
-            out.append(Moves(move=np.zeros(np.sum(rows), np.int64), time=time[rows], **kept))
-    return out
+    whole = np.asarray(np.isfinite(np.column_stack([found["q"], found["qd"]])).all(axis=1))
+    starts = np.flatnonzero(starts_of(table.at(whole), HOLE))
+    pieces = [rows for rows in np.split(np.flatnonzero(whole), starts[1:]) if len(rows) >= SHORTEST]
+    if lost := len(table) - sum(map(len, pieces)):
+        log.warning(
+            "%s: %d of %d rows are left out: they lack a position or velocity, or are fewer than %d between two gaps",
+            *(path, lost, len(table), SHORTEST),
+        )
+    return [
+        Moves(np.zeros(len(rows), np.int64), time[rows], **{name: value[rows] for name, value in found.items()})
+        for rows in pieces
+    ]
 
 
-def _quantities(table: Table, joints: int, metered: Float | None) -> dict[str, Float]:
+def _quantities(table: Table, joints: int, metered: Float | None) -> dict[str, Any]:
     """The fields of ``Moves``, other than the time, that a file has."""
-    missing = np.full(len(table), np.nan)
-    current = _each(table, "current", joints)
     known = [metered] if metered is not None else [table.whole(name) for name in POWER]
-    power = next((each for each in known if each is not None and np.isfinite(each).any()), None)
-    if current is None and power is None:
-        raise table.lacks(f"power, nor of {usual('current', 1)} …, that holds numbers")
-    optional = {"payload": table.whole("tool.payload"), "temperature": _each(table, "temperature", joints)}
-    return {
+    power = next((each for each in known if each is not None and _varies(each)), None)
+    if power is None:
+        power = np.full(len(table), np.nan)
+        if any(each is not None for each in known):
+            log.warning("%s: power: no number, or always the same: not used", table.path)
+    current, payload = _currents(table, joints), table.whole("tool.payload")
+    if not np.isfinite(current).any() and not np.isfinite(power).any():
+        raise table.lacks(f"power, nor of {usual('current', 1)} …, that holds numbers which vary")
+    found = {
         "q": table.needed("position", joints),
         "qd": table.needed("velocity", joints),
-        "current": np.column_stack([missing] * joints) if current is None else current,
-        "power": missing if power is None else power,
-        **{name: value for name, value in optional.items() if value is not None},
+        "current": current,
+        "power": power,
     }
+    temperature = table.joints("temperature")
+    if payload is not None and np.isfinite(payload).any():
+        found["payload"] = _filled(payload)
+    if temperature is not None and temperature.shape[1] >= joints:
+        columns = temperature.T[:joints]
+        if all(np.isfinite(column).any() for column in columns):
+            found["temperature"] = np.column_stack([_filled(column) for column in columns])
+    return found
 
 
-def _each(table: Table, quantity: str, joints: int) -> Float | None:
-    """A quantity of the first joints, (N, joints); None if the file lacks it, or its numbers, at one of these."""
-    found = table.joints(quantity)
+def _currents(table: Table, joints: int) -> Float:
+    """The joints' currents (N, joints) A: NaN if the file lacks them, or if a column holds nothing or never varies."""
+    found = table.joints("current")
     if found is None or found.shape[1] < joints:
-        return None
-    whole = np.isfinite(found[:, :joints]).any(axis=0).all()
-    return found[:, :joints] if whole else None
+        return np.full((len(table), joints), np.nan)
+    dead = [j for j, column in enumerate(found.T[:joints]) if not _varies(column)]
+    if dead:
+        names = ", ".join(table.joint_names("current")[j] for j in dead)
+        log.warning("%s: %s: no number, or always the same: not used", table.path, names)
+    return np.where(np.isin(np.arange(joints), dead), np.nan, found[:, :joints])
+
+
+def _varies(values: Float) -> bool:
+    known = values[np.isfinite(values)]
+    return bool(len(known) and np.ptp(known) > 0)
+
+
+def _filled(values: Float) -> Float:
+    """Values (N,) in which a blank cell repeats the value before it, or the first one."""
+    known = np.flatnonzero(np.isfinite(values))
+    rows: Float = values[known[np.maximum(np.searchsorted(known, np.arange(len(values)), "right") - 1, 0)]]
+    return rows
 
 
 def _even(part: Moves, step: float) -> Moves:

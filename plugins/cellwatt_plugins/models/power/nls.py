@@ -57,8 +57,10 @@ class Nls:
     def fit(cls, moves: Moves, seen: Seen, robot: RobotDescription) -> Nls:
         """Fit the currents joint by joint; then power, with the currents' k_m as prior; then currents with the new
         k_m."""
-        kept = np.arange(0, len(moves), max(1, len(moves) // ROWS))
-        alone = [_joint(moves.current[kept, j], _part(seen.motion, kept, j), robot, j) for j in range(moves.joints)]
+        sampled = np.arange(0, len(moves), max(1, len(moves) // ROWS))
+        alone = [
+            _joint(moves.current[sampled, j], _part(seen.motion, sampled, j), robot, j) for j in range(moves.joints)
+        ]
         joints, errors = (np.array(each) for each in zip(*alone, strict=True))
         every = spacing(moves, ROWS, len(moves))
         shown = Shown.of(moves, np.arange(0, len(moves), every))
@@ -76,7 +78,9 @@ class Nls:
         target = np.concatenate([shown.power / noise, np.nan_to_num(joints[:, 0]) / believed])
         power, spread = _solved(lambda x: rows @ x - target, lambda x: rows, _start(shown, robot), low, high)
         constants = power[1 + 2 * n :]
-        again = [_joint(moves.current[kept, j], _part(seen.motion, kept, j), robot, j, constants[j]) for j in range(n)]
+        again = [
+            _joint(moves.current[sampled, j], _part(seen.motion, sampled, j), robot, j, constants[j]) for j in range(n)
+        ]
         values, deviations = (np.array(each) for each in zip(*again, strict=True))
         deviations[:, 0] = spread[1 + 2 * n :]
         doubts = _doubts(values, power, free, joints[:, 0], robot, moves)
@@ -125,13 +129,13 @@ def _joint(
     start, low, high = _joint_bounds(robot, j, float(np.std(current[known])))
     rows = Motion(*(each[known] for each in (motion.q, motion.qd, motion.qdd, motion.load, motion.sign)))
 
-    def left(x: Float) -> Float:
+    def residual(x: Float) -> Float:
         given = x if constant is None else np.concatenate([[constant], x])
         return np.asarray(_current(given, rows)) - current[known]
 
     if constant is None:
-        return _solved(left, "2-point", start, low, high)
-    values, errors = _solved(left, "2-point", start[1:], low[1:], high[1:])
+        return _solved(residual, "2-point", start, low, high)
+    values, errors = _solved(residual, "2-point", start[1:], low[1:], high[1:])
     return np.concatenate([[constant], values]), np.concatenate([[np.nan], errors])
 
 
@@ -189,14 +193,14 @@ def _doubts(
         windings = [1 + j, 1 + n + j]
         low, high = np.append(low, least[windings]), np.append(high, most[windings])
         values, near = np.append(joints[j], power[windings]), AT_BOUND * (high - low)
-        told = [
+        at_bound = [
             f"{name} ({value:.3g})"
             for name, value, at in zip(NUMBERS, values, (values - low < near) | (high - values < near), strict=True)
             if at and name not in ("k_m", "stribeck_velocity")
         ]
-        if told:
+        if at_bound:
             found.append(
-                f"{robot.joints[j].name}: {', '.join(told)}: at a bound, it compensates for what the equations lack"
+                f"{robot.joints[j].name}: {', '.join(at_bound)}: at a bound, it compensates for what the equations lack"
             )
         wanted = free[1 + 2 * n + j]
         if abs(wanted / by_current[j] - 1) > APART:

@@ -96,8 +96,8 @@ class _Shape:
     def loss(self, w: Float, x: Float, y: Float) -> tuple[float, Float]:
         """Half the mean square error with the penalty on all weights but the direct ones, and its gradient."""
         inside, given = self.forward(w, x)
-        left = given - y
-        by_out = left / left.size
+        residual = given - y
+        by_out = residual / residual.size
         back = (by_out @ self.split(w)[2].T) * (1 - inside**2)
         gradient = np.concatenate(
             [
@@ -109,4 +109,4 @@ class _Shape:
         penalised = w.copy()
         first = (self.inputs + 1) * self.neurons
         penalised[first : first + (self.inputs + 1) * self.outputs] = 0.0
-        return float(0.5 * np.mean(left**2) + 0.5 * DECAY * (penalised @ penalised)), gradient + DECAY * penalised
+        return float(0.5 * np.mean(residual**2) + 0.5 * DECAY * (penalised @ penalised)), gradient + DECAY * penalised

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cellwatt.arrays import Float
 from cellwatt_plugins.models.power import torque as torques
-from cellwatt_plugins.models.power.design import Belief, Design, Rows, possible
+from cellwatt_plugins.models.power.design import Belief, Design, Rows, possible, spread_of
 from cellwatt_plugins.models.power.folds import folds_of
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.smoothing import noise_of
@@ -77,12 +77,12 @@ class Problem:
     def reweighed(self, effects: tuple[str, ...]) -> Problem:
         """The same with the load of the current coefficients, and rows weighed by their residuals."""
         solution, rows, design = self.solution(effects), self.rows, self.design
-        left = rows.torque - solution.torque(design)
-        known = np.isfinite(left).any(axis=0)
-        least = np.ones(left.shape[1])
-        least[known] = 1e-3 * np.sqrt(np.nanmean(left[:, known] ** 2, axis=0))
+        residual = rows.torque - solution.torque(design)
+        known = np.isfinite(residual).any(axis=0)
+        least = np.ones(residual.shape[1])
+        least[known] = 1e-3 * np.sqrt(np.nanmean(residual[:, known] ** 2, axis=0))
         loaded = Design.of(rows, design.shared, solution.shared, design.width, design.names)
-        return replace(self, variance=torques.variance_by_speed(left, rows.qd, least), design=loaded)
+        return replace(self, variance=torques.variance_by_speed(residual, rows.qd, least), design=loaded)
 
     def doubting(self, doubt: float) -> Belief:
         """Return the prior with ``doubt`` as the factor on links' tolerances."""
@@ -107,5 +107,5 @@ def row_folds(moves: Moves, rows: Rows) -> NDArray[np.int64]:
 def _scale(rows: Rows, design: Design, inertial: Float, constant: Float) -> Float:
     """Size (n,) Nm of the torques, measured or from the URDF; no drive's is far below the others'."""
     torque = rows.torque if np.isfinite(rows.torque).any() else design.shared @ inertial
-    current = np.nanstd(torque, axis=0) / constant
+    current = spread_of(torque / constant)
     return np.asarray(np.maximum(current, LEAST_SPREAD * np.median(current)) * constant) + 1e-6

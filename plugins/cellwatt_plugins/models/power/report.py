@@ -28,7 +28,7 @@ from cellwatt.report.theme import GOOD, MEASURED, MODEL, SIMULATION
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.training import BEST, Trained
 from cellwatt_plugins.models.power.wording import findings, rivals
-from cellwatt_plugins.models.report import left_by_joint
+from cellwatt_plugins.models.report import residuals_by_joint
 
 COLOURS: Final = {"NLS": SIMULATION, "SCG": GOOD, BEST: MODEL}
 ROLES: Final = {"NLS": "simulation", "SCG": "good", BEST: "model"}
@@ -42,16 +42,16 @@ def report(trained: Trained, moves: Moves, robot: str, provenance: Provenance) -
     """The page of a training."""
     best = trained.scores[BEST]
     if best.energy_mean is None:
-        said = "The model predicts the currents of held-out moves; no power was measured."
+        verdict = "The model predicts the currents of held-out moves; no power was measured."
     else:
-        said = f"The model predicts the energy of held-out moves to {best.energy_mean:.2f} % on average"
-        said += f", {best.energy_worst:.2f} % at worst."
+        verdict = f"The model predicts the energy of held-out moves to {best.energy_mean:.2f} % on average"
+        verdict += f", {best.energy_worst:.2f} % at worst."
     known = [(name, score) for name, score in trained.scores.items() if score.energy_mean is not None]
     return Report(
         name=robot,
         subject="current and power in motion",
         facts=["current and power in motion", f"{moves.count} moves", f"{len(moves)} rows at {1 / moves.step:.4g} Hz"],
-        verdict=said,
+        verdict=verdict,
         tiles=[
             Tile(name, f"{fixed(score.energy_mean, 2)} %", f"power {fixed(score.power, 2)} W rms", ROLES[name])
             for name, score in known
@@ -97,8 +97,8 @@ def _residuals(trained: Trained, moves: Moves) -> list[Block]:
     """Measured minus predicted current of each joint over its velocity."""
     if not np.isfinite(moves.current).any():
         return []
-    label, left = "Residual of each joint's current over its speed", moves.current - trained.predictions[BEST][1]
-    return [left_by_joint(label, BEST, moves.qd, left, ("rad/s", "A"))]
+    label, residual = "Residual of each joint's current over its speed", moves.current - trained.predictions[BEST][1]
+    return [residuals_by_joint(label, BEST, moves.qd, residual, ("rad/s", "A"))]
 
 
 def _parameters(trained: Trained) -> Sequence[Block]:

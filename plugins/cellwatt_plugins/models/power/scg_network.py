@@ -40,10 +40,10 @@ class Scg:
         every = max(2, round(1 / HELD))
 
         def train(x: Float, y: Float, least: Float, at: NDArray[np.intp]) -> Perceptron:
-            kept = np.flatnonzero(np.isfinite(y).all(axis=1))
-            kept = kept[:: max(1, len(kept) // ROWS)]
-            held = (moves.move[at[kept]] % every == every - 1) & (moves.count >= every)
-            return Perceptron.train(x[kept], y[kept], held, NEURONS, ITERATIONS, seed, least)
+            sampled = np.flatnonzero(np.isfinite(y).all(axis=1))
+            sampled = sampled[:: max(1, len(sampled) // ROWS)]
+            held = (moves.move[at[sampled]] % every == every - 1) & (moves.count >= every)
+            return Perceptron.train(x[sampled], y[sampled], held, NEURONS, ITERATIONS, seed, least)
 
         inputs = [_joint_inputs(seen.motion, j) for j in range(moves.joints)]
         least = ALIKE * np.median([each.std(axis=0) for each in inputs], axis=0)

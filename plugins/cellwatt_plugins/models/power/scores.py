@@ -44,11 +44,11 @@ class Score:
         """Errors of predicted power (N,) W and currents (N, n) A."""
         pairs = [_compared(moves, power, a, b) for a, b in moves.bounds()]
         energy = tuple(_energy_error(measured, predicted) for measured, predicted in pairs)
-        left = _rms(np.concatenate([predicted - measured for measured, predicted in pairs]))
+        rms_power = _rms(np.concatenate([predicted - measured for measured, predicted in pairs]))
         rms = tuple(_rms(each) for each in (current - moves.current).T)
         spread = [_rms(each - np.nanmean(each)) if np.isfinite(each).any() else None for each in moves.current.T]
         relative = tuple(None if r is None or not s else r / s for r, s in zip(rms, spread, strict=True))
-        return cls(energy, left, relative, rms)
+        return cls(energy, rms_power, relative, rms)
 
 
 def _compared(moves: Moves, power: Float, first: int, end: int) -> tuple[Float, Float]:

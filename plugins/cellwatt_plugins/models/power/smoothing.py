@@ -47,7 +47,7 @@ def noise_of(values: Float) -> Float:
 
 @dataclass(frozen=True)
 class Span:
-    """A window that reaches equally far to both sides, or only back: its rows, and the order of its polynomial."""
+    """A window that reaches equally far to both sides: its rows, and the order of its polynomial."""
 
     rows: int
     order: int
@@ -65,13 +65,13 @@ class Smoother:
     delay: int
 
     @classmethod
-    def design(cls, noise: Noise, step: float, velocity: Span, acceleration: Span, ahead: bool) -> Smoother:
-        """Position and velocity by one span, acceleration by another; ``ahead``: both reach as far ahead as back."""
+    def design(cls, noise: Noise, step: float, velocity: Span, acceleration: Span) -> Smoother:
+        """Position and velocity by one span, acceleration by another; both reach as far ahead as back."""
         window = max(velocity.rows, acceleration.rows)
-        delay = (window - 1) // 2 if ahead else 0
+        delay = (window - 1) // 2
         weights = np.zeros((3, window, 2))
         for span, which in ((velocity, slice(0, 2)), (acceleration, slice(2, 3))):
-            first = (window - span.rows) // 2 if ahead else window - span.rows
+            first = (window - span.rows) // 2
             times = step * (np.arange(span.rows, dtype=np.float64) + first - (window - 1 - delay))
             weights[which, first : first + span.rows] = _weights(times, span.order, noise)[which]
         return cls(weights.reshape(3, -1), window, delay)

@@ -53,6 +53,16 @@ class Supply:
     sharing: Sharing
     """``bus`` if drives use the power that others return, ``joint`` if each drive dissipates its own."""
 
+    @property
+    def efficiency(self) -> float:
+        """Share of the power drawn that reaches the drives."""
+        return 1 / self.up
+
+    @property
+    def used(self) -> float:
+        """Share of the energy returned by drives that is used."""
+        return self.down / self.up
+
     def power(self, drive: Drives) -> Any:
         """Supply power (N, 1) W."""
         taken = sum(TERMS[name](drive) * weight for name, weight in zip(self.terms, self.weights, strict=True))
@@ -135,17 +145,17 @@ def fit(drive: Drives, power: Float, belief: Believed, meter: csr_array | None =
     """
     mean, prior = belief
 
-    def left(supply: Supply) -> Float:
+    def residual(supply: Supply) -> Float:
         return np.asarray(power - through(meter, supply.power(drive))[:, 0])
 
     def linearised(x: Float) -> Products:
         supply = mean.with_vector(x)
-        slope, rest = through(meter, supply.slopes(drive)[0]), left(supply)
+        slope, rest = through(meter, supply.slopes(drive)[0]), residual(supply)
         return Products.of(slope, rest + slope @ x, float(np.mean(rest**2)) + 1e-18)
 
     x, _ = gauss_newton(linearised, prior, prior.mean, ROUNDS, STILL, possible)
     found = mean.with_vector(x)
-    return found, float(np.sqrt(np.mean(left(found) ** 2)))
+    return found, float(np.sqrt(np.mean(residual(found) ** 2)))
 
 
 def possible(x: Float, at: int = 0) -> Float:
@@ -172,8 +182,8 @@ def select(
 
         return grown(scores, lambda found: POSSIBLE)
 
-    (one, left), (each, left_each) = chosen("bus"), chosen("joint")
-    return (tuple(each), "joint") if (left_each / left).mean() < GAIN else (tuple(one), "bus")
+    (one, errors_bus), (each, errors_joint) = chosen("bus"), chosen("joint")
+    return (tuple(each), "joint") if (errors_joint / errors_bus).mean() < GAIN else (tuple(one), "bus")
 
 
 def _score(

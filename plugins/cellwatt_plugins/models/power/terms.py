@@ -48,12 +48,8 @@ HARMONICS: Final = tuple(range(1, 13))
 """Periods per turn of torques that repeat with the angle."""
 
 
-def _sine(n: int) -> Formula:
-    return lambda m: np.sin(m.q * float(n))
-
-
-def _cosine(n: int) -> Formula:
-    return lambda m: np.cos(m.q * float(n))
+def _harmonic(wave: Callable[[Any], Any], n: int) -> Formula:
+    return lambda m: wave(m.q * float(n))
 
 
 TORQUE: Final[Mapping[str, Formula]] = {
@@ -68,8 +64,8 @@ TORQUE: Final[Mapping[str, Formula]] = {
     "viscous direction": lambda m: np.abs(m.qd),
     "offset": lambda m: 0.0 * m.q + 1.0,
     "spring": lambda m: m.q,
-    **{f"sine {n}": _sine(n) for n in HARMONICS},
-    **{f"cosine {n}": _cosine(n) for n in HARMONICS},
+    **{f"sine {n}": _harmonic(np.sin, n) for n in HARMONICS},
+    **{f"cosine {n}": _harmonic(np.cos, n) for n in HARMONICS},
     "warm coulomb": lambda m: m.sign * m.warmth,
     "warm viscous": lambda m: m.qd * m.warmth,
 }

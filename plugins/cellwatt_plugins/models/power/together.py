@@ -40,12 +40,12 @@ def fit_together(
     def linearised(x: Float) -> Products:
         supply = mean.with_vector(x[count:])
         drive = problem.drive(columns @ x[:count], qd)
-        left = shown.power - supplies.through(shown.matrix, supply.power(drive))[:, 0]
+        residual = shown.power - supplies.through(shown.matrix, supply.power(drive))[:, 0]
         by_number, by_taken = supply.slopes(drive)
         by_torque = by_taken * _taken_by_torque(problem, supply, drive)
         slope = np.concatenate([np.einsum("nj,njp->np", by_torque, columns), by_number], axis=1)
         slope = supplies.through(shown.matrix, slope)
-        return currents + Products.of(slope, left + slope @ x, float(np.mean(left**2)) + 1e-18)
+        return currents + Products.of(slope, residual + slope @ x, float(np.mean(residual**2)) + 1e-18)
 
     first = np.concatenate([start.row, supplies.fit(drive, shown.power, believed, shown.matrix)[0].vector()])
     rounds = ROUNDS if np.isfinite(rows.torque).any() else ROUNDS_BLIND

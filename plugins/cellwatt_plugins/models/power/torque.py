@@ -90,10 +90,10 @@ def misfit(sums: Sums, solution: Solution) -> float:
     return all_rows.misfit(solution.row) / max(all_rows.rows, 1.0)
 
 
-def variance_by_speed(left: Float, qd: Float, least: Float) -> Float:
-    """Return the variance (N, n) of residuals ``left``: for each joint one number at rest, near rest and moving."""
+def variance_by_speed(residual: Float, qd: Float, least: Float) -> Float:
+    """Return the variance (N, n) of a ``residual``: for each joint one number at rest, near rest and moving."""
     speed = np.digitize(np.abs(qd), SPEEDS)
-    joints = zip(left.T, speed.T, least, strict=True)
+    joints = zip(residual.T, speed.T, least, strict=True)
     return np.column_stack([variance_of(own, kind, low**2, FEWEST) for own, kind, low in joints])
 
 
@@ -113,15 +113,15 @@ def select(folds: Sequence[Sums], belief: Belief, names: Sequence[str], effects:
     """Effects that lower the held-out error, the best first."""
     everything = _all(folds)
 
-    def places(found: Sequence[str]) -> list[int]:
+    def columns_of(found: Sequence[str]) -> list[int]:
         return [names.index(term) for term in terms_of(found)]
 
     def tried(found: Sequence[str]) -> list[str]:
-        more = {e: chosen for e in effects if len(chosen := places([*found, e])) > len(places(found))}
+        more = {e: chosen for e in effects if len(chosen := columns_of([*found, e])) > len(columns_of(found))}
         fit = {e: misfit(everything, solve(everything, belief, more[e])) for e in more}
         return sorted(fit, key=lambda e: fit[e])[:TRIED]
 
     def scores(sets: Sequence[Sequence[str]]) -> list[Float]:
-        return [misfits(folds, belief, places(found)) for found in sets]
+        return [misfits(folds, belief, columns_of(found)) for found in sets]
 
     return tuple(grown(scores, tried)[0])

@@ -34,8 +34,6 @@ SHARES: Final = (0.05, 0.15, 0.8)
 
 METHODS: Final = ("NLS", "SCG", "best")
 BEST: Final = "best"
-AHEAD: Final = True
-"""True if windows reach ahead of the estimated row."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +42,7 @@ class Trained:
 
     fitted: Fitted
     nls: Nls | None
-    """None if no current was measured; ``scg`` likewise."""
+    """None if the current of a joint was not measured; ``scg`` likewise."""
     scg: Scg | None
     tuning: Tuning
     predictions: Predictions
@@ -67,11 +65,11 @@ def train(moves: Moves, arm: Arm, seed: int = 0) -> Trained:
     check_known(arm)
     moves = through_its_meter(moves, arm)
     with stage("smoothing of the encoders", share=SHARES[0]):
-        tuning = tune(moves, arm, AHEAD)
+        tuning = tune(moves, arm)
     with stage("choosing effects", share=SHARES[1]):
         structure = structure_of(moves, arm, tuning)
     fold = folds_of(moves)
-    methods = METHODS if np.isfinite(moves.current).any() else (BEST,)
+    methods = METHODS if np.isfinite(moves.current).any(axis=0).all() else (BEST,)
     with stage("folds and all moves", 2, share=SHARES[2]):
         models, predictions = _fitted(_Known(moves, arm, fold, seed), methods, tuning, structure)
     many = moves.count >= FEW
@@ -94,7 +92,7 @@ def model_of(moves: Moves, arm: Arm) -> Fitted:
     """The best model alone, without scores: for short recordings and the demonstration, in seconds."""
     check_known(arm)
     moves = through_its_meter(moves, arm)
-    tuning = tune(moves, arm, AHEAD)
+    tuning = tune(moves, arm)
     return fit(moves, arm, tuning, structure_of(moves, arm, tuning))
 
 
@@ -154,7 +152,7 @@ def _fitted(
 def _chosen(k: int, known: _Known) -> tuple[Tuning, Structure]:
     """Select windows and effects from all moves but those of a fold."""
     moves = known.moves.where(known.fold != k)
-    tuning = tune(moves, known.arm, AHEAD)
+    tuning = tune(moves, known.arm)
     return tuning, structure_of(moves, known.arm, tuning)
 
 

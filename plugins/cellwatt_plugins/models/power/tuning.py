@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from cellwatt.scheduler import spread
-from cellwatt_plugins.models.power.design import Belief, Design, Rows
+from cellwatt_plugins.models.power.design import Belief, Design, Rows, spread_of
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.smoothing import Noise, Smoother, Span
 from cellwatt_plugins.models.power.torque import solve, sums_of
@@ -26,6 +26,8 @@ LONGEST: Final = 0.4
 SHORTEST: Final = 0.02
 SPANS: Final = (3, 5, 7, 9, 11, 15, 21, 27, 35, 45, 61)
 """Numbers of rows in a window."""
+IN_SHORT: Final = 0.1
+"""Share of the rows that may be in moves shorter than two windows: gaps in a recording leave some short pieces."""
 WIDTHS: Final = (0.0005, 0.001, 0.002, 0.003, 0.004, 0.006, 0.008, 0.012, 0.02, 0.04, 0.08)
 """Widths in rad/s that are tried."""
 TERMS: Final = ("rotor", "coulomb", "viscous", "Stribeck friction (0.1 rad/s)", "offset")
@@ -49,23 +51,21 @@ class _Known:
     moves: Moves
     noise: Noise
     arm: Arm
-    ahead: bool
 
     def smoother(self, velocity: Span, acceleration: Span) -> Smoother:
         """The smoother of some spans."""
-        return Smoother.design(self.noise, self.moves.step, velocity, acceleration, self.ahead)
+        return Smoother.design(self.noise, self.moves.step, velocity, acceleration)
 
 
-def tune(moves: Moves, arm: Arm, ahead: bool) -> Tuning:
+def tune(moves: Moves, arm: Arm) -> Tuning:
     """Spans of velocity and acceleration one after the other, then the width within which friction reverses."""
-    known = _Known(_some(moves), Noise.of(moves), arm, ahead)
+    known = _Known(_some(moves), Noise.of(moves), arm)
     step = known.moves.step
     rows = [n for n in SPANS if SHORTEST <= n * step <= LONGEST] or [3]
-    shortest = min(b - a for a, b in known.moves.bounds())
-    rows = [n for n in rows if n <= shortest // 2] or rows[:1]
-    orders = (2,) if ahead else (2, 3)
-    slow = [Span(n, order) for n in rows for order in orders]
-    fast = [Span(n, order) for n in rows for order in ((3,) if ahead else (2, 3)) if n > order]
+    lengths = np.sort([b - a for a, b in known.moves.bounds()])
+    short = int(lengths[np.searchsorted(np.cumsum(lengths), IN_SHORT * len(known.moves))])
+    rows = [n for n in rows if n <= short // 2] or rows[:1]
+    slow, fast = [Span(n, 2) for n in rows], [Span(n, 3) for n in rows if n > 3]
     start = min(rows, key=lambda n: abs(n * step - 0.12))
     velocity, acceleration, width = Span(start, 2), Span(max(start, 5), 3), SIGN_WIDTH
     if np.isfinite(known.moves.current).any():
@@ -78,7 +78,7 @@ def tune(moves: Moves, arm: Arm, ahead: bool) -> Tuning:
 
 
 def _best(tried: Sequence[Trial], known: _Known) -> Trial:
-    costs = spread(_left, tried, "spans and widths", shared=known)
+    costs = spread(_misfit, tried, "spans and widths", shared=known)
     return tried[min(range(len(tried)), key=costs.__getitem__)]
 
 
@@ -89,15 +89,15 @@ def _some(moves: Moves) -> Moves:
     return moves if wanted >= moves.count else moves.only(np.linspace(0, moves.count - 1, wanted).astype(int).tolist())
 
 
-def _left(trial: Trial, known: _Known) -> float:
+def _misfit(trial: Trial, known: _Known) -> float:
     """Sum over the joints of the logarithm of the mean square torque residual."""
     velocity, acceleration, width = trial
     arm, smoother = known.arm, known.smoother(velocity, acceleration)
     rows = Rows.of(known.moves, smoother, arm.column("torque_constant"), TRIED, whole=False)
     design, _ = Design.stated(rows, arm.body, width, TERMS)
-    scale = np.nanstd(rows.torque, axis=0) + 1e-9
+    scale = spread_of(rows.torque) + 1e-9
     belief = Belief.of(arm, design, scale, DOUBT)
     variance = np.broadcast_to((0.05 * scale) ** 2, rows.torque.shape)
     sums = sums_of(design, rows.torque, variance, np.ones(len(rows), bool))
-    left = rows.torque - solve(sums, belief, range(len(TERMS))).torque(design)
-    return float(np.nansum(np.log(np.nanmean(left**2, axis=0))))
+    residual = rows.torque - solve(sums, belief, range(len(TERMS))).torque(design)
+    return float(np.sum(np.log(np.nanmean(residual[:, np.isfinite(residual).any(axis=0)] ** 2, axis=0))))

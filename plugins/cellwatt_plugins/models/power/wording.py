@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -12,6 +12,9 @@ from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.nls import JOINT_NUMBERS, Nls
 from cellwatt_plugins.models.power.scores import PoseTable, Score
 from cellwatt_plugins.models.power.training import BEST, Trained
+
+EFFICIENCIES: Final = (0.4, 1.5)
+"""Efficiencies of a supply that can be; above 1 for torque constants that are stated too low."""
 
 
 def as_json(trained: Trained, moves: Moves) -> dict[str, Any]:
@@ -49,8 +52,8 @@ def parameters(trained: Trained) -> dict[str, Any]:
         supply = model.supply
         out |= {
             "standby_watt": supply.standby,
-            "efficiency": 1 / supply.up,
-            "share_of_returned_energy_used": supply.down / supply.up,
+            "efficiency": supply.efficiency,
+            "share_of_returned_energy_used": supply.used,
             "brakes_watt": supply.brakes,
         }
         out |= {f"supply {n}": w.tolist() for n, w in zip(supply.terms, supply.weights, strict=True)}
@@ -112,11 +115,15 @@ def findings(trained: Trained) -> list[str]:
     lines += [f"  + {effect}" for effect in (*structure.effects, *structure.losses)]
     if model.supply is not None:
         supply = model.supply
-        share = supply.down / supply.up if supply.up else 0.0
         lines.append(
-            f"  supply: {supply.standby:.1f} W standby, efficiency {1 / supply.up:.3f}, {100 * share:.0f} % of the "
-            f"energy that drives return is used"
+            f"  supply: {supply.standby:.1f} W standby, efficiency {supply.efficiency:.3f}, {100 * supply.used:.0f} % "
+            "of the energy that drives return is used"
         )
+        if not EFFICIENCIES[0] < supply.efficiency < EFFICIENCIES[1]:
+            lines.append(
+                "  this efficiency is impossible, power does not follow the motion: is it of this arm, in W, and "
+                "positive when drawn?"
+            )
     if trained.nls is not None:
         lines += [f"NLS: {doubt}" for doubt in trained.nls.doubts]
     if trained.meter is not None:

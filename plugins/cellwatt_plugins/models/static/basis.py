@@ -16,6 +16,8 @@ PER_GRAVITY: Final = 4
 """Parameters of a link that gravity acts on: m and m·c (3)."""
 BEYOND: Final = 1.1
 """Share of a joint's range beyond which the torques of springs and hoses are constant: no pose shows them there."""
+COVERED: Final = 0.5
+"""Smallest share of a stated range that poses must cover for the range to be used."""
 _STEP: Final = 1e-4  # rad, for slopes over the joint angles
 
 
@@ -55,8 +57,8 @@ class Basis:
 
     def rows(self, which: NDArray[np.intp] | NDArray[np.bool_]) -> Basis:
         """Some of the poses."""
-        kept = {name: getattr(self, name)[which] for name in ("vertical", "share", "direction", "payload")}
-        return replace(self, sideways=self.sideways[:, which], slopes=self.slopes[:, which], **kept)
+        picked = {name: getattr(self, name)[which] for name in ("vertical", "share", "direction", "payload")}
+        return replace(self, sideways=self.sideways[:, which], slopes=self.slopes[:, which], **picked)
 
     def __len__(self) -> int:
         return len(self.share)
@@ -68,8 +70,14 @@ def gravity_parameters(body: Body) -> Float:
 
 
 def joint_limits(robot: RobotDescription, q: Float) -> Float:
-    """Lowest and highest angle of each joint, (n, 2) rad; those of the poses ``q`` (N, n) if robot.yaml has none."""
-    limits = np.where(np.isnan(robot.limits), np.column_stack([q.min(axis=0), q.max(axis=0)]), robot.limits)
+    """Lowest and highest angle of each joint, (n, 2) rad: robot.yaml's, or those of the poses ``q`` (N, n).
+
+    Poses that cover less than ``COVERED`` of a stated range do not show what a spring or hose does in the rest of it: a
+    model of the whole range would be far worse where the poses are. The same holds for the URDF's ranges.
+    """
+    stated, visited = robot.limits, np.column_stack([q.min(axis=0), q.max(axis=0)])
+    unseen = np.ptp(visited, axis=1) < COVERED * np.ptp(stated, axis=1)
+    limits = np.where(np.isnan(stated) | unseen[:, None], visited, stated)
     flat = limits[:, 1] - limits[:, 0] < 1e-3
     return np.where(flat[:, None], limits.mean(axis=1)[:, None] + np.array([-0.5, 0.5]), limits)
 

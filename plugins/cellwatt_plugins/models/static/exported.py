@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -67,15 +68,8 @@ def write_best(path: Path, model: Identified, widths: Widths, arm: HeldArm, pose
     if carries:
         inputs = (*inputs, Input("tool.payload", "kg", optional=True))
         ranges.append((float(np.nanmin(poses.payload)), float(np.nanmax(poses.payload))))
-    metadata = Metadata(
-        name=f"{arm.arm.description.robot}-static",
-        robot=arm.arm.description.robot,
-        inputs=inputs,
-        outputs=tuple(outputs),
-        rate_hz=None,
-        training=_training(poses, ranges),
-    )
-    write_model(path, content, metadata)
+    about = _about(arm, "", poses, ranges)
+    write_model(path, content, Metadata(inputs=inputs, outputs=tuple(outputs), **about))
 
 
 def write_paper(path: Path, network: Sigmoids | None, arm: HeldArm, poses: Poses, with_gravity: bool) -> None:
@@ -83,22 +77,23 @@ def write_paper(path: Path, network: Sigmoids | None, arm: HeldArm, poses: Poses
     n = arm.arm.body.joints
     graph = Graph(n)
     total: Any = 0.0
-    inputs = Tensor(graph, graph.input)
+    seen = Tensor(graph, graph.input)
     if with_gravity:
         torque = Tensor(graph, inverse_dynamics(graph, Chain.of(arm.arm.body), graph.input))
         total = np.abs(torque).sum(keepdims=True)
-        inputs = beside([inputs, torque])
+        seen = beside([seen, torque])
     if network is not None:
-        total = total + network.column(inputs)
-    metadata = Metadata(
-        name=f"{arm.arm.description.robot}-static-{path.stem}",
-        robot=arm.arm.description.robot,
-        inputs=joint_inputs(n, "position"),
-        outputs=(Output(TOTAL, "Nm"),),
-        rate_hz=None,
-        training=_training(poses, _ranges(poses)),
-    )
+        total = total + network.column(seen)
+    about = _about(arm, f"-{path.stem}", poses, _ranges(poses))
+    metadata = Metadata(inputs=joint_inputs(n, "position"), outputs=(Output(TOTAL, "Nm"),), **about)
     write_model(path, graph.model(total.name, 1), metadata)
+
+
+def _about(arm: HeldArm, name: str, poses: Poses, ranges: Sequence[tuple[float, float]]) -> dict[str, Any]:
+    """Metadata of all files: the robot, and the poses that the model is of."""
+    robot = arm.arm.name
+    training = Training(data=poses.digest, range=tuple(ranges), created=datetime.now(UTC), rows=len(poses))
+    return {"name": f"{robot}-static{name}", "robot": robot, "rate_hz": None, "training": training}
 
 
 _DOUBLE: Final = 11  # onnx.TensorProto.DOUBLE
@@ -162,9 +157,9 @@ def _springs(graph: Graph, model: Identified, share: str) -> str:
         rows = graph.reshape(sides[k], (-1, len(pairs), 1, order))
         inner = graph.reshape(graph.op("MatMul", rows, matrix), (-1, len(pairs), order))
         slope = graph.sum(graph.op("Mul", inner, sides[1 - k]))
-        place = np.zeros((len(pairs), n))
-        place[range(len(pairs)), joints] = 1.0 / effects.half[joints]
-        torque = graph.op("Add", torque, graph.op("MatMul", slope, place))
+        by_joint = np.zeros((len(pairs), n))
+        by_joint[range(len(pairs)), joints] = 1.0 / effects.half[joints]
+        torque = graph.op("Add", torque, graph.op("MatMul", slope, by_joint))
     return torque
 
 
@@ -184,7 +179,3 @@ _LEGENDRE: Final = np.stack([np.pad(leg2poly(unit), (0, BENT - k)) for k, unit i
 
 def _ranges(poses: Poses) -> list[tuple[float, float]]:
     return list(zip(poses.q.min(axis=0).tolist(), poses.q.max(axis=0).tolist(), strict=True))
-
-
-def _training(poses: Poses, ranges: list[tuple[float, float]]) -> Training:
-    return Training(data=poses.digest, range=tuple(ranges), created=datetime.now(UTC), rows=len(poses))

@@ -54,8 +54,8 @@ def findings(model: Identified, arm: HeldArm, basis: Basis) -> list[Finding]:
     """Findings of the model, on the ``basis`` of the poses that it was trained on."""
     found = [*_gravity(model, basis), *_masses(model)]
     for index, group in enumerate(model.effects.groups):
-        if model.posterior.active[index] and group.kind in _TOLD:
-            found += _TOLD[group.kind](_Told(model, arm, basis, group, float(model.posterior.gain[index])))
+        if model.posterior.active[index] and group.kind in _FINDERS:
+            found += _FINDERS[group.kind](_Selected(model, arm, basis, group, float(model.posterior.gain[index])))
     if model.leftover is not None:
         rest = np.std(model.leftover(basis.share), axis=0)
         which = ", ".join(f"joint {j + 1} {size:.2g} Nm" for j, size in enumerate(rest))
@@ -65,7 +65,7 @@ def findings(model: Identified, arm: HeldArm, basis: Basis) -> list[Finding]:
 
 
 @dataclass(frozen=True)
-class _Told:
+class _Selected:
     model: Identified
     arm: HeldArm
     basis: Basis
@@ -132,61 +132,61 @@ def _masses(model: Identified) -> Iterator[Finding]:
         ]
         if figures:
             by_name = dict(zip(names, effects.cad[part], strict=True))
-            told = ", ".join(f"{f.name} {f} (CAD {by_name[f.name]:.2f})" for f in figures)
-            yield Finding("link", (i + 1,), f"Link {i + 1}: {told}.", tuple(figures), None)
+            words = ", ".join(f"{f.name} {f} (CAD {by_name[f.name]:.2f})" for f in figures)
+            yield Finding("link", (i + 1,), f"Link {i + 1}: {words}.", tuple(figures), None)
 
 
-def _friction(told: _Told) -> list[Finding]:
-    figure = told.figure("friction", np.ones(1), "Nm")
-    joint = told.group.joints[0] + 1
+def _friction(selected: _Selected) -> list[Finding]:
+    figure = selected.figure("friction", np.ones(1), "Nm")
+    joint = selected.group.joints[0] + 1
     text = f"Joint {joint}: friction holds {figure}, for or against, by the direction of approach."
-    return [told.finding(text, figure)]
+    return [selected.finding(text, figure)]
 
 
-def _spring(told: _Told) -> list[Finding]:
-    joint = told.group.joints[0]
-    half, middle = told.model.effects.half[joint], told.arm.limits[joint].mean()
-    stiffness = told.figure("stiffness", np.array([0.0, 1.0 / half]), "Nm/rad")
-    middle_torque = told.figure(f"torque at {middle:.2f} rad", np.array([1.0, 0.0]), "Nm")
+def _spring(selected: _Selected) -> list[Finding]:
+    joint = selected.group.joints[0]
+    half, middle = selected.model.effects.half[joint], selected.arm.limits[joint].mean()
+    stiffness = selected.figure("stiffness", np.array([0.0, 1.0 / half]), "Nm/rad")
+    middle_torque = selected.figure(f"torque at {middle:.2f} rad", np.array([1.0, 0.0]), "Nm")
     text = (
         f"A spring, hose or balancer at joint {joint + 1}: {stiffness}, and {middle_torque} in the middle of the "
         f"range ({middle:.2f} rad)."
     )
-    return [told.finding(text, stiffness, middle_torque)]
+    return [selected.finding(text, stiffness, middle_torque)]
 
 
-def _bent_spring(told: _Told) -> list[Finding]:
-    joint = told.group.joints[0]
-    figure, pose = told.pull(joint)
+def _bent_spring(selected: _Selected) -> list[Finding]:
+    joint = selected.group.joints[0]
+    figure, pose = selected.pull(joint)
     text = f"Its torque at joint {joint + 1} is not linear: it deviates by up to {figure} (in pose {pose + 1})."
-    return [told.finding(text, figure)]
+    return [selected.finding(text, figure)]
 
 
-def _hose(told: _Told) -> list[Finding]:
-    a, b = told.group.joints
-    pulls = [told.pull(joint) for joint in (a, b)]
+def _hose(selected: _Selected) -> list[Finding]:
+    a, b = selected.group.joints
+    pulls = [selected.pull(joint) for joint in (a, b)]
     words = " and ".join(f"{figure} at joint {j + 1}" for (figure, _), j in zip(pulls, (a, b), strict=True))
-    kind = "A hose or cable" if told.group.kind == "hose" else "Its bends"
+    kind = "A hose or cable" if selected.group.kind == "hose" else "Its bends"
     text = f"{kind} over joints {a + 1} and {b + 1}: up to {words}."
-    return [told.finding(text, *(figure for figure, _ in pulls))]
+    return [selected.finding(text, *(figure for figure, _ in pulls))]
 
 
-def _payload(told: _Told) -> list[Finding]:
-    figures = [told.figure(axis, weights, "m") for axis, weights in zip("xyz", np.eye(3), strict=True)]
+def _payload(selected: _Selected) -> list[Finding]:
+    figures = [selected.figure(axis, weights, "m") for axis, weights in zip("xyz", np.eye(3), strict=True)]
     words = ", ".join(f"{f.name} {f}" for f in figures)
-    return [told.finding(f"Payloads have their centre of mass at {words} from the last joint.", *figures)]
+    return [selected.finding(f"Payloads have their centre of mass at {words} from the last joint.", *figures)]
 
 
-def _each(told: _Told) -> list[Finding]:
+def _each(selected: _Selected) -> list[Finding]:
     """The figures that clearly differ from 0, in one sentence."""
-    text, factor, unit, names = _EACH[told.group.kind]
-    names = names or tuple(f"joint {j + 1}" for j in range(told.model.effects.joints))
-    common = np.ones((len(names), len(told.mean) - len(names)))
+    text, factor, unit, names = _EACH[selected.group.kind]
+    names = names or tuple(f"joint {j + 1}" for j in range(selected.model.effects.joints))
+    common = np.ones((len(names), len(selected.mean) - len(names)))
     weights = factor * np.column_stack([common, np.eye(len(names))])
-    figures = [told.figure(name, own, unit) for name, own in zip(names, weights, strict=True)]
+    figures = [selected.figure(name, own, unit) for name, own in zip(names, weights, strict=True)]
     clear = [f for f in figures if abs(f.value) > _CLEAR * f.deviation]
     words = ", ".join(f"{f.name} {f}" for f in clear)
-    return [told.finding(f"{text}: {words}.", *clear)] if clear else []
+    return [selected.finding(f"{text}: {words}.", *clear)] if clear else []
 
 
 _EACH: Final[dict[str, tuple[str, float, str, tuple[str, ...]]]] = {
@@ -196,7 +196,7 @@ _EACH: Final[dict[str, tuple[str, float, str, tuple[str, ...]]]] = {
     "tilt": ("The base is not level", float(np.degrees(1.0)), "°", ("down along x", "down along y")),
 }
 """Groups with one figure per joint, after common ones: words, factor to the unit, unit, names if not joints."""
-_TOLD: Final = {
+_FINDERS: Final = {
     "friction": _friction,
     "spring": _spring,
     "bent spring": _bent_spring,

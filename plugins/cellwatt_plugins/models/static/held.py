@@ -21,14 +21,14 @@ HOLE: Final = 0.25e9
 def held(time: Nanoseconds, q: Float) -> list[slice]:
     """The samples used of each held pose, once each and in order, from times (N,) ns and angles ``q`` (N, n) rad."""
     found: list[slice] = []
-    anchor, since, begun, told = np.full(q.shape[1], np.inf), 0, 0, False
+    anchor, since, begun, reported = np.full(q.shape[1], np.inf), 0, 0, False
     for i, gap in enumerate(np.diff(time, prepend=time[:1])):
         moved = bool(np.max(np.abs(q[i] - anchor)) > STILL)
         if moved or not 0 <= gap <= HOLE:
-            anchor, since, begun, told = q[i] if moved else anchor, time[i], 0, told and not moved
-        elif not told and time[i] - since >= SETTLE:
+            anchor, since, begun, reported = q[i] if moved else anchor, time[i], 0, reported and not moved
+        elif not reported and time[i] - since >= SETTLE:
             begun = begun or i
-            if told := time[i] - time[begun] >= HOLD:
+            if reported := time[i] - time[begun] >= HOLD:
                 found.append(slice(begun, i + 1))
     return found
 

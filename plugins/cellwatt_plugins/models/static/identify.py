@@ -119,10 +119,10 @@ class Checked:
 def identify_checked(poses: Poses, basis: Basis, effects: Effects, seed: int) -> Checked:
     """The best model; it has the Gaussian process only if that improves the predictions of held-out poses."""
     parts = folds(len(poses), seed)
-    said = spread(_left_out, parts, "models that leave poses out", shared=(poses, basis, effects))
+    held_out = spread(_left_out, parts, "models that leave poses out", shared=(poses, basis, effects))
     plain, with_rest = np.empty((2, 2, len(poses)))
     gained = np.empty(len(poses))
-    for part, one in zip(parts, said, strict=True):
+    for part, one in zip(parts, held_out, strict=True):
         plain[:, part], with_rest[:, part], gained[part] = one
     model = identify(basis, poses.torque, effects)
     if np.mean(gained) > 2.0 * np.std(gained) / np.sqrt(len(gained)):

@@ -123,12 +123,12 @@ def short_order(q: Float, speed: Float) -> NDArray[np.intp]:
 
 
 def _nearest(apart: Float) -> NDArray[np.intp]:
-    left = np.ones(len(apart), dtype=np.bool_)
+    unvisited = np.ones(len(apart), dtype=np.bool_)
     order = np.zeros(len(apart), dtype=np.intp)
-    left[0] = False
+    unvisited[0] = False
     for place in range(1, len(apart)):
-        order[place] = np.argmin(np.where(left, apart[order[place - 1]], np.inf))
-        left[order[place]] = False
+        order[place] = np.argmin(np.where(unvisited, apart[order[place - 1]], np.inf))
+        unvisited[order[place]] = False
     return order
 
 

@@ -63,10 +63,10 @@ def _job(name: str, pulses: NDArray[np.int64], speed: float, hold: float, when: 
         "///POSTYPE PULSE",
         "///PULSE",
     ]
-    places = [f"C{i:05d}={','.join(map(str, row))}" for i, row in enumerate(pulses.tolist())]
+    points = [f"C{i:05d}={','.join(map(str, row))}" for i, row in enumerate(pulses.tolist())]
     middle = ["//INST", f"///DATE {when:%Y/%m/%d %H:%M}", "///ATTR SC,RW", "///GROUP1 RB1", "NOP"]
     moves = [line for i in range(len(pulses)) for line in (f"MOVJ C{i:05d} VJ={speed:.2f} PL=0", f"TIMER T={hold:.2f}")]
-    return "\r\n".join([*head, *places, *middle, *moves, "END", ""])
+    return "\r\n".join([*head, *points, *middle, *moves, "END", ""])
 
 
 PAPERS: Final = "mh12"

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from cellwatt.arrays import Float, Nanoseconds, rows_of
+from cellwatt.arrays import Float, Nanoseconds
 from cellwatt.errors import RecordingError
 from cellwatt.scheduler import spread
 from cellwatt.tables import read_table
@@ -66,9 +66,10 @@ class Poses:
 def read_poses(paths: Sequence[Path], robot: RobotDescription) -> Poses:
     """The poses of all files in the order given.
 
-    A table has a column ``pose`` with one row per sample, in the order in which the poses were visited; or one row per
-    pose with a column ``count``; or plain rows ``t``, ``q_i`` and torques, in which poses are recognised, as in
-    recordings of cellwatt. Raises ``RecordingError``.
+    A table has a column ``pose`` with one row per sample, or one per pose, in the order in which the poses were
+    visited; or plain rows ``t``, ``q_i`` and torques, in which poses are recognised, as in recordings of cellwatt.
+
+    Raises ``RecordingError``.
     """
     return _joined(spread(_read, paths, "reading recordings", shared=robot), paths)
 
@@ -77,21 +78,29 @@ def _read(path: Path, robot: RobotDescription) -> Poses:
     table = read_table(path, [joint.name for joint in robot.joints])
     q = table.needed("position", len(robot.joints))
     torque = torque_in(table, robot)
-    before = table.joints("came_from")
-    approach = np.full_like(q, np.nan) if before is None else q - table.needed("came_from", q.shape[1])
-    payload = table.whole("tool.payload")
-    payload = _unknown(len(q)) if payload is None else payload
-    if "pose" in table.columns:
-        if "count" in table.columns:
-            return Poses(q, torque, approach, payload)
-        return _grouped(table.columns["pose"], q, torque, approach, payload)
-    if table.clock is None:
+    known = np.isfinite(q) & np.isfinite(torque)
+    whole = known.all(axis=1)
+    if not whole.any():
+        dead = ", ".join(robot.joints[j].name for j in np.flatnonzero(~known.any(axis=0)))
+        raise RecordingError(
+            f"{path}: no row has positions and torques of all joints" + (f": there are none of {dead}" if dead else "")
+        )
+    number = table.channel("pose") if "pose" in table.names else None
+    if number is not None:
+        before = None if table.joints("came_from") is None else table.needed("came_from", q.shape[1])
+        before = np.full_like(q, np.nan) if before is None else before
+        payload = table.whole("tool.payload")
+        payload = _unknown(len(q)) if payload is None else payload
+        poses = _grouped(*(each[whole] for each in (number, q, torque, before, payload)))
+    elif table.clock is None:
         raise RecordingError(f"{path}: expected a column pose, or t (s) with the arm's motion in between")
-    whole = np.isfinite(np.hstack([q, torque])).all(axis=1)
-    poses = _recognised(np.rint(table.time[whole] * 1e9).astype(np.int64), q[whole], torque[whole])
+    else:
+        poses = _recognised(np.rint(table.time[whole] * 1e9).astype(np.int64), q[whole], torque[whole])
     if not len(poses):
         raise RecordingError(f"{path}: no pose was held long enough: all joints at rest for 2.5 s")
-    return poses
+    lost = int(np.sum(~whole))
+    note = f"{path}: {lost} of {len(q)} rows have positions or torques that are not numbers and are left out"
+    return replace(poses, notes=(note, *poses.notes)) if lost else poses
 
 
 def _recognised(time: Nanoseconds, q: Float, torque: Float) -> Poses:
@@ -106,31 +115,36 @@ def _unknown(count: int) -> Float:
     return np.full(count, np.nan)
 
 
-def _grouped(pose: Float, q: Float, torque: Float, known: Float, payload: Float) -> Poses:
-    """Means of neighbouring rows of one pose; the approach is from the pose before, unless it is known."""
+def _grouped(pose: Float, q: Float, torque: Float, came_from: Float, payload: Float) -> Poses:
+    """Means of neighbouring rows of one pose.
+
+    Each joint came from where it last turned in the poses before, unless ``came_from`` (N, n) rad is known: a joint
+    that did not move on the way to a pose is held from the side of its last movement.
+    """
     starts = np.flatnonzero(np.concatenate([[True], np.diff(pose) != 0]))
     count = np.diff(np.append(starts, len(q)))
     means, angles = (np.add.reduceat(each, starts) / count[:, None] for each in (torque, q))
-    before = np.vstack([np.full((1, q.shape[1]), np.nan), angles[:-1]])
-    approach = np.where(np.isfinite(known[starts]), known[starts], angles - before)
+    before = np.where(np.isfinite(came_from[starts]), came_from[starts], turned(angles))
     whole = count >= _SHORT * np.median(count)
     notes = (f"{int(np.sum(~whole))} poses have too few samples and are left out",) if not whole.all() else ()
-    return Poses(angles[whole], means[whole], approach[whole], payload[starts][whole], notes)
+    return Poses(angles[whole], means[whole], (angles - before)[whole], payload[starts][whole], notes)
 
 
 def _joined(parts: Sequence[Poses], paths: Sequence[Path]) -> Poses:
     columns: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS}
-    whole = Poses(**columns, notes=tuple(note for part in parts for note in part.notes))
-    finite = np.isfinite(np.hstack([whole.q, whole.torque])).all(axis=1)
-    if not finite.all():
-        note = f"{int(np.sum(~finite))} poses have samples that are not numbers and are left out"
-        whole = replace(rows_of(whole, np.flatnonzero(finite)), notes=(*whole.notes, note))
+    poses = Poses(**columns, notes=tuple(note for part in parts for note in part.notes))
     where = ", ".join(map(str, paths))
-    if len(whole) < FEWEST:
-        left_out = "".join(f"; {note}" for note in whole.notes)
+    if len(poses) < FEWEST:
+        left_out = "".join(f"; {note}" for note in poses.notes)
         raise RecordingError(
-            f"{where}: {len(whole)} poses; a training needs {FEWEST}, and 40 for a good model{left_out}"
+            f"{where}: {len(poses)} poses; a training needs {FEWEST}, and 40 for a good model{left_out}"
         )
-    if np.ptp(whole.q, axis=0).max() < _ALIKE or not whole.torque.any():
+    if np.ptp(poses.q, axis=0).max() < _ALIKE or not poses.torque.any():
         raise RecordingError(f"{where}: all poses are the same, or all torques are 0: no model can be trained on them")
-    return whole
+    sided = int(np.sum((np.isfinite(poses.approach) & (poses.approach != 0)).any(axis=1)))
+    if sided < FEWEST // 2:
+        raise RecordingError(
+            f"{where}: the side of approach is known in {sided} of {len(poses)} poses, and a training needs it: record "
+            "the poses one after the other in one recording, or add columns q_from_1 …"
+        )
+    return poses

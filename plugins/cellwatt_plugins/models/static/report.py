@@ -8,7 +8,7 @@ from cellwatt.report import Axis, Bars, Figure, Notes, Panel, Provenance, Report
 from cellwatt.report.drawing import band, dots, line
 from cellwatt.report.numbers import measured, number
 from cellwatt.report.theme import MEASURED, MODEL, NOISE
-from cellwatt_plugins.models.report import left_by_joint
+from cellwatt_plugins.models.report import residuals_by_joint
 from cellwatt_plugins.models.static.training import COVERAGE, Trained
 from cellwatt_plugins.models.static.wording import TITLES, rivals
 
@@ -23,7 +23,7 @@ def report(trained: Trained, robot: str, provenance: Provenance) -> Report:
     bars = [(TITLES[m.name], roles.get(m.name, "measured"), m.scores.rmse) for m in trained.methods]
     seen = SEEN.format(share=100 * COVERAGE, width=trained.widths.told)
     noise = trained.checked.model.posterior.noise
-    told = [*(finding.statement for finding in trained.findings), *trained.left_out]
+    statements = [*(finding.statement for finding in trained.findings), *trained.left_out]
     facts = "Standard deviations after ±; evidence: natural log of the factor by which the data get more probable."
     return Report(
         name=robot,
@@ -43,7 +43,7 @@ def report(trained: Trained, robot: str, provenance: Provenance) -> Report:
             ),
             Section("Learning curve", [curve.in_words()]),
             Section("Methods", [Bars(bars, "Nm"), rivals(trained)], RIVALS),
-            Section("Effects that the CAD model lacks", [_figures(trained), Notes(told)], facts),
+            Section("Effects that the CAD model lacks", [_figures(trained), Notes(statements)], facts),
             Section("Notes", [Notes(trained.poses.notes)]),
         ],
         provenance=provenance,
@@ -72,7 +72,7 @@ def _residuals(trained: Trained) -> Figure:
     """Measured minus modelled torque of each joint over its position."""
     bands = [band(-2 * noise, 2 * noise, NOISE) for noise in trained.checked.model.posterior.noise]
     label = "Residual of each joint over its position"
-    return left_by_joint(label, "pose", trained.poses.q, trained.residual, ("rad", "Nm"), bands)
+    return residuals_by_joint(label, "pose", trained.poses.q, trained.residual, ("rad", "Nm"), bands)
 
 
 def _figures(trained: Trained) -> Table:

@@ -37,7 +37,8 @@ class Scores:
     r2: float
     """Eq. 5."""
     mape: float
-    """Mean absolute error as a share of the measured value, per cent. Eq. 6 as printed lacks the division."""
+    """Mean absolute error as a share of the measured value, per cent; values of 0 do not count. Eq. 6 as printed lacks
+    the division."""
     mean_absolute: float
     """Nm; eq. 6 as printed gives a hundred times this."""
 
@@ -50,10 +51,11 @@ class Scores:
     def of(cls, measured: Float, predicted: Float) -> Scores:
         """Scores of values (N,) each, Nm."""
         error = predicted - measured
+        loaded = measured != 0  # an arm that stands straight up may need no torque, of which an error has no share
         return cls(
             rmse=float(np.sqrt(np.mean(error**2))),
             r2=float(1 - np.mean(error**2) / np.var(measured)),
-            mape=float(100 * np.mean(np.abs(error) / np.abs(measured))),
+            mape=float(100 * np.mean(np.abs(error[loaded] / measured[loaded]))),
             mean_absolute=float(np.mean(np.abs(error))),
         )
 
@@ -146,14 +148,14 @@ def train(poses: Poses, arm: HeldArm) -> Trained:
         checked = identify_checked(poses, basis, effects, SEED)
     scores = Scores.of(poses.total, checked.predicted)
     floor = float(np.sqrt(np.sum(checked.model.posterior.noise**2)))
-    told = half_width(checked.predicted - poses.total)
-    widths = Widths(told, max(told, half_width(checked.blind - poses.total)))
+    sided = half_width(checked.predicted - poses.total)
+    widths = Widths(sided, max(sided, half_width(checked.blind - poses.total)))
     best = Method("best", _held_out(poses, basis, effects, checked))
     with stage("", share=SHARES[2]):
         curve = learning_curve(poses, basis, effects, floor, scores.rmse, SEED)
-    told_of = tuple(findings(checked.model, arm, basis))
+    causes = tuple(findings(checked.model, arm, basis))
     residual = poses.torque - checked.model.torque(basis)
-    return Trained((*methods, best), checked, scores, widths, curve, told_of, poses, residual, networks)
+    return Trained((*methods, best), checked, scores, widths, curve, causes, poses, residual, networks)
 
 
 def half_width(errors: Float) -> float:
@@ -186,12 +188,12 @@ def _published(poses: Poses, basis: Basis, effects: Effects) -> tuple[list[Metho
     both = np.hstack([poses.q, gravity])
     pairs = [(poses.q[rows], poses.total[rows]), (both[rows], poses.total[rows] - simulated[rows])]
     plain, hybrid = paper.searched(pairs, SEED)
-    said: Sequence[tuple[str, Float, int | None]] = (
+    predictions: Sequence[tuple[str, Float, int | None]] = (
         ("gravity", simulated, None),
         ("network", plain(poses.q), plain.neurons),
         ("hybrid", simulated + hybrid(both), hybrid.neurons),
     )
-    methods = [Method(name, Scores.of(poses.total[test], value[test]), neurons) for name, value, neurons in said]
+    methods = [Method(name, Scores.of(poses.total[test], value[test]), neurons) for name, value, neurons in predictions]
     return methods, (plain, hybrid)
 
 

@@ -48,5 +48,5 @@ def _method(method: Method) -> list[str]:
     known = [""] * 3 if published is None else [f" ({value:g})" for value in published]
     cells = (fixed(scores.rmse, 2), fixed(scores.r2, 4), fixed(scores.mape, 2))
     neurons = "–" if method.neurons is None else str(method.neurons)
-    told = [cell + paper for cell, paper in zip(cells, known, strict=True)]
-    return [TITLES[method.name], neurons, *told, fixed(scores.accuracy, 2)]
+    with_published = [cell + paper for cell, paper in zip(cells, known, strict=True)]
+    return [TITLES[method.name], neurons, *with_published, fixed(scores.accuracy, 2)]

@@ -5,13 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import onnxruntime
+import onnx
 import pinocchio as pin
 import pytest
 
 from cellwatt.errors import ConfigError
 from cellwatt_plugins.models.graph import Chain, Graph, inverse_dynamics
 from cellwatt_plugins.robot import Body
+from tests.plugins.models.making import run_graph
 
 
 def written_arm(folder: Path, joints: int, seed: int, kind: str = "revolute") -> Body:
@@ -36,25 +37,23 @@ def written_arm(folder: Path, joints: int, seed: int, kind: str = "revolute") ->
     return Body(file, tuple(f"joint_{i}" for i in range(1, joints + 1)))
 
 
-def run(graph: Graph, output: str, columns: int, values: np.ndarray) -> np.ndarray:
-    session = onnxruntime.InferenceSession(graph.model(output, columns), providers=["CPUExecutionProvider"])
-    return session.run(None, {"input": values})[0]
+def motion(joints: int) -> np.ndarray:
+    draw, shape = np.random.default_rng(5), (40, joints)
+    return np.hstack([draw.uniform(-3, 3, shape), draw.normal(0, 2, shape), draw.normal(0, 9, shape)])
 
 
-def motion(joints: int, rows: int = 40, seed: int = 5) -> np.ndarray:
-    draw = np.random.default_rng(seed)
-    return np.hstack(
-        [draw.uniform(-3, 3, (rows, joints)), draw.normal(0, 2, (rows, joints)), draw.normal(0, 9, (rows, joints))]
-    )
+def split(joints: int) -> tuple[Graph, list[str]]:
+    """A graph of positions, velocities and accelerations, and each of the three."""
+    graph = Graph(columns=3 * joints)
+    return graph, graph.ops("Split", 3, graph.input, np.full(3, joints), axis=-1)
 
 
 @pytest.mark.parametrize("joints", [1, 2, 6, 7])
 def test_torques_are_those_of_pinocchio(tmp_path, joints):
     body = written_arm(tmp_path, joints, seed=joints)
     values = motion(joints)
-    graph = Graph(columns=3 * joints)
-    q, qd, qdd = graph.ops("Split", 3, graph.input, np.full(3, joints), axis=-1)
-    torque = run(graph, inverse_dynamics(graph, Chain.of(body), q, qd, qdd), joints, values)
+    graph, given = split(joints)
+    torque = run_graph(graph, inverse_dynamics(graph, Chain.of(body), *given), joints, values)
     model = pin.buildModelFromUrdf(str(tmp_path / "arm.urdf"))
     expected = np.stack([pin.rnea(model, model.createData(), *np.split(row, 3)) for row in values])
     assert np.abs(torque - expected).max() < 1e-9 * max(1.0, np.abs(expected).max())
@@ -65,17 +64,14 @@ def test_what_is_left_out_is_zero(tmp_path):
     values = motion(6)
     q, qd, qdd = np.split(values, 3, axis=1)
     still = np.zeros_like(q)
-    for present, expected in (
-        ((True, False), body.inverse_dynamics(q, qd, still)),
-        ((False, True), body.inverse_dynamics(q, still, qdd)),
-        ((False, False), body.gravity(q)),
+    for absent, expected in (
+        ([2], body.inverse_dynamics(q, qd, still)),
+        ([1], body.inverse_dynamics(q, still, qdd)),
+        ([1, 2], body.gravity(q)),
     ):
-        graph = Graph(columns=18)
-        given = graph.ops("Split", 3, graph.input, np.full(3, 6), axis=-1)
-        torque = inverse_dynamics(
-            graph, Chain.of(body), given[0], given[1] if present[0] else None, given[2] if present[1] else None
-        )
-        assert np.abs(run(graph, torque, 6, values) - expected).max() < 1e-8
+        graph, given = split(6)
+        torque = inverse_dynamics(graph, Chain.of(body), *(None if i in absent else given[i] for i in range(3)))
+        assert np.abs(run_graph(graph, torque, 6, values) - expected).max() < 1e-8
 
 
 def test_other_inertial_parameters(tmp_path):
@@ -83,17 +79,14 @@ def test_other_inertial_parameters(tmp_path):
     q, qd, qdd = np.split(motion(6), 3, axis=1)
     parameters = body.parameters() * np.random.default_rng(0).uniform(0.8, 1.2, 60)
     graph = Graph(columns=6)
-    torque = run(graph, inverse_dynamics(graph, Chain.of(body).with_inertial(parameters), graph.input), 6, q)
+    torque = run_graph(graph, inverse_dynamics(graph, Chain.of(body).with_inertial(parameters), graph.input), 6, q)
     assert np.abs(torque - body.regressor(q, 0 * qd, 0 * qdd) @ parameters).max() < 1e-8
 
 
 def test_a_frame_costs_few_nodes(tmp_path):
     """What a frame costs is the number of nodes: about 1 µs each."""
-    import onnx
-
-    graph = Graph(columns=18)
-    q, qd, qdd = graph.ops("Split", 3, graph.input, np.full(3, 6), axis=-1)
-    file = graph.model(inverse_dynamics(graph, Chain.of(written_arm(tmp_path, 6, seed=3)), q, qd, qdd), 6)
+    graph, given = split(6)
+    file = graph.model(inverse_dynamics(graph, Chain.of(written_arm(tmp_path, 6, seed=3)), *given), 6)
     assert len(onnx.load_from_string(file).graph.node) < 60
 
 

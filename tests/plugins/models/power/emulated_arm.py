@@ -75,7 +75,7 @@ def torques(arm: Arm, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> tuple[n
     rows, n = q.shape
     z = np.array([0.0, 0.0, 1.0])
     w, dw, dv = np.zeros((rows, 3)), np.zeros((rows, 3)), np.tile([0.0, 0.0, GRAVITY], (rows, 1))
-    turn, force, moment, arms = [], [], [], []
+    turn, force, moment = [], [], []
     mass, centre = arm.mass.copy(), arm.centre.copy()
     inertia = [np.diag(each) for each in arm.inertia]
     if arm.payload:
@@ -100,7 +100,6 @@ def torques(arm: Arm, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> tuple[n
         turn.append(r)
         force.append(mass[i] * dvc)
         moment.append(dw @ inertia[i].T + np.cross(w, w @ inertia[i].T))
-        arms.append(centre[i])
     out = np.zeros((rows, n))
     f, m = np.zeros((rows, 3)), np.zeros((rows, 3))
     for i in reversed(range(n)):
@@ -108,7 +107,7 @@ def torques(arm: Arm, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> tuple[n
         if i < n - 1:
             f = np.einsum("nij,nj->ni", turn[i + 1], f)
             m = np.einsum("nij,nj->ni", turn[i + 1], m) + np.cross(at, f)
-        m = m + moment[i] + np.cross(arms[i], force[i])
+        m = m + moment[i] + np.cross(centre[i], force[i])
         f = f + force[i]
         out[:, i] = m[:, 2]
     s = np.tanh(qd / arm.width)
@@ -141,8 +140,6 @@ def course(arm: Arm, draw: np.random.Generator, count: int, speeds: tuple[float,
         shape = u**3 * (10 - 15 * u + 6 * u**2)
         slope = 30 * u**2 * (1 - u) ** 2 / time
         bend = 60 * u * (1 - u) * (1 - 2 * u) / time**2
-        bend[(t < 0) | (t > time)] = 0.0
-        slope[(t < 0) | (t > time)] = 0.0
         parts["q"].append(starts[k * len(starts) // count] + shape[:, None] * way)
         parts["qd"].append(slope[:, None] * way)
         parts["qdd"].append(bend[:, None] * way)
@@ -241,14 +238,14 @@ def rippled(draw: np.random.Generator) -> Arm:
 ARMS = {"six axes": six_axes, "seven axes": seven_axes, "burdened": burdened, "rippled": rippled}
 
 
-def write_known(arm: Arm, folder: Path, draw: np.random.Generator, off: float = 0.03) -> Path:
-    """``robot.yaml`` and ``robot.urdf`` as the user has them: links off by ``off``, no friction, no standby power."""
+def write_known(arm: Arm, folder: Path, draw: np.random.Generator) -> Path:
+    """``robot.yaml`` and ``robot.urdf`` as the user has them: links off by 3 %, no friction, no standby power."""
     folder.mkdir(parents=True, exist_ok=True)
     text = ['<robot name="arm"><link name="link_0"/>']
     for i in range(arm.joints):
-        mass = arm.mass[i] * (1 + off * draw.normal())
-        centre = arm.centre[i] * (1 + off * draw.normal())
-        xx, yy, zz = arm.inertia[i] * (1 + off * draw.normal())
+        mass = arm.mass[i] * (1 + 0.03 * draw.normal())
+        centre = arm.centre[i] * (1 + 0.03 * draw.normal())
+        xx, yy, zz = arm.inertia[i] * (1 + 0.03 * draw.normal())
         text.append(
             f'<link name="link_{i + 1}"><inertial><origin xyz="{centre[0]} {centre[1]} {centre[2]}"/>'
             f'<mass value="{mass}"/><inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="0" ixz="0" iyz="0"/></inertial>'
@@ -257,14 +254,9 @@ def write_known(arm: Arm, folder: Path, draw: np.random.Generator, off: float = 
             '<axis xyz="0 0 1"/><limit lower="-6" upper="6" effort="1" velocity="9"/></joint>'
         )
     (folder / "robot.urdf").write_text("\n".join([*text, "</robot>"]))
+    keys = {"torque_constant": arm.constant, "rotor_inertia": arm.rotor, "winding_resistance": arm.resistance}
     joints = [
-        {
-            "name": f"joint_{i + 1}",
-            "torque_constant": float(arm.constant[i]),
-            "rotor_inertia": float(arm.rotor[i]),
-            "winding_resistance": float(arm.resistance[i]),
-        }
-        for i in range(arm.joints)
+        {"name": f"joint_{i + 1}"} | {key: float(values[i]) for key, values in keys.items()} for i in range(arm.joints)
     ]
     file = folder / "robot.yaml"
     file.write_text(yaml.safe_dump({"robot": "arm", "urdf": "robot.urdf", "joints": joints}))

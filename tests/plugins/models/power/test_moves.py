@@ -35,12 +35,21 @@ def test_a_table_with_several_moves(tmp_path):
     assert moves.payload is None
 
 
-def test_holes_and_missing_positions_end_a_move(tmp_path):
-    table = columns(60)
+def test_holes_and_missing_positions_end_a_move_unless_they_are_short(tmp_path, caplog):
+    table = columns(100)
     table["t"][30:] += 1.0
-    table["q_1"][45] = np.nan
-    moves = read_moves([written(tmp_path, table)], 2)
-    assert moves.bounds() == [(0, 30), (30, 45), (45, 59)]
+    table["q_1"][[*range(45, 49), 60, 93]] = np.nan
+    moves = read_moves([written(tmp_path, {name: np.delete(column, 75) for name, column in table.items()})], 2)
+    assert moves.bounds() == [(0, 30), (30, 45), (45, 96)]
+    last = slice(*moves.bounds()[-1])
+    assert np.abs(np.diff(moves.time[last]) - 0.01).max() < 1e-9
+    assert np.abs(moves.q[last, 0] - np.sin(moves.time[last] - 1.0)).max() < 1e-4
+    assert "6 of 99 rows are left out" in caplog.text
+
+
+def test_moves_at_several_rates_are_put_on_the_grid_of_most_rows(tmp_path):
+    files = [written(tmp_path, columns(*shape), f"{i}.parquet") for i, shape in enumerate([(200, 0.01), (50, 0.02)])]
+    assert read_moves(files, 2).step == pytest.approx(0.01)
 
 
 def test_an_uneven_clock_is_put_on_a_grid(tmp_path):
@@ -54,28 +63,49 @@ def test_an_uneven_clock_is_put_on_a_grid(tmp_path):
     assert np.isnan(moves.current).all()
 
 
-def test_currents_without_those_of_one_joint_are_none(tmp_path):
-    table = columns() | {"current_2": np.full(len(columns()["t"]), np.nan)}
-    assert np.isnan(read_moves([written(tmp_path, table)], 2).current).all()
+@pytest.mark.parametrize("dead", [np.nan, 0.3])
+def test_a_current_without_numbers_or_of_one_value_is_not_used(tmp_path, caplog, dead):
+    current = read_moves([written(tmp_path, columns() | {"current_2": np.full(40, dead)})], 2).current
+    assert np.isfinite(current).all(axis=0).tolist() == [True, False]
+    assert "current_2: no number, or always the same: not used" in caplog.text
+
+
+def test_a_blank_of_a_slow_channel_repeats_the_value_before(tmp_path):
+    slow = np.where(np.arange(40) % 15 == 4, np.arange(40.0), np.nan)
+    table = columns() | {"payload": slow, "temperature_1": slow, "temperature_2": slow + 1}
+    moves = read_moves([written(tmp_path, table)], 2)
+    held = np.repeat([4.0, 19.0, 34.0], [19, 15, 6])
+    assert np.array_equal(moves.payload, held)
+    assert np.array_equal(moves.temperature, np.column_stack([held, held + 1]))
+    blank = columns() | dict.fromkeys(("payload", "temperature_1", "temperature_2"), np.full(40, np.nan))
+    moves = read_moves([written(tmp_path, blank)], 2)
+    assert (moves.payload, moves.temperature) == (None, None)
 
 
 @pytest.mark.parametrize(
-    ("gone", "said"),
+    ("change", "words"),
     [
-        (["t"], "no column t, timestamp or time for the time"),
-        (["q_2"], "no column q_2; there are: "),
-        (["power", "current_1", "current_2"], "no column power, nor of current_1 …"),
+        ({"t": None}, "no column t, timestamp or time for the time"),
+        ({"q_2": None}, "no column q_2; there are: "),
+        ({"move": np.repeat(["pick", "place"], 20)}, "column move holds text, first 'pick'"),
+        (dict.fromkeys(("power", "current_1", "current_2")), "no column power, nor of current_1 …"),
+        (
+            dict.fromkeys(("power", "bus.power", "current_1", "current_2"), np.full(40, np.nan)),
+            "that holds numbers which vary; there are: ",
+        ),
     ],
 )
-def test_what_is_missing_is_said(tmp_path, gone, said):
-    table = {name: values for name, values in columns().items() if name not in gone}
-    with pytest.raises(RecordingError, match=said):
+def test_what_is_missing_is_said(tmp_path, change, words):
+    table = {name: values for name, values in (columns() | change).items() if values is not None}
+    with pytest.raises(RecordingError, match=words):
         read_moves([written(tmp_path, table)], 2)
 
 
-def test_power_is_the_first_channel_that_holds_numbers(tmp_path):
-    dead = columns() | {"power": np.full(40, np.nan), "bus.power": np.full(40, 7.0)}
-    assert set(read_moves([written(tmp_path, dead)], 2).power) == {7.0}
-    none = dead | {name: np.full(40, np.nan) for name in ("bus.power", "current_1", "current_2")}
-    with pytest.raises(RecordingError, match="that holds numbers; there are: "):
-        read_moves([written(tmp_path, none)], 2)
+@pytest.mark.parametrize("dead", [np.nan, 231.0])
+def test_power_is_the_first_channel_that_varies(tmp_path, caplog, dead):
+    bus = np.arange(40.0)
+    table = columns() | {"power": np.full(40, dead)}
+    assert np.array_equal(read_moves([written(tmp_path, table | {"bus.power": bus})], 2).power, bus)
+    assert not caplog.text
+    assert np.isnan(read_moves([written(tmp_path, table)], 2).power).all()
+    assert "power: no number, or always the same: not used" in caplog.text

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -11,31 +13,24 @@ from cellwatt_plugins.models.power.moves import read_moves
 from cellwatt_plugins.models.power.nls import HENRY, Nls
 from cellwatt_plugins.models.power.paper import Seen
 from cellwatt_plugins.models.power.scg_network import Scg
-from cellwatt_plugins.models.power.smoothing import Noise, Smoother, Span
-from cellwatt_plugins.models.power.tuning import Tuning
 from cellwatt_plugins.models.predict import predict_file
-from cellwatt_plugins.robot import Arm
-from tests.plugins.models.power.emulated_arm import recorded, six_axes, write_known
+from tests.plugins.models.power.cases import six_axes_recorded, tuning_of
 
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory):
     """Both models of an emulated arm, with what they are of."""
     folder = tmp_path_factory.mktemp("arm")
-    draw = np.random.default_rng(8)
-    true = six_axes(draw)
-    arm = Arm.load(write_known(true, folder, draw))
-    pq.write_table(recorded(true, draw, 6, (0.6, 1.6)), folder / "moves.parquet")
+    arm, table = six_axes_recorded(folder, 8, 6, (0.6, 1.6))
+    pq.write_table(table, folder / "moves.parquet")
     moves = read_moves([folder / "moves.parquet"], 6)
-    smoother = Smoother.design(Noise(2e-5, 2.5e-3), moves.step, Span(9, 2), Span(11, 3), ahead=True)
-    tuning = Tuning(smoother, 0.005)
-    seen = Seen.of(moves, arm, tuning)
+    seen = Seen.of(moves, arm, tuning_of(moves))
     models = {"nls": Nls.fit(moves, seen, arm.description), "scg": Scg.fit(moves, seen, 0)}
-    return true, arm, moves, tuning, seen, models, folder / "moves.parquet"
+    return arm, moves, seen, models, folder / "moves.parquet"
 
 
 def test_numbers_are_those_that_a_motor_can_have(trained):
-    _, arm, _, _, _, models, _ = trained
+    arm, _, _, models, _ = trained
     nls = models["nls"]
     inductance, resistance = nls.power[1:].reshape(2, -1)
     stated = np.array([joint.winding_resistance for joint in arm.description.joints])
@@ -46,7 +41,7 @@ def test_numbers_are_those_that_a_motor_can_have(trained):
 
 def test_one_k_m_serves_current_and_power(trained):
     """Mechanical work turns into power by the constant that turns torque into current: (12) and (13)."""
-    _, _, _, _, seen, models, _ = trained
+    _, _, seen, models, _ = trained
     nls = models["nls"]
     power, current = nls.predict(seen)
     inductance, resistance = nls.power[1:].reshape(2, -1)
@@ -57,16 +52,16 @@ def test_one_k_m_serves_current_and_power(trained):
 
 def test_a_supply_that_loses_more_is_told_as_a_k_m_that_stands_for_it(trained):
     """Power alone wants a larger constant wherever some is lost between the meter and the motors."""
-    _, arm, moves, _, seen, _, _ = trained
-    lossy = moves.__class__(**{**moves.__dict__, "power": 80 + 1.3 * (moves.power - 80)})
+    arm, moves, seen, _, _ = trained
+    lossy = replace(moves, power=80 + 1.3 * (moves.power - 80))
     doubts = Nls.fit(lossy, seen, arm.description).doubts
     assert any(doubt.startswith("k_m of joint") and "from power" in doubt for doubt in doubts)
 
 
 @pytest.mark.parametrize("name", ["nls", "scg"])
 def test_the_file_says_what_the_model_says(trained, tmp_path, name):
-    _, arm, moves, tuning, seen, models, table = trained
-    metadata = write_published(tmp_path / "model.onnx", models[name], tuning, moves, arm)
+    arm, moves, seen, models, table = trained
+    metadata = write_published(tmp_path / "model.onnx", models[name], tuning_of(moves), moves, arm)
     assert metadata.name == f"{arm.name}-power-{name}"
     predict_file(tmp_path / "model.onnx", table, tmp_path / "said.parquet")
     said = pq.read_table(tmp_path / "said.parquet")

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.models.power.moves import Moves, read_moves
+from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.scores import Score
 from cellwatt_plugins.models.power.shown import through_its_meter
 from cellwatt_plugins.models.power.training import estimate, model_of
-from cellwatt_plugins.robot import Arm
-from tests.plugins.models.power.emulated_arm import write_case
+from tests.plugins.models.power.cases import read_case
 from tests.plugins.robot.slow_meter import shown
 
 pytestmark = pytest.mark.timeout(300)
@@ -21,9 +20,7 @@ pytestmark = pytest.mark.timeout(300)
 
 @pytest.fixture(scope="module")
 def case(tmp_path_factory):
-    robot, table, unseen = write_case(tmp_path_factory.mktemp("case"), "six axes", 7, moves=20, unseen=4)
-    arm = Arm.load(robot)
-    return arm, read_moves([table], 6), read_moves([unseen], 6)
+    return read_case(tmp_path_factory.mktemp("case"), "six axes", 7, moves=20, unseen=4)
 
 
 def slow(moves: Moves, window: float, late: float) -> Moves:

@@ -25,13 +25,18 @@ def driven(seed=0):
     return Drives(torque * qd, current**2 * RESISTANCE, qd, current), draw.normal(size=3000)
 
 
+def fitted(drive, power):
+    """Losses, sharing, the supply, and the rms of its residual, W."""
+    effects, sharing = supplies.select(drive, power, FOLD, STATED)
+    return effects, sharing, *supplies.fit(drive, power, supplies.believed(drive, power, effects, sharing, STATED))
+
+
 def test_one_bus_that_burns_what_comes_back():
     drive, noise = driven()
     flow = (drive.mechanical + drive.copper).sum(axis=1)
     power = 80 + np.maximum(flow, 0) / 0.9 + 0.5 * noise
-    effects, sharing = supplies.select(drive, power, FOLD, STATED)
-    assert (effects, sharing) == ((), "bus")
-    found, left = supplies.fit(drive, power, supplies.believed(drive, power, effects, sharing, STATED))
+    *chosen, found, left = fitted(drive, power)
+    assert tuple(chosen) == ((), "bus")
     assert found.standby == pytest.approx(80, abs=0.2)
     assert 1 / found.up == pytest.approx(0.9, rel=0.03)
     assert found.down == pytest.approx(0, abs=0.02)
@@ -42,9 +47,8 @@ def test_drives_that_each_burn_their_own_and_iron_loss():
     drive, noise = driven(1)
     each = drive.mechanical + drive.copper + 4 * np.abs(drive.qd)
     power = 50 + np.maximum(each, 0).sum(axis=1) / 0.85 + 0.5 * noise
-    effects, sharing = supplies.select(drive, power, FOLD, STATED)
-    assert (effects, sharing) == (("iron loss",), "joint")
-    found, left = supplies.fit(drive, power, supplies.believed(drive, power, effects, sharing, STATED))
+    *chosen, found, left = fitted(drive, power)
+    assert tuple(chosen) == (("iron loss",), "joint")
     assert left == pytest.approx(0.5, rel=0.05)
     assert found.weights[found.terms.index("hysteresis")] == pytest.approx(4, rel=0.1)
 
@@ -53,8 +57,7 @@ def test_energy_that_is_fed_back_and_brakes():
     drive, noise = driven(2)
     flow = (drive.mechanical + drive.copper).sum(axis=1)
     power = 60 + flow / 0.9 + 8 * (np.abs(drive.qd).max(axis=1) > 0) + 0.5 * noise
-    effects, sharing = supplies.select(drive, power, FOLD, STATED)
-    assert (effects, sharing) == ((BRAKES,), "bus")
-    found, _ = supplies.fit(drive, power, supplies.believed(drive, power, effects, sharing, STATED))
+    *chosen, found, _ = fitted(drive, power)
+    assert tuple(chosen) == ((BRAKES,), "bus")
     assert found.down / found.up == pytest.approx(1, abs=0.02)
     assert found.brakes == pytest.approx(8, abs=0.3)

@@ -81,6 +81,13 @@ def test_a_robot_without_torque_constants_is_refused(case, tmp_path):
         called(table, "--robot", tmp_path, "--out", tmp_path)
 
 
+def test_too_few_rows_for_a_model_are_refused(case, tmp_path):
+    robot, table, _ = case
+    pq.write_table(pq.read_table(table)[:12], tmp_path / "few.parquet")
+    with pytest.raises(CellwattError, match="12 rows do not determine a model"):
+        called(tmp_path / "few.parquet", "--robot", robot, "--out", tmp_path)
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_the_same_recording_and_seed_give_the_same_model(case, tmp_path, monkeypatch):

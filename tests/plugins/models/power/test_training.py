@@ -5,14 +5,18 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
-from cellwatt_plugins.models.power import scg_network
-from cellwatt_plugins.models.power.moves import Moves, read_moves
+from cellwatt_plugins.models.power import fitting, scg_network, tuning
+from cellwatt_plugins.models.power.moves import read_moves
 from cellwatt_plugins.models.power.scores import Score
 from cellwatt_plugins.models.power.training import estimate, model_of, train
+from cellwatt_plugins.models.power.wording import findings
 from cellwatt_plugins.robot import Arm
-from tests.plugins.models.power.emulated_arm import recorded, six_axes, write_case, write_known
+from tests.plugins.models.power.cases import read_case
+from tests.plugins.models.power.emulated_arm import recorded, six_axes, write_known
 
 # A training takes 20 s of an idle core, and cores are shared.
 pytestmark = pytest.mark.timeout(300)
@@ -20,9 +24,44 @@ pytestmark = pytest.mark.timeout(300)
 
 @pytest.fixture(scope="module")
 def case(tmp_path_factory):
-    robot, table, unseen = write_case(tmp_path_factory.mktemp("case"), "six axes", 7, moves=12, unseen=4)
-    arm = Arm.load(robot)
-    return arm, read_moves([table], 6), read_moves([unseen], 6)
+    return read_case(tmp_path_factory.mktemp("case"), "six axes", 7, moves=12, unseen=4)
+
+
+@pytest.fixture(scope="module")
+def partial(case):
+    """A training without the third joint's current, with few windows and widths to try and no network."""
+    arm, known, _ = case
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tuning, "SPANS", (5, 21))
+        patch.setattr(tuning, "WIDTHS", (0.004,))
+        patch.setattr(fitting, "_network_helps", lambda *_: False)
+        return train(replace(known, current=np.where(np.arange(6) == 2, np.nan, known.current)), arm)
+
+
+def test_a_joint_whose_current_is_dead_leaves_those_of_the_others(case, partial):
+    arm, _, unseen = case
+    assert list(partial.scores) == ["best"]
+    assert partial.scores["best"].current[2] is None
+    score = Score.of(unseen, *estimate(partial.fitted, unseen, arm))
+    assert max(share for joint, share in enumerate(score.current) if joint != 2) < 0.2
+    assert score.power < 0.15 * unseen.power.std()
+
+
+@pytest.mark.parametrize(("up", "possible"), [(1.1, True), (-1.1, False), (0.003, False)])
+def test_an_efficiency_that_cannot_be_is_remarked(partial, up, possible):
+    supply = replace(partial.fitted.model.supply, up=up)
+    fitted = replace(partial.fitted, model=replace(partial.fitted.model, supply=supply))
+    text = "\n".join(findings(replace(partial, fitted=fitted)))
+    assert f"efficiency {1 / up:.3f}" in text
+    assert ("impossible, power does not follow the motion" in text) != possible
+
+
+def test_a_short_piece_between_gaps_does_not_shorten_the_windows(case, monkeypatch):
+    monkeypatch.setattr(tuning, "SPANS", (5, 21))
+    monkeypatch.setattr(tuning, "WIDTHS", (0.004,))
+    arm, known, _ = case
+    cut = known.move + (np.arange(len(known)) >= len(known) - 12)
+    assert tuning.tune(replace(known, move=cut), arm).smoother.window == 21
 
 
 @pytest.mark.slow
@@ -53,24 +92,13 @@ def test_currents_alone_give_a_model_of_currents(case, monkeypatch):
 def test_a_payload_that_was_recorded_is_an_input(tmp_path):
     draw = np.random.default_rng(9)
     arm = six_axes(draw)
-    parts = []
     described = Arm.load(write_known(arm, tmp_path, draw))
-    for load in (0.0, 2.0, 1.0):
-        table = recorded(replace(arm, payload=load), draw, 3, (0.6, 1.4))
-        columns = {name: table[name].to_numpy() for name in table.column_names}
-        every = {
-            stem: np.column_stack([columns[f"{stem}_{i}"] for i in range(1, 7)]) for stem in ("q", "qd", "current")
-        }
-        parts.append(
-            Moves(columns["move"], columns["t"], **every, power=columns["power"], payload=np.full(table.num_rows, load))
-        )
-    bare, loaded, unseen = parts
-    both = {
-        name: np.concatenate([getattr(bare, name), getattr(loaded, name)])
-        for name in ("time", "q", "qd", "current", "power", "payload")
-    }
-    known = Moves(move=np.concatenate([bare.move, loaded.move + bare.count]), **both)
-    fitted = model_of(known, described)
+    files = [tmp_path / f"{load}.parquet" for load in (0.0, 2.0, 1.0)]
+    for file in files:
+        table = recorded(replace(arm, payload=float(file.stem)), draw, 3, (0.6, 1.4))
+        pq.write_table(table.append_column("payload", pa.array([float(file.stem)] * table.num_rows)), file)
+    unseen = read_moves(files[2:], 6)
+    fitted = model_of(read_moves(files[:2], 6), described)
     told = Score.of(unseen, *estimate(fitted, unseen, described))
     ignored = Score.of(unseen, *estimate(fitted, replace(unseen, payload=np.zeros(len(unseen))), described))
     assert told.power < 0.5 * ignored.power

@@ -49,8 +49,6 @@ class Hose:
 class Arm:
     """What an arm really has; torques in Nm, angles in rad. Links and joints count from 0."""
 
-    offsets: np.ndarray = field(default_factory=OFFSETS.copy)
-    axes: np.ndarray = field(default_factory=AXES.copy)
     mass: np.ndarray = field(default_factory=MASS.copy)
     centre: np.ndarray = field(default_factory=CENTRE.copy)
     limits: np.ndarray = field(default_factory=LIMITS.copy)
@@ -73,7 +71,7 @@ class Arm:
         """Rotation (N, n, 3, 3) and origin (N, n, 3) of each joint's frame."""
         rotation, origin = np.broadcast_to(np.eye(3), (len(q), 3, 3)), np.zeros((len(q), 3))
         rotations, origins = [], []
-        for angle, axis, offset in zip((q + self.zero).T, self.axes, self.offsets, strict=True):
+        for angle, axis, offset in zip((q + self.zero).T, AXES, OFFSETS, strict=True):
             origin = origin + rotation @ offset
             rotation = rotation @ turned(axis, angle)
             rotations.append(rotation)
@@ -87,12 +85,11 @@ class Arm:
         down = G * np.array([np.sin(a), np.sin(b), -np.sqrt(1 - np.sin(a) ** 2 - np.sin(b) ** 2)])
         count = q.shape[1]
         points = [origin[:, i] + rotation[:, i] @ self.centre[i] for i in range(count)]
-        masses = list(self.mass)
         points.append(origin[:, -1] + rotation[:, -1] @ np.array(self.tool[1]))
-        masses.append(self.tool[0])
+        masses = [*self.mass, self.tool[0]]
         out = np.zeros(q.shape)
         for j in range(count):
-            axis = rotation[:, j] @ self.axes[j]
+            axis = rotation[:, j] @ AXES[j]
             for i in [*range(j, count), count]:
                 out[:, j] -= np.sum(axis * np.cross(points[i] - origin[:, j], masses[i] * down), axis=1)
         return self.gain * out + self.spring * (q - self.relaxed) + self._hose_torque(q)
@@ -131,11 +128,11 @@ def turned(axis, angle):
     return np.eye(3) + s * k + (1 - c) * (k @ k)
 
 
-def halton(count, bases=(2, 3, 5, 7, 11, 13), start=1):
+def halton(count, bases=(2, 3, 5, 7, 11, 13)):
     out = np.zeros((count, len(bases)))
     for d, base in enumerate(bases):
         for row in range(count):
-            i, f = row + start, 1.0
+            i, f = row + 1, 1.0
             while i:
                 f /= base
                 out[row, d] += f * (i % base)
@@ -147,9 +144,9 @@ def within(limits, share):
     return limits[:, 0] + share * (limits[:, 1] - limits[:, 0])
 
 
-def samples(arm: Arm, rng, count=532, start=1) -> dict[str, np.ndarray]:
+def samples(arm: Arm, rng, count) -> dict[str, np.ndarray]:
     """The table of a collection: whole per cent, 100 samples a pose."""
-    q = within(arm.limits, halton(count, start=start))
+    q = within(arm.limits, halton(count))
     came = np.vstack([np.zeros(6), q[:-1]])
     held = arm.torque(q, came) / arm.rated + arm.hold * rng.standard_normal(q.shape)
     percent = np.rint(100 * (held[:, None] + arm.sample * rng.standard_normal((count, 100, 6))))
@@ -167,7 +164,7 @@ def unseen(arm: Arm, rng, count=400):
     return q, came, arm.torque(q, came)
 
 
-def write_robot(folder: Path, cad: Arm, name="mh12") -> Path:
+def write_robot(folder: Path, cad: Arm) -> Path:
     """``robot.yaml`` and ``robot.urdf`` of the arm as its CAD model says."""
     folder.mkdir(parents=True, exist_ok=True)
     text = ['<robot name="arm">', '<link name="base"/>']
@@ -177,13 +174,13 @@ def write_robot(folder: Path, cad: Arm, name="mh12") -> Path:
             f'<link name="link_{i + 1}"><inertial><origin xyz="{vector(cad.centre[i])}"/><mass value="{cad.mass[i]}"/>'
             '<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial></link>'
             f'<joint name="joint_{i + 1}" type="revolute"><parent link="{"base" if i == 0 else f"link_{i}"}"/>'
-            f'<child link="link_{i + 1}"/><origin xyz="{vector(cad.offsets[i])}"/><axis xyz="{vector(cad.axes[i])}"/>'
+            f'<child link="link_{i + 1}"/><origin xyz="{vector(OFFSETS[i])}"/><axis xyz="{vector(AXES[i])}"/>'
             '<limit lower="-6.28" upper="6.28" effort="1000" velocity="10"/></joint>'
         )
         for i in range(6)
     ]
     (folder / "robot.urdf").write_text("\n".join([*text, "</robot>"]))
-    lines = [f"robot: {name}", "urdf: robot.urdf", "joints:"]
+    lines = ["robot: mh12", "urdf: robot.urdf", "joints:"]
     for i in range(6):
         low, high = cad.limits[i]
         lines += [f"- name: joint_{i + 1}", f"  rated_torque: {cad.rated[i]}"]
@@ -192,11 +189,10 @@ def write_robot(folder: Path, cad: Arm, name="mh12") -> Path:
     return folder / "robot.yaml"
 
 
-def write_case(folder: Path, arm: Arm, seed: int, cad: Arm | None = None, count: int = 532):
+def write_case(folder: Path, arm: Arm, seed: int, count: int = 532):
     """A folder as a user has it, and the unseen poses: samples.parquet, robot.yaml, robot.urdf."""
     rng = np.random.default_rng(seed)
-    plain = cad or Arm(offsets=arm.offsets, axes=arm.axes, limits=arm.limits, rated=arm.rated)
-    robot = write_robot(folder, plain)
+    robot = write_robot(folder, Arm())
     pq.write_table(pa.table(samples(arm, rng, count)), folder / "samples.parquet")
     return robot, unseen(arm, rng)
 

@@ -47,24 +47,18 @@ def at(effects, **groups):
 
 MOMENT = arms.MASS[:, None] * arms.CENTRE
 HEAVIER = arms.MASS + np.array([0, 0, 1.0, 0, 0, 0])
+GAIN = np.array([0.1, -0.05, 0.02, 0, 0, 0.3])
 REALLY = {
     "masses": (
         {"link_3": [1.0, 0.2, 0.0, -0.1]},
-        replace(
-            arms.Arm(),
-            mass=HEAVIER,
-            centre=(MOMENT + np.outer([0, 0, 1.0, 0, 0, 0], [0.2, 0, -0.1])) / HEAVIER[:, None],
-        ),
+        arms.Arm(mass=HEAVIER, centre=(MOMENT + np.outer([0, 0, 1.0, 0, 0, 0], [0.2, 0, -0.1])) / HEAVIER[:, None]),
     ),
-    "gain": (
-        {"gain": [0.1, -0.05, 0.02, 0, 0, 0.3]},
-        replace(arms.Arm(), gain=1 + np.array([0.1, -0.05, 0.02, 0, 0, 0.3])),
-    ),
-    "tilt": ({"tilt": [2e-4, -1e-4]}, replace(arms.Arm(), tilt=(2e-4, -1e-4))),
-    "zero": ({"zero": 1e-4 * np.arange(6)}, replace(arms.Arm(), zero=1e-4 * np.arange(6))),
+    "gain": ({"gain": GAIN}, arms.Arm(gain=1 + GAIN)),
+    "tilt": ({"tilt": [2e-4, -1e-4]}, arms.Arm(tilt=(2e-4, -1e-4))),
+    "zero": ({"zero": 1e-4 * np.arange(6)}, arms.Arm(zero=1e-4 * np.arange(6))),
     "friction": (
         {"friction_2": [5.0], "load_friction": [0.03, 0, 0, 0.01, 0, 0, 0]},
-        replace(arms.Arm(), friction=np.array([0, 5.0, 0, 0, 0, 0]), load_friction=np.array([3, 3, 4, 3, 3, 3]) / 100),
+        arms.Arm(friction=np.array([0, 5.0, 0, 0, 0, 0]), load_friction=np.array([3, 3, 4, 3, 3, 3]) / 100),
     ),
 }
 

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cellwatt import CellInfo, FrameChannel, Frames, Layout
 from cellwatt.errors import ModelError
-from cellwatt_plugins.models import ModelSettings, ModelStage, read_metadata
+from cellwatt_plugins.models import read_metadata
 from cellwatt_plugins.models.network import open_network
 from cellwatt_plugins.models.static.exported import Widths, write_best, write_paper
 from cellwatt_plugins.models.static.identify import identify, with_leftover
 from cellwatt_plugins.models.static.paper import trained
 from cellwatt_plugins.robot import Arm
+from tests.plugins.models.making import frames, layout, run, stage
 from tests.plugins.models.static import arms
 from tests.plugins.models.static.test_identify import collection, known
 
@@ -78,21 +78,17 @@ def test_power_that_holds_a_pose_where_the_motors_are_known(tmp_path, fitted):
 def test_live_it_says_the_same_and_needs_only_positions(tmp_path, fitted):
     _, _, poses = fitted
     file = save(tmp_path, fitted)
-    channels = [FrameChannel(f"arm.joint_{j}.position", "rad", "continuous", "linear") for j in range(6, 0, -1)]
-    layout = Layout(tuple(channels), 50.0)
-    stage = ModelStage("static", ModelSettings(file=file), layout, CellInfo("a", "b", "mh12", tmp_path))
+    grid = layout({f"arm.joint_{j}.position": "rad" for j in range(6, 0, -1)})
     values = poses.q[:, ::-1].copy()
     values[5, 2] = np.nan
-    zeros = np.zeros(values.shape, np.int64)
-    block = Frames(layout, 0, 20_000_000 * np.arange(len(values)), values, zeros.astype(np.uint8), zeros)
-    prediction = stage.process(block, ())[0]
+    (prediction, *_) = run(stage(file, grid, robot="mh12"), [frames(values, grid)])
     table = inputs(replace(poses, approach=np.full_like(poses.q, np.nan), payload=np.full(60, np.nan)))
     wanted = open_network(file).run(table)
     wanted[5] = np.nan
     for column, name in zip(wanted.T, prediction.outputs, strict=True):
         np.testing.assert_allclose(prediction.outputs[name], column, rtol=1e-6, atol=1e-6)
     with pytest.raises(ModelError, match="it is of robot 'mh12', the cell's robot is 'ur5'"):
-        ModelStage("static", ModelSettings(file=file), layout, CellInfo("a", "b", "ur5", tmp_path))
+        stage(file, grid, robot="ur5")
 
 
 def test_the_papers_methods_are_files_too(tmp_path, fitted):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from cellwatt_plugins.models.static.held import held, turned
@@ -9,9 +11,9 @@ from cellwatt_plugins.models.static.held import held, turned
 STEP = 20_000_000
 
 
-def motion(*parts: tuple[tuple[float, float], float]) -> np.ndarray:
-    """Angles (N, 2) at 50 Hz: each part goes to a pose in 0.5 s and rests there for so many seconds."""
-    out = [np.zeros((1, 2))]
+def motion(*parts: tuple[Sequence[float], float]) -> np.ndarray:
+    """Angles (N, joints) at 50 Hz: each part goes to a pose in 0.5 s and rests there for so many seconds."""
+    out = [np.zeros((1, len(parts[0][0])))]
     for pose, rest in parts:
         way = np.linspace(0, 1, 26)[1:, None]
         out.append(out[-1][-1] + way * (np.array(pose) - out[-1][-1]))

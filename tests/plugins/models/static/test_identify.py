@@ -14,8 +14,6 @@ from cellwatt_plugins.models.static.poses import Poses
 from cellwatt_plugins.robot import Arm
 from tests.plugins.models.static import arms
 
-RIGHT = arms.Arm()
-
 
 def collection(arm: arms.Arm, seed: int, count: int) -> Poses:
     """A collection in the order of the sequence; each pose's mean as a controller in whole per cent gives it."""
@@ -27,13 +25,14 @@ def collection(arm: arms.Arm, seed: int, count: int) -> Poses:
     return Poses(q, percent.mean(axis=1) / 100 * arm.rated, approach, np.full(count, np.nan))
 
 
-def known(folder, poses: Poses, cad: arms.Arm = RIGHT) -> HeldArm:
-    return HeldArm.of(Arm.load(arms.write_robot(folder, cad)), poses.q)
+def known(folder, poses: Poses, cad: arms.Arm | None = None) -> HeldArm:
+    return HeldArm.of(Arm.load(arms.write_robot(folder, cad or arms.Arm())), poses.q)
 
 
-def fitted(folder, really: arms.Arm, count: int, seed: int = 1) -> tuple[Identified, HeldArm, Poses]:
-    poses = collection(really, seed, count)
-    arm = known(folder, poses, arms.Arm(limits=really.limits, rated=really.rated))
+def fitted(folder, really: arms.Arm, count: int, stated: float = 1.0) -> tuple[Identified, HeldArm, Poses]:
+    """An arm identified by somebody who states ranges that are ``stated`` times those of the poses."""
+    poses = collection(really, 1, count)
+    arm = known(folder, poses, arms.Arm(limits=stated * really.limits, rated=really.rated))
     return identify(arm.basis(poses), poses.torque, arm.effects(poses)), arm, poses
 
 
@@ -44,15 +43,17 @@ def r2(model: Identified, arm: HeldArm, really: arms.Arm, seed: int = 9) -> floa
     return float(1 - np.mean((model.total(arm.basis(poses)) - total) ** 2) / np.var(total))
 
 
-@pytest.mark.parametrize(("seed", "count", "least"), [(3, 40, 0.995), (8, 300, 0.998)])
-def test_arms_drawn_at_random_are_found(tmp_path, seed, count, least):
+@pytest.mark.parametrize(
+    ("seed", "count", "least", "stated"), [(3, 40, 0.995, 1.0), (3, 40, 0.999, 6.0), (8, 300, 0.998, 1.0)]
+)
+def test_arms_drawn_at_random_are_found(tmp_path, seed, count, least, stated):
     really = arms.some_arm(seed)
-    model, arm, _ = fitted(tmp_path, really, count)
+    model, arm, _ = fitted(tmp_path, really, count, stated)
     assert r2(model, arm, really) > least
 
 
 def test_an_arm_like_its_cad_model_is_left_alone(tmp_path):
-    really = replace(RIGHT, friction=0.01 * arms.RATED)
+    really = arms.Arm(friction=0.01 * arms.RATED)
     model, arm, poses = fitted(tmp_path, really, 200)
     told = findings(model, arm, arm.basis(poses))
     assert {finding.kind for finding in told} <= {"friction", "gravity"}
@@ -60,12 +61,10 @@ def test_an_arm_like_its_cad_model_is_left_alone(tmp_path):
 
 
 def test_findings_are_true_within_their_deviations(tmp_path):
-    spring = np.array([0, 0, 25.0, 0, 0, 0])
-    really = replace(
-        RIGHT,
+    really = arms.Arm(
         friction=np.array([2.0, 5, 4, 1, 1, 0.5]),
         load_friction=0.04,
-        spring=spring,
+        spring=np.array([0, 0, 25.0, 0, 0, 0]),
         relaxed=np.full(6, -0.2),
         tool=(3.0, (0.1, 0.0, 0.0)),
     )
@@ -93,7 +92,7 @@ class Bumpy(arms.Arm):
 
 def test_what_physics_leaves_is_learned_only_where_it_helps(tmp_path, monkeypatch):
     monkeypatch.setattr(identify_module, "FOLDS", 3)
-    plain = replace(RIGHT, friction=0.01 * arms.RATED)
+    plain = arms.Arm(friction=0.01 * arms.RATED)
     for really, helps in ((plain, False), (Bumpy(friction=0.01 * arms.RATED), True)):
         poses = collection(really, 1, 100)
         arm = known(tmp_path, poses)
@@ -106,10 +105,8 @@ def test_what_physics_leaves_is_learned_only_where_it_helps(tmp_path, monkeypatc
 
 
 def test_payloads_between_poses_are_told_apart_from_the_arm(tmp_path):
-    carried = np.where(np.arange(160) % 3 == 0, 0.0, np.where(np.arange(160) % 3 == 1, 3.0, 8.0))
-    parts = [
-        collection(replace(RIGHT, tool=(mass, (0.12, 0.0, 0.03)), hold=0.0005), 1, 160) for mass in (0.0, 3.0, 8.0)
-    ]
+    carried = np.array([0.0, 3.0, 8.0])[np.arange(160) % 3]
+    parts = [collection(arms.Arm(tool=(mass, (0.12, 0.0, 0.03)), hold=0.0005), 1, 160) for mass in (0.0, 3.0, 8.0)]
     torque = np.choose((np.arange(160) % 3)[:, None], [part.torque for part in parts])
     poses = replace(parts[0], torque=torque, payload=carried)
     arm = known(tmp_path, poses)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pyarrow as pa
@@ -28,8 +27,8 @@ from tests.plugins.models.static import arms
 def case(tmp_path_factory):
     """A collection, its robot, poses never collected, and what two trainings on it said."""
     folder = tmp_path_factory.mktemp("case")
-    really = replace(arms.Arm(), friction=0.01 * arms.RATED, mass=arms.MASS * 1.1)
-    robot, unseen = arms.write_case(folder, really, 4, cad=arms.Arm(), count=48)
+    really = arms.Arm(friction=0.01 * arms.RATED, mass=arms.MASS * 1.1)
+    robot, unseen = arms.write_case(folder, really, 4, count=48)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(paper, "TRIALS", 2)
         patch.setattr(identify, "FOLDS", 3)
@@ -137,6 +136,7 @@ def test_scores_are_those_of_the_paper():
     assert scores.accuracy == pytest.approx(100 - 20 / 3)
     assert scores.mean_absolute == pytest.approx(10.0)
     assert scores.r2 == pytest.approx(1 - 500 / np.sum((measured - measured.mean()) ** 2))
+    assert Scores.of(np.append(measured, 0.0), np.append(predicted, 5.0)).mape == pytest.approx(scores.mape)
 
 
 def test_intervals_hold_what_they_say():
