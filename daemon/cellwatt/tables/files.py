@@ -104,7 +104,7 @@ def _parquet(path: Path) -> pa.Table:
     # A dictionary holds each text once, as the file does; then the number of its occurrences is known.
     texts = [c.path for c in columns if c.physical_type == "BYTE_ARRAY" and not c.max_repetition_level]
     with pq.ParquetFile(path, read_dictionary=texts) as file:
-        return _without_dictionaries(file.read())
+        return _without_dictionaries(_flat(file.read()))
 
 
 def _check_columns(number: int) -> None:
@@ -238,7 +238,6 @@ def letters_of(column: int) -> str:
 
 def _arrow(path: Path, table: pa.Table) -> Table:
     """Make a table of the columns of a Parquet file."""
-    table = _flat(table)
     names = [name.strip() for name in table.column_names]
     if not table.num_rows:
         raise RecordingError(f"{path}: has no rows")
@@ -265,11 +264,13 @@ def _flat(table: pa.Table) -> pa.Table:
 
 
 def _width(column: Any) -> int:
-    """Length of the lists of a column; 0 if it has none, or of different lengths."""
+    """Length of the lists of numbers of a column; 0 if it has none, or of different lengths."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
     if not any(of(column.type) for of in (pa.types.is_list, pa.types.is_large_list, pa.types.is_fixed_size_list)):
+        return 0
+    if not any(of(column.type.value_type) for of in (pa.types.is_floating, pa.types.is_integer, pa.types.is_decimal)):
         return 0
     lengths = pc.min_max(pc.list_value_length(column)).as_py()
     return lengths["min"] if lengths["min"] == lengths["max"] and not column.null_count and len(column) else 0
@@ -291,7 +292,7 @@ def _typed(column: Any) -> Cells:
     if pa.types.is_string(kind) or pa.types.is_large_string(kind):
         return cells_of(column.cast(pa.string()), "")
     if pa.types.is_nested(kind):
-        return Cells(None, fault="holds lists of different lengths")
+        return Cells(None, fault="holds lists of text, or of different lengths")
     numbers = ("is_floating", "is_integer", "is_null", "is_boolean", "is_decimal")
     if not any(getattr(pa.types, each)(kind) for each in numbers):
         return Cells(None, fault=TEXT)

@@ -23,8 +23,8 @@ ANGLES: Final = ("position", "target_position")
 """Quantities that some devices report modulo a turn."""
 FOLLOWED: Final = 0.5
 """Longest time in s between rows of a log in which no joint can turn by half a turn."""
-SINCE_1970: Final = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
-"""Least times without a unit that are in ns, µs and ms, and their factors to s: as s, they are after the year 5000."""
+SINCE_1970: Final = (1e9, 4e9)
+"""Times since 1970 in s, of the years 2001 to 2096: times without a unit that are such in ms, µs or ns are taken so."""
 MOST_NAMES: Final = 12
 """Largest number of columns that a message lists."""
 
@@ -266,9 +266,10 @@ class Table:
             )
         values, (factor, offset) = self.columns[name], scaled
         if known.quantity == "time" and unit is None:
-            first = values[np.isfinite(values)].min(initial=np.inf)
-            factor = next((each for least, each in SINCE_1970 if least < first < np.inf), 1.0)
-            return values * factor
+            known = values[np.isfinite(values)]
+            middle = float(np.median(known)) if len(known) else 0.0
+            low, high = SINCE_1970
+            return values * next((each for each in (1e-3, 1e-6, 1e-9) if low <= middle * each < high), 1.0)
         return values if scaled == (1.0, 0.0) else values * factor + offset
 
 

@@ -316,10 +316,11 @@ class EnergyStage(Stage[EnergySettings]):
         """
         from cellwatt_plugins.energy.advice import Cycle, advise
 
-        rests = [self._rest_after(each) for each in earlier]
-        start, end = min(rests, key=lambda rest: rest[1] - rest[0])
-        rest = self._stretch(start, end)
-        cycle = Cycle(stretch, (end - start) * 1e-9, None if isinstance(rest, str) else rest)
+        rests = sorted(map(self._rest_after, earlier), key=lambda rest: rest[1] - rest[0])
+        waiting = (rests[0][1] - rests[0][0]) * 1e-9
+        # Frames of the shortest rest may be discarded already: another one shows as well what the arm draws at rest.
+        held = (rest for rest in (self._stretch(*each) for each in rests) if not isinstance(rest, str))
+        cycle = Cycle(stretch, waiting, next(held, None))
         # The power of the electronics is the present one, as in the split.
         drive = replace(self._known.drive, fixed=self._known.drive.fixed + self._level.drift)
         out: list[Alarm] = []
