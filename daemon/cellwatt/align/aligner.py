@@ -83,7 +83,10 @@ class Aligner:
         if not len(batch):
             return self._move_on()
         if self._next is None:
-            self._begin(int(batch.time[0]))
+            # The first grid point is at the first sample, but no further back than the latency.
+            self._next = -(-max(int(batch.time[0]), self._now - self._latency) // self._step)
+            for known in self._lanes.values():
+                known.start = self._now
         following = self._following
         lane.hear(batch, self._given_out, self._now + self._latency)
         if lane.settled >= following or self._now >= following + self._latency:
@@ -104,12 +107,6 @@ class Aligner:
     def _following(self) -> int:
         """Time of the next grid point, ns."""
         return (self._next or 0) * self._step
-
-    def _begin(self, first: int) -> None:
-        """Set the first grid point at the first sample, but no further back than the latency."""
-        self._next = -(-max(first, self._now - self._latency) // self._step)
-        for lane in self._lanes.values():
-            lane.start = self._now
 
     def _move_on(self) -> list[Frames]:
         if self._next is None:

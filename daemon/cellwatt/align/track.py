@@ -58,7 +58,9 @@ class Track:
                 return
             last = int(time[n - 1])
         if first <= self.newest:
-            self._turn_back(first)
+            keep = self._first + int(self._time[self._first : self._end].searchsorted(first))
+            self.counts.replaced += self._end - keep
+            self._end = keep
         if first <= settled:
             self.counts.late += int(time[:n].searchsorted(settled, side="right"))
         if self._end + n > len(self._time):
@@ -75,11 +77,6 @@ class Track:
         """Discard all samples before ``before`` ns except the last of them."""
         older = int(self._time[self._first : self._end].searchsorted(before, side="right"))
         self._first += max(0, older - 1)
-
-    def _turn_back(self, to: int) -> None:
-        keep = self._first + int(self._time[self._first : self._end].searchsorted(to))
-        self.counts.replaced += self._end - keep
-        self._end = keep
 
     def _pack(self, room: int) -> None:
         """Move the held samples to the front, into larger arrays if they fill more than half."""

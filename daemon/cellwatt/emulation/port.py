@@ -56,16 +56,12 @@ class Port(ABC):
         response, which the function of that name makes fit for the wire.
         """
         self._tally["made"] += 1
-        pieces, whole, late = self._injector.left_of(frame, _before_its_end, garbage)
+        pieces, whole, late = self._injector.left_of(frame, lambda whole: len(whole) - 1, garbage)
         if late:
             await asyncio.sleep(late)
         for piece in pieces:
             write(piece)
         self._tally["sent"] += whole
-
-
-def _before_its_end(frame: bytes) -> int:
-    return len(frame) - 1
 
 
 class PortEmulator(Emulator):

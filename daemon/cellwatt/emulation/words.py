@@ -93,24 +93,23 @@ def kind_of(text: str) -> str:
 def mishap(text: str, emulator: type[Emulator]) -> Mishap:
     """Parse a fault for an emulator, in words. Raises ``ValueError`` in one line with the nearest match."""
     kind, rest = kind_of(text), text.partition(":")[2]
-    _check_kind(kind, emulator)
+    known = kinds_of(emulator)
+    if kind not in known:
+        hint = "" if kind in FAULT_KINDS else did_you_mean(kind, known)
+        raise ValueError(f"{emulator.title} cannot inject {kind}{hint or ';'} it can: {', '.join(known)}")
     keys = keys_of(kind, emulator)
-    given = dict(_pair(part, kind, keys) for part in rest.split(",") if part.strip())
+    given: dict[str, Any] = dict(_pair(part, kind, keys) for part in rest.split(",") if part.strip())
     if kind in FAULT_KINDS:
-        return _fault(kind, given)
+        at = given.pop("at", 0.0)
+        if "for" in given:
+            given["duration"] = given.pop("for")
+        return Mishap(at, Fault(kind, **given))
     if keys[0] not in given:
         raise ValueError(f"{kind} needs {keys[0]}, like '{kind}:{keys[0]}=…' (keys: {', '.join(keys)})")
     value = given.pop(keys[0])
     if kind in WORLD:
         return Mishap(0.0, {kind: value, **given})
     return Mishap(float(given.get("at", 0.0)), {kind: value})
-
-
-def _check_kind(kind: str, emulator: type[Emulator]) -> None:
-    known = kinds_of(emulator)
-    if kind not in known:
-        hint = "" if kind in FAULT_KINDS else did_you_mean(kind, known)
-        raise ValueError(f"{emulator.title} cannot inject {kind}{hint or ';'} it can: {', '.join(known)}")
 
 
 def _pair(part: str, kind: str, keys: tuple[str, ...]) -> tuple[str, float | str]:
@@ -123,10 +122,3 @@ def _pair(part: str, kind: str, keys: tuple[str, ...]) -> tuple[str, float | str
         return key, KEYS[key](value)
     except ValueError as error:
         raise ValueError(f"found {value!r} as {key} of the fault {kind}: {error}") from None
-
-
-def _fault(kind: str, given: dict[str, Any]) -> Mishap:
-    at = given.pop("at", 0.0)
-    if "for" in given:
-        given["duration"] = given.pop("for")
-    return Mishap(at, Fault(kind, **given))  # type: ignore[arg-type]  # the caller has checked the kind

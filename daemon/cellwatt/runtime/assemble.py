@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, NoReturn, TypeVar, cast
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
 from cellwatt.account import Account
 from cellwatt.align import Aligner
@@ -81,14 +81,11 @@ def typical_streams(part: Installed) -> tuple[Stream, ...]:
     if part.kind != "driver" or part.settings is None:
         return ()
     try:
-        settings = part.settings.model_validate({k: TYPICAL[k] for k in TYPICAL if k in _required(part.settings)})
+        required = {name for name, field in part.settings.model_fields.items() if field.is_required()}
+        settings = part.settings.model_validate({k: TYPICAL[k] for k in TYPICAL if k in required})
         return streams_of(SourceConfig("source", part.name, cast("SourceSettings", settings)))
     except (ValidationError, ConfigError):
         return ()
-
-
-def _required(settings: type[BaseModel]) -> set[str]:
-    return {name for name, field in settings.model_fields.items() if field.is_required()}
 
 
 def layout_of(streams: Mapping[str, tuple[Stream, ...]], frames: FrameSettings) -> Layout:

@@ -58,7 +58,12 @@ class EmulatedDevice:
                 address = await ready
         except TimeoutError:
             raise NotConformingError(f"{self._emulator.title}: never called ready(address)") from None
-        self.address = self._kept(address) if address.startswith("/") else address
+        if address.startswith("/"):  # a serial port, whose name changes: the link is a stable path
+            link = self._folder / "device"
+            link.unlink(missing_ok=True)
+            link.symlink_to(address)
+            address = str(link)
+        self.address = address
 
     async def switch_off(self) -> None:
         """Stop the emulator: its connections end and its port is freed."""
@@ -85,13 +90,6 @@ class EmulatedDevice:
     async def counts(self) -> Mapping[str, int]:
         """Numbers of samples sent and faults injected since it was switched on."""
         return await self._ask(lambda emulator: dict(emulator.counts))
-
-    def _kept(self, port: str) -> str:
-        """A stable path for a serial port whose name changes."""
-        link = self._folder / "device"
-        link.unlink(missing_ok=True)
-        link.symlink_to(port)
-        return str(link)
 
     async def _ask(self, question: Callable[[Emulator], T]) -> T:
         async def answer() -> T:

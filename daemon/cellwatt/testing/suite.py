@@ -33,8 +33,4 @@ class DriverConformance:
 
     def test_driver(self, rig: Rig, check: Check, tmp_path: Path) -> None:
         """The driver passes this check of the contract."""
-        asyncio.run(_run(check, rig, tmp_path))
-
-
-async def _run(check: Check, rig: Rig, folder: Path) -> None:
-    await check(rig, folder)
+        asyncio.run(check(rig, tmp_path))

@@ -6,13 +6,11 @@ import time
 
 import numpy as np
 
-from cellwatt.arrays import Float
 from cellwatt.channel import Channel, Quality, Stream
 from cellwatt.driver import Identity, Inlet
 from cellwatt.errors import DeviceError, ProtocolError, SourceError, WrongDeviceError
 from cellwatt.slots import Slots
 from cellwatt_drivers.abb import rws
-from cellwatt_drivers.abb.rws import Energy
 from cellwatt_drivers.abb.settings import AbbSettings
 from cellwatt_drivers.abb.web import Web
 from cellwatt_drivers.shared.polling import deliver
@@ -21,11 +19,6 @@ STATE_CHANNELS = tuple(
     Channel(f"controller.{name}", "1", "discrete")
     for name in ("motors_on", "program_running", "automatic", "emergency_stop", "speed_ratio")
 )
-
-
-def state_stream(rate: float) -> Stream:
-    """Stream of motors, program, mode and speed override."""
-    return Stream("controller", STATE_CHANNELS, rate, "host")
 
 
 def energy_stream(axes: int) -> Stream:
@@ -54,7 +47,8 @@ class Controller:
         self.polls = 0
         self._inlet = inlet
         self._settings = settings
-        self._state = state_stream(settings.web_rate) if "state" in settings.web else None
+        states = Stream("controller", STATE_CHANNELS, settings.web_rate, "host")
+        self._state = states if "state" in settings.web else None
         self._energy = energy_stream(settings.axes) if "energy" in settings.web else None
         self._count: int | None = None
         self._valid = True
@@ -149,11 +143,9 @@ class Controller:
             kind, validity = ("energy_valid", "valid") if found.valid else ("energy_not_valid", "not valid")
             self._inlet.event(kind, f"the controller reports its energy measurement as {validity} ({found.state})")
         arrival = asked + time.monotonic_ns() - since
-        deliver(self._inlet, stream, self._row(found, joints), asked, arrival, quality)
-
-    def _row(self, found: Energy, joints: int) -> Float:
         given = np.array([found.accumulated, found.interval_energy, *found.joints[:joints]])
-        return np.insert(given * self._settings.energy_unit, 2, found.interval)
+        row = np.insert(given * self._settings.energy_unit, 2, found.interval)
+        deliver(self._inlet, stream, row, asked, arrival, quality)
 
     def _report(self, words: dict[str, str]) -> None:
         """Report changed states."""

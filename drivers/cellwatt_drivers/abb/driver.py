@@ -29,10 +29,7 @@ class AbbDriver(Driver[AbbSettings]):
     libraries = ("aiohttp", "google.protobuf.message_factory")
     title = "ABB robots over EGM and Robot Web Services (IRC5, OmniCore)"
     emulator = "cellwatt_drivers.abb.emulator:AbbEmulator"
-    least_delay: ClassVar[tuple[float, float]] = (
-        0.0,
-        0.02,
-    )  # the delay of a measurement in the controller is unknown
+    least_delay: ClassVar[tuple[float, float]] = (0.0, 0.02)  # that of a measurement in the controller is unknown
     writes = (
         "UDP: nothing, ever; the socket only receives",
         "HTTP GET, with user and password: /rw/system, /rw/panel/ctrlstate or ctrl-state, /rw/panel/opmode, "
@@ -46,8 +43,10 @@ class AbbDriver(Driver[AbbSettings]):
         streams: list[Stream] = []
         if settings.egm:
             require(name, "egm", {"google.protobuf": "the package protobuf"}, f"{_INSTALL}, or set egm: []")
-            self._intake = self._make_intake()
-            streams.append(self._intake.stream)
+            found = wire.columns(settings.egm, settings.axes, settings.external, settings.robotware, settings.linear)
+            stream = Stream("egm", found.channels, settings.rate, "device")
+            self._intake = Intake(inlet, stream, found, self._delivers)
+            streams.append(stream)
         if settings.web:
             require(name, "web", {"aiohttp": "the package aiohttp"}, f"{_INSTALL}, or set web: []")
             self._controller = Controller(inlet, settings)
@@ -56,11 +55,6 @@ class AbbDriver(Driver[AbbSettings]):
         self._greeted = False
         self._last_data = 0.0
         self._web_failure: SourceError | None = None
-
-    def _make_intake(self) -> Intake:
-        s = self.settings
-        found = wire.columns(s.egm, s.axes, s.external, s.robotware, s.linear)
-        return Intake(self.inlet, Stream("egm", found.channels, s.rate, "device"), found, self._delivers)
 
     @property
     def streams(self) -> tuple[Stream, ...]:

@@ -64,21 +64,18 @@ class EmulatedRobot:
             message.measuredForce.fcActive = any(wrench)
             message.measuredForce.force.extend(wrench)
             return bytes(message.SerializeToString())
-        return bytes(message.SerializeToString()) + _force6(wrench)
-
-
-def _force6(wrench: list[float]) -> bytes:
-    """Field 9 of the robot's message in the encoding of RobotWare 6: unpacked doubles of field number 1."""
-    inside = b"".join(b"\x09" + struct.pack("<d", value) for value in wrench)
-    return b"\x4a" + bytes([len(inside)]) + inside
+        # Field 9 of the message as RobotWare 6 encodes it: unpacked doubles of field number 1.
+        force = b"".join(b"\x09" + struct.pack("<d", value) for value in wrench)
+        return bytes(message.SerializeToString()) + b"\x4a" + bytes([len(force)]) + force
 
 
 class EnergyMeter:
     """A controller's energy measurement over intervals of ``length`` s since the epoch, J."""
 
-    def __init__(self, signals: Signals, axes: int, length: float = 1.0) -> None:
+    length = 1.0
+
+    def __init__(self, signals: Signals, axes: int) -> None:
         self.count = 0
-        self.length = length
         self.interval = 0.0
         self.accumulated = 0.0
         self.joints = [0.0] * axes

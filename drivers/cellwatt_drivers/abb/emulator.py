@@ -86,7 +86,8 @@ class AbbEmulator(Emulator):
         self._shift = 0.0
         self._down_until = 0.0
         self.tally.update(heard=0)
-        self._packets = Datagrams(self, _header, _no_message, lambda *_: self.tally.update(heard=1))
+        # Protobuf has no wire type 7: with it, no random datagram is a valid message.
+        self._packets = Datagrams(self, _header, lambda noise: b"\x07" + noise, lambda *_: self.tally.update(heard=1))
         self._port = TcpPort(self, self._talk, emulated_pages.tls(certificate) if certificate else None)
 
     def change(self, kind: str, value: float | str) -> None:
@@ -144,8 +145,3 @@ class AbbEmulator(Emulator):
 def _header(packet: bytes) -> int:
     """Cut a half packet within its header: a packet cut between two later fields would be valid."""
     return packet[1] + 2
-
-
-def _no_message(garbage: bytes) -> bytes:
-    """Prefix a wire type that protobuf does not have, so that no random datagram is a valid message."""
-    return b"\x07" + garbage

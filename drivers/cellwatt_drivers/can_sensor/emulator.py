@@ -120,20 +120,16 @@ class CanSensorEmulator(Emulator):
         async with Ticker(1 / min(self._cycles.values())) as ticker:
             async for _ in ticker:
                 now = time.monotonic()
-                self._break_off(now)
+                if stall := self.injector.once("stall"):
+                    self._blocked = now + stall.seconds
+                if outage := self.injector.once("disconnect"):
+                    self._off = now + outage.seconds
                 if now < self._blocked:
                     continue
                 for name, cycle in self._cycles.items():
                     while due[name] <= now - start:
                         due[name] += cycle
                         self._result(name, now)
-
-    def _break_off(self, now: float) -> None:
-        """Begin a fault that silences the bus."""
-        if stall := self.injector.once("stall"):
-            self._blocked = now + stall.seconds
-        if outage := self.injector.once("disconnect"):
-            self._off = now + outage.seconds
 
     def _result(self, name: str, now: float) -> None:
         decoding = self._decodings[name]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -103,7 +103,5 @@ def _advice(interface: Interface) -> str:
 
 
 def _close(bus: BusABC) -> None:
-    try:
+    with suppress(Exception):  # an unplugged adapter cannot be closed properly
         bus.shutdown()
-    except Exception:  # an unplugged adapter cannot be closed properly
-        return

@@ -59,9 +59,11 @@ class Intake:
     def _take(self, stamps: NDArray[np.int64], held: Float, values: Float, arrival: int) -> None:
         """Take states of one time base, with rising times."""
         first = int(stamps[0])
-        if self._last is not None and self._strange(first, arrival):
-            self._inlet.clock_reset(self.stream, "the robot's time began anew")
-            self._last = None
+        if self._last is not None:
+            passed = first - self._last
+            if passed <= 0 or passed - (arrival - self._arrival) / 1e6 > _STRANGE:
+                self._inlet.clock_reset(self.stream, "the robot's time began anew")
+                self._last = None
         before = first - self._every if self._last is None else self._last
         steps = np.diff(stamps, prepend=before)
         missing = steps // self._every - 1
@@ -90,8 +92,3 @@ class Intake:
         self._inlet.account.lose(host, HOST)
         self._inlet.account.lose(self._missing - host, "gap")
         self._missing, self._held = 0, 0.0
-
-    def _strange(self, first: int, arrival: int) -> bool:
-        assert self._last is not None
-        passed = first - self._last
-        return passed <= 0 or passed - (arrival - self._arrival) / 1e6 > _STRANGE

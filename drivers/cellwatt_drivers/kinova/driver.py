@@ -66,7 +66,7 @@ class KinovaDriver(Driver[KinovaSettings]):
         self._reads: tuple[Read, ...] = (registers.arm(settings.rate),) if "arm" in settings.read else ()
         if "joints" in settings.read:
             self._reads += (registers.joints(settings.rate, settings.axes, "tool" in settings.read),)
-        self._slots = Slots(settings.rate, self._miss_slots)
+        self._slots = Slots(settings.rate, lambda n, reason: inlet.account.lose(n * len(self._reads), reason))
         self._turns = Turns()
         self._last: dict[str, list[int]] = {}
         self._flags: dict[str, int] = {}
@@ -113,9 +113,6 @@ class KinovaDriver(Driver[KinovaSettings]):
                 async for _ in slots:
                     for done, read in enumerate(self._reads):
                         await self._serve(modbus, read, len(self._reads) - done)
-
-    def _miss_slots(self, slots: int, reason: str) -> None:
-        self.inlet.account.lose(slots * len(self._reads), reason)
 
     async def _serve(self, modbus: Modbus, read: Read, remaining: int) -> None:
         """Send one request; if it fails, the ``remaining`` requests of this slot are counted as missed."""

@@ -203,28 +203,20 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
                 arrival = self.inlet.now()
         except SourceError as error:
             self.inlet.account.lose(1, reason_of(error))
-            if isinstance(error, RefusedError | OtherNumberError):
-                self._report("device_error", str(error))
+            if isinstance(error, RefusedError | OtherNumberError) and str(error) != self._reported:
+                self._reported = str(error)
+                self.inlet.event("device_error", f"{self.name}: {error}")
             if not isinstance(error, NoAnswerError | RefusedError | ProtocolError):
                 raise
-            self._endure(error)
+            silence = (time.monotonic_ns() - self._last_answer) * 1e-9
+            if silence > self.settings.silence:
+                kind = DeviceError if isinstance(error, RefusedError) else ConnectError
+                raise kind(f"no good answer for {silence:.1f} s; the last: {error}") from error
         else:
             self._reported = ""
             self._last_answer = time.monotonic_ns()
             values, quality = self._measured(raw, arrival)
             deliver(self.inlet, self._stream, values, asked, arrival, quality)
-
-    def _endure(self, error: SourceError) -> None:
-        """Continue after a failed poll, unless the last good one is older than ``silence``."""
-        silence = (time.monotonic_ns() - self._last_answer) * 1e-9
-        if silence > self.settings.silence:
-            kind = DeviceError if isinstance(error, RefusedError) else ConnectError
-            raise kind(f"no good answer for {silence:.1f} s; the last: {error}") from error
-
-    def _report(self, kind: str, text: str) -> None:
-        if text != self._reported:
-            self._reported = text
-            self.inlet.event(kind, f"{self.name}: {text}")
 
     def _measured(self, raw: NDArray[np.float64], arrival: int) -> tuple[NDArray[np.float64], Quality]:
         """Convert register numbers, read at ``arrival`` ns, to SI units; return the values and their quality."""
@@ -235,7 +227,11 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         if over.any():
             quality = Quality.CLIPPED
             self.inlet.account.count("overloads")
-        self._note_overload(frozenset(n for n, o in zip(self._names, over, strict=True) if o))
+        overloaded = frozenset(n for n, o in zip(self._names, over, strict=True) if o)
+        if new := overloaded - self._overloaded:
+            listed = ", ".join(sorted(new))
+            self.inlet.event("overload", f"{self.name}: {listed} beyond the meter's range", channels=listed)
+        self._overloaded = overloaded
         return row, quality
 
     def _in_si(self, raw: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
@@ -266,12 +262,6 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
             self.inlet.event(
                 f"counter_{counted.change}", f"{self.name}: {name} {_CHANGES[counted.change]}", channel=name
             )
-
-    def _note_overload(self, names: frozenset[str]) -> None:
-        if new := names - self._overloaded:
-            listed = ", ".join(sorted(new))
-            self.inlet.event("overload", f"{self.name}: {listed} beyond the meter's range", channels=listed)
-        self._overloaded = names
 
 
 def _chosen(meter: MeterMap, read: tuple[str, ...] | None) -> tuple[str, ...]:

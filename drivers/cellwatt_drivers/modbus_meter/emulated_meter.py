@@ -9,7 +9,7 @@ import numpy as np
 
 from cellwatt.emulation import Signals
 from cellwatt_drivers.modbus_meter.meter_map import MeterMap
-from cellwatt_drivers.modbus_meter.registers import Block, Slot
+from cellwatt_drivers.modbus_meter.registers import Block
 
 FREQUENCY = 50.0
 _SHARES = (0.5, 0.3, 0.2)
@@ -45,13 +45,10 @@ class EmulatedMeter:
         values, registers = self._measured(t), [0] * (self._end - self._first)
         for slot in self._slots:
             if address < slot.end and slot.address < address + count:
-                number = self._number(slot, values[self._names[slot.column]])
+                number = values[self._names[slot.column]] / self._factors[slot.column]
+                number = number if slot.kind.startswith("float") else round(number)
                 Block((slot,), self.map.word_order).encode((number,), registers, self._first)
         return registers[address - self._first :][:count]
-
-    def _number(self, slot: Slot, value: float) -> float:
-        number = value / self._factors[slot.column]
-        return number if slot.kind.startswith("float") else round(number)
 
     def _measured(self, t: float) -> Mapping[str, float]:
         now = {name: float(v[0]) for name, v in self._signals.at(np.array([t])).items() if name.startswith("supply.")}

@@ -126,7 +126,9 @@ class Search:
             nonlocal furthest
             if depth == len(steps):
                 return node
-            children = await self._below(node)
+            if node not in self._children:
+                self._children[node] = await self._session.children(node)
+            children = self._children[node]
             if depth > furthest[0]:
                 furthest = depth, children
             for child in chosen(steps[depth], children, numbers[depth]):
@@ -145,11 +147,6 @@ class Search:
         if not step.prefix:
             return None
         return int(step.prefix) if step.prefix.isdecimal() else self._number(name, self._prefixes[step.prefix])
-
-    async def _below(self, node: str) -> list[Child]:
-        if node not in self._children:
-            self._children[node] = await self._session.children(node)
-        return self._children[node]
 
     def _check(self, name: str, tag: Tag, value: ua.DataValue, kind: ua.DataValue) -> None:
         """Raise ``WrongDeviceError`` unless the value is a number, or an array of numbers with that element."""

@@ -50,14 +50,14 @@ def frame(data: bytes, *, escaped: bool = False) -> bytes:
     return START + body
 
 
-def receive_data(payload: bytes, sender: int, network: int, options: int = 0xC1) -> bytes:
+def receive_data(payload: bytes, sender: int, network: int) -> bytes:
     """Frame data 0x90: ``payload`` from a radio's 64-bit ``sender`` and 16-bit ``network`` address."""
-    return struct.pack(">BQHB", RECEIVE, sender, network, options) + payload
+    return struct.pack(">BQHB", RECEIVE, sender, network, 0xC1) + payload
 
 
-def receive_explicit_data(payload: bytes, sender: int, network: int, options: int = 0xC1) -> bytes:
+def receive_explicit_data(payload: bytes, sender: int, network: int) -> bytes:
     """Frame data 0x91 on the endpoints, cluster and profile of Digi's serial data."""
-    return struct.pack(">BQHBBHHB", RECEIVE_EXPLICIT, sender, network, 0xE8, 0xE8, 0x0011, 0xC105, options) + payload
+    return struct.pack(">BQHBBHHB", RECEIVE_EXPLICIT, sender, network, 0xE8, 0xE8, 0x0011, 0xC105, 0xC1) + payload
 
 
 def api_frames(accept: Callable[[bytes], bool], counts: Counter[str]) -> FrameScanner:

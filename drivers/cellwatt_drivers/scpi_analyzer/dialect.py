@@ -112,12 +112,7 @@ _FURTHER = {
 HMC8015 = Dialect(
     maker="Rohde & Schwarz",
     model="HMC8015",
-    functions={
-        "URMS": Function(_URMS),
-        "IRMS": Function(_IRMS),
-        **_POWERS,
-        **_FURTHER,
-    },
+    functions={"URMS": Function(_URMS), "IRMS": Function(_IRMS), **_POWERS, **_FURTHER},
     select=("CHAN1:MEAS:FORM ASC", "CHAN1:MEAS:FUNC {functions}"),
     selected="CHAN1:MEAS:FUNC?",
     read="CHAN1:MEAS:DATA?",
@@ -130,12 +125,7 @@ WT300 = Dialect(
     maker="Yokogawa",
     model="WT300",
     known=",WT3",
-    functions={
-        "URMS": Function(_URMS, word="U"),
-        "IRMS": Function(_IRMS, word="I"),
-        **_POWERS,
-        **_FURTHER,
-    },
+    functions={"URMS": Function(_URMS, word="U"), "IRMS": Function(_IRMS, word="I"), **_POWERS, **_FURTHER},
     select=(":NUM:FORM ASC", ":NUM:NORM:NUM {count}", ":NUM:NORM:ITEM{number} {item}"),
     selected=":NUM:NORM:ITEM{number}?",
     count=":NUM:NORM:NUM?",

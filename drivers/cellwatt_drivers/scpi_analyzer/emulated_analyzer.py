@@ -102,7 +102,7 @@ class EmulatedAnalyzer:
             **self._status_commands(),
             "*RST": lambda _: self._reset(),
             "SYSTem:ERRor?": lambda _: self._next_error(),
-            "SYSTem:ERRor:ALL?": lambda _: self._all_errors(),
+            "SYSTem:ERRor:ALL?": lambda _: ",".join(self._next_error() for _ in range(max(1, len(self.errors)))),
             "SYSTem:VERSion?": lambda _: SCPI_VERSION,
             "CHANnel1:MEASurement:FORMat": lambda p: self._one_of(p, {"ASC", "ASCII"}),
             "CHANnel1:MEASurement:FUNCtions": self._select,
@@ -159,10 +159,6 @@ class EmulatedAnalyzer:
     def _next_error(self) -> str:
         code, text = self.errors.popleft() if self.errors else (0, "No error")
         return f'{code},"{text}"'
-
-    def _all_errors(self) -> str:
-        """Return and clear the whole queue."""
-        return ",".join(self._next_error() for _ in range(max(1, len(self.errors))))
 
     def _one_of(self, parameter: str, known: set[str]) -> None:
         if parameter.upper() not in known:

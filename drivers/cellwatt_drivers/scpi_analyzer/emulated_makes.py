@@ -7,18 +7,13 @@ from collections.abc import Callable, Mapping
 from typing import ClassVar
 
 from cellwatt.emulation import Signals
-from cellwatt_drivers.scpi_analyzer.emulated_analyzer import (
-    BAD_PARAMETER,
-    EmulatedAnalyzer,
-)
+from cellwatt_drivers.scpi_analyzer.emulated_analyzer import BAD_PARAMETER, EmulatedAnalyzer
 
 _WT300_WORDS = {
     "U": "URMS", "I": "IRMS", "P": "P", "S": "S", "Q": "Q", "LAMB": "LAMB", "LAMBDA": "LAMB", "PHI": "PHI", "FU": "FU",
     "FI": "FI", "WH": "WH", "TIME": "TIME",
 }  # fmt: skip
-_LMG600_WORDS = {
-    "UTRMS": "URMS", "ITRMS": "IRMS", "P": "P", "S": "S", "Q": "Q", "PF": "LAMB", "FCYC": "FU",
-}  # fmt: skip
+_LMG600_WORDS = {"UTRMS": "URMS", "ITRMS": "IRMS", "P": "P", "S": "S", "Q": "Q", "PF": "LAMB", "FCYC": "FU"}
 _WT300_AFTER_RESET = ("U,1", "I,1", "P,1")
 _ITEM = re.compile(r":?(?:NUM(?:ERIC)?:)?(?:NORM(?:AL)?:)?ITEM([0-9]+)(\??)")
 _LMG600_VALUE = re.compile(r"([A-Z]+?)([1-7])\?")

@@ -64,10 +64,6 @@ class ScpiAnalyzerEmulator(PortEmulator):
                 continue
             frame = answer.encode() + b"\n"
             if self.analyzer.data_query in line.upper():
-                await self.port.answer(frame, writer.write, _line)
+                await self.port.answer(frame, writer.write, lambda noise: noise.replace(b"\n", b"\0") + b"\n")
             else:
                 writer.write(frame)
-
-
-def _line(garbage: bytes) -> bytes:
-    return garbage.replace(b"\n", b"\0") + b"\n"

@@ -175,7 +175,8 @@ class YaskawaDriver(Driver[YaskawaSettings]):
 
         def late(exchange: Exchange) -> None:
             nonlocal missed
-            if missed and self._is_newest(poll.stream, exchange):
+            # If a newer sample was emitted, an older one would turn the stream's time back.
+            if missed and exchange.asked + exchange.arrival > self._newest.get(poll.stream.name, 0):
                 missed = False
                 self._emit_late(link, poll, exchange)
 
@@ -232,10 +233,6 @@ class YaskawaDriver(Driver[YaskawaSettings]):
     def _emit(self, stream: Stream, exchange: Exchange, values: Float) -> None:
         self._newest[stream.name] = exchange.asked + exchange.arrival
         deliver(self.inlet, stream, values, exchange.asked, exchange.arrival)
-
-    def _is_newest(self, stream: Stream, exchange: Exchange) -> bool:
-        """True if no newer sample was emitted: an older one would turn the stream's time back."""
-        return exchange.asked + exchange.arrival > self._newest.get(stream.name, 0)
 
     def _emit_late(self, link: Link, poll: Poll, exchange: Exchange) -> None:
         """Emit a sample that arrived after its time-out, with its actual times."""

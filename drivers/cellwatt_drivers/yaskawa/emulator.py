@@ -63,7 +63,8 @@ class YaskawaEmulator(Emulator):
         self._answer_ms = options.number("answer_ms", ANSWER_MS[model])
         self._jitter_ms = min(_JITTER_MS, self._answer_ms / 2)
         self._busy = options.number("busy", 0.0)
-        self.alarm = _alarm(options.text("alarm"))
+        code, _, name = options.text("alarm").partition(":")
+        self.alarm = payload.Alarm(int(code), time="2024/01/01 00:00", name=name) if code or name else payload.Alarm(0)
         self.robot = EmulatedRobot(
             self.signals,
             options.numbers("pulses_per_degree", PULSES_PER_DEGREE),
@@ -116,7 +117,7 @@ class YaskawaEmulator(Emulator):
             wire.STATUS: lambda i: self._status() if i == 1 else None,
             wire.AXIS_NAMES: self._axis_names,
             wire.POSITION: self._position,
-            wire.TORQUE: lambda i: self._torque() if i == 1 else None,
+            wire.TORQUE: lambda i: payload.encode_axes(self.robot.torques(self.elapsed)) if i == 1 else None,
             wire.ALARM: lambda i: payload.encode_alarm(self.alarm if i == 1 else payload.Alarm(0)) if i < 5 else None,
             wire.SYSTEM: lambda i: payload.encode_system(self.system) if i == 11 else None,
         }
@@ -129,9 +130,6 @@ class YaskawaEmulator(Emulator):
         alarm = ("alarm",) if self.alarm.code else ()
         return payload.encode_status("automatic", "running", "play", "remote", "servo_on", *alarm)
 
-    def _torque(self) -> bytes:
-        return payload.encode_axes(self.robot.torques(self.elapsed))
-
     def _position(self, instance: int) -> bytes | None:
         if instance == 1:
             return payload.encode_position(payload.PULSE, self.robot.pulses(self.elapsed))
@@ -142,8 +140,3 @@ class YaskawaEmulator(Emulator):
 
 def _refusal(request: wire.Request, number: int, added: int) -> wire.Answer:
     return wire.Answer(number, request.service | wire.ANSWER, _GENERAL_ERROR, added)
-
-
-def _alarm(text: str) -> payload.Alarm:
-    code, _, name = text.partition(":")
-    return payload.Alarm(int(code), time="2024/01/01 00:00", name=name) if text else payload.Alarm(0)

@@ -120,11 +120,7 @@ def decode_request(datagram: bytes) -> tuple[Request, int]:
 
 def encode_answer(answer: Answer) -> bytes:
     """The datagram of an answer."""
-    reserve, block, reserves = (
-        answer.constants[0],
-        int.from_bytes(answer.constants[1:5], "little"),
-        answer.constants[5:],
-    )
+    reserve, block, reserves = struct.unpack("<BI8s", answer.constants)
     header = _ANSWER.pack(
         _IDENTIFIER, HEADER_SIZE, len(answer.data), reserve, _ROBOT, 1, answer.number, block, reserves,
         answer.service, answer.status, 2 if answer.added else 0, 0, answer.added, 0,

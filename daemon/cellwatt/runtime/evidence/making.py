@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Final
@@ -200,19 +200,17 @@ def _trust(pack: Recording, made: Cut) -> list[Block]:
 def _files(made: Cut) -> list[Block]:
     with made.path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
+    names = [path.name for path in made.sources]
+    sources = names if len(names) <= 4 else [*names[:2], f"{len(names) - 3} more", names[-1]]
     rows = [
         ("pack", made.path.name),
         ("from, to", f"{utc(made.start)} to {utc(made.end)}"),
         ("content", f"{made.messages} messages, {made.size / 1e6:.1f} MB"),
         ("SHA-256", digest),
-        ("cut from", ", ".join(_short([path.name for path in made.sources]))),
+        ("cut from", ", ".join(sources)),
     ]
     opens = Html(f"<p>Open it as any recording: <code>cellwatt plot {made.path.name}</code>.</p>")
     return [Table("Files", (), rows), opens]
-
-
-def _short(names: Sequence[str]) -> Sequence[str]:
-    return names if len(names) <= 4 else [*names[:2], f"{len(names) - 3} more", names[-1]]
 
 
 def _is_number(value: object) -> bool:

@@ -170,7 +170,9 @@ class _Telling:
             self._take(way, item)
             if way.held or way.reader.count - before == AT_ONCE:
                 break
-        self._note(way)
+        taken = self._teller.recorder.progress()[0] if self._teller.recorder is not None else 0
+        if not way.checkpoints or way.checkpoints[-1][1] != way.reader.position:
+            way.checkpoints.append((taken, way.reader.position))
         return way.reader.count - before
 
     def _take(self, way: _Way, item: Any) -> None:
@@ -178,7 +180,9 @@ class _Telling:
             case Status():
                 self._note_figures(way, item.figures)
             case Mark():
-                self._come_to(way, item.generation)
+                if item.generation > self._generation:  # the ring has reached newer settings and is held
+                    way.held = True  # until the remaining frames of the old ones have come
+                    self._marked.set()
             case Batch() | Frames():
                 fresh = self._resume.fresh(item)
                 if fresh is not None:
@@ -186,8 +190,11 @@ class _Telling:
                 self._teller.tell(item)
             case Tick():
                 self._teller.record(item)
-            case _:
-                self._take_message(way, item)
+            case _:  # a result or event; the ring stores which ones a previous process published
+                if self._unpublished(way):
+                    self._teller.take(item)
+                elif self._resume.lacks(item):
+                    self._teller.record(item)
 
     def _note_figures(self, way: _Way, figures: Mapping[str, Any]) -> None:
         if "begun" in figures:
@@ -198,13 +205,6 @@ class _Telling:
         else:
             self._reports[figures["part"]] = time.monotonic(), figures
 
-    def _take_message(self, way: _Way, item: Any) -> None:
-        """Publish and record a result or event, unless a previous process did; the ring stores the progress."""
-        if self._unpublished(way):
-            self._teller.take(item)
-        elif self._resume.lacks(item):
-            self._teller.record(item)
-
     def _unpublished(self, way: _Way) -> bool:
         """Return whether the last item read is still unpublished, and mark it as published."""
         reader = way.reader
@@ -212,12 +212,6 @@ class _Telling:
         if unpublished:
             reader.ring.settle(PUBLISHED, reader.position)
         return unpublished
-
-    def _note(self, way: _Way) -> None:
-        recorder = self._teller.recorder
-        taken = recorder.progress()[0] if recorder is not None else 0
-        if not way.checkpoints or way.checkpoints[-1][1] != way.reader.position:
-            way.checkpoints.append((taken, way.reader.position))
 
     def _settle(self) -> None:
         """Settle items that are in the file, or are not recorded, so that a successor does not read them again."""
@@ -239,12 +233,6 @@ class _Telling:
             return
         assert isinstance(message, Apply)
         self._applying.put_nowait(message)
-
-    def _come_to(self, way: _Way, generation: int) -> None:
-        """Hold a ring that has reached newer settings; the remaining frames of the old ones come first."""
-        if generation > self._generation:
-            way.held = True
-            self._marked.set()
 
     async def _apply(self) -> None:
         while True:
@@ -303,14 +291,12 @@ class _Telling:
         """Bytes that were overwritten before this process read them."""
         return sum(way.reader.skipped for way in self._ways)
 
-    def _report_skipped(self) -> None:
+    def _look(self) -> None:
+        # Also at the last check, so that the record reports all skipped bytes.
         lost, self._reported_skipped = self._skipped - self._reported_skipped, self._skipped
         if lost > 0:
             text = f"{lost} bytes were overwritten before they could be recorded: this PC is too busy"
             self._teller.take(Event(self._assignment.shared.clock.now(), None, "skipped", text))
-
-    def _look(self) -> None:
-        self._report_skipped()  # also at the last check, so that the record reports all skipped bytes
         now = time.monotonic()
         reported = {part: known for part, (_, known) in self._reports.items()}
         ages = {part: now - heard for part, (heard, _) in self._reports.items()}

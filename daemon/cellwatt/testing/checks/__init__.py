@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable, Coroutine
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from cellwatt.testing.checks.cancellation import cancels_anywhere
 from cellwatt.testing.checks.faults import survives
@@ -18,7 +19,7 @@ from cellwatt.testing.checks.start_stop import starts_and_stops
 from cellwatt.testing.checks.values import values_are_in_their_units
 from cellwatt.testing.rig import Rig
 
-Check = Callable[[Rig, Path], Awaitable[None]]
+Check = Callable[[Rig, Path], Coroutine[Any, Any, None]]
 
 CHECKS: tuple[Check, ...] = (
     settings_are_checked,
