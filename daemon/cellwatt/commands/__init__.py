@@ -8,6 +8,7 @@ import sys
 import tempfile
 import traceback
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Final
 
 import click
@@ -39,6 +40,10 @@ GROUPS: Final = {
 }
 """Commands under each heading of the help; commands not listed here come last."""
 _FULL: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+FOLDER: Final = click.Path(file_okay=False, path_type=Path)
+FILE: Final = click.Path(dir_okay=False, path_type=Path)
+EXISTING: Final = click.Path(exists=True, dir_okay=False, path_type=Path)
+"""Types of options and arguments: a folder, a file, a file that must exist."""
 
 
 class Commands(click.Group):

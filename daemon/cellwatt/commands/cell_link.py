@@ -10,12 +10,13 @@ from typing import Any, Final
 
 import click
 
+from cellwatt.commands import EXISTING
 from cellwatt.config import CellConfig, load
 from cellwatt.outlets.zenoh.link import TlsSettings
 from cellwatt.outlets.zenoh.reach import client_of, link_to
 from cellwatt.subscriber import LinkSettings
 
-PEM: Final = click.Path(exists=True, dir_okay=False, path_type=Path)
+PEM: Final = EXISTING
 _OPTIONS: Final = (
     click.argument("file", required=False, type=click.Path(path_type=Path)),
     click.option("--connect", metavar="ENDPOINT", help="Endpoint of the cell or its router, e.g. tcp/192.0.2.1:7447."),

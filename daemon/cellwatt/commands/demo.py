@@ -16,7 +16,7 @@ from typing import Any
 
 import click
 
-from cellwatt.commands import EXIT_FAILED, Commands
+from cellwatt.commands import EXIT_FAILED, FOLDER, Commands
 from cellwatt.commands.doctor import rates
 from cellwatt.commands.options import SECONDS
 from cellwatt.demo.demonstration import Demonstration
@@ -50,7 +50,7 @@ class _Demos(Commands):
     "--seconds", type=SECONDS, default=60.0, show_default=True, help="Run time, s; at least 20, with --cell all 1."
 )
 @click.option("--json", "as_json", is_flag=True, help="Print only the summary, as one JSON object.")
-@click.option("--keep", type=click.Path(file_okay=False, path_type=Path), help="Folder for recording and log.")
+@click.option("--keep", type=FOLDER, help="Folder for recording and log.")
 @click.pass_context
 def command(context: click.Context, cell: str, seconds: float, as_json: bool, keep: Path | None) -> None:
     """Run emulated devices, the daemon and a subscriber; `demo explain` runs a demo of explain.

@@ -7,12 +7,13 @@ from pathlib import Path
 
 import click
 
+from cellwatt.commands import FILE
 from cellwatt.diagnose import bundle_of
 
 
 @click.command(short_help="Write a bundle for a bug report.")
 @click.argument("file", required=False, type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="Zip file (default: named by the time).")
+@click.option("--out", type=FILE, help="Zip file (default: named by the time).")
 @click.option("--log", type=click.Path(path_type=Path), help="Log file to use instead of the journal.")
 def command(file: Path | None, out: Path | None, log: Path | None) -> None:
     """Write a bundle for a bug report about the cell of FILE: versions, settings, health, log, facts about the PC.

@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from cellwatt.commands import EXIT_ERROR, completion
+from cellwatt.commands import EXISTING, EXIT_ERROR, FILE, completion
 from cellwatt.commands.emulate_cell import emulate_cell
 from cellwatt.commands.options import FINITE, NOT_NEGATIVE
 from cellwatt.emulation import ArmSignals, Emulator, Fault, Signals, load_signals
@@ -27,22 +27,18 @@ _ONE_DEVICE = {"address": "--listen", "recording": "--recording", "loop": "--loo
 @click.argument("driver", required=False, shell_complete=completion.drivers)
 @click.option(
     "--cell",
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    type=EXISTING,
     help="Emulate all devices of this settings file, with the same moving arm, instead of one DRIVER's device.",
 )
 @click.option(
     "--write",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=FILE,
     help="Listen at free addresses, and write a copy of the settings of --cell with these addresses.",
 )
 @click.option(
     "--listen", "address", default="", help="Address: HOST:PORT (port 0: any free port), pty, or path of a link to it."
 )
-@click.option(
-    "--recording",
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    help="Serve this CSV or Parquet file instead of the built-in arm.",
-)
+@click.option("--recording", type=EXISTING, help="Serve this CSV or Parquet file instead of the built-in arm.")
 @click.option("--loop", is_flag=True, help="Restart the recording at its end.")
 @click.option("--speed", type=NOT_NEGATIVE, default=1.0, show_default=True, help="Speed of the built-in arm.")
 @click.option("--epoch", type=FINITE, help="UTC time, s, at which the signals start (default: now).")

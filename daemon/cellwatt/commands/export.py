@@ -12,6 +12,7 @@ from typing import Any
 import click
 
 from cellwatt.batch import Batch
+from cellwatt.commands import FOLDER
 from cellwatt.commands.options import INPUT, with_progress, with_scheduler, with_units
 from cellwatt.errors import RecordingError
 from cellwatt.files import make_folder
@@ -28,7 +29,7 @@ Written = dict[str, Any]
 
 @click.command(short_help="Write recordings as Parquet or CSV.")
 @click.argument("recordings", nargs=-1, required=True, type=INPUT)
-@click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder for the tables.")
+@click.option("--out", required=True, type=FOLDER, help="Folder for the tables.")
 @click.option("--format", "form", type=click.Choice(["parquet", "csv"]), default="parquet", show_default=True)
 @click.option("--frames", "only", flag_value="frames", help="Only the aligned frames.")
 @click.option("--raw", "only", flag_value="raw", help="Only the raw samples.")

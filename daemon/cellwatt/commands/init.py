@@ -8,13 +8,13 @@ from pathlib import Path
 
 import click
 
-from cellwatt.commands import check, completion, doctor
+from cellwatt.commands import FILE, check, completion, doctor
 from cellwatt.config.wording import did_you_mean
 from cellwatt.first_cell import RECORD, SourcePlan, parse_source, write_cell
 
 
 @click.command(short_help="Write a commented settings file for a cell.")
-@click.argument("file", type=click.Path(dir_okay=False, path_type=Path), default=Path("cell.yaml"))
+@click.argument("file", type=FILE, default=Path("cell.yaml"))
 @click.option("--site", default="plant-1", show_default=True, help="Name of the plant.")
 @click.option("--cell", default="cell-1", show_default=True, help="Name of the cell.")
 @click.option("--robot", help="Robot in the cell: name of a packaged robot, or a folder (default: none).")

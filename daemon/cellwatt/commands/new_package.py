@@ -14,6 +14,7 @@ from string import Template
 
 import click
 
+from cellwatt.commands import FOLDER
 from cellwatt.files import write_file
 from cellwatt.registry import available
 
@@ -30,12 +31,7 @@ class Kit:
 DRIVER = Kit("driver", "skeleton", "my_meter")
 OUTLET = Kit("outlet", "outlet_skeleton", "my_outlet")
 _name = click.argument("name")
-_folder = click.option(
-    "--folder",
-    type=click.Path(file_okay=False, path_type=Path),
-    default=Path(),
-    help="Parent of the new folder NAME (default: here).",
-)
+_folder = click.option("--folder", type=FOLDER, default=Path(), help="Parent of the new folder NAME (default: here).")
 
 
 @click.command(short_help="Write a package for your own driver.")

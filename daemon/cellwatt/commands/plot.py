@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from cellwatt.commands import FILE
 from cellwatt.commands.options import FINITE, INPUT, with_progress, with_units
 from cellwatt.logs.opening import is_log
 from cellwatt.logs.recorded import open_recording
@@ -18,7 +19,7 @@ from cellwatt.units import Units
 
 @click.command(short_help="Draw a recording as an HTML page.")
 @click.argument("recording", nargs=-1, required=True, type=INPUT)
-@click.option("--out", type=click.Path(dir_okay=False, path_type=Path), default=Path("plot.html"), show_default=True)
+@click.option("--out", type=FILE, default=Path("plot.html"), show_default=True)
 @click.option("--from", "start", type=FINITE, help="First second to show, from the recording's start.")
 @click.option("--to", "end", type=FINITE, help="Last second to show.")
 @click.option("--channel", "channels", multiple=True, help="Only channels whose name contains this; may be repeated.")

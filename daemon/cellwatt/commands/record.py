@@ -12,6 +12,7 @@ from typing import Any
 
 import click
 
+from cellwatt.commands import FOLDER
 from cellwatt.commands.options import SECONDS
 from cellwatt.config import CellConfig, load
 from cellwatt.errors import RecordingError
@@ -29,7 +30,7 @@ LAST = 10 * 10**9
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option(
     "--out",
-    type=click.Path(file_okay=False, path_type=Path),
+    type=FOLDER,
     help="Folder (default: record.folder "
     "of FILE; if FILE has no record section ~/.local/state/cellwatt/CELL, for root /var/lib/cellwatt/CELL).",
 )

@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 
-from cellwatt.commands import EXIT_FAILED
+from cellwatt.commands import EXIT_FAILED, FILE
 from cellwatt.commands.options import INPUT, with_progress
 from cellwatt.config import CellConfig, FrameSettings, load
 from cellwatt.errors import RecordingError
@@ -31,7 +31,7 @@ from cellwatt.runtime.replaying import Comparison, compare, replay_frames, run_s
 @click.argument("recording", nargs=-1, required=True, type=INPUT)
 @click.option(
     "--settings",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=FILE,
     help="Settings file with the frames and stages to use (default: frames as recorded, no stages).",
 )
 @click.option("--verify", is_flag=True, help="Compare the frames with the recorded ones; exit code 1 if a bit differs.")

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import click
 
-from cellwatt.commands import EXIT_FAILED
+from cellwatt.commands import EXIT_FAILED, FILE, FOLDER
 from cellwatt.errors import ConfigError
 from cellwatt.progress.terminal import show_table
 
@@ -23,13 +23,7 @@ except ImportError as error:
 SOON = timedelta(days=60)
 """Certificates that expire sooner are renewed if no names are given."""
 
-_folder = click.option(
-    "--in",
-    "path",
-    default=Path(),
-    type=click.Path(file_okay=False, path_type=Path),
-    help="Folder made by init (default: here).",
-)
+_folder = click.option("--in", "path", default=Path(), type=FOLDER, help="Folder made by init (default: here).")
 
 
 @click.group(short_help="Create certificates and access rules.")
@@ -42,7 +36,7 @@ def command() -> None:
 
 
 @command.command()
-@click.argument("folder", metavar="DIR", type=click.Path(file_okay=False, path_type=Path))
+@click.argument("folder", metavar="DIR", type=FOLDER)
 @click.option("--site", required=True, help="Site of the cells, as in their settings.")
 def init(folder: Path, site: str) -> None:
     """Create a certificate authority for a site in DIR."""
@@ -135,7 +129,7 @@ def listing(as_json: bool, path: Path) -> None:
 
 
 @command.command()
-@click.argument("key", type=click.Path(dir_okay=False, path_type=Path))
+@click.argument("key", type=FILE)
 @click.argument("recordings", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON line per file.")
 def verify(key: Path, recordings: tuple[Path, ...], as_json: bool) -> None:

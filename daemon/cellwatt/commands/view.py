@@ -12,6 +12,7 @@ from typing import Any
 import click
 from pydantic import ValidationError
 
+from cellwatt.commands import EXISTING, FILE
 from cellwatt.commands.cell_link import Where, cell_options
 from cellwatt.commands.options import SECONDS
 from cellwatt.config import CellConfig, load
@@ -29,16 +30,13 @@ from cellwatt.yaml_file import NotYamlError, parse_yaml
 @click.option("--listen", metavar="HOST:PORT", help="Address of the page (default: 127.0.0.1:8480).")
 @click.option(
     "--page",
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    type=EXISTING,
     help="YAML file with the keys of a page: section, like users, certificate (default: that of FILE).",
 )
 @click.option("--arm", "arms", multiple=True, metavar="SOURCE=FILE", help="URDF or robot.yaml of a source; repeatable.")
 @click.option("--foxglove", is_flag=True, help="Serve the Foxglove app instead of browsers.")
 @click.option(
-    "--foxglove-layout",
-    "layout",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="Write the Foxglove app's layout for the cell of FILE, and exit.",
+    "--foxglove-layout", "layout", type=FILE, help="Write the Foxglove app's layout for the cell of FILE, and exit."
 )
 @click.option("--hash-password", is_flag=True, help="Ask for a password and print its hash, for users.")
 @click.option("--seconds", type=SECONDS, help="Run time, s (default: until Ctrl-C).")

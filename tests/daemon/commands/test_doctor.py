@@ -6,6 +6,7 @@ import asyncio
 import json
 from pathlib import Path
 from typing import Any
+from unittest.mock import AsyncMock
 
 import numpy as np
 import pytest
@@ -48,24 +49,15 @@ def test_a_device_as_declared(call: Call, cell: Path) -> None:
     assert DEVICES["arm"].open == 0
 
 
-async def _refuses() -> Any:
-    raise SourceError("the controller has no free connection")
-
-
-async def _hangs() -> Any:
-    await asyncio.Event().wait()
-
-
-async def _breaks() -> Any:
-    raise KeyError("serial")
+BREAKS = AsyncMock(side_effect=KeyError("serial"))
 
 
 @pytest.mark.parametrize(
     ("who", "finding"),
     [
-        (_refuses, "the controller has no free connection"),
-        (_hangs, "no answer within 0.05 s"),
-        (_breaks, "the fake driver failed: KeyError: 'serial'"),
+        (AsyncMock(side_effect=SourceError("no free connection")), "no free connection"),
+        (lambda: asyncio.Event().wait(), "no answer within 0.05 s"),
+        (BREAKS, "the fake driver failed: KeyError: 'serial'"),
     ],
 )
 def test_a_device_that_does_not_say_who_it_is(call: Call, cell: Path, who: Any, finding: str) -> None:
@@ -77,7 +69,7 @@ def test_a_device_that_does_not_say_who_it_is(call: Call, cell: Path, who: Any, 
 
 def test_one_that_breaks_leaves_the_others(call: Call, cell: Path) -> None:
     cell.write_text(CELL + "  board: {driver: fake, host: board}\n")
-    DEVICES["arm"].who = _breaks
+    DEVICES["arm"].who = BREAKS
     DEVICES["board"].tell(give(50))
     ended = call("doctor", cell, *QUICK, "--json")
     assert {n: e["verdict"] for n, e in json.loads(ended.out).items()} == {"arm": "failed", "board": "ok"}

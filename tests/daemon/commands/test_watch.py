@@ -95,10 +95,6 @@ def test_it_waits_for_a_cell_as_long_as_it_takes(live: tuple[Child, str]) -> Non
         watching.communicate()
 
 
-def health(out: str) -> list[str]:
-    return [json.loads(line)["kind"] for line in out.splitlines()]
-
-
 def test_a_cell_over_tls(call: Call, certificates: Path) -> None:
     endpoint = f"tls/localhost:{free_port()}"
     files = {"root_ca": "ca", "certificate": "cell", "key": "cell.key"}
@@ -108,7 +104,7 @@ def test_a_cell_over_tls(call: Call, certificates: Path) -> None:
         cell.ready()
         ended = call("watch", "--connect", endpoint, "--site", SITE, "--cell", CELL, *viewer, *SECONDS)
         assert (ended.code, ended.err) == (0, "")
-        assert "health" in health(ended.out)
+        assert "health" in [json.loads(line)["kind"] for line in ended.out.splitlines()]
         strange = ("--ca", tls["certificate"])  # an authority that has not signed the cell's certificate
         refused = call("watch", "--connect", endpoint, "--site", SITE, "--cell", CELL, *strange, *QUICKLY)
         assert (refused.code, refused.out, refused.err.count("\n")) == (3, "", 1)

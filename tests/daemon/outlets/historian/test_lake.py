@@ -44,12 +44,9 @@ def table_of(lake: Path, table: str = "frames") -> list[dict[str, Any]]:
     return sorted(rows, key=lambda row: row["time"].value)
 
 
-def as_truth(row: dict[str, Any]) -> dict[str, Any]:
-    return {name: row["time"].value if name == "time" else row[name] for name in row_truth(0)}
-
-
 def check(lake: Path, seconds: Sequence[int], session: int = SESSION) -> None:
-    found = [as_truth(row) for row in table_of(lake) if row["session"] == session]
+    rows = [row | {"time": row["time"].value} for row in table_of(lake) if row["session"] == session]
+    found = [{name: row[name] for name in row_truth(0)} for row in rows]
     assert len(found) == len(seconds)
     for row, second in zip(found, seconds, strict=True):
         truth = row_truth(second, session)
