@@ -78,17 +78,13 @@ def test_the_row_of_averages_is_the_mean_of_the_percentages(robot):
 
 
 @pytest.mark.parametrize("robot", list(PERCENT))
-def test_eps_m_plus_is_not_below_what_the_joints_lose(robot):
+def test_eps_m_plus_is_not_below_what_the_joints_lose_averages_and_rises_with_speed(robot):
     """E_M+ = L_M + what is braked (eqs 4, 5, 10, 18): on a closed path eps_M+ is L_M's share or more."""
     for joules, percent in halves(robot):
         if percent[4] is not None:
             positive = percent[4] / 100 * joules[0]
             assert motion_efficiency(positive, joules[0]) == pytest.approx(percent[4])
             assert positive >= joules[4] - 0.05 / 100 * joules[0]
-
-
-@pytest.mark.parametrize("robot", list(PERCENT))
-def test_eps_m_plus_averages_and_rises_with_speed(robot):
     for at in (4, 9):
         column = [row[at] for row in PERCENT[robot]]
         known = [value for value in column if value is not None]
