@@ -109,6 +109,5 @@ def test_ten_per_cent_over_the_reference():
     """ "a preset threshold (eps_j = ±10 % over the reference/model values)" """
     reference = np.array([100.0, 150.0, 180.0])
     limit = Tolerance(power=0.10, floor=0.0).watts(reference)
-    assert ternary(reference * 1.09 - reference, limit).tolist() == [0, 0, 0]
-    assert ternary(reference * 1.11 - reference, limit).tolist() == [1, 1, 1]
-    assert ternary(reference * 0.89 - reference, limit).tolist() == [-1, -1, -1]
+    for factor, code in ((1.09, 0), (1.11, 1), (0.89, -1)):
+        assert ternary(reference * factor - reference, limit).tolist() == [code] * 3

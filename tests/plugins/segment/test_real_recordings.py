@@ -22,14 +22,11 @@ def ur10e(name):
 
 
 def ur3e(name):
-    with (DATA / "ur3e_pick_and_place" / name).open() as file:
-        names = file.readline().split()
-        rows = [dict(zip(names, line.split(), strict=False)) for line in file if line.strip()]
-    wanted = [n for n in names if n == "timestamp" or n.startswith("actual_q")]
-    column = {n: np.array([float(row[n]) for row in rows]) for n in wanted}
-    q = np.column_stack([column[f"actual_q_{j}"] for j in range(6)])
-    qd = np.column_stack([column[f"actual_qd_{j}"] for j in range(6)])
-    return column["timestamp"], q, qd, 20.0
+    wanted = ["timestamp", *(f"actual_{what}_{j}" for what in ("q", "qd") for j in range(6))]
+    path = DATA / "ur3e_pick_and_place" / name
+    names = path.read_text().partition("\n")[0].split()
+    table = np.genfromtxt(path, skip_header=1, usecols=[names.index(each) for each in wanted])
+    return table[:, 0], table[:, 1:7], table[:, 7:], 20.0
 
 
 def cut(t, q, qd, rate):

@@ -10,9 +10,8 @@ from cellwatt_plugins.models.power.scores import PoseTable, Score
 
 
 def moves_of(starts, power):
-    rows = 10
-    q = np.concatenate([np.full((rows, 2), start) + np.linspace(0, 1, rows)[:, None] for start in starts])
-    move = np.repeat(np.arange(len(starts)), rows)
+    q = np.concatenate([np.full((10, 2), start) + np.linspace(0, 1, 10)[:, None] for start in starts])
+    move = np.repeat(np.arange(len(starts)), 10)
     current = np.tile([[1.0, 0.0], [3.0, 0.0]], (len(q) // 2, 1))
     return Moves(move, np.arange(len(q)) * 0.01, q, 0 * q, current, np.asarray(power, float))
 
