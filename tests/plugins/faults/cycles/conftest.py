@@ -23,3 +23,10 @@ def healthy():
 @pytest.fixture(scope="session")
 def known(healthy, robot):
     return learn_known(healthy, robot)
+
+
+@pytest.fixture(scope="session")
+def of_two_joints(robot):
+    """Knowledge of a cell with a task in which only joints 1 and 3 move."""
+    measured = run([Cycle(task) for task in "DBBDDBDBBD"], seed=3)
+    return learn_known(Recording(measured.time, measured.position, measured.power), robot)

@@ -8,7 +8,7 @@ from cellwatt_plugins.faults.cycles.findings import judge_recording
 from cellwatt_plugins.faults.cycles.known import learn_known
 from cellwatt_plugins.faults.cycles.recording import Recording, recording_of
 from cellwatt_plugins.faults.recordings import frames_of_table
-from tests.plugins.faults.cycles.arm_of_points import Cycle, Fault, run
+from tests.plugins.faults.cycles.arm_of_points import RATE, Cycle, Fault, run
 
 
 def judged(known, *cycles, seed=20):
@@ -56,13 +56,6 @@ def test_a_large_fault_is_not_shared_out_to_two_joints(known, what, size, joint)
     (cycle,) = judged(known, Cycle("A", faults=(Fault(what, joint, size),)))
     assert named(cycle) == [(joint + 1, "joint")]
     assert cycle.faults[0].size_watt > 60
-
-
-@pytest.fixture(scope="module")
-def of_two_joints(robot):
-    """What is known of a cell with a task in which only joints 1 and 3 move."""
-    measured = run([Cycle(task) for task in "DBBDDBDBBD"], seed=3)
-    return learn_known(Recording(measured.time, measured.position, measured.power), robot)
 
 
 @pytest.mark.parametrize(
@@ -120,6 +113,20 @@ def test_what_is_harmless_is_no_fault(known, speed):
     assert "paused for 2.5 s" in notes[2]
     assert "the arm is colder" in notes[3]
     assert notes[5] == ""
+
+
+@pytest.mark.parametrize("seconds", [0.7, 20.0])
+def test_a_move_that_stops_on_its_way_is_no_fault(known, seconds):
+    """The stop is in the first move."""
+    measured = run([Cycle("A"), Cycle("A"), Cycle("B")], seed=24)
+    number, stop = np.arange(len(measured.time)), round((measured.spans[1][0] + 0.6) * RATE)
+    rows = np.repeat(number, np.where(number == stop, round(seconds * RATE), 1))
+    power = np.where(rows == stop, measured.power[0], measured.power[rows])
+    found = judge_recording(Recording(np.arange(len(rows)) / RATE, measured.position[rows], power), known)
+    assert [cycle.faults for cycle in found] == [()] * 3
+    assert found[1].note == f"paused for {seconds:.1f} s"
+    (start, end), later = measured.spans[1], measured.spans[2][0] + seconds
+    assert start < found[1].start < start + 0.2 and end < found[1].end + 0.4 < found[2].start < later + 0.2
 
 
 def test_a_task_that_was_never_learned_is_new(known):

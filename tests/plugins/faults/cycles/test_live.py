@@ -12,7 +12,7 @@ from cellwatt_plugins.faults.cycles.known import stored
 from cellwatt_plugins.faults.cycles.live import CycleWatch
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.reference import Reference, save
-from tests.plugins.faults.cycles.arm_of_points import RATE, Cycle, Fault, describe, run
+from tests.plugins.faults.cycles.arm_of_points import RATE, Cycle, Fault, Run, describe, run
 
 SPRING = (Fault("spring", 0, 50.0),)
 DEAD = (Fault("drive_cut", 3), Fault("encoder_offset", 1, 0.1))
@@ -33,6 +33,10 @@ def fed(known, measured, block=20):
         part = slice(i, i + block)
         told += watch.feed(measured.time[part], measured.position[part], measured.power[part])
     return [*told, *watch.close()]
+
+
+def judged(known, measured):
+    return judge_recording(Recording(measured.time, measured.position, measured.power), known)
 
 
 def over(told):
@@ -63,7 +67,7 @@ def names(findings):
 def test_live_says_what_a_recording_says(known, cycles):
     measured = run(cycles, seed=7)
     live = over(fed(known, measured))
-    offline = judge_recording(Recording(measured.time, measured.position, measured.power), known)
+    offline = judged(known, measured)
     assert [(c.task, c.status) for c in live] == [(c.task, c.status) for c in offline]
     assert names(live) == names(offline)
     assert [c.start for c in live] == pytest.approx([c.start for c in offline], abs=0.02)
@@ -131,6 +135,20 @@ def test_a_hole_cuts_the_cycle_that_runs(known):
         (round(measured.spans[2][0]), "healthy"),
     ]
     assert not any(cycle.faults for cycle in found)
+
+
+@pytest.mark.parametrize(
+    "task, first, last",
+    [("A", 1.9, 99.0), ("A", 1.2, 99.0), ("B", 1.1, 99.0), ("A", 0.0, 13.3), ("D", 0.0, 7.87), ("D", 0.0, 8.4)],
+)
+def test_a_cycle_that_is_cut_has_no_faults(known, of_two_joints, task, first, last):
+    """A recording, or the daemon, starts or ends within a move or a rest; the other cycle is known."""
+    measured, of = run([Cycle(task)] * 2, seed=41), of_two_joints if task == "D" else known
+    rows = slice(round(first * RATE), round(last * RATE))
+    cut = Run(measured.time[rows], measured.position[rows], measured.power[rows])
+    live = fed(of, cut)
+    assert not any(told.finding.faults for told in live)
+    assert [c.status for c in over(live)] == [c.status for c in judged(of, cut)] == ["healthy"]
 
 
 @pytest.fixture
