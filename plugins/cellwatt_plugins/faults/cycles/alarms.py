@@ -29,31 +29,30 @@ class CycleAlarms:
     clear_after: int
     behind: float = 0.0
     _book: AlarmBook = field(default_factory=AlarmBook)
-    _early: set[str] = field(default_factory=set)
 
-    def take(self, cycle: CycleFinding, number: int, epoch: int) -> list[Alarm]:
-        """Return the alarms that change with the ``number``-th cycle, whose times are in s since ``epoch`` (ns)."""
+    def take(self, cycle: CycleFinding, number: int, epoch: int, *, matched: bool = True) -> list[Alarm]:
+        """Return the alarms that change with the ``number``-th cycle, whose times are in s since ``epoch`` (ns).
+
+        ``matched`` is false for motion that matches no known cycle, as after an aborted one, whose early alarms stay.
+        """
         start, end = epoch + _ns(cycle.start), epoch + _ns(cycle.end)
         new_task = f"{self.prefix}.{self.source}.new_task"
         if cycle.status == "new_task":
             text = "The arm runs a task that is not in the reference; it is not judged"
             alarm = Alarm(new_task, "new_task", "info", True, start, end, text, self.source)
-            return self._book.raise_(alarm, update=False)
+            return [*(self._withdraw((), start, end) if matched else ()), *self._book.raise_(alarm, update=False)]
         out = self._book.clear(new_task, end, "Resolved: the arm runs as in the reference again")
+        if not cycle.judged:
+            return out
         found = self._alarms(cycle, epoch)
-        out += self._raise(found.values())
-        out += self._clear(found, end, number)
-        self._early.clear()
-        return out
+        return [*out, *self._raise(found.values()), *self._withdraw(found, start, end), *self._clear(found, end, number)]
 
     def take_early(self, cycle: CycleFinding, epoch: int) -> list[Alarm]:
         """Return the alarms that a running cycle raises, without those already active.
 
         A fault is also taken as already reported if one of its alternatives has an active alarm.
         """
-        fresh = [alarm for alarm in self._alarms(cycle, epoch).values() if not self._is_up(alarm)]
-        self._early |= {alarm.id for alarm in fresh}
-        return self._raise(fresh)
+        return self._raise(alarm for alarm in self._alarms(cycle, epoch).values() if not self._is_up(alarm))
 
     def _is_up(self, alarm: Alarm) -> bool:
         joints = (alarm.joint or 0, *alarm.alternatives)
@@ -62,18 +61,24 @@ class CycleAlarms:
     def _raise(self, alarms: Iterable[Alarm]) -> list[Alarm]:
         return [said for alarm in alarms for said in self._book.raise_(alarm)]
 
+    def _withdraw(self, found: Collection[str], start: int, time: int) -> list[Alarm]:
+        """Clear the alarms raised while a cycle ran, from ``start`` on, for faults not found in the whole cycle."""
+        text = "Withdrawn: the whole cycle is explained without this fault of {}"
+        early = [alarm for alarm in self._others(found) if alarm.time > start]
+        return [said for alarm in early for said in self._book.clear(alarm.id, time, text.format(_who(alarm)))]
+
     def _clear(self, found: Collection[str], time: int, number: int) -> list[Alarm]:
-        """Clear the alarms of faults not found in a cycle; those raised while this cycle ran are cleared at once."""
-        out: list[Alarm] = []
-        for alarm in [standing.alarm for standing in self._book.raised if standing.alarm.id not in found]:
-            who = f"joint {alarm.joint}" if alarm.joint else "the arm"
-            if alarm.id in self._early:
-                text = f"Withdrawn: the whole cycle is explained without this fault of {who}"
-                out += self._book.clear(alarm.id, time, text)
-            else:
-                text = f"Resolved: {who} has done {{times}} cycles without this fault, the last is number {number}"
-                out += self._book.clear(alarm.id, time, text, after=Patience(self.clear_after))
-        return out
+        """Count a cycle without the fault for the alarms not in ``found``; clear those with enough such cycles."""
+        text, after = "Resolved: {} has done {{times}} cycles without this fault, the last is number {}", self.clear_after
+        return [
+            said
+            for alarm in self._others(found)
+            for said in self._book.clear(alarm.id, time, text.format(_who(alarm), number), after=Patience(after))
+        ]
+
+    def _others(self, found: Collection[str]) -> list[Alarm]:
+        """The active alarms about faults that are not in ``found``."""
+        return [standing.alarm for standing in self._book.raised if standing.alarm.id not in found]
 
     def _name(self, joint: int, kind: str) -> str:
         """Id of the alarm about a joint (1-based), or about an unknown joint if ``joint`` is 0."""
@@ -110,6 +115,10 @@ class CycleAlarms:
     @property
     def _delay(self) -> str:
         return f" The power meter delays this alarm by {self.behind:.2f} s." if self.behind else ""
+
+
+def _who(alarm: Alarm) -> str:
+    return f"joint {alarm.joint}" if alarm.joint else "the arm"
 
 
 def _ns(seconds: float) -> int:

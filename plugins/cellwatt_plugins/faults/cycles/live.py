@@ -43,10 +43,11 @@ GAP = 2.5
 
 @dataclass(frozen=True, slots=True)
 class CycleReport:
-    """Finding on a cycle that is ``over``, or the faults so far of a running one."""
+    """Finding on a cycle that is ``over``, or the faults so far of a running one; ``matched`` if it is a known cycle."""
 
     finding: CycleFinding
     over: bool
+    matched: bool = True
 
 
 class CycleWatch:
@@ -152,12 +153,12 @@ class CycleWatch:
             self._drop(runs[0].first - self._margin if runs else len(recording.time) - self._margin)
             return []
         strange = new_tasks(runs[: last + 1], over, self._known.patterns)
-        found = [judge_cycle(recording, m, self._known)[0] for m in over]
-        found += [stranger(recording, runs[first : end + 1]) for first, end in strange]
+        found = [CycleReport(judge_cycle(recording, m, self._known)[0], over=True) for m in over]
+        found += [CycleReport(stranger(recording, runs[a : b + 1]), over=True, matched=False) for a, b in strange]
         # Discard the reported runs completely, so that no remainder is found as a run again.
         following = runs[last + 1].first if last + 1 < len(runs) else len(recording.time)
         self._drop(max(runs[last].last, following - self._margin))
-        return [CycleReport(finding, over=True) for finding in sorted(found, key=lambda finding: finding.start)]
+        return sorted(found, key=lambda report: report.finding.start)
 
     def _is_over(self, match: Match, runs: list[Run]) -> bool:
         """True if a cycle is complete; a last move that the encoders do not show may still follow."""
@@ -191,19 +192,18 @@ class CycleStage:
             return []
         if self._epoch is None:
             self._epoch = int(block.time[0])
-        told = self._watch.feed(block.since(self._epoch), block.position, block.power)
-        return self._alarmed(told, self._epoch)
+        return self._alarmed(self._watch.feed(block.since(self._epoch), block.position, block.power), self._epoch)
 
     def close(self) -> list[Alarm]:
         """Return the alarms that changed at the end of the frames."""
         return [] if self._epoch is None else self._alarmed(self._watch.close(), self._epoch)
 
-    def _alarmed(self, told: Sequence[CycleReport], epoch: int) -> list[Alarm]:
+    def _alarmed(self, reports: Sequence[CycleReport], epoch: int) -> list[Alarm]:
         out: list[Alarm] = []
-        for cycle in told:
-            self._count += cycle.over
-            if cycle.over:
-                out += self._alarms.take(cycle.finding, self._count, epoch)
+        for report in reports:
+            self._count += report.over
+            if report.over:
+                out += self._alarms.take(report.finding, self._count, epoch, matched=report.matched)
             else:
-                out += self._alarms.take_early(cycle.finding, epoch)
+                out += self._alarms.take_early(report.finding, epoch)
         return out
