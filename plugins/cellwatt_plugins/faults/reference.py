@@ -50,6 +50,7 @@ from cellwatt.arrays import Float
 from cellwatt.config import KeyPath, read_settings, reads_version
 from cellwatt.errors import ModelError
 from cellwatt.files import write_file
+from cellwatt.frames import Layout
 from cellwatt_plugins.faults.cycles.pattern import Pattern as CyclePattern
 from cellwatt_plugins.robot.meter.model import Meter
 
@@ -182,6 +183,10 @@ class Reference:
     tasks: tuple[TaskReference, ...]
     power_model: StoredModel | None = None
     cycles: tuple[CyclePattern, ...] = ()
+
+    def source(self, layout: Layout, asked: str | None) -> str | None:
+        """Source of the joints: ``asked``, else that of the reference; None if these frames have no such source."""
+        return asked or (self.arm if any(channel.source == self.arm for channel in layout.channels) else None)
 
 
 def save(reference: Reference, path: Path) -> None:

@@ -78,7 +78,7 @@ def segmented(
     layout = first.layout
     kind = find_stage("segment")
     segment = kind("segment", kind.Settings.model_validate({"arm": arm}), layout, CellInfo("", "", robot, Path()))
-    positions, channel = layout.joints("position", arm), layout.index(power)
+    positions, channel = layout.joints("position", arm), layout.index(power, "W")
     for frames in chain((first,), left):
         yield Trace.of(frames, positions, channel), segment.process(frames, ())
     yield Trace.empty(len(positions)), segment.close()

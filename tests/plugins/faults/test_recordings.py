@@ -34,6 +34,21 @@ def test_files_follow_each_other_apart(tmp_path):
     assert blocks[1].values == pytest.approx(blocks[0].values)
 
 
+def test_tables_with_time_stamps_that_jitter_have_one_rate(tmp_path):
+    t, position, power = columns()
+    for name, rate in (("a.csv", 1.0), ("b.csv", 1.002)):
+        write_table(tmp_path / name, {"t": t * rate, "q_1": position[:, 0], "power": power})
+    one, other = frames_of_files([tmp_path / "a.csv", tmp_path / "b.csv"])
+    assert one.layout == other.layout
+    assert (len(one), len(other)) == (500, 500)
+    assert not np.isnan(other.values).any()
+
+
+def test_a_meter_beside_a_recording_is_refused(tmp_path):
+    with pytest.raises(RecordingError, match=r"meter.csv: a meter's table goes with a table"):
+        list(frames_of_files([tmp_path / "today.mcap"], [tmp_path / "meter.csv"]))
+
+
 def test_a_night_between_two_rows_takes_no_frames():
     t, position, power = columns()
     frames = frames_of_table(np.where(t < 2.5, t, t + 50_000.0), position, power)

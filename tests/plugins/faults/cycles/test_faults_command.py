@@ -1,9 +1,12 @@
 import json
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from cellwatt.errors import ModelError
+from cellwatt.errors import ConfigError, ModelError
+from cellwatt_plugins.faults import api
 from cellwatt_plugins.faults.command import faults, reference
 from tests.daemon.report.reading import check, read
 from tests.docs.pages import blocks
@@ -95,11 +98,25 @@ def test_a_reference_without_cycles_is_refused(folder, tmp_path):
     assert "learn it again with --robot" in str(result.exception)
 
 
-def test_another_robot_is_refused(folder, tmp_path):
-    text = (folder / "robot.yaml").read_text().replace("joint_4", "wrist")
-    (tmp_path / "robot.yaml").write_text(text)
-    (tmp_path / "robot.urdf").write_text((folder / "robot.urdf").read_text().replace("joint_4", "wrist"))
+@pytest.mark.parametrize(
+    "its, other, told", [("joint_4", "wrist", "joint_4"), ("robot: points", "robot: ur10e", "is of robot points, ")]
+)
+def test_another_robot_is_refused(folder, tmp_path, its, other, told):
+    for name in ("robot.yaml", "robot.urdf"):
+        (tmp_path / name).write_text((folder / name).read_text().replace(its, other))
     known = ["--reference", folder / "reference.yaml", "--robot", tmp_path / "robot.yaml"]
     result = called(faults, folder / "test.parquet", *known)
     assert isinstance(result.exception, ModelError)
-    assert "joint_4" in str(result.exception)
+    assert told in str(result.exception)
+
+
+def test_of_two_arms_the_one_of_the_reference_is_judged_by_a_channel_in_watts(folder, monkeypatch):
+    (frames,) = api.frames_of_files([folder / "test.parquet"])
+    other = tuple(replace(c, name=c.name.replace("table", "arm_2")) for c in frames.layout.channels[:-1])
+    layout = replace(frames.layout, channels=other + frames.layout.channels)
+    both = replace(frames, layout=layout, values=np.hstack([np.zeros((len(frames), len(other))), frames.values]))
+    monkeypatch.setattr(api, "frames_of_files", lambda *_: [both])
+    known = {"reference": folder / "reference.yaml", "robot": folder / "robot.yaml"}
+    assert [cycle.status for cycle in api.faults((), **known).cycles] == ["healthy", "fault"]
+    with pytest.raises(ConfigError, match="table.joint_1.position is in rad, expected W"):
+        api.faults((), **known, power="table.joint_1.position")
