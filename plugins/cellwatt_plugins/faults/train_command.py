@@ -61,9 +61,7 @@ def train(
 
     def codes_in(paths: Sequence[Path]) -> dict[Key, list[Codes]]:
         blocks = list(frames_of_files(paths))
-        return recorded(
-            blocks, courses, tolerance, reference.source(one_layout(blocks), arm), power or reference.power
-        )
+        return recorded(blocks, courses, tolerance, reference.source(one_layout(blocks), arm), power or reference.power)
 
     told = {joint: codes_in(paths) for joint, paths in _by_joint(faulty, reference.joints).items()}
     for joint, found in told.items():

@@ -45,7 +45,12 @@ class CycleAlarms:
         if not cycle.judged:
             return out
         found = self._alarms(cycle, epoch)
-        return [*out, *self._raise(found.values()), *self._withdraw(found, start, end), *self._clear(found, end, number)]
+        return [
+            *out,
+            *self._raise(found.values()),
+            *self._withdraw(found, start, end),
+            *self._clear(found, end, number),
+        ]
 
     def take_early(self, cycle: CycleFinding, epoch: int) -> list[Alarm]:
         """Return the alarms that a running cycle raises, without those already active.
@@ -69,7 +74,10 @@ class CycleAlarms:
 
     def _clear(self, found: Collection[str], time: int, number: int) -> list[Alarm]:
         """Count a cycle without the fault for the alarms not in ``found``; clear those with enough such cycles."""
-        text, after = "Resolved: {} has done {{times}} cycles without this fault, the last is number {}", self.clear_after
+        text, after = (
+            "Resolved: {} has done {{times}} cycles without this fault, the last is number {}",
+            self.clear_after,
+        )
         return [
             said
             for alarm in self._others(found)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import takewhile
+from itertools import pairwise, takewhile
 
 import numpy as np
 
@@ -16,9 +16,10 @@ from cellwatt_plugins.faults.cycles.findings import CycleFinding, judge_begun, j
 from cellwatt_plugins.faults.cycles.known import Known
 from cellwatt_plugins.faults.cycles.match import Match, begun_cycle, find_cycles
 from cellwatt_plugins.faults.cycles.new_tasks import new_tasks
-from cellwatt_plugins.faults.cycles.recording import Recording
+from cellwatt_plugins.faults.cycles.recording import LONGEST_HOLE, Recording
 from cellwatt_plugins.faults.cycles.runs import Run, find_runs
 from cellwatt_plugins.faults.trace import Trace
+from cellwatt_plugins.robot.samples import interpolated
 
 REST = 0.5
 """Frames are judged once the arm has rested for this long, s …"""
@@ -38,7 +39,8 @@ MARGIN = 0.5
 PATIENCE = 3.0
 """Time for which frames that belong to no cycle are stored, in durations of the longest known cycle."""
 GAP = 2.5
-"""A hole in the positions longer than this many steps starts a new recording: no cycle spans it."""
+"""A hole in the positions is interpolated as in a recording, or up to this many steps; a longer one starts a new
+recording, and no cycle spans it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,9 +59,11 @@ class CycleWatch:
     def __init__(self, known: Known, step: float) -> None:
         self._known, self._step = known, step
         longest = max(float(pattern.time[-1]) for pattern in known.patterns)
-        self._keep = PATIENCE * longest
+        self._keep, self._longest_hole = PATIENCE * longest, max(LONGEST_HOLE, GAP * step)
         self._looked, self._moved, self._fresh_move, self._due = -np.inf, False, False, np.inf
         self._seen = Recording(np.empty(0), np.empty((0, len(known.patterns[0].repeat))), np.empty(0), known.meter)
+        self._waiting = self._seen
+        """The last frame with all positions, which is in ``_seen``, too, and the frames after it."""
 
     @property
     def behind(self) -> float:
@@ -68,23 +72,45 @@ class CycleWatch:
 
     def feed(self, time: Float, position: Float, power: Float) -> list[CycleReport]:
         """Return the findings after n more frames: ``time`` (n,) s, ``position`` (n, joints) rad, ``power`` (n,) W."""
-        there = ~np.isnan(position).any(axis=1)
-        time, position, power = time[there], position[there], power[there]
+        time, position, power = self._bridged(time, position, power)
         size = max(1, round(PIECE / self._step))
-        pieces = [slice(begin, begin + size) for begin in range(0, len(time), size)]
+        edges = [0, *(np.flatnonzero(np.diff(time) > self._longest_hole) + 1).tolist(), len(time)]
+        pieces = [slice(a, min(a + size, end)) for begin, end in pairwise(edges) for a in range(begin, end, size)]
         return [
-            told
+            report
             for piece in steps(pieces, "judging stretch")
-            for told in self._take(time[piece], position[piece], power[piece])
+            for report in self._take(time[piece], position[piece], power[piece])
         ]
 
     def close(self) -> list[CycleReport]:
         """Return the findings at the end of the frames."""
         return self._look(ended=True)
 
+    def _bridged(self, time: Float, position: Float, power: Float) -> tuple[Float, Float, Float]:
+        """The new frames up to the last one with all positions, short holes interpolated; later frames wait."""
+        before = len(self._waiting.time) > 0
+        time = np.concatenate([self._waiting.time, time])
+        position = np.concatenate([self._waiting.position, position])
+        power = np.concatenate([self._waiting.power, power])
+        known = np.flatnonzero(~np.isnan(position).any(axis=1))
+        if not len(known):
+            return time[:0], position[:0], power[:0]
+        number = np.round((time - time[known[0]]) / self._step).astype(np.int64)
+        there = number[known]
+        count = np.diff(there)
+        count[count * self._step > self._longest_hole] = 1
+        begun = np.repeat(there[:-1] - np.cumsum(count) + count, count)
+        grid = np.append(begun + np.arange(len(begun)), there[-1])[before:]
+        row = np.searchsorted(number, grid)
+        late = time[-1] - time[known[-1]] > self._longest_hole
+        left = slice(known[-1], known[-1] + 1 if late else None)
+        self._waiting = replace(self._waiting, time=time[left], position=position[left], power=power[left])
+        columns = interpolated(grid, there, np.column_stack([time[known], position[known]]))
+        return columns[:, 0], columns[:, 1:], np.where(number[row] == grid, power[row], np.nan)
+
     def _take(self, time: Float, position: Float, power: Float) -> list[CycleReport]:
         found: list[CycleReport] = []
-        if len(self._seen.time) and time[0] - self._seen.time[-1] > GAP * self._step:
+        if len(self._seen.time) and time[0] - self._seen.time[-1] > self._longest_hole:
             found = self._look(ended=True)
             self._forget()
         self._seen = replace(

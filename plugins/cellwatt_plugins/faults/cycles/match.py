@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,13 +48,19 @@ def _missed(seen: Sequence[tuple[int, Run, Run]], pattern: Pattern) -> NDArray[n
     return np.asarray(np.maximum(before, after) > pattern.limits)
 
 
-def _is_off(seen: Sequence[tuple[int, Run, Run]], pattern: Pattern, joint: int) -> bool:
-    """True if a joint misses a pose, or a move between two seen ones.
+def _off_path(seen: Sequence[tuple[int, Run, Run]], pattern: Pattern, unknown: NDArray[np.bool_] | None) -> set[int]:
+    """Joints (0-based) that miss a pose, or a move between two seen ones that no hole of the recording hides.
 
-    Otherwise nothing shows that it left its path: the recording or the arm began, or stopped, within the cycle.
+    Nothing shows that another joint left its path: the recording or the arm began, or stopped, within the cycle.
     """
-    skipped = {*range(seen[0][0], seen[-1][0])} - {move for move, _, _ in seen}
-    return bool(_missed(seen, pattern)[:, joint].any() or (pattern.ways[sorted(skipped), joint] > WAY).any())
+    skipped = [
+        move
+        for (before, _, one), (after, other, _) in pairwise(seen)
+        if unknown is None or not unknown[one.last : other.first].any()
+        for move in range(before + 1, after)
+    ]
+    off = _missed(seen, pattern).any(axis=0) | (pattern.ways[skipped] > WAY).any(axis=0)
+    return set(np.flatnonzero(off).tolist())
 
 
 def _right_again(seen: Sequence[tuple[int, Run, Run]], pattern: Pattern, joint: int) -> bool:
@@ -271,7 +277,7 @@ def _timed(
 ) -> Match | None:
     """The match with its time map; None if its pace is out of range or a joint of ``odd`` is not off its path."""
     seen = [(step.move, runs[step.runs[0]], runs[step.runs[1]]) for step in steps if step.runs is not None]
-    if not all(_is_off(seen, pattern, joint) for joint in odd):
+    if not _off_path(seen, pattern, recording.unknown) >= set(odd):
         return None
     timings: list[tuple[int, Timing]] = []
     broken: list[int] = []

@@ -10,7 +10,8 @@ from cellwatt_plugins.faults import FaultsSettings, FaultsStage
 from cellwatt_plugins.faults.cycles.findings import judge_recording
 from cellwatt_plugins.faults.cycles.known import stored
 from cellwatt_plugins.faults.cycles.live import CycleWatch
-from cellwatt_plugins.faults.cycles.recording import Recording
+from cellwatt_plugins.faults.cycles.recording import Recording, recording_of
+from cellwatt_plugins.faults.recordings import frames_of_table
 from cellwatt_plugins.faults.reference import Reference, save
 from tests.plugins.faults.cycles.arm_of_points import RATE, Cycle, Fault, Run, describe, run
 
@@ -124,17 +125,19 @@ def test_a_last_move_that_is_late_is_waited_for(known):
     assert names(found) == [[(4, "joint")], [], []]
 
 
-def test_a_hole_cuts_the_cycle_that_runs(known):
-    measured = run([Cycle("A"), Cycle("A"), Cycle("A")], seed=9)
-    start, end = measured.spans[1]
-    hole = (measured.time > start + 1.5) & (measured.time < end - 2.0)
+@pytest.mark.parametrize("at, length, cycles", [(1.3, 0.4, 3), (2.4, 0.05, 3), (0.3, 2.6, 2), (1.3, 1.0, 2)])
+def test_a_hole_in_the_positions_is_bridged_or_cuts_the_cycle_that_runs(known, at, length, cycles):
+    """A hole of a second may hide a whole move."""
+    measured = run([Cycle("A"), Cycle("A"), Cycle("B")], seed=9)
+    hole = np.abs(measured.time - measured.spans[1][0] - at - length / 2) < length / 2
+    gone = frames_of_table(measured.time, np.where(hole[:, None], np.nan, measured.position), measured.power)
+    found = judge_recording(recording_of([gone], None, "supply.power"), known)
+    assert [cycle.status for cycle in found] == ["healthy"] * cycles
     measured.position[hole] = np.nan
-    found = over(fed(known, measured))
-    assert [(round(c.start), c.status) for c in found if c.task != "new"] == [
-        (round(measured.spans[0][0]), "healthy"),
-        (round(measured.spans[2][0]), "healthy"),
-    ]
-    assert not any(cycle.faults for cycle in found)
+    for block in (7, 5000):
+        live = over(fed(known, measured, block))
+        assert [cycle.status for cycle in live] == ["healthy"] * cycles
+        assert [c.end for c in live] == pytest.approx([c.end for c in found], abs=0.02)
 
 
 @pytest.mark.parametrize(
