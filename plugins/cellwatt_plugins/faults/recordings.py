@@ -83,8 +83,9 @@ def frames_of_table(
 ) -> Frames:
     """Resample a table: ``time`` (N,) s rising, ``position`` (N, n) rad, ``power`` (N,) W.
 
-    The rate is the table's median rate, or ``usual`` Hz if that is nearly the same. Values are interpolated, and missing where rows are more than 2.5 steps apart. Raises ``RecordingError`` with the
-    ``name`` of the table where most of the frames would be missing.
+    The rate is the table's median rate, or ``usual`` Hz if that is nearly the same. Values are interpolated, and
+    missing where rows are more than 2.5 steps apart. Raises ``RecordingError`` with the ``name`` of the table where
+    most of the frames would be missing.
     """
     steps = np.diff(time)
     rate = float(round(1 / np.median(steps), 1))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -39,18 +39,18 @@ class CycleAlarms:
         new_task = f"{self.prefix}.{self.source}.new_task"
         if cycle.status == "new_task":
             text = "The arm runs a task that is not in the reference; it is not judged"
+            early = [alarm for alarm in self._up if matched and alarm.time > start]
+            out = [message for alarm in early for message in self._clear(alarm, start, end, number)]
             alarm = Alarm(new_task, "new_task", "info", True, start, end, text, self.source)
-            return [*(self._withdraw((), start, end) if matched else ()), *self._book.raise_(alarm, update=False)]
+            return out + self._book.raise_(alarm, update=False)
         out = self._book.clear(new_task, end, "Resolved: the arm runs as in the reference again")
         if not cycle.judged:
             return out
-        found = self._alarms(cycle, epoch)
-        return [
-            *out,
-            *self._raise(found.values()),
-            *self._withdraw(found, start, end),
-            *self._clear(found, end, number),
-        ]
+        found, others = self._alarms(cycle, epoch), self._up
+        out += self._raise(found.values())
+        for alarm in others:
+            out += [] if alarm.id in found else self._clear(alarm, start, end, number)
+        return out
 
     def take_early(self, cycle: CycleFinding, epoch: int) -> list[Alarm]:
         """Return the alarms that a running cycle raises, without those already active.
@@ -64,29 +64,20 @@ class CycleAlarms:
         return any(self._name(joint, alarm.kind) in self._book for joint in joints)
 
     def _raise(self, alarms: Iterable[Alarm]) -> list[Alarm]:
-        return [said for alarm in alarms for said in self._book.raise_(alarm)]
+        return [message for alarm in alarms for message in self._book.raise_(alarm)]
 
-    def _withdraw(self, found: Collection[str], start: int, time: int) -> list[Alarm]:
-        """Clear the alarms raised while a cycle ran, from ``start`` on, for faults not found in the whole cycle."""
-        text = "Withdrawn: the whole cycle is explained without this fault of {}"
-        early = [alarm for alarm in self._others(found) if alarm.time > start]
-        return [said for alarm in early for said in self._book.clear(alarm.id, time, text.format(_who(alarm)))]
+    def _clear(self, alarm: Alarm, start: int, time: int, number: int) -> list[Alarm]:
+        """Clear the alarm of a fault not found in a cycle: at once if raised while it ran, else after some cycles."""
+        who = f"joint {alarm.joint}" if alarm.joint else "the arm"
+        if alarm.time > start:
+            text = f"Withdrawn: the whole cycle is explained without this fault of {who}"
+            return self._book.clear(alarm.id, time, text)
+        text = f"Resolved: {who} has done {{times}} cycles without this fault, the last is number {number}"
+        return self._book.clear(alarm.id, time, text, after=Patience(self.clear_after))
 
-    def _clear(self, found: Collection[str], time: int, number: int) -> list[Alarm]:
-        """Count a cycle without the fault for the alarms not in ``found``; clear those with enough such cycles."""
-        text, after = (
-            "Resolved: {} has done {{times}} cycles without this fault, the last is number {}",
-            self.clear_after,
-        )
-        return [
-            said
-            for alarm in self._others(found)
-            for said in self._book.clear(alarm.id, time, text.format(_who(alarm), number), after=Patience(after))
-        ]
-
-    def _others(self, found: Collection[str]) -> list[Alarm]:
-        """The active alarms about faults that are not in ``found``."""
-        return [standing.alarm for standing in self._book.raised if standing.alarm.id not in found]
+    @property
+    def _up(self) -> list[Alarm]:
+        return [standing.alarm for standing in self._book.raised]
 
     def _name(self, joint: int, kind: str) -> str:
         """Id of the alarm about a joint (1-based), or about an unknown joint if ``joint`` is 0."""
@@ -123,10 +114,6 @@ class CycleAlarms:
     @property
     def _delay(self) -> str:
         return f" The power meter delays this alarm by {self.behind:.2f} s." if self.behind else ""
-
-
-def _who(alarm: Alarm) -> str:
-    return f"joint {alarm.joint}" if alarm.joint else "the arm"
 
 
 def _ns(seconds: float) -> int:

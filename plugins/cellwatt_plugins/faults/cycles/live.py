@@ -45,7 +45,7 @@ recording, and no cycle spans it."""
 
 @dataclass(frozen=True, slots=True)
 class CycleReport:
-    """Finding on a cycle that is ``over``, or the faults so far of a running one; ``matched`` if it is a known cycle."""
+    """Finding on a cycle that is ``over``, or the faults so far of a running one; ``matched`` if it is a known one."""
 
     finding: CycleFinding
     over: bool

@@ -293,8 +293,8 @@ def _timed(
         if last > first or found.error > EVEN:
             broken.append(step.move)
             # No line fits the path of a move with a stop: its edges are those of its runs.
-            edges = recording.time[[runs[first].first, runs[last].last]].tolist()
-            found = Timing(*edges, found.error)
+            begin, end = recording.time[[runs[first].first, runs[last].last]].tolist()
+            found = Timing(begin, end, found.error)
         timings.append((step.move, found))
     paces = [_length(pattern, m) / (t.end - t.start) for m, t in timings if m not in broken and t.end > t.start]
     if not paces or not all(SLOWEST < p < FASTEST for p in paces):

@@ -118,5 +118,5 @@ def test_of_two_arms_the_one_of_the_reference_is_judged_by_a_channel_in_watts(fo
     monkeypatch.setattr(api, "frames_of_files", lambda *_: [both])
     known = {"reference": folder / "reference.yaml", "robot": folder / "robot.yaml"}
     assert [cycle.status for cycle in api.faults((), **known).cycles] == ["healthy", "fault"]
-    with pytest.raises(ConfigError, match="table.joint_1.position is in rad, expected W"):
+    with pytest.raises(ConfigError, match=r"table.joint_1.position is in rad, expected W"):
         api.faults((), **known, power="table.joint_1.position")
