@@ -149,25 +149,23 @@ def run(cycles: Sequence[Cycle], *, rate: float = 50.0, seed: int = 0, noise: fl
     return measured, power + noise * 1.5 * random.standard_normal(len(power)), starts
 
 
-def layout(rate: float = 50.0) -> Layout:
+def layout(rate: float = 50.0, joints: int = JOINTS, arm: str = "arm") -> Layout:
     """Columns of the frames: the arm's joints and the supply's power."""
-    joints = [FrameChannel(f"arm.joint_{j}.position", "rad", "continuous", "linear") for j in range(1, JOINTS + 1)]
-    return Layout((*joints, FrameChannel("meter.supply.power", "W", "continuous", "average")), rate)
+    names = [f"{arm}.joint_{j}.position" for j in range(1, joints + 1)]
+    positions = [FrameChannel(name, "rad", "continuous", "linear") for name in names]
+    return Layout((*positions, FrameChannel("meter.supply.power", "W", "continuous", "average")), rate)
 
 
-def frames(positions: np.ndarray, power: np.ndarray, *, rate: float = 50.0, block: int = 5) -> list[Frames]:
-    """The run as blocks of frames."""
-    lay = layout(rate)
+def frames(
+    positions: np.ndarray, power: np.ndarray, *, rate: float = 50.0, block: int = 5, start: int = START
+) -> list[Frames]:
+    """The run as blocks of frames from ``start`` ns on."""
+    lay = layout(rate, positions.shape[1])
     values = np.column_stack([positions, power])
-    time = START + np.round(np.arange(len(power)) * 1e9 / rate).astype(np.int64)
-    return [
-        Frames(
-            lay,
-            i,
-            time[i : i + block],
-            values[i : i + block],
-            np.where(np.isnan(values[i : i + block]), 4, 0).astype(np.uint8),
-            np.zeros(values[i : i + block].shape, np.int64),
-        )
-        for i in range(0, len(time), block)
-    ]
+    quality = np.where(np.isnan(values), 4, 0).astype(np.uint8)
+    time, bound = (
+        start + np.round(np.arange(len(power)) * 1e9 / rate).astype(np.int64),
+        np.zeros(values.shape, np.int64),
+    )
+    parts = [slice(i, i + block) for i in range(0, len(time), block)]
+    return [Frames(lay, p.start, time[p], values[p], quality[p], bound[p]) for p in parts]

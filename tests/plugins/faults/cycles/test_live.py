@@ -4,7 +4,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cellwatt.frames import FrameChannel, Frames, Layout
 from cellwatt.stage import CellInfo
 from cellwatt_plugins.faults import FaultsSettings, FaultsStage
 from cellwatt_plugins.faults.cycles.findings import judge_recording
@@ -14,17 +13,10 @@ from cellwatt_plugins.faults.cycles.recording import Recording, recording_of
 from cellwatt_plugins.faults.recordings import frames_of_table
 from cellwatt_plugins.faults.reference import Reference, save
 from tests.plugins.faults.cycles.arm_of_points import RATE, Cycle, Fault, Run, describe, run
+from tests.plugins.faults.plant import START, frames, layout
 
 SPRING = (Fault("spring", 0, 50.0),)
 DEAD = (Fault("drive_cut", 3), Fault("encoder_offset", 1, 0.1))
-START = 1_700_000_000_000_000_000
-LAYOUT = Layout(
-    (
-        *(FrameChannel(f"arm.joint_{j}.position", "rad", "continuous", "linear") for j in range(1, 5)),
-        FrameChannel("meter.supply.power", "W", "continuous", "average"),
-    ),
-    RATE,
-)
 
 
 def fed(known, measured, block=20):
@@ -67,8 +59,7 @@ def names(findings):
 )
 def test_live_says_what_a_recording_says(known, cycles):
     measured = run(cycles, seed=7)
-    live = over(fed(known, measured))
-    offline = judged(known, measured)
+    live, offline = over(fed(known, measured)), judged(known, measured)
     assert [(c.task, c.status) for c in live] == [(c.task, c.status) for c in offline]
     assert names(live) == names(offline)
     assert [c.start for c in live] == pytest.approx([c.start for c in offline], abs=0.02)
@@ -164,19 +155,12 @@ def folder(tmp_path, known, robot):
 
 def stage(folder, **settings):
     chosen = FaultsSettings(reference=Path("ref.yaml"), robot=Path("robot.yaml"), **settings)
-    return FaultsStage("faults", chosen, LAYOUT, CellInfo("plant", "cell", None, folder))
+    return FaultsStage("faults", chosen, layout(RATE, 4), CellInfo("plant", "cell", None, folder))
 
 
 def alarms(faults, measured):
-    values = np.column_stack([measured.position, measured.power])
-    time = START + np.round(measured.time * 1e9).astype(np.int64)
-    out = []
-    for i in range(0, len(time), 25):
-        part = slice(i, i + 25)
-        zeros = np.zeros(values[part].shape)
-        block = Frames(LAYOUT, i, time[part], values[part], zeros.astype(np.uint8), zeros.astype(np.int64))
-        out += faults.process(block, ())
-    return out
+    blocks = frames(measured.position, measured.power, rate=RATE, block=25)
+    return [alarm for block in blocks for alarm in faults.process(block, ())]
 
 
 def test_the_stage_raises_and_clears(folder):
