@@ -63,8 +63,8 @@ def train(
         blocks = list(frames_of_files(paths))
         return recorded(blocks, courses, tolerance, reference.source(one_layout(blocks), arm), power or reference.power)
 
-    told = {joint: codes_in(paths) for joint, paths in _by_joint(faulty, reference.joints).items()}
-    for joint, found in told.items():
+    faulty_codes = {joint: codes_in(paths) for joint, paths in _by_joint(faulty, reference.joints).items()}
+    for joint, found in faulty_codes.items():
         if not found:
             raise ModelError(f"--fault {joint}: no whole cycle of a task of the reference in these recordings")
     fitted = None
@@ -72,7 +72,7 @@ def train(
         from cellwatt_plugins.faults.cycles.known import known_of
 
         fitted = known_of(reference, file, robot).arm
-    sources = Sources(told, fitted, codes_in(recordings) if recordings else {}, tolerance, seed)
+    sources = Sources(faulty_codes, fitted, codes_in(recordings) if recordings else {}, tolerance, seed)
     names = Counter(f"{course.task}-{course.speed:.2f}" for course in courses)
     report = []
     for about, content in spread(train_codes, courses, "networks of codes", shared=sources):

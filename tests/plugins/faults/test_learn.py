@@ -1,7 +1,9 @@
+import numpy as np
 import pytest
 
 from cellwatt.errors import ModelError
 from cellwatt_plugins.faults.api import learn_from
+from cellwatt_plugins.faults.learn import over_cycles
 from cellwatt_plugins.faults.reference import load
 from tests.plugins.faults.plant import CYCLE, HOME, OTHER, Cycle, frames, run
 
@@ -43,3 +45,9 @@ def test_blocks_of_any_size_teach_the_same():
     expected, _ = learn_from(frames(positions, power), None, "arm", "supply.power")
     for block in (1, 33, 5000):
         assert learn_from(frames(positions, power, block=block), None, "arm", "supply.power")[0] == expected
+
+
+def test_the_spread_is_that_of_the_cycles_with_a_value():
+    mean, spread = over_cycles(np.array([[1.0, 2.0], [3.0, np.nan], [np.nan, np.nan]]), "power is")
+    assert mean == pytest.approx([2.0, 2.0])
+    assert spread == pytest.approx([np.sqrt(2.0), 0.0])

@@ -14,7 +14,7 @@ from cellwatt_plugins.faults.cycles.metering import power_through
 from cellwatt_plugins.faults.cycles.pattern import MARGIN, Pattern, timing, warp_of
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import Run, find_runs
-from cellwatt_plugins.faults.learn import by_speed
+from cellwatt_plugins.faults.learn import by_speed, over_cycles
 from cellwatt_plugins.robot.samples import interpolated
 
 STEP = 0.02
@@ -42,7 +42,7 @@ def learn_patterns(recording: Recording) -> list[Pattern]:
             fastest = patterns[first] if len(patterns) > first else pattern
             patterns.append(replace(pattern, speed=_speed(recording, group[0], fastest)))
     if not patterns:
-        raise ModelError("no task was seen three times or more: record more healthy cycles")
+        raise ModelError("no task was seen three times or more, twice at one speed: record more healthy cycles")
     return patterns
 
 
@@ -74,11 +74,7 @@ def _pattern(recording: Recording, group: Sequence[Sequence[Run]], task: str) ->
         power, spread = power_through(recording.meter, recording.readings, template, warps)
         template = replace(template, window=recording.meter.window)
     else:
-        watts = np.array([_power(template, recording, when) for when in whens])
-        if np.isnan(watts).all(axis=0).any():
-            raise ModelError("power is missing at the same point of every healthy cycle: check the recording")
-        power = np.nanmean(watts, axis=0)
-        spread = np.sqrt(np.nansum((watts - power) ** 2, axis=0) / max(1, len(warps) - 1))
+        power, spread = over_cycles(np.array([_power(template, recording, when) for when in whens]), "power is")
     rests = np.array([[run.after for run in cycle] for cycle in group])
     repeat = rests.std(axis=0, ddof=1).max(axis=0)
     return replace(template, cycles=len(warps), position=_smooth(position), power=power, spread=spread, repeat=repeat)

@@ -103,8 +103,8 @@ class CycleWatch:
         grid = np.append(begun + np.arange(len(begun)), there[-1])[before:]
         row = np.searchsorted(number, grid)
         late = time[-1] - time[known[-1]] > self._longest_hole
-        left = slice(known[-1], known[-1] + 1 if late else None)
-        self._waiting = replace(self._waiting, time=time[left], position=position[left], power=power[left])
+        waiting = slice(known[-1], known[-1] + 1 if late else None)
+        self._waiting = replace(self._waiting, time=time[waiting], position=position[waiting], power=power[waiting])
         columns = interpolated(grid, there, np.column_stack([time[known], position[known]]))
         return columns[:, 0], columns[:, 1:], np.where(number[row] == grid, power[row], np.nan)
 
@@ -199,8 +199,8 @@ class CycleWatch:
 
     def _drop(self, before: int) -> None:
         """Discard frames before the sample with index ``before``."""
-        kept, seen = slice(max(0, before), None), self._seen
-        self._seen = replace(seen, time=seen.time[kept], position=seen.position[kept], power=seen.power[kept])
+        rows, seen = slice(max(0, before), None), self._seen
+        self._seen = replace(seen, time=seen.time[rows], position=seen.position[rows], power=seen.power[rows])
 
 
 class CycleStage:

@@ -233,8 +233,8 @@ def _walk(runs: Sequence[Run], pattern: Pattern, at: int, odd: Sequence[int], *,
 
 def _without(steps: Sequence[_Step], joints: Collection[int]) -> list[_Step]:
     """The steps without timing by ``joints``; steps shown only by these become unseen."""
-    left = [(step, tuple(joint for joint in step.joints if joint not in joints)) for step in steps]
-    return [replace(step, runs=step.runs if rest else None, joints=rest) for step, rest in left]
+    remaining = [(step, tuple(joint for joint in step.joints if joint not in joints)) for step in steps]
+    return [replace(step, runs=step.runs if rest else None, joints=rest) for step, rest in remaining]
 
 
 def _stirs(run: Run, pattern: Pattern, move: int, odd: Sequence[int]) -> bool:

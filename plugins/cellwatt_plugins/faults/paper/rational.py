@@ -130,8 +130,8 @@ def _realisation(poles: Complex) -> tuple[Float, Float]:
 
 def _stable(zeros: Complex) -> Complex:
     """One of each conjugate pair, mirrored into the left half plane, by rising imaginary part."""
-    left = np.where(zeros.real > 0, -zeros.conj(), zeros)
-    small = np.abs(left.imag) <= REAL * np.abs(left)
-    left = np.where(small, left.real, left)
-    upper = left[left.imag >= 0]
+    stable = np.where(zeros.real > 0, -zeros.conj(), zeros)
+    small = np.abs(stable.imag) <= REAL * np.abs(stable)
+    stable = np.where(small, stable.real, stable)
+    upper = stable[stable.imag >= 0]
     return np.asarray(upper[np.argsort(upper.imag, kind="stable")], dtype=np.complex128)
