@@ -1,5 +1,6 @@
 import pytest
 
+from cellwatt_plugins.faults.cycles.findings import judge_recording
 from cellwatt_plugins.faults.cycles.known import learn_known
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.robot import Arm
@@ -9,6 +10,18 @@ HEALTHY = [Cycle(task.upper(), 0.6 if task.islower() else 1.0) for task in "AbBA
 """Lower case: slower."""
 
 
+def recorded(measured):
+    return Recording(measured.time, measured.position, measured.power)
+
+
+def judged(known, measured):
+    return judge_recording(recorded(measured), known)
+
+
+def names(findings):
+    return [[(fault.joint, fault.kind) for fault in cycle.faults] for cycle in findings]
+
+
 @pytest.fixture(scope="session")
 def robot(tmp_path_factory):
     return Arm.load(describe(tmp_path_factory.mktemp("points")))
@@ -16,8 +29,7 @@ def robot(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def healthy():
-    measured = run(HEALTHY, seed=1)
-    return Recording(measured.time, measured.position, measured.power)
+    return recorded(run(HEALTHY, seed=1))
 
 
 @pytest.fixture(scope="session")
@@ -28,5 +40,4 @@ def known(healthy, robot):
 @pytest.fixture(scope="session")
 def of_two_joints(robot):
     """Knowledge of a cell with a task in which only joints 1 and 3 move."""
-    measured = run([Cycle(task) for task in "DBBDDBDBBD"], seed=3)
-    return learn_known(Recording(measured.time, measured.position, measured.power), robot)
+    return learn_known(recorded(run([Cycle(task) for task in "DBBDDBDBBD"], seed=3)), robot)

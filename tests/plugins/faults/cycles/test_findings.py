@@ -9,12 +9,13 @@ from cellwatt_plugins.faults.cycles.known import learn_known
 from cellwatt_plugins.faults.cycles.recording import Recording, recording_of
 from cellwatt_plugins.faults.recordings import frames_of_table
 from tests.plugins.faults.cycles.arm_of_points import RATE, Cycle, Fault, run
+from tests.plugins.faults.cycles.conftest import judged
 
 
-def judged(known, *cycles, seed=20):
+def of_cycles(known, *cycles, seed=20):
     """Findings with the healthy cycles around the ones in question left out."""
     measured = run([Cycle("B"), *cycles, Cycle("A")], seed=seed)
-    found = judge_recording(Recording(measured.time, measured.position, measured.power), known)
+    found = judged(known, measured)
     assert len(found) == len(cycles) + 2
     for (start, end), cycle in zip(measured.spans, found, strict=True):
         assert start - 0.1 < cycle.start < cycle.end < end + 0.1
@@ -26,34 +27,33 @@ def named(cycle):
     return [(fault.joint, fault.kind) for fault in cycle.faults]
 
 
+OTHERWISE = "power is as in healthy cycles"
+
+
 @pytest.mark.parametrize(
-    "fault", [Fault("spring", 0, 40.0), Fault("friction", 3, 2.0), Fault("drive_cut", 0), Fault("belt_off", 3)]
+    "fault, kind, text",
+    [
+        (Fault("spring", 0, 40.0), "joint", "works against a force that grows with its angle"),
+        (Fault("friction", 3, 2.0), "joint", "turns harder"),
+        (Fault("drive_cut", 0), "joint", "stands still and takes no power"),
+        (Fault("belt_off", 3), "joint", "stands still"),
+        (Fault("winding", 1, 6.0), "joint", "winding"),
+        (Fault("encoder_stuck", 1), "encoder", OTHERWISE),
+        (Fault("encoder_scale", 2, 0.1), "encoder", OTHERWISE),
+        (Fault("encoder_offset", 1, 0.04), "encoder", OTHERWISE),
+    ],
 )
-def test_a_faulty_joint_is_named(known, fault):
-    (cycle,) = judged(known, Cycle("A", faults=(fault,)))
-    assert named(cycle) == [(fault.joint + 1, "joint")]
+def test_a_fault_is_named(known, fault, kind, text):
+    (cycle,) = of_cycles(known, Cycle("A", faults=(fault,)))
+    assert named(cycle) == [(fault.joint + 1, kind)]
     assert cycle.status == "fault"
+    assert text in cycle.faults[0].statement
     assert cycle.faults[0].confidence > 0.9
-
-
-def test_a_hot_winding_is_named(known):
-    (cycle,) = judged(known, Cycle("A", faults=(Fault("winding", 1, 6.0),)))
-    assert named(cycle) == [(2, "joint")]
-    assert "winding" in cycle.faults[0].statement
-
-
-@pytest.mark.parametrize(
-    "fault", [Fault("encoder_stuck", 1), Fault("encoder_scale", 2, 0.1), Fault("encoder_offset", 1, 0.04)]
-)
-def test_a_wrong_encoder_is_named(known, fault):
-    (cycle,) = judged(known, Cycle("A", faults=(fault,)))
-    assert named(cycle) == [(fault.joint + 1, "encoder")]
-    assert "power is as in healthy cycles" in cycle.faults[0].statement
 
 
 @pytest.mark.parametrize("what, size, joint", [("spring", 400.0, 0), ("friction", 4.0, 2)])
 def test_a_large_fault_is_not_shared_out_to_two_joints(known, what, size, joint):
-    (cycle,) = judged(known, Cycle("A", faults=(Fault(what, joint, size),)))
+    (cycle,) = of_cycles(known, Cycle("A", faults=(Fault(what, joint, size),)))
     assert named(cycle) == [(joint + 1, "joint")]
     assert cycle.faults[0].size_watt > 60
 
@@ -67,14 +67,14 @@ def test_a_large_fault_is_not_shared_out_to_two_joints(known, what, size, joint)
 )
 def test_a_task_is_known_though_every_joint_that_moves_is_faulty(of_two_joints, first, second):
     measured = run([Cycle("B"), Cycle("D", faults=(first, second)), Cycle("B")], seed=22)
-    found = judge_recording(Recording(measured.time, measured.position, measured.power), of_two_joints)
+    found = judged(of_two_joints, measured)
     assert [len(cycle.faults) for cycle in found] == [0, 2, 0]
     assert named(found[1]) == [(1, "encoder"), (3, "joint" if second.what == "drive_cut" else "encoder")]
 
 
 def test_a_new_task_of_the_same_two_joints_is_new(of_two_joints):
     measured = run([Cycle("B"), Cycle("D2"), Cycle("B")], seed=23)
-    found = judge_recording(Recording(measured.time, measured.position, measured.power), of_two_joints)
+    found = judged(of_two_joints, measured)
     assert [cycle.status for cycle in found] == ["healthy", "new_task", "healthy"]
 
 
@@ -82,7 +82,7 @@ def test_two_faults_at_once(known):
     both = (Fault("friction", 1, 1.0), Fault("encoder_offset", 3, 0.05))
     other = (Fault("spring", 0, 40.0), Fault("friction", 2, 1.2))
     same = (Fault("friction", 1, 1.0), Fault("encoder_offset", 1, 0.05))
-    first, second, third = judged(known, *(Cycle("A", faults=faults) for faults in (both, other, same)))
+    first, second, third = of_cycles(known, *(Cycle("A", faults=faults) for faults in (both, other, same)))
     assert named(first) == [(2, "joint"), (4, "encoder")]
     assert named(second) == [(1, "joint"), (3, "joint")]
     assert named(third) == [(2, "joint_and_encoder")]
@@ -90,7 +90,7 @@ def test_two_faults_at_once(known):
 
 def test_it_says_where_and_how_much(known):
     truth, healthy = run([Cycle("A", faults=(Fault("friction", 1, 1.0),))], noise=0.0), run([Cycle("A")], noise=0.0)
-    (cycle,) = judged(known, Cycle("A", faults=(Fault("friction", 1, 1.0),)))
+    (cycle,) = of_cycles(known, Cycle("A", faults=(Fault("friction", 1, 1.0),)))
     assert cycle.faults[0].intervals == (2, 5)
     assert cycle.faults[0].size_watt == pytest.approx(abs(truth.power - healthy.power).max(), rel=0.15)
 
@@ -105,7 +105,7 @@ def test_what_is_harmless_is_no_fault(known, speed):
         Cycle("A", speed, part=0.6),
         Cycle("A", speed),
     ]
-    found = judged(known, *changes)
+    found = of_cycles(known, *changes)
     assert [cycle.faults for cycle in found] == [()] * 6
     notes = [cycle.note for cycle in found]
     assert "4% faster" in notes[0]
@@ -130,7 +130,7 @@ def test_a_move_that_stops_on_its_way_is_no_fault(known, seconds):
 
 
 def test_a_task_that_was_never_learned_is_new(known):
-    found = judged(known, Cycle("C"), Cycle("C"))
+    found = of_cycles(known, Cycle("C"), Cycle("C"))
     assert [cycle.status for cycle in found] == ["new_task", "new_task"]
     assert not any(cycle.faults for cycle in found)
 
@@ -139,7 +139,7 @@ def test_a_cycle_without_power_is_not_judged(known):
     measured = run([Cycle("B"), Cycle("A", faults=(Fault("encoder_scale", 0, 0.2),)), Cycle("A")], seed=21)
     start, end = measured.spans[1]
     measured.power[(measured.time > start) & (measured.time < end - 1.0)] = np.nan
-    found = judge_recording(Recording(measured.time, measured.position, measured.power), known)
+    found = judged(known, measured)
     assert [(cycle.status, cycle.faults) for cycle in found] == [("healthy", ()), ("changed", ()), ("healthy", ())]
     assert "power is missing" in found[1].note
 

@@ -9,10 +9,11 @@ from cellwatt_plugins.faults import FaultsSettings, FaultsStage
 from cellwatt_plugins.faults.cycles.findings import judge_recording
 from cellwatt_plugins.faults.cycles.known import stored
 from cellwatt_plugins.faults.cycles.live import CycleWatch
-from cellwatt_plugins.faults.cycles.recording import Recording, recording_of
+from cellwatt_plugins.faults.cycles.recording import recording_of
 from cellwatt_plugins.faults.recordings import frames_of_table
 from cellwatt_plugins.faults.reference import Reference, save
 from tests.plugins.faults.cycles.arm_of_points import RATE, Cycle, Fault, Run, describe, run
+from tests.plugins.faults.cycles.conftest import judged, names
 from tests.plugins.faults.plant import START, frames, layout
 
 SPRING = (Fault("spring", 0, 50.0),)
@@ -28,10 +29,6 @@ def fed(known, measured, block=20):
     return [*told, *watch.close()]
 
 
-def judged(known, measured):
-    return judge_recording(Recording(measured.time, measured.position, measured.power), known)
-
-
 def over(told):
     return [t.finding for t in told if t.over]
 
@@ -43,10 +40,6 @@ def move_ends(measured, cycle):
     time = measured.time[inside][:-1]
     gaps = np.flatnonzero(np.diff(time[moving]) > 0.15)
     return [*time[moving][gaps], time[moving][-1]]
-
-
-def names(findings):
-    return [[(fault.joint, fault.kind) for fault in cycle.faults] for cycle in findings]
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from cellwatt_plugins.faults.cycles.known import learn_known, restored, stored
 from cellwatt_plugins.faults.cycles.live import CycleWatch
 from cellwatt_plugins.faults.cycles.recording import Recording
 from tests.plugins.faults.cycles.arm_of_points import Cycle, Fault, run
-from tests.plugins.faults.cycles.conftest import HEALTHY
+from tests.plugins.faults.cycles.conftest import HEALTHY, names
 from tests.plugins.robot.slow_meter import shown
 
 WINDOW, LATE = 0.1, 0.15
@@ -42,10 +42,6 @@ def recording():
     return through(run(CYCLES, seed=20), 0.8)
 
 
-def named(findings) -> list[list[tuple[int, str]]]:
-    return [[(fault.joint, fault.kind) for fault in cycle.faults] for cycle in findings]
-
-
 def test_the_meter_is_found(known):
     assert known.meter is not None
     assert known.meter.window == pytest.approx(WINDOW, abs=0.01)
@@ -57,7 +53,7 @@ def test_the_reference_file_keeps_the_meter(known, recording, robot):
     assert again.meter is not None
     assert again.meter.window == pytest.approx(known.meter.window, abs=1e-6)
     assert again.patterns[0].window == again.meter.window
-    assert named(judge_recording(recording, again)) == NAMED
+    assert names(judge_recording(recording, again)) == NAMED
 
 
 def test_live_as_in_a_recording(known, recording):
@@ -71,7 +67,7 @@ def test_live_as_in_a_recording(known, recording):
                 over.append(each.finding)
                 assert recording.time[part][-1] - each.finding.end > WINDOW + LATE
     over += [each.finding for each in watch.close() if each.over]
-    assert named(over) == NAMED
+    assert names(over) == NAMED
     assert watch.behind == pytest.approx(WINDOW + LATE, abs=0.02)
 
 
