@@ -23,6 +23,7 @@ from cellwatt_plugins.faults.recordings import frames_of_table
 from cellwatt_plugins.faults.reference import load
 from cellwatt_plugins.segment import SegmentSettings, SegmentStage
 from tests.plugins.faults.paper.irb1200 import POLISHING, Fault, Run, run
+from tests.plugins.faults.watching import beside_another_arm
 
 DEMO = Path(__file__).resolve().parents[3] / "examples" / "demo-reference.yaml"
 
@@ -72,7 +73,12 @@ def test_a_table_is_learnt_from_recorded_faults_and_its_network_knows_others_lik
     assert (learnt.table[:, 4] == np.array([1, 0, 0, 0, 0, 0, 0, 0])).all()
 
 
-def test_a_joint_without_a_fault_is_told_in_one_line(folder):
+@pytest.mark.parametrize("arms", [1, 2])
+def test_a_joint_without_a_fault_is_told_in_one_line(folder, monkeypatch, arms):
+    """Of two arms, that of the reference counts."""
+    if arms == 2:
+        read = train_command.frames_of_files
+        monkeypatch.setattr(train_command, "frames_of_files", lambda paths: map(beside_another_arm, read(paths)))
     done = train(folder, *recorded(folder)[:-2])
     assert isinstance(done.exception, ModelError)
     assert "no cycle with a fault of joint 6: give --fault 6=RECORDING" in str(done.exception)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from _pytest.mark import ParameterSet
 
@@ -23,6 +25,13 @@ def more(*values: Any) -> list[ParameterSet]:
     """Parameters that are among the slow tests only; a tuple stands for several arguments."""
     rows = (value if isinstance(value, tuple) else (value,) for value in values)
     return [pytest.param(*row, marks=pytest.mark.slow) for row in rows]
+
+
+def beside_another_arm(table: Frames) -> Frames:
+    """Frames of a table and of another arm, which stands still."""
+    other = tuple(replace(c, name=c.name.replace("table", "arm_2")) for c in table.layout.channels[:-1])
+    layout = replace(table.layout, channels=other + table.layout.channels)
+    return replace(table, layout=layout, values=np.hstack([np.zeros((len(table), len(other))), table.values]))
 
 
 def learned(path: Path, blocks: Iterable[Frames], robot: str | None = None) -> Path:

@@ -1,7 +1,5 @@
 import json
-from dataclasses import replace
 
-import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -12,6 +10,7 @@ from tests.daemon.report.reading import check, read
 from tests.docs.pages import blocks
 from tests.plugins.faults.cycles.arm_of_points import Cycle, Fault, describe, run, write_table
 from tests.plugins.faults.cycles.conftest import HEALTHY
+from tests.plugins.faults.watching import beside_another_arm
 
 
 @pytest.fixture(scope="module")
@@ -112,10 +111,7 @@ def test_another_robot_is_refused(folder, tmp_path, its, other, told):
 
 def test_of_two_arms_the_one_of_the_reference_is_judged_by_a_channel_in_watts(folder, monkeypatch):
     (frames,) = api.frames_of_files([folder / "test.parquet"])
-    other = tuple(replace(c, name=c.name.replace("table", "arm_2")) for c in frames.layout.channels[:-1])
-    layout = replace(frames.layout, channels=other + frames.layout.channels)
-    both = replace(frames, layout=layout, values=np.hstack([np.zeros((len(frames), len(other))), frames.values]))
-    monkeypatch.setattr(api, "frames_of_files", lambda *_: [both])
+    monkeypatch.setattr(api, "frames_of_files", lambda *_: [beside_another_arm(frames)])
     known = {"reference": folder / "reference.yaml", "robot": folder / "robot.yaml"}
     assert [cycle.status for cycle in api.faults((), **known).cycles] == ["healthy", "fault"]
     with pytest.raises(ConfigError, match=r"table.joint_1.position is in rad, expected W"):
