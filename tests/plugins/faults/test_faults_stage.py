@@ -7,7 +7,7 @@ from pydantic import ValidationError
 from cellwatt.errors import ConfigError, ModelError
 from cellwatt.stage import CellInfo
 from cellwatt_plugins.faults import FaultsSettings, FaultsStage
-from tests.plugins.faults.plant import Cycle, frames, layout, run
+from tests.plugins.faults.plant import Cycle, frames, layout, recorded
 from tests.plugins.faults.watching import learned
 
 
@@ -17,8 +17,7 @@ def made(reference, lay=None, robot=None, **settings):
 
 
 def test_a_reference_of_another_robot_is_refused(tmp_path):
-    positions, power, _ = run([Cycle()] * 4)
-    path = learned(tmp_path / "ref.yaml", frames(positions, power), "irb1200")
+    path = learned(tmp_path / "ref.yaml", recorded([Cycle()] * 4), "irb1200")
     assert made(path, robot="irb1200")
     assert made(path)
     with pytest.raises(ModelError, match="is of robot irb1200, the cell's robot is ur10e"):

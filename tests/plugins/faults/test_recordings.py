@@ -2,13 +2,18 @@ import numpy as np
 import pytest
 
 from cellwatt.errors import RecordingError
-from cellwatt.tables import write_table
 from cellwatt_plugins.faults.recordings import APART, frames_of_files, frames_of_table
+from tests.plugins.faults.watching import write_recording
 
 
-def columns(n=500, joints=2):
-    t = np.arange(n) / 100
-    return t, np.column_stack([np.sin(t + j) for j in range(1, joints + 1)]), 90 + t
+def columns():
+    t = np.arange(500) / 100
+    return t, np.column_stack([np.sin(t + 1), np.sin(t + 2)]), 90 + t
+
+
+def written(path, stretch=1.0):
+    t, position, power = columns()
+    return write_recording(path, t * stretch, position, power)
 
 
 def test_holes_are_missing():
@@ -23,11 +28,7 @@ def test_holes_are_missing():
 
 
 def test_files_follow_each_other_apart(tmp_path):
-    t, position, power = columns()
-    table = {"t": t, "q_1": position[:, 0], "q_2": position[:, 1], "power": power}
-    for name in ("a.csv", "b.parquet"):
-        write_table(tmp_path / name, table)
-    blocks = list(frames_of_files([tmp_path / "a.csv", tmp_path / "b.parquet"]))
+    blocks = list(frames_of_files([written(tmp_path / name) for name in ("a.csv", "b.parquet")]))
     assert [len(b) for b in blocks] == [500, 500]
     assert blocks[0].layout == blocks[1].layout
     assert blocks[1].time[0] - blocks[0].time[-1] >= APART
@@ -35,10 +36,7 @@ def test_files_follow_each_other_apart(tmp_path):
 
 
 def test_tables_with_time_stamps_that_jitter_have_one_rate(tmp_path):
-    t, position, power = columns()
-    for name, rate in (("a.csv", 1.0), ("b.csv", 1.002)):
-        write_table(tmp_path / name, {"t": t * rate, "q_1": position[:, 0], "power": power})
-    one, other = frames_of_files([tmp_path / "a.csv", tmp_path / "b.csv"])
+    one, other = frames_of_files([written(tmp_path / "a.csv"), written(tmp_path / "b.csv", 1.002)])
     assert one.layout == other.layout
     assert (len(one), len(other)) == (500, 500)
     assert not np.isnan(other.values).any()
@@ -58,9 +56,7 @@ def test_a_night_between_two_rows_takes_no_frames():
 
 
 def test_a_clock_that_drifts_at_one_row_a_second_is_no_reason_to_refuse(tmp_path):
-    t, position, power = columns()
-    write_table(tmp_path / "slow.csv", {"t": t * 100.03, "q_1": position[:, 0], "q_2": position[:, 1], "power": power})
-    (frames,) = frames_of_files([tmp_path / "slow.csv"])
+    (frames,) = frames_of_files([written(tmp_path / "slow.csv", 100.03)])
     assert len(frames) == pytest.approx(500, abs=2)
 
 
@@ -73,7 +69,6 @@ def test_a_leap_of_the_clock_takes_no_frames_and_a_table_of_bursts_is_refused_wi
 
 
 def test_a_table_in_microseconds_is_refused(tmp_path):
-    t, position, power = columns()
-    write_table(tmp_path / "a.csv", {"t": 1e6 * t, "q_1": position[:, 0], "q_2": position[:, 1], "power": power})
+    path = written(tmp_path / "a.csv", 1e6)
     with pytest.raises(RecordingError, match="rows are 10000 s apart, expected 1 s or less: is column t in seconds"):
-        list(frames_of_files([tmp_path / "a.csv"]))
+        list(frames_of_files([path]))

@@ -2,9 +2,10 @@ import pytest
 
 from cellwatt_plugins.faults.cycles.findings import judge_recording
 from cellwatt_plugins.faults.cycles.known import learn_known
+from cellwatt_plugins.faults.cycles.live import CycleWatch
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.robot import Arm
-from tests.plugins.faults.cycles.arm_of_points import Cycle, describe, run
+from tests.plugins.faults.cycles.arm_of_points import RATE, Cycle, describe, run
 
 HEALTHY = [Cycle(task.upper(), 0.6 if task.islower() else 1.0) for task in "AbBAaBABaAbB"]
 """Lower case: slower."""
@@ -16,6 +17,16 @@ def recorded(measured):
 
 def judged(known, measured):
     return judge_recording(recorded(measured), known)
+
+
+def fed(known, measured, block=20):
+    """What is told of a recording that comes block by block."""
+    watch = CycleWatch(known, 1 / RATE)
+    told = []
+    for first in range(0, len(measured.time), block):
+        part = slice(first, first + block)
+        told += watch.feed(measured.time[part], measured.position[part], measured.power[part])
+    return [*told, *watch.close()]
 
 
 def names(findings):

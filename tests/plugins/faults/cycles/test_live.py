@@ -8,29 +8,25 @@ from cellwatt.stage import CellInfo
 from cellwatt_plugins.faults import FaultsSettings, FaultsStage
 from cellwatt_plugins.faults.cycles.findings import judge_recording
 from cellwatt_plugins.faults.cycles.known import stored
-from cellwatt_plugins.faults.cycles.live import CycleWatch
 from cellwatt_plugins.faults.cycles.recording import recording_of
 from cellwatt_plugins.faults.recordings import frames_of_table
 from cellwatt_plugins.faults.reference import Reference, save
 from tests.plugins.faults.cycles.arm_of_points import RATE, Cycle, Fault, Run, describe, run
-from tests.plugins.faults.cycles.conftest import judged, names
+from tests.plugins.faults.cycles.conftest import fed, judged, names
 from tests.plugins.faults.plant import START, frames, layout
 
 SPRING = (Fault("spring", 0, 50.0),)
 DEAD = (Fault("drive_cut", 3), Fault("encoder_offset", 1, 0.1))
 
 
-def fed(known, measured, block=20):
-    watch = CycleWatch(known, 1 / RATE)
-    told = []
-    for i in range(0, len(measured.time), block):
-        part = slice(i, i + block)
-        told += watch.feed(measured.time[part], measured.position[part], measured.power[part])
-    return [*told, *watch.close()]
-
-
 def over(told):
     return [t.finding for t in told if t.over]
+
+
+def first_told(known, faulty):
+    """What is told first of a fault in the second of three cycles, and when the moves of this cycle end, s."""
+    measured = run([Cycle("B"), faulty, Cycle("A")], seed=16)
+    return next(t for t in fed(known, measured) if t.finding.faults), move_ends(measured, 1)
 
 
 def move_ends(measured, cycle):
@@ -69,24 +65,18 @@ def test_the_size_of_blocks_makes_no_difference(known):
 @pytest.mark.parametrize("joint, moves", [(0, 1), (3, 3)])
 def test_a_faulty_joint_is_told_while_the_cycle_runs(known, joint, moves):
     """``moves`` have gone when a joint has first moved in task A."""
-    measured = run(
-        [Cycle("B"), Cycle("A", faults=(Fault("friction", joint, 1.0 + (joint == 3)),)), Cycle("A")], seed=15
-    )
-    told = fed(known, measured)
-    first = next(t for t in told if t.finding.faults)
+    first, ends = first_told(known, Cycle("A", faults=(Fault("friction", joint, 1.0 + (joint == 3)),)))
     assert not first.over
     (fault,) = first.finding.faults
     assert joint + 1 in (fault.joint, *fault.alternatives)
-    ends = move_ends(measured, 1)
     assert ends[moves - 1] - 0.1 < first.finding.end < ends[moves] + 0.1
 
 
 @pytest.mark.parametrize("fault", [Fault("encoder_scale", 0, 0.2), Fault("encoder_offset", 2, 0.05)])
 def test_a_wrong_encoder_is_told_after_the_first_move_where_power_tells(known, fault):
-    measured = run([Cycle("B"), Cycle("A", faults=(fault,)), Cycle("A")], seed=16)
-    first = next(t for t in fed(known, measured) if t.finding.faults)
+    first, ends = first_told(known, Cycle("A", faults=(fault,)))
     assert names([first.finding]) == [[(fault.joint + 1, "encoder")]]
-    assert first.finding.end < move_ends(measured, 1)[0] + 0.1
+    assert first.finding.end < ends[0] + 0.1
 
 
 def test_a_joint_off_its_path_is_told_while_it_is_open_what_is_wrong_with_it(known):
@@ -132,7 +122,7 @@ def test_a_cycle_that_is_cut_has_no_faults(known, of_two_joints, task, first, la
     """A recording, or the daemon, starts or ends within a move or a rest; the other cycle is known."""
     measured, of = run([Cycle(task)] * 2, seed=41), of_two_joints if task == "D" else known
     rows = slice(round(first * RATE), round(last * RATE))
-    cut = Run(measured.time[rows], measured.position[rows], measured.power[rows])
+    cut = Run(measured.time[rows], measured.position[rows], measured.power[rows], measured.spans)
     live = fed(of, cut)
     assert not any(told.finding.faults for told in live)
     assert [c.status for c in over(live)] == [c.status for c in judged(of, cut)] == ["healthy"]

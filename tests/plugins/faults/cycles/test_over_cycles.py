@@ -6,8 +6,8 @@ from itertools import pairwise
 import pytest
 
 from cellwatt_plugins.faults.cycles.alarms import CycleAlarms
-from cellwatt_plugins.faults.cycles.live import CycleWatch
-from tests.plugins.faults.cycles.arm_of_points import RATE, Cycle, Fault, run
+from tests.plugins.faults.cycles.arm_of_points import Cycle, Fault, run
+from tests.plugins.faults.cycles.conftest import fed
 
 EPOCH = 10**18
 JOINT = 1
@@ -23,12 +23,11 @@ def wear():
     return [Cycle("AB"[k % 2], faults=(Fault("friction", JOINT, 0.8 * k / (GROWN - 1)),)) for k in range(GROWN)]
 
 
-def told(known, cycles, clear=3):
+def told(known, cycles):
     """Alarms over all, with the number of the cycle that was over or under way."""
-    measured = run(cycles, seed=31)
-    watch, book = CycleWatch(known, 1 / RATE), CycleAlarms("faults", "arm", clear)
+    book = CycleAlarms("faults", "arm", clear_after=3)
     number, out = 0, []
-    for finding in [*watch.feed(measured.time, measured.position, measured.power), *watch.close()]:
+    for finding in fed(known, run(cycles, seed=31)):
         if finding.over:
             number += 1
             out += [(number, alarm) for alarm in book.take(finding.finding, number, EPOCH)]

@@ -11,7 +11,7 @@ from cellwatt_plugins.faults.cycles.known import learn_known, restored, stored
 from cellwatt_plugins.faults.cycles.live import CycleWatch
 from cellwatt_plugins.faults.cycles.recording import Recording
 from tests.plugins.faults.cycles.arm_of_points import Cycle, Fault, run
-from tests.plugins.faults.cycles.conftest import HEALTHY, names
+from tests.plugins.faults.cycles.conftest import HEALTHY, fed, names
 from tests.plugins.robot.slow_meter import shown
 
 WINDOW, LATE = 0.1, 0.15
@@ -74,7 +74,5 @@ def test_live_as_in_a_recording(known, recording):
 def test_a_meter_slower_than_a_cycle_is_told_as_such(known, recording):
     slow = replace(known, meter=replace(known.meter, window=9.0, interval=9.0))
     held = Recording(recording.time, recording.position, shown(recording.time, recording.power, 9.0, LATE))
-    watch = CycleWatch(slow, recording.step)
-    told = [*watch.feed(held.time, held.position, held.power), *watch.close()]
-    assert {each.finding.note for each in told} == {TOO_SLOW}
+    assert {each.finding.note for each in fed(slow, held)} == {TOO_SLOW}
     assert {cycle.note for cycle in judge_recording(held, slow)} == {TOO_SLOW}
