@@ -17,10 +17,7 @@ def alarms_of(reference, *faults, seed=2, counts=(HEALTHY, FAULTY, AFTER)):
 
 def standing(alarms, time):
     """What is up at a time, s: kind, joint."""
-    up = {}
-    for alarm in alarms:
-        if since_start(alarm.time) <= time:
-            up[alarm.id] = alarm
+    up = {alarm.id: alarm for alarm in alarms if since_start(alarm.time) <= time}
     return {(a.kind, a.joint) for a in up.values() if a.active}
 
 
