@@ -73,16 +73,11 @@ def finding_of(fault: NamedFault) -> FaultFinding:
 def from_cycles(cycles: Sequence[Readings]) -> tuple[ExpectedInterval, ...]:
     """Average healthy cycles of one task at one speed and cut the mean where joints start or stop.
 
-    Raises ``ModelError`` if there is no cycle or nothing moves.
+    Raises ``ModelError`` if nothing moves.
     """
-    if not cycles:
-        raise ModelError("no healthy cycle to learn from: the paper's method needs one or more of each task and speed")
     t = min(cycles, key=lambda cycle: cycle.t[-1]).t
-    mean = Readings(
-        t,
-        np.asarray(np.mean([resampled(cycle, t).q for cycle in cycles], axis=0)),
-        np.asarray(np.mean([resampled(cycle, t).power for cycle in cycles], axis=0)),
-    )
+    seen = [resampled(cycle, t) for cycle in cycles]
+    mean = Readings(t, np.mean([each.q for each in seen], axis=0), np.mean([each.power for each in seen], axis=0))
     runs = find_runs(Recording(mean.t, mean.q, mean.power))
     if not runs:
         raise ModelError("nothing moves in the healthy cycles: the paper's method compares intervals of motion")

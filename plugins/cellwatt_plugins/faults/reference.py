@@ -61,15 +61,18 @@ TAIL = 0.1
 """… and by which it ends after the median duration, s."""
 
 _Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
-_STRICT = ConfigDict(extra="forbid")
 _Rising = Annotated[float, Field(gt=0)]
 
 
-@dataclass(frozen=True)
-class Pattern:
-    """A quantity over time from the onset: at ``start`` + k ``step`` s, ``mean`` and ``spread`` (std) over cycles."""
+class _Strict:
+    """A part of the file: other keys than its own are refused."""
 
-    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
+
+
+@dataclass(frozen=True)
+class Pattern(_Strict):
+    """A quantity over time from the onset: at ``start`` + k ``step`` s, ``mean`` and ``spread`` (std) over cycles."""
 
     start: float
     step: _Rising
@@ -105,10 +108,8 @@ class Pattern:
 
 
 @dataclass(frozen=True)
-class ReferenceInterval:
+class ReferenceInterval(_Strict):
     """One interval of a healthy cycle; the module's docstring describes its fields."""
-
-    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 
     moving: tuple[int, ...]
     pose: tuple[float, ...]
@@ -121,10 +122,8 @@ class ReferenceInterval:
 
 
 @dataclass(frozen=True)
-class Variant:
+class Variant(_Strict):
     """A task at one speed."""
-
-    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 
     speed: float
     cycles: int
@@ -132,10 +131,8 @@ class Variant:
 
 
 @dataclass(frozen=True)
-class TaskReference:
+class TaskReference(_Strict):
     """A task and its learned variants."""
-
-    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 
     name: str
     signature: str
@@ -143,10 +140,8 @@ class TaskReference:
 
 
 @dataclass(frozen=True)
-class StoredJoint:
+class StoredJoint(_Strict):
     """Fitted parameters of a joint, at the joint side, units as in ``robot.yaml``, ``copper_loss`` in W/(Nm)²."""
-
-    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 
     name: str
     rotor_inertia: float
@@ -157,10 +152,8 @@ class StoredJoint:
 
 
 @dataclass(frozen=True)
-class StoredModel:
+class StoredModel(_Strict):
     """The fitted arm: ``standby`` W, supply gains for power to the drives (``drive``) and back (``regenerate``)."""
-
-    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 
     standby: float
     drive: float
@@ -170,10 +163,8 @@ class StoredModel:
 
 
 @dataclass(frozen=True)
-class Reference:
+class Reference(_Strict):
     """The healthy reference of one arm."""
-
-    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 
     cellwatt_reference: Annotated[int, reads_version(VERSION, "learn it anew with `cellwatt reference`")]
     robot: str | None

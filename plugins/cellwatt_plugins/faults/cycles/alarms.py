@@ -85,6 +85,7 @@ class CycleAlarms:
 
     def _alarms(self, cycle: CycleFinding, epoch: int) -> dict[str, Alarm]:
         """The alarms for the faults of a cycle, by id."""
+        delay = f" The power meter delays this alarm by {self.behind:.2f} s." if self.behind else ""
         alarms = [
             Alarm(
                 id=self._name(fault.joint, f"{fault.kind}_fault"),
@@ -93,7 +94,7 @@ class CycleAlarms:
                 active=True,
                 since=epoch + _ns(cycle.start),
                 time=epoch + _ns(cycle.end),
-                statement=fault.statement + self._delay,
+                statement=fault.statement + delay,
                 source=self.source,
                 joint=fault.joint or None,
                 alternatives=fault.alternatives,
@@ -110,10 +111,6 @@ class CycleAlarms:
             for fault in cycle.faults
         ]
         return {alarm.id: alarm for alarm in alarms}
-
-    @property
-    def _delay(self) -> str:
-        return f" The power meter delays this alarm by {self.behind:.2f} s." if self.behind else ""
 
 
 def _ns(seconds: float) -> int:

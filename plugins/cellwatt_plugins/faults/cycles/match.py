@@ -296,7 +296,8 @@ def _timed(
             begin, end = recording.time[[runs[first].first, runs[last].last]].tolist()
             found = Timing(begin, end, found.error)
         timings.append((step.move, found))
-    paces = [_length(pattern, m) / (t.end - t.start) for m, t in timings if m not in broken and t.end > t.start]
+    lengths = np.ptp(pattern.moves, axis=1).tolist()
+    paces = [lengths[m] / (t.end - t.start) for m, t in timings if m not in broken and t.end > t.start]
     if not paces or not all(SLOWEST < p < FASTEST for p in paces):
         return None
     spans = [step.runs for step in steps if step.runs is not None]
@@ -311,8 +312,3 @@ def _timed(
         pace=float(np.median(paces)),
         known=known_odds(seen, pattern, odd),
     )
-
-
-def _length(pattern: Pattern, move: int) -> float:
-    start, end = pattern.moves[move]
-    return end - start

@@ -91,12 +91,11 @@ def interpretations(
             vague.append(LEAST_KNOWN * share[:, None] / max(float(np.abs(share).max()), 1e-9))
         else:
             elsewhere = elsewhere or _goes_elsewhere(recording, match, pattern, joint, float(samples.tau[-1]))
+    doubt = np.column_stack(vague)
     for causes in product(*options):
-        yield replace(_interpretation(recording, arm, samples, causes, np.column_stack(vague)), silent=tuple(silent))
+        yield replace(_interpretation(recording, arm, samples, causes, doubt), silent=tuple(silent))
     if elsewhere:
-        yield _interpretation(
-            recording, arm, samples, [(joint, "moved") for joint in match.odd], np.column_stack(vague)
-        )
+        yield _interpretation(recording, arm, samples, [(joint, "moved") for joint in match.odd], doubt)
 
 
 def _interpretation(

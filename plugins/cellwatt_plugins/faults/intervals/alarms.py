@@ -150,9 +150,8 @@ class IntervalAlarms:
         same = before is not None and before.alternatives == alternatives
         text = before.statement if before and same else _statement(joint, kind, alternatives, evidence)
         number, since, time = finding.interval.number, finding.since, finding.time
-        alarm = Alarm(
-            name, kind, "error", True, since, time, text, self.source, joint, alternatives, number, evidence=evidence
-        )
+        about = self.source, joint, alternatives, number, evidence
+        alarm = Alarm(name, kind, "error", True, since, time, text, *about)
         return self._book.raise_(alarm, update=not (before and same and before.interval == number))
 
     def _count_clean(self, finding: Finding) -> list[Alarm]:
@@ -164,13 +163,11 @@ class IntervalAlarms:
             assert alarm.joint is not None
             clean = finding.code == 0 if by_power else alarm.joint in finding.clean
             if alarm.joint in self._moving(finding) and clean:
-                patience = self.clear_after * (PATIENCE if by_power and self._still(alarm.joint) else 1)
+                # By power, an interval in which the joint moves may have deviated in its latest run.
+                still = by_power and any(f.code and alarm.joint in self._moving(f) for f in self._codes.values())
+                patience = self.clear_after * (PATIENCE if still else 1)
                 out += self._clear([alarm], finding, text, Patience(patience))
         return out
-
-    def _still(self, joint: int) -> bool:
-        """True if any interval in which the joint moves deviated in its latest run."""
-        return any(f.code and joint in self._moving(f) for f in self._codes.values())
 
     def _clear(self, alarms: Sequence[Alarm], finding: Finding, text: str, after: Patience = AT_ONCE) -> list[Alarm]:
         out: list[Alarm] = []

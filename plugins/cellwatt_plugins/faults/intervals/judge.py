@@ -212,15 +212,11 @@ def _course(
     """Compare the motion of a closed interval with the reference."""
     if not doubtful:
         return "follows"
-    if not any(reference.displacement[j - 1] for j in reference.moving):
+    ways = [(interval.displacement[j - 1], reference.displacement[j - 1]) for j in reference.moving]
+    shares = np.array([way / expected for way, expected in ways if expected])
+    if not len(shares):
         return "other_motion"
     duration = (interval.end - interval.start) * 1e-9
-    ways = {
-        j: interval.displacement[j - 1] / reference.displacement[j - 1]
-        for j in reference.moving
-        if reference.displacement[j - 1]
-    }
-    shares = np.asarray(list(ways.values()))
     if abs(duration / reference.duration - 1) > SAME_DURATION and _stretched(reference, interval, trace, rules):
         return "other_speed"
     ended_early = duration < reference.duration - rules.reach
