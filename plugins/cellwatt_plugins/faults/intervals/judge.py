@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -178,32 +178,21 @@ class Judge:
         if match.skipped == 0 and doubt is not None and not match.foreign:
             # After an interrupted motion, only the joints that start this interval off their goal.
             short = [j for j in doubt.joints if not doubt.interrupted or missed[j - 1] > rules.tolerance.position]
-            found = verdict(position_outside=True, power_outside=doubt.power_outside)
-            return _off(doubt.interval, doubt.key, short, found, doubt.evidence, end)
+            verdicts = dict.fromkeys(short, verdict(position_outside=True, power_outside=doubt.power_outside))
+            then, evidence = doubt.interval, doubt.evidence
+            off = Finding(then, doubt.key, "deviates", then.start, end, verdicts=verdicts, evidence=evidence)
+            return [off] if short else []
         if match.skipped == 1 and self.follower.last is not None:
             key = self.follower.after(self.follower.last)
             reference = self.follower[key]
             still = [j for j in reference.moving if missed[j - 1] > rules.tolerance.position]
             if still:
                 agrees = power_agrees(reference, trace, self._last_end, interval.start, rules.tolerance, rules.frames)
-                found = verdict(position_outside=True, power_outside=not agrees)
-                off = float(max(missed[j - 1] for j in still))
-                return _off(interval, key, still, found, {"position_residual_rad": off}, end)
+                verdicts = dict.fromkeys(still, verdict(position_outside=True, power_outside=not agrees))
+                largest = {"position_residual_rad": float(max(missed[j - 1] for j in still))}
+                start = interval.start
+                return [Finding(interval, key, "deviates", start, end, verdicts=verdicts, evidence=largest)]
         return []
-
-
-def _off(
-    interval: Interval,
-    key: IntervalKey,
-    joints: Sequence[int],
-    found: Verdict,
-    evidence: Mapping[str, float],
-    now: int,
-) -> list[Finding]:
-    """The finding on joints whose encoder deviates; empty if ``joints`` is empty."""
-    verdicts = dict.fromkeys(joints, found)
-    finding = Finding(interval, key, "deviates", interval.start, now, verdicts=verdicts, evidence=evidence)
-    return [finding] if joints else []
 
 
 def _course(
