@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cellwatt.errors import ModelError
 from cellwatt_plugins.faults.criteria import Tolerance
@@ -20,19 +19,11 @@ from cellwatt_plugins.faults.paper.expected import ExpectedInterval, Readings, f
 from cellwatt_plugins.faults.paper.judging import Isolation, NamedFault, by_codes, by_encoders, judge_interval
 from cellwatt_plugins.faults.paper.network import FaultNetwork, train
 
-Codes = NDArray[np.int8]
 AS_IN_THE_PAPER = Tolerance(power=0.10, floor=0.0)
-Isolate = Callable[[Sequence[ExpectedInterval]], Isolation]
-"""How codes of a task are told apart, given its intervals."""
 LEAST_WAY = 0.02
 """A joint that goes less far than this, rad, is at rest: no fault shows in it (section IV)."""
 AROUND = 0.3
 """s of rest that belong to a cycle on either side."""
-
-
-def of_the_motion(expected: Sequence[ExpectedInterval]) -> Isolation:
-    """Isolation by the paper's network on the table of the task's motion."""
-    return by_network(fault_table(expected))
 
 
 def judge_recording_by_paper(
@@ -40,21 +31,19 @@ def judge_recording_by_paper(
     healthy_cycles: Sequence[CycleFinding],
     judged: Recording,
     cycles: Sequence[CycleFinding],
-    isolation: Isolate | None = None,
     residual: Residual = "samples",
 ) -> list[CycleFinding]:
     """`cycles` of `judged` with what the paper's method says in place of ours.
 
     Where cycles begin, which task each is and how fast, is taken from our findings on both recordings: the paper
-    leaves that to the robot's controller. Each cycle is held against the learnt speed that is nearest. ``isolation``
-    gives the way in which codes of a task are told apart, in place of the paper's network on the table of the motion.
+    leaves that to the robot's controller. Each cycle is held against the learnt speed that is nearest.
     """
     groups: defaultdict[tuple[str, float], list[Readings]] = defaultdict(list)
     for cycle in healthy_cycles:
         if cycle.speed is not None:
             groups[cycle.task, round(cycle.speed, 1)].append(readings_of(healthy, cycle))
     learnt = {key: from_cycles(readings) for key, readings in groups.items()}
-    isolate = {key: (isolation or of_the_motion)(expected) for key, expected in learnt.items()}
+    isolate = {key: by_network(expected) for key, expected in learnt.items()}
     out = []
     for cycle in cycles:
         speeds = [speed for task, speed in learnt if task == cycle.task]
@@ -84,31 +73,26 @@ def finding_of(fault: NamedFault) -> FaultFinding:
 def from_cycles(cycles: Sequence[Readings]) -> tuple[ExpectedInterval, ...]:
     """Average healthy cycles of one task at one speed and cut the mean where joints start or stop.
 
-    Raises ``ModelError`` if there is no cycle or nothing moves.
+    Raises ``ModelError`` if nothing moves.
     """
-    if not cycles:
-        raise ModelError("no healthy cycle to learn from: the paper's method needs one or more of each task and speed")
     t = min(cycles, key=lambda cycle: cycle.t[-1]).t
-    mean = Readings(
-        t,
-        np.asarray(np.mean([resampled(cycle, t).q for cycle in cycles], axis=0)),
-        np.asarray(np.mean([resampled(cycle, t).power for cycle in cycles], axis=0)),
-    )
+    seen = [resampled(cycle, t) for cycle in cycles]
+    mean = Readings(t, np.mean([each.q for each in seen], axis=0), np.mean([each.power for each in seen], axis=0))
     runs = find_runs(Recording(mean.t, mean.q, mean.power))
     if not runs:
         raise ModelError("nothing moves in the healthy cycles: the paper's method compares intervals of motion")
     return tuple(_interval(number, mean, run.first, run.last) for number, run in enumerate(runs, start=1))
 
 
-def by_network(table: Codes, *, seed: int = 0) -> Isolation:
-    """Isolation by the paper's network alone, trained on a fault table without its signs."""
-    table = np.abs(table)
-    return _trained(table.shape, table.tobytes(), seed).joints
+def by_network(expected: Sequence[ExpectedInterval]) -> Isolation:
+    """Isolation by the paper's network alone, trained on the table of the task's motion."""
+    table = fault_table(expected)
+    return _trained(table.shape, table.tobytes()).joints
 
 
 @lru_cache(maxsize=64)
-def _trained(shape: tuple[int, int], content: bytes, seed: int) -> FaultNetwork:
-    return FaultNetwork(train(np.frombuffer(content, np.int8).reshape(shape), seed=seed))
+def _trained(shape: tuple[int, int], content: bytes) -> FaultNetwork:
+    return FaultNetwork(train(np.frombuffer(content, np.int8).reshape(shape)))
 
 
 def _interval(number: int, mean: Readings, first: int, last: int) -> ExpectedInterval:

@@ -99,9 +99,8 @@ def measure(
         elif fault.what == "winding":
             resistance[j] *= 1.0 + fault.size
     drives = torque * v + resistance * (torque / arm.constant) ** 2
+    drives[:, still] = 0.0
     for fault in faults:
-        if fault.what in ("drive_cut", "belt_off"):
-            drives[:, fault.joint] = 0.0
         if fault.what == "belt_off":
             drives[:, fault.joint] = alone(cell, path, fault)
     total = drives.sum(axis=1)

@@ -14,9 +14,9 @@ from typing import Any
 
 from cellwatt.progress import show_progress
 from cellwatt.scheduler import scheduled, spread
-from cellwatt_plugins.faults.cycles.findings import judge_recording
+from cellwatt_plugins.faults.cycles.findings import CycleFinding, judge_recording
 from cellwatt_plugins.faults.cycles.known import Known, learn_known
-from cellwatt_plugins.faults.cycles.live import CycleReport, CycleWatch
+from cellwatt_plugins.faults.cycles.live import CycleWatch
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.robot import Arm
 from faults.cases import Case, make_case
@@ -51,11 +51,6 @@ class Cell:
     cycles: int
 
 
-def cells(first_seed: int, cases: int, cycles: int) -> list[Cell]:
-    """So many cells."""
-    return [Cell(seed, cycles) for seed in range(first_seed, first_seed + cases)]
-
-
 def main() -> None:
     """See the module `faults`."""
     parse = argparse.ArgumentParser(description=__doc__)
@@ -73,7 +68,7 @@ def main() -> None:
 
 def asked_for(given: argparse.Namespace) -> dict[str, Any]:
     """The figures that the command line asks for."""
-    wanted = cells(given.first_seed, given.cases, given.cycles)
+    wanted = [Cell(seed, given.cycles) for seed in range(given.first_seed, given.first_seed + given.cases)]
     if given.edited:
         return edited_figures(wanted)
     if given.healthy:
@@ -106,9 +101,7 @@ def edited(cell: Cell) -> tuple[Count, Count]:
     with tempfile.TemporaryDirectory() as folder:
         case = make_case(cell.seed, Path(folder), cell.cycles, edited=True)
         known = learn_known(Recording(*case.healthy), Arm.load(case.robot))
-    told = watch(known, Recording(*case.judged))
-    found = [t.finding for t in told if t.over]
-    early = [t.finding for t in told if not t.over]
+    found, early = watch(known, Recording(*case.judged))
     return count(case.truths, found, early), count(case.truths, found, [])
 
 
@@ -117,13 +110,12 @@ def judge(case: Case) -> Figures:
     healthy, judged = Recording(*case.healthy), Recording(*case.judged)
     known = learn_known(healthy, Arm.load(case.robot))
     start = time.process_time()
-    told = watch(known, judged)
+    found, early = watch(known, judged)
     spent = time.process_time() - start
-    found = [t.finding for t in told if t.over]
     cycles = judge_recording(healthy, known)
     by_energy = judge_recording_by_paper(healthy, cycles, judged, found, residual="energy")
     return Figures(
-        count(case.truths, found, [t.finding for t in told if not t.over]),
+        count(case.truths, found, early),
         count(case.truths, judge_recording_by_paper(healthy, cycles, judged, found), None),
         count(case.truths, by_energy, None),
         spent,
@@ -131,13 +123,14 @@ def judge(case: Case) -> Figures:
     )
 
 
-def watch(known: Known, judged: Recording) -> list[CycleReport]:
-    """What is told of a recording that comes block by block."""
+def watch(known: Known, judged: Recording) -> tuple[list[CycleFinding], list[CycleFinding]]:
+    """What is told of a recording that comes block by block: of cycles that are over, and of those that run."""
     live, out = CycleWatch(known, judged.step), []
     for begin in range(0, len(judged.time), BLOCK):
         part = slice(begin, begin + BLOCK)
         out += live.feed(judged.time[part], judged.position[part], judged.power[part])
-    return [*out, *live.close()]
+    out += live.close()
+    return [report.finding for report in out if report.over], [report.finding for report in out if not report.over]
 
 
 def summary(figures: Figures) -> dict[str, Any]:

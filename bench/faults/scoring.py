@@ -162,7 +162,4 @@ def _faulty(truth: Truth, mine: Sequence[CycleFinding], early: Sequence[CycleFin
 
 
 def _by_joint(told_in: Mapping[Name, int]) -> dict[int, int]:
-    out: dict[int, int] = {}
-    for (joint, _), move in told_in.items():
-        out[joint] = min(move, out.get(joint, move))
-    return out
+    return {joint: min(move for (other, _), move in told_in.items() if other == joint) for joint, _ in told_in}

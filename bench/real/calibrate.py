@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from cellwatt_plugins.robot import Body
-from real.identify import Prepared, diagonal, spread
+from real.identify import diagonal, spread, with_payload
 from real.recording import Float, Recording
 
 ROUNDS = 3
@@ -30,12 +30,8 @@ def calibrated_gains(
     mass is not. Load-dependent friction belongs in it: on a harmonic drive it is 6 % of the load, which a gain would
     otherwise take up.
     """
-    runs = [Prepared.of(recording, body, gain) for recording in (*without, *loaded)]
-    carried = np.concatenate([np.full(len(run.effort), i >= len(without)) for i, run in enumerate(runs)])
-    columns = np.concatenate([run.columns for run in runs])
-    effort = np.concatenate([run.effort for run in runs])
+    columns, effort, payload = with_payload(without, loaded, body, gain)
     joints = body.joints
-    payload = columns[:, :, 10 * (joints - 1) : 10 * joints] * carried[:, None, None]
     signs = np.einsum("njj->nj", columns[:, :, 11 * joints : 12 * joints])
     load = np.zeros_like(effort)
     factor, weight = np.ones(joints), np.ones(joints)

@@ -44,8 +44,6 @@ class Identified:
 
     links: tuple[Link, ...]
     drives: Drives
-    parameters: Float
-    """(10 n,) as ``Body.parameters``."""
     residual: Float
 
 
@@ -61,43 +59,48 @@ class Prepared:
     @staticmethod
     def of(recording: Recording, body: Body, gain: Float) -> Prepared:
         """Resting ends are left out."""
-        grid = np.arange(recording.time[0], recording.time[-1], 1 / RATE)
-
-        def even(values: Float) -> Float:
-            return np.column_stack([np.interp(grid, recording.time, one) for one in values.T])
-
-        q, qd = low_pass(even(recording.position), MOTION_BAND), low_pass(even(recording.velocity), MOTION_BAND)
-        qdd = np.gradient(qd, 1 / RATE, axis=0)
+        grid, q, qd, qdd = motion_of(recording)
         own = [diagonal(values) for values in (qdd, direction(qd), qd, np.ones_like(qd))]
         columns = np.concatenate([body.regressor(q, qd, qdd), *own], axis=2)
         moving = recording.moving()
         kept = np.flatnonzero((grid >= moving.time[0]) & (grid <= moving.time[-1]))[::EVERY]
-        return Prepared(low_pass(columns, BAND)[kept], low_pass(even(recording.effort(gain)), BAND)[kept])
+        effort = resampled(grid, recording.time, recording.effort(gain))
+        return Prepared(low_pass(columns, BAND)[kept], low_pass(effort, BAND)[kept])
+
+
+def prepared(recordings: Sequence[Recording], body: Body, gain: Float) -> tuple[Float, Float, list[int]]:
+    """Columns and effort of all recordings, one after the other, and how many samples each has."""
+    runs = [Prepared.of(recording, body, gain) for recording in recordings]
+    columns = np.concatenate([run.columns for run in runs])
+    effort = np.concatenate([run.effort for run in runs])
+    return columns, effort, [len(run.effort) for run in runs]
+
+
+def with_payload(
+    without: Sequence[Recording], loaded: Sequence[Recording], body: Body, gain: Float
+) -> tuple[Float, Float, Float]:
+    """Columns and effort of all recordings, and columns (N, n, 10) of what ``loaded`` ones carry at the last link."""
+    columns, effort, counts = prepared([*without, *loaded], body, gain)
+    carried = np.arange(len(effort)) >= sum(counts[: len(without)])
+    return columns, effort, columns[:, :, 10 * (body.joints - 1) : 10 * body.joints] * carried[:, None, None]
 
 
 def identify(recordings: Sequence[Recording], body: Body, gain: Float, gear: float) -> Identified:
     """Least squares over all recordings, joints weighed by their residuals, links held to the URDF where unseen."""
-    runs = [Prepared.of(recording, body, gain) for recording in recordings]
-    columns = np.concatenate([run.columns for run in runs])
-    effort = np.concatenate([run.effort for run in runs])
+    columns, effort, _ = prepared(recordings, body, gain)
     joints = body.joints
     believed = np.concatenate([body.parameters(), np.zeros(4 * joints)])
     solved, residual = solve(columns, effort, believed, spread(body))
     rotor, coulomb, viscous = np.maximum(solved[10 * joints : 13 * joints].reshape(3, joints), 0.0)
-    parameters = solved[: 10 * joints]
-    return Identified(links_of(parameters), Drives(coulomb, viscous, rotor, gain, gear), parameters, residual)
+    return Identified(links_of(solved[: 10 * joints]), Drives(coulomb, viscous, rotor, gain, gear), residual)
 
 
 def carried_mass(without: Sequence[Recording], loaded: Sequence[Recording], body: Body, gain: Float) -> float:
     """Mass kg that a plain least-squares fit with these gains gives ``loaded`` recordings beyond those ``without``."""
-    runs = [Prepared.of(recording, body, gain) for recording in (*without, *loaded)]
-    carried = np.concatenate([np.full(len(run.effort), i >= len(without)) for i, run in enumerate(runs)])
-    columns = np.concatenate([run.columns for run in runs])
+    columns, effort, payload = with_payload(without, loaded, body, gain)
     joints = body.joints
-    payload = columns[:, :, 10 * (joints - 1) : 10 * joints] * carried[:, None, None]
     believed = np.concatenate([body.parameters(), np.zeros(4 * joints + 10)])
     free = np.concatenate([spread(body), np.full(10, 10.0)])
-    effort = np.concatenate([run.effort for run in runs])
     solved, _ = solve(np.concatenate([columns, payload], axis=2), effort, believed, free)
     return float(solved[14 * joints])
 
@@ -135,6 +138,23 @@ def links_of(parameters: Float) -> tuple[Link, ...]:
         (a, b, c), (_, d, e), (_, _, f) = inertia.tolist()
         links.append(Link(mass, (x, y, z), (a, b, c, d, e, f)))
     return tuple(links)
+
+
+def motion_of(recording: Recording) -> tuple[Float, Float, Float, Float]:
+    """Time (N,) s of an even grid, and position, velocity and acceleration (N, n) on it, low-passed."""
+    time, measured = even_time(recording), (recording.position, recording.velocity)
+    q, qd = (low_pass(resampled(time, recording.time, values), MOTION_BAND) for values in measured)
+    return time, q, qd, np.gradient(qd, 1 / RATE, axis=0)
+
+
+def even_time(recording: Recording) -> Float:
+    """The grid (N,) s that a recording is compared on."""
+    return np.arange(recording.time[0], recording.time[-1], 1 / RATE)
+
+
+def resampled(time: Float, at: Float, values: Float) -> Float:
+    """Values (M, n) known at ``at`` (M,) on the grid ``time`` (N,)."""
+    return np.column_stack([np.interp(time, at, one) for one in values.T])
 
 
 def low_pass(values: Float, band: float) -> Float:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from scipy.io import loadmat
 
-from real.describe import Drives, Link, chain
+from real.describe import Drives, Link, chain, write_robot
 from real.recording import Float, Recording
 
 FOLDER = "kuka_kr300"
@@ -84,6 +84,11 @@ def urdf() -> str:
     """The published arm, without its balancer."""
     frames = list(zip((0.0, *_A), (np.pi, *_ALPHA), _D, strict=False))
     return chain("kr300", JOINTS, frames, [_link(i) for i in range(len(JOINTS))])
+
+
+def write(folder: Path, told: Drives) -> Path:
+    """The description of the published arm, with these drives; returns the path of robot.yaml."""
+    return write_robot(folder, "kr300", JOINTS, urdf(), told, RATE)
 
 
 def balancer(angle: Float) -> Float:

@@ -25,7 +25,6 @@ class Explained:
 
     content: dict[str, Any]
     seconds: float
-    folder: Path
 
     @property
     def findings(self) -> list[dict[str, Any]]:
@@ -54,7 +53,7 @@ def explain(recordings: Sequence[Path], robot: Path, out: Path, *options: str) -
     start = time.perf_counter()
     _run("explain", *map(str, recordings), "--robot", str(robot), "--out", str(out), *options)
     content = json.loads((out / "findings.json").read_text())
-    return Explained(content, time.perf_counter() - start, out)
+    return Explained(content, time.perf_counter() - start)
 
 
 def simulate(model: Path, motion: Path, out: Path) -> Path:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
+
+from cellwatt.arrays import rows_of
 
 Float = NDArray[np.float64]
 
@@ -51,15 +53,7 @@ class Recording:
 
     def between(self, start: float, end: float) -> Recording:
         """The part from ``start`` to ``end`` s."""
-        kept = (self.time >= start) & (self.time <= end)
-        return replace(
-            self,
-            time=self.time[kept],
-            position=self.position[kept],
-            velocity=self.velocity[kept],
-            current=None if self.current is None else self.current[kept],
-            torque=None if self.torque is None else self.torque[kept],
-        )
+        return rows_of(self, (self.time >= start) & (self.time <= end))
 
     def save(self, folder: Path) -> Path:
         """Write ``<name>.recording.parquet``: t, q_i, qd_i and current_i or tau_i where known, joints from 1."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import direction
-from real.identify import BAND, MOTION_BAND, RATE, low_pass, spread
+from real.identify import BAND, RATE, low_pass, motion_of, resampled, spread
 from real.recording import Float, Recording
 
 BLOCK = 4.0
@@ -41,24 +41,9 @@ class Grid:
     @staticmethod
     def of(recording: Recording, arm: Arm) -> Grid:
         """Torque as ``arm`` simulates it on the recorded motion, beside the measured one."""
-        time = even_time(recording)
-        q, qd = (
-            low_pass(resampled(time, recording.time, values), MOTION_BAND)
-            for values in (recording.position, recording.velocity)
-        )
-        qdd = np.gradient(qd, 1 / RATE, axis=0)
+        time, q, qd, qdd = motion_of(recording)
         measured = resampled(time, recording.time, recording.effort(arm.column("torque_constant")))
         return Grid(q, qd, qdd, measured, arm.torque(q, qd, qdd))
-
-
-def even_time(recording: Recording) -> Float:
-    """The grid (N,) s that a recording is compared on."""
-    return np.arange(recording.time[0], recording.time[-1], 1 / RATE)
-
-
-def resampled(time: Float, at: Float, values: Float) -> Float:
-    """Values (M, n) known at ``at`` (M,) on the grid ``time`` (N,)."""
-    return np.column_stack([np.interp(time, at, one) for one in values.T])
 
 
 def predicted(seen: Sequence[Recording], unseen: Recording, arm: Arm) -> tuple[Float, list[list[str]]]:

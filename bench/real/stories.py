@@ -12,8 +12,7 @@ import numpy as np
 from cellwatt_plugins.robot import Body
 from real import kr300, ur10e
 from real.calibrate import calibrated_gains
-from real.describe import Drives, with_links, write_robot
-from real.identify import Identified, Prepared, carried_mass, identify
+from real.identify import Prepared, carried_mass, identify
 from real.product import Explained, explain
 from real.recording import Float, Recording
 
@@ -32,7 +31,7 @@ PAYLOAD_CASES = (
 
 def payload(data: Path, work: Path) -> Figures:
     """UR10e with 2.805 kg at its flange: what is found with the published, the controller's and calibrated gains."""
-    body = _ur10e_body(data)
+    body = ur10e.body(data)
     unloaded = [ur10e.read(data, name) for name in ur10e.NO_LOAD]
     loaded = ur10e.read(data, ur10e.LOAD)
     gains = {
@@ -47,7 +46,8 @@ def payload(data: Path, work: Path) -> Figures:
     for name, gain in gains.items():
         known = identify(unloaded, body, gain, ur10e.GEAR)
         doubt = CALIBRATED_DOUBT if name == "calibrated" else None
-        robots[name] = _ur10e_robot(data, work / "payload" / name, known, replace(known.drives, gain_doubt=doubt))
+        drives = replace(known.drives, gain_doubt=doubt)
+        robots[name] = ur10e.write(data, work / "payload" / name, drives, known.links)
         out[f"{name}_identification_residual"] = _rounded(known.residual)
     for name, recording in PAYLOAD_CASES:
         folder = robots[name].parent
@@ -61,7 +61,7 @@ def warm(data: Path, work: Path) -> Figures:
 
     Two warm runs 4 minutes apart say how far such ratios of friction stray by themselves.
     """
-    body = _ur10e_body(data)
+    body = ur10e.body(data)
     gain = ur10e.controller_gains(data)
     known = {
         name: identify([ur10e.read(data, name)], body, gain, ur10e.GEAR)
@@ -70,7 +70,7 @@ def warm(data: Path, work: Path) -> Figures:
     at_half = {name: k.drives.coulomb + 0.5 * k.drives.viscous for name, k in known.items()}
     earlier, later = (at_half[name] for name in ur10e.NO_LOAD[:2])
     folder = work / "warm"
-    robot = _ur10e_robot(data, folder, known[ur10e.WARM], known[ur10e.WARM].drives)
+    robot = ur10e.write(data, folder, known[ur10e.WARM].drives, known[ur10e.WARM].links)
     said = explain([ur10e.moving(data, ur10e.COLD).save(folder)], robot, folder / "out")
     return {
         "friction_cold_over_warm": _rounded(at_half[ur10e.COLD] / at_half[ur10e.WARM]),
@@ -84,7 +84,7 @@ def balancer(data: Path, work: Path) -> Figures:
     recordings = [kr300.read(data, run) for run in kr300.RUNS]
     angle = np.concatenate([recording.position[:, kr300.BALANCED] for recording in recordings])
     stiffness, constant = np.polyfit(angle, kr300.balancer(angle), 1)
-    body = Body(_kr300(work / "balancer", "friction_told", kr300.drives()).parent / "robot.urdf", kr300.JOINTS)
+    body = Body(kr300.write(work / "balancer" / "friction_told", kr300.drives()).parent / "robot.urdf", kr300.JOINTS)
     out: Figures = {
         "published": {"stiffness": round(stiffness, 1), "at_rest": round(-constant / stiffness, 4)},
         "published_coulomb": _rounded(kr300.COULOMB),
@@ -94,7 +94,7 @@ def balancer(data: Path, work: Path) -> Figures:
     known = kr300.drives()
     zero = np.zeros(len(kr300.JOINTS))
     for name, told in {"friction_told": known, "nothing_told": replace(known, coulomb=zero, viscous=zero)}.items():
-        robot = _kr300(work / "balancer", name, told)
+        robot = kr300.write(work / "balancer" / name, told)
         folder = robot.parent
         said = explain([recording.save(folder) for recording in recordings], robot, folder / "out")
         spring = next((f for f in said.findings if f["effect"] == "spring_load" and f["joint"] == 2), None)
@@ -110,10 +110,6 @@ STORIES: Mapping[str, tuple[str, Callable[[Path, Path], Figures]]] = {
 """The folder that a story needs, and the story."""
 
 
-def _kr300(folder: Path, name: str, told: Drives) -> Path:
-    return write_robot(folder / name, "kr300", kr300.JOINTS, kr300.urdf(), told, kr300.RATE)
-
-
 def _plain_friction(recording: Recording, body: Body) -> Figures:
     """Coulomb Nm and viscous Nm s/rad of each joint by plain least squares, links, rotors and balancer as published."""
     joints, at = body.joints, kr300.BALANCED
@@ -124,15 +120,6 @@ def _plain_friction(recording: Recording, body: Body) -> Figures:
     columns = np.stack([np.einsum("njj->nj", part) for part in friction], axis=2)
     solved = np.array([np.linalg.lstsq(columns[:, j], left[:, j], rcond=None)[0] for j in range(joints)])
     return {"coulomb": _rounded(solved[:, 0]), "viscous": _rounded(solved[:, 1])}
-
-
-def _ur10e_body(data: Path) -> Body:
-    return Body(data / ur10e.FOLDER / "ur10e.urdf", ur10e.JOINTS)
-
-
-def _ur10e_robot(data: Path, folder: Path, known: Identified, drives: Drives) -> Path:
-    urdf = with_links((data / ur10e.FOLDER / "ur10e.urdf").read_text(), ur10e.JOINTS, known.links)
-    return write_robot(folder, "ur10e", ur10e.JOINTS, urdf, drives, 100.0)
 
 
 def _mass(said: Explained, true: float) -> Figures | None:

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 
-from cellwatt_plugins.robot import Arm, Body
+from cellwatt_plugins.robot import Arm
 from real import kr300, kuka, panda, shanghai, ur10e
-from real.describe import Drives, nothing, with_links, write_robot
-from real.identify import BAND, RATE, identify, low_pass
+from real.describe import Drives, nothing, write_robot
+from real.identify import BAND, RATE, even_time, identify, low_pass, resampled
 from real.product import explain, simulate
 from real.recording import Float, Recording
-from real.regression import Grid, even_time, predicted, resampled
+from real.regression import Grid, predicted
 
 ENDS = 0.5
 """s at either end of the unseen motion that the low-pass spoils."""
@@ -73,20 +73,15 @@ def _error(measured: Float, told: Float) -> Float:
 
 def _ur10e_urdf(data: Path, work: Path) -> Case:
     """The maker's URDF; nothing known of rotors and friction."""
-    urdf = (data / ur10e.FOLDER / "ur10e.urdf").read_text()
-    drives = nothing(6, ur10e.controller_gains(data), ur10e.GEAR)
-    robot = write_robot(work, "ur10e", ur10e.JOINTS, urdf, drives, 100.0)
+    robot = ur10e.write(data, work, nothing(6, ur10e.controller_gains(data), ur10e.GEAR))
     return Case(robot, [ur10e.moving(data, ur10e.NO_LOAD[0])], ur10e.moving(data, ur10e.UNSEEN_NO_LOAD))
 
 
 def _ur10e_known(data: Path, work: Path, seen: str, unseen: str | None) -> Case:
     """Links, rotors, Coulomb and viscous friction identified without a load, on other recordings."""
-    body = Body(data / ur10e.FOLDER / "ur10e.urdf", ur10e.JOINTS)
-    known = identify(
-        [ur10e.read(data, name) for name in ur10e.NO_LOAD[1:]], body, ur10e.controller_gains(data), ur10e.GEAR
-    )
-    urdf = with_links((data / ur10e.FOLDER / "ur10e.urdf").read_text(), ur10e.JOINTS, known.links)
-    robot = write_robot(work, "ur10e", ur10e.JOINTS, urdf, known.drives, 100.0)
+    others = [ur10e.read(data, name) for name in ur10e.NO_LOAD[1:]]
+    known = identify(others, ur10e.body(data), ur10e.controller_gains(data), ur10e.GEAR)
+    robot = ur10e.write(data, work, known.drives, known.links)
     recording = ur10e.moving(data, seen)
     if unseen is None:
         return Case(robot, *_split(recording))
@@ -107,7 +102,7 @@ def _lwr(data: Path, work: Path, model: str) -> Case:
 
 
 def _kr300(data: Path, work: Path, told: Drives) -> Case:
-    robot = write_robot(work, "kr300", kr300.JOINTS, kr300.urdf(), told, kr300.RATE)
+    robot = kr300.write(work, told)
     *seen, unseen = (kr300.read(data, run) for run in kr300.RUNS)
     return Case(robot, seen, unseen)
 

@@ -5,11 +5,14 @@ Columns without a header: time, six positions, velocities, motor currents, targe
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt_plugins.robot import Body
+from real.describe import Drives, Link, with_links, write_robot
 from real.recording import Float, Recording
 
 FOLDER = "ur10e"
@@ -58,6 +61,17 @@ def read(data: Path, name: str) -> Recording:
 def moving(data: Path, name: str) -> Recording:
     """One file without the rests at both ends, as its owner uses it."""
     return read(data, name).moving()
+
+
+def body(data: Path) -> Body:
+    """The arm as its maker describes it."""
+    return Body(data / FOLDER / "ur10e.urdf", JOINTS)
+
+
+def write(data: Path, folder: Path, drives: Drives, links: Sequence[Link] | None = None) -> Path:
+    """The arm's description with these drives, and the maker's links if there are no others; returns robot.yaml."""
+    urdf = (data / FOLDER / "ur10e.urdf").read_text()
+    return write_robot(folder, "ur10e", JOINTS, with_links(urdf, JOINTS, links) if links else urdf, drives, 100.0)
 
 
 def controller_gains(data: Path) -> Float:

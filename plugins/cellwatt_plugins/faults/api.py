@@ -119,13 +119,14 @@ def faults(
     """Compare every cycle of ``recordings`` with healthy ones: report harmless changes and faulty joints or encoders.
 
     ``reference`` is a file written by ``Learned.save`` or ``cellwatt reference``, ``robot`` robot.yaml or its folder.
-    ``meter`` and ``arm`` are as for ``reference``; ``power`` is that of the reference unless given. ``false_alarms``
+    ``meter`` is as for ``reference``; ``arm`` and ``power`` are those of the reference unless given. ``false_alarms``
     is the accepted share of healthy intervals with a false alarm. Raises ``RecordingError``, ``ConfigError`` and
     ``ModelError``.
     """
     file = Path(reference)
     learnt = load(file)
-    recording = recording_of(list(frames_of_files(paths_of(recordings), paths_of(meter))), arm, power or learnt.power)
+    blocks = list(frames_of_files(paths_of(recordings), paths_of(meter)))
+    recording = recording_of(blocks, learnt.source(one_layout(blocks), arm), power or learnt.power)
     if recording.joints != learnt.joints:
         raise RecordingError(f"the recording has {recording.joints} joints, reference {file} {learnt.joints}")
     from cellwatt_plugins.faults.cycles.findings import judge_recording

@@ -47,11 +47,8 @@ def likeness(residual: Float, speed: Float, way: Float) -> float:
     """0 … 1: correlation of a power residual (n,) with a joint's speed or position (n,) in one interval."""
     if len(residual) < 4 or np.ptp(residual) == 0:
         return 0.0
-    best = 0.0
-    for motion in (np.abs(speed), way):
-        if np.ptp(motion) > 0:
-            best = max(best, abs(float(np.corrcoef(residual, motion)[0, 1])))
-    return best
+    motions = [motion for motion in (np.abs(speed), way) if np.ptp(motion) > 0]
+    return max((abs(float(np.corrcoef(residual, motion)[0, 1])) for motion in motions), default=0.0)
 
 
 def suspects(codes: Codes, moving: Codes, shape: Float) -> Sequence[Suspect]:

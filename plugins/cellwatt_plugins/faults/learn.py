@@ -141,16 +141,20 @@ def _sampled(trace: Trace, onset: int, t: Float, values: Float) -> Float:
 
 
 def _pattern(step: float, rows: Sequence[Float]) -> Pattern:
-    """Mean and standard deviation over cycles. Raises ``ModelError`` if a point was measured in no cycle."""
-    table = np.stack(rows)
-    known = ~np.isnan(table)
-    count = known.sum(axis=0)
-    if not count.all():
-        raise ModelError("power or positions are missing at the same point of every healthy cycle: check the recording")
-    mean = np.where(known, table, 0.0).sum(axis=0) / count
-    square = np.where(known, (table - mean) ** 2, 0.0).sum(axis=0)
-    spread = np.sqrt(square / np.maximum(count - 1, 1))
+    mean, spread = over_cycles(np.stack(rows), "power or positions are")
     return Pattern(-LEAD, step, tuple(mean.tolist()), tuple(spread.tolist()))
+
+
+def over_cycles(values: Float, what: str) -> tuple[Float, Float]:
+    """Mean and standard deviation (n,) over the cycles that have a value, of (cycles, n).
+
+    Raises ``ModelError``, in which ``what`` stands for the values, if a point was measured in no cycle.
+    """
+    count = np.sum(~np.isnan(values), axis=0)
+    if not count.all():
+        raise ModelError(f"{what} missing at the same point of every healthy cycle: check the recording")
+    mean = np.nansum(values, axis=0) / count
+    return mean, np.sqrt(np.nansum((values - mean) ** 2, axis=0) / np.maximum(count - 1, 1))
 
 
 def _median(poses: Sequence[Sequence[float]]) -> tuple[float, ...]:

@@ -48,8 +48,7 @@ class ReferenceStage(Stage[S]):
         robot = robot_name(cell)
         if reference.robot and robot and reference.robot != robot:
             raise ModelError(f"reference {path}: is of robot {reference.robot}, the cell's robot is {robot}")
-        known = any(channel.source == reference.arm for channel in layout.channels)
-        self._positions = layout.joints("position", settings.arm or (reference.arm if known else None))
+        self._positions = layout.joints("position", reference.source(layout, settings.arm))
         self._source = layout.channels[self._positions[0]].source
         if len(self._positions) != reference.joints:
             raise ModelError(

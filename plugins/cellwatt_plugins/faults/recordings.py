@@ -18,6 +18,7 @@ from cellwatt.scheduler import spread
 from cellwatt.tables import read_table
 from cellwatt_plugins.robot.meter.file import power_beside, with_meters
 from cellwatt_plugins.robot.meter.held import onto
+from cellwatt_plugins.robot.samples import most_points
 
 SOURCE = "table"
 """Source name of a table's channels."""
@@ -27,8 +28,8 @@ LONGEST = 10.0
 """Longest hole in a table that is filled with frames of missing values, s; a longer hole has no frames."""
 SLOWEST = 1.0
 """Longest median time between rows, s: a move of an arm takes little more."""
-LARGEST, SPARSE = 2_000_000, 20
-"""Most frames of a table: this number, or this multiple of its rows if that is more."""
+SAME_RATE = 0.02
+"""Largest relative difference of the rates of tables that are read at the rate of the first: time stamps jitter."""
 
 
 def frames_of_files(paths: Sequence[Path], meters: Sequence[Path] = ()) -> Iterator[Frames]:
@@ -38,20 +39,22 @@ def frames_of_files(paths: Sequence[Path], meters: Sequence[Path] = ()) -> Itera
     """
     recordings = [path for path in paths if path.is_dir() or ".mcap" in path.suffixes]
     if len(recordings) == len(paths):
-        with_meters((), meters)
+        if meters:
+            raise RecordingError(f"{meters[0]}: a meter's table goes with a table: a recording holds its own power")
         yield from Recording.open(paths).frames()
         return
     if recordings:
         raise RecordingError("recordings and tables cannot be mixed: give only .mcap files, or only .parquet and .csv")
-    start = 0
-    for read in spread(_read, with_meters(paths, meters), "reading tables"):
-        frames = _from(read, start)
-        start = int(frames.time[-1]) + APART
+    start, rate = 0, None
+    columns = spread(_columns, with_meters(paths, meters), "reading tables")
+    for path, each in zip(paths, columns, strict=True):
+        frames = _from(frames_of_table(*each, str(path), rate), start)
+        start, rate = int(frames.time[-1]) + APART, rate or frames.layout.rate
         yield frames
 
 
-def _read(files: tuple[Path, Path | None]) -> Frames:
-    """The frames of a table, with the power from its meter's table if one is given."""
+def _columns(files: tuple[Path, Path | None]) -> tuple[Float, Float, Float]:
+    """Time, positions and power of a table; the power is that of its meter's table if one is given."""
     path, meter = files
     table = read_table(path)
     time = table.rising_time()
@@ -66,7 +69,7 @@ def _read(files: tuple[Path, Path | None]) -> Frames:
         power = power_beside(meter, time, position)
     if power is None:
         raise table.lacks("power")
-    return frames_of_table(time, position, power, str(path))
+    return time, position, power
 
 
 def _from(frames: Frames, start: int) -> Frames:
@@ -75,15 +78,19 @@ def _from(frames: Frames, start: int) -> Frames:
     return replace(frames, time=frames.time + max(0, -(-start // step) * step - int(frames.time[0])))
 
 
-def frames_of_table(time: Float, position: Float, power: Float, name: str = SOURCE) -> Frames:
-    """Resample a table to its median rate: ``time`` (N,) s rising, ``position`` (N, n) rad, ``power`` (N,) W.
+def frames_of_table(
+    time: Float, position: Float, power: Float, name: str = SOURCE, usual: float | None = None
+) -> Frames:
+    """Resample a table: ``time`` (N,) s rising, ``position`` (N, n) rad, ``power`` (N,) W.
 
-    Values are interpolated, and missing where rows are more than 2.5 steps apart. Raises ``RecordingError`` with the
-    ``name`` of the table where most of the frames would be missing.
+    The rate is the table's median rate, or ``usual`` Hz if that is nearly the same. Values are interpolated, and
+    missing where rows are more than 2.5 steps apart. Raises ``RecordingError`` with the ``name`` of the table where
+    most of the frames would be missing.
     """
     steps = np.diff(time)
     rate = float(round(1 / np.median(steps), 1))
-    if np.minimum(steps, LONGEST).sum() * rate > max(LARGEST, SPARSE * len(time)):
+    rate = usual if usual is not None and abs(rate / usual - 1) < SAME_RATE else rate
+    if np.minimum(steps, LONGEST).sum() * rate > most_points(len(time)):
         i = int(np.argmax(np.where(steps > LONGEST, 0.0, steps)))
         raise RecordingError(
             f"{name}: most rows are {1 / rate:g} s apart, row {i + 2} is {steps[i]:g} s after row {i + 1}: are times "

@@ -50,6 +50,7 @@ from cellwatt.arrays import Float
 from cellwatt.config import KeyPath, read_settings, reads_version
 from cellwatt.errors import ModelError
 from cellwatt.files import write_file
+from cellwatt.frames import Layout
 from cellwatt_plugins.faults.cycles.pattern import Pattern as CyclePattern
 from cellwatt_plugins.robot.meter.model import Meter
 
@@ -60,15 +61,18 @@ TAIL = 0.1
 """… and by which it ends after the median duration, s."""
 
 _Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
-_STRICT = ConfigDict(extra="forbid")
 _Rising = Annotated[float, Field(gt=0)]
 
 
-@dataclass(frozen=True)
-class Pattern:
-    """A quantity over time from the onset: at ``start`` + k ``step`` s, ``mean`` and ``spread`` (std) over cycles."""
+class _Strict:
+    """A part of the file: other keys than its own are refused."""
 
-    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
+
+
+@dataclass(frozen=True)
+class Pattern(_Strict):
+    """A quantity over time from the onset: at ``start`` + k ``step`` s, ``mean`` and ``spread`` (std) over cycles."""
 
     start: float
     step: _Rising
@@ -104,10 +108,8 @@ class Pattern:
 
 
 @dataclass(frozen=True)
-class ReferenceInterval:
+class ReferenceInterval(_Strict):
     """One interval of a healthy cycle; the module's docstring describes its fields."""
-
-    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 
     moving: tuple[int, ...]
     pose: tuple[float, ...]
@@ -120,10 +122,8 @@ class ReferenceInterval:
 
 
 @dataclass(frozen=True)
-class Variant:
+class Variant(_Strict):
     """A task at one speed."""
-
-    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 
     speed: float
     cycles: int
@@ -131,10 +131,8 @@ class Variant:
 
 
 @dataclass(frozen=True)
-class TaskReference:
+class TaskReference(_Strict):
     """A task and its learned variants."""
-
-    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 
     name: str
     signature: str
@@ -142,10 +140,8 @@ class TaskReference:
 
 
 @dataclass(frozen=True)
-class StoredJoint:
+class StoredJoint(_Strict):
     """Fitted parameters of a joint, at the joint side, units as in ``robot.yaml``, ``copper_loss`` in W/(Nm)²."""
-
-    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 
     name: str
     rotor_inertia: float
@@ -156,10 +152,8 @@ class StoredJoint:
 
 
 @dataclass(frozen=True)
-class StoredModel:
+class StoredModel(_Strict):
     """The fitted arm: ``standby`` W, supply gains for power to the drives (``drive``) and back (``regenerate``)."""
-
-    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 
     standby: float
     drive: float
@@ -169,10 +163,8 @@ class StoredModel:
 
 
 @dataclass(frozen=True)
-class Reference:
+class Reference(_Strict):
     """The healthy reference of one arm."""
-
-    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 
     cellwatt_reference: Annotated[int, reads_version(VERSION, "learn it anew with `cellwatt reference`")]
     robot: str | None
@@ -182,6 +174,10 @@ class Reference:
     tasks: tuple[TaskReference, ...]
     power_model: StoredModel | None = None
     cycles: tuple[CyclePattern, ...] = ()
+
+    def source(self, layout: Layout, asked: str | None) -> str | None:
+        """Source of the joints: ``asked``, else that of the reference; None if these frames have no such source."""
+        return asked or (self.arm if any(channel.source == self.arm for channel in layout.channels) else None)
 
 
 def save(reference: Reference, path: Path) -> None:

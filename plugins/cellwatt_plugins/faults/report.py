@@ -22,7 +22,7 @@ ROW = 24
 """Height of the row of a joint or an interval, pixels."""
 SIGMAS = 2.0
 """Limits of healthy power, standard deviations."""
-MOST_TOLD, OPEN = 24, 3
+MOST_SHOWN, OPEN = 24, 3
 """Most faulty cycles shown, those with the largest power first, and the number of them unfolded at first."""
 HIGHEST = 5.0
 """Top of the colour scale, log2 of the residual in limits."""
@@ -52,7 +52,7 @@ def report(cycles: Sequence[CycleFinding], evidence: Sequence[Evidence], joints:
         tiles_remark="Cycles by status.",
         sections=[
             Section("Suspected joints and intervals", suspects, SUSPECTS),
-            Section("Faults", _told(cycles, evidence, faulty), EXPLAINED),
+            Section("Faults", _faulty_cycles(cycles, evidence, faulty), EXPLAINED),
             Section("All cycles", [_cycles(cycles)] if cycles else []),
         ],
         provenance=provenance,
@@ -94,10 +94,10 @@ def _named(cycles: Sequence[CycleFinding]) -> list[Json]:
     for kind, colour in KINDS.items():
         mine = [(n, f) for n, c in enumerate(cycles, start=1) for f in c.faults if f.kind == kind and f.joint]
         sizes = [float(np.clip(6 + 2 * np.sqrt(f.size_watt), 8, 22)) for _, f in mine]
-        said = [f"cycle {n}: {f.statement}" for n, f in mine]
+        hovers = [f"cycle {n}: {f.statement}" for n, f in mine]
         name = kind.replace("_", " ")
         out.append(
-            dots(name, [n for n, _ in mine], [f.joint for _, f in mine], colour, size=sizes, opacity=0.75, hover=said)
+            dots(name, [n for n, _ in mine], [f.joint for _, f in mine], colour, size=sizes, opacity=0.75, hover=hovers)
         )
     others = [(n, j) for n, c in enumerate(cycles, start=1) for f in c.faults for j in f.alternatives]
     rings = dots(
@@ -116,21 +116,21 @@ def _intervals(evidence: Sequence[Evidence], numbers: Sequence[int], count: int,
     with np.errstate(divide="ignore"):
         shade = np.maximum(np.log2(ratio), 0.0)
     names = [f"interval {row + 1}" for row in range(most)]
-    said = [[f"cycle {n + 1}\n{value:.1f} × limit" for n, value in enumerate(row)] for row in ratio]
+    hovers = [[f"cycle {n + 1}\n{value:.1f} × limit" for n, value in enumerate(row)] for row in ratio]
     shown = [
         (n, names[m - 1]) for e, n in zip(evidence, numbers, strict=True) for f in e.finding.faults for m in f.intervals
     ]
     mark = dots("", [n for n, _ in shown], [1.0] * len(shown), MODEL, size=5, opacity=1)
-    return [cells(np.arange(1, count + 1), names, shade, said), mark | {"y": [name for _, name in shown]}]
+    return [cells(np.arange(1, count + 1), names, shade, hovers), mark | {"y": [name for _, name in shown]}]
 
 
-def _told(cycles: Sequence[CycleFinding], evidence: Sequence[Evidence], faulty: Sequence[int]) -> list[Block]:
+def _faulty_cycles(cycles: Sequence[CycleFinding], evidence: Sequence[Evidence], faulty: Sequence[int]) -> list[Block]:
     """The faulty cycles, largest power first, each with the statements on its faults and the residual."""
     known = {id(each.finding): each for each in evidence}
-    order = sorted(faulty, key=lambda n: -max(fault.size_watt for fault in cycles[n - 1].faults))[:MOST_TOLD]
+    order = sorted(faulty, key=lambda n: -max(fault.size_watt for fault in cycles[n - 1].faults))[:MOST_SHOWN]
     out: list[Block] = []
-    if len(faulty) > MOST_TOLD:
-        out.append(f"The {MOST_TOLD} of {len(faulty)} faulty cycles with the largest power are shown.")
+    if len(faulty) > MOST_SHOWN:
+        out.append(f"The {MOST_SHOWN} of {len(faulty)} faulty cycles with the largest power are shown.")
     for rank, number in enumerate(order):
         cycle = cycles[number - 1]
         shown = known.get(id(cycle))
@@ -163,12 +163,12 @@ def _cycles(cycles: Sequence[CycleFinding]) -> Table:
     heads = ("cycle", "start, s", "end, s", "task", "speed", "status", "what is known", "confidence", "alternatives")
     rows = []
     for n, cycle in enumerate(cycles, start=1):
-        place = [str(n), fixed(cycle.start, 2), fixed(cycle.end, 2), cycle.task, fixed(cycle.speed, 3)]
-        place.append(cycle.status.replace("_", " "))
+        head = [str(n), fixed(cycle.start, 2), fixed(cycle.end, 2), cycle.task, fixed(cycle.speed, 3)]
+        head.append(cycle.status.replace("_", " "))
         for fault in cycle.faults:
             others = ", ".join(map(str, fault.alternatives)) or "–"
             known = " ".join(filter(None, (fault.statement, cycle.note)))
-            rows.append([*place, known, fixed(fault.confidence, 4), others])
+            rows.append([*head, known, fixed(fault.confidence, 4), others])
         if not cycle.faults:
-            rows.append([*place, cycle.note, "", ""])
+            rows.append([*head, cycle.note, "", ""])
     return Table("All cycles", heads, rows)

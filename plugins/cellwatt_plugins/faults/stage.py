@@ -101,10 +101,8 @@ class FaultsStage(ReferenceStage[FaultsSettings]):
         self._open = None if interval.closed else interval
         if not interval.closed or not (interval.moving or not interval.complete):
             return []
-        out: list[Alarm] = []
-        for finding in self._judge.closed(interval, self._trace):
-            out += self._alarms.take(finding, final=True)
-        return out
+        findings = self._judge.closed(interval, self._trace)
+        return [alarm for finding in findings for alarm in self._alarms.take(finding, final=True)]
 
     def _watch(self, start: int, end: int) -> list[Alarm]:
         """Judge the open interval at every ``EVERY``-th grid point from ``start`` to before ``end`` (ns)."""

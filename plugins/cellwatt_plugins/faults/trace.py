@@ -71,14 +71,14 @@ def segmented(
 
     All blocks have one layout. ``arm`` is the source with the joints, ``power`` the power channel.
     """
-    left = iter(blocks)
-    first = next(left, None)
+    remaining = iter(blocks)
+    first = next(remaining, None)
     if first is None:
         return
     layout = first.layout
     kind = find_stage("segment")
     segment = kind("segment", kind.Settings.model_validate({"arm": arm}), layout, CellInfo("", "", robot, Path()))
-    positions, channel = layout.joints("position", arm), layout.index(power)
-    for frames in chain((first,), left):
+    positions, channel = layout.joints("position", arm), layout.index(power, "W")
+    for frames in chain((first,), remaining):
         yield Trace.of(frames, positions, channel), segment.process(frames, ())
     yield Trace.empty(len(positions)), segment.close()

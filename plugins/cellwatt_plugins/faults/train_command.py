@@ -20,6 +20,7 @@ from cellwatt_plugins.faults.paper.course import Key, courses_of
 from cellwatt_plugins.faults.paper.training import Sources, train_codes
 from cellwatt_plugins.faults.recordings import frames_of_files
 from cellwatt_plugins.faults.reference import load
+from cellwatt_plugins.faults.trace import one_layout
 
 
 @click.command("train")
@@ -59,10 +60,11 @@ def train(
         raise ModelError("the reference has whole cycles only, and no intervals, which a fault table needs")
 
     def codes_in(paths: Sequence[Path]) -> dict[Key, list[Codes]]:
-        return recorded(frames_of_files(paths), courses, tolerance, arm, power or reference.power)
+        blocks = list(frames_of_files(paths))
+        return recorded(blocks, courses, tolerance, reference.source(one_layout(blocks), arm), power or reference.power)
 
-    told = {joint: codes_in(paths) for joint, paths in _by_joint(faulty, reference.joints).items()}
-    for joint, found in told.items():
+    faulty_codes = {joint: codes_in(paths) for joint, paths in _by_joint(faulty, reference.joints).items()}
+    for joint, found in faulty_codes.items():
         if not found:
             raise ModelError(f"--fault {joint}: no whole cycle of a task of the reference in these recordings")
     fitted = None
@@ -70,7 +72,7 @@ def train(
         from cellwatt_plugins.faults.cycles.known import known_of
 
         fitted = known_of(reference, file, robot).arm
-    sources = Sources(told, fitted, codes_in(recordings) if recordings else {}, tolerance, seed)
+    sources = Sources(faulty_codes, fitted, codes_in(recordings) if recordings else {}, tolerance, seed)
     names = Counter(f"{course.task}-{course.speed:.2f}" for course in courses)
     report = []
     for about, content in spread(train_codes, courses, "networks of codes", shared=sources):

@@ -14,6 +14,9 @@ from cellwatt_plugins.robot.description import RobotDescription
 EFFORTS: Final = {"torque": "", "torque_ratio": "rated_torque", "current": "torque_constant"}
 """Quantities that give a joint's torque, the best first, and the key of the description that each is multiplied by."""
 
+LARGEST, SPARSE = 2_000_000, 20
+"""Most points of an even grid: this number, or this multiple of the table's rows if that is more."""
+
 
 def torque_in(table: Table, robot: RobotDescription) -> Float:
     """Torques (N, n) Nm of a table as they are recorded, or from shares of the rated torques, or from currents.
@@ -32,6 +35,11 @@ def torque_in(table: Table, robot: RobotDescription) -> Float:
             raise ConfigError(f"{robot.robot}: {lacking} has no {key}, which {name} of {table.path} needs: add it")
         return found[:, :joints] * unit
     return table.needed("torque", joints)
+
+
+def most_points(rows: int) -> int:
+    """Most points of an even grid for a table of ``rows``; a larger one consists mostly of a jump of the clock."""
+    return max(LARGEST, SPARSE * rows)
 
 
 def interpolated(when: Float, time: Float, values: Float) -> Float:

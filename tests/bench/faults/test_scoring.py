@@ -15,10 +15,10 @@ CUT = Fault("drive_cut", 2, 1.0, 0.5)
 STUCK = Fault("encoder_stuck", 0, 1.0, 0.5)
 
 
-def truth(*faults, watts=20.0, acts=1, ratio=30.0):
+def truth(*faults, ratio=30.0):
     n = len(faults)
-    first, ratios = (acts,) * n, ((ratio,) * n, (ratio / 2,) * n)
-    return Truth(Plan(0, 1.0, faults), 0.0, 5.0, (watts,) * n, len(ENDS), first, ENDS, *ratios)
+    ratios = (ratio,) * n, (ratio / 2,) * n
+    return Truth(Plan(0, 1.0, faults), 0.0, 5.0, (20.0,) * n, len(ENDS), (1,) * n, ENDS, *ratios)
 
 
 def told(joint, kind, **more):
@@ -29,31 +29,23 @@ def cycle(*faults, end=4.0):
     return CycleFinding(0.1, end, "task_1", 1.0, "fault" if faults else "healthy", "", faults)
 
 
-def test_a_right_name_is_isolated_and_dated_by_when_it_was_first_told():
-    found = count([truth(CUT)], [cycle(told(3, "joint"))], [cycle(told(3, "joint"), end=2.0)])
+@pytest.mark.parametrize(
+    ("early", "end", "detected", "alone", "wrong_joints", "wrong_kinds"),
+    [
+        pytest.param(told(3, "joint"), 1.0, 1, 1, 0, 0, id="right at once"),
+        pytest.param(told(3, "joint"), 2.0, 0, 0, 0, 0, id="right an interval late"),
+        pytest.param(replace(told(4, "joint"), alternatives=(3,)), 1.0, 1, 0, 0, 0, id="joint left open"),
+        pytest.param(told(3, "joint", or_kind="encoder"), 1.0, 1, 0, 0, 0, id="kind left open"),
+        pytest.param(told(3, "encoder"), 1.0, 1, 0, 0, 1, id="wrong kind"),
+        pytest.param(told(4, "joint"), 1.0, 0, 0, 1, 0, id="wrong joint"),
+    ],
+)
+def test_what_was_told_while_a_cycle_ran_that_is_named_rightly(early, end, detected, alone, wrong_joints, wrong_kinds):
+    found = count([truth(CUT)], [cycle(told(3, "joint"))], [cycle(early, end=end)])
     assert (found.clear_faults, found.isolated, found.wrong_names) == (1, 1, 0)
-    assert (found.in_first_interval, found.by_next_interval) == (0, 1)
-    at_once = count([truth(CUT)], [cycle(told(3, "joint"))], [cycle(told(3, "joint"), end=1.0)])
-    assert at_once.in_first_interval == 1
-
-
-def test_an_alarm_that_leaves_the_joint_or_the_kind_open_detects_and_does_not_isolate():
-    several = replace(told(4, "joint"), alternatives=(3,))
-    for early in (several, told(3, "joint", or_kind="encoder"), told(3, "encoder")):
-        found = count([truth(CUT)], [cycle(told(3, "joint"))], [cycle(early, end=1.0)])
-        assert (found.in_first_interval, found.named_alone_in_first_interval, found.isolated) == (1, 0, 1)
-    found = count([truth(CUT)], [cycle(told(3, "joint"))], [cycle(told(3, "joint"), end=1.0)])
-    assert found.named_alone_in_first_interval == 1
-
-
-def test_an_alarm_on_another_joint_detects_nothing():
-    found = count([truth(CUT)], [cycle(told(3, "joint"))], [cycle(told(4, "joint"), end=1.0)])
-    assert (found.in_first_interval, found.wrong_names_while_running) == (0, 1)
-
-
-def test_a_wrong_kind_while_the_cycle_runs_is_counted():
-    found = count([truth(CUT)], [cycle(told(3, "joint"))], [cycle(told(3, "encoder"), end=1.0)])
-    assert (found.wrong_kinds_while_running, found.wrong_names_while_running) == (1, 0)
+    assert (found.in_first_interval, found.named_alone_in_first_interval) == (detected, alone)
+    assert found.by_next_interval == int(early.joint == 3 or 3 in early.alternatives)
+    assert (found.wrong_names_while_running, found.wrong_kinds_while_running) == (wrong_joints, wrong_kinds)
 
 
 @pytest.mark.parametrize("ratio, best, beyond", [(np.inf, 1.0, 0), (THRESHOLD, 0.5, 0), (0.0, 1e-4, 1)])

@@ -42,22 +42,25 @@ def recorded(body: Body, load: float, seed: int) -> Recording:
     return Recording(f"run_{seed}", time, q, qd, current=torque / GAIN + noise)
 
 
-def test_a_known_mass_gives_the_gains_of_all_drives(body):
-    without, loaded = [recorded(body, 0.0, 1), recorded(body, 0.0, 2)], [recorded(body, LOAD, 3)]
-    believed = GAIN * np.array([1.2, 0.9, 1.1])
-    found = calibrated_gains(without, loaded, LOAD, body, believed)
+@pytest.fixture(scope="module")
+def runs(body):
+    """Recordings without the load, and with it."""
+    return [recorded(body, 0.0, 1), recorded(body, 0.0, 2)], [recorded(body, LOAD, 3)]
+
+
+def test_a_known_mass_gives_the_gains_of_all_drives(body, runs):
+    found = calibrated_gains(*runs, LOAD, body, GAIN * np.array([1.2, 0.9, 1.1]))
     assert found[1:] == pytest.approx(GAIN[1:], rel=0.02)
     assert found[0] == pytest.approx(GAIN[0], rel=0.05), "gravity does not load the first joint: inertia alone tells"
 
 
-def test_a_plain_fit_is_off_by_as_much_as_the_gains(body):
-    without, loaded = [recorded(body, 0.0, 1), recorded(body, 0.0, 2)], [recorded(body, LOAD, 3)]
-    assert carried_mass(without, loaded, body, GAIN) == pytest.approx(LOAD, rel=0.02)
-    assert carried_mass(without, loaded, body, 1.1 * GAIN) == pytest.approx(1.1 * LOAD, rel=0.02)
+def test_a_plain_fit_is_off_by_as_much_as_the_gains(body, runs):
+    assert carried_mass(*runs, body, GAIN) == pytest.approx(LOAD, rel=0.02)
+    assert carried_mass(*runs, body, 1.1 * GAIN) == pytest.approx(1.1 * LOAD, rel=0.02)
 
 
-def test_friction_is_identified(body):
-    known = identify([recorded(body, 0.0, 1), recorded(body, 0.0, 2)], body, GAIN, 100.0)
+def test_friction_is_identified(body, runs):
+    known = identify(runs[0], body, GAIN, 100.0)
     assert known.drives.coulomb == pytest.approx(COULOMB, rel=0.05)
     assert known.drives.viscous == pytest.approx(VISCOUS, rel=0.05)
 

@@ -105,7 +105,7 @@ def way(cycle: Cycle, rate: float) -> np.ndarray:
     return np.concatenate(rows)
 
 
-def run(cycles: Sequence[Cycle], *, rate: float = 50.0, seed: int = 0, noise: float = 1.0):
+def run(cycles: Sequence[Cycle], *, rate: float = 50.0, seed: int = 0):
     """Measured positions (n, joints) rad, power (n,) W and the start of each cycle, s."""
     random = np.random.default_rng(seed)
     rest = np.repeat(HOME[None], round(rate), axis=0)
@@ -115,59 +115,53 @@ def run(cycles: Sequence[Cycle], *, rate: float = 50.0, seed: int = 0, noise: fl
     owner = np.concatenate([np.full(len(w), i - 1) for i, w in enumerate(ways)])
     ahead = round(0.3 * rate)  # what a cycle changes is there before its first move
     owner = np.concatenate([owner[ahead:], np.full(ahead, owner[-1])])
+    faults = [(owner == i, fault, fault.joint - 1) for i, cycle in enumerate(cycles) for fault in cycle.faults]
     true, extra = q.copy(), np.zeros_like(q)
-    for i, cycle in enumerate(cycles):
-        mine = owner == i
-        for fault in cycle.faults:
-            if fault.kind == "cut":
-                true[mine, fault.joint - 1] = HOME[fault.joint - 1]
+    for mine, fault, j in faults:
+        if fault.kind == "cut":
+            true[mine, j] = HOME[j]
     w, a = np.gradient(true, 1 / rate, axis=0), np.gradient(np.gradient(true, 1 / rate, axis=0), 1 / rate, axis=0)
-    standby = np.full(len(q), STANDBY)
-    for i, cycle in enumerate(cycles):
-        mine = owner == i
-        standby[mine] += cycle.standby
-        for fault in cycle.faults:
-            j = fault.joint - 1
-            if fault.kind == "spring":
-                extra[mine, j] += fault.size * (true[mine, j] - HOME[j])
-            elif fault.kind == "friction":
-                extra[mine, j] += fault.size * np.tanh(w[mine, j] / 0.02)
+    for mine, fault, j in faults:
+        if fault.kind == "spring":
+            extra[mine, j] += fault.size * (true[mine, j] - HOME[j])
+        elif fault.kind == "friction":
+            extra[mine, j] += fault.size * np.tanh(w[mine, j] / 0.02)
     torque = GRAVITY * np.cos(true) + INERTIA * a + FRICTION * np.tanh(w / 0.02) + VISCOUS * w + extra
-    power = standby + (torque * w + LOSS * torque**2).sum(axis=1)
+    standby = np.array([*(STANDBY + cycle.standby for cycle in cycles), STANDBY])  # the last is that of the first rest
+    power = standby[owner] + (torque * w + LOSS * torque**2).sum(axis=1)
     measured = true.copy()
-    for i, cycle in enumerate(cycles):
-        mine = owner == i
-        for fault in cycle.faults:
-            j = fault.joint - 1
-            if fault.kind == "encoder_offset":
-                measured[mine, j] += fault.size
-            elif fault.kind == "encoder_scale":
-                measured[mine, j] = HOME[j] + fault.size * (true[mine, j] - HOME[j])
-            elif fault.kind == "encoder_stuck":
-                measured[mine, j] = HOME[j]
-    measured = measured + noise * 3e-5 * random.standard_normal(measured.shape)
-    return measured, power + noise * 1.5 * random.standard_normal(len(power)), starts
+    for mine, fault, j in faults:
+        if fault.kind == "encoder_offset":
+            measured[mine, j] += fault.size
+        elif fault.kind == "encoder_scale":
+            measured[mine, j] = HOME[j] + fault.size * (true[mine, j] - HOME[j])
+        elif fault.kind == "encoder_stuck":
+            measured[mine, j] = HOME[j]
+    measured = measured + 3e-5 * random.standard_normal(measured.shape)
+    return measured, power + 1.5 * random.standard_normal(len(power)), starts
 
 
-def layout(rate: float = 50.0) -> Layout:
+def layout(rate: float = 50.0, joints: int = JOINTS, arm: str = "arm") -> Layout:
     """Columns of the frames: the arm's joints and the supply's power."""
-    joints = [FrameChannel(f"arm.joint_{j}.position", "rad", "continuous", "linear") for j in range(1, JOINTS + 1)]
-    return Layout((*joints, FrameChannel("meter.supply.power", "W", "continuous", "average")), rate)
+    names = [f"{arm}.joint_{j}.position" for j in range(1, joints + 1)]
+    positions = [FrameChannel(name, "rad", "continuous", "linear") for name in names]
+    return Layout((*positions, FrameChannel("meter.supply.power", "W", "continuous", "average")), rate)
 
 
-def frames(positions: np.ndarray, power: np.ndarray, *, rate: float = 50.0, block: int = 5) -> list[Frames]:
-    """The run as blocks of frames."""
-    lay = layout(rate)
+def frames(
+    positions: np.ndarray, power: np.ndarray, *, rate: float = 50.0, block: int = 5, start: int = START
+) -> list[Frames]:
+    """The run as blocks of frames from ``start`` ns on."""
+    lay = layout(rate, positions.shape[1])
     values = np.column_stack([positions, power])
-    time = START + np.round(np.arange(len(power)) * 1e9 / rate).astype(np.int64)
-    return [
-        Frames(
-            lay,
-            i,
-            time[i : i + block],
-            values[i : i + block],
-            np.where(np.isnan(values[i : i + block]), 4, 0).astype(np.uint8),
-            np.zeros(values[i : i + block].shape, np.int64),
-        )
-        for i in range(0, len(time), block)
-    ]
+    quality = np.where(np.isnan(values), 4, 0).astype(np.uint8)
+    time = start + np.round(np.arange(len(power)) * 1e9 / rate).astype(np.int64)
+    bound = np.zeros(values.shape, np.int64)
+    parts = [slice(i, i + block) for i in range(0, len(time), block)]
+    return [Frames(lay, p.start, time[p], values[p], quality[p], bound[p]) for p in parts]
+
+
+def recorded(cycles: Sequence[Cycle], *, seed: int = 0, block: int = 5) -> list[Frames]:
+    """A run of the cycles as frames."""
+    positions, power, _ = run(cycles, seed=seed)
+    return frames(positions, power, block=block)

@@ -2,24 +2,22 @@
 
 import pytest
 
-from tests.plugins.faults.plant import Cycle, Fault, frames, run
+from tests.plugins.faults.plant import Cycle, Fault, frames, recorded, run
 from tests.plugins.faults.watching import more, since_start, watch
 
 HEALTHY, FAULTY, AFTER = 3, 3, 4
 
 
-def alarms_of(reference, fault, *, seed=2, **settings):
-    cycles = [Cycle()] * HEALTHY + [Cycle(faults=(fault,))] * FAULTY + [Cycle()] * AFTER
-    positions, power, starts = run(cycles, seed=seed)
-    return watch(reference, frames(positions, power), **settings), starts
+def alarms_of(reference, *faults, seed=2, counts=(HEALTHY, FAULTY, AFTER)):
+    """Alarms of so many healthy cycles, cycles with these faults and healthy cycles, and when each cycle begins, s."""
+    kinds = (Cycle(), Cycle(faults=faults), Cycle())
+    positions, power, starts = run([each for each, n in zip(kinds, counts, strict=True) for _ in range(n)], seed=seed)
+    return watch(reference, frames(positions, power)), starts
 
 
 def standing(alarms, time):
     """What is up at a time, s: kind, joint."""
-    up = {}
-    for alarm in alarms:
-        if since_start(alarm.time) <= time:
-            up[alarm.id] = alarm
+    up = {alarm.id: alarm for alarm in alarms if since_start(alarm.time) <= time}
     return {(a.kind, a.joint) for a in up.values() if a.active}
 
 
@@ -65,24 +63,21 @@ def test_a_joint_fault_is_raised_while_the_joint_moves(reference):
 
 @pytest.mark.slow
 def test_two_faults_are_both_named(reference):
-    both = Cycle(faults=(Fault("friction", 1, 25.0), Fault("friction", 2, 25.0)))
-    positions, power, starts = run([Cycle()] * 2 + [both] * 3, seed=5)
-    alarms = watch(reference, frames(positions, power))
+    both = (Fault("friction", 1, 25.0), Fault("friction", 2, 25.0))
+    alarms, starts = alarms_of(reference, *both, seed=5, counts=(2, 3, 0))
     assert standing(alarms, starts[3]) == {("joint_fault", 1), ("joint_fault", 2)}
     assert standing(alarms, 1e9) == {("joint_fault", 1), ("joint_fault", 2)}
 
 
 def test_an_encoder_and_another_joint_are_both_named(reference):
-    both = Cycle(faults=(Fault("friction", 1, 25.0), Fault("encoder_offset", 3, 0.04)))
-    positions, power, starts = run([Cycle()] * 2 + [both] * 3, seed=5)
-    alarms = watch(reference, frames(positions, power))
+    both = (Fault("friction", 1, 25.0), Fault("encoder_offset", 3, 0.04))
+    alarms, starts = alarms_of(reference, *both, seed=5, counts=(2, 3, 0))
     assert standing(alarms, starts[4]) >= {("joint_fault", 1)}
     assert {a.joint for a in alarms if a.active and a.kind != "joint_fault"} == {3}
 
 
 def test_a_fault_at_a_learned_lower_speed(rich_reference):
     cycles = [Cycle(speed=0.6)] * 2 + [Cycle(speed=0.6, faults=(Fault("friction", 1, 25.0),))] * 2
-    positions, power, _ = run(cycles, seed=8)
-    alarms = watch(rich_reference, frames(positions, power))
+    alarms = watch(rich_reference, recorded(cycles, seed=8))
     assert {(a.kind, a.joint) for a in alarms} == {("joint_fault", 1)}
     assert all(a.evidence["speed"] == pytest.approx(0.6, abs=0.01) for a in alarms)

@@ -5,10 +5,9 @@ import pytest
 from pydantic import ValidationError
 
 from cellwatt.errors import ConfigError, ModelError
-from cellwatt.frames import FrameChannel, Layout
 from cellwatt.stage import CellInfo
 from cellwatt_plugins.faults import FaultsSettings, FaultsStage
-from tests.plugins.faults.plant import Cycle, frames, layout, run
+from tests.plugins.faults.plant import Cycle, frames, layout, recorded
 from tests.plugins.faults.watching import learned
 
 
@@ -18,8 +17,7 @@ def made(reference, lay=None, robot=None, **settings):
 
 
 def test_a_reference_of_another_robot_is_refused(tmp_path):
-    positions, power, _ = run([Cycle()] * 4)
-    path = learned(tmp_path / "ref.yaml", frames(positions, power), "irb1200")
+    path = learned(tmp_path / "ref.yaml", recorded([Cycle()] * 4), "irb1200")
     assert made(path, robot="irb1200")
     assert made(path)
     with pytest.raises(ModelError, match="is of robot irb1200, the cell's robot is ur10e"):
@@ -33,18 +31,14 @@ def test_a_reference_of_another_robot_is_refused(tmp_path):
 
 
 def test_a_reference_of_another_number_of_joints_is_refused(reference):
-    joints = [FrameChannel(f"arm.joint_{j}.position", "rad", "continuous", "linear") for j in range(1, 7)]
-    lay = Layout((*joints, FrameChannel("meter.supply.power", "W", "continuous", "average")), 50.0)
     with pytest.raises(ModelError, match="has 3 joints, source arm has 6"):
-        made(reference, lay)
+        made(reference, layout(joints=6))
 
 
 def test_the_arm_may_have_another_name_than_when_it_was_learned(reference):
-    joints = [FrameChannel(f"left.joint_{j}.position", "rad", "continuous", "linear") for j in (1, 2, 3)]
-    lay = Layout((*joints, FrameChannel("meter.supply.power", "W", "continuous", "average")), 50.0)
-    assert made(reference, lay)
+    assert made(reference, layout(arm="left"))
     with pytest.raises(ConfigError, match=r"source 'right' has no joint_1\.position"):
-        made(reference, lay, arm="right")
+        made(reference, layout(arm="left"), arm="right")
 
 
 @pytest.mark.parametrize(
@@ -61,10 +55,6 @@ def test_wrong_settings_are_refused(content, text):
 
 def test_memory_stays_bounded_at_rest(reference):
     stage = made(reference)
-    lay = layout()
-    for hour in range(4):
-        positions = np.tile([0.2, -0.8, 0.5], (20_000, 1))
-        for block in frames(positions, np.full(20_000, 90.0), block=2000):
-            moved = block.time + hour * 400_000_000_000
-            stage.process(type(block)(lay, block.sequence, moved, block.values, block.quality, block.bound), ())
+    for block in frames(np.tile([0.2, -0.8, 0.5], (80_000, 1)), np.full(80_000, 90.0), block=2000):
+        stage.process(block, ())
     assert len(stage._trace) <= 62 * 50

@@ -1,9 +1,11 @@
+import numpy as np
 import pytest
 
 from cellwatt.errors import ModelError
 from cellwatt_plugins.faults.api import learn_from
+from cellwatt_plugins.faults.learn import over_cycles
 from cellwatt_plugins.faults.reference import load
-from tests.plugins.faults.plant import CYCLE, HOME, OTHER, Cycle, frames, run
+from tests.plugins.faults.plant import CYCLE, HOME, OTHER, Cycle, recorded
 
 
 def test_every_interval_of_the_cycle_is_learned(reference):
@@ -33,13 +35,17 @@ def test_tasks_and_speeds_are_told_apart(rich_reference):
 
 
 def test_too_few_cycles_are_refused():
-    positions, power, _ = run([Cycle()] * 2)
     with pytest.raises(ModelError, match=r"3 times or more at one speed \(most: 2\): record more healthy cycles"):
-        learn_from(frames(positions, power), None, "arm", "supply.power")
+        learn_from(recorded([Cycle()] * 2), None, "arm", "supply.power")
 
 
 def test_blocks_of_any_size_teach_the_same():
-    positions, power, _ = run([Cycle()] * 4, seed=3)
-    expected, _ = learn_from(frames(positions, power), None, "arm", "supply.power")
-    for block in (1, 33, 5000):
-        assert learn_from(frames(positions, power, block=block), None, "arm", "supply.power")[0] == expected
+    blocks = [recorded([Cycle()] * 4, seed=3, block=block) for block in (5, 1, 33, 5000)]
+    expected, *others = (learn_from(each, None, "arm", "supply.power")[0] for each in blocks)
+    assert others == [expected] * 3
+
+
+def test_the_spread_is_that_of_the_cycles_with_a_value():
+    mean, spread = over_cycles(np.array([[1.0, 2.0], [3.0, np.nan], [np.nan, np.nan]]), "power is")
+    assert mean == pytest.approx([2.0, 2.0])
+    assert spread == pytest.approx([np.sqrt(2.0), 0.0])

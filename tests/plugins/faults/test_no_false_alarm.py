@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
-from tests.plugins.faults.plant import OTHER, Cycle, frames, run
-from tests.plugins.faults.watching import more, raised, watch
+from tests.plugins.faults.plant import OTHER, Cycle, frames, recorded, run
+from tests.plugins.faults.watching import more, watch
 
 
-def alarms_of(reference, cycles, *, seed=1, block=5, rate=50.0, **settings):
-    positions, power, _ = run(cycles, seed=seed, rate=rate)
-    return watch(reference, frames(positions, power, block=block, rate=rate), **settings)
+def alarms_of(reference, cycles, *, seed=1):
+    return watch(reference, recorded(cycles, seed=seed))
 
 
 @pytest.mark.parametrize("seed", [0, 1, *more(2, 3, 4)])
@@ -23,22 +22,23 @@ def test_power_that_lags_or_leads_by_frames(reference, late):
     assert watch(reference, frames(positions, np.roll(power, late))) == []
 
 
-def test_longer_rests(reference):
-    assert alarms_of(reference, [Cycle(rests={1: 1.5, 3: 0.7}), Cycle(), Cycle(rests={4: 8.0}), Cycle()]) == []
+def paused(*stops):
+    """Cycles with a pause in the midst of a move: its index, the share of the way that is behind the arm."""
+    return [[Cycle(), Cycle(), Cycle(pause=(*stop, 1.0)), Cycle(), Cycle()] for stop in stops]
 
 
 @pytest.mark.parametrize(
-    ("move", "share"),
-    [(1, 0.7), (4, 0.3), *more((0, 0.7), (1, 0.3), (2, 0.7), (3, 0.3))],
+    "cycles",
+    [
+        pytest.param([Cycle(rests={1: 1.5, 3: 0.7}), Cycle(), Cycle(rests={4: 8.0}), Cycle()], id="longer rests"),
+        pytest.param([Cycle(standby=15)] * 4, id="a supply that draws more"),
+        pytest.param([Cycle(standby=2.0 * k) for k in range(10)], id="a supply that drifts"),
+        *paused((1, 0.7), (4, 0.3)),
+        *more(*paused((0, 0.7), (1, 0.3), (2, 0.7), (3, 0.3))),
+    ],
 )
-def test_a_pause_in_the_midst_of_a_move(reference, move, share):
-    cycles = [Cycle(), Cycle(), Cycle(pause=(move, share, 1.0)), Cycle(), Cycle()]
+def test_rests_pauses_and_the_supply(reference, cycles):
     assert alarms_of(reference, cycles) == []
-
-
-def test_a_supply_that_draws_more_or_drifts(reference):
-    assert alarms_of(reference, [Cycle(standby=15)] * 4) == []
-    assert alarms_of(reference, [Cycle(standby=2.0 * k) for k in range(10)]) == []
 
 
 def test_a_fan_that_switches_while_the_arm_moves(reference):
@@ -53,25 +53,19 @@ def test_a_speed_override_of_a_few_per_cent(reference, speed):
     assert [a for a in found if a.severity != "info"] == []
 
 
-@pytest.mark.parametrize("speed", [0.6, 1.3, *more(0.4, 0.8)])
-def test_an_unknown_speed_is_said_once(reference, speed):
-    found = alarms_of(reference, [Cycle()] * 2 + [Cycle(speed=speed)] * 4 + [Cycle()] * 2 + [Cycle(speed=speed)] * 2)
-    assert [a.kind for a in found if a.severity != "info"] == []
-    assert [a.kind for a in raised(found)] == ["new_speed"]
-    assert [a.active for a in found] == [True, False]
+NEW = [(Cycle(OTHER), "new_task"), (Cycle(speed=0.6), "new_speed"), (Cycle(speed=1.3), "new_speed")]
+OTHER_NEW = [(Cycle(speed=0.4), "new_speed"), (Cycle(speed=0.8), "new_speed")]
 
 
-def test_a_learned_speed_is_judged(rich_reference):
-    assert alarms_of(rich_reference, [Cycle()] * 2 + [Cycle(speed=0.6)] * 3 + [Cycle()] * 2) == []
+@pytest.mark.parametrize(("new", "kind"), [*NEW, *more(*OTHER_NEW)])
+def test_an_unknown_task_or_speed_is_said_once(reference, new, kind):
+    found = alarms_of(reference, [Cycle()] * 2 + [new] * 4 + [Cycle()] * 2 + [new] * 3)
+    assert [(a.kind, a.severity, a.active) for a in found] == [(kind, "info", True), (kind, "info", False)]
 
 
-def test_an_unknown_task_is_said_once(reference):
-    found = alarms_of(reference, [Cycle()] * 3 + [Cycle(OTHER)] * 4 + [Cycle()] * 2 + [Cycle(OTHER)] * 3)
-    assert [(a.kind, a.severity, a.active) for a in found] == [("new_task", "info", True), ("new_task", "info", False)]
-
-
-def test_a_learned_task_is_known(rich_reference):
-    assert alarms_of(rich_reference, [Cycle()] * 2 + [Cycle(OTHER)] * 3 + [Cycle()]) == []
+@pytest.mark.parametrize("learned", [Cycle(OTHER), Cycle(speed=0.6)])
+def test_a_learned_task_or_speed_is_known(rich_reference, learned):
+    assert alarms_of(rich_reference, [Cycle()] * 2 + [learned] * 3 + [Cycle()] * 2) == []
 
 
 HOLES = [("power", 0.3), ("positions", 1.6), ("both", 3.1), ("frames", 0.3)]

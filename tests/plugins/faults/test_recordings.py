@@ -2,13 +2,18 @@ import numpy as np
 import pytest
 
 from cellwatt.errors import RecordingError
-from cellwatt.tables import write_table
 from cellwatt_plugins.faults.recordings import APART, frames_of_files, frames_of_table
+from tests.plugins.faults.watching import write_recording
 
 
-def columns(n=500, joints=2):
-    t = np.arange(n) / 100
-    return t, np.column_stack([np.sin(t + j) for j in range(1, joints + 1)]), 90 + t
+def columns():
+    t = np.arange(500) / 100
+    return t, np.column_stack([np.sin(t + 1), np.sin(t + 2)]), 90 + t
+
+
+def written(path, stretch=1.0):
+    t, position, power = columns()
+    return write_recording(path, t * stretch, position, power)
 
 
 def test_holes_are_missing():
@@ -23,42 +28,47 @@ def test_holes_are_missing():
 
 
 def test_files_follow_each_other_apart(tmp_path):
-    t, position, power = columns()
-    table = {"t": t, "q_1": position[:, 0], "q_2": position[:, 1], "power": power}
-    for name in ("a.csv", "b.parquet"):
-        write_table(tmp_path / name, table)
-    blocks = list(frames_of_files([tmp_path / "a.csv", tmp_path / "b.parquet"]))
+    blocks = list(frames_of_files([written(tmp_path / name) for name in ("a.csv", "b.parquet")]))
     assert [len(b) for b in blocks] == [500, 500]
     assert blocks[0].layout == blocks[1].layout
     assert blocks[1].time[0] - blocks[0].time[-1] >= APART
     assert blocks[1].values == pytest.approx(blocks[0].values)
 
 
-def test_a_night_between_two_rows_takes_no_frames():
+def test_tables_with_time_stamps_that_jitter_have_one_rate(tmp_path):
+    one, other = frames_of_files([written(tmp_path / "a.csv"), written(tmp_path / "b.csv", 1.002)])
+    assert one.layout == other.layout
+    assert (len(one), len(other)) == (500, 500)
+    assert not np.isnan(other.values).any()
+
+
+def test_a_meter_beside_a_recording_is_refused(tmp_path):
+    with pytest.raises(RecordingError, match=r"meter.csv: a meter's table goes with a table"):
+        list(frames_of_files([tmp_path / "today.mcap"], [tmp_path / "meter.csv"]))
+
+
+@pytest.mark.parametrize("seconds", [50_000.0, 1e9])
+def test_a_night_between_two_rows_or_a_leap_of_the_clock_takes_no_frames(seconds):
     t, position, power = columns()
-    frames = frames_of_table(np.where(t < 2.5, t, t + 50_000.0), position, power)
+    frames = frames_of_table(np.where(t < 2.5, t, t + seconds), position, power)
     assert len(frames) == 500
     assert not np.isnan(frames.values).any()
-    assert frames.time[-1] == 50_004.99e9
+    assert frames.time[-1] == pytest.approx((seconds + 4.99) * 1e9, rel=0, abs=1e3)
 
 
 def test_a_clock_that_drifts_at_one_row_a_second_is_no_reason_to_refuse(tmp_path):
-    t, position, power = columns()
-    write_table(tmp_path / "slow.csv", {"t": t * 100.03, "q_1": position[:, 0], "q_2": position[:, 1], "power": power})
-    (frames,) = frames_of_files([tmp_path / "slow.csv"])
+    (frames,) = frames_of_files([written(tmp_path / "slow.csv", 100.03)])
     assert len(frames) == pytest.approx(500, abs=2)
 
 
-def test_a_leap_of_the_clock_takes_no_frames_and_a_table_of_bursts_is_refused_with_its_row():
-    t, position, power = columns()
-    assert len(frames_of_table(np.where(t < 2.5, t, t + 1e9), position, power)) == 500
+def test_a_table_of_bursts_is_refused_with_its_row():
+    _, position, power = columns()
     burst = np.repeat(np.arange(100) * 0.1, 5) + np.tile(np.arange(5) * 1e-6, 100)
     with pytest.raises(RecordingError, match=r"most rows are 1e-06 s apart, row \d+6 is 0.099996 s after row \d+5:"):
         frames_of_table(burst, position, power)
 
 
 def test_a_table_in_microseconds_is_refused(tmp_path):
-    t, position, power = columns()
-    write_table(tmp_path / "a.csv", {"t": 1e6 * t, "q_1": position[:, 0], "q_2": position[:, 1], "power": power})
+    path = written(tmp_path / "a.csv", 1e6)
     with pytest.raises(RecordingError, match="rows are 10000 s apart, expected 1 s or less: is column t in seconds"):
-        list(frames_of_files([tmp_path / "a.csv"]))
+        list(frames_of_files([path]))

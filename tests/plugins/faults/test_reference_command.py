@@ -1,31 +1,23 @@
 import json
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
-from click.testing import CliRunner
 
 from cellwatt_plugins.faults.command import reference
 from cellwatt_plugins.faults.reference import load
 from tests.plugins.faults.plant import Cycle, run
+from tests.plugins.faults.watching import called, write_recording
 
 
 @pytest.fixture(scope="module")
 def healthy(tmp_path_factory):
     positions, power, _ = run([Cycle()] * 5 + [Cycle(speed=0.6)] * 3 + [Cycle(speed=0.4)], rate=100.0, seed=12)
     path = tmp_path_factory.mktemp("healthy") / "healthy.parquet"
-    columns = {f"q_{j + 1}": positions[:, j] for j in range(positions.shape[1])}
-    pq.write_table(pa.table({"t": np.arange(len(power)) / 100, **columns, "power": power}), path)
-    return path
-
-
-def called(*arguments):
-    return CliRunner().invoke(reference, [str(a) for a in arguments])
+    return write_recording(path, np.arange(len(power)) / 100, positions, power)
 
 
 def test_it_learns_and_says_what(healthy, tmp_path):
-    result = called(healthy, "--out", tmp_path / "ref.yaml", "--robot", "plant")
+    result = called(reference, healthy, "--out", tmp_path / "ref.yaml", "--robot", "plant")
     assert result.exit_code == 0, result.output
     assert result.stdout.splitlines() == [
         "task_1: 5 moves, 5 cycles at speed 1.00, 3 cycles at speed 0.60",
@@ -37,9 +29,8 @@ def test_it_learns_and_says_what(healthy, tmp_path):
 
 def test_it_reports_as_json_and_the_robot_may_be_a_description(healthy, tmp_path):
     (tmp_path / "robot.yaml").write_text("robot: irb1200\njoints: []\n")
-    report = json.loads(
-        called(healthy, "--out", tmp_path / "ref.yaml", "--robot", tmp_path / "robot.yaml", "--json").stdout
-    )
+    words = ("--out", tmp_path / "ref.yaml", "--robot", tmp_path / "robot.yaml", "--json")
+    report = json.loads(called(reference, healthy, *words).stdout)
     assert (report["robot"], report["cycles_left_out"]) == ("irb1200", 1)
     assert [v["cycles"] for v in report["tasks"][0]["variants"]] == [5, 3]
     assert load(tmp_path / "ref.yaml").robot == "irb1200"

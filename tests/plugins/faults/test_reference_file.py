@@ -32,14 +32,6 @@ def test_a_file_that_is_not_there(tmp_path):
         load(tmp_path / "nothing.yaml")
 
 
-def changed(reference, tmp_path, change):
-    content = yaml.safe_load(reference.read_text())
-    change(content)
-    path = tmp_path / "changed.yaml"
-    path.write_text(yaml.safe_dump(content))
-    return path
-
-
 def interval(content):
     return content["tasks"][0]["variants"][0]["intervals"][0]
 
@@ -56,7 +48,9 @@ def interval(content):
     ],
 )
 def test_a_wrong_file_is_refused_with_the_place(reference, tmp_path, change, text):
-    path = changed(reference, tmp_path, change)
+    content, path = yaml.safe_load(reference.read_text()), tmp_path / "changed.yaml"
+    change(content)
+    path.write_text(yaml.safe_dump(content))
     with pytest.raises(ModelError, match=text) as caught:
         load(path)
     assert str(path) in str(caught.value)

@@ -5,37 +5,26 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
-from click.testing import CliRunner
 
 from cellwatt.emulation import ArmSignals
 from cellwatt.errors import ModelError
-from cellwatt.stage import CellInfo
 from cellwatt_plugins.faults import train_command
 from cellwatt_plugins.faults.command import faults, reference
 from cellwatt_plugins.faults.paper.columns import column_of
 from cellwatt_plugins.faults.paper.course import courses_of
 from cellwatt_plugins.faults.paper.network import FaultNetwork
-from cellwatt_plugins.faults.paper.stage import PaperFaultsSettings, PaperFaultsStage
-from cellwatt_plugins.faults.recordings import frames_of_table
+from cellwatt_plugins.faults.paper.stage import PaperFaultsStage
 from cellwatt_plugins.faults.reference import load
-from cellwatt_plugins.segment import SegmentSettings, SegmentStage
 from tests.plugins.faults.paper.irb1200 import POLISHING, Fault, Run, run
+from tests.plugins.faults.watching import arm_frames, beside_another_arm, called, watch, write_recording
 
 DEMO = Path(__file__).resolve().parents[3] / "examples" / "demo-reference.yaml"
 
 
 def table(path, *faults_, seed, cycles=3):
     told = run(Run(POLISHING, cycles, 1.0, faults_, rate=50.0, lead=1.0, seed=seed))
-    columns = {f"q_{j}": told.q[:, j - 1] for j in range(1, 7)}
-    pq.write_table(pa.table({"t": told.t, **columns, "power": told.power}), path)
-    return path
-
-
-def called(command, *arguments):
-    return CliRunner().invoke(command, [str(a) for a in arguments])
+    return write_recording(path, told.t, told.q, told.power)
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +61,12 @@ def test_a_table_is_learnt_from_recorded_faults_and_its_network_knows_others_lik
     assert (learnt.table[:, 4] == np.array([1, 0, 0, 0, 0, 0, 0, 0])).all()
 
 
-def test_a_joint_without_a_fault_is_told_in_one_line(folder):
+@pytest.mark.parametrize("arms", [1, 2])
+def test_a_joint_without_a_fault_is_told_in_one_line(folder, monkeypatch, arms):
+    """Of two arms, that of the reference counts."""
+    if arms == 2:
+        read = train_command.frames_of_files
+        monkeypatch.setattr(train_command, "frames_of_files", lambda paths: map(beside_another_arm, read(paths)))
     done = train(folder, *recorded(folder)[:-2])
     assert isinstance(done.exception, ModelError)
     assert "no cycle with a fault of joint 6: give --fault 6=RECORDING" in str(done.exception)
@@ -91,23 +85,11 @@ def test_speeds_that_look_alike_have_files_of_their_own(folder, monkeypatch):
 
 
 def test_the_network_of_the_example_names_the_elbow():
-    assert named(DEMO.parent / "fault-networks", 3, 80.0) == {3}
-
-
-def named(network, joint, stiffness):
-    """Joints of which alarms were raised on the emulated arm of the demo with a spring on a joint."""
     arm = ArmSignals(seed=99)
-    arm.disturb({"spring": float(joint), "stiffness": stiffness, "rest": arm.home[joint - 1]})
-    t = np.arange(-1.0, 3 * arm.period, 0.02)
-    told = arm.at(np.maximum(t, 0.0))
-    position = np.column_stack([told[f"joint_{j}.position"] for j in range(1, 7)])
-    frames = frames_of_table(t + 1.0, position, told["supply.power"])
-    cell = CellInfo("demo", "demo", None, DEMO.parent)
-    segment = SegmentStage("segment", SegmentSettings(), frames.layout, cell)
-    chosen = PaperFaultsSettings(reference=DEMO, network=network, arm="table", power="supply.power")
-    stage = PaperFaultsStage("faults", chosen, frames.layout, cell)
-    alarms = stage.process(frames, segment.process(frames, ()))
-    return {alarm.joint for alarm in alarms if alarm.active}
+    arm.disturb({"spring": 3.0, "stiffness": 80.0, "rest": arm.home[2]})
+    frames = arm_frames(arm, 3 * arm.period, lead=1.0)
+    alarms = watch(DEMO, frames, PaperFaultsStage, network=DEMO.parent / "fault-networks", power="supply.power")
+    assert {alarm.joint for alarm in alarms if alarm.active} == {3}
 
 
 def test_a_column_is_what_most_cycles_say():

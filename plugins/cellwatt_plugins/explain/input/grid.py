@@ -12,6 +12,7 @@ from scipy.ndimage import median_filter
 from cellwatt.arrays import Bool, Float
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.robot.meter.held import onto
+from cellwatt_plugins.robot.samples import most_points
 from cellwatt_plugins.robot.stretches import stretches
 
 LEAST_ROWS = 16
@@ -28,8 +29,6 @@ ABSURD = 1e9
 """No quantity of a robot is that large in any unit: the bytes were damaged."""
 EVEN = 0.02
 """Share of a step by which the times of an evenly sampled file may deviate."""
-LARGEST, SPARSE = 2_000_000, 20
-"""Samples of a grid, and samples per row: a grid that exceeds both consists mostly of a jump of the clock."""
 HOLE = 2.5
 """Distance of two rows, in steps, above which samples are missing between them."""
 GLITCH = 10.0
@@ -204,7 +203,7 @@ def _grid(place: str, time: Float) -> Float:
         return time
     middle = float(np.median(np.diff(time)))
     count = int((time[-1] - time[0]) / middle + 1e-6) + 1
-    if count > max(LARGEST, SPARSE * len(time)):
+    if count > most_points(len(time)):
         i = int(np.argmax(np.diff(time)))
         raise RecordingError(
             f"{place}: the time jumps from {time[i]:.3f} to {time[i + 1]:.3f} s in row {i + 2}: was the clock set? "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -29,21 +29,27 @@ class CycleAlarms:
     clear_after: int
     behind: float = 0.0
     _book: AlarmBook = field(default_factory=AlarmBook)
-    _early: set[str] = field(default_factory=set)
 
-    def take(self, cycle: CycleFinding, number: int, epoch: int) -> list[Alarm]:
-        """Return the alarms that change with the ``number``-th cycle, whose times are in s since ``epoch`` (ns)."""
+    def take(self, cycle: CycleFinding, number: int, epoch: int, *, matched: bool = True) -> list[Alarm]:
+        """Return the alarms that change with the ``number``-th cycle, whose times are in s since ``epoch`` (ns).
+
+        ``matched`` is false for motion that matches no known cycle, as after an aborted one, whose early alarms stay.
+        """
         start, end = epoch + _ns(cycle.start), epoch + _ns(cycle.end)
         new_task = f"{self.prefix}.{self.source}.new_task"
         if cycle.status == "new_task":
             text = "The arm runs a task that is not in the reference; it is not judged"
+            early = [alarm for alarm in self._up if matched and alarm.time > start]
+            out = [message for alarm in early for message in self._clear(alarm, start, end, number)]
             alarm = Alarm(new_task, "new_task", "info", True, start, end, text, self.source)
-            return self._book.raise_(alarm, update=False)
+            return out + self._book.raise_(alarm, update=False)
         out = self._book.clear(new_task, end, "Resolved: the arm runs as in the reference again")
-        found = self._alarms(cycle, epoch)
+        if not cycle.judged:
+            return out
+        found, others = self._alarms(cycle, epoch), self._up
         out += self._raise(found.values())
-        out += self._clear(found, end, number)
-        self._early.clear()
+        for alarm in others:
+            out += [] if alarm.id in found else self._clear(alarm, start, end, number)
         return out
 
     def take_early(self, cycle: CycleFinding, epoch: int) -> list[Alarm]:
@@ -51,29 +57,27 @@ class CycleAlarms:
 
         A fault is also taken as already reported if one of its alternatives has an active alarm.
         """
-        fresh = [alarm for alarm in self._alarms(cycle, epoch).values() if not self._is_up(alarm)]
-        self._early |= {alarm.id for alarm in fresh}
-        return self._raise(fresh)
+        return self._raise(alarm for alarm in self._alarms(cycle, epoch).values() if not self._is_up(alarm))
 
     def _is_up(self, alarm: Alarm) -> bool:
         joints = (alarm.joint or 0, *alarm.alternatives)
         return any(self._name(joint, alarm.kind) in self._book for joint in joints)
 
     def _raise(self, alarms: Iterable[Alarm]) -> list[Alarm]:
-        return [said for alarm in alarms for said in self._book.raise_(alarm)]
+        return [message for alarm in alarms for message in self._book.raise_(alarm)]
 
-    def _clear(self, found: Collection[str], time: int, number: int) -> list[Alarm]:
-        """Clear the alarms of faults not found in a cycle; those raised while this cycle ran are cleared at once."""
-        out: list[Alarm] = []
-        for alarm in [standing.alarm for standing in self._book.raised if standing.alarm.id not in found]:
-            who = f"joint {alarm.joint}" if alarm.joint else "the arm"
-            if alarm.id in self._early:
-                text = f"Withdrawn: the whole cycle is explained without this fault of {who}"
-                out += self._book.clear(alarm.id, time, text)
-            else:
-                text = f"Resolved: {who} has done {{times}} cycles without this fault, the last is number {number}"
-                out += self._book.clear(alarm.id, time, text, after=Patience(self.clear_after))
-        return out
+    def _clear(self, alarm: Alarm, start: int, time: int, number: int) -> list[Alarm]:
+        """Clear the alarm of a fault not found in a cycle: at once if raised while it ran, else after some cycles."""
+        who = f"joint {alarm.joint}" if alarm.joint else "the arm"
+        if alarm.time > start:
+            text = f"Withdrawn: the whole cycle is explained without this fault of {who}"
+            return self._book.clear(alarm.id, time, text)
+        text = f"Resolved: {who} has done {{times}} cycles without this fault, the last is number {number}"
+        return self._book.clear(alarm.id, time, text, after=Patience(self.clear_after))
+
+    @property
+    def _up(self) -> list[Alarm]:
+        return [standing.alarm for standing in self._book.raised]
 
     def _name(self, joint: int, kind: str) -> str:
         """Id of the alarm about a joint (1-based), or about an unknown joint if ``joint`` is 0."""
@@ -81,6 +85,7 @@ class CycleAlarms:
 
     def _alarms(self, cycle: CycleFinding, epoch: int) -> dict[str, Alarm]:
         """The alarms for the faults of a cycle, by id."""
+        delay = f" The power meter delays this alarm by {self.behind:.2f} s." if self.behind else ""
         alarms = [
             Alarm(
                 id=self._name(fault.joint, f"{fault.kind}_fault"),
@@ -89,7 +94,7 @@ class CycleAlarms:
                 active=True,
                 since=epoch + _ns(cycle.start),
                 time=epoch + _ns(cycle.end),
-                statement=fault.statement + self._delay,
+                statement=fault.statement + delay,
                 source=self.source,
                 joint=fault.joint or None,
                 alternatives=fault.alternatives,
@@ -106,10 +111,6 @@ class CycleAlarms:
             for fault in cycle.faults
         ]
         return {alarm.id: alarm for alarm in alarms}
-
-    @property
-    def _delay(self) -> str:
-        return f" The power meter delays this alarm by {self.behind:.2f} s." if self.behind else ""
 
 
 def _ns(seconds: float) -> int:

@@ -78,10 +78,10 @@ def part_effects(arm: FittedArm, load: Load, inside: Float) -> Iterator[Effect]:
     direction = centre / max(float(np.linalg.norm(centre)), 1e-9)
     moment = np.einsum("ij,ijk,k->i", load.lever, last[:, :, 1:4], direction)
     mass = PART * (np.einsum("ij,ij->i", load.lever, last[:, :, 0]) + REACH * moment)
-    place = PART * UNSURE * moment
+    distance = PART * UNSURE * moment
     for begin, end in combinations(range(inside.shape[1]), 2):
         held = inside[:, begin] - inside[:, end]
-        yield Effect("part", None, np.column_stack([mass, place]) * held[:, None])
+        yield Effect("part", None, np.column_stack([mass, distance]) * held[:, None])
 
 
 def warm_up(parameters: Parameters, load: Load) -> Float:

@@ -14,7 +14,7 @@ from cellwatt_plugins.faults.cycles.explain import WARM, BestExplanation, explai
 from cellwatt_plugins.faults.cycles.identify import FittedArm
 from cellwatt_plugins.faults.cycles.known import Known
 from cellwatt_plugins.faults.cycles.match import Match
-from cellwatt_plugins.faults.cycles.off_path import STOPPED, readings
+from cellwatt_plugins.faults.cycles.off_path import STOPPED, interpretations
 from cellwatt_plugins.faults.cycles.pattern import Pattern
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.samples import Samples, sample
@@ -73,31 +73,31 @@ def examine(recording: Recording, match: Match, known: Known, until: float = mat
     if samples is None:
         return None
     inside = _inside(pattern, samples.tau, until)
-    answers = [explain(arm, samples, r, inside, odds) for r in readings(recording, match, pattern, arm, samples)]
+    answers = [explain(arm, samples, r, inside, odds) for r in interpretations(recording, match, pattern, arm, samples)]
     temper = min(temper_of(answer.misfit) for answer in answers)
     weights = _weights(answers, temper, match.known)
     best = _most_likely(answers, weights)
-    part, left = 0.0, best.reading.residual
-    gone = samples.residual - best.reading.residual
+    chosen = best.interpretation
+    part, residual, gone = 0.0, chosen.residual, samples.residual - chosen.residual
     blames = [
         Blame(joint, cause, gone, sure := _stands(answers, weights, joint), (), sure)
-        for joint, cause in best.reading.causes
+        for joint, cause in chosen.causes
         if cause in STOPPED
     ]
     rivals = iter(best.rivals)
     for effect, sizes, watts in zip(best.effects, best.sizes, best.watts, strict=True):
-        left = left - watts
+        residual = residual - watts
         if effect.joint is None:
             part = PART * float(sizes[0])
             continue
         close = CLOSE if until == math.inf else CLOSE_YET
         blames.append(Blame(effect.joint, effect.what, watts, *_standing(next(rivals), effect.joint, temper, close)))
-    beside = BESIDE_STOPPED if best.reading.stopped else BESIDE
+    beside = BESIDE_STOPPED if chosen.stopped else BESIDE
     largest = max((np.abs(blame.watts).max() for blame in blames), default=0.0)
     named = tuple(b for b in blames if b.what in STOPPED or np.abs(b.watts).max() >= max(LEAST, beside * largest))
-    encoders = {j: 1.0 - _stands(answers, weights, j) for j, cause in best.reading.causes if cause not in STOPPED}
-    warm = _warm(arm, samples, best, left)
-    foreign = float(weights[[answer.reading.foreign for answer in answers]].sum() / weights.sum())
+    encoders = {j: 1.0 - _stands(answers, weights, j) for j, cause in chosen.causes if cause not in STOPPED}
+    warm = _warm(arm, samples, best, residual)
+    foreign = float(weights[[answer.interpretation.foreign for answer in answers]].sum() / weights.sum())
     return Verdict(samples.tau, samples.residual, samples.sigma, named, encoders, part, warm, best.misfit, foreign)
 
 
@@ -110,7 +110,7 @@ def _inside(pattern: Pattern, tau: Float, until: float) -> Float:
 
 def _weights(answers: Sequence[BestExplanation], temper: float, foreign: float) -> Float:
     """Probability of each explanation, up to a common factor; ``foreign``: log odds against another task."""
-    scores = np.array([answer.score(temper) - foreign * answer.reading.foreign for answer in answers])
+    scores = np.array([answer.score(temper) - foreign * answer.interpretation.foreign for answer in answers])
     return np.asarray(np.exp(scores - scores.max()))
 
 
@@ -118,15 +118,15 @@ def _most_likely(answers: Sequence[BestExplanation], weights: Float) -> BestExpl
     """The best explanation with the most likely set of joints that stand still, of whatever cause."""
     sums: dict[tuple[int, ...], float] = {}
     for answer, weight in zip(answers, weights, strict=True):
-        sums[answer.reading.stopped] = sums.get(answer.reading.stopped, 0.0) + float(weight)
+        sums[answer.interpretation.stopped] = sums.get(answer.interpretation.stopped, 0.0) + float(weight)
     stopped = max(sums, key=lambda joints: sums[joints])
-    standing = [k for k, answer in enumerate(answers) if answer.reading.stopped == stopped]
+    standing = [k for k, answer in enumerate(answers) if answer.interpretation.stopped == stopped]
     return answers[max(standing, key=lambda k: float(weights[k]))]
 
 
 def _stands(answers: Sequence[BestExplanation], weights: Float, joint: int) -> float:
     """Probability over all explanations that a joint stands still."""
-    stands = np.array([joint in a.reading.stopped for a in answers])
+    stands = np.array([joint in a.interpretation.stopped for a in answers])
     return float(weights[stands].sum() / weights.sum())
 
 
@@ -142,11 +142,11 @@ def _standing(
     return weights[joint] / every, close, 1.0 - weights[-1] / every
 
 
-def _warm(arm: FittedArm, samples: Samples, best: BestExplanation, left: Float) -> float:
+def _warm(arm: FittedArm, samples: Samples, best: BestExplanation, residual: Float) -> float:
     """Share by which the friction of all joints was higher; 0 if that is not certain."""
-    column = WARM * warm_up(arm.parameters, best.reading.load)
-    harmless = np.column_stack([samples.harmless, best.reading.doubt])
+    column = WARM * warm_up(arm.parameters, best.interpretation.load)
+    harmless = np.column_stack([samples.harmless, best.interpretation.doubt])
     white = Whitener.of(samples.sigma, harmless, samples.group)
-    found = fit(Products.of(white(column[:, None]), white(left)))
+    found = fit(Products.of(white(column[:, None]), white(residual)))
     size = float(found.coefficients[0])
     return WARM * size if abs(size) > CERTAIN * found.deviations[0] else 0.0

@@ -45,7 +45,7 @@ class BestExplanation:
     moved to each joint (0-based), and without it (-1); ``misfit``: residual variance relative to the noise.
     """
 
-    reading: Interpretation
+    interpretation: Interpretation
     effects: tuple[Effect, ...]
     sizes: tuple[Float, ...]
     watts: tuple[Float, ...]
@@ -74,28 +74,25 @@ def odds_of(rate: float) -> float:
 
 
 def explain(
-    arm: FittedArm, samples: Samples, reading: Interpretation, inside: Float, fault_odds: float = FAULT_ODDS
+    arm: FittedArm, samples: Samples, interpretation: Interpretation, inside: Float, fault_odds: float = FAULT_ODDS
 ) -> BestExplanation:
     """Explain the residual of one interpretation; ``inside`` (N, M + 1) is 1 for samples after each move's start."""
-    effects = [
-        e for j in range(arm.body.joints) if j not in reading.silent for e in joint_effects(arm, reading.load, j)
-    ]
-    effects += part_effects(arm, reading.load, inside)
-    shared = [samples.harmless, reading.doubt, WARM * warm_up(arm.parameters, reading.load)[:, None]]
+    load, shown = interpretation.load, [j for j in range(arm.body.joints) if j not in interpretation.silent]
+    effects = [effect for joint in shown for effect in joint_effects(arm, load, joint)]
+    effects += part_effects(arm, load, inside)
+    shared = [samples.harmless, interpretation.doubt, WARM * warm_up(arm.parameters, load)[:, None]]
     white = Whitener.of(samples.sigma, np.column_stack(shared), samples.group)
-    search = _Search(arm, reading, white, effects, MOST_FAULTS - len(reading.stopped), fault_odds)
+    search = _Search(arm, interpretation, white, effects, MOST_FAULTS - len(interpretation.stopped), fault_odds)
     best: tuple[int, ...] = ()
     while (better := search.extended(best)) is not None:
         best = search.settled(better)
     found = search.weighed(best)
     chosen = tuple(effects[k] for k in best)
     return BestExplanation(
-        reading=reading,
+        interpretation=interpretation,
         effects=chosen,
         sizes=found.sizes,
-        watts=tuple(
-            bend(arm.parameters, reading.load, (e,), (s,)).power for e, s in zip(chosen, found.sizes, strict=True)
-        ),
+        watts=tuple(bend(arm.parameters, load, (e,), (s,)).power for e, s in zip(chosen, found.sizes, strict=True)),
         likelihood=found.gain - 0.5 * float(search.residual @ search.residual) - 0.5 * white.log_det,
         odds=search.odds(best),
         rivals=tuple(search.rivals(best, k) for k in best if not effects[k].harmless),
@@ -109,15 +106,15 @@ class _Search:
     def __init__(
         self,
         arm: FittedArm,
-        reading: Interpretation,
+        interpretation: Interpretation,
         white: Whitener,
         effects: Sequence[Effect],
         room: int,
         fault_odds: float,
     ) -> None:
         self.effects, self.room, self._white, self._fault_odds = effects, room, white, fault_odds
-        self._parameters, self._load = arm.parameters, reading.load
-        self.residual = white(reading.residual)
+        self._parameters, self._load = arm.parameters, interpretation.load
+        self.residual = white(interpretation.residual)
         ends = np.cumsum([e.columns.shape[1] for e in effects])
         self._columns = [np.arange(end - e.columns.shape[1], end) for e, end in zip(effects, ends, strict=True)]
         self._straight = Products.of(white(np.column_stack([e.columns for e in effects])), self.residual)
@@ -159,8 +156,8 @@ class _Search:
     def settled(self, best: tuple[int, ...]) -> tuple[int, ...]:
         """Replace faults of a set one at a time by better ones, until none improves it."""
         for _ in range(MOST_FAULTS):
-            places = [k for k in best if not self.effects[k].harmless]
-            sets = {s for k in places for s in self._in_place(best, k)} | {best}
+            faults = [k for k in best if not self.effects[k].harmless]
+            sets = {s for k in faults for s in self._in_place(best, k)} | {best}
             top = max(sorted(sets), key=lambda chosen: self.gain(chosen) - self.odds(chosen))
             if top == best:
                 break

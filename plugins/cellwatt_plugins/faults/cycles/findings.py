@@ -71,6 +71,11 @@ class CycleFinding:
     note: str
     faults: tuple[FaultFinding, ...]
 
+    @property
+    def judged(self) -> bool:
+        """False if the cycle has too little power to be judged: it shows neither a fault nor that there is none."""
+        return self.note not in (NOT_JUDGED, TOO_SLOW)
+
 
 @dataclass(frozen=True)
 class Evidence:

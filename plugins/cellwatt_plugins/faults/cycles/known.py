@@ -75,9 +75,12 @@ def known_of(reference: Reference, path: Path, robot: Path, false_alarms: float 
     ``false_alarms`` is the accepted share of healthy intervals with a false alarm. Raises ``ModelError`` if the
     reference has no cycles or belongs to another arm.
     """
+    arm = Arm.load(robot)
+    if reference.robot not in (None, arm.name):
+        raise ModelError(f"reference {path}: is of robot {reference.robot}, {robot} describes {arm.name}")
     if reference.power_model is None or not reference.cycles:
         raise ModelError(f"reference {path}: has no cycles; learn it again with --robot {robot}")
-    known = restored(reference.power_model, reference.cycles, Arm.load(robot))
+    known = restored(reference.power_model, reference.cycles, arm)
     return replace(known, false_alarms=false_alarms)
 
 

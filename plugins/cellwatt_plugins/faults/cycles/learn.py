@@ -11,10 +11,10 @@ from cellwatt.arrays import Float
 from cellwatt.errors import ModelError
 from cellwatt_plugins.faults.cycles.loops import find_loops
 from cellwatt_plugins.faults.cycles.metering import power_through
-from cellwatt_plugins.faults.cycles.pattern import MARGIN, Pattern, timing, warp_of
+from cellwatt_plugins.faults.cycles.pattern import MARGIN, Pattern, Timing, timing, warp_of
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import Run, find_runs
-from cellwatt_plugins.faults.learn import by_speed
+from cellwatt_plugins.faults.learn import by_speed, over_cycles
 from cellwatt_plugins.robot.samples import interpolated
 
 STEP = 0.02
@@ -42,7 +42,7 @@ def learn_patterns(recording: Recording) -> list[Pattern]:
             fastest = patterns[first] if len(patterns) > first else pattern
             patterns.append(replace(pattern, speed=_speed(recording, group[0], fastest)))
     if not patterns:
-        raise ModelError("no task was seen three times or more: record more healthy cycles")
+        raise ModelError("no task was seen three times or more, twice at one speed: record more healthy cycles")
     return patterns
 
 
@@ -53,32 +53,29 @@ def _seconds(cycle: Sequence[Run]) -> float:
 
 def _speed(recording: Recording, cycle: Sequence[Run], fastest: Pattern) -> float:
     """Speed of a cycle relative to the pattern ``fastest``."""
-    joints = range(recording.joints)
-    times = [timing(fastest, m, recording, (run.first, run.last), joints) for m, run in enumerate(cycle)]
+    times = _timings(fastest, recording, cycle)
     shares = [(b - a) / (t.end - t.start) for (a, b), t in zip(fastest.moves, times, strict=True)]
     return round(float(np.median(shares)), 3)
+
+
+def _timings(pattern: Pattern, recording: Recording, cycle: Sequence[Run]) -> list[Timing]:
+    """When each move of a pattern was in a cycle, by all joints."""
+    spans = enumerate((run.first, run.last) for run in cycle)
+    return [timing(pattern, move, recording, span, range(recording.joints)) for move, span in spans]
 
 
 def _pattern(recording: Recording, group: Sequence[Sequence[Run]], task: str) -> Pattern:
     """Align the cycles with the one of median duration, and average them."""
     middle = sorted(group, key=lambda c: c[-1].last - c[0].first)[len(group) // 2]
     template = _cut(recording, middle, task)
-    joints = range(recording.joints)
-    warps = []
-    for cycle in group:
-        times = [timing(template, m, recording, (run.first, run.last), joints) for m, run in enumerate(cycle)]
-        warps.append(warp_of(template, list(enumerate(times))))
+    warps = [warp_of(template, list(enumerate(_timings(template, recording, cycle)))) for cycle in group]
     whens = [warp.to_recording(template.time) for warp in warps]
     position = np.mean([interpolated(when, recording.time, recording.position) for when in whens], axis=0)
     if recording.meter is not None and recording.readings is not None:
         power, spread = power_through(recording.meter, recording.readings, template, warps)
         template = replace(template, window=recording.meter.window)
     else:
-        watts = np.array([_power(template, recording, when) for when in whens])
-        if np.isnan(watts).all(axis=0).any():
-            raise ModelError("power is missing at the same point of every healthy cycle: check the recording")
-        power = np.nanmean(watts, axis=0)
-        spread = np.sqrt(np.nansum((watts - power) ** 2, axis=0) / max(1, len(warps) - 1))
+        power, spread = over_cycles(np.array([_power(template, recording, when) for when in whens]), "power is")
     rests = np.array([[run.after for run in cycle] for cycle in group])
     repeat = rests.std(axis=0, ddof=1).max(axis=0)
     return replace(template, cycles=len(warps), position=_smooth(position), power=power, spread=spread, repeat=repeat)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import takewhile
+from itertools import pairwise, takewhile
 
 import numpy as np
 
@@ -16,9 +16,10 @@ from cellwatt_plugins.faults.cycles.findings import CycleFinding, judge_begun, j
 from cellwatt_plugins.faults.cycles.known import Known
 from cellwatt_plugins.faults.cycles.match import Match, begun_cycle, find_cycles
 from cellwatt_plugins.faults.cycles.new_tasks import new_tasks
-from cellwatt_plugins.faults.cycles.recording import Recording
+from cellwatt_plugins.faults.cycles.recording import LONGEST_HOLE, Recording
 from cellwatt_plugins.faults.cycles.runs import Run, find_runs
 from cellwatt_plugins.faults.trace import Trace
+from cellwatt_plugins.robot.samples import interpolated
 
 REST = 0.5
 """Frames are judged once the arm has rested for this long, s …"""
@@ -38,15 +39,17 @@ MARGIN = 0.5
 PATIENCE = 3.0
 """Time for which frames that belong to no cycle are stored, in durations of the longest known cycle."""
 GAP = 2.5
-"""A hole in the positions longer than this many steps starts a new recording: no cycle spans it."""
+"""A hole in the positions is interpolated as in a recording, or up to this many steps; a longer one starts a new
+recording, and no cycle spans it."""
 
 
 @dataclass(frozen=True, slots=True)
 class CycleReport:
-    """Finding on a cycle that is ``over``, or the faults so far of a running one."""
+    """Finding on a cycle that is ``over``, or the faults so far of a running one; ``matched`` if it is a known one."""
 
     finding: CycleFinding
     over: bool
+    matched: bool = True
 
 
 class CycleWatch:
@@ -56,9 +59,11 @@ class CycleWatch:
     def __init__(self, known: Known, step: float) -> None:
         self._known, self._step = known, step
         longest = max(float(pattern.time[-1]) for pattern in known.patterns)
-        self._keep = PATIENCE * longest
+        self._keep, self._longest_hole = PATIENCE * longest, max(LONGEST_HOLE, GAP * step)
         self._looked, self._moved, self._fresh_move, self._due = -np.inf, False, False, np.inf
         self._seen = Recording(np.empty(0), np.empty((0, len(known.patterns[0].repeat))), np.empty(0), known.meter)
+        self._waiting = self._seen
+        """The last frame with all positions, which is in ``_seen``, too, and the frames after it."""
 
     @property
     def behind(self) -> float:
@@ -67,23 +72,45 @@ class CycleWatch:
 
     def feed(self, time: Float, position: Float, power: Float) -> list[CycleReport]:
         """Return the findings after n more frames: ``time`` (n,) s, ``position`` (n, joints) rad, ``power`` (n,) W."""
-        there = ~np.isnan(position).any(axis=1)
-        time, position, power = time[there], position[there], power[there]
+        time, position, power = self._bridged(time, position, power)
         size = max(1, round(PIECE / self._step))
-        pieces = [slice(begin, begin + size) for begin in range(0, len(time), size)]
+        edges = [0, *(np.flatnonzero(np.diff(time) > self._longest_hole) + 1).tolist(), len(time)]
+        pieces = [slice(a, min(a + size, end)) for begin, end in pairwise(edges) for a in range(begin, end, size)]
         return [
-            told
+            report
             for piece in steps(pieces, "judging stretch")
-            for told in self._take(time[piece], position[piece], power[piece])
+            for report in self._take(time[piece], position[piece], power[piece])
         ]
 
     def close(self) -> list[CycleReport]:
         """Return the findings at the end of the frames."""
         return self._look(ended=True)
 
+    def _bridged(self, time: Float, position: Float, power: Float) -> tuple[Float, Float, Float]:
+        """The new frames up to the last one with all positions, short holes interpolated; later frames wait."""
+        before = len(self._waiting.time) > 0
+        time = np.concatenate([self._waiting.time, time])
+        position = np.concatenate([self._waiting.position, position])
+        power = np.concatenate([self._waiting.power, power])
+        known = np.flatnonzero(~np.isnan(position).any(axis=1))
+        if not len(known):
+            return time[:0], position[:0], power[:0]
+        number = np.round((time - time[known[0]]) / self._step).astype(np.int64)
+        there = number[known]
+        count = np.diff(there)
+        count[count * self._step > self._longest_hole] = 1
+        begun = np.repeat(there[:-1] - np.cumsum(count) + count, count)
+        grid = np.append(begun + np.arange(len(begun)), there[-1])[before:]
+        row = np.searchsorted(number, grid)
+        late = time[-1] - time[known[-1]] > self._longest_hole
+        waiting = slice(known[-1], known[-1] + 1 if late else None)
+        self._waiting = replace(self._waiting, time=time[waiting], position=position[waiting], power=power[waiting])
+        columns = interpolated(grid, there, np.column_stack([time[known], position[known]]))
+        return columns[:, 0], columns[:, 1:], np.where(number[row] == grid, power[row], np.nan)
+
     def _take(self, time: Float, position: Float, power: Float) -> list[CycleReport]:
         found: list[CycleReport] = []
-        if len(self._seen.time) and time[0] - self._seen.time[-1] > GAP * self._step:
+        if len(self._seen.time) and time[0] - self._seen.time[-1] > self._longest_hole:
             found = self._look(ended=True)
             self._forget()
         self._seen = replace(
@@ -152,12 +179,12 @@ class CycleWatch:
             self._drop(runs[0].first - self._margin if runs else len(recording.time) - self._margin)
             return []
         strange = new_tasks(runs[: last + 1], over, self._known.patterns)
-        found = [judge_cycle(recording, m, self._known)[0] for m in over]
-        found += [stranger(recording, runs[first : end + 1]) for first, end in strange]
+        found = [CycleReport(judge_cycle(recording, m, self._known)[0], over=True) for m in over]
+        found += [CycleReport(stranger(recording, runs[a : b + 1]), over=True, matched=False) for a, b in strange]
         # Discard the reported runs completely, so that no remainder is found as a run again.
         following = runs[last + 1].first if last + 1 < len(runs) else len(recording.time)
         self._drop(max(runs[last].last, following - self._margin))
-        return [CycleReport(finding, over=True) for finding in sorted(found, key=lambda finding: finding.start)]
+        return sorted(found, key=lambda report: report.finding.start)
 
     def _is_over(self, match: Match, runs: list[Run]) -> bool:
         """True if a cycle is complete; a last move that the encoders do not show may still follow."""
@@ -172,8 +199,8 @@ class CycleWatch:
 
     def _drop(self, before: int) -> None:
         """Discard frames before the sample with index ``before``."""
-        kept, seen = slice(max(0, before), None), self._seen
-        self._seen = replace(seen, time=seen.time[kept], position=seen.position[kept], power=seen.power[kept])
+        rows, seen = slice(max(0, before), None), self._seen
+        self._seen = replace(seen, time=seen.time[rows], position=seen.position[rows], power=seen.power[rows])
 
 
 class CycleStage:
@@ -191,19 +218,18 @@ class CycleStage:
             return []
         if self._epoch is None:
             self._epoch = int(block.time[0])
-        told = self._watch.feed(block.since(self._epoch), block.position, block.power)
-        return self._alarmed(told, self._epoch)
+        return self._alarmed(self._watch.feed(block.since(self._epoch), block.position, block.power), self._epoch)
 
     def close(self) -> list[Alarm]:
         """Return the alarms that changed at the end of the frames."""
         return [] if self._epoch is None else self._alarmed(self._watch.close(), self._epoch)
 
-    def _alarmed(self, told: Sequence[CycleReport], epoch: int) -> list[Alarm]:
+    def _alarmed(self, reports: Sequence[CycleReport], epoch: int) -> list[Alarm]:
         out: list[Alarm] = []
-        for cycle in told:
-            self._count += cycle.over
-            if cycle.over:
-                out += self._alarms.take(cycle.finding, self._count, epoch)
+        for report in reports:
+            self._count += report.over
+            if report.over:
+                out += self._alarms.take(report.finding, self._count, epoch, matched=report.matched)
             else:
-                out += self._alarms.take_early(cycle.finding, epoch)
+                out += self._alarms.take_early(report.finding, epoch)
         return out

@@ -50,9 +50,9 @@ def closed_spans(runs: Sequence[Run], fewest: int) -> list[tuple[int, int]]:
 
 def _spans(tokens: Sequence[Token], offset: int, fewest: int) -> list[tuple[int, int]]:
     """The turns of the longest loop, and of the loops before and after it."""
-    left = {before: a for a, (before, _) in reversed(list(enumerate(tokens)))}
+    first_from = {before: a for a, (before, _) in reversed(list(enumerate(tokens)))}
     reached = {after: b for b, (_, after) in enumerate(tokens)}
-    closed = [(a, reached[pose]) for pose, a in left.items() if reached.get(pose, -1) - a + 1 >= fewest]
+    closed = [(a, reached[pose]) for pose, a in first_from.items() if reached.get(pose, -1) - a + 1 >= fewest]
     if not closed:
         return []
     first, last = max(closed, key=lambda span: (span[1] - span[0], -span[0]))
@@ -80,24 +80,24 @@ def _node(poses: list[Float], pose: Float) -> int:
 
 def _best(tokens: Sequence[Token], free: NDArray[np.bool_], runs: Sequence[Run]) -> Loop | None:
     """The loop that covers most runs; among equals, the one with the longest rests before it."""
-    places: dict[tuple[Token, ...], list[int]] = defaultdict(list)
+    starts: dict[tuple[Token, ...], list[int]] = defaultdict(list)
     for start in range(len(tokens)):
         for end in range(start + 2, min(start + LONGEST, len(tokens)) + 1):
             if not free[end - 1] or not free[start] or tokens[end - 2][1] != tokens[end - 1][0]:
                 break
             moves = tuple(tokens[start:end])
-            if moves[0][0] == moves[-1][1] and (not places[moves] or start >= places[moves][-1] + len(moves)):
-                places[moves].append(start)
-    loops = [Loop(m, tuple(s)) for m, s in places.items() if len(s) >= FEWEST and _primitive(m)]
+            if moves[0][0] == moves[-1][1] and (not starts[moves] or start >= starts[moves][-1] + len(moves)):
+                starts[moves].append(start)
+    loops = [Loop(m, tuple(s)) for m, s in starts.items() if len(s) >= FEWEST and _primitive(m)]
     loops.sort(key=lambda loop: (len(loop.moves) * len(loop.starts), _rest_before(loop, runs)), reverse=True)
-    return next((loop for loop in loops if not _compound(loop, places)), None)
+    return next((loop for loop in loops if not _compound(loop, starts)), None)
 
 
-def _compound(loop: Loop, places: Mapping[tuple[Token, ...], Sequence[int]]) -> bool:
+def _compound(loop: Loop, starts: Mapping[tuple[Token, ...], Sequence[int]]) -> bool:
     """True if a loop contains a shorter one that also occurs alone: it is then several tasks in sequence."""
     n = len(loop.moves)
     inner = Counter(loop.moves[a:b] for a in range(n) for b in range(a + 2, n + 1) if b - a < n)
-    return any(len(places.get(part, ())) - times * len(loop.starts) >= FEWEST for part, times in inner.items())
+    return any(len(starts.get(part, ())) - times * len(loop.starts) >= FEWEST for part, times in inner.items())
 
 
 def _primitive(moves: tuple[Token, ...]) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,12 +34,33 @@ def known_odds(seen: Sequence[tuple[int, Run, Run]], pattern: Pattern, odd: Sequ
         return 0.0
     if len(seen) > 1 + len(odd):
         return FOREIGN_ODDS
-    off, company = False, 1 - len(odd)
-    for move, first, last in seen:
-        missed = np.maximum(np.abs(first.before - pattern.poses[0][move]), np.abs(last.after - pattern.poses[1][move]))
-        off = off or bool(np.any((missed > pattern.limits)[list(odd)]))
-        company += off * int(np.sum(np.delete(pattern.ways[move], odd) > WAY))
+    off = np.logical_or.accumulate(_missed(seen, pattern)[:, list(odd)].any(axis=1))
+    on_path = np.delete(pattern.ways[[move for move, _, _ in seen]], odd, axis=1) > WAY
+    company = 1 - len(odd) + int(on_path[off].sum())
     return min(FOREIGN_ODDS, COINCIDENCE * max(0, company))
+
+
+def _missed(seen: Sequence[tuple[int, Run, Run]], pattern: Pattern) -> NDArray[np.bool_]:
+    """True (k, n) for each joint that begins or ends a seen move off its pose in the pattern."""
+    moves = [move for move, _, _ in seen]
+    before = np.abs(np.array([first.before for _, first, _ in seen]) - pattern.poses[0][moves])
+    after = np.abs(np.array([last.after for _, _, last in seen]) - pattern.poses[1][moves])
+    return np.asarray(np.maximum(before, after) > pattern.limits)
+
+
+def _off_path(seen: Sequence[tuple[int, Run, Run]], pattern: Pattern, unknown: NDArray[np.bool_] | None) -> set[int]:
+    """Joints (0-based) that miss a pose, or a move between two seen ones that no hole of the recording hides.
+
+    Nothing shows that another joint left its path: the recording or the arm began, or stopped, within the cycle.
+    """
+    skipped = [
+        move
+        for (before, _, one), (after, other, _) in pairwise(seen)
+        if unknown is None or not unknown[one.last : other.first].any()
+        for move in range(before + 1, after)
+    ]
+    off = _missed(seen, pattern).any(axis=0) | (pattern.ways[skipped] > WAY).any(axis=0)
+    return set(np.flatnonzero(off).tolist())
 
 
 def _right_again(seen: Sequence[tuple[int, Run, Run]], pattern: Pattern, joint: int) -> bool:
@@ -193,7 +214,7 @@ def _walk(runs: Sequence[Run], pattern: Pattern, at: int, odd: Sequence[int], *,
     for move in range(len(shown)):
         if at == len(runs) and not whole:
             break
-        begins = at < len(runs) and _is(runs[at].before[keep], before[move], limit)
+        begins = at < len(runs) and runs[at].whole and _is(runs[at].before[keep], before[move], limit)
         still = begins and _is(runs[at].before[keep], runs[at].after[keep], limit)
         if not shown[move]:
             alone = _alone(runs[at], pattern, move, shares) if still else ()
@@ -212,8 +233,8 @@ def _walk(runs: Sequence[Run], pattern: Pattern, at: int, odd: Sequence[int], *,
 
 def _without(steps: Sequence[_Step], joints: Collection[int]) -> list[_Step]:
     """The steps without timing by ``joints``; steps shown only by these become unseen."""
-    left = [(step, tuple(joint for joint in step.joints if joint not in joints)) for step in steps]
-    return [replace(step, runs=step.runs if rest else None, joints=rest) for step, rest in left]
+    remaining = [(step, tuple(joint for joint in step.joints if joint not in joints)) for step in steps]
+    return [replace(step, runs=step.runs if rest else None, joints=rest) for step, rest in remaining]
 
 
 def _stirs(run: Run, pattern: Pattern, move: int, odd: Sequence[int]) -> bool:
@@ -240,7 +261,7 @@ def _end(runs: Sequence[Run], at: int, keep: NDArray[np.intp], after: Float, lim
     """The run that ends a move begun with run ``at``: the same one, or the next if the move was interrupted."""
     if at < len(runs) and _is(runs[at].after[keep], after, limit):
         return at
-    if at + 1 >= len(runs):
+    if at + 1 >= len(runs) or not runs[at + 1].whole:
         return None
     on = runs[at + 1]
     goes_on = _is(runs[at].after[keep], on.before[keep], limit) and not _is(on.before[keep], on.after[keep], limit)
@@ -254,7 +275,10 @@ def _is(pose: Float, other: Float, limit: Float) -> bool:
 def _timed(
     recording: Recording, runs: Sequence[Run], pattern: Pattern, index: int, steps: Sequence[_Step], odd: Sequence[int]
 ) -> Match | None:
-    """The match with its time map; None if its pace is out of range."""
+    """The match with its time map; None if its pace is out of range or a joint of ``odd`` is not off its path."""
+    seen = [(step.move, runs[step.runs[0]], runs[step.runs[1]]) for step in steps if step.runs is not None]
+    if not _off_path(seen, pattern, recording.unknown) >= set(odd):
+        return None
     timings: list[tuple[int, Timing]] = []
     broken: list[int] = []
     unseen = [step.move for step in steps if step.runs is None]
@@ -266,26 +290,25 @@ def _timed(
         if found.error > EVEN_ALONE and set(step.joints) <= set(odd):
             unseen.append(step.move)
             continue
-        timings.append((step.move, found))
         if last > first or found.error > EVEN:
             broken.append(step.move)
-    paces = [_length(pattern, m) / (t.end - t.start) for m, t in timings if m not in broken and t.end > t.start]
+            # No line fits the path of a move with a stop: its edges are those of its runs.
+            begin, end = recording.time[[runs[first].first, runs[last].last]].tolist()
+            found = Timing(begin, end, found.error)
+        timings.append((step.move, found))
+    lengths = np.ptp(pattern.moves, axis=1).tolist()
+    paces = [lengths[m] / (t.end - t.start) for m, t in timings if m not in broken and t.end > t.start]
     if not paces or not all(SLOWEST < p < FASTEST for p in paces):
         return None
-    seen = [step.runs for step in steps if step.runs is not None]
+    spans = [step.runs for step in steps if step.runs is not None]
     return Match(
         pattern=index,
-        first=seen[0][0],
-        last=seen[-1][1],
+        first=spans[0][0],
+        last=spans[-1][1],
         odd=tuple(odd),
         warp=warp_of(pattern, timings),
         unseen=tuple(unseen),
         broken=tuple(broken),
         pace=float(np.median(paces)),
-        known=known_odds([(s.move, runs[s.runs[0]], runs[s.runs[1]]) for s in steps if s.runs], pattern, odd),
+        known=known_odds(seen, pattern, odd),
     )
-
-
-def _length(pattern: Pattern, move: int) -> float:
-    start, end = pattern.moves[move]
-    return end - start

@@ -56,17 +56,17 @@ def power_through(meter: Meter, readings: Readings, pattern: Pattern, warps: Seq
     count = len(pattern.time)
     rough = diags_array([1.0, -2.0, 1.0], offsets=[0, 1, 2], shape=(count - 2, count))
     bend = csr_array(rough.T @ rough)
-    left = {}
+    errors = {}
     for stiffness in STIFFNESS:
         parts = []
         for out, (matrix, value) in enumerate(cycles):
             others = [each for k, each in enumerate(cycles) if k != out] or cycles
             parts.append(value - matrix @ _solved(others, stiffness * bend))
-        left[stiffness] = np.concatenate(parts)
-    best = min(left, key=lambda stiffness: float(np.mean(left[stiffness] ** 2)))
+        errors[stiffness] = np.concatenate(parts)
+    best = min(errors, key=lambda stiffness: float(np.mean(errors[stiffness] ** 2)))
     middle = np.concatenate([matrix @ pattern.time for matrix, _ in cycles])
     near = np.exp(-0.5 * ((pattern.time[:, None] - middle) / (NEAR / 2)) ** 2)
-    spread = np.sqrt(near @ left[best] ** 2 / np.maximum(near.sum(axis=1), 1e-9))
+    spread = np.sqrt(near @ errors[best] ** 2 / np.maximum(near.sum(axis=1), 1e-9))
     return _solved(cycles, best * bend), spread
 
 

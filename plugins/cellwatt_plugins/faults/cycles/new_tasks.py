@@ -24,7 +24,7 @@ def new_tasks(runs: Sequence[Run], matches: Sequence[Match], patterns: Sequence[
     begins = [0, *(match.last + 1 for match in matches)]
     for first, end in zip(begins, [*(match.first for match in matches), len(runs)], strict=True):
         group = runs[first:end]
-        if sum(not _known(run, patterns) for run in group) < FEWEST:
+        if sum(run.whole and not _known(run, patterns) for run in group) < FEWEST:
             continue
         spans = closed_spans(group, FEWEST) or [(0, len(group) - 1)]
         out += [(first + a, first + b) for a, b in spans]

@@ -72,7 +72,7 @@ class Interpretation:
         return any(cause == "moved" for _, cause in self.causes)
 
 
-def readings(
+def interpretations(
     recording: Recording, match: Match, pattern: Pattern, arm: FittedArm, samples: Samples
 ) -> Iterator[Interpretation]:
     """Every combination of causes, and, if a joint moves along another path, a healthy cycle of another task."""
@@ -91,13 +91,14 @@ def readings(
             vague.append(LEAST_KNOWN * share[:, None] / max(float(np.abs(share).max()), 1e-9))
         else:
             elsewhere = elsewhere or _goes_elsewhere(recording, match, pattern, joint, float(samples.tau[-1]))
+    doubt = np.column_stack(vague)
     for causes in product(*options):
-        yield replace(_reading(recording, arm, samples, causes, np.column_stack(vague)), silent=tuple(silent))
+        yield replace(_interpretation(recording, arm, samples, causes, doubt), silent=tuple(silent))
     if elsewhere:
-        yield _reading(recording, arm, samples, [(joint, "moved") for joint in match.odd], np.column_stack(vague))
+        yield _interpretation(recording, arm, samples, [(joint, "moved") for joint in match.odd], doubt)
 
 
-def _reading(
+def _interpretation(
     recording: Recording, arm: FittedArm, samples: Samples, causes: Sequence[tuple[int, Cause]], vague: Float
 ) -> Interpretation:
     """The residual if stopped joints stay at their start position and moved joints follow their encoders."""

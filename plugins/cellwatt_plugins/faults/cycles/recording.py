@@ -86,7 +86,7 @@ def recording_of(blocks: Sequence[Frames], arm: str | None, power: str) -> Recor
         raise RecordingError("no position of all joints in these recordings")
     there = time[known]
     bridged = [np.interp(grid, there, column[known]) for column in positions.T]
-    watts = np.where(time[row] == grid, values[row, layout.index(power)], np.nan)
+    watts = np.where(time[row] == grid, values[row, layout.index(power, "W")], np.nan)
     after = np.clip(np.searchsorted(there, grid), 1, len(there) - 1)
     inside = (grid > there[after - 1]) & (grid < there[after])
     unknown = inside & (np.diff(there)[after - 1] > LONGEST_HOLE * 1e9)

@@ -38,22 +38,23 @@ class Run:
     last: int
     before: Float
     after: Float
+    whole: bool = True
+    """False if the recording, or a hole in it, begins or ends within the motion."""
 
 
 def find_runs(recording: Recording) -> list[Run]:
     """Every run of motion, in order."""
     step = recording.step
-    jumped = jumps(recording.position)
     smooth = without_jumps(recording.position)
-    broken = np.flatnonzero(jumped.any(axis=1))
+    unknown = np.zeros(len(smooth), bool) if recording.unknown is None else recording.unknown
+    broken = np.flatnonzero(jumps(recording.position).any(axis=1) | unknown[1:] | unknown[:-1])
     half = max(1, round(WINDOW / 2 / step))
-    speed = np.zeros_like(smooth)
+    speed, measured = np.zeros_like(smooth), np.zeros(len(smooth), bool)
     speed[half:-half] = (smooth[2 * half :] - smooth[: -2 * half]) / (2 * half * step)
+    holes = np.concatenate([[0], np.cumsum(unknown)])
+    measured[half:-half] = holes[2 * half + 1 :] == holes[: -2 * half - 1]
     limit: Float = np.maximum(MOVING, NOISE * white_noise(smooth, 4) * math.sqrt(2) / (2 * half * step))
-    moving = np.asarray(np.any(np.abs(speed) > limit, axis=1))
-    if (unknown := recording.unknown) is not None:
-        broken = np.union1d(broken, np.flatnonzero(unknown[1:] | unknown[:-1]))
-        moving &= np.convolve(unknown, np.ones(2 * half + 1), "same") == 0  # a speed uses half a window on each side
+    moving = np.any(np.abs(speed) > limit, axis=1) & measured
     spans = _spans(moving, max(1, round(SHORTEST_REST / step)))
     settled = max(1, round(SETTLED / step))
     out = []
@@ -66,7 +67,7 @@ def find_runs(recording: Recording) -> list[Run]:
         after = np.median(recording.position[min(last, high) : high + 1], axis=0)
         way = np.ptp(smooth[first : last + 1], axis=0).max()
         if (last - first) * step >= SHORTEST_RUN and way > LEAST_WAY:
-            out.append(Run(first, last, before, after))
+            out.append(Run(first, last, before, after, bool(measured[first - 1] and measured[last + 1])))
     return out
 
 

@@ -58,7 +58,7 @@ def weigh(
     cuts: list[int] = np.cumsum(widths)[:-1].tolist()
     sizes = tuple(np.zeros(width) for width in widths)
     count = sum(widths)
-    gain = left = 0.0
+    gain = misfit = 0.0
     for _ in range(rounds):
         bent = bend(parameters, load, effects, sizes)
         columns = white(np.column_stack([bent.slope, bent.doubt]))
@@ -66,12 +66,12 @@ def weigh(
         found = fit(Products.of(columns, flat))
         gain = found.evidence + 0.5 * float(residual @ residual - flat @ flat)
         rest = flat - columns @ found.coefficients
-        left = float(rest @ rest)
+        misfit = float(rest @ rest)
         moved = float(np.abs(found.coefficients[:count] - np.concatenate(sizes)).max())
         sizes = tuple(np.split(found.coefficients[:count], cuts))
         if moved < SETTLED * float(np.abs(found.coefficients[:count]).max()):
             break
-    return Weighed(gain, sizes, left)
+    return Weighed(gain, sizes, misfit)
 
 
 def fit(products: Products) -> Fit:

@@ -39,29 +39,29 @@ class IntervalAlarms:
     clear_after: int = 3
     _book: AlarmBook = field(default_factory=AlarmBook)
     _codes: dict[tuple[int, int], Finding] = field(default_factory=dict)
-    _said: set[str] = field(default_factory=set)
+    _reported: set[str] = field(default_factory=set)
     _unknown: int = 0
 
     def take(self, finding: Finding, *, final: bool) -> list[Alarm]:
         """Return the alarms that change with a finding; ``final`` is false while its interval still runs."""
         out = self._withdraw(finding) if final else []
-        if finding.place is None:
+        if finding.key is None:
             self._unknown += 1
             if self._unknown >= UNKNOWN:
                 text = "The arm runs a task that is not in the reference; it is not judged"
-                out += self._say("new_task", finding, text)
+                out += self._report_once("new_task", finding, text)
             return out
         self._unknown = 0
         if finding.course == "other_speed":
-            task = self.reference.tasks[finding.place.task].name
+            task = self.reference.tasks[finding.key.task].name
             text = f"{task} runs at a speed that is not in the reference; it is not judged at this speed"
-            return [*out, *self._say("new_speed", finding, text)]
+            return [*out, *self._report_once("new_speed", finding, text)]
         if final and finding.course == "follows":
             out += self._known_again(finding)
         for joint, verdict in finding.verdicts.items():
             out += self._encoder(joint, verdict, finding)
         if finding.code is not None:
-            self._codes[finding.place.task, finding.place.index] = finding
+            self._codes[finding.key.task, finding.key.index] = finding
             out += self._joints(finding)
         if final:
             out += self._count_clean(finding)
@@ -110,8 +110,8 @@ class IntervalAlarms:
 
     def _blamed(self, finding: Finding) -> list[Suspect]:
         """The joints that explain the newest codes of the task's intervals, from the first deviation on."""
-        assert finding.place is not None
-        known = [f for (task, _), f in self._codes.items() if task == finding.place.task]
+        assert finding.key is not None
+        known = [f for (task, _), f in self._codes.items() if task == finding.key.task]
         begun = min((f.interval.start for f in known if f.code), default=0)
         known = [f for f in known if f.interval.start >= begun]
         codes = np.array([f.code for f in known], dtype=np.int8)
@@ -125,10 +125,10 @@ class IntervalAlarms:
 
     def _moving(self, finding: Finding) -> tuple[int, ...]:
         """The joints that move in the reference interval of a finding."""
-        place = finding.place
-        if place is None:
+        key = finding.key
+        if key is None:
             return ()
-        return self.reference.tasks[place.task].variants[place.variant].intervals[place.index].moving
+        return self.reference.tasks[key.task].variants[key.variant].intervals[key.index].moving
 
     def _raise(
         self, joint: int, kind: str, finding: Finding, alternatives: tuple[int, ...], score: float | None = None
@@ -137,12 +137,12 @@ class IntervalAlarms:
 
         The statement does not change: a spring increases the power in one interval and reduces it in the next.
         """
-        assert finding.place is not None
-        name, task = self._name(kind, joint), self.reference.tasks[finding.place.task]
+        assert finding.key is not None
+        name, task = self._name(kind, joint), self.reference.tasks[finding.key.task]
         evidence = {
             "task": task.name,
-            "speed": task.variants[finding.place.variant].speed,
-            "task_interval": finding.place.index + 1,
+            "speed": task.variants[finding.key.variant].speed,
+            "task_interval": finding.key.index + 1,
             **finding.evidence,
             **({} if score is None else {"score": round(score, 2)}),
         }
@@ -150,9 +150,8 @@ class IntervalAlarms:
         same = before is not None and before.alternatives == alternatives
         text = before.statement if before and same else _statement(joint, kind, alternatives, evidence)
         number, since, time = finding.interval.number, finding.since, finding.time
-        alarm = Alarm(
-            name, kind, "error", True, since, time, text, self.source, joint, alternatives, number, evidence=evidence
-        )
+        about = self.source, joint, alternatives, number, evidence
+        alarm = Alarm(name, kind, "error", True, since, time, text, *about)
         return self._book.raise_(alarm, update=not (before and same and before.interval == number))
 
     def _count_clean(self, finding: Finding) -> list[Alarm]:
@@ -164,20 +163,18 @@ class IntervalAlarms:
             assert alarm.joint is not None
             clean = finding.code == 0 if by_power else alarm.joint in finding.clean
             if alarm.joint in self._moving(finding) and clean:
-                patience = self.clear_after * (PATIENCE if by_power and self._still(alarm.joint) else 1)
+                # By power, an interval in which the joint moves may have deviated in its latest run.
+                still = by_power and any(f.code and alarm.joint in self._moving(f) for f in self._codes.values())
+                patience = self.clear_after * (PATIENCE if still else 1)
                 out += self._clear([alarm], finding, text, Patience(patience))
         return out
-
-    def _still(self, joint: int) -> bool:
-        """True if any interval in which the joint moves deviated in its latest run."""
-        return any(f.code and joint in self._moving(f) for f in self._codes.values())
 
     def _clear(self, alarms: Sequence[Alarm], finding: Finding, text: str, after: Patience = AT_ONCE) -> list[Alarm]:
         out: list[Alarm] = []
         number = finding.interval.number
         for alarm in alarms:
-            said = text.replace("{joint}", str(alarm.joint))
-            over = self._book.clear(alarm.id, finding.time, said, after=after, interval=number)
+            words = text.replace("{joint}", str(alarm.joint))
+            over = self._book.clear(alarm.id, finding.time, words, after=after, interval=number)
             if over and alarm.kind == "joint_fault" and finding.code == 0:
                 self._codes = {k: f for k, f in self._codes.items() if not (f.code and alarm.joint in self._moving(f))}
             out += over
@@ -193,11 +190,11 @@ class IntervalAlarms:
         about = "" if joint is None else f"joint_{joint}."
         return f"{self.prefix}.{self.source}.{about}{kind}"
 
-    def _say(self, kind: str, finding: Finding, statement: str) -> list[Alarm]:
+    def _report_once(self, kind: str, finding: Finding, statement: str) -> list[Alarm]:
         """Report information once."""
-        if kind in self._said:
+        if kind in self._reported:
             return []
-        self._said.add(kind)
+        self._reported.add(kind)
         number, since, time = finding.interval.number, finding.since, finding.time
         name, source = self._name(kind), self.source
         return self._book.raise_(Alarm(name, kind, "info", True, since, time, statement, source, interval=number))
@@ -205,7 +202,7 @@ class IntervalAlarms:
     def _known_again(self, finding: Finding) -> list[Alarm]:
         """Clear the notices, as the arm runs a task of the reference again."""
         text = "Resolved: the arm runs as in the reference again"
-        return [a for kind in sorted(self._said) for a in self._book.clear(self._name(kind), finding.time, text)]
+        return [a for kind in sorted(self._reported) for a in self._book.clear(self._name(kind), finding.time, text)]
 
 
 def _statement(joint: int, kind: str, alternatives: tuple[int, ...], evidence: dict[str, Any]) -> str:

@@ -35,7 +35,7 @@ class Match:
     reference intervals between the last recognised one and this one (``None``: no sequence).
     """
 
-    place: IntervalKey
+    key: IntervalKey
     foreign: int
     displaced: int
     skipped: int | None
@@ -49,25 +49,25 @@ class Follower:
     last: IntervalKey | None = None
 
     def __post_init__(self) -> None:
-        self._places = [
+        self._keys = [
             IntervalKey(i, k, index)
             for i, task in enumerate(self.reference.tasks)
             for k, variant in enumerate(task.variants)
             for index in range(len(variant.intervals))
         ]
-        self._poses = np.array([self[place].pose for place in self._places])
-        self._moving = np.array([self._set(self[place].moving) for place in self._places])
+        self._poses = np.array([self[key].pose for key in self._keys])
+        self._moving = np.array([self._set(self[key].moving) for key in self._keys])
 
-    def __getitem__(self, place: IntervalKey) -> ReferenceInterval:
-        return self.reference.tasks[place.task].variants[place.variant].intervals[place.index]
+    def __getitem__(self, key: IntervalKey) -> ReferenceInterval:
+        return self.reference.tasks[key.task].variants[key.variant].intervals[key.index]
 
     def _set(self, joints: Sequence[int]) -> list[bool]:
         return [joint in joints for joint in range(1, self.reference.joints + 1)]
 
-    def after(self, place: IntervalKey, steps: int = 1) -> IntervalKey:
+    def after(self, key: IntervalKey, steps: int = 1) -> IntervalKey:
         """The interval ``steps`` later in the same task, which repeats."""
-        length = len(self.reference.tasks[place.task].variants[place.variant].intervals)
-        return IntervalKey(place.task, place.variant, (place.index + steps) % length)
+        length = len(self.reference.tasks[key.task].variants[key.variant].intervals)
+        return IntervalKey(key.task, key.variant, (key.index + steps) % length)
 
     def best(self, interval: Interval, trace: Trace) -> Match | None:
         """The most likely match of an open or closed interval; ``None`` if no reference interval matches."""
@@ -78,23 +78,23 @@ class Follower:
         foreign = (self._moving ^ np.array(self._set(interval.moving))).sum(axis=1)
         displaced = (np.abs(self._poses - np.asarray(interval.pose)) > POSE).sum(axis=1)
         for k in np.flatnonzero((foreign <= 1) & (displaced <= 2)).tolist():
-            skipped = self._skipped(self._places[k])
+            skipped = self._skipped(self._keys[k])
             most = 2 if foreign[k] == 0 and skipped is not None else 1
             if displaced[k] <= most and (foreign[k] == 0 or skipped == 0):
-                yield Match(self._places[k], int(foreign[k]), int(displaced[k]), skipped)
+                yield Match(self._keys[k], int(foreign[k]), int(displaced[k]), skipped)
 
-    def _skipped(self, place: IntervalKey) -> int | None:
+    def _skipped(self, key: IntervalKey) -> int | None:
         """0 for the interval after the last, 1 if one was skipped, at any speed of the same task; else ``None``."""
-        if self.last is None or self.last.task != place.task:
+        if self.last is None or self.last.task != key.task:
             return None
         for skipped in (0, 1):
-            if self.after(IntervalKey(place.task, place.variant, self.last.index), skipped + 1) == place:
+            if self.after(IntervalKey(key.task, key.variant, self.last.index), skipped + 1) == key:
                 return skipped
         return None
 
     def _misfit(self, match: Match, interval: Interval, trace: Trace) -> float:
         """Cost of a match: 1 per displaced joint (2 out of sequence), 2 per foreign joint, plus path and order."""
-        reference = self[match.place]
+        reference = self[match.key]
         so_far = trace.between(interval.start, interval.end)
         t = so_far.since(interval.start)
         errors = [

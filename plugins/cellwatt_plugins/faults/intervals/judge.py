@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -42,13 +42,13 @@ class Rules:
 class Finding:
     """Finding on one interval.
 
-    ``place`` is ``None`` if the interval is not in the reference. ``code`` is the code of equation (20) for power
+    ``key`` is ``None`` if the interval is not in the reference. ``code`` is the code of equation (20) for power
     while the motion follows the reference, ``None`` if power could not be judged. ``verdicts`` are for joints whose
     encoder deviates; ``clean`` are joints whose encoder agrees. ``since`` and ``time`` in ns.
     """
 
     interval: Interval
-    place: IntervalKey | None
+    key: IntervalKey | None
     course: Course
     since: int
     time: int
@@ -64,7 +64,7 @@ class _Doubt:
     """Joints whose encoder deviated in an interval; the following interval decides whether they are faulty."""
 
     interval: Interval
-    place: IntervalKey
+    key: IntervalKey
     joints: tuple[int, ...]
     power_outside: bool
     interrupted: bool
@@ -86,7 +86,7 @@ class Judge:
         match = self.follower.best(so_far, trace)
         if match is None or match.foreign or match.displaced or not interval.complete:
             return None
-        reference = self.follower[match.place]
+        reference = self.follower[match.key]
         comparison = self._compare(reference, interval, trace.between(0, now))
         finding = self._power(match, so_far, comparison, "follows", now)
         return finding if finding.code else None
@@ -102,7 +102,7 @@ class Judge:
         match = self.follower.best(interval, trace)
         if match is None:
             return self._unknown(interval)
-        reference = self.follower[match.place]
+        reference = self.follower[match.key]
         comparison = self._compare(reference, interval, trace)
         doubtful = self._doubtful(reference, comparison)
         course = _course(reference, interval, trace, doubtful, self.rules)
@@ -114,8 +114,8 @@ class Judge:
         if course in ("deviates", "interrupted") and comparison.power_known >= POWER_KNOWN:
             outside_power = longest(comparison.power_codes) >= self.rules.frames
             interrupted = course == "interrupted"
-            self._doubt = _Doubt(interval, match.place, doubtful, outside_power, interrupted, power.evidence)
-        self.follower.last, self._last_end = match.place, interval.end
+            self._doubt = _Doubt(interval, match.key, doubtful, outside_power, interrupted, power.evidence)
+        self.follower.last, self._last_end = match.key, interval.end
         return [*settled, power]
 
     def lost(self) -> None:
@@ -137,7 +137,7 @@ class Judge:
 
     def _power(self, match: Match, interval: Interval, comparison: Comparison, course: Course, now: int) -> Finding:
         """Apply equation (20) to power if the motion follows the reference from the same pose."""
-        reference = self.follower[match.place]
+        reference = self.follower[match.key]
         usable = comparison.follows & (comparison.t >= 0)
         codes = np.where(usable, comparison.power_codes, 0).astype(np.int8)
         judged = course == "follows" and not match.foreign and not match.displaced
@@ -148,7 +148,7 @@ class Judge:
         since = interval.start + round(comparison.t[marked[0]] * 1e9) if len(marked) else interval.start
         return Finding(
             interval=interval,
-            place=match.place,
+            key=match.key,
             course=course,
             since=since,
             time=now,
@@ -163,7 +163,7 @@ class Judge:
         doubt = self._doubt
         if doubt is None or not doubt.interrupted or interval.moving != doubt.interval.moving:
             return False
-        reference = self.follower[doubt.place]
+        reference = self.follower[doubt.key]
         goal = np.asarray(reference.pose) + np.asarray(reference.displacement)
         ways = np.asarray(reference.displacement) * np.asarray(interval.displacement)
         reached = np.asarray(interval.pose) + np.asarray(interval.displacement)
@@ -174,36 +174,25 @@ class Judge:
     def _settle(self, interval: Interval, match: Match, trace: Trace) -> list[Finding]:
         """Report joints whose encoder deviated, or showed no motion, in the interval before, as the task continues."""
         doubt, rules, end = self._doubt, self.rules, interval.end
-        missed = np.abs(np.subtract(interval.pose, self.follower[match.place].pose))
+        missed = np.abs(np.subtract(interval.pose, self.follower[match.key].pose))
         if match.skipped == 0 and doubt is not None and not match.foreign:
             # After an interrupted motion, only the joints that start this interval off their goal.
             short = [j for j in doubt.joints if not doubt.interrupted or missed[j - 1] > rules.tolerance.position]
-            found = verdict(position_outside=True, power_outside=doubt.power_outside)
-            return _off(doubt.interval, doubt.place, short, found, doubt.evidence, end)
+            verdicts = dict.fromkeys(short, verdict(position_outside=True, power_outside=doubt.power_outside))
+            then, evidence = doubt.interval, doubt.evidence
+            off = Finding(then, doubt.key, "deviates", then.start, end, verdicts=verdicts, evidence=evidence)
+            return [off] if short else []
         if match.skipped == 1 and self.follower.last is not None:
-            place = self.follower.after(self.follower.last)
-            reference = self.follower[place]
+            key = self.follower.after(self.follower.last)
+            reference = self.follower[key]
             still = [j for j in reference.moving if missed[j - 1] > rules.tolerance.position]
             if still:
                 agrees = power_agrees(reference, trace, self._last_end, interval.start, rules.tolerance, rules.frames)
-                found = verdict(position_outside=True, power_outside=not agrees)
-                off = float(max(missed[j - 1] for j in still))
-                return _off(interval, place, still, found, {"position_residual_rad": off}, end)
+                verdicts = dict.fromkeys(still, verdict(position_outside=True, power_outside=not agrees))
+                largest = {"position_residual_rad": float(max(missed[j - 1] for j in still))}
+                start = interval.start
+                return [Finding(interval, key, "deviates", start, end, verdicts=verdicts, evidence=largest)]
         return []
-
-
-def _off(
-    interval: Interval,
-    place: IntervalKey,
-    joints: Sequence[int],
-    found: Verdict,
-    evidence: Mapping[str, float],
-    now: int,
-) -> list[Finding]:
-    """The finding on joints whose encoder deviates; empty if ``joints`` is empty."""
-    verdicts = dict.fromkeys(joints, found)
-    finding = Finding(interval, place, "deviates", interval.start, now, verdicts=verdicts, evidence=evidence)
-    return [finding] if joints else []
 
 
 def _course(
@@ -212,15 +201,11 @@ def _course(
     """Compare the motion of a closed interval with the reference."""
     if not doubtful:
         return "follows"
-    if not any(reference.displacement[j - 1] for j in reference.moving):
+    ways = [(interval.displacement[j - 1], reference.displacement[j - 1]) for j in reference.moving]
+    shares = np.array([way / expected for way, expected in ways if expected])
+    if not len(shares):
         return "other_motion"
     duration = (interval.end - interval.start) * 1e-9
-    ways = {
-        j: interval.displacement[j - 1] / reference.displacement[j - 1]
-        for j in reference.moving
-        if reference.displacement[j - 1]
-    }
-    shares = np.asarray(list(ways.values()))
     if abs(duration / reference.duration - 1) > SAME_DURATION and _stretched(reference, interval, trace, rules):
         return "other_speed"
     ended_early = duration < reference.duration - rules.reach

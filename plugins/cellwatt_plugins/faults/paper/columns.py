@@ -48,12 +48,11 @@ def simulated(arm: FittedArm, course: Course, joint: int, tolerance: Tolerance) 
     out = []
     for size in SPRINGS:
         stiffness = size * max(float(arm.parameters.coulomb[joint - 1]), 1e-3)
-        told = [
-            _with_spring(arm, interval, motion, regressor, joint - 1, stiffness, slack)
-            for interval, motion, regressor in zip(course.intervals, motions, regressors, strict=True)
+        parts = [
+            codes_of([each], _with_spring(arm, each, motion, regressor, joint - 1, stiffness, slack), tolerance)
+            for each, motion, regressor in zip(course.intervals, motions, regressors, strict=True)
         ]
-        parts = zip(course.intervals, told, strict=True)
-        out.append(np.concatenate([codes_of([interval], part, tolerance) for interval, part in parts]))
+        out.append(np.concatenate(parts))
     return out
 
 
@@ -80,7 +79,5 @@ def _with_spring(
     forces = torque(p, regressor, motion)
     pulled = forces.copy()
     pulled[:, j] += stiffness * (motion.q[:, j] - slack)
-    more = supply_power(p, drive_power(p.copper, pulled, motion.qd)) - supply_power(
-        p, drive_power(p.copper, forces, motion.qd)
-    )
-    return Readings(readings.t, readings.q, readings.power + more)
+    before, after = (supply_power(p, drive_power(p.copper, each, motion.qd)) for each in (forces, pulled))
+    return Readings(readings.t, readings.q, readings.power + (after - before))

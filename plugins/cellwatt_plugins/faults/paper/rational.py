@@ -96,15 +96,11 @@ def _fitted(s: Complex, f: Complex, poles: Complex) -> Rational:
     residues: list[complex] = []
     at = 0
     for pole in poles.tolist():
-        if pole.imag == 0:
-            all_poles.append(pole)
-            residues.append(complex(found[at]))
-            at += 1
-        else:
-            residue = complex(found[at], found[at + 1])
-            all_poles += [pole, pole.conjugate()]
-            residues += [residue, residue.conjugate()]
-            at += 2
+        size = 1 if pole.imag == 0 else 2
+        residue = complex(*found[at : at + size])
+        all_poles += [pole, pole.conjugate()][:size]
+        residues += [residue, residue.conjugate()][:size]
+        at += size
     return Rational(np.array(all_poles), np.array(residues), float(found[-1]))
 
 
@@ -130,8 +126,8 @@ def _realisation(poles: Complex) -> tuple[Float, Float]:
 
 def _stable(zeros: Complex) -> Complex:
     """One of each conjugate pair, mirrored into the left half plane, by rising imaginary part."""
-    left = np.where(zeros.real > 0, -zeros.conj(), zeros)
-    small = np.abs(left.imag) <= REAL * np.abs(left)
-    left = np.where(small, left.real, left)
-    upper = left[left.imag >= 0]
+    stable = np.where(zeros.real > 0, -zeros.conj(), zeros)
+    small = np.abs(stable.imag) <= REAL * np.abs(stable)
+    stable = np.where(small, stable.real, stable)
+    upper = stable[stable.imag >= 0]
     return np.asarray(upper[np.argsort(upper.imag, kind="stable")], dtype=np.complex128)

@@ -6,13 +6,13 @@ Torque comes by virtual work, τ_j = Σ m (p̈ - g) · ∂p/∂q_j, with derivat
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import yaml
+
+from tests.plugins.faults.watching import write_recording
 
 RATE = 100.0
 AXES = np.array([[0, 0, 1], [0, 1, 0], [0, 1, 0], [1, 0, 0]], float)
@@ -27,20 +27,16 @@ VISCOUS = np.array([4.0, 5.0, 3.0, 0.8])
 CONSTANT = np.array([25.0, 28.0, 20.0, 9.0])
 RESISTANCE = np.array([0.7, 0.7, 0.8, 1.6])
 STANDBY = 100.0
+OFF = 1.05
 HOME_A, HOME_B = np.array([0.3, -0.4, 0.5, 0.2]), np.array([-0.5, 0.2, -0.3, -0.4])
 TASK_A = ({0: 0.9}, {1: 0.6, 2: -0.7}, {3: 1.1}, {0: -0.7, 2: 0.5}, {0: -0.2, 1: -0.6, 2: 0.2, 3: -1.1})
-TASK_B = ({1: -0.5, 3: 0.9}, {0: 0.8}, {2: 0.8, 3: -0.4}, {0: -0.8, 1: 0.5, 2: -0.8, 3: -0.5})
-TASK_D = ({0: 0.9}, {2: -0.7}, {0: -0.5, 2: 0.3}, {0: -0.4, 2: 0.4})
-TASK_D2 = ({0: 0.7}, {2: -0.8}, {0: -0.5, 2: 0.5}, {0: -0.2, 2: 0.3})
-TASK_E = ({0: 0.6}, {1: 0.6, 2: -0.7}, {3: 0.7}, {0: -0.5, 2: 0.5}, {0: -0.1, 1: -0.6, 2: 0.2, 3: -0.7})
-TASK_C = ({0: 0.5}, {2: 0.6, 3: 0.8}, {1: 0.4}, {0: -0.5, 1: -0.4}, {2: -0.6, 3: -0.8})
 TASKS = {
     "A": (HOME_A, TASK_A),
-    "B": (HOME_B, TASK_B),
-    "C": (HOME_B, TASK_C),
-    "D": (HOME_A, TASK_D),
-    "D2": (HOME_A, TASK_D2),
-    "E": (HOME_A, TASK_E),
+    "B": (HOME_B, ({1: -0.5, 3: 0.9}, {0: 0.8}, {2: 0.8, 3: -0.4}, {0: -0.8, 1: 0.5, 2: -0.8, 3: -0.5})),
+    "C": (HOME_B, ({0: 0.5}, {2: 0.6, 3: 0.8}, {1: 0.4}, {0: -0.5, 1: -0.4}, {2: -0.6, 3: -0.8})),
+    "D": (HOME_A, ({0: 0.9}, {2: -0.7}, {0: -0.5, 2: 0.3}, {0: -0.4, 2: 0.4})),
+    "D2": (HOME_A, ({0: 0.7}, {2: -0.8}, {0: -0.5, 2: 0.5}, {0: -0.2, 2: 0.3})),
+    "E": (HOME_A, ({0: 0.6}, {1: 0.6, 2: -0.7}, {3: 0.7}, {0: -0.5, 2: 0.5}, {0: -0.1, 1: -0.6, 2: 0.2, 3: -0.7})),
 }
 
 
@@ -73,16 +69,16 @@ class Cycle:
 class Run:
     """What was measured, and the start and end of each cycle, s."""
 
-    time: np.ndarray = field(default_factory=lambda: np.empty(0))
-    position: np.ndarray = field(default_factory=lambda: np.empty((0, 4)))
-    power: np.ndarray = field(default_factory=lambda: np.empty(0))
-    spans: list[tuple[float, float]] = field(default_factory=list)
+    time: np.ndarray
+    position: np.ndarray
+    power: np.ndarray
+    spans: list[tuple[float, float]]
 
 
 def run(cycles: Sequence[Cycle], seed: int = 0, noise: float = 1.0) -> Run:
     """The cycles one after the other, with a rest and where needed a move between them."""
     random = np.random.default_rng(seed)
-    out, here = Run(), TASKS[cycles[0].task][0]
+    spans, here = [], TASKS[cycles[0].task][0]
     positions, powers = [np.repeat(here[None], 80, axis=0)], [np.full(80, at_rest(here))]
     for cycle in cycles:
         home = TASKS[cycle.task][0]
@@ -95,16 +91,15 @@ def run(cycles: Sequence[Cycle], seed: int = 0, noise: float = 1.0) -> Run:
         held = ((moves >= 1) & (moves <= 2)).astype(float)
         powers.append(supply(path, cycle, held))
         positions.append(shown(path, cycle.faults))
-        out.spans.append((start / RATE, (start + len(path)) / RATE))
+        spans.append((start / RATE, (start + len(path)) / RATE))
         rest = int(random.integers(60, 120))
         positions.append(np.repeat(home[None], rest, axis=0))
         powers.append(np.full(rest, at_rest(home)))
         here = home
-    out.position = np.concatenate(positions)
-    out.power = np.concatenate(powers) + noise * random.standard_normal(len(out.position))
-    out.position = out.position + noise * 3e-5 * random.standard_normal(out.position.shape)
-    out.time = np.arange(len(out.power)) / RATE
-    return out
+    position, power = np.concatenate(positions), np.concatenate(powers)
+    power = power + noise * random.standard_normal(len(power))
+    position = position + noise * 3e-5 * random.standard_normal(position.shape)
+    return Run(np.arange(len(power)) / RATE, position, power, spans)
 
 
 def way(cycle: Cycle, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -221,8 +216,8 @@ def shown(path: np.ndarray, faults: Sequence[Fault]) -> np.ndarray:
     return out
 
 
-def describe(folder: Path, off: float = 1.05) -> Path:
-    """Writes ``robot.yaml`` with a URDF; masses, friction and resistances are ``off`` the truth."""
+def describe(folder: Path) -> Path:
+    """Writes ``robot.yaml`` with a URDF; masses, friction and resistances are ``OFF`` the truth."""
     joints = []
     links_ = ['<link name="base"/>']
     for j in range(4):
@@ -230,7 +225,7 @@ def describe(folder: Path, off: float = 1.05) -> Path:
         centre, origin, axis = (" ".join(f"{x:g}" for x in row) for row in (CENTRE[j], ORIGINS[j], AXES[j]))
         parent = f"link_{j}" if j else "base"
         links_.append(
-            f'<link name="link_{j + 1}"><inertial><origin xyz="{centre}"/><mass value="{MASS[j] * off:g}"/><inertia '
+            f'<link name="link_{j + 1}"><inertial><origin xyz="{centre}"/><mass value="{MASS[j] * OFF:g}"/><inertia '
             f'ixx="{inertia:g}" iyy="{inertia:g}" izz="{inertia:g}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
             f'<joint name="joint_{j + 1}" type="revolute"><parent link="{parent}"/><child link="link_{j + 1}"/>'
             f'<origin xyz="{origin}"/><axis xyz="{axis}"/>'
@@ -241,9 +236,9 @@ def describe(folder: Path, off: float = 1.05) -> Path:
                 "name": f"joint_{j + 1}",
                 "torque_constant": float(CONSTANT[j]),
                 "rotor_inertia": float(ROTOR[j]),
-                "coulomb_friction": float(COULOMB[j] / off),
-                "viscous_friction": float(VISCOUS[j] * off),
-                "winding_resistance": float(RESISTANCE[j] * off),
+                "coulomb_friction": float(COULOMB[j] / OFF),
+                "viscous_friction": float(VISCOUS[j] * OFF),
+                "winding_resistance": float(RESISTANCE[j] * OFF),
             }
         )
     (folder / "robot.urdf").write_text(f'<robot name="points">{"".join(links_)}</robot>')
@@ -254,6 +249,4 @@ def describe(folder: Path, off: float = 1.05) -> Path:
 
 def write_table(path: Path, measured: Run) -> Path:
     """The recording as a table with t, q_1 … q_4 and power."""
-    columns = {f"q_{j + 1}": measured.position[:, j] for j in range(4)}
-    pq.write_table(pa.table({"t": measured.time, **columns, "power": measured.power}), path)
-    return path
+    return write_recording(path, measured.time, measured.position, measured.power)

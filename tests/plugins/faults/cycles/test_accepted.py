@@ -2,16 +2,12 @@
 
 from dataclasses import replace
 
-from cellwatt_plugins.faults.cycles.findings import judge_recording
-from cellwatt_plugins.faults.cycles.recording import Recording
 from tests.plugins.faults.cycles.arm_of_points import Cycle, Fault, run
+from tests.plugins.faults.cycles.conftest import judged
 
 
 def test_a_weak_fault_is_told_only_where_more_false_alarms_are_accepted(known):
     measured = run([Cycle("B"), Cycle("A", faults=(Fault("friction", 1, 0.13),)), Cycle("B")], seed=33)
-    recording = Recording(measured.time, measured.position, measured.power)
-    strict, lenient = (
-        judge_recording(recording, replace(known, false_alarms=share))[1].faults for share in (1e-12, 0.1)
-    )
+    strict, lenient = (judged(replace(known, false_alarms=share), measured)[1].faults for share in (1e-12, 0.1))
     assert [f.joint for f in lenient] == [2]
     assert strict == ()

@@ -3,7 +3,7 @@ from dataclasses import replace
 import pytest
 
 from cellwatt_plugins.faults.cycles.alarms import CycleAlarms
-from cellwatt_plugins.faults.cycles.findings import CycleFinding, FaultFinding
+from cellwatt_plugins.faults.cycles.findings import NOT_JUDGED, CycleFinding, FaultFinding
 
 EPOCH = 10**18
 CALM = CycleFinding(0.0, 8.0, "task_1", 1.0, "healthy", "", ())
@@ -32,6 +32,23 @@ def test_an_early_alarm_goes_where_the_whole_cycle_names_another(book):
     assert told(early) == [(3, True, "warning")]
     assert told(whole) == [(2, True, "error"), (3, False, "warning")]
     assert "explained without this fault" in whole[1].statement
+
+
+def test_an_early_alarm_of_an_aborted_cycle_stays_until_enough_cycles_are_without_its_fault(book):
+    book.take_early(cycle(fault(3), end=3.0), EPOCH)
+    jogged = replace(CALM, status="new_task", end=20.0)
+    later = [replace(CALM, start=start, end=start + 8.0) for start in (30.0, 40.0)]
+    unjudged = replace(CALM, start=50.0, end=58.0, status="changed", note=NOT_JUDGED)
+    assert told(book.take(jogged, 1, EPOCH, matched=False)) == [(None, True, "info")]
+    assert told(book.take(later[0], 2, EPOCH)) == [(None, False, "info")]
+    assert book.take(unjudged, 3, EPOCH) == []
+    assert told(book.take(later[1], 4, EPOCH)) == [(3, False, "error")]
+
+
+def test_an_early_alarm_goes_where_the_whole_cycle_is_another_task(book):
+    book.take_early(cycle(fault(3), end=3.0), EPOCH)
+    whole = book.take(replace(CALM, status="new_task"), 1, EPOCH)
+    assert told(whole) == [(3, False, "error"), (None, True, "info")]
 
 
 def test_an_early_fault_that_may_be_one_already_told_raises_nothing(book):

@@ -9,20 +9,13 @@ from tests.plugins.faults.cycles.arm_of_points import CONSTANT, RATE, RESISTANCE
 POSE = np.array([0.2, 0.9, 0.4, 0.1])
 
 
-@pytest.fixture(scope="module")
-def first_joint_moves(known):
+def test_a_joint_at_rest_may_lack_the_power_that_holds_it(known):
+    """The first joint moves, the second rests."""
     path = move(POSE, POSE + np.array([0.8, 0.0, 0.0, 0.0]), 1.2)
     rate = np.gradient(path, 1 / RATE, axis=0)
     motion = Motion(path, rate, np.gradient(rate, 1 / RATE, axis=0))
-    return load_of(known.arm.body, known.arm.parameters, motion)
-
-
-def unheld(known, load, joint):
-    return [effect for effect in joint_effects(known.arm, load, joint) if effect.what == "unheld"]
-
-
-def test_a_joint_at_rest_may_lack_the_power_that_holds_it(known, first_joint_moves):
-    (effect,) = unheld(known, first_joint_moves, 1)
+    load = load_of(known.arm.body, known.arm.parameters, motion)
+    (effect,) = (effect for effect in joint_effects(known.arm, load, 1) if effect.what == "unheld")
     held = links(np.repeat(POSE[None], 9, axis=0), np.zeros(9))[4, 1]
     heat = RESISTANCE[1] * (held / CONSTANT[1]) ** 2
     assert heat > 0.5

@@ -8,13 +8,14 @@ from cellwatt_plugins.faults.cycles.findings import judge_recording
 from cellwatt_plugins.faults.cycles.known import learn_known
 from cellwatt_plugins.faults.cycles.recording import Recording, recording_of
 from cellwatt_plugins.faults.recordings import frames_of_table
-from tests.plugins.faults.cycles.arm_of_points import Cycle, Fault, run
+from tests.plugins.faults.cycles.arm_of_points import RATE, Cycle, Fault, run
+from tests.plugins.faults.cycles.conftest import judged, names
 
 
-def judged(known, *cycles, seed=20):
+def of_cycles(known, *cycles):
     """Findings with the healthy cycles around the ones in question left out."""
-    measured = run([Cycle("B"), *cycles, Cycle("A")], seed=seed)
-    found = judge_recording(Recording(measured.time, measured.position, measured.power), known)
+    measured = run([Cycle("B"), *cycles, Cycle("A")], seed=20)
+    found = judged(known, measured)
     assert len(found) == len(cycles) + 2
     for (start, end), cycle in zip(measured.spans, found, strict=True):
         assert start - 0.1 < cycle.start < cycle.end < end + 0.1
@@ -22,47 +23,31 @@ def judged(known, *cycles, seed=20):
     return found[1:-1]
 
 
-def named(cycle):
-    return [(fault.joint, fault.kind) for fault in cycle.faults]
+OTHERWISE = "power is as in healthy cycles"
 
 
 @pytest.mark.parametrize(
-    "fault", [Fault("spring", 0, 40.0), Fault("friction", 3, 2.0), Fault("drive_cut", 0), Fault("belt_off", 3)]
+    "fault, kind, text, watts",
+    [
+        (Fault("spring", 0, 40.0), "joint", "works against a force that grows with its angle", 5.0),
+        (Fault("friction", 3, 2.0), "joint", "turns harder", 5.0),
+        (Fault("drive_cut", 0), "joint", "stands still and takes no power", 5.0),
+        (Fault("belt_off", 3), "joint", "stands still", 5.0),
+        (Fault("winding", 1, 6.0), "joint", "winding", 5.0),
+        (Fault("spring", 0, 400.0), "joint", "works against a force that grows with its angle", 60.0),
+        (Fault("friction", 2, 4.0), "joint", "turns harder", 60.0),
+        (Fault("encoder_stuck", 1), "encoder", OTHERWISE, 0.0),
+        (Fault("encoder_scale", 2, 0.1), "encoder", OTHERWISE, 0.0),
+        (Fault("encoder_offset", 1, 0.04), "encoder", OTHERWISE, 0.0),
+    ],
 )
-def test_a_faulty_joint_is_named(known, fault):
-    (cycle,) = judged(known, Cycle("A", faults=(fault,)))
-    assert named(cycle) == [(fault.joint + 1, "joint")]
+def test_a_fault_is_named_and_a_large_one_is_not_shared_out_to_two_joints(known, fault, kind, text, watts):
+    (cycle,) = found = of_cycles(known, Cycle("A", faults=(fault,)))
+    assert names(found) == [[(fault.joint + 1, kind)]]
     assert cycle.status == "fault"
+    assert text in cycle.faults[0].statement
     assert cycle.faults[0].confidence > 0.9
-
-
-def test_a_hot_winding_is_named(known):
-    (cycle,) = judged(known, Cycle("A", faults=(Fault("winding", 1, 6.0),)))
-    assert named(cycle) == [(2, "joint")]
-    assert "winding" in cycle.faults[0].statement
-
-
-@pytest.mark.parametrize(
-    "fault", [Fault("encoder_stuck", 1), Fault("encoder_scale", 2, 0.1), Fault("encoder_offset", 1, 0.04)]
-)
-def test_a_wrong_encoder_is_named(known, fault):
-    (cycle,) = judged(known, Cycle("A", faults=(fault,)))
-    assert named(cycle) == [(fault.joint + 1, "encoder")]
-    assert "power is as in healthy cycles" in cycle.faults[0].statement
-
-
-@pytest.mark.parametrize("what, size, joint", [("spring", 400.0, 0), ("friction", 4.0, 2)])
-def test_a_large_fault_is_not_shared_out_to_two_joints(known, what, size, joint):
-    (cycle,) = judged(known, Cycle("A", faults=(Fault(what, joint, size),)))
-    assert named(cycle) == [(joint + 1, "joint")]
-    assert cycle.faults[0].size_watt > 60
-
-
-@pytest.fixture(scope="module")
-def of_two_joints(robot):
-    """What is known of a cell with a task in which only joints 1 and 3 move."""
-    measured = run([Cycle(task) for task in "DBBDDBDBBD"], seed=3)
-    return learn_known(Recording(measured.time, measured.position, measured.power), robot)
+    assert cycle.faults[0].size_watt >= watts
 
 
 @pytest.mark.parametrize(
@@ -74,14 +59,13 @@ def of_two_joints(robot):
 )
 def test_a_task_is_known_though_every_joint_that_moves_is_faulty(of_two_joints, first, second):
     measured = run([Cycle("B"), Cycle("D", faults=(first, second)), Cycle("B")], seed=22)
-    found = judge_recording(Recording(measured.time, measured.position, measured.power), of_two_joints)
-    assert [len(cycle.faults) for cycle in found] == [0, 2, 0]
-    assert named(found[1]) == [(1, "encoder"), (3, "joint" if second.what == "drive_cut" else "encoder")]
+    found = judged(of_two_joints, measured)
+    assert names(found) == [[], [(1, "encoder"), (3, "joint" if second.what == "drive_cut" else "encoder")], []]
 
 
 def test_a_new_task_of_the_same_two_joints_is_new(of_two_joints):
     measured = run([Cycle("B"), Cycle("D2"), Cycle("B")], seed=23)
-    found = judge_recording(Recording(measured.time, measured.position, measured.power), of_two_joints)
+    found = judged(of_two_joints, measured)
     assert [cycle.status for cycle in found] == ["healthy", "new_task", "healthy"]
 
 
@@ -89,15 +73,13 @@ def test_two_faults_at_once(known):
     both = (Fault("friction", 1, 1.0), Fault("encoder_offset", 3, 0.05))
     other = (Fault("spring", 0, 40.0), Fault("friction", 2, 1.2))
     same = (Fault("friction", 1, 1.0), Fault("encoder_offset", 1, 0.05))
-    first, second, third = judged(known, *(Cycle("A", faults=faults) for faults in (both, other, same)))
-    assert named(first) == [(2, "joint"), (4, "encoder")]
-    assert named(second) == [(1, "joint"), (3, "joint")]
-    assert named(third) == [(2, "joint_and_encoder")]
+    found = names(of_cycles(known, *(Cycle("A", faults=faults) for faults in (both, other, same))))
+    assert found == [[(2, "joint"), (4, "encoder")], [(1, "joint"), (3, "joint")], [(2, "joint_and_encoder")]]
 
 
 def test_it_says_where_and_how_much(known):
     truth, healthy = run([Cycle("A", faults=(Fault("friction", 1, 1.0),))], noise=0.0), run([Cycle("A")], noise=0.0)
-    (cycle,) = judged(known, Cycle("A", faults=(Fault("friction", 1, 1.0),)))
+    (cycle,) = of_cycles(known, Cycle("A", faults=(Fault("friction", 1, 1.0),)))
     assert cycle.faults[0].intervals == (2, 5)
     assert cycle.faults[0].size_watt == pytest.approx(abs(truth.power - healthy.power).max(), rel=0.15)
 
@@ -112,7 +94,7 @@ def test_what_is_harmless_is_no_fault(known, speed):
         Cycle("A", speed, part=0.6),
         Cycle("A", speed),
     ]
-    found = judged(known, *changes)
+    found = of_cycles(known, *changes)
     assert [cycle.faults for cycle in found] == [()] * 6
     notes = [cycle.note for cycle in found]
     assert "4% faster" in notes[0]
@@ -122,8 +104,22 @@ def test_what_is_harmless_is_no_fault(known, speed):
     assert notes[5] == ""
 
 
+@pytest.mark.parametrize("seconds", [0.7, 20.0])
+def test_a_move_that_stops_on_its_way_is_no_fault(known, seconds):
+    """The stop is in the first move."""
+    measured = run([Cycle("A"), Cycle("A"), Cycle("B")], seed=24)
+    number, stop = np.arange(len(measured.time)), round((measured.spans[1][0] + 0.6) * RATE)
+    rows = np.repeat(number, np.where(number == stop, round(seconds * RATE), 1))
+    power = np.where(rows == stop, measured.power[0], measured.power[rows])
+    found = judge_recording(Recording(np.arange(len(rows)) / RATE, measured.position[rows], power), known)
+    assert [cycle.faults for cycle in found] == [()] * 3
+    assert found[1].note == f"paused for {seconds:.1f} s"
+    (start, end), later = measured.spans[1], measured.spans[2][0] + seconds
+    assert start < found[1].start < start + 0.2 and end < found[1].end + 0.4 < found[2].start < later + 0.2
+
+
 def test_a_task_that_was_never_learned_is_new(known):
-    found = judged(known, Cycle("C"), Cycle("C"))
+    found = of_cycles(known, Cycle("C"), Cycle("C"))
     assert [cycle.status for cycle in found] == ["new_task", "new_task"]
     assert not any(cycle.faults for cycle in found)
 
@@ -132,7 +128,7 @@ def test_a_cycle_without_power_is_not_judged(known):
     measured = run([Cycle("B"), Cycle("A", faults=(Fault("encoder_scale", 0, 0.2),)), Cycle("A")], seed=21)
     start, end = measured.spans[1]
     measured.power[(measured.time > start) & (measured.time < end - 1.0)] = np.nan
-    found = judge_recording(Recording(measured.time, measured.position, measured.power), known)
+    found = judged(known, measured)
     assert [(cycle.status, cycle.faults) for cycle in found] == [("healthy", ()), ("changed", ()), ("healthy", ())]
     assert "power is missing" in found[1].note
 

@@ -4,39 +4,29 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cellwatt.frames import FrameChannel, Frames, Layout
 from cellwatt.stage import CellInfo
 from cellwatt_plugins.faults import FaultsSettings, FaultsStage
 from cellwatt_plugins.faults.cycles.findings import judge_recording
 from cellwatt_plugins.faults.cycles.known import stored
-from cellwatt_plugins.faults.cycles.live import CycleWatch
-from cellwatt_plugins.faults.cycles.recording import Recording
+from cellwatt_plugins.faults.cycles.recording import recording_of
+from cellwatt_plugins.faults.recordings import frames_of_table
 from cellwatt_plugins.faults.reference import Reference, save
-from tests.plugins.faults.cycles.arm_of_points import RATE, Cycle, Fault, describe, run
+from tests.plugins.faults.cycles.arm_of_points import RATE, Cycle, Fault, Run, describe, run
+from tests.plugins.faults.cycles.conftest import fed, judged, names
+from tests.plugins.faults.plant import START, frames, layout
 
 SPRING = (Fault("spring", 0, 50.0),)
 DEAD = (Fault("drive_cut", 3), Fault("encoder_offset", 1, 0.1))
-START = 1_700_000_000_000_000_000
-LAYOUT = Layout(
-    (
-        *(FrameChannel(f"arm.joint_{j}.position", "rad", "continuous", "linear") for j in range(1, 5)),
-        FrameChannel("meter.supply.power", "W", "continuous", "average"),
-    ),
-    RATE,
-)
-
-
-def fed(known, measured, block=20):
-    watch = CycleWatch(known, 1 / RATE)
-    told = []
-    for i in range(0, len(measured.time), block):
-        part = slice(i, i + block)
-        told += watch.feed(measured.time[part], measured.position[part], measured.power[part])
-    return [*told, *watch.close()]
 
 
 def over(told):
     return [t.finding for t in told if t.over]
+
+
+def first_told(known, faulty):
+    """What is told first of a fault in the second of three cycles, and when the moves of this cycle end, s."""
+    measured = run([Cycle("B"), faulty, Cycle("A")], seed=16)
+    return next(t for t in fed(known, measured) if t.finding.faults), move_ends(measured, 1)
 
 
 def move_ends(measured, cycle):
@@ -46,10 +36,6 @@ def move_ends(measured, cycle):
     time = measured.time[inside][:-1]
     gaps = np.flatnonzero(np.diff(time[moving]) > 0.15)
     return [*time[moving][gaps], time[moving][-1]]
-
-
-def names(findings):
-    return [[(fault.joint, fault.kind) for fault in cycle.faults] for cycle in findings]
 
 
 @pytest.mark.parametrize(
@@ -62,8 +48,7 @@ def names(findings):
 )
 def test_live_says_what_a_recording_says(known, cycles):
     measured = run(cycles, seed=7)
-    live = over(fed(known, measured))
-    offline = judge_recording(Recording(measured.time, measured.position, measured.power), known)
+    live, offline = over(fed(known, measured)), judged(known, measured)
     assert [(c.task, c.status) for c in live] == [(c.task, c.status) for c in offline]
     assert names(live) == names(offline)
     assert [c.start for c in live] == pytest.approx([c.start for c in offline], abs=0.02)
@@ -80,24 +65,18 @@ def test_the_size_of_blocks_makes_no_difference(known):
 @pytest.mark.parametrize("joint, moves", [(0, 1), (3, 3)])
 def test_a_faulty_joint_is_told_while_the_cycle_runs(known, joint, moves):
     """``moves`` have gone when a joint has first moved in task A."""
-    measured = run(
-        [Cycle("B"), Cycle("A", faults=(Fault("friction", joint, 1.0 + (joint == 3)),)), Cycle("A")], seed=15
-    )
-    told = fed(known, measured)
-    first = next(t for t in told if t.finding.faults)
+    first, ends = first_told(known, Cycle("A", faults=(Fault("friction", joint, 1.0 + (joint == 3)),)))
     assert not first.over
     (fault,) = first.finding.faults
     assert joint + 1 in (fault.joint, *fault.alternatives)
-    ends = move_ends(measured, 1)
     assert ends[moves - 1] - 0.1 < first.finding.end < ends[moves] + 0.1
 
 
 @pytest.mark.parametrize("fault", [Fault("encoder_scale", 0, 0.2), Fault("encoder_offset", 2, 0.05)])
 def test_a_wrong_encoder_is_told_after_the_first_move_where_power_tells(known, fault):
-    measured = run([Cycle("B"), Cycle("A", faults=(fault,)), Cycle("A")], seed=16)
-    first = next(t for t in fed(known, measured) if t.finding.faults)
+    first, ends = first_told(known, Cycle("A", faults=(fault,)))
     assert names([first.finding]) == [[(fault.joint + 1, "encoder")]]
-    assert first.finding.end < move_ends(measured, 1)[0] + 0.1
+    assert first.finding.end < ends[0] + 0.1
 
 
 def test_a_joint_off_its_path_is_told_while_it_is_open_what_is_wrong_with_it(known):
@@ -120,17 +99,33 @@ def test_a_last_move_that_is_late_is_waited_for(known):
     assert names(found) == [[(4, "joint")], [], []]
 
 
-def test_a_hole_cuts_the_cycle_that_runs(known):
-    measured = run([Cycle("A"), Cycle("A"), Cycle("A")], seed=9)
-    start, end = measured.spans[1]
-    hole = (measured.time > start + 1.5) & (measured.time < end - 2.0)
+@pytest.mark.parametrize("at, length, cycles", [(1.3, 0.4, 3), (2.4, 0.05, 3), (0.3, 2.6, 2), (1.3, 1.0, 2)])
+def test_a_hole_in_the_positions_is_bridged_or_cuts_the_cycle_that_runs(known, at, length, cycles):
+    """A hole of a second may hide a whole move."""
+    measured = run([Cycle("A"), Cycle("A"), Cycle("B")], seed=9)
+    hole = np.abs(measured.time - measured.spans[1][0] - at - length / 2) < length / 2
+    gone = frames_of_table(measured.time, np.where(hole[:, None], np.nan, measured.position), measured.power)
+    found = judge_recording(recording_of([gone], None, "supply.power"), known)
+    assert [cycle.status for cycle in found] == ["healthy"] * cycles
     measured.position[hole] = np.nan
-    found = over(fed(known, measured))
-    assert [(round(c.start), c.status) for c in found if c.task != "new"] == [
-        (round(measured.spans[0][0]), "healthy"),
-        (round(measured.spans[2][0]), "healthy"),
-    ]
-    assert not any(cycle.faults for cycle in found)
+    for block in (7, 5000):
+        live = over(fed(known, measured, block))
+        assert [cycle.status for cycle in live] == ["healthy"] * cycles
+        assert [c.end for c in live] == pytest.approx([c.end for c in found], abs=0.02)
+
+
+@pytest.mark.parametrize(
+    "task, first, last",
+    [("A", 1.9, 99.0), ("A", 1.2, 99.0), ("B", 1.1, 99.0), ("A", 0.0, 13.3), ("D", 0.0, 7.87), ("D", 0.0, 8.4)],
+)
+def test_a_cycle_that_is_cut_has_no_faults(known, of_two_joints, task, first, last):
+    """A recording, or the daemon, starts or ends within a move or a rest; the other cycle is known."""
+    measured, of = run([Cycle(task)] * 2, seed=41), of_two_joints if task == "D" else known
+    rows = slice(round(first * RATE), round(last * RATE))
+    cut = Run(measured.time[rows], measured.position[rows], measured.power[rows], measured.spans)
+    live = fed(of, cut)
+    assert not any(told.finding.faults for told in live)
+    assert [c.status for c in over(live)] == [c.status for c in judged(of, cut)] == ["healthy"]
 
 
 @pytest.fixture
@@ -143,19 +138,12 @@ def folder(tmp_path, known, robot):
 
 def stage(folder, **settings):
     chosen = FaultsSettings(reference=Path("ref.yaml"), robot=Path("robot.yaml"), **settings)
-    return FaultsStage("faults", chosen, LAYOUT, CellInfo("plant", "cell", None, folder))
+    return FaultsStage("faults", chosen, layout(RATE, 4), CellInfo("plant", "cell", None, folder))
 
 
 def alarms(faults, measured):
-    values = np.column_stack([measured.position, measured.power])
-    time = START + np.round(measured.time * 1e9).astype(np.int64)
-    out = []
-    for i in range(0, len(time), 25):
-        part = slice(i, i + 25)
-        zeros = np.zeros(values[part].shape)
-        block = Frames(LAYOUT, i, time[part], values[part], zeros.astype(np.uint8), zeros.astype(np.int64))
-        out += faults.process(block, ())
-    return out
+    blocks = frames(measured.position, measured.power, rate=RATE, block=25)
+    return [alarm for block in blocks for alarm in faults.process(block, ())]
 
 
 def test_the_stage_raises_and_clears(folder):

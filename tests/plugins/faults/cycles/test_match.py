@@ -5,13 +5,13 @@ from cellwatt_plugins.faults.cycles.match import begun_cycle
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import find_runs
 from tests.plugins.faults.cycles.arm_of_points import Cycle, Fault, run
+from tests.plugins.faults.cycles.conftest import recorded
 
 
 def begun(known, cycle, moves):
     """The match of a cycle of which so many moves have gone."""
     measured = run([Cycle("A"), cycle], seed=25)
-    whole = Recording(measured.time, measured.position, measured.power)
-    own = [r for r in find_runs(whole) if measured.time[r.first] > measured.spans[1][0] - 0.1]
+    own = [r for r in find_runs(recorded(measured)) if measured.time[r.first] > measured.spans[1][0] - 0.1]
     until = own[moves - 1].last + 25
     recording = Recording(measured.time[:until], measured.position[:until], measured.power[:until])
     return begun_cycle(recording, find_runs(recording), known.patterns)

@@ -1,34 +1,22 @@
 """Faults that grow, and faults that come and go, over many cycles."""
 
-from dataclasses import replace
 from itertools import pairwise
 
 import pytest
 
 from cellwatt_plugins.faults.cycles.alarms import CycleAlarms
-from cellwatt_plugins.faults.cycles.live import CycleWatch
-from tests.plugins.faults.cycles.arm_of_points import RATE, Cycle, Fault, run
+from tests.plugins.faults.cycles.arm_of_points import Cycle, Fault, run
+from tests.plugins.faults.cycles.conftest import fed
 
 EPOCH = 10**18
-JOINT = 1
-"""Grows …"""
-LONE = Cycle("A", faults=(Fault("friction", 0, 1.0),))
-"""… and comes and goes: its joint moves alone in the first move."""
 GROWN = 20
 
 
-@pytest.fixture(scope="module")
-def wear():
-    """Friction of a joint that grows from nothing to 80 % more within twenty cycles."""
-    return [Cycle("AB"[k % 2], faults=(Fault("friction", JOINT, 0.8 * k / (GROWN - 1)),)) for k in range(GROWN)]
-
-
-def told(known, cycles, clear=3):
+def told(known, cycles):
     """Alarms over all, with the number of the cycle that was over or under way."""
-    measured = run(cycles, seed=31)
-    watch, book = CycleWatch(known, 1 / RATE), CycleAlarms("faults", "arm", clear)
+    book = CycleAlarms("faults", "arm", clear_after=3)
     number, out = 0, []
-    for finding in [*watch.feed(measured.time, measured.position, measured.power), *watch.close()]:
+    for finding in fed(known, run(cycles, seed=31)):
         if finding.over:
             number += 1
             out += [(number, alarm) for alarm in book.take(finding.finding, number, EPOCH)]
@@ -39,7 +27,9 @@ def told(known, cycles, clear=3):
 
 
 @pytest.mark.slow
-def test_a_fault_that_grows_is_told_once_and_stays(known, wear):
+def test_a_fault_that_grows_is_told_once_and_stays(known):
+    """Friction of a joint grows from nothing to 80 % more within twenty cycles."""
+    wear = [Cycle("AB"[k % 2], faults=(Fault("friction", 1, 0.8 * k / (GROWN - 1)),)) for k in range(GROWN)]
     alarms = told(known, wear)
     assert {(a.joint, a.id, a.active) for _, a in alarms} == {(2, "faults.arm.joint_2.joint_fault", True)}
     assert len({a.since for _, a in alarms}) == 1
@@ -51,7 +41,8 @@ def test_a_fault_that_grows_is_told_once_and_stays(known, wear):
 
 
 def test_a_fault_that_comes_and_goes_keeps_one_alarm(known):
-    there, calm = LONE, replace(LONE, faults=())
+    """Its joint moves alone in the first move."""
+    there, calm = Cycle("A", faults=(Fault("friction", 0, 1.0),)), Cycle("A")
     pattern = [there, calm, there, calm, calm, there, calm, calm, calm]
     alarms = told(known, [calm, *pattern, calm])
     assert {a.id for _, a in alarms} == {"faults.arm.joint_1.joint_fault"}

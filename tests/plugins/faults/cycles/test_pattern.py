@@ -2,13 +2,9 @@ import numpy as np
 import pytest
 
 from cellwatt_plugins.faults.cycles.pattern import timing
-from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import find_runs
-from tests.plugins.faults.cycles.arm_of_points import Cycle, Run, run
-
-
-def recorded(measured: Run) -> Recording:
-    return Recording(measured.time, measured.position, measured.power)
+from tests.plugins.faults.cycles.arm_of_points import Cycle, run
+from tests.plugins.faults.cycles.conftest import recorded
 
 
 def test_tasks_and_speeds_are_learned(known):

@@ -1,13 +1,9 @@
 import numpy as np
 import pytest
 
-from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import find_runs
 from tests.plugins.faults.cycles.arm_of_points import HOME_A, TASK_A, Cycle, run
-
-
-def recorded(measured):
-    return Recording(measured.time, measured.position, measured.power)
+from tests.plugins.faults.cycles.conftest import recorded
 
 
 def test_every_move_is_a_run_between_its_poses():

@@ -11,7 +11,7 @@ from cellwatt_plugins.faults.cycles.known import learn_known, restored, stored
 from cellwatt_plugins.faults.cycles.live import CycleWatch
 from cellwatt_plugins.faults.cycles.recording import Recording
 from tests.plugins.faults.cycles.arm_of_points import Cycle, Fault, run
-from tests.plugins.faults.cycles.conftest import HEALTHY
+from tests.plugins.faults.cycles.conftest import HEALTHY, fed, names
 from tests.plugins.robot.slow_meter import shown
 
 WINDOW, LATE = 0.1, 0.15
@@ -42,10 +42,6 @@ def recording():
     return through(run(CYCLES, seed=20), 0.8)
 
 
-def named(findings) -> list[list[tuple[int, str]]]:
-    return [[(fault.joint, fault.kind) for fault in cycle.faults] for cycle in findings]
-
-
 def test_the_meter_is_found(known):
     assert known.meter is not None
     assert known.meter.window == pytest.approx(WINDOW, abs=0.01)
@@ -57,7 +53,7 @@ def test_the_reference_file_keeps_the_meter(known, recording, robot):
     assert again.meter is not None
     assert again.meter.window == pytest.approx(known.meter.window, abs=1e-6)
     assert again.patterns[0].window == again.meter.window
-    assert named(judge_recording(recording, again)) == NAMED
+    assert names(judge_recording(recording, again)) == NAMED
 
 
 def test_live_as_in_a_recording(known, recording):
@@ -71,14 +67,12 @@ def test_live_as_in_a_recording(known, recording):
                 over.append(each.finding)
                 assert recording.time[part][-1] - each.finding.end > WINDOW + LATE
     over += [each.finding for each in watch.close() if each.over]
-    assert named(over) == NAMED
+    assert names(over) == NAMED
     assert watch.behind == pytest.approx(WINDOW + LATE, abs=0.02)
 
 
 def test_a_meter_slower_than_a_cycle_is_told_as_such(known, recording):
     slow = replace(known, meter=replace(known.meter, window=9.0, interval=9.0))
     held = Recording(recording.time, recording.position, shown(recording.time, recording.power, 9.0, LATE))
-    watch = CycleWatch(slow, recording.step)
-    told = [*watch.feed(held.time, held.position, held.power), *watch.close()]
-    assert {each.finding.note for each in told} == {TOO_SLOW}
+    assert {each.finding.note for each in fed(slow, held)} == {TOO_SLOW}
     assert {cycle.note for cycle in judge_recording(held, slow)} == {TOO_SLOW}

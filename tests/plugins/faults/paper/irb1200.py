@@ -12,6 +12,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from tests.plugins.faults.plant import Fault as Fault
+
 HOME = np.array([0.0, -0.5, 0.6, 0.2, 0.7, 0.0])  # rad
 GRAVITY = np.array([0.0, 38.0, 17.0, 0.6, 2.2, 0.0])  # Nm
 INERTIA = np.array([3.2, 3.6, 1.5, 0.35, 0.3, 0.12])  # kg m²
@@ -75,18 +77,12 @@ POLISHING_WITHOUT_RESTS = tuple(replace(move, rest=0.0) for move in POLISHING)
 
 
 @dataclass(frozen=True)
-class Fault:
-    """``kind`` spring (Nm/rad from the home pose), cut or belt_off (the joint stands still, its drive draws nothing),
-    encoder_creep (it shows the share ``size`` of the way), encoder_offset (rad), friction (Nm); on ``joint`` from 1."""
-
-    kind: str
-    joint: int
-    size: float = 0.0
-
-
-@dataclass(frozen=True)
 class Run:
-    """``cycles`` repetitions of ``moves`` at ``speed`` (1 as planned), with ``faults`` from cycle ``since`` on."""
+    """``cycles`` repetitions of ``moves`` at ``speed`` (1 as planned), with ``faults`` from cycle ``since`` on.
+
+    Their kinds are spring (Nm/rad from the home pose), cut or belt_off (the joint stands still, its drive draws
+    nothing), encoder_creep (it shows the share ``size`` of the way), encoder_offset (rad) and friction (Nm).
+    """
 
     moves: Sequence[Move] = PICK_AND_PLACE
     cycles: int = 1
@@ -143,7 +139,8 @@ def run(plan: Run) -> Told:
     since = t - plan.lead
     cycle = np.floor_divide(since, length)
     wanted = commanded(plan.moves, np.where(since < 0, 0.0, np.mod(since, length) * plan.speed))
-    true, shown, drawn, extra = wanted.copy(), wanted.copy(), np.ones_like(wanted), np.zeros_like(wanted)
+    true, shown, drawn = wanted.copy(), wanted.copy(), np.ones_like(wanted)
+    pull, rubbing = np.zeros_like(wanted), np.zeros_like(wanted)
     late = cycle >= plan.since
     for fault in plan.faults:
         j = fault.joint - 1
@@ -157,25 +154,22 @@ def run(plan: Run) -> Told:
         elif fault.kind == "encoder_offset":
             shown[late, j] += fault.size
         elif fault.kind == "spring":
-            extra[late, j] = fault.size * (true[late, j] - HOME[j])
+            pull[late, j] = fault.size * (true[late, j] - HOME[j])
         elif fault.kind == "friction":
-            extra[late, j] = fault.size
-    power = _power(true, drawn, extra, plan)
+            rubbing[late, j] = fault.size
+    power = _power(true, drawn, pull, FRICTION + rubbing, plan.rate)
     q = shown + plan.noise * 3e-5 * random.standard_normal(shown.shape)
     starts = plan.lead + length * np.arange(plan.cycles)
     return Told(t, q, power + plan.noise * 1.0 * random.standard_normal(len(t)), starts)
 
 
-def _power(q: np.ndarray, drawn: np.ndarray, extra: np.ndarray, plan: Run) -> np.ndarray:
-    w = np.gradient(q, 1 / plan.rate, axis=0)
-    a = np.gradient(w, 1 / plan.rate, axis=0)
-    springs = {f.joint - 1 for f in plan.faults if f.kind == "spring"}
-    rubbing = np.tanh(w / 0.02)
-    extra = np.where(np.isin(np.arange(6), list(springs)), extra, extra * rubbing)
-    torque = GRAVITY * np.cos(q) + INERTIA * a + FRICTION * rubbing + VISCOUS * w + extra
+def _power(q: np.ndarray, drawn: np.ndarray, pull: np.ndarray, friction: np.ndarray, rate: float) -> np.ndarray:
+    w = np.gradient(q, 1 / rate, axis=0)
+    a = np.gradient(w, 1 / rate, axis=0)
+    torque = GRAVITY * np.cos(q) + INERTIA * a + friction * np.tanh(w / 0.02) + VISCOUS * w + pull
     mechanical = torque * w
     mechanical = np.where(mechanical < 0, BACK * mechanical, mechanical)
     power = STANDBY + (drawn * (mechanical + LOSS * torque**2)).sum(axis=1)
-    smooth = np.exp(-np.arange(0, 0.06, 1 / plan.rate) / 0.012)  # the supply's capacitors
+    smooth = np.exp(-np.arange(0, 0.06, 1 / rate) / 0.012)  # the supply's capacitors
     padded = np.concatenate([np.full(len(smooth) - 1, power[0]), power])
     return np.convolve(padded, smooth / smooth.sum(), mode="valid")

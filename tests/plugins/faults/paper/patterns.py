@@ -7,12 +7,12 @@ import numpy as np
 from tests.plugins.faults.paper.irb1200 import Run, period, run
 
 
-def pattern_of(moves, *, cycles: int = 20, speed: float = 1.0, seed: int = 3, rate: float = 123.0, noise: float = 1.0):
+def pattern_of(moves, *, cycles: int = 20, speed: float = 1.0, noise: float = 1.0):
     """Times (n,) s and mean power (n,) W of a task's healthy cycles."""
-    told = run(Run(moves, cycles=cycles, speed=speed, seed=seed, rate=rate, noise=noise))
-    length = int(period(moves, speed) * rate)
+    plan = Run(moves, cycles=cycles, speed=speed, seed=3, noise=noise)
+    told, length = run(plan), int(period(moves, speed) * plan.rate)
     rows = [told.power[np.searchsorted(told.t, start - 1e-9) :][:length] for start in told.starts]
-    return np.arange(length) / rate, np.mean(rows, axis=0)
+    return np.arange(length) / plan.rate, np.mean(rows, axis=0)
 
 
 def bells(t, centres, heights, width: float):

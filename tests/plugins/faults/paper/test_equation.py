@@ -15,18 +15,22 @@ def fitted():
     return t, fit(t, power, order=24, iterations_done=4)
 
 
-def test_the_file_gives_the_same_power(fitted, tmp_path):
+@pytest.fixture
+def path(fitted, tmp_path):
+    file.save(fitted[1], tmp_path / "task.yaml")
+    return tmp_path / "task.yaml"
+
+
+def test_the_file_gives_the_same_power(fitted, path):
     t, equation = fitted
-    file.save(equation, tmp_path / "task.yaml")
-    again = file.load(tmp_path / "task.yaml")
+    again = file.load(path)
     assert np.array_equal(again.power(t), equation.power(t))
     assert (again.order, again.duration, len(again.rms)) == (24, equation.duration, 4)
 
 
-def test_a_person_can_evaluate_it_as_the_file_says(fitted, tmp_path):
+def test_a_person_can_evaluate_it_as_the_file_says(fitted, path):
     t, equation = fitted
-    file.save(equation, tmp_path / "task.yaml")
-    told = yaml.safe_load((tmp_path / "task.yaml").read_text())
+    told = yaml.safe_load(path.read_text())
     p, r = ([complex(*pair) for pair in told[name]] for name in "pr")
     assert told["power"] == "abs(K + sum(r[k] / (1j*t - p[k]))) W, t in s"
     for at in (0, 100, len(t) - 1):
@@ -42,9 +46,7 @@ def test_a_person_can_evaluate_it_as_the_file_says(fitted, tmp_path):
         ({"p": [[0.0, 1.0]] * 24}, "pole on the imaginary axis"),
     ],
 )
-def test_a_wrong_file_is_refused_with_its_place(fitted, tmp_path, change, problem):
-    path = tmp_path / "task.yaml"
-    file.save(fitted[1], path)
+def test_a_wrong_file_is_refused_with_its_place(path, change, problem):
     path.write_text(yaml.safe_dump(yaml.safe_load(path.read_text()) | change))
     with pytest.raises(ModelError, match=problem):
         file.load(path)

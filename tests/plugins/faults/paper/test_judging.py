@@ -20,8 +20,8 @@ def cycles_of(plan):
     return [Readings(told.t[m] - start, told.q[m], told.power[m]) for m, start in zip(parts, told.starts, strict=True)]
 
 
-def expected_of(moves, speed=1.0):
-    return from_cycles(cycles_of(Run(moves, 6, speed, lead=1.0, seed=1)))
+def expected_of(moves):
+    return from_cycles(cycles_of(Run(moves, 6, lead=1.0, seed=1)))
 
 
 @pytest.fixture(scope="module")
@@ -38,9 +38,12 @@ def one(moves, *faults, speed=1.0, seed=5):
     return cycles_of(Run(moves, 1, speed, faults, lead=1.0, seed=seed))[0]
 
 
-def named(expected, cycle):
-    faults = judge(expected, cycle, by_agreement(fault_table(expected)), TEN_PER_CENT)
-    return {fault.joint: fault.kind for fault in faults}
+def judged(expected, cycle, residual="samples"):
+    return judge(expected, cycle, by_agreement(fault_table(expected)), TEN_PER_CENT, residual)
+
+
+def named(*given):
+    return {fault.joint: fault.kind for fault in judged(*given)}
 
 
 @pytest.mark.parametrize("moves", [PICK_AND_PLACE, POLISHING])
@@ -79,12 +82,7 @@ def test_rule_1_an_encoder_alone(pick_and_place, joint):
 
 
 def test_friction_is_named_by_the_intervals_in_which_its_joint_moves(pick_and_place):
-    faults = judge(
-        pick_and_place,
-        one(PICK_AND_PLACE, Fault("friction", 5, 15.0)),
-        by_agreement(fault_table(pick_and_place)),
-        TEN_PER_CENT,
-    )
+    faults = judged(pick_and_place, one(PICK_AND_PLACE, Fault("friction", 5, 15.0)))
     assert [(fault.joint, fault.kind, fault.intervals) for fault in faults] == [(5, "joint", (2, 4, 5, 6))]
     assert faults[0].watts > 15
 
@@ -117,6 +115,4 @@ def test_equation_20_is_about_the_energy_of_an_interval(joules, code):
 def test_rules_under_16_keep_to_the_samples_whatever_codes_are_about(polishing):
     """Rule 1 and 2 are printed with P(t): a dead joint that saves little energy is no faulty encoder."""
     cut = one(POLISHING, Fault("cut", 2), Fault("belt_off", 5))
-    table = by_agreement(fault_table(polishing))
-    faults = judge(polishing, cut, table, TEN_PER_CENT, "energy")
-    assert {fault.joint: fault.kind for fault in faults} == {2: "joint", 5: "joint"}
+    assert named(polishing, cut, "energy") == {2: "joint", 5: "joint"}

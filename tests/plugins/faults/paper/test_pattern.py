@@ -7,30 +7,34 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner
 
 from cellwatt.errors import ModelError
+from cellwatt_plugins.faults.paper import equation
+from cellwatt_plugins.faults.paper.bevf import rms
 from cellwatt_plugins.faults.paper.pattern import cycle_pattern
 from cellwatt_plugins.faults.paper.train_pattern import _fitted, _written
 from cellwatt_plugins.faults.reference import load
 from cellwatt_plugins.models.command import train
-from tests.plugins.faults.paper.frames import frames_of
 from tests.plugins.faults.paper.irb1200 import POLISHING, Fault, Run, period, run
 from tests.plugins.faults.paper.test_stage import BELT, CREEP, CUT, plan, watch
-from tests.plugins.faults.watching import learned
+from tests.plugins.faults.watching import called, learned
 
 
 @pytest.fixture(scope="module")
 def reference(tmp_path_factory):
     """Polishing, and its equations of 44 poles in the folder beside."""
     folder = tmp_path_factory.mktemp("pattern")
-    path = learned(folder / "reference.yaml", frames_of(run(Run(POLISHING, 6, rate=50.0, lead=1.0, seed=1))))
-    (folder / "told.json").write_text(made(path, folder / "equations", "--json").stdout)
+    path = learned(folder / "reference.yaml", plan(1.0, cycles=6, seed=1))
+    (folder / "told.json").write_text(called(train, "pattern", path, "--out", folder / "equations", "--json").stdout)
     return path
 
 
-def made(reference: Path, out: Path, *words):
-    return CliRunner().invoke(train, ["pattern", str(reference), "--out", str(out), *words], catch_exceptions=False)
+def changed(reference, folder, change):
+    """A copy of the equations in a folder, its file changed."""
+    shutil.copytree(reference.parent / "equations", folder)
+    (file,) = folder.glob("*.yaml")
+    file.write_text(yaml.safe_dump(change(yaml.safe_load(file.read_text()))))
+    return folder
 
 
 def test_the_pattern_is_the_power_of_a_whole_cycle(reference):
@@ -39,12 +43,8 @@ def test_the_pattern_is_the_power_of_a_whole_cycle(reference):
     true = run(Run(POLISHING, 2, rate=500.0, noise=0.0))
     length = period(POLISHING) - POLISHING[-1].rest
     assert t[-1] == pytest.approx(length, abs=0.1)
-    late = min(np.linspace(-0.1, 0.1, 41), key=lambda s: _off(t + s, power, true))
-    assert _off(t + late, power, true) < 0.06 * np.std(power)
-
-
-def _off(t, power, true):
-    return float(np.sqrt(np.mean((np.interp(t + period(POLISHING), true.t, true.power) - power) ** 2)))
+    lates = period(POLISHING) + np.linspace(-0.1, 0.1, 41)
+    assert min(rms(np.interp(t + late, true.t, true.power), power) for late in lates) < 0.06 * np.std(power)
 
 
 def test_the_command_writes_the_equation_and_its_fit(reference):
@@ -52,11 +52,9 @@ def test_the_command_writes_the_equation_and_its_fit(reference):
     ours = [told["rms"].pop(f"BEVF {order}") for order in (24, 34, 44)]
     assert ours == sorted(ours, reverse=True)
     t, power = cycle_pattern(load(reference).tasks[0].variants[0])
-    file = yaml.safe_load(Path(told["file"]).read_text())
-    p, r = (np.array([complex(*pair) for pair in file[name]]) for name in "pr")
-    by_hand = np.abs(file["K"] + (r / (1j * t[:, None] - p)).sum(axis=1))
-    assert np.sqrt(np.mean((by_hand - power) ** 2)) == pytest.approx(ours[-1], rel=1e-3)
-    assert (file["task"], file["speed"]) == ("task_1", 1.0)
+    written = equation.load(Path(told["file"]))
+    assert rms(written.power(t), power) == pytest.approx(ours[-1], rel=1e-3)
+    assert (written.task, written.speed) == ("task_1", 1.0)
 
 
 @pytest.mark.parametrize(
@@ -74,14 +72,11 @@ def test_the_model_as_reference_names_the_same_faults(reference, faults, expecte
 
 def test_it_is_the_equation_that_power_is_compared_with(reference, tmp_path):
     """30 % more of it than was measured, and healthy cycles are faulty."""
-    folder = tmp_path / "equations"
-    shutil.copytree(reference.parent / "equations", folder)
-    (file,) = folder.glob("*.yaml")
-    told = yaml.safe_load(file.read_text())
-    told["K"] *= 1.3
-    told["r"] = [[1.3 * re, 1.3 * im] for re, im in told["r"]]
-    file.write_text(yaml.safe_dump(told))
-    assert watch(reference, plan(1.0), equations=folder) != []
+
+    def more(told):
+        return told | {"K": 1.3 * told["K"], "r": (1.3 * np.array(told["r"])).tolist()}
+
+    assert watch(reference, plan(1.0), equations=changed(reference, tmp_path / "equations", more)) != []
 
 
 @pytest.mark.parametrize(
@@ -93,10 +88,7 @@ def test_it_is_the_equation_that_power_is_compared_with(reference, tmp_path):
     ],
 )
 def test_equations_of_something_else_are_refused(reference, tmp_path, change, problem):
-    folder = tmp_path / "equations"
-    shutil.copytree(reference.parent / "equations", folder)
-    (file,) = folder.glob("*.yaml")
-    file.write_text(yaml.safe_dump(yaml.safe_load(file.read_text()) | change))
+    folder = changed(reference, tmp_path / "equations", lambda told: told | change)
     with pytest.raises(ModelError, match=problem):
         watch(reference, plan(1.0), equations=folder)
 

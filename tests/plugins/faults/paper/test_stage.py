@@ -1,23 +1,22 @@
 """The paper's method live, on the plant's frames; through the daemon it is tested in tests/system."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
-import numpy as np
 import pytest
 from bench.faults.tables import PICK_AND_PLACE as TABLE_I
 from click.testing import CliRunner
 
 from cellwatt.commands.check import command as check
 from cellwatt.errors import ModelError
-from cellwatt.stage import CellInfo
 from cellwatt_plugins.faults.paper.course import courses_of
 from cellwatt_plugins.faults.paper.expected import fault_table
 from cellwatt_plugins.faults.paper.network import train
-from cellwatt_plugins.faults.paper.stage import PaperFaultsSettings, PaperFaultsStage
+from cellwatt_plugins.faults.paper.stage import PaperFaultsStage
 from cellwatt_plugins.faults.paper.trained_for import TrainedFor
 from cellwatt_plugins.faults.reference import load
-from cellwatt_plugins.segment import SegmentSettings, SegmentStage
+from tests.plugins.faults import watching
 from tests.plugins.faults.paper.frames import frames_of
 from tests.plugins.faults.paper.irb1200 import POLISHING, Fault, Run, period, run
 from tests.plugins.faults.plant import START
@@ -30,23 +29,22 @@ CREEP = Fault("encoder_creep", 2, 0.1)
 @pytest.fixture(scope="module")
 def reference(tmp_path_factory):
     """Polishing at both speeds."""
-    blocks = frames_of(run(Run(POLISHING, 4, 1.0, rate=50.0, lead=1.0, seed=1)))
-    slow = run(Run(POLISHING, 4, 0.5, rate=50.0, lead=1.0, seed=2))
-    blocks += frames_of(slow, start=int(blocks[-1].time[-1]) + 20_000_000)
+    blocks = after(plan(1.0, cycles=4, seed=1), plan(0.5, cycles=4, seed=2))
     return learned(tmp_path_factory.mktemp("paper") / "reference.yaml", blocks)
 
 
-def watch(reference: Path, told, block=10, **settings):
-    cell = CellInfo("plant", "cell", None, reference.parent)
-    blocks = frames_of(told, block=block)
-    segment = SegmentStage("segment", SegmentSettings(), blocks[0].layout, cell)
-    chosen = PaperFaultsSettings(reference=Path(reference.name), **settings)
-    stage = PaperFaultsStage("faults", chosen, blocks[0].layout, cell)
-    return [alarm for frames in blocks for alarm in stage.process(frames, segment.process(frames, ()))]
+watch = partial(watching.watch, kind=PaperFaultsStage)
 
 
-def plan(speed, *faults, cycles=3, since=1, seed=7, lead=1.0):
-    return run(Run(POLISHING, cycles, speed, faults, since, rate=50.0, lead=lead, seed=seed))
+def plan(speed, *faults, cycles=3, since=1, seed=7, block=10):
+    """Frames of polishing, with faults from a cycle on."""
+    return frames_of(run(Run(POLISHING, cycles, speed, faults, since, rate=50.0, lead=1.0, seed=seed)), block=block)
+
+
+def after(first, second):
+    """Frames one after the other."""
+    late = first[-1].time[-1] + 20_000_000 - second[0].time[0]
+    return first + [replace(block, time=block.time + late) for block in second]
 
 
 def test_healthy_running_gives_no_alarm(reference):
@@ -73,23 +71,13 @@ def test_faults_are_named_after_the_first_interval(reference, speed, faults, exp
 
 
 def test_blocks_of_any_size_give_the_same_alarms(reference):
-    told = plan(1.0, CUT, BELT)
-    expected = watch(reference, told, block=10)
+    expected, *others = (watch(reference, plan(1.0, CUT, BELT, block=block)) for block in (10, 3, 2000))
     assert expected
-    assert watch(reference, told, block=3) == watch(reference, told, block=2000) == expected
+    assert others == [expected] * 2
 
 
 def test_an_alarm_is_cleared_by_a_healthy_cycle(reference):
-    faulty = plan(1.0, CUT, cycles=1, since=0)
-    healthy = plan(1.0, cycles=2)
-    step = 0.02
-    told = replace(
-        faulty,
-        t=np.concatenate([faulty.t, faulty.t[-1] + step + healthy.t]),
-        q=np.concatenate([faulty.q, healthy.q]),
-        power=np.concatenate([faulty.power, healthy.power]),
-    )
-    alarms = watch(reference, told)
+    alarms = watch(reference, after(plan(1.0, CUT, cycles=1, since=0), plan(1.0, cycles=2)))
     assert alarms[0].active
     assert not alarms[-1].active
     assert {alarm.id for alarm in alarms} == {"faults.arm.joint_2.joint_fault"}
@@ -97,10 +85,8 @@ def test_an_alarm_is_cleared_by_a_healthy_cycle(reference):
 
 
 def test_a_cycle_whose_beginning_was_not_seen_is_not_judged(reference):
-    told = plan(1.0, CUT, BELT, cycles=1, since=0)
-    seen = told.t > 1.05
-    late = replace(told, t=told.t[seen] - told.t[seen][0], q=told.q[seen], power=told.power[seen])
-    assert watch(reference, late) == []
+    frames = plan(1.0, CUT, BELT, cycles=1, since=0, block=1)
+    assert watch(reference, frames[53:]) == []  # the cycle begins after 50 frames
 
 
 FALLS = Fault("friction", 5, -20.0)
