@@ -266,8 +266,8 @@ class Table:
             )
         values, (factor, offset) = self.columns[name], scaled
         if known.quantity == "time" and unit is None:
-            known = values[np.isfinite(values)]
-            middle = float(np.median(known)) if len(known) else 0.0
+            finite = values[np.isfinite(values)]
+            middle = float(np.median(finite)) if len(finite) else 0.0
             low, high = SINCE_1970
             return values * next((each for each in (1e-3, 1e-6, 1e-9) if low <= middle * each < high), 1.0)
         return values if scaled == (1.0, 0.0) else values * factor + offset
