@@ -72,10 +72,9 @@ def write_chunks(
     *,
     number: int = 1,
     close: bool = True,
-    header: Header | None = None,
+    header: Header = HEADER,
 ) -> OpenFile:
     """A file whose chunks hold exactly these items; with ``close=False`` as a killed writer leaves it."""
-    header = header or HEADER
     name = FileName(header.session, number, header.cell)
     file = OpenFile(folder / str(name), replace(header, number=number))
     encoder = Encoder(file)
@@ -118,19 +117,14 @@ def same_batch(a: Batch, b: Batch) -> bool:
     """Equal to the last bit."""
     return (
         (a.source, a.stream, a.sequence, a.arrival) == (b.source, b.stream, b.sequence, b.arrival)
-        and bits(a.time) == bits(b.time)
-        and bits(a.bound) == bits(b.bound)
-        and bits(a.values) == bits(b.values)
-        and bits(a.quality) == bits(b.quality)
+        and all(bits(getattr(a, name)) == bits(getattr(b, name)) for name in ("time", "bound", "values", "quality"))
         and (a.device_time is None) == (b.device_time is None)
         and (a.device_time is None or b.device_time is None or bits(a.device_time) == bits(b.device_time))
     )
 
 
 def same_entry(a: Batch | Tick, b: Batch | Tick) -> bool:
-    if isinstance(a, Batch) and isinstance(b, Batch):
-        return same_batch(a, b)
-    return a == b
+    return same_batch(a, b) if isinstance(a, Batch) and isinstance(b, Batch) else a == b
 
 
 @asynccontextmanager

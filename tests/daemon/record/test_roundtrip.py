@@ -131,11 +131,8 @@ def test_numbers_that_json_lacks_stay_valid_json(tmp_path):
     def refuse(text):
         raise AssertionError(f"{text} is not JSON")
 
-    assert json.loads(message.data, parse_constant=refuse)["evidence"] == {
-        "residual_W": "NaN",
-        "count": 3,
-        "axes": [0, 1],
-    }
+    evidence = json.loads(message.data, parse_constant=refuse)["evidence"]
+    assert evidence == {"residual_W": "NaN", "count": 3, "axes": [0, 1]}
 
 
 def test_the_mcap_library_reads_every_value(tmp_path):
@@ -172,12 +169,8 @@ def test_the_mcap_library_reads_every_value(tmp_path):
 
 
 async def test_the_header_and_declarations_come_back(tmp_path):
-    channels = (
-        Channel("supply.power", "W"),
-        Channel("tool.closed", "1", "discrete"),
-        Channel("energy", "J", "counter", "linear"),
-    )
-    supply = Stream("hmc8015", channels, 10.0, "host")
+    kinds = (Channel("tool.closed", "1", "discrete"), Channel("energy", "J", "counter", "linear"))
+    supply = Stream("hmc8015", (Channel("supply.power", "W"), *kinds), 10.0, "host")
     header = replace(HEADER, streams={"arm": (ARM,), "supply": (supply,)})
     async with started(RecordSettings(folder=tmp_path), header) as recorder:
         assert recorder.put(batch_of(0, 2))

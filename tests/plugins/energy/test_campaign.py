@@ -64,9 +64,8 @@ def test_torque_so_far_off_that_losses_would_be_negative(variant):
 
 
 def test_an_arm_without_brakes_that_cannot_be_unplugged(variant):
-    folder, key = variant(
-        joints=7, current=False, gear=0.3, brakes=0.0, separate=False, speeds=(200.0, 900.0), seed=24, payload=3.0
-    )
+    built = {"joints": 7, "current": False, "gear": 0.3, "brakes": 0.0, "separate": False}
+    folder, key = variant(**built, speeds=(200.0, 900.0), seed=24, payload=3.0)
     findings = run_on(folder).findings
     assert findings.fixed.brakes == 0
     assert all(run.brakes == 0 for run in findings.runs)

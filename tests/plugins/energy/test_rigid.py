@@ -20,9 +20,8 @@ def test_a_known_payload_gives_the_gain_of_the_joints_that_carry_it_and_friction
     assert np.all(np.abs(fit.torque - 1 / true.gains)[1:3] < 5 * fit.uncertainty[1:3])
 
     at = 0.5  # rad/s: viscous, Coulomb and windage are told apart less well than their sum
-    viscous, coulomb, windage = (
-        fit.friction[law] for law in ("viscous_friction", "coulomb_friction", "nonlinear_viscous_friction")
-    )
+    laws = ("viscous_friction", "coulomb_friction", "nonlinear_viscous_friction")
+    viscous, coulomb, windage = (fit.friction[law] for law in laws)
     found = (viscous * at + coulomb + windage * at**2)[:3]
     assert found == pytest.approx((true.viscous * at + true.coulomb)[:3], rel=0.2)
     assert min(viscous.min(), coulomb.min(), windage.min()) >= 0

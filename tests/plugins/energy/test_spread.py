@@ -67,10 +67,8 @@ def test_errors_of_all_groups_together_are_those_of_the_measured_total(arm_and_k
     assert said["unexplained"] == energy.uncertainty
     apart = np.linalg.norm([said[name] for name in GROUPS])
     assert apart > 1.05 * of_total
-    explained = energy.covariance[:-1, :-1].sum()
-    assert energy.uncertainty**2 == pytest.approx(
-        explained + np.linalg.norm([2.0, 0.003 * energy.total]) ** 2, rel=0.02
-    )
+    explained = energy.covariance[:-1, :-1].sum() + np.linalg.norm([2.0, 0.003 * energy.total]) ** 2
+    assert energy.uncertainty**2 == pytest.approx(explained, rel=0.02)
 
 
 def test_an_energy_json_from_before_is_refused_with_what_to_do(measured, outcome, tmp_path):
