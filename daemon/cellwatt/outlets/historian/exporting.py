@@ -20,16 +20,7 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from cellwatt.errors import CellwattError, OutletError, why
 from cellwatt.files import read_bytes, replace_bytes
-from cellwatt.outlets.historian.pieces import (
-    Piece,
-    Reached,
-    closed,
-    next_frames,
-    next_results,
-    parquet,
-    root,
-    sessions,
-)
+from cellwatt.outlets.historian.pieces import Piece, Reached, closed, next_frames, next_results, parquet, root, sessions
 from cellwatt.outlets.historian.settings import LakeSettings
 from cellwatt.outlets.historian.store import Store, s3_options
 from cellwatt.outlets.past import ARCHIVED
@@ -38,7 +29,7 @@ from cellwatt.units import Units
 
 FILE: Final = "historian-lake.json"
 SESSIONS: Final = 2000
-"""Sessions from which the positions, of each table, of those without a file in the record are forgotten."""
+"""Number of sessions, in a table, beyond which the positions of those without a file in the record are forgotten."""
 
 
 class Progress(BaseModel):
