@@ -21,11 +21,12 @@ class Section(BaseModel):
 class Certified(Section):
     """A section with certificates: a renewed file counts as a change of the settings, so that a reload applies it."""
 
-    _written: tuple[int, ...] = PrivateAttr(())
+    _written: dict[Path, int] = PrivateAttr(default_factory=dict)
     """Modification times of the files, ns."""
 
     def model_post_init(self, _: object) -> None:
         """Read the modification times; files that cannot be read here are reported when they are needed."""
-        paths = (getattr(self, name, None) for name in _FILES)
-        with contextlib.suppress(OSError):
-            self._written = tuple(path.stat().st_mtime_ns for path in paths if isinstance(path, Path))
+        for path in (getattr(self, name, None) for name in _FILES):
+            if isinstance(path, Path):
+                with contextlib.suppress(OSError):
+                    self._written[path] = path.stat().st_mtime_ns

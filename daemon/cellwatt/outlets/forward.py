@@ -159,7 +159,7 @@ class Forwarder(Generic[M]):
 
     def _live_due(self) -> bool:
         """True if new messages are to be sent now."""
-        full = len(self._pending) >= self._flow.batch
+        full = len(self._pending) >= min(self._flow.batch, self._flow.queue)
         return bool(self._pending) and self._accepts and (full or time.monotonic() >= self._next_live)
 
     # new items -----------------------------------------------------------------------------------

@@ -68,12 +68,12 @@ def test_mistakes_are_refused_in_words(model: type[OutletSettings], settings: di
     ids=lambda model: model.__name__,
 )
 def test_a_renewed_file_is_a_change_that_a_reload_applies(model: type[OutletSettings], tmp_path: Path) -> None:
-    """Nothing in the settings file itself has changed."""
+    """Nothing in the settings file itself has changed; another file cannot be read."""
     file = tmp_path / "file.pem"
     file.touch()
-    settings: dict[str, Any] = {"certificate": file, "key": file}
+    settings: dict[str, Any] = {"certificate": file, "key": tmp_path / "missing"}
     if model is LinkSettings:
-        tls = {"certificate": file, "root_ca": tmp_path, "key": tmp_path}
+        tls = {"certificate": file, "root_ca": tmp_path, "key": tmp_path / "missing"}
         settings = {"mode": "client", "connect": ["tls/plant-router:7447"], "tls": tls}
     if model is InfluxSettings:
         settings = {"url": "https://influx.example", "database": "d", "ca": file}

@@ -10,32 +10,30 @@ import fcntl
 import json
 import logging
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from cellwatt.errors import CellwattError, OutletError, why
 from cellwatt.files import read_bytes, replace_bytes
-from cellwatt.outlets.historian.pieces import Piece, Reached, next_frames, next_results, parquet, root
+from cellwatt.outlets.historian.pieces import Piece, Reached, closed, next_frames, next_results, parquet, root, sessions
 from cellwatt.outlets.historian.settings import LakeSettings
 from cellwatt.outlets.historian.store import Store, s3_options
 from cellwatt.outlets.past import ARCHIVED
+from cellwatt.record.folder import RecordFile, files_of
 from cellwatt.units import Units
 
 FILE: Final = "historian-lake.json"
 SESSIONS: Final = 2000
-"""Most sessions whose positions are stored, of each table; the record of older ones is long removed."""
+"""Number of sessions, in a table, beyond which the positions of those without a file in the record are forgotten."""
 
 
 class Progress(BaseModel):
-    """Positions reached in each table of the lake ``lake``; with an ``intent``, a table may have one file beyond them.
-
-    The files of older versions, which had one position per table, are not valid.
-    """
+    """Positions in each table of the lake ``lake``; with an ``intent``, a table may have one file beyond them."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -51,14 +49,38 @@ class Progress(BaseModel):
             raise OutletError(f"lake: {folder / FILE} cannot be written: {why(error)}") from error
 
 
-def load(folder: Path, lake: str) -> Progress | None:
+class _FormerProgress(BaseModel):
+    """The progress of older versions: one position per table, before which all closed sessions count as exported."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    lake: str
+    reached: dict[str, Reached]
+    intent: Any = None
+
+    def converted(self, found: Sequence[Sequence[RecordFile]]) -> Progress:
+        """The positions in the sessions of the record ``found``."""
+        ends = [Reached(files[0].name.session, -1, complete=files[-1].name.number) for files in found if closed(files)]
+        reached = {
+            table: {at.session: at, **{end.session: end for end in ends if end.session < at.session}}
+            for table, at in self.reached.items()
+        }
+        return Progress(lake=self.lake, reached=reached, intent=self.intent)
+
+
+_PROGRESS: Final[TypeAdapter[Progress | _FormerProgress]] = TypeAdapter(Progress | _FormerProgress)
+
+
+def load(folder: Path, cell: str, lake: str) -> Progress | None:
     """The progress of that lake; ``None`` if there is none or it is invalid. Raises ``OutletError``."""
     try:
-        found = Progress.model_validate_json(read_bytes(folder / FILE))
+        found = _PROGRESS.validate_json(read_bytes(folder / FILE))
     except (FileNotFoundError, ValidationError):
         return None
     except OSError as error:
         raise OutletError(f"lake: {folder / FILE} cannot be read: {why(error)}") from error
+    if isinstance(found, _FormerProgress):
+        found = found.converted(sessions(folder, cell))
     return found if found.lake == lake else None
 
 
@@ -80,7 +102,7 @@ class Export:
     def __init__(self, record: Path, site: str, cell: str, settings: LakeSettings, store: Store) -> None:
         self._record, self._site, self._cell = record, site, cell
         self._settings, self._store = settings, store
-        self._progress = load(record, settings.folder) or Progress(lake=settings.folder, intent=True)
+        self._progress = load(record, cell, settings.folder) or Progress(lake=settings.folder, intent=True)
         if self._progress.intent:
             self._look()
 
@@ -88,11 +110,15 @@ class Export:
         """Write all new rows and results; yield each file once it is written. Raises ``OutletError``."""
         for table in ("frames", *(ARCHIVED if self._settings.results else ())):
             while (piece := self._next(table)) is not None:
+                if isinstance(piece, Reached):
+                    self._note(table, piece)
+                    self._progress.save(self._record)
+                    continue
                 yield self._commit(table, piece)
                 if piece.last:  # newer rows are for the next run, else this one would go on in files of a few rows
                     break
 
-    def _next(self, table: str) -> Piece | None:
+    def _next(self, table: str) -> Piece | Reached | None:
         cell, positions = (self._record, self._site, self._cell), self._progress.reached.get(table, {})
         if table == "frames":
             return next_frames(*cell, self._settings, positions)
@@ -122,9 +148,12 @@ class Export:
     def _note(self, table: str, reached: Reached) -> None:
         """Set the position in a session, unless a later one is known."""
         positions = self._progress.reached.setdefault(table, {})
-        positions[reached.session] = max(reached, positions.get(reached.session, reached))
-        while len(positions) > SESSIONS:
-            del positions[min(positions)]
+        known = positions.get(reached.session, reached)
+        complete = max(reached.complete, known.complete)
+        positions[reached.session] = replace(max(reached, known), complete=complete)
+        if len(positions) > SESSIONS:
+            recorded = {file.name.session for file in files_of(self._record, self._cell)} | {reached.session}
+            self._progress.reached[table] = {session: at for session, at in positions.items() if session in recorded}
 
 
 def _reached(path: str) -> Reached | None:

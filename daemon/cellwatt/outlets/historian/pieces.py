@@ -21,7 +21,7 @@ from cellwatt.frames import Frames, cut
 from cellwatt.outlets.past import ARCHIVED, Archived, opened
 from cellwatt.outlets.selection import Picker, Row, Selection
 from cellwatt.outlets.zenoh.messages import encode_json
-from cellwatt.record.folder import files_of
+from cellwatt.record.folder import RecordFile, files_of
 from cellwatt.record.messages import time_of
 from cellwatt.record.reader import EVER
 from cellwatt.results import Alarm, Energy, Task
@@ -35,15 +35,15 @@ class Reached:
     """The last exported frame or result of a session.
 
     For a frame, ``number`` is its sequence and ``time`` its time, UTC ns, if known; for a result, ``number`` is that of
-    its file in the session, and ``count`` the number of exported results of this file. ``ended``: the session has no
-    further frames.
+    its file in the session, and ``count`` the number of exported results of this file. Everything in files of the
+    session up to number ``complete`` is exported.
     """
 
     session: int
     number: int
     count: int = 0
     time: int = field(default=0, compare=False)
-    ended: bool = field(default=False, compare=False)
+    complete: int = field(default=-1, compare=False)
 
 
 Positions = Mapping[int, Reached]
@@ -51,34 +51,63 @@ Positions = Mapping[int, Reached]
 the later one has the earlier start."""
 
 
-def frames_after(folder: Path, cell: str, positions: Positions) -> Iterator[tuple[int, Frames]]:
-    """Blocks of frames after the position in their session, each with its session."""
-    for file in files_of(folder, cell):
-        session = file.name.session
+def sessions(folder: Path, cell: str) -> list[list[RecordFile]]:
+    """The recordings of each session, the running session last, also if the PC's clock was set back before it."""
+    found = [list(files) for _, files in groupby(files_of(folder, cell), lambda file: file.name.session)]
+    return sorted(found, key=lambda files: (not closed(files), max(file.modified for file in files)))
+
+
+def closed(files: Sequence[RecordFile]) -> bool:
+    """True if no file of a session is being written."""
+    return all(file.closed for file in files)
+
+
+def _incomplete(
+    folder: Path, cell: str, positions: Positions
+) -> Iterator[tuple[list[RecordFile], Reached | None, Reached | None]]:
+    """Of each session: the files that are not known to be exported, its position, and the position after its end.
+
+    The latter is ``None`` while the session may still grow.
+    """
+    found = sessions(folder, cell)
+    for files in found:
+        session, last = files[0].name.session, files[-1].name.number
         after = positions.get(session)
-        if after is not None and after.ended:
-            continue
-        recording = opened(file.path)
-        if recording is None or (after is not None and recording.end <= after.time):
-            continue
-        for block in (recording if after is None else recording.between(after.time + 1, EVER)).frames():
-            known = 0 if after is None else after.number + 1 - block.sequence
-            if known < len(block):
-                yield session, cut(block, known, len(block))
+        complete = -1 if after is None else after.complete
+        if last > complete:
+            ended = files is not found[-1] and closed(files)
+            end = Reached(session, -1, complete=last) if ended else None
+            yield [file for file in files if file.name.number > complete], after, end
 
 
-def results_after(folder: Path, cell: str, kind: type[T], positions: Positions) -> Iterator[tuple[Reached, T]]:
-    """Results of a kind after the position in their session, each with its own position."""
-    for file in files_of(folder, cell):
-        at = file.name.session, file.name.number
-        reached = positions.get(file.name.session)
-        if reached is not None and file.name.number < reached.number:
-            continue
-        recording = opened(file.path)
-        known = reached.count if reached is not None and file.name.number == reached.number else 0
-        for number, result in enumerate(recording.results(kind) if recording is not None else (), 1):
-            if number > known:
-                yield Reached(*at, number), result
+def frames_after(folder: Path, cell: str, positions: Positions) -> Iterator[tuple[int, Frames | Reached]]:
+    """Blocks of frames after the position in their session, each with its session; the end of each ended session."""
+    for files, after, end in _incomplete(folder, cell, positions):
+        session = files[0].name.session
+        for recording in map(opened, (file.path for file in files)):
+            if recording is None or (after is not None and recording.end <= after.time):
+                continue
+            for block in (recording if after is None else recording.between(after.time + 1, EVER)).frames():
+                known = 0 if after is None else after.number + 1 - block.sequence
+                if known < len(block):
+                    yield session, cut(block, known, len(block))
+        if end is not None:
+            yield session, end
+
+
+def results_after(folder: Path, cell: str, kind: type[T], positions: Positions) -> Iterator[tuple[Reached, T | None]]:
+    """Results of a kind after the position in their session, each with its own position; ``None`` ends a session."""
+    for files, after, end in _incomplete(folder, cell, positions):
+        for file in files:
+            if after is not None and file.name.number < after.number:
+                continue
+            recording = opened(file.path)
+            known = after.count if after is not None and file.name.number == after.number else 0
+            for number, result in enumerate(recording.results(kind) if recording is not None else (), 1):
+                if number > known:
+                    yield Reached(file.name.session, file.name.number, number), result
+        if end is not None:
+            yield end, None
 
 
 VALUES: Final = 4_000_000
@@ -114,20 +143,26 @@ def day_of(time: int) -> str:
     return datetime.fromtimestamp(time // 10**9, UTC).strftime("%Y-%m-%d")
 
 
-def next_frames(folder: Path, site: str, cell: str, selection: Selection, positions: Positions) -> Piece | None:
-    """The next file of frames, of one session, layout and day; ``None`` if no row is complete yet."""
+def next_frames(
+    folder: Path, site: str, cell: str, selection: Selection, positions: Positions
+) -> Piece | Reached | None:
+    """The next file of frames, of one session, layout and day; ``None`` if no row is complete yet.
+
+    A position alone says that a session has no frames beyond those exported.
+    """
     blocks = frames_after(folder, cell, positions)
     session, first = next(blocks, (0, None))
-    if first is None:
-        return None
+    if first is None or isinstance(first, Reached):
+        return first
     picker, rows, over = Picker(selection, first.layout), list[Row](), False
     most = max(1, VALUES // (len(picker.units) + 4))
     seen = positions.get(session, Reached(session, first.sequence - 1))
     gaps: list[tuple[int, int]] = []
     for at, block in chain([(session, first)], blocks):
-        if over := at != session or block.layout != picker.layout:
+        if isinstance(block, Reached) or at != session or block.layout != picker.layout:
+            over = True
             rows += picker.rest()
-            seen = replace(seen, ended=at != session and _closed(folder, cell, session))
+            seen = replace(seen, complete=block.complete) if isinstance(block, Reached) else seen
             break
         gaps.append((block.sequence, block.sequence - seen.number - 1))
         seen = Reached(session, block.sequence + len(block) - 1, time=int(block.time[-1]))
@@ -146,22 +181,24 @@ def next_frames(folder: Path, site: str, cell: str, selection: Selection, positi
     return Piece(path, len(chosen), frame_table(chosen, picker.units, session), end, lost, last=not (over or full))
 
 
-def _closed(folder: Path, cell: str, session: int) -> bool:
-    """True if no file of a session is being written."""
-    return all(file.closed for file in files_of(folder, cell) if file.name.session == session)
+def next_results(folder: Path, site: str, cell: str, table: str, positions: Positions) -> Piece | Reached | None:
+    """The next file of alarms, tasks or energies, of one file of the record and one day.
 
-
-def next_results(folder: Path, site: str, cell: str, table: str, positions: Positions) -> Piece | None:
-    """The next file of alarms, tasks or energies, of one file of the record and one day."""
-    found = islice(results_after(folder, cell, ARCHIVED[table], positions), RESULTS)
-    _, alike = next(groupby(found, lambda r: (r[0].session, r[0].number, time_of(r[1]) // _DAY)), (None, ()))
-    chosen = list(alike)
-    if not chosen:
-        return None
-    (first, result), (last, _) = chosen[0], chosen[-1]
+    A position alone says that a session has no results beyond those exported.
+    """
+    found = results_after(folder, cell, ARCHIVED[table], positions)
+    first, result = next(found, (None, None))
+    if first is None or result is None:
+        return first
+    day, chosen, last = time_of(result) // _DAY, [result], first
+    for at, later in islice(found, RESULTS - 1):
+        if later is None or (at.session, at.number, time_of(later) // _DAY) != (first.session, first.number, day):
+            break
+        chosen.append(later)
+        last = at
     name = f"{first.session}_{first.number}_{first.count}_{last.count}.parquet"
     path = f"{root(table, site, cell)}/day={day_of(time_of(result))}/{name}"
-    return Piece(path, len(chosen), result_table(table, [r for _, r in chosen], first.session), last)
+    return Piece(path, len(chosen), result_table(table, chosen, first.session), last)
 
 
 _TIME: Final = pa.timestamp("ns", tz="UTC")

@@ -188,10 +188,14 @@ async def test_batches_that_are_too_large_are_halved() -> None:
     assert [len(lines) for lines in server.batches] == [4, 4]
 
 
-async def test_new_lines_wait_for_the_next_attempt_or_for_a_whole_batch(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("limits", [{"batch": 3}, {"batch": 1000, "queue": 3}])
+async def test_new_lines_wait_for_the_next_attempt_or_for_a_whole_batch(
+    monkeypatch: pytest.MonkeyPatch, limits: dict[str, int]
+) -> None:
+    """A queue that is smaller than a batch is sent when it is full."""
     now = [1000.0]
     monkeypatch.setattr("cellwatt.outlets.forward.time", SimpleNamespace(monotonic=lambda: now[0]))
-    async with Fake().open() as server, running(outlet := outlet_of(server.url, None, batch=3)):
+    async with Fake().open() as server, running(outlet := outlet_of(server.url, None, **limits)):
         forwarder = outlet._influx
         assert forwarder is not None
         for second, (waiting, sent) in enumerate([(0, 1), (1, 1), (2, 1), (0, 4), (1, 4)]):

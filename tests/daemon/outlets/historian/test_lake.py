@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
@@ -15,10 +16,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from cellwatt import OutletError
-from cellwatt.outlets.historian import exporting
+from cellwatt.outlets.historian import exporting, pieces
 from cellwatt.outlets.historian.exporting import FILE, LOCK, Export, Progress
 from cellwatt.outlets.historian.settings import LakeSettings
 from cellwatt.outlets.historian.store import Store
+from cellwatt.outlets.past import opened
 from cellwatt.units import Units
 from tests.daemon.outlets.historian.made import ANOTHER, CELL, DAY, SESSION, SITE, START, Recorded, S, row_truth
 from tests.patience import PATIENCE
@@ -42,6 +44,10 @@ def table_of(lake: Path, table: str = "frames") -> list[dict[str, Any]]:
         row for path in sorted(lake.glob(f"{table}/**/*.parquet")) for row in pq.ParquetFile(path).read().to_pylist()
     ]
     return sorted(rows, key=lambda row: row["time"].value)
+
+
+def sequences(lake: Path, session: int) -> list[int]:
+    return [row["sequence"] for row in table_of(lake) if row["session"] == session]
 
 
 def check(lake: Path, seconds: Sequence[int], session: int = SESSION) -> None:
@@ -122,6 +128,67 @@ def test_a_session_whose_clock_was_set_back_is_exported_too(record: Path, lake: 
     assert export(record, lake) == []
 
 
+@pytest.mark.parametrize("dated_back", [True, False])
+def test_an_earlier_session_that_runs_cuts_no_row(record: Path, lake: Path, dated_back: bool) -> None:
+    """The old session is not the last by its name; its last row, of half a second, is complete all the same."""
+    earlier = SESSION - 10_000 * S + S // 2
+    old = Recorded(record, SESSION + S // 2).seconds(3)
+    (old.rotate if dated_back else old.close)()
+    export(record, lake)
+    growing = Recorded(record, earlier)
+    for seconds in (3, 5):
+        growing.seconds(seconds)
+        for path in record.glob("*.part") if dated_back else ():
+            os.utime(path, (1e9, 1e9))
+        export(record, lake)
+    growing.close()
+    assert sequences(lake, SESSION + S // 2) == [24, 74, 124, 149]
+    assert sequences(lake, earlier) == [24 + 50 * n for n in range(8)]
+
+
+def test_positions_of_sessions_without_a_file_are_forgotten(
+    record: Path, lake: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(exporting, "SESSIONS", 2)
+    for number in range(4, 0, -1):  # the clock is set back before each
+        if number == 2:
+            min(record.glob("*.mcap"), key=lambda path: path.stat().st_mtime_ns).unlink()
+        Recorded(record, SESSION + number * 1000 * S).seconds(2).rotate()
+        assert sum(done.rows for done in export(record, lake, results=False)) == 2
+    positions = json.loads((record / FILE).read_text())["reached"]["frames"]
+    assert [*map(int, positions)] == [SESSION + number * 1000 * S for number in (3, 2, 1)]
+
+
+def test_files_of_ended_sessions_are_read_once(record: Path, lake: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for number in range(3):
+        Recorded(record, SESSION + number * 1000 * S).seconds(2, results=number == 1).rotate().seconds(2).rotate()
+        export(record, lake)
+    read: list[Path] = []
+    monkeypatch.setattr(pieces, "opened", lambda path: read.append(path) or opened(path))
+    assert export(record, lake) == []
+    assert set(read) == set(sorted(record.glob("*.mcap"))[-2:])
+
+
+def test_the_positions_of_an_older_version_are_continued(record: Path, lake: Path) -> None:
+    """Files that somebody moved out of the lake are not written again."""
+    Recorded(record, SESSION - 1000 * S).seconds(3).rotate()
+    growing = Recorded(record).seconds(8)
+    export(record, lake)
+    progress = json.loads((record / FILE).read_text())
+    reached = {
+        table: {key: value for key, value in positions[str(SESSION)].items() if key != "complete"}
+        for table, positions in progress["reached"].items()
+    }
+    (record / FILE).write_text(json.dumps({**progress, "reached": reached}))
+    lake.rename(lake.with_name("moved"))
+    Recorded(record, SESSION - 2000 * S).seconds(2).close()
+    growing.seconds(3).close()
+    export(record, lake)
+    check(lake, range(8, 11))
+    check(lake, range(2), SESSION - 2000 * S)
+    assert not sequences(lake, SESSION - 1000 * S)
+
+
 def test_a_file_holds_one_day(record: Path, lake: Path) -> None:
     session = START + DAY - 5 * S
     Recorded(record, session).seconds(10, results=False).close()
@@ -145,11 +212,10 @@ def test_a_session_that_ended_gives_its_last_row(record: Path, lake: Path) -> No
     first = Recorded(record, SESSION + S // 2)  # its spans begin and end in the middle of seconds
     first.seconds(3, results=False).rotate()
     export(record, lake)
-    assert [row["sequence"] for row in table_of(lake)] == [24, 74, 124]
+    assert sequences(lake, SESSION + S // 2) == [24, 74, 124]
     Recorded(record, SESSION + 60 * S).seconds(2).close()
     export(record, lake)
-    kept = [row["sequence"] for row in table_of(lake) if row["session"] == SESSION + S // 2]
-    assert kept == [24, 74, 124, 149]
+    assert sequences(lake, SESSION + S // 2) == [24, 74, 124, 149]
     check(lake, range(2), SESSION + 60 * S)
     assert export(record, lake) == []
 
