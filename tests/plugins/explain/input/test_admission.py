@@ -6,8 +6,10 @@ import pytest
 
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.explain.input.admission import check_run
+from cellwatt_plugins.explain.input.admission.motion import check_moving
 from cellwatt_plugins.explain.input.run import Run
-from cellwatt_plugins.robot import Arm
+from cellwatt_plugins.robot import Arm, RobotDescription
+from cellwatt_plugins.robot.description import Joint
 from tests.plugins.explain.input.reading import examine, read_runs
 from tests.plugins.explain.recorded_arm import (
     EFFECTS,
@@ -225,6 +227,28 @@ def test_nothing_moves(described, arm):
     assert "rest: nothing moves (at most 0.000" in refusal([rest], arm)
     with pytest.raises(RecordingError, match="rest: nothing moves"):
         check_run(rest, arm)
+
+
+@pytest.mark.parametrize(("kind", "travel", "unit"), [("revolute", 0.008, "rad"), ("prismatic", 0.0016, "m")])
+def test_an_axis_is_at_rest_by_its_own_unit(kind, travel, unit):
+    """A press of 40 mm moves, and so does a joint of 40 mrad."""
+    robot = RobotDescription(robot="press", urdf="press.urdf", joints=(Joint(name="axis_1", kind=kind),))
+    t = np.arange(1000) * 0.02
+
+    def press(stroke):
+        return Run("press", t, stroke / 2 * np.sin(3 * t)[:, None], None, 100 * np.cos(3 * t)[:, None])
+
+    check_moving([press(0.04)], robot)
+    with pytest.raises(RecordingError, match=rf"nothing moves \(at most {travel:.4f} {unit} at a joint"):
+        check_moving([press(travel)], robot)
+
+
+def test_a_recording_of_small_motions_is_compared_with_others(described, arm):
+    moves = excitation(1)
+    small = replace(moves, **{name: getattr(moves, name) / 80 for name in ("q", "qd", "qdd")})
+    run = recorded(described, small)
+    assert 0.01 < np.ptp(run.position, axis=0).max() < 0.05
+    assert check_run(run, arm).position.shape == run.position.shape
 
 
 def test_a_motion_without_its_torque_shows_nothing(described, arm):

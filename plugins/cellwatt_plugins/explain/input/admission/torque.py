@@ -21,7 +21,15 @@ from cellwatt_plugins.explain.input.admission.agreement import (
     deviation,
     sample_of,
 )
-from cellwatt_plugins.explain.input.factors import DEGREES, MOVES, joints_text, order_text, recognised, times_text
+from cellwatt_plugins.explain.input.factors import (
+    DEGREES,
+    MOVES,
+    joints_text,
+    levers,
+    order_text,
+    recognised,
+    times_text,
+)
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import Moved, Plan
@@ -97,7 +105,7 @@ def _check(place: str, current: bool, sample: Sample) -> None:
     misfit = expected.misfits(sample.read)
     if (misfit > POOR).any():
         _direction(place, sample, expected, misfit)
-        moves = np.ptp(sample.motion.position, axis=0) > MOVES
+        moves = np.ptp(sample.motion.position, axis=0) > MOVES * levers(sample.arm.description)
         if moves.any() and np.mean(_to_and_fro(sample.motion.velocity)[moves]) >= SEVERAL:
             _order(place, sample.read, expected)
             _motion_read_otherwise(place, sample, expected.misfit(sample.read))
