@@ -16,6 +16,8 @@ from tests.plugins.explain.recorded_arm import (
     JOINTS,
     NOISE,
     excitation,
+    model,
+    needed,
     points,
     recorded,
     some,
@@ -280,6 +282,20 @@ def test_rounding_of_a_simulated_torque_is_in_no_order(described, arm):
     simulated = replace(run.simulated, torque=torque)
     (note,) = examine([replace(run, simulated=simulated)], arm)[1]
     assert note == "joints 1, 2, 3, 4, 5 never moved: friction and inertia there cannot be found"
+
+
+@pytest.mark.parametrize(("motion", "seed"), [(excitation, 1), (excitation, 4), (points, 1), (points, 5)])
+def test_gravity_of_an_arm_on_the_ceiling_is_no_sign(motion, seed, described, arm, bare):
+    """With little friction other signs explain gravity's torques, too, but not as well as another mount."""
+
+    def hung(moves, torque, path):
+        return needed(model(path, gravity=(0, 0, 9.81)), moves, friction=0.05)
+
+    assert isinstance(examine([without_plan(recorded(described, motion(seed), effect=hung))], bare)[1], list)
+    right = without_plan(recorded(described, motion(seed)))
+    for number in (2, 3, 5):
+        turned = joint(number, -1, "torque")(right)
+        assert f"torque of joint {number} has the opposite sign" in refusal([turned], arm)
 
 
 @pytest.mark.parametrize("effect", EFFECTS)

@@ -164,11 +164,18 @@ def _direction(place: str, sample: Sample, expected: Expected, misfit: Float) ->
     turned = _better(expected.misfits(read * -1.0), misfit) & (read.shares() > TELLS)
     turned &= _to_and_fro(velocity) | (misfit > TWICE)
     turned &= [_opposite(*course) for course in zip(read.torque.T, expected.torque.T, velocity.T, strict=True)]
-    if turned.any():
+    if turned.any() and not _mounted_upside_down(sample, expected, turned):
         raise RecordingError(
             f"{place} of {joints_text((np.flatnonzero(turned) + 1).tolist())} has the opposite sign: "
             "it drives where the motion requires braking"
         )
+
+
+def _mounted_upside_down(sample: Sample, expected: Expected, turned: Bool) -> bool:
+    """True if gravity of the opposite direction explains the torques as well as other signs of the ``turned`` ones."""
+    against = replace(expected, torque=expected.torque - 2 * sample.arm.gravity(sample.motion.position))
+    other = expected.misfit(sample.read * np.where(turned, -1.0, 1.0))
+    return against.misfit(sample.read) <= other
 
 
 def _opposite(torque: Float, expected: Float, velocity: Float) -> bool:
