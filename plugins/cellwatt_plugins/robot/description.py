@@ -5,18 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    PositiveFloat,
-    ValidationInfo,
-    field_validator,
-)
+from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationInfo, field_validator, model_validator
 
 from cellwatt.config import KeyPath, read_settings
 from cellwatt.errors import ConfigError
@@ -31,10 +24,10 @@ Point = tuple[float, float, float]
 
 
 class _Keys(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="ignore", populate_by_name=True, use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True, use_attribute_docstrings=True)
 
 
-class Tolerances(_Keys, extra="forbid"):
+class Tolerances(_Keys):
     """Standard deviations of the stated numbers, as a share of their value."""
 
     friction: PositiveFloat = 0.06
@@ -83,7 +76,7 @@ class Joint(_Keys):
     """rad/s; the URDF's where absent."""
 
 
-class Capsule(_Keys, extra="forbid"):
+class Capsule(_Keys):
     """Rod with round ends on a link."""
 
     link: Annotated[int, Field(ge=0)]
@@ -129,6 +122,12 @@ class RobotDescription(_Keys):
     """Height of the floor in the base's frame, m."""
     capsules: tuple[Capsule, ...] = ()
     """Outline of the arm, checked against itself and the floor; if absent, rods of 8 cm radius along the links."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_sample_rate(cls, keys: Any) -> Any:
+        """A key of earlier versions, which nothing uses: files that have it are read as before."""
+        return {key: value for key, value in keys.items() if key != "sample_rate"} if isinstance(keys, dict) else keys
 
     @field_validator("joints")
     @classmethod
@@ -189,12 +188,15 @@ def load_robot(robot: Place, needs: Sequence[str] = ()) -> RobotDescription:
     ``needs`` are keys that every joint must have above 0. Raises ``ConfigError`` with file, line and column.
     """
 
-    def lacking(description: RobotDescription) -> Iterator[tuple[KeyPath, str]]:
+    def problems(description: RobotDescription) -> Iterator[tuple[KeyPath, str]]:
         for i, joint in enumerate(description.joints):
+            low, high = joint.lower_limit, joint.upper_limit
+            if low is not None and high is not None and not low < high:
+                yield ("joints", i, "lower_limit"), f"found {low:g}, expected less than upper_limit, {high:g}"
             for key in needs:
                 if not getattr(joint, key) > 0:
                     yield ("joints", i, key), f"{joint.name} has no {key}: add it from the motor's data sheet"
 
     file = robot_file(robot)
-    description = read_settings(file, RobotDescription, lacking)
+    description = read_settings(file, RobotDescription, problems)
     return description.model_copy(update={"urdf": (file.parent / description.urdf)})

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.linalg import solveh_banded
 from scipy.ndimage import uniform_filter1d
 
@@ -49,6 +50,8 @@ HARDLY = 0.005
 """Noise of a derivative, as a share of its standard deviation, below which it needs no smoothing."""
 SURE_SIGN = 22.0
 """Argument from which tanh is 1 to the last bit."""
+STIFF = 1e12
+"""Largest strength of the smoother that double precision resolves: reached by 0.5 Hz at 310 samples a second."""
 
 
 @dataclass(frozen=True)
@@ -222,6 +225,8 @@ def smooth(values: Float, step: float, bandwidth: float) -> Float:
     strength = _strength(step, bandwidth)
     if strength < 1e-3:
         return values.copy()
+    if strength > STIFF:
+        return _thinned(values, step, bandwidth, int(np.ceil((strength / STIFF) ** (0.5 / ORDER))))
     return _solve(values, strength)
 
 
@@ -322,6 +327,16 @@ def _samples(seconds: float, step: float) -> int:
 def _average(squares: Float, width: int) -> Float:
     """Running average (N, n) of squares; never negative, despite the rounding of the running sum."""
     return np.asarray(np.maximum(uniform_filter1d(squares, width, axis=0, mode="nearest"), 0.0))
+
+
+def _thinned(values: Float, step: float, bandwidth: float, count: int) -> Float:
+    """``smooth`` by way of the means of ``count`` samples, whose frequencies are far above the bandwidth."""
+    beyond = -len(values) % count
+    blocks = np.pad(values, ((0, beyond), (0, 0)), "reflect", reflect_type="odd").reshape(-1, count, values.shape[1])
+    middles = count * np.arange(len(blocks)) + (count - 1) / 2
+    return np.asarray(
+        CubicSpline(middles, smooth(blocks.mean(axis=1), count * step, bandwidth))(np.arange(len(values)))
+    )
 
 
 def _solve(values: Float, strength: float) -> Float:

@@ -81,6 +81,14 @@ def test_many_short_moves_do_as_well_as_a_long_recording():
     assert meter.late == pytest.approx(0.35, abs=0.02)
 
 
+def test_moves_that_are_hardly_longer_than_the_window_tell_no_meter():
+    arms = [Arm(3.0, seed) for seed in range(40)]
+    each = [held([(arm.time, arm.through(2.0, 0.9, phase=seed * 0.37 % 1))], 2.0) for seed, arm in enumerate(arms)]
+    readings = [(arm.course, own[0]) for arm, own in zip(arms, each, strict=True) if own]
+    assert len(readings) > 20
+    assert find([own for _, own in readings], [course for course, _ in readings]) is None
+
+
 @pytest.mark.parametrize(("window", "interval"), [(0.3, 0.1), (0.02, 0.2)])
 def test_a_window_need_not_be_the_interval(window, interval):
     arm = Arm()

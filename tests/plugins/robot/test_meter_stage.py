@@ -92,6 +92,15 @@ def test_of_two_arms_the_one_is_found_that_the_meter_supplies():
     assert alarm.evidence["late_s"] == pytest.approx(LATE, abs=0.01)
 
 
+def test_values_that_repeat_before_a_gap_do_not_tell_the_interval():
+    of = layout()
+    every = frames(of, [Arm(60.0, 3)])
+    every.values[:115, -1] = np.where(np.arange(115) < 60, 60.0, 61.0)
+    every.values[115:120, :-1] = np.nan
+    (alarm,) = run(MeterStage("meter", MeterSettings(), of, CELL), every)
+    assert alarm.evidence["interval_s"] == pytest.approx(WINDOW, abs=0.005)
+
+
 def test_an_arm_at_rest_tells_nothing():
     of = layout()
     still = Arm(30.0, 3)

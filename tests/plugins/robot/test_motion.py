@@ -33,6 +33,14 @@ def test_noise_left_in_position_velocity_and_acceleration_is_what_the_transfer_f
         assert np.std(part) == pytest.approx(expected, rel=0.03)
 
 
+@pytest.mark.parametrize("rate", [125.0, 1000.0, 2000.0, 8000.0])
+def test_a_bandwidth_far_below_the_sampling_rate_passes_what_is_slower(rate):
+    time = np.arange(30 * rate) / rate
+    slow = np.sin(2 * np.pi * 0.1 * time)[:, None]
+    inner = slice(round(5 * rate), -round(5 * rate))
+    assert np.abs(smooth(slow, 1 / rate, 0.5) - slow)[inner].max() < 0.01
+
+
 @pytest.mark.parametrize("spread", [0.0, 0.004, 0.03])
 @pytest.mark.parametrize("velocity", [0.0, -0.006, 0.05])
 def test_the_expected_sign_and_its_spread_are_those_of_drawn_velocities(velocity, spread):

@@ -71,7 +71,10 @@ def find_loops(arm: Arm, motion: RobotTrace, speeds: Sequence[float]) -> tuple[l
     if len(stays) < 2:
         return [], ["the arm does not return to its start pose: no repetition"]
     loops = [_loop(arm, motion, before, after) for before, after in pairwise(stays)]
-    length = float(np.median([loop.way for loop in loops]))
+    ways = [loop.way for loop in loops if loop.way > 0]
+    if not ways:
+        return [], ["the flange does not move between rests at the start pose: no repetition"]
+    length = float(np.median(ways))
     named = [_named(loop, length, speeds) for loop in loops]
     usual = {
         speed: float(np.median([loop.seconds for loop in named if loop.speed == speed]))

@@ -157,13 +157,18 @@ def _solved(instruments: Float, design: Float, value: Float) -> Float:
 
 def _refined(
     shown: _Shown, sides: Sequence[_Sums], window: float, late: float, usual: float, unexplained: float
-) -> Meter:
-    """Gauss-Newton on middle and width of the window, and all weights; the ``sides`` are each other's instruments."""
+) -> Meter | None:
+    """Gauss-Newton on middle and width of the window, and all weights; the ``sides`` are each other's instruments.
+
+    None if the windows of too few values lie within their segments.
+    """
     step, ago = sides[0].step, late + window / 2
     for _ in range(STEPS):
         middle = shown.time - ago
         begin, end = middle - window / 2, middle + window / 2
         kept = np.all([side.inside(shown.segment, begin, end) for side in sides], axis=0)
+        if kept.sum() < sides[0].sums.shape[1] + 3:
+            return None
         value, wider = np.tile(shown.value[kept], 2), float(np.hypot(window, SMOOTH))
         design = np.concatenate([_design(shown, side, kept, window, ago) for side in sides])
         smooth = np.concatenate([_design(shown, side, kept, wider, ago) for side in sides[::-1]])

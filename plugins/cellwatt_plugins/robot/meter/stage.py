@@ -122,26 +122,29 @@ class MeterStage(Stage[MeterSettings]):
         if np.isnan(efforts).all():
             efforts = efforts[:, :0]
         least = SHORTEST * 1e9 / self.layout.step
-        origin, readings, courses = int(time[0]), [], []
+        origin, known, courses = int(time[0]), [], []
         for s in _whole(time, np.hstack([positions, efforts]), self.layout.step):
-            inside = _readings(*shown, time[s], origin) if s.stop - s.start >= least else None
-            if inside is not None:
-                readings.append(inside)
+            came, values_there = _new(*shown, time[s], origin)
+            if s.stop - s.start >= least and len(came) > 1:
+                known.append((came, values_there))
                 courses.append(_course(time[s] - origin, positions[s], efforts[s]))
-        return find(readings, courses, usual=channel.window or None) if readings else None
+        if not known:
+            return None
+        interval = float(np.median(np.concatenate([np.diff(came) for came, _ in known])))
+        readings = [Readings(came, value, interval) for came, value in known]
+        return find(readings, courses, usual=channel.window or None)
 
 
-def _readings(stamp: Nanoseconds, value: Float, during: Nanoseconds, origin: int) -> Readings | None:
-    """Values in rows (n,), each once, that came ``during`` some frames; a held one has the stamp of the row before.
+def _new(stamp: Nanoseconds, value: Float, during: Nanoseconds, origin: int) -> tuple[Float, Float]:
+    """Times in s from ``origin`` ns and values of the rows (n,), each once, that came ``during`` some frames.
 
-    Their clock begins at ``origin`` ns. None if they are too few to have an interval.
+    A held value has the stamp of the row before.
     """
     inside = np.flatnonzero((stamp >= during[0]) & (stamp <= during[-1]))
     new = inside[np.unique(stamp[inside], return_index=True)[1]]
     # A meter that is polled before it has a new value returns the last one again.
     fresh = new[np.flatnonzero(np.diff(value[new], prepend=np.nan) != 0)]
-    came = np.asarray((stamp[fresh] - origin) * 1e-9, np.float64)
-    return Readings(came, value[fresh], float(np.median(np.diff(came)))) if len(fresh) > 1 else None
+    return np.asarray((stamp[fresh] - origin) * 1e-9, np.float64), value[fresh]
 
 
 def _meters(layout: Layout, power: str | None) -> tuple[int, ...]:

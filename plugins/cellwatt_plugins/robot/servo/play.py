@@ -45,7 +45,7 @@ class Play(Effect):
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
         loads = np.concatenate([run.rigid[:, joint or 0] for run in runs])
-        if np.all(loads > 0) or np.all(loads < 0):
+        if not np.min(loads) < 0 < np.max(loads):
             return []
         return [(share * float(np.std(loads)),) for share in WIDTHS]
 

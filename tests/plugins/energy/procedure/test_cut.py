@@ -120,6 +120,9 @@ def test_missing_samples_spoil_their_repetition_alone(cut, programme, plant, sou
 
 def test_an_arm_that_never_moves(cut, programme):
     rows, watts = programme
+    wrist = np.where(np.arange(18) % 6 == 5, np.roll(rows, 5, axis=1), rows[0])
+    with pytest.raises(RecordingError, match="payload 0 kg: the flange does not move between rests at the start pose"):
+        cut(wrist, watts)
     with pytest.raises(RecordingError, match="payload 0 kg: the arm does not return"):
         cut(rows[:1100], watts[:1100])
     with pytest.raises(RecordingError, match="10 samples of arm in it, expected 20"):

@@ -1,6 +1,6 @@
 """Every effect by one table, and each against the plant's closed form or the definition in the contract."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -8,6 +8,7 @@ import pytest
 from cellwatt_plugins.robot.effects import BY_NAME, EFFECTS
 from cellwatt_plugins.robot.effects.effect import Estimate, Parameter
 from cellwatt_plugins.robot.effects.supply.thermal import warmth
+from cellwatt_plugins.robot.servo import BY_NAME_IN_MOTION
 from tests.plugins.explain import plant
 
 JOINT = 1
@@ -337,6 +338,24 @@ def test_recorded_temperature_lowers_friction_by_e_over_its_scale(arms):
         run = type(cold)(cold.name, 0, cold.time, cold.moved, arm, np.full_like(cold.q, temperature))
         sizes.append(np.max(np.abs(added("temperature_dependent_friction", run, (12.0, 0.0), [1.0]))))
     assert sizes[1] / sizes[0] == pytest.approx(np.exp(-1), rel=1e-6)
+    assert not added("temperature_dependent_friction", cold, (12.0, 0.0), [1.0]).any(), "its temperature is unknown"
+
+
+def test_a_joint_that_turns_round_has_no_ripple_of_one_or_two_cycles_a_turn(arms):
+    """That is gravity, or a spring; a description without a gear's ratio must not ask for it."""
+    run = plant.states(arms[0])
+    joints = tuple(joint.model_copy(update={"gear_ratio": 1.0}) for joint in run.robot.joints)
+    wide = replace(run.moved, position=40 * run.q)
+    arm = replace(run.arm, description=run.robot.model_copy(update={"joints": joints}))
+    shapes = BY_NAME["position_periodic_torque"].shapes([replace(run, arm=arm, moved=wide)], JOINT, [])
+    assert min(shapes) == (3.0,)
+
+
+def test_a_link_without_a_load_shows_no_play(full_runs):
+    bare = replace(full_runs[0])
+    bare.__dict__["rigid"] = np.zeros_like(bare.q)
+    for effect in (BY_NAME["backlash"], BY_NAME_IN_MOTION["backlash"]):
+        assert effect.shapes([bare], JOINT, []) == []
 
 
 @pytest.mark.parametrize("time_constant", [0.5, 300.0])

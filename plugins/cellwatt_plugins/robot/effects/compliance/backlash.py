@@ -40,7 +40,7 @@ class Backlash(TwoMass):
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
         loads = np.concatenate([run.load[:, joint] for run in runs])
         inertia = swinging(runs, joint or 0)
-        if not inertia or np.all(loads > 0) or np.all(loads < 0):
+        if not inertia or not np.min(loads) < 0 < np.max(loads):
             return []
         return [
             (gap, float(inertia * (2 * np.pi * f) ** 2), float(4 * np.pi * share * inertia * f))

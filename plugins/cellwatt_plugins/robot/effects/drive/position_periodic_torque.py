@@ -37,7 +37,7 @@ class PositionPeriodicTorque(Effect):
         span = max(float(np.ptp(run.q[:, joint])) for run in runs)
         gear = runs[0].robot.joints[joint or 0].gear_ratio
         tried = {float(n) for n in range(LEAST, MOST + 1)} | {gear, 2 * gear}
-        return [(n,) for n in sorted(tried) if n * span > 2 * np.pi and _seen(runs, joint, n)]
+        return [(n,) for n in sorted(tried) if n >= LEAST and n * span > 2 * np.pi and _seen(runs, joint, n)]
 
     def fuller(self, runs: Sequence[States], joint: int | None, shape: Shape) -> Sequence[Shape]:
         first = [(n, SECOND) for n in (shape[0], shape[0] / SECOND) if n >= LEAST and _seen(runs, joint, SECOND * n)]

@@ -49,7 +49,7 @@ class TemperatureDependentFriction(Effect):
         axis = joint or 0
         if shape[1] == 0:
             if run.temperature is None:
-                return np.zeros((len(run.time), 2))
+                return np.zeros((len(run.time), 1))
             factor = np.exp(-(run.temperature[:, axis] - COLD) / shape[0])
         else:
             factor = np.exp(-shape[1] * warmth(_loss(run, axis), run.step, shape[0]))
