@@ -28,6 +28,7 @@ from tests.plugins.models.making import Mlp, metadata
 from tests.plugins.models.power.emulated_arm import write_case
 
 codes_of = train_command.train_codes
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 sys.path.append(str(Path(__file__).resolve().parents[2] / "bench"))
 
 
@@ -85,29 +86,23 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.slow
 def test_reference(cell: Path, workers: str, tmp_path: Path) -> None:
     told, _ = both(workers, tmp_path, reference, *sorted(cell.glob("healthy_*")), "--robot", cell, "--json")
     assert [task["name"] for task in json.loads(told)["tasks"]] == ["task_1", "task_2"]
 
 
-@pytest.mark.slow
 def test_faults(cell: Path, workers: str, tmp_path: Path) -> None:
     given = ["judge", cell / "x.parquet", cell / "y.parquet", "--reference", cell / "reference.yaml", "--robot", cell]
     told, _ = both(workers, tmp_path, faults, *given, "--json")
     assert [cycle["status"] for cycle in json.loads(told)["cycles"]] == ["healthy"] * 5
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_faults_train(cell: Path, workers: str, tmp_path: Path) -> None:
     given = ["train", "--reference", cell / "reference.yaml", "--robot", cell, cell / "healthy_1.parquet"]
     told, folder = both(workers, tmp_path, faults, *given)
     assert len(list(folder.glob("*-codes.onnx"))) > 2, told
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_disaggregate(workers: str, tmp_path: Path) -> None:
     from energy.arms import Case
     from energy.plant import write_campaign
@@ -119,7 +114,6 @@ def test_disaggregate(workers: str, tmp_path: Path) -> None:
     assert len(json.loads(told)["runs"]) == 4
 
 
-@pytest.mark.slow
 def test_predict(workers: str, tmp_path: Path) -> None:
     model = Mlp.random(1, inputs=3, outputs=2)
     model.save(tmp_path / "model.onnx", metadata(rate_hz=None))
@@ -135,16 +129,12 @@ def test_predict(workers: str, tmp_path: Path) -> None:
     assert pq.read_table(folder / "poses_2.parquet").num_rows == 42
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_train_power(workers: str, one_moment: None, tmp_path: Path) -> None:
     robot, table, _ = write_case(tmp_path, "six axes", 3, moves=3, unseen=1)
     told, folder = both(workers, tmp_path, train, "power", table, "--robot", robot, "--json")
     assert (folder / "scg.onnx").exists(), told
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_a_training_survives_a_worker_that_is_killed(cell: Path, tmp_path: Path) -> None:
     """A process that trains networks is killed once, in the middle of the work."""
     mark = tmp_path / "killed"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pyarrow as pa
@@ -17,34 +16,20 @@ from cellwatt.emulation.signals import load_signals
 from cellwatt.errors import RecordingError
 from cellwatt.tables import files, read_table
 from cellwatt.yaml_file import parse_yaml
-from cellwatt_drivers.can_sensor.sensor_map import load_map as load_sensor
-from cellwatt_drivers.modbus_meter.meter_map import load_map as load_meter
-from cellwatt_plugins.energy.known import load_known
 from cellwatt_plugins.energy.recordings import read_reading
-from cellwatt_plugins.explain.model import load_model
 from cellwatt_plugins.explain.simulators.files import Files
-from cellwatt_plugins.faults import reference
-from cellwatt_plugins.faults.api import _described
-from cellwatt_plugins.faults.paper import equation
 from cellwatt_plugins.faults.paper.network import FaultNetwork
 from cellwatt_plugins.models.network import check_intact
 from cellwatt_plugins.robot.body import Body
-from cellwatt_plugins.robot.description import load_robot
+from tests.plugins.test_files_of_people import CASES
 
 Read = Callable[[Path], object]
 READERS: dict[str, tuple[str, Read]] = {
-    "robot.yaml": ("robot.yaml", load_robot),
+    **{name: (name, read) for name, read, _, _ in CASES.values()},
     "URDF": ("arm.urdf", lambda path: Body(path, ("joint_1",))),
     "MJCF": ("arm.xml", Files),
     "ONNX": ("power.onnx", check_intact),
     "fault network": ("faults.onnx", FaultNetwork),
-    "meter map": ("meter.yaml", load_meter),
-    "sensor map": ("sensor.yaml", load_sensor),
-    "reference": ("reference.yaml", reference.load),
-    "power equation": ("equation.yaml", equation.load),
-    "model": ("model.yaml", load_model),
-    "--robot": ("arm.yaml", lambda path: _described(str(path))),
-    "energy.json": ("energy.json", lambda path: load_known(path, SimpleNamespace())),  # type: ignore[arg-type]
     "campaign's table": ("run.csv", read_reading),
     "campaign's Parquet": ("run.parquet", read_reading),
     "table": ("poses.csv", read_table),
@@ -80,26 +65,18 @@ def test_what_is_no_file_of_this_kind(tmp_path: Path, name: str, read: Read, kin
 DEEP = "a: " + "[" * 100_000
 LAUGHS = "a0: &a0 [x, x]\n" + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]\n" for i in range(1, 12))
 MERGES = "a: &a {}\nb: {" + "<<: *a, " * 180_000 + "}\n"
-YAMLS = [name for name, (file, _) in READERS.items() if file.endswith(".yaml")]
+BOMBS = {"deep": DEEP, "laughs": LAUGHS, "merges": MERGES}
+MADE = {f"{name} {bomb}": (name, text) for name in READERS if name.endswith(".yaml") for bomb, text in BOMBS.items()}
 
 
-@pytest.mark.parametrize("text", [DEEP, LAUGHS, MERGES], ids=["deep", "laughs", "merges"])
-@pytest.mark.parametrize("name", YAMLS)
-def test_yaml_that_was_made_to_fill_the_memory(tmp_path: Path, name: str, text: str) -> None:
+@pytest.mark.parametrize(("name", "text"), [*MADE.values(), ("energy.json", "[" * 100_000)], ids=[*MADE, "JSON deep"])
+def test_text_that_was_made_to_fill_the_memory(tmp_path: Path, name: str, text: str) -> None:
     file, read = READERS[name]
     path = tmp_path / file
     path.write_text(text)
     with pytest.raises(CellwattError) as caught:
         read(path)  # followed, it would never end
     assert len(str(caught.value).splitlines()) == 1
-
-
-def test_json_that_is_nested_too_deeply(tmp_path: Path) -> None:
-    file, read = READERS["energy.json"]
-    path = tmp_path / file
-    path.write_text("[" * 100_000)
-    with pytest.raises(CellwattError):
-        read(path)
 
 
 def test_a_parquet_file_that_unpacks_to_more_than_it_may(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

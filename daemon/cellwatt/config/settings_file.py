@@ -95,11 +95,10 @@ def _placed(path: Path, adapter: TypeAdapter[T], kind: Any, check: Check[T] | No
 
 
 def _misspelt(document: Document, kind: Any) -> Iterator[Problem]:
-    """Problems for keys that ``kind`` ignores and that resemble a known key absent from the file."""
+    """Problems for keys that ``kind`` ignores and that resemble a known key."""
     for path in document.places:
         if not path or not isinstance(path[-1], str):
             continue
-        fields, beside = fields_at(kind, path[:-1]), document.at(path[:-1])
-        absent = [key for key in fields if key not in beside]
-        if path[-1] not in fields and difflib.get_close_matches(path[-1], absent, 1, ALIKE):
+        fields = fields_at(kind, path[:-1])
+        if path[-1] not in fields and difflib.get_close_matches(path[-1], fields, 1, ALIKE):
             yield document.problem(path, unknown_key(path[-1], list(fields)), at_key=True)

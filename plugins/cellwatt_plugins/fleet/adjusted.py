@@ -88,16 +88,16 @@ UNTOUCHED: Final = Warmth(0.0, 0.0)
 """Temperature has no effect that is removed."""
 
 
-def apart(told: Observations, programs: float) -> float:
+def apart(observed: Observations, programs: float) -> float:
     """Return the scatter of recordings (from ``by_recording``) of one week and program; NaN if there are too few."""
-    return _solved(told, programs, float("nan"), with_warmth=told.warmth is not None)[2] or float("nan")
+    return _solved(observed, programs, float("nan"), with_warmth=observed.warmth is not None)[2] or float("nan")
 
 
-def warmth_of(told: Observations, programs: float) -> Warmth:
+def warmth_of(observed: Observations, programs: float) -> Warmth:
     """Return the slope over temperature within weeks, which wear over weeks does not affect."""
-    if told.warmth is None:
+    if observed.warmth is None:
         return Warmth(0.0, float("inf"))
-    found, inverse, noise = _solved(told, programs, float("nan"), with_warmth=True)
+    found, inverse, noise = _solved(observed, programs, float("nan"), with_warmth=True)
     error = noise * float(np.sqrt(inverse[-1, -1])) if noise > 0 else float("inf")
     return Warmth(float(found[-1]), error if np.isfinite(error) else float("inf"))
 
@@ -126,36 +126,36 @@ def shrunk(slopes: Sequence[Warmth]) -> list[Warmth]:
 
 
 def course_of(
-    told: Observations, programs: float, usual: float, slope: Warmth = UNTOUCHED, warm: float = 0.0
+    observed: Observations, programs: float, usual: float, slope: Warmth = UNTOUCHED, warm: float = 0.0
 ) -> Course:
     """Return the weekly values of one cell, from the values of ``by_recording``.
 
     ``programs`` is the standard deviation between programs, ``usual`` the scatter of recordings if these are too few to
     estimate it, ``slope`` the change per °C above ``warm``; its error is common to all warm weeks.
     """
-    heat = np.zeros(len(told.values)) if told.warmth is None else told.warmth - warm
-    left = Observations(told.values - slope.slope * heat, told.week, told.recording, told.program)
-    weeks, week = np.unique(told.week, return_inverse=True)
-    found, inverse, noise = _solved(left, programs, usual, with_warmth=False)
+    heat = np.zeros(len(observed.values)) if observed.warmth is None else observed.warmth - warm
+    corrected = Observations(observed.values - slope.slope * heat, observed.week, observed.recording, observed.program)
+    weeks, week = np.unique(observed.week, return_inverse=True)
+    found, inverse, noise = _solved(corrected, programs, usual, with_warmth=False)
     count = len(weeks)
     by_heat = slope.error * np.bincount(week, heat) / np.bincount(week)
     return Course(weeks, found[:count], noise**2 * inverse[:count, :count] + np.outer(by_heat, by_heat))
 
 
-def _solved(told: Observations, programs: float, usual: float, *, with_warmth: bool) -> tuple[Float, Float, float]:
+def _solved(observed: Observations, programs: float, usual: float, *, with_warmth: bool) -> tuple[Float, Float, float]:
     """Return coefficients (weeks, programs, warmth), their covariance at a noise of 1, and the noise."""
-    weeks, week = np.unique(told.week, return_inverse=True)
-    kinds, kind = np.unique(told.program, return_inverse=True)
-    rows = len(told.values)
+    weeks, week = np.unique(observed.week, return_inverse=True)
+    kinds, kind = np.unique(observed.program, return_inverse=True)
+    rows = len(observed.values)
     matrix = np.zeros((rows, len(weeks) + len(kinds) + with_warmth))
     matrix[np.arange(rows), week] = 1.0
     matrix[np.arange(rows), len(weeks) + kind] = 1.0
-    if with_warmth and told.warmth is not None:
-        matrix[:, -1] = told.warmth - told.warmth.mean()
+    if with_warmth and observed.warmth is not None:
+        matrix[:, -1] = observed.warmth - observed.warmth.mean()
     noise = usual if np.isfinite(usual) else 0.05
     tied = np.zeros(matrix.shape[1])
     tied[len(weeks) : len(weeks) + len(kinds)] = 1.0
-    gram, pull = matrix.T @ matrix, matrix.T @ told.values
+    gram, pull = matrix.T @ matrix, matrix.T @ observed.values
     for _ in range(4):
         ridge = np.diag(tied * (noise / programs) ** 2 + (1e-9 if with_warmth else 0.0))
         inverse = np.linalg.inv(gram + ridge)
@@ -164,5 +164,5 @@ def _solved(told: Observations, programs: float, usual: float, *, with_warmth: b
         if free < FEWEST:
             noise = usual
             break
-        noise = max(float(np.sqrt(np.sum((told.values - matrix @ found) ** 2) / free)), LEAST)
+        noise = max(float(np.sqrt(np.sum((observed.values - matrix @ found) ** 2) / free)), LEAST)
     return found, np.asarray(inverse), noise if np.isfinite(noise) else 0.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from cellwatt_plugins.fleet.lake import Lake, find, monday
 from cellwatt_plugins.fleet.weekly import Week, week_of_cell
 from cellwatt_plugins.robot import RobotDescription
 
+WRONG_TORQUE: Final = "torque does not oppose the motion (constant, or of the wrong sign)"
 Says = Mapping[tuple[str, int], Observations]
 """Values of the repetitions of a cell, by quantity and joint."""
 
@@ -53,8 +55,8 @@ def compared(lake: Lake, every: Sequence[Week], chance: float = 0.01, least: flo
             "no recording of the lake can be used" + (f": {first.place}: {first.why}" if first else "")
         )
     kinds: dict[str, dict[str, Says]] = {}
-    for name, (_, told) in cells.items():
-        kinds.setdefault(lake.robots[name].robot, {})[name] = told
+    for name, (_, observations) in cells.items():
+        kinds.setdefault(lake.robots[name].robot, {})[name] = observations
     groups = [group for kind, own in kinds.items() for group in courses_of_kind(kind, own)]
     results = judged(groups, chance, least)
     used = sorted({week.week for weeks, _ in cells.values() for week in weeks})
@@ -74,17 +76,21 @@ def compared(lake: Lake, every: Sequence[Week], chance: float = 0.01, least: flo
     )
 
 
-def _summary(name: str, robot: RobotDescription, weeks: Sequence[Week], told: Says) -> CellSummary:
+def _summary(name: str, robot: RobotDescription, weeks: Sequence[Week], observations: Says) -> CellSummary:
     if not weeks:
         return CellSummary(name, robot.robot, 0, 0, 0.0, False, "none of its recordings can be used")
     repetitions = [repetition for week in weeks for repetition in week.repetitions]
     heat = all(repetition.temperature is not None for repetition in repetitions)
     seconds = sum(week.seconds for week in weeks)
-    still = [joint.name for i, joint in enumerate(robot.joints, start=1) if ("friction", i) not in told]
-    said = f"hardly moves: {', '.join(still)}" if still else ""
+    moved = np.any(np.isfinite([week.speed for week in weeks]), axis=0).tolist()
+    by_reason: dict[str, list[str]] = {}
+    for i, (joint, moves) in enumerate(zip(robot.joints, moved, strict=True), start=1):
+        if ("friction", i) not in observations:
+            by_reason.setdefault(WRONG_TORQUE if moves else "hardly moves", []).append(joint.name)
+    statement = "; ".join(f"{reason}: {', '.join(names)}" for reason, names in sorted(by_reason.items()))
     if len(weeks) < LONG_ENOUGH:
-        said = f"too few weeks: {len(weeks)}, expected {LONG_ENOUGH} or more"
-    return CellSummary(name, robot.robot, len(weeks), len(repetitions), float(seconds), heat, said)
+        statement = f"too few weeks: {len(weeks)}, expected {LONG_ENOUGH} or more"
+    return CellSummary(name, robot.robot, len(weeks), len(repetitions), float(seconds), heat, statement)
 
 
 def _notes(kinds: Mapping[str, Mapping[str, Says]], groups: Sequence[Courses]) -> list[str]:
@@ -101,7 +107,7 @@ def _notes(kinds: Mapping[str, Mapping[str, Says]], groups: Sequence[Courses]) -
         elif len(heated) > 1:
             rest = next(group for group in heated if not group.with_temperature)
             out.append(f"{kind}: {rest.cells} arms without temperature are compared with each other only")
-        if not any(("energy", 0) in told for told in cells.values()):
+        if not any(("energy", 0) in observations for observations in cells.values()):
             out.append(f"{kind}: no energy: no power is recorded, or no motion returns to its start pose")
     return out
 

@@ -64,28 +64,30 @@ def told_of(weeks: Sequence[Week]) -> dict[tuple[str, int], Observations]:
     if pairs and all(repetition.temperature is not None for _, repetition in pairs):
         heat = np.array([repetition.temperature for _, repetition in pairs])
 
-    def told(logs: Sequence[float], joint: int | None = None) -> Observations:
+    def observed(logs: Sequence[float], joint: int | None = None) -> Observations:
         warmth = None if heat is None or joint is None else heat[:, joint]
         return Observations(np.array(logs, np.float64), week, recording, number, warmth).by_recording()
 
-    out = {("energy", 0): told([_log(each.energy) for _, each in pairs])}
+    out = {("energy", 0): observed([_log(each.energy) for _, each in pairs])}
     for i in range(len(speed)):
         logs = [_log((w.coulomb[i] + w.viscous[i] * speed[i]) * each.friction[i]) for w, each in pairs]
-        out["friction", i + 1] = told(logs, i)
+        out["friction", i + 1] = observed(logs, i)
     return {key: each for key, each in out.items() if len(each.values)}
 
 
-def courses_of_kind(kind: str, told: Mapping[str, Mapping[tuple[str, int], Observations]]) -> list[Courses]:
+def courses_of_kind(kind: str, observed: Mapping[str, Mapping[tuple[str, int], Observations]]) -> list[Courses]:
     """Return the courses of the arms of a kind, with the effect of temperature removed.
 
     Friction of arms with known joint temperatures is converted to one temperature; other arms form a separate group.
     """
     by_quantity: dict[tuple[str, bool], dict[CellJoint, Course]] = {}
-    heat = [each.warmth for cell in told.values() for each in cell.values() if each.warmth is not None]
+    heat = [each.warmth for cell in observed.values() for each in cell.values() if each.warmth is not None]
     warm = float(np.median(np.concatenate(heat))) if heat else float("nan")
-    for quantity, joint in sorted({key for cell in told.values() for key in cell}):
+    for quantity, joint in sorted({key for cell in observed.values() for key in cell}):
         every = {
-            CellJoint(name, joint): cell[quantity, joint] for name, cell in told.items() if (quantity, joint) in cell
+            CellJoint(name, joint): cell[quantity, joint]
+            for name, cell in observed.items()
+            if (quantity, joint) in cell
         }
         noises = [apart(each, PROGRAMS[quantity]) for each in every.values()]
         known = [noise for noise in noises if np.isfinite(noise)]

@@ -97,11 +97,11 @@ class Fleet:
         """The verdict in one sentence."""
         worn = sum(f.what == "wears" for f in self.findings)
         other = len({f.cell for f in self.findings if f.what != "wears"})
-        told = f"{len(self.cells)} cell{'s' * (len(self.cells) != 1)} over {self.weeks} weeks"
+        scope = f"{len(self.cells)} cell{'s' * (len(self.cells) != 1)} over {self.weeks} weeks"
         if not self.findings:
-            return f"No joint wears and no cell drifts, of {told}."
+            return f"No joint wears and no cell drifts, of {scope}."
         wear = f"{worn} joints wear" if worn != 1 else "1 joint wears"
-        return f"{wear}, {other} cell{'s' * (other != 1)} changed otherwise, of {told}."
+        return f"{wear}, {other} cell{'s' * (other != 1)} changed otherwise, of {scope}."
 
     def as_json(self) -> dict[str, Any]:
         """Return the content of fleet.json."""
@@ -132,13 +132,15 @@ def _of_trend(each: Judged, trend: Trend, robot: RobotDescription) -> Finding:
     wears = rises and quantity == "friction" and (warm or not each.alone)
     who = f"{_joint(place, robot)}{' wears:' if wears else ''} its" if quantity == "friction" else "the arm's"
     first, last = (monday(week).isoformat() for week in (trend.line.first, trend.line.last))
-    said = f"{who} {NAMES[quantity]} {'rose' if rises else 'fell'} by {_by(size, low, high)} from {first} to {last}."
+    statement = (
+        f"{who} {NAMES[quantity]} {'rose' if rises else 'fell'} by {_by(size, low, high)} from {first} to {last}."
+    )
     heat = ", and its temperature is unknown" if quantity == "friction" and not warm else ""
     remark = f"fewer than 5 arms of {each.courses.kind} can be compared: a season may look like this{heat}"
     what: Cause = "wears" if wears else "rises" if rises else "falls"
     return Finding(
         place.cell, each.courses.kind, place.joint or None, quantity, what, size, low, high, _percent(trend.slope),
-        first, last, trend.chance, f"{place.cell}: {said}", (remark,) if each.alone else (),
+        first, last, trend.chance, f"{place.cell}: {statement}", (remark,) if each.alone else (),
     )  # fmt: skip
 
 
@@ -149,10 +151,10 @@ def _of_step(each: Judged, place: CellJoint, step: Step, robot: RobotDescription
     week = monday(step.week).isoformat()
     who = f"{NAMES[quantity]}{f' of {_joint(place, robot)}' if place.joint else ''} {'rose' if rises else 'fell'}"
     why = CAUSES.get((quantity, rises), "another program, tool, payload or controller setting")
-    said = f"{place.cell}: {who} by {_by(size, low, high)} at once in the week of {week}: {why}."
+    statement = f"{place.cell}: {who} by {_by(size, low, high)} at once in the week of {week}: {why}."
     return Finding(
         place.cell, each.courses.kind, place.joint or None, quantity, "stepped_up" if rises else "stepped_down", size,
-        low, high, None, week, week, step.chance, said,
+        low, high, None, week, week, step.chance, statement,
     )  # fmt: skip
 
 

@@ -68,9 +68,9 @@ def fit_joint(
     known = Prior.spread(np.array([2 * size, 2 * size, 0.2 * size, LOOSE, loose]))
     matrix = np.column_stack([direction(qd), qd, np.ones_like(qd), modelled, qdd, rows])
     found = _solved(matrix[slides], (torque - modelled)[slides], Prior.joined(known, prior), size)
-    left = torque - modelled - matrix @ found
+    residual = torque - modelled - matrix @ found
     shape = found[0] * matrix[:, 0] + found[1] * qd
-    level = _by_repetition(np.column_stack([shape, modelled, np.ones_like(qd)]), left, slides, ends, size)
+    level = _by_repetition(np.column_stack([shape, modelled, np.ones_like(qd)]), residual, slides, ends, size)
     return JointFit(found[0], found[1], float(np.abs(qd[slides]).mean()), 1 + level)
 
 
@@ -86,15 +86,15 @@ def _solved(matrix: Float, target: Float, prior: Prior, size: float) -> Float:
 
 
 def _by_repetition(
-    columns: Float, left: Float, slides: NDArray[np.bool_], ends: NDArray[np.intp], size: float
+    columns: Float, residual: Float, slides: NDArray[np.bool_], ends: NDArray[np.intp], size: float
 ) -> Float:
     """Deviation (K,) of each repetition's friction from the week's, as a share; rigid torque may deviate as well."""
     out = np.full(len(ends), np.nan)
     weight = np.diag(1 / np.square([OFF, OFF, 0.2 * size]))
-    noise = float(np.mean(np.square(left[slides])))
+    noise = float(np.mean(np.square(residual[slides])))
     for k, (first, last) in enumerate(pairwise([0, *ends.tolist()])):
         rows = np.arange(first, last)[slides[first:last]]
         if len(rows) >= FEWEST // 2:
             own = columns[rows]
-            out[k] = np.linalg.solve(own.T @ own + noise * weight, own.T @ left[rows])[0]
+            out[k] = np.linalg.solve(own.T @ own + noise * weight, own.T @ residual[rows])[0]
     return out

@@ -84,14 +84,14 @@ def _judged_together(every: Sequence[Judged], chance: float, least: float) -> li
     out = []
     for each, own_steps, trends in zip(every, steps, lined, strict=True):
         sure = {p for p, t in trends.items() if p in clear and abs(np.expm1(t.slope * t.span)) >= least}
-        told = [(place, step) for place, found in sorted(own_steps.items()) for step in found]
+        reported = [(place, step) for place, found in sorted(own_steps.items()) for step in found]
         for place in sorted(sure):
             step = None if own_steps[place] else rather_a_step(each.own[place], rho, trends[place].chance)
             if step is not None:
                 sure.remove(place)
-                told.append((place, step))
+                reported.append((place, step))
         smallest = float(np.median([-float(stdtrit(t.free, level / 2)) * t.error for t in trends.values()] or [np.nan]))
-        out.append(replace(each, trends=trends, sure=frozenset(sure), steps=told, smallest=smallest))
+        out.append(replace(each, trends=trends, sure=frozenset(sure), steps=reported, smallest=smallest))
     return out
 
 

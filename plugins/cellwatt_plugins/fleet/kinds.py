@@ -61,8 +61,8 @@ def common_course(courses: Mapping[K, Course]) -> Common | None:
 
 def less_common(course: Course, common: Common) -> Course:
     """Return the course minus the common course, in the weeks of the common course."""
-    kept = course.part(np.isin(course.weeks, common.weeks))
-    return kept.less(common.values[np.searchsorted(common.weeks, kept.weeks)])
+    shared = course.part(np.isin(course.weeks, common.weeks))
+    return shared.less(common.values[np.searchsorted(common.weeks, shared.weeks)])
 
 
 def spread_of(values: Sequence[float] | Float, errors: Sequence[float] | Float) -> float:
@@ -90,7 +90,8 @@ def moderated(squares: Float, free: Float) -> tuple[Float, Float]:
     beyond = float(np.var(log, ddof=1) - np.mean(polygamma(1, free / 2)))
     if beyond <= 0:
         return np.full_like(squares, np.exp(log.mean())), free + MOST_FREE
-    prior = min(2 * _inverse_trigamma(beyond), MOST_FREE)
+    # Trigamma falls: a smaller value is that of more degrees of freedom than are added.
+    prior = 2 * _inverse_trigamma(max(beyond, float(polygamma(1, MOST_FREE / 2))))
     usual = float(np.exp(log.mean() + digamma(prior / 2) - np.log(prior / 2)))
     return (prior * usual + free * squares) / (prior + free), free + prior
 

@@ -79,7 +79,8 @@ def find(lake: Path, robots: Sequence[str] = (), last: int | None = None) -> Lak
     missing or wrong.
     """
     folders = {path: _folder(path, lake) for path in sorted(lake.rglob("*")) if _is_recording(path, lake)}
-    cells = {path: cell for path, cell in _cells(folders, lake).items() if cell}
+    every = _cells(folders, lake)
+    cells = {path: cell for path, cell in every.items() if cell}
     if not cells:
         raise RecordingError(
             f"{lake}: no recordings in this folder: put .mcap, .parquet or .csv into a folder for each cell"
@@ -89,7 +90,7 @@ def find(lake: Path, robots: Sequence[str] = (), last: int | None = None) -> Lak
     described = {path: load_robot(path) for path in dict.fromkeys(robot_of.values())}
     _one_each(described)
     weeks: dict[tuple[str, int], list[Path]] = {}
-    skipped = []
+    skipped = [Skipped("no cell", str(path), "it is not in a cell's folder") for path in every if path not in cells]
     for path, cell in cells.items():
         try:
             weeks.setdefault((cell, week_of(_day(path))), []).append(path)
@@ -101,7 +102,8 @@ def find(lake: Path, robots: Sequence[str] = (), last: int | None = None) -> Lak
 
 
 def _is_recording(path: Path, lake: Path) -> bool:
-    if path.name.startswith(".") or path.suffix == ".damaged" or path.relative_to(lake).parts[0] in RESULTS:
+    parts = path.relative_to(lake).parts
+    if any(part.startswith(".") for part in parts) or path.suffix == ".damaged" or parts[0] in RESULTS:
         return False
     return path.suffix in TABLES or ".mcap" in path.suffixes
 
@@ -121,13 +123,16 @@ def _cells(folders: Mapping[Path, Path], lake: Path) -> dict[Path, str]:
     count = Counter(names.values())
     names = {f: name if count[name] == 1 else f.relative_to(lake).as_posix() for f, name in names.items()}
     alone = {path: FileName.parse(path.name) for path, folder in folders.items() if folder == lake}
-    own = {path: told.cell for path, told in alone.items() if told is not None}
+    own = {path: parsed.cell for path, parsed in alone.items() if parsed is not None}
     return {path: own.get(path, names.get(folder, "")) for path, folder in folders.items()}
 
 
 def _pattern(text: str) -> tuple[str, Path]:
-    pattern, _, file = text.rpartition("=")
-    return pattern or "*", robot_file(file).absolute()
+    """Cells and description of ``[CELLS=]FILE``; the longest FILE that exists, as folders are named ``site=…``."""
+    parts = text.split("=")
+    files = ["=".join(parts[i:]) for i in range(len(parts))]
+    file = next((file for file in files if Path(file).exists()), files[-1])
+    return text.removesuffix(file).removesuffix("=") or "*", robot_file(file).absolute()
 
 
 def _robot(cell: str, folder: Path, lake: Path, given: Sequence[tuple[str, Path]]) -> Path:

@@ -60,11 +60,11 @@ def read_stretches(path: Path, robot: RobotDescription) -> list[Stretch]:
     whole = np.isfinite(np.hstack([position, torque])).all(axis=1)
     if not whole.any():
         raise RecordingError(f"{path}: position or torque is empty in every row")
-    kept = np.flatnonzero(whole)
-    late = np.flatnonzero(np.diff(time[kept]) > HOLE * step) + 1
+    usable = np.flatnonzero(whole)
+    late = np.flatnonzero(np.diff(time[usable]) > HOLE * step) + 1
     out = [
         _even(table, rows, position, torque, step)
-        for rows in np.split(kept, late)
+        for rows in np.split(usable, late)
         if len(rows) > FEWEST and time[rows[-1]] - time[rows[0]] >= SHORTEST
     ]
     if not out:

@@ -47,7 +47,7 @@ def report_of(found: Fleet, name: str) -> Report:
         sections=[
             Section("What changed", [_table(found.findings)] if found.findings else [], INTERVALS),
             Section("Courses of the findings", _courses(found), COURSES),
-            Section("Data not used, and notes", _left(found)),
+            Section("Data not used, and notes", _unused(found)),
         ],
     )
 
@@ -83,8 +83,8 @@ def _courses(found: Fleet) -> list[Block]:
         return []
     rows = [panels[i : i + IN_A_ROW] for i in range(0, len(panels), IN_A_ROW)]
     rows[-1] += [Panel([], Axis(labels=False, grid=False), Axis(labels=False, grid=False))] * (IN_A_ROW - len(rows[-1]))
-    left = len(shown) - len(panels)
-    more: list[Block] = [f"{left} more are in fleet.json."] if left > 0 else []
+    unshown = len(shown) - len(panels)
+    more: list[Block] = [f"{unshown} more are in fleet.json."] if unshown > 0 else []
     label = "Course by week of each finding"
     return [Figure(label, rows, [HEIGHT] * len(rows), legend=False, sides=(46, 14)), *more]
 
@@ -125,7 +125,7 @@ def _ticks(found: Fleet) -> dict[float, str]:
     return {float(w): f"{date.fromordinal(start + 7 * w):%d %b}" for w in range(0, last + 1, step)}
 
 
-def _left(found: Fleet) -> list[Block]:
+def _unused(found: Fleet) -> list[Block]:
     blocks: list[Block] = []
     notes = [*found.notes, *(f"{c.cell}: {c.statement}" for c in found.cells if c.statement)]
     notes += [f"{f.cell}: {remark}" for f in found.findings for remark in f.remarks]

@@ -70,12 +70,12 @@ def persistence(courses: Sequence[Course]) -> float:
         return LONGEST
     long = long[:: -(-len(long) // MOST_COURSES)]
 
-    def told(rho: float) -> float:
+    def likelihood(rho: float) -> float:
         return sum(_likely(course, _straight(course), rho)[0] for course in long)
 
-    best = max(PERSISTENCES, key=told)
+    best = max(PERSISTENCES, key=likelihood)
     near = [best, *(rho for rho in (best - 0.1, best + 0.1) if rho > 0)]
-    return min(max(near, key=told) + CAREFUL, LONGEST)
+    return min(max(near, key=likelihood) + CAREFUL, LONGEST)
 
 
 def line(course: Course, rho: float, steps: Sequence[Step] = ()) -> Line | None:
@@ -123,9 +123,9 @@ def rather_a_step(course: Course, rho: float, chance: float) -> Step | None:
     if not len(places):
         return None
     ones = np.ones(len(weeks))
-    left = [_left(np.column_stack([ones, weeks >= week]), course.values) for week in places]
-    best = int(np.argmin(left))
-    if len(weeks) / 2 * np.log(_left(_straight(course), course.values) / left[best]) < FAR_BETTER:
+    misfits = [_misfit(np.column_stack([ones, weeks >= week]), course.values) for week in places]
+    best = int(np.argmin(misfits))
+    if len(weeks) / 2 * np.log(_misfit(_straight(course), course.values) / misfits[best]) < FAR_BETTER:
         return None
     _, _, found, covariance = _likely(course, np.column_stack([ones, weeks >= places[best]]), rho)
     return Step(int(places[best]), float(found[1]), float(np.sqrt(covariance[1, 1])), chance)
@@ -159,9 +159,9 @@ def _step(course: Course, rho: float, known: Sequence[Step], scatter: float) -> 
     ]
     if not places or len(weeks) - base.shape[1] < 4:
         return None
-    left = {week: _left(np.column_stack([base, weeks >= week]), course.values) for week in places}
-    best = min(left, key=lambda week: left[week])
-    if left[best] >= _left(np.column_stack([base, time**2]), course.values):
+    misfits = {week: _misfit(np.column_stack([base, weeks >= week]), course.values) for week in places}
+    best = min(misfits, key=lambda week: misfits[week])
+    if misfits[best] >= _misfit(np.column_stack([base, time**2]), course.values):
         return None
     matrix = np.column_stack([base, weeks >= best])
     _, _, found, covariance = _likely(course, matrix, rho, scatter)
@@ -176,7 +176,7 @@ def _remembered(free: float, rho: float) -> float:
     return free * (1 - rho**2) / (1 + rho**2)
 
 
-def _left(matrix: Float, values: Float) -> float:
+def _misfit(matrix: Float, values: Float) -> float:
     found = np.linalg.lstsq(matrix, values, rcond=None)[0]
     return float(np.sum((values - matrix @ found) ** 2))
 
@@ -193,7 +193,7 @@ def _straight(course: Course) -> Float:
 def _likely(course: Course, matrix: Float, rho: float, least: float = 0.0) -> tuple[float, float, Float, Float]:
     """Restricted log likelihood at the most likely τ (``least`` or more), that τ, coefficients, their covariance."""
     count, free = matrix.shape[0], matrix.shape[0] - matrix.shape[1]
-    size = max(np.sqrt(_left(matrix, course.values) / max(free, 1)), 1e-9)
+    size = max(np.sqrt(_misfit(matrix, course.values) / max(free, 1)), 1e-9)
     apart = np.abs(course.weeks[:, None] - course.weeks[None, :])
     shape = np.where(apart == 0, 1.0, rho**apart) if rho > 0 else np.eye(count)
     scatters = np.maximum(size * _SCATTERS, least)
@@ -207,6 +207,6 @@ def _likely(course: Course, matrix: Float, rho: float, least: float = 0.0) -> tu
     found = np.linalg.solve(gram, pull[:, :, None])[:, :, 0]
     misfit = np.einsum("kn,kn->k", target, target) - np.einsum("ki,ki->k", found, pull)
     volume = 2 * np.log(np.einsum("kii->ki", root)).sum(axis=1)
-    told = -0.5 * (volume + np.linalg.slogdet(gram)[1] + misfit)
-    best = int(np.argmax(told))
-    return float(told[best]), float(scatters[best]), found[best], np.linalg.inv(gram[best])
+    likelihood = -0.5 * (volume + np.linalg.slogdet(gram)[1] + misfit)
+    best = int(np.argmax(likelihood))
+    return float(likelihood[best]), float(scatters[best]), found[best], np.linalg.inv(gram[best])

@@ -21,9 +21,9 @@ class Accumulated:
 
         The first and the last sample are held beyond the recording, which begins and ends at rest.
         """
-        place = (time - self.start) / self._step
-        low = np.clip(np.floor(place), 0, len(self._sums) - 2).astype(np.int64)
-        share = (place - low).reshape(-1, *([1] * (self._sums.ndim - 1)))
+        position = (time - self.start) / self._step
+        low = np.clip(np.floor(position), 0, len(self._sums) - 2).astype(np.int64)
+        share = (position - low).reshape(-1, *([1] * (self._sums.ndim - 1)))
         return np.asarray(self._sums[low] + share * (self._sums[low + 1] - self._sums[low]))
 
     def between(self, start: Float, end: Float) -> Float:

@@ -28,6 +28,9 @@ LEAST_MASS = 1e-6
 NO_MASS, NO_LENGTH = 1e-3, 0.02
 """Mass (kg) and length (m) up to which a link between two joints is where their axes meet, not a casting."""
 
+INERTIAL = ("value", "xyz", "rpy", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+"""Attributes of ``<inertial>`` in a URDF that are numbers."""
+
 TURNS = 2 * np.pi
 """Range in rad, each way from 0, of a joint without limits."""
 
@@ -49,10 +52,7 @@ class Body:
 
     def __init__(self, urdf: Path, joints: tuple[str, ...]) -> None:
         """Raise ``ConfigError`` if the URDF cannot be read, lacks a joint or has the joints in another order."""
-        try:
-            model = pin.buildModelFromXML(with_one_angle_each(urdf_bytes(urdf, joints)))
-        except (OSError, ET.ParseError, ValueError, RuntimeError) as error:
-            raise ConfigError(f"{urdf}: cannot be read as a URDF: {error}") from error
+        _, model = read_urdf(urdf, joints)
         names = list(model.names)[1:]
         if missing := [name for name in joints if name not in names]:
             raise ConfigError(f"{urdf}: no moving joint {', '.join(missing)}; there are {', '.join(names)}")
@@ -219,6 +219,18 @@ class Body:
         return out
 
 
+def read_urdf(path: Path, joints: Sequence[str] = ()) -> tuple[ET.Element, Any]:
+    """XML of ``with_one_angle_each``, and Pinocchio's model of it; ``joints`` as in ``urdf_bytes``.
+
+    Raises ``ConfigError`` if it cannot be read.
+    """
+    try:
+        text = with_one_angle_each(urdf_bytes(path, joints))
+        return ET.fromstring(text), pin.buildModelFromXML(text)
+    except (OSError, ET.ParseError, ValueError, RuntimeError) as error:
+        raise ConfigError(f"{path}: cannot be read as a URDF: {error}") from error
+
+
 def urdf_bytes(path: Path, joints: Sequence[str]) -> bytes:
     """The URDF of an arm with these ``joints``: the file's own text, or a URDF generated from a MuJoCo file.
 
@@ -228,8 +240,22 @@ def urdf_bytes(path: Path, joints: Sequence[str]) -> bytes:
 
 
 def with_one_angle_each(urdf: bytes) -> str:
-    """The URDF with each ``continuous`` joint, and each joint without limits, as a revolute one of ±``TURNS``."""
+    """The URDF with each ``continuous`` joint, and each joint without limits, as a revolute one of ±``TURNS``.
+
+    Raises ``ValueError`` for what Pinocchio would leave out without a word: xacro, and numbers of masses that are none.
+    """
     root = ET.fromstring(urdf)
+    for part in root:
+        if any("xacro" in each.tag or "${" in "".join(each.attrib.values()) for each in part.iter()):
+            raise ValueError(f"{part.tag} {part.get('name', '')!r} is xacro: convert it first (xacro FILE > arm.urdf)")
+        texts = (
+            each.get(key, "") for inertial in part.iter("inertial") for each in inertial.iter() for key in INERTIAL
+        )
+        if not np.isfinite([float(number) for text in texts for number in text.split()]).all():
+            raise ValueError(f"{part.tag} {part.get('name', '')!r} has an inertia that is not finite")
+    for stated in root.iter("limit"):
+        for key in ("effort", "velocity"):
+            stated.set(key, stated.get(key, "0"))
     for joint in root.iter("joint"):
         limit = joint.find("limit")
         if joint.get("type") == "continuous" or (joint.get("type") == "revolute" and not _has_room(limit)):

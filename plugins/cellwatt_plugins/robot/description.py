@@ -2,32 +2,38 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationInfo, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationInfo, field_validator
 
 from cellwatt.config import KeyPath, read_settings
+from cellwatt.config.wording import unknown_key
 from cellwatt.errors import ConfigError
 from cellwatt.files import Place
 from cellwatt_plugins.robot.units import Kind, unit_at
 
+log = logging.getLogger(__name__)
+
 PACKAGED: Final = Path(__file__).with_name("packaged")
 """Folder of the robots that come with cellwatt, one folder each."""
+FORMER: Final = {"sample_rate"}
+"""Keys of earlier versions, which nothing uses."""
 
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Point = tuple[float, float, float]
 
 
 class _Keys(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True, use_attribute_docstrings=True)
+    model_config = ConfigDict(frozen=True, extra="allow", populate_by_name=True, use_attribute_docstrings=True)
 
 
-class Tolerances(_Keys):
+class Tolerances(_Keys, extra="forbid"):
     """Standard deviations of the stated numbers, as a share of their value."""
 
     friction: PositiveFloat = 0.06
@@ -76,7 +82,7 @@ class Joint(_Keys):
     """rad/s; the URDF's where absent."""
 
 
-class Capsule(_Keys):
+class Capsule(_Keys, extra="forbid"):
     """Rod with round ends on a link."""
 
     link: Annotated[int, Field(ge=0)]
@@ -122,12 +128,6 @@ class RobotDescription(_Keys):
     """Height of the floor in the base's frame, m."""
     capsules: tuple[Capsule, ...] = ()
     """Outline of the arm, checked against itself and the floor; if absent, rods of 8 cm radius along the links."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _without_sample_rate(cls, keys: Any) -> Any:
-        """A key of earlier versions, which nothing uses: files that have it are read as before."""
-        return {key: value for key, value in keys.items() if key != "sample_rate"} if isinstance(keys, dict) else keys
 
     @field_validator("joints")
     @classmethod
@@ -199,4 +199,7 @@ def load_robot(robot: Place, needs: Sequence[str] = ()) -> RobotDescription:
 
     file = robot_file(robot)
     description = read_settings(file, RobotDescription, problems)
+    for section, where in ((description, ""), *((joint, f"{joint.name}: ") for joint in description.joints)):
+        for key in (section.model_extra or {}).keys() - FORMER:
+            log.warning("%s: %s%s: it is not used", file, where, unknown_key(key, list(type(section).model_fields)))
     return description.model_copy(update={"urdf": (file.parent / description.urdf)})

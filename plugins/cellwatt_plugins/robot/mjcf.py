@@ -82,13 +82,13 @@ def urdf_of(path: Path, joints: Sequence[str]) -> str:
     ET.SubElement(root, "link", name="base")
     frame, before = np.eye(4), "base"
     for at, name in enumerate(joints):
-        place = np.eye(4)
+        placement = np.eye(4)
         number, body = model.joint(name).id, int(model.joint(name).bodyid[0])
-        place[:3, :3], place[:3, 3] = data.xmat[body].reshape(3, 3), data.xanchor[number]
+        placement[:3, :3], placement[:3, 3] = data.xmat[body].reshape(3, 3), data.xanchor[number]
         link = f"link_{at + 1}"
-        _add_joint(root, model, name, before, link, _seen_from(frame, place))
-        _add_link(root, model, data, link, place, _carried(model, joints, at))
-        frame, before = place, link
+        _add_joint(root, model, name, before, link, _seen_from(frame, placement))
+        _add_link(root, model, data, link, placement, _carried(model, joints, at))
+        frame, before = placement, link
     return ET.tostring(root, encoding="unicode")
 
 
@@ -108,13 +108,13 @@ def _carried(model: Any, joints: Sequence[str], at: int) -> Iterator[int]:
             yield body
 
 
-def _add_joint(root: ET.Element, model: Any, name: str, parent: str, child: str, place: Float) -> None:
+def _add_joint(root: ET.Element, model: Any, name: str, parent: str, child: str, placement: Float) -> None:
     number = model.joint(name).id
     slides = model.jnt_type[number] == 2
     joint = ET.SubElement(root, "joint", name=name, type="prismatic" if slides else "revolute")
     ET.SubElement(joint, "parent", link=parent)
     ET.SubElement(joint, "child", link=child)
-    _add_origin(joint, place)
+    _add_origin(joint, placement)
     ET.SubElement(joint, "axis", xyz=_numbers(model.jnt_axis[number]))
     low, high = (
         model.jnt_range[number] if model.jnt_limited[number] else (-ANYWHERE, ANYWHERE) if slides else (0.0, 0.0)
@@ -130,12 +130,12 @@ def _add_link(root: ET.Element, model: Any, data: Any, name: str, frame: Float, 
     for i, body in enumerate(bodies):
         own = name if i == 0 else f"{name}_{i + 1}"
         link = ET.SubElement(root, "link", name=own)
-        place = np.eye(4)
-        place[:3, :3], place[:3, 3] = data.ximat[body].reshape(3, 3), data.xipos[body]
-        place = _seen_from(frame, place)
+        placement = np.eye(4)
+        placement[:3, :3], placement[:3, 3] = data.ximat[body].reshape(3, 3), data.xipos[body]
+        placement = _seen_from(frame, placement)
         if model.body_mass[body] > 0:
             inertial = ET.SubElement(link, "inertial")
-            _add_origin(inertial, place)
+            _add_origin(inertial, placement)
             ET.SubElement(inertial, "mass", value=repr(float(model.body_mass[body])))
             x, y, z = map(repr, model.body_inertia[body].tolist())
             ET.SubElement(inertial, "inertia", ixx=x, iyy=y, izz=z, ixy="0", ixz="0", iyz="0")
@@ -145,13 +145,13 @@ def _add_link(root: ET.Element, model: Any, data: Any, name: str, frame: Float, 
             ET.SubElement(joint, "child", link=own)
 
 
-def _seen_from(frame: Float, place: Float) -> Float:
-    return np.asarray(np.linalg.inv(frame) @ place, np.float64)
+def _seen_from(frame: Float, placement: Float) -> Float:
+    return np.asarray(np.linalg.inv(frame) @ placement, np.float64)
 
 
-def _add_origin(element: ET.Element, place: Float) -> None:
-    turn = pin.rpy.matrixToRpy(place[:3, :3])
-    ET.SubElement(element, "origin", xyz=_numbers(place[:3, 3]), rpy=_numbers(turn))
+def _add_origin(element: ET.Element, placement: Float) -> None:
+    turn = pin.rpy.matrixToRpy(placement[:3, :3])
+    ET.SubElement(element, "origin", xyz=_numbers(placement[:3, 3]), rpy=_numbers(turn))
 
 
 def _numbers(values: Float) -> str:

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 from scipy.linalg import solveh_banded
 from scipy.ndimage import uniform_filter1d
 
@@ -137,8 +136,8 @@ def about_plan(position: Float, plan: Plan, step: float) -> Moved:
     noise (Wiener's filter).
     """
     noise = encoder_noise(position, plan.position)
-    kept = _in_octaves(position - plan.position, noise, step, _octaves(step, ERROR_OCTAVES), BESIDE_PLAN)
-    return _moved(plan, kept, noise, step, True)
+    smoothed = _in_octaves(position - plan.position, noise, step, _octaves(step, ERROR_OCTAVES), BESIDE_PLAN)
+    return _moved(plan, smoothed, noise, step, True)
 
 
 def from_encoders(encoders: Float, step: float, octaves: Sequence[float] = OWN_OCTAVES) -> Moved:
@@ -148,8 +147,8 @@ def from_encoders(encoders: Float, step: float, octaves: Sequence[float] = OWN_O
     """
     noise, octaves = encoder_noise(encoders), _octaves(step, octaves)
     base = smooth(encoders, step, octaves[0])
-    kept = _in_octaves(encoders, noise, step, octaves, ALONE, base)
-    return _moved(Plan(base, *differentiate(base, step)), kept, noise, step, False)
+    smoothed = _in_octaves(encoders, noise, step, octaves, ALONE, base)
+    return _moved(Plan(base, *differentiate(base, step)), smoothed, noise, step, False)
 
 
 def exact(position: Float, velocity: Float, acceleration: Float) -> Moved:
@@ -202,8 +201,8 @@ def rates(position: Float, step: float, bandwidth: float = OWN_BANDWIDTH) -> tup
 
     Frequencies above ``bandwidth`` Hz are removed; ``from_encoders`` also returns the uncertainty.
     """
-    kept = smooth(position, step, bandwidth)
-    return kept, *differentiate(kept, step)
+    smoothed = smooth(position, step, bandwidth)
+    return smoothed, *differentiate(smoothed, step)
 
 
 def slope(values: Float, step: float) -> Float:
@@ -286,16 +285,16 @@ def _in_octaves(
     return _Smoothed(parts[0], parts[1], parts[2], np.sqrt(squares[1]), np.sqrt(squares[2]))
 
 
-def _moved(base: Plan, kept: _Smoothed, noise: Float, step: float, planned: bool) -> Moved:
+def _moved(base: Plan, smoothed: _Smoothed, noise: Float, step: float, planned: bool) -> Moved:
     """The motion of a ``base`` plus ``kept``, the motion separated from noise.
 
     Torque is taken at the time of the position; an offset within the sample only adds doubt.
     """
-    velocity, acceleration = base.velocity + kept.velocity, base.acceleration + kept.acceleration
-    wide = np.sqrt(np.square(kept.velocity_spread) + np.square(acceleration * step) / 12)
-    sign, doubt = expected_sign(velocity, kept.velocity_spread)[0], expected_sign(velocity, wide)[1]
-    position = base.position + kept.position
-    return Moved(position, velocity, acceleration, sign, doubt, noise, wide, kept.acceleration_spread, planned)
+    velocity, acceleration = base.velocity + smoothed.velocity, base.acceleration + smoothed.acceleration
+    wide = np.sqrt(np.square(smoothed.velocity_spread) + np.square(acceleration * step) / 12)
+    sign, doubt = expected_sign(velocity, smoothed.velocity_spread)[0], expected_sign(velocity, wide)[1]
+    position = base.position + smoothed.position
+    return Moved(position, velocity, acceleration, sign, doubt, noise, wide, smoothed.acceleration_spread, planned)
 
 
 def _octaves(step: float, octaves: Sequence[float]) -> list[float]:
@@ -310,10 +309,10 @@ def _band_gains(step: float, lower: float | None, upper: float) -> tuple[float, 
     half = max(50, _samples(4 / (lower or upper), step))
     impulse = np.zeros((2 * half + 1, 1))
     impulse[half] = 1.0
-    kept = smooth(impulse, step, upper)
+    smoothed = smooth(impulse, step, upper)
     if lower is not None:
-        kept = kept - smooth(impulse, step, lower)
-    gains = [float(np.sqrt(np.sum(part**2))) for part in (kept, *differentiate(kept, step))]
+        smoothed = smoothed - smooth(impulse, step, lower)
+    gains = [float(np.sqrt(np.sum(part**2))) for part in (smoothed, *differentiate(smoothed, step))]
     return gains[0], gains[1], gains[2]
 
 
@@ -333,6 +332,8 @@ def _average(squares: Float, width: int) -> Float:
 
 def _thinned(values: Float, step: float, bandwidth: float, count: int) -> Float:
     """``smooth`` by way of the means of ``count`` samples, whose frequencies are far above the bandwidth."""
+    from scipy.interpolate import CubicSpline  # half a second to load, for recordings of high rates alone
+
     beyond = -len(values) % count
     blocks = np.pad(values, ((0, beyond), (0, 0)), "reflect", reflect_type="odd").reshape(-1, count, values.shape[1])
     middles = count * np.arange(len(blocks)) + (count - 1) / 2

@@ -43,22 +43,22 @@ def mount(body: Body, q: Float, qd: Float, qdd: Float, residual: Float) -> Mount
     thin = max(1, len(q) // ROWS)
     q, qd, qdd, residual = q[::thin], qd[::thin], qdd[::thin], residual[::thin]
     known = np.all(np.isfinite(residual) | ~np.isfinite(residual).any(axis=0), axis=1)
-    told = np.flatnonzero(np.isfinite(residual[known]).all(axis=0)) if known.any() else np.empty(0, np.intp)
-    if not len(told):
+    measured = np.flatnonzero(np.isfinite(residual[known]).all(axis=0)) if known.any() else np.empty(0, np.intp)
+    if not len(measured):
         return None
-    q, qd, qdd, residual = q[known], qd[known], qdd[known], residual[known][:, told]
-    loads = np.stack([body.with_gravity(axis).gravity(q)[:, told] for axis in np.eye(3)], axis=2)
-    free = [np.column_stack([direction(qd[:, j]), qd[:, j], qdd[:, j], np.ones(len(q))]) for j in told]
+    q, qd, qdd, residual = q[known], qd[known], qdd[known], residual[known][:, measured]
+    loads = np.stack([body.with_gravity(axis).gravity(q)[:, measured] for axis in np.eye(3)], axis=2)
+    free = [np.column_stack([direction(qd[:, j]), qd[:, j], qdd[:, j], np.ones(len(q))]) for j in measured]
     # Friction, rotor inertia and a constant torque are projected out of both sides, joint by joint.
     bare, target = [], []
     for c, columns in enumerate(free):
         basis = np.linalg.svd(columns, full_matrices=False)[0]
         bare.append(loads[:, c] - basis @ (basis.T @ loads[:, c]))
         target.append(residual[:, c] - basis @ (basis.T @ residual[:, c]))
-    return _told(body.gravity_field, bare, target)
+    return _identified(body.gravity_field, bare, target)
 
 
-def _told(assumed: Float, loads: Sequence[Float], target: Sequence[Float]) -> Mount | None:
+def _identified(assumed: Float, loads: Sequence[Float], target: Sequence[Float]) -> Mount | None:
     """The mount that explains each joint's torque residual (N,) by its loads (N, 3) for 1 m/s² along each axis."""
     before = np.array([np.mean(part**2) for part in target])
     variance = np.maximum(before, 1e-12)

@@ -90,9 +90,7 @@ class Products:
         )
 
     def __sub__(self, other: Products) -> Products:
-        return Products(
-            self.gram - other.gram, self.pull - other.pull, self.square - other.square, self.rows - other.rows
-        )
+        return self + Products(-other.gram, -other.pull, -other.square, -other.rows)
 
     def part(self, chosen: Index) -> Products:
         """Return the products of the ``chosen`` columns alone."""

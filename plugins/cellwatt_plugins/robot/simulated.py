@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import pinocchio as pin
-
 from cellwatt.errors import ConfigError
-from cellwatt.files import read_bytes
 from cellwatt.logs.log import alike
-from cellwatt_plugins.robot.body import with_one_angle_each
+from cellwatt_plugins.robot.body import read_urdf
 from cellwatt_plugins.robot.description import Joint, RobotDescription
 from cellwatt_plugins.robot.mjcf import compiled, gravity, is_mjcf, parents
 
@@ -56,11 +52,7 @@ def _of_mjcf(path: Path, joints: int | Sequence[str] | None) -> RobotDescription
 
 
 def _of_urdf(path: Path, joints: int | Sequence[str] | None) -> RobotDescription:
-    try:
-        content = read_bytes(path)
-        root, model = ET.fromstring(content), pin.buildModelFromXML(with_one_angle_each(content))
-    except (OSError, ET.ParseError, ValueError, RuntimeError) as error:
-        raise ConfigError(f"{path}: cannot be read as a URDF: {error}") from error
+    root, model = read_urdf(path)
     every = {joint.get("name", ""): joint for joint in root.findall("joint")}
     names = list(model.names)
     moving = [i for i in range(1, len(names)) if model.joints[i].nv == 1 and every[names[i]].find("mimic") is None]

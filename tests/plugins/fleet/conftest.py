@@ -26,7 +26,9 @@ def lake(tmp_path_factory):
     cell = folder / "weld" / "weld-5"
     (cell / "2026-02-03_cut.parquet").write_bytes(b"PAR1 and no more")
     (cell / "2026-02-04_power_only.csv").write_text("t,power\n0,1\n1,2\n")
-    (cell / "no_date.csv").write_text("t,power\n0,1\n1,2\n")
+    for stray in (cell / "no_date.csv", folder / "stray.csv", folder / ".snapshot" / "weld-5" / "2026-02-05.csv"):
+        stray.parent.mkdir(parents=True, exist_ok=True)
+        stray.write_text("t,power\n0,1\n1,2\n")
     return folder
 
 

@@ -20,11 +20,12 @@ def test_a_new_payload_changes_energy_alone(written):
 
 def test_what_cannot_be_used_is_named_with_its_reason(written):
     skipped = {s["place"].rpartition("/")[2]: s["why"] for s in written[1]["skipped"]}
-    assert set(skipped) == {"2026-02-03_cut.parquet", "2026-02-04_power_only.csv", "no_date.csv"}
+    assert set(skipped) == {"2026-02-03_cut.parquet", "2026-02-04_power_only.csv", "no_date.csv", "stray.csv"}
+    assert skipped["stray.csv"] == "it is not in a cell's folder"
     assert "no column q_1" in skipped["2026-02-04_power_only.csv"]
     assert "no date" in skipped["no_date.csv"]
     assert all(why in written[2] for why in skipped.values())
-    assert {s["cell"] for s in written[1]["skipped"]} == {"weld-5"}
+    assert {s["cell"] for s in written[1]["skipped"]} == {"weld-5", "no cell"}
 
 
 def test_the_page_has_table_courses_and_what_was_skipped(written):

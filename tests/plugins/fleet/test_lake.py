@@ -34,8 +34,11 @@ def test_a_lake_of_the_historian_gives_the_same_as_files(lake, tmp_path):
     (tmp_path / "energies" / "cell=weld-0").mkdir(parents=True)
     shutil.copy(source, tmp_path / "energies" / "cell=weld-0" / "x.parquet")
     own = next(item for item in find(lake).weeks if source in item.files)
-    (item,) = find(tmp_path, [f"weld-*={lake / 'weld'}"]).weeks
-    assert (item.cell, item.week) == ("weld-0", own.week)
+    described = tmp_path.with_name("site=plant-1")
+    described.symlink_to(lake / "weld")
+    for pattern in ("", "weld-*="):
+        (item,) = find(tmp_path, [f"{pattern}{described}"]).weeks
+        assert (item.cell, item.week) == ("weld-0", own.week)
     one, other = week_of_cell(item), week_of_cell(type(own)(own.cell, own.robot, own.week, (source,)))
     assert len(one.repetitions) == 2
     assert one.coulomb == pytest.approx(other.coulomb, rel=1e-3)
@@ -60,12 +63,8 @@ def test_last_weeks_cells_of_one_name_and_descriptions_of_one_name(lake, tmp_pat
         folder = tmp_path / hall / "weld-1"
         folder.mkdir(parents=True)
         (folder / "2026-01-05.csv").write_text("t,q_1\n0,1\n1,2\n")
-        shutil.copytree(
-            lake / "weld",
-            tmp_path / hall,
-            ignore=lambda _, names: {n for n in names if "weld" in n},
-            dirs_exist_ok=True,
-        )
+        for own in ("robot.yaml", "robot.urdf"):
+            shutil.copy(lake / "weld" / own, tmp_path / hall)
     assert [item.cell for item in find(tmp_path).weeks] == ["north/weld-1", "south/weld-1"]
     changed = (tmp_path / "north" / "robot.yaml").read_text().replace("standby_power: 180", "standby_power: 90")
     (tmp_path / "north" / "robot.yaml").write_text(changed)

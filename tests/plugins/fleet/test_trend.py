@@ -1,14 +1,19 @@
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.special import polygamma
 
 from cellwatt_plugins.fleet.adjusted import Course, Observations, Warmth, course_of, shrunk, warmth_of
-from cellwatt_plugins.fleet.courses import CellJoint, Courses
+from cellwatt_plugins.fleet.api import _summary
+from cellwatt_plugins.fleet.courses import CellJoint, Courses, told_of
 from cellwatt_plugins.fleet.judge import judged
-from cellwatt_plugins.fleet.kinds import common_course, less_common, spread_of
+from cellwatt_plugins.fleet.kinds import common_course, less_common, moderated, spread_of
 from cellwatt_plugins.fleet.slopes import trends_of
 from cellwatt_plugins.fleet.trend import line, persistence, rather_a_step, steps_in
+from cellwatt_plugins.fleet.weekly import Repetition, Week
+from cellwatt_plugins.robot import Joint, RobotDescription
 
 WEEKS = np.arange(100, 126)
 
@@ -42,9 +47,8 @@ def test_a_step_is_found_in_its_week_and_none_in_a_slope():
     (step,) = steps_in(fallen, 0.4, 1e-5)
     assert step.week == 114
     assert step.size == pytest.approx(-0.3, abs=0.08)
-    rising = Course(WEEKS, sound.values + 0.3 * (WEEKS - 100) / 25, sound.covariance)
-    assert steps_in(rising, 0.4, 1e-5) == []
-    assert rather_a_step(rising, 0.4, 1e-9) is None
+    assert steps_in(rising(sound, 0.3), 0.4, 1e-5) == []
+    assert rather_a_step(rising(sound, 0.3), 0.4, 1e-9) is None
     assert abs(rather_a_step(fallen, 0.4, 1e-9).week - 114) <= 1
     after = line(fallen, 0.4, [step])
     assert (after.first, after.last) == (114, 125)
@@ -78,33 +82,33 @@ def test_how_far_sound_arms_are_apart_is_told_beside_a_few_that_are_not():
     assert spread_of([0.001] * 20, [0.01] * 20) == 0.0
 
 
-def fleet_of(rng, worn=None, arms=12):
-    courses = {}
-    for i in range(arms):
-        for joint in range(1, 7):
-            course = wandering(rng)
-            if (i, joint) == worn:
-                course = course.less(-0.3 * (WEEKS - 100) / 25)
-            courses[CellJoint(f"weld-{i:02d}", joint)] = course
-    return [Courses("welder", "friction", True, courses)]
-
-
-def test_the_worn_joint_alone_is_sure():
-    (found,) = judged(fleet_of(np.random.default_rng(7), worn=(3, 2)), 0.01, 0.05)
-    assert found.sure == {CellJoint("weld-03", 2)}
-    trend = found.trends[CellJoint("weld-03", 2)]
-    low, high = (end * trend.span for end in trend.interval())
-    assert low < 0.3 < high
-    assert not found.steps
+def rising(course, rise):
+    """The course with a line that rises by ``rise`` from the first week to the last."""
+    return course.less(-rise * (WEEKS - 100) / 25)
 
 
 def halls(rng, rises):
     """Arms in halls that raise friction of all their joints by ``rises`` from the first week to the last."""
     return {
-        CellJoint(f"weld-{i:02d}", joint): wandering(rng).less(-rise * (WEEKS - 100) / 25)
+        CellJoint(f"weld-{i:02d}", joint): rising(wandering(rng), rise)
         for i, rise in enumerate(rises)
         for joint in range(1, 7)
     }
+
+
+def fleet_of(rng, worn, arms=12):
+    courses = halls(rng, np.zeros(arms))
+    courses[worn] = rising(courses[worn], 0.3)
+    return [Courses("welder", "friction", True, courses)]
+
+
+def test_the_worn_joint_alone_is_sure():
+    (found,) = judged(fleet_of(np.random.default_rng(7), worn=CellJoint("weld-03", 2)), 0.01, 0.05)
+    assert found.sure == {CellJoint("weld-03", 2)}
+    trend = found.trends[CellJoint("weld-03", 2)]
+    low, high = (end * trend.span for end in trend.interval())
+    assert low < 0.3 < high
+    assert not found.steps
 
 
 def trends_in(courses):
@@ -124,7 +128,7 @@ def test_a_worn_joint_is_told_beside_the_others_of_its_arm():
     rises = 0.12 * rng.standard_normal(20)
     rises[3] = -0.2
     courses, worn = halls(rng, rises), CellJoint("weld-03", 2)
-    courses[worn] = courses[worn].less(-0.3 * (WEEKS - 100) / 25)
+    courses[worn] = rising(courses[worn], 0.3)
     trends = trends_in(courses)
     found = trends.pop(worn)
     assert found.slope * 25 == pytest.approx(0.3, abs=0.06)
@@ -140,7 +144,7 @@ def test_an_arm_that_changes_by_more_than_halls_differ_is_told():
     assert sure == {CellJoint("weld-05", joint) for joint in range(1, 7)}
 
 
-def told_of(rng, slope=-0.01, wear=0.0):
+def observed(rng, slope=-0.01, wear=0.0):
     """Two programs whose mix turns over, in a hall that becomes warmer."""
     week = np.repeat(np.arange(26), 3)
     program = (rng.random(len(week)) < week / 25).astype(int)
@@ -151,7 +155,7 @@ def told_of(rng, slope=-0.01, wear=0.0):
 
 def test_programs_and_temperature_are_taken_out():
     rng = np.random.default_rng(8)
-    told = told_of(rng, wear=0.1)
+    told = observed(rng, wear=0.1)
     found = warmth_of(told, 0.1)
     assert found.slope == pytest.approx(-0.01, abs=4 * found.error)
     course = course_of(told, 0.1, 0.01, shrunk([found])[0], 20.0)
@@ -163,8 +167,8 @@ def test_programs_and_temperature_are_taken_out():
 
 def test_temperature_that_is_not_sure_to_count_is_left_alone():
     rng = np.random.default_rng(9)
-    assert shrunk([warmth_of(told_of(rng, slope=0.0), 0.1) for _ in range(3)]) == [Warmth(0.0, 0.0)] * 3
-    slopes = [each.slope for each in shrunk([warmth_of(told_of(rng), 0.1) for _ in range(6)])]
+    assert shrunk([warmth_of(observed(rng, slope=0.0), 0.1) for _ in range(3)]) == [Warmth(0.0, 0.0)] * 3
+    slopes = [each.slope for each in shrunk([warmth_of(observed(rng), 0.1) for _ in range(6)])]
     assert np.ptp(slopes) < 0.001
     assert np.mean(slopes) == pytest.approx(-0.01, abs=0.001)
 
@@ -182,8 +186,25 @@ def test_what_is_not_known_of_temperature_grows_with_the_season():
     assert np.std(pulls) == pytest.approx(1.0, abs=0.2)
 
 
+def test_a_joint_without_friction_is_not_said_to_rest():
+    """The first joint's torque has the wrong sign, the second one hardly moves."""
+    nothing, speed = np.full(2, np.nan), np.array([0.4, np.nan])
+    each = Repetition(0, (1.0, 2.0, 0.0), np.array([1.0, np.nan]), None, None)
+    weeks = [Week("a", w, np.array([-3.0, np.nan]), nothing * 0, speed, (each,), (), 20.0) for w in range(6)]
+    robot = RobotDescription(robot="a", urdf=Path("a"), joints=(Joint(name="j1"), Joint(name="j2")))
+    said = _summary("a", robot, weeks, told_of(weeks)).statement
+    assert said == "hardly moves: j2; torque does not oppose the motion (constant, or of the wrong sign): j1"
+
+
+def test_variances_that_hardly_differ_add_no_more_than_the_most_free():
+    free = np.full(8, 20.0)
+    spread = np.sqrt((polygamma(1, 10.0) + np.array([-1e-3, 1e-9, 1e-3])) * 7 / 8)
+    found = [moderated(np.exp(each * np.array([-1.0, 1.0] * 4)), free)[1] for each in spread]
+    assert [each.tolist() for each in found] == [[80.0] * 8] * 3
+
+
 def test_few_arms_without_temperature_are_judged_alone():
-    (group,) = fleet_of(np.random.default_rng(11), worn=(1, 2), arms=2)
+    (group,) = fleet_of(np.random.default_rng(11), worn=CellJoint("weld-01", 2), arms=2)
     (found,) = judged([replace(group, with_temperature=False)], 0.01, 0.05)
     assert found.alone
     assert found.sure == {CellJoint("weld-01", 2)}

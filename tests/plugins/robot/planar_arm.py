@@ -6,6 +6,9 @@ Both joints turn about the base's y axis; at 0 both links point along x. A posit
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 
 L1 = 0.7
@@ -37,6 +40,12 @@ def urdf(kind: str = "revolute", gripper: bool = False) -> str:
         parts.append('<link name="finger"/>')
         parts.append(JOINT.format(name="grip", kind="revolute", parent="lower", child="finger", offset=0.4))
     return f'<robot name="planar">{"".join(parts)}</robot>'
+
+
+def write(folder: Path, **arm: Any) -> Path:
+    """The URDF as a file."""
+    (folder / "arm.urdf").write_text(urdf(**arm))
+    return folder / "arm.urdf"
 
 
 def mass_matrix(q: np.ndarray) -> np.ndarray:

@@ -19,14 +19,8 @@ ELBOW = Joint(name="elbow", rotor_inertia=0.4, coulomb_friction=2.0, viscous_fri
 
 @pytest.fixture(scope="module")
 def robot(tmp_path_factory):
-    path = tmp_path_factory.mktemp("planar") / "arm.urdf"
-    path.write_text(truth.urdf())
+    path = truth.write(tmp_path_factory.mktemp("planar"))
     return RobotDescription(robot="planar", urdf=path, joints=(SHOULDER, ELBOW), standby_power=40.0)
-
-
-@pytest.fixture(scope="module")
-def arm(robot):
-    return Arm.of(robot)
 
 
 def test_limits_are_the_descriptions_before_the_urdfs(robot):
@@ -41,7 +35,7 @@ def test_limits_are_the_descriptions_before_the_urdfs(robot):
 
 
 def test_what_every_joint_needs_is_told(tmp_path):
-    (tmp_path / "arm.urdf").write_text(truth.urdf())
+    truth.write(tmp_path)
     joints = [joint.model_dump(exclude_defaults=True) for joint in (SHOULDER, ELBOW)]
     (tmp_path / "robot.yaml").write_text(yaml.safe_dump({"robot": "planar", "urdf": "arm.urdf", "joints": joints}))
     assert Arm.load(tmp_path, needs=("coulomb_friction",)).name == "planar"

@@ -7,9 +7,7 @@ from tests.plugins.robot import planar_arm as truth
 
 
 def body_of(folder, joints=("shoulder", "elbow"), **arm):
-    path = folder / "arm.urdf"
-    path.write_text(truth.urdf(**arm))
-    return Body(path, joints)
+    return Body(truth.write(folder, **arm), joints)
 
 
 @pytest.fixture(scope="module")
@@ -85,8 +83,26 @@ def test_what_does_not_fit_is_said(tmp_path, joints, arm, message):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("text", ["no xml", "<robot name='x'/>"])
-def test_what_is_no_urdf_is_said(tmp_path, text):
+def test_a_limit_without_effort_and_velocity_is_a_range(tmp_path):
+    (tmp_path / "arm.urdf").write_text(truth.urdf().replace(' effort="100" velocity="3"', ""))
+    body = Body(tmp_path / "arm.urdf", ("shoulder", "elbow"))
+    assert body.limits.tolist() == [[-3, 3], [-3, 3]]
+    assert body.velocity_limits.tolist() == [0, 0]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("no xml", "cannot be read as a URDF"),
+        ("<robot name='x'/>", "cannot be read as a URDF"),
+        (truth.urdf().replace("5.2", "${mass}"), "link 'upper' is xacro: convert it first"),
+        (truth.urdf().replace('<link name="base"/>', '<include xmlns="http://www.ros.org/wiki/xacro"/>'), "is xacro"),
+        (truth.urdf().replace("5.2", "5,2"), "could not convert string to float: '5,2'"),
+        (truth.urdf().replace("5.2", "nan"), "link 'upper' has an inertia that is not finite"),
+    ],
+)
+def test_what_is_no_urdf_is_said(tmp_path, text, message):
     (tmp_path / "arm.urdf").write_text(text)
-    with pytest.raises(ConfigError, match=r"arm\.urdf"):
-        Body(tmp_path / "arm.urdf", ("shoulder",))
+    with pytest.raises(ConfigError, match=r"arm\.urdf: cannot be read as a URDF: ") as caught:
+        Body(tmp_path / "arm.urdf", ("shoulder", "elbow"))
+    assert message in str(caught.value)

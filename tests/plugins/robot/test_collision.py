@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cellwatt_plugins.robot import Arm, Joint, RobotDescription
+from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.collision import Checker, solid
 from cellwatt_plugins.robot.description import Capsule
 from tests.plugins.models.static import arms
-from tests.plugins.robot.planar_arm import L1, urdf
+from tests.plugins.robot.planar_arm import L1, write
 
 WIDE = np.array([[-3.0, 3.0], [-3.0, 3.0]])
 
@@ -24,10 +24,7 @@ def mh12():
 @pytest.fixture(scope="module")
 def planar(tmp_path_factory):
     """Two links along x at zero; a positive angle lowers them."""
-    file = tmp_path_factory.mktemp("planar") / "arm.urdf"
-    file.write_text(urdf())
-    joints = (Joint(name="shoulder"), Joint(name="elbow"))
-    return Arm.of(RobotDescription(robot="planar", urdf=file, joints=joints))
+    return Arm.load(write(tmp_path_factory.mktemp("planar")))
 
 
 def outlined(arm, *capsules, floor=0.0):

@@ -33,13 +33,11 @@ def batches(source: str, stream: Stream, time: np.ndarray, values: np.ndarray) -
 def read(declared: float) -> dict[str, list[Batch]]:
     arm = Arm(40.0, 5)
     time = np.arange(0, arm.time[-1], 0.02)
-    positions = np.cumsum(arm.qd, axis=0) * (arm.time[1] - arm.time[0])
-    rows = [np.interp(time, arm.time, c) for table in (positions, arm.measured) for c in table.T]
     ends = np.arange(0.33, arm.time[-1] - LATE, WINDOW)
     means = measured(arm.time, arm.power, ends - WINDOW, ends)
     power = Channel("supply.power", "W", window=declared)
     return {
-        "arm": batches("arm", Stream("state", JOINTS, 50.0, "host"), time, np.column_stack(rows)),
+        "arm": batches("arm", Stream("state", JOINTS, 50.0, "host"), time, arm.joints(time)),
         "mains": batches("mains", Stream("measured", (power,), 10.0, "host"), ends + LATE, means[:, None]),
     }
 

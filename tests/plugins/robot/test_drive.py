@@ -18,16 +18,10 @@ STATE = Drives.of(
 )
 
 
-@pytest.mark.parametrize(
-    ("term", "expected"),
-    {
-        "mechanical": [9.0, 6.0],
-        "copper": [3.2, 4.5],
-        "switching": [2.0, 3.0],
-        "eddy": [0.25, 1.0],
-        "hysteresis": [0.5, 1.0],
-    }.items(),
-)
+TAKEN = {"mechanical": [9, 6], "copper": [3.2, 4.5], "switching": [2, 3], "eddy": [0.25, 1], "hysteresis": [0.5, 1]}
+
+
+@pytest.mark.parametrize(("term", "expected"), TAKEN.items())
 def test_what_a_drive_takes_from_the_bus(term, expected):
     np.testing.assert_allclose(TERMS[term](STATE), [expected])
 

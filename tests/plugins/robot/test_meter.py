@@ -44,6 +44,15 @@ class Arm:
         return np.cumsum(qd, axis=0) * STEP, qd, qdd
 
     @property
+    def position(self) -> np.ndarray:
+        return np.cumsum(self.qd, axis=0) * STEP
+
+    def joints(self, time: np.ndarray) -> np.ndarray:
+        """Positions and torques (N, 4) as recorded at ``time`` (N,) s."""
+        columns = np.hstack([self.position, self.measured]).T
+        return np.column_stack([np.interp(time, self.time, column) for column in columns])
+
+    @property
     def course(self) -> Course:
         return Course(self.time, kinds_of_power(self.measured, self.qd))
 
@@ -68,25 +77,23 @@ def test_window_and_delay_of_a_meter_that_averages_from_value_to_value(window, l
     assert meter.late == pytest.approx(late, abs=0.01)
 
 
+def in_short_moves(window: float, late: float, count: int) -> Meter | None:
+    """What is found of a meter in moves of three seconds."""
+    arms = [Arm(3.0, seed) for seed in range(count)]
+    powers = [arm.through(window, late, phase=seed * 0.37 % 1) for seed, arm in enumerate(arms)]
+    readings = held([(arm.time, power) for arm, power in zip(arms, powers, strict=True)], window)
+    return None if readings is None else find(readings, [arm.course for arm in arms])
+
+
 def test_many_short_moves_do_as_well_as_a_long_recording():
-    readings, courses = [], []
-    for seed in range(60):
-        arm = Arm(3.0, seed)
-        readings += held([(arm.time, arm.through(0.4, 0.35, phase=seed * 0.37 % 1))], 0.4) or []
-        courses.append(arm.course)
-    assert len(readings) == len(courses)
-    meter = find(readings, courses)
+    meter = in_short_moves(0.4, 0.35, 60)
     assert meter is not None
     assert meter.window == pytest.approx(0.4, abs=0.02)
     assert meter.late == pytest.approx(0.35, abs=0.02)
 
 
 def test_moves_that_are_hardly_longer_than_the_window_tell_no_meter():
-    arms = [Arm(3.0, seed) for seed in range(40)]
-    each = [held([(arm.time, arm.through(2.0, 0.9, phase=seed * 0.37 % 1))], 2.0) for seed, arm in enumerate(arms)]
-    readings = [(arm.course, own[0]) for arm, own in zip(arms, each, strict=True) if own]
-    assert len(readings) > 20
-    assert find([own for _, own in readings], [course for course, _ in readings]) is None
+    assert in_short_moves(2.0, 0.9, 40) is None
 
 
 @pytest.mark.parametrize(("window", "interval"), [(0.3, 0.1), (0.02, 0.2)])

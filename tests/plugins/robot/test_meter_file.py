@@ -13,10 +13,10 @@ from cellwatt_plugins.robot.meter.file import power_beside
 from cellwatt_plugins.robot.meter.find import find
 from cellwatt_plugins.robot.meter.held import held
 from tests.plugins.robot.slow_meter import measured
-from tests.plugins.robot.test_meter import STEP, Arm
+from tests.plugins.robot.test_meter import Arm
 
 ARM = Arm(90.0)
-POSITION = np.cumsum(ARM.qd, axis=0) * STEP
+POSITION = ARM.position
 
 
 def logged(folder: Path, offset: float, interval: float, arm: Arm = ARM, late: float = 0.1) -> Path:

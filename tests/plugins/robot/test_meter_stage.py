@@ -35,27 +35,23 @@ def frames(of: Layout, arms: list[Arm], window: float = WINDOW) -> Frames:
     """What the aligner gives of these arms and a meter on the first one: its values held, as old as the bound says."""
     first = arms[0]
     time = np.arange(0, first.time[-1], 1 / RATE)
-    columns = [
-        np.interp(time, arm.time, column)
-        for arm in arms
-        for table in (np.cumsum(arm.qd, axis=0) * (arm.time[1] - arm.time[0]), arm.measured)
-        for column in table.T
-    ]
+    joints = np.hstack([arm.joints(time) for arm in arms])
     ends = np.arange(0.37, first.time[-1], WINDOW)
     means = measured(first.time, first.power, np.maximum(ends - window, 0.0), ends)
     came = ends + LATE
     last = np.searchsorted(came, time, side="right") - 1
     there = last >= 0
-    bound = np.zeros((len(time), len(columns) + 1), np.int64)
+    bound = np.zeros((len(time), joints.shape[1] + 1), np.int64)
     bound[:, -1] = np.round((time - came[np.maximum(last, 0)]) * 1e9) + 700_000
     quality = np.zeros(bound.shape, np.uint8)
     quality[~there, -1] = Quality.MISSING
-    values = np.column_stack([*columns, np.where(there, means[np.maximum(last, 0)], np.nan)])
+    values = np.column_stack([joints, np.where(there, means[np.maximum(last, 0)], np.nan)])
     at = EPOCH + STEP * np.arange(len(time), dtype=np.int64)
     return Frames(of, 0, at, values, quality, bound)
 
 
-def run(stage: MeterStage, all_of: Frames, block: int = 25) -> list[Alarm]:
+def run(all_of: Frames, block: int = 25, **settings: object) -> list[Alarm]:
+    stage = MeterStage("meter", MeterSettings.model_validate(settings), all_of.layout, CELL)
     told = []
     for first in range(0, len(all_of), block):
         rows = slice(first, first + block)
@@ -67,9 +63,7 @@ def run(stage: MeterStage, all_of: Frames, block: int = 25) -> list[Alarm]:
 
 
 def test_window_and_delay_are_told_while_the_arm_moves():
-    of = layout(declared=WINDOW)
-    stage = MeterStage("meter", MeterSettings.model_validate({"every": "20 s"}), of, CELL)
-    (alarm,) = run(stage, frames(of, [Arm(60.0, 3)]))
+    (alarm,) = run(frames(layout(declared=WINDOW), [Arm(60.0, 3)]), every="20 s")
     assert (alarm.kind, alarm.severity, alarm.source) == ("meter_timing", "info", "mains")
     assert alarm.time < EPOCH + 21e9
     assert alarm.evidence["window_s"] == pytest.approx(WINDOW, abs=0.01)
@@ -79,34 +73,30 @@ def test_window_and_delay_are_told_while_the_arm_moves():
 
 
 def test_a_window_that_is_not_as_declared_is_a_warning():
-    of = layout(declared=0.05)
-    (alarm,) = run(MeterStage("meter", MeterSettings(), of, CELL), frames(of, [Arm(60.0, 3)]))
+    (alarm,) = run(frames(layout(declared=0.05), [Arm(60.0, 3)]))
     assert alarm.severity == "warning"
     assert "the declared window is 50 ms" in alarm.statement
 
 
 def test_of_two_arms_the_one_is_found_that_the_meter_supplies():
-    of = layout(arms=("left", "right"))
-    (alarm,) = run(MeterStage("meter", MeterSettings(), of, CELL), frames(of, [Arm(60.0, 3), Arm(60.0, 4)]))
+    (alarm,) = run(frames(layout(arms=("left", "right")), [Arm(60.0, 3), Arm(60.0, 4)]))
     assert alarm.evidence["arm"] == "left"
     assert alarm.evidence["late_s"] == pytest.approx(LATE, abs=0.01)
 
 
 def test_values_that_repeat_before_a_gap_do_not_tell_the_interval():
-    of = layout()
-    every = frames(of, [Arm(60.0, 3)])
+    every = frames(layout(), [Arm(60.0, 3)])
     every.values[:115, -1] = np.where(np.arange(115) < 60, 60.0, 61.0)
     every.values[115:120, :-1] = np.nan
-    (alarm,) = run(MeterStage("meter", MeterSettings(), of, CELL), every)
+    (alarm,) = run(every)
     assert alarm.evidence["interval_s"] == pytest.approx(WINDOW, abs=0.005)
 
 
 def test_an_arm_at_rest_tells_nothing():
-    of = layout()
     still = Arm(30.0, 3)
     still.qd[:], still.measured[:] = 0.0, 5.0
     still.power = 60 + np.random.default_rng(0).normal(0, 0.3, len(still.time))
-    assert run(MeterStage("meter", MeterSettings(), of, CELL), frames(of, [still])) == []
+    assert run(frames(layout(), [still])) == []
 
 
 def test_a_block_of_frames_may_be_longer_than_what_is_kept():

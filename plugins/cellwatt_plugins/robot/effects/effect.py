@@ -101,6 +101,8 @@ class Effect(ABC):
     coefficients_are: ClassVar[Names] = ()
     shape_is: ClassVar[Names] = ()
     """Names of its first coefficients, and of its shape, as parameters; a number without a name is not reported."""
+    scaled_is: ClassVar[Names] = ()
+    """Name of the first shape parameter times the first coefficient; see ``Estimate.scaled``."""
     plausible: ClassVar[Plausible | None] = None
     """Limits for an effect that could otherwise stand for anything."""
     sentence: ClassVar[str] = ""
@@ -201,7 +203,8 @@ class Effect(ABC):
     def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
         """Physical parameters with units."""
         found = {name: estimate.coefficient(i, unit) for i, (name, unit) in enumerate(self.coefficients_are)}
-        return found | {name: estimate.shaped(i, unit) for i, (name, unit) in enumerate(self.shape_is) if name}
+        found |= {name: estimate.shaped(i, unit) for i, (name, unit) in enumerate(self.shape_is) if name}
+        return found | {name: estimate.scaled(unit) for name, unit in self.scaled_is}
 
     def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
         """One plain sentence; ``who`` names the place, e.g. ``Joint 2``."""

@@ -77,9 +77,9 @@ class _Sums:
         return np.asarray((start >= self.start[segment]) & (end <= last))
 
     def _until(self, segment: NDArray[np.intp], time: Float) -> Float:
-        place = (time - self.start[segment]) / self.step
-        low = np.clip(np.floor(place), 0, self.rows[segment] - 1).astype(np.intp)
-        share, low = (place - low)[:, None], low + self.first[segment]
+        position = (time - self.start[segment]) / self.step
+        low = np.clip(np.floor(position), 0, self.rows[segment] - 1).astype(np.intp)
+        share, low = (position - low)[:, None], low + self.first[segment]
         return np.asarray((1 - share) * self.sums[low] + share * self.sums[low + 1])
 
 
@@ -116,15 +116,15 @@ def find(
     """
     shown, sums = _Shown.of(readings), _Sums.of(courses)
     # Beyond a segment its end values are held: recordings begin and end at rest, and short ones would lose too much.
-    kept = np.arange(len(shown.time)) % max(1, -(-len(shown.time) // MOST)) == 0
-    value = shown.value[kept]
+    used = np.arange(len(shown.time)) % max(1, -(-len(shown.time) // MOST)) == 0
+    value = shown.value[used]
     if len(shown.time) < FEWEST * (sums.sums.shape[1] + 3) or not np.ptp(value):
         return None
     windows = [w for share in WINDOWS if sums.step <= (w := share * shown.interval) <= LONGEST] or [shown.interval]
     delays = np.arange(earliest, latest, max(shown.interval / 5, FINEST))
-    window, late = min(product(windows, delays), key=lambda wd: _left(shown, sums, kept, *wd))
+    window, late = min(product(windows, delays), key=lambda wd: _misfit(shown, sums, used, *wd))
     free = max(1, len(value) - sums.sums.shape[1] - 3)
-    unexplained = _left(shown, sums, kept, window, float(late)) / free / float(np.var(value))
+    unexplained = _misfit(shown, sums, used, window, float(late)) / free / float(np.var(value))
     if not unexplained < 1 - ALIKE:
         return None
     usual = usual or shown.interval
@@ -136,17 +136,17 @@ def find(
     return _refined(shown, halves, window, float(late), usual, unexplained)
 
 
-def _design(shown: _Shown, sums: _Sums, kept: NDArray[np.bool_], window: float, ago: float) -> Float:
+def _design(shown: _Shown, sums: _Sums, used: NDArray[np.bool_], window: float, ago: float) -> Float:
     """Means of the kinds and a constant (M, k + 1) over windows whose middle was ``ago`` s before a value came."""
     # A row is already an average over one step.
     own = float(np.sqrt(max(window**2 - sums.step**2, (sums.step / 10) ** 2)))
-    middle = shown.time[kept] - ago
-    means = sums.means(shown.segment[kept], middle - own / 2, middle + own / 2)
+    middle = shown.time[used] - ago
+    means = sums.means(shown.segment[used], middle - own / 2, middle + own / 2)
     return np.column_stack([means, np.ones(len(means))])
 
 
-def _left(shown: _Shown, sums: _Sums, kept: NDArray[np.bool_], window: float, late: float) -> float:
-    design, value = _design(shown, sums, kept, window, late + window / 2), shown.value[kept]
+def _misfit(shown: _Shown, sums: _Sums, used: NDArray[np.bool_], window: float, late: float) -> float:
+    design, value = _design(shown, sums, used, window, late + window / 2), shown.value[used]
     return float(np.sum((value - design @ _solved(design, design, value)) ** 2))
 
 
@@ -166,60 +166,60 @@ def _refined(
     for _ in range(STEPS):
         middle = shown.time - ago
         begin, end = middle - window / 2, middle + window / 2
-        kept = np.all([side.inside(shown.segment, begin, end) for side in sides], axis=0)
-        if kept.sum() < sides[0].sums.shape[1] + 3:
+        used = np.all([side.inside(shown.segment, begin, end) for side in sides], axis=0)
+        if used.sum() < sides[0].sums.shape[1] + 3:
             return None
-        value, wider = np.tile(shown.value[kept], 2), float(np.hypot(window, SMOOTH))
-        design = np.concatenate([_design(shown, side, kept, window, ago) for side in sides])
-        smooth = np.concatenate([_design(shown, side, kept, wider, ago) for side in sides[::-1]])
+        value, wider = np.tile(shown.value[used], 2), float(np.hypot(window, SMOOTH))
+        design = np.concatenate([_design(shown, side, used, window, ago) for side in sides])
+        smooth = np.concatenate([_design(shown, side, used, wider, ago) for side in sides[::-1]])
         weights = _solved(smooth, design, value)
-        slopes = np.concatenate([_slopes(shown, side, kept, window, ago, weights) for side in sides])
-        instruments = np.concatenate([_slopes(shown, side, kept, wider, ago, weights) for side in sides[::-1]])
+        slopes = np.concatenate([_slopes(shown, side, used, window, ago, weights) for side in sides])
+        instruments = np.concatenate([_slopes(shown, side, used, wider, ago, weights) for side in sides[::-1]])
         change = _solved(instruments, slopes, value)
         moved = np.clip(change[:2], -shown.interval / 4, shown.interval / 4)
         before = window, ago
         window, ago = float(np.clip(window + moved[0], step / 2, LONGEST)), ago + float(moved[1])
         if abs(window - before[0]) + abs(ago - before[1]) < STILL:
             break
-    left = (value - slopes @ change).reshape(2, -1).mean(axis=0)
-    pulls = instruments.reshape(2, len(left), -1).mean(axis=0)
-    covariance = _covariance(pulls, instruments.T @ slopes / 2, left, shown.segment[kept], shown.time[kept])
+    residual = (value - slopes @ change).reshape(2, -1).mean(axis=0)
+    pulls = instruments.reshape(2, len(residual), -1).mean(axis=0)
+    covariance = _covariance(pulls, instruments.T @ slopes / 2, residual, shown.segment[used], shown.time[used])
     believed = _believed(window, ago, covariance, usual, OWN**2 + unexplained * LASTS**2)
     return replace(believed, interval=shown.interval, unexplained=unexplained)
 
 
-def _slopes(shown: _Shown, sums: _Sums, kept: NDArray[np.bool_], window: float, ago: float, weights: Float) -> Float:
+def _slopes(shown: _Shown, sums: _Sums, used: NDArray[np.bool_], window: float, ago: float, weights: Float) -> Float:
     """Derivatives of the values by the window's width and middle, then by all weights: (M, 2 + k)."""
     h = max(sums.step, window / 10) / 2
 
     def at(window: float, ago: float) -> Float:
-        return np.asarray(_design(shown, sums, kept, window, ago) @ weights)
+        return np.asarray(_design(shown, sums, used, window, ago) @ weights)
 
     low = max(window - h, h / 10)
     by_window = (at(window + h, ago) - at(low, ago)) / (window + h - low)
     by_ago = (at(window, ago + h) - at(window, ago - h)) / (2 * h)
-    return np.column_stack([by_window, by_ago, _design(shown, sums, kept, window, ago)])
+    return np.column_stack([by_window, by_ago, _design(shown, sums, used, window, ago)])
 
 
-def _covariance(pulls: Float, gram: Float, left: Float, segment: NDArray[np.intp], time: Float) -> Float:
+def _covariance(pulls: Float, gram: Float, residual: Float, segment: NDArray[np.intp], time: Float) -> Float:
     """Covariance (2, 2) of window and middle: the residuals in a stretch of ``LIKE`` s are one draw."""
     inverse = np.linalg.pinv(gram)[:2]
     stretch = np.unique(np.column_stack([segment, np.floor(time / LIKE)]), axis=0, return_inverse=True)[1].ravel()
     each = np.zeros((stretch.max() + 1, pulls.shape[1]))
-    np.add.at(each, stretch, pulls * left[:, None])
-    free = max(1, len(left) - pulls.shape[1])
-    together = inverse @ (each.T @ each) @ inverse.T * len(left) / free
-    alone = np.sum(left**2) / free * inverse @ (pulls.T @ pulls) @ inverse.T
+    np.add.at(each, stretch, pulls * residual[:, None])
+    free = max(1, len(residual) - pulls.shape[1])
+    together = inverse @ (each.T @ each) @ inverse.T * len(residual) / free
+    alone = np.sum(residual**2) / free * inverse @ (pulls.T @ pulls) @ inverse.T
     # The first is too small if stretches are few; noise without memory is the least possible.
     return np.asarray(together if np.trace(together) > np.trace(alone) else alone)
 
 
-def _believed(window: float, ago: float, covariance: Float, told: float, own: float) -> Meter:
-    """The meter with its declared or usual window ``told``, unless the data contradict that window.
+def _believed(window: float, ago: float, covariance: Float, declared: float, own: float) -> Meter:
+    """The meter with its ``declared`` or usual window, unless the data contradict that window.
 
     In squares: smoothing of the power beside the meter adds to the window's square, up to ``own`` s² (one sigma).
     """
-    square, usual = window**2, told**2
+    square, usual = window**2, declared**2
     to_square = np.array([[2 * window, 0.0], [0.0, 1.0]])
     known = to_square @ covariance @ to_square + np.array([[own**2, 0.0], [0.0, 0.0]])
     spread = (2 * USUAL * usual) ** 2 + known[0, 0]
@@ -231,4 +231,4 @@ def _believed(window: float, ago: float, covariance: Float, told: float, own: fl
     by_square = np.array([1 / (2 * window), 0.0])
     by_late = np.array([-1 / (4 * window), 1.0])
     spreads = [float(np.sqrt(by @ known @ by)) for by in (by_square, by_late)]
-    return Meter(window, ago - window / 2, told, min(spreads[0], window), spreads[1])
+    return Meter(window, ago - window / 2, declared, min(spreads[0], window), spreads[1])

@@ -206,10 +206,10 @@ def _alarm(stage: str, channel: FrameChannel, meter: Meter, arm: _Arm, since: in
     """The alarm that describes a meter."""
     declared = channel.window
     off = declared and abs(meter.window - declared) > max(DOUBT * meter.window_spread, SHARE * declared)
-    told = f"{channel.name} is {meter.told}, with a value every {1e3 * meter.interval:.0f} ms (found from "
-    told += f"the motion of {arm.source})"
+    statement = f"{channel.name} is {meter.told}, with a value every {1e3 * meter.interval:.0f} ms (found from "
+    statement += f"the motion of {arm.source})"
     if off:
-        told += f"; the declared window is {1e3 * declared:.0f} ms: check the meter's setting, or its window here"
+        statement += f"; the declared window is {1e3 * declared:.0f} ms: check the meter's setting, or its window here"
     return Alarm(
         id=f"{stage}.{channel.name}.meter_timing",
         kind="meter_timing",
@@ -217,7 +217,7 @@ def _alarm(stage: str, channel: FrameChannel, meter: Meter, arm: _Arm, since: in
         active=True,
         since=since,
         time=time,
-        statement=f"{told}.",
+        statement=f"{statement}.",
         source=channel.source,
         evidence={
             "channel": channel.name,

@@ -7,9 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Parameter, Shape
+from cellwatt_plugins.robot.effects.effect import Effect, Parameter, Shape
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.servo.law import earlier
 
@@ -26,6 +25,7 @@ class CommandDelay(Effect):
     acts_on = "drive"
     whole_arm = True
     form = Form(to_scale=True)
+    scaled_is = (("delay", "s"),)
     acceptance = Acceptance(several_channels=True)
     confusions = (Confusion("drive_gain", "move at two speeds: a delay grows with the speed, a soft loop with torque"),)
     tried = DELAYS
@@ -40,9 +40,6 @@ class CommandDelay(Effect):
 
     def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
         return [(0.001, 0.3)]
-
-    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
-        return {"delay": estimate.scaled("s")}
 
     def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
         delay = parameters["delay"]

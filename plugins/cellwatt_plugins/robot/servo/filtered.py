@@ -40,10 +40,10 @@ def filtered(encoders: Float, step: float) -> tuple[Moved, Float]:
     position = smooth(encoders, step, min(BAND / step, FASTEST))
     velocity, acceleration = derivatives(position, step)
     own = resolution(encoders)
-    told, noise = from_encoders(encoders, step), own * _speed_noise(step)
+    estimated, noise = from_encoders(encoders, step), own * _speed_noise(step)
     fine = noise < FINE * CREEPS
-    speed = np.where(fine, velocity, told.velocity)
-    unsure = np.where(fine, noise, told.velocity_spread)
+    speed = np.where(fine, velocity, estimated.velocity)
+    unsure = np.where(fine, noise, estimated.velocity_spread)
     sign, doubt = expected_sign(speed, np.hypot(unsure, CREEPS))
     others = [expected_sign(speed, np.hypot(unsure, width))[0] - sign for width in TURNOVERS]
     moved = Moved(position, velocity, acceleration, sign, doubt, own, unsure, np.full_like(position, 1e-12))
@@ -92,8 +92,8 @@ def _answers(step: float) -> tuple[Float, Float, Float]:
     count = 2 * max(50, round(2.0 / step)) + 1
     impulse = np.zeros((count, 1))
     impulse[count // 2] = 1.0
-    kept = smooth(impulse, step, min(BAND / step, FASTEST))
-    return kept, *derivatives(kept, step)
+    smoothed = smooth(impulse, step, min(BAND / step, FASTEST))
+    return smoothed, *derivatives(smoothed, step)
 
 
 def noise(

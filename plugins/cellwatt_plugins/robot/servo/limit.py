@@ -41,9 +41,7 @@ class DriveLimit(Effect):
         gives."""
         asked, given = self._torques(runs, joint or 0)
         beyond, below = asked > shape[0], (asked > UP_TO * shape[0]) & (asked < shape[0])
-        if np.sum(given[below]) < FOLLOWS * np.sum(asked[below]):
-            return False
-        if np.count_nonzero(beyond) < CLIPPED:
+        if np.sum(given[below]) < FOLLOWS * np.sum(asked[below]) or np.count_nonzero(beyond) < CLIPPED:
             return False
         off = asked[beyond] - np.mean(asked[beyond])
         return float(off @ given[beyond]) <= FOLLOWS * float(off @ off)

@@ -47,10 +47,8 @@ class Backlash(TwoMass):
             for gap, f, share in product(GAPS, FREQUENCIES, DAMPINGS)
         ]
 
-    def grid(self, run: States, joint: int | None, shapes: Sequence[Shape]) -> Sequence[Float]:
-        table = np.array(shapes)
-        found = with_gap(run, joint or 0, table[:, 1], table[:, 0], table[:, 2])
-        return [found[:, i : i + 1] for i in range(len(shapes))]
+    def added(self, run: States, joint: int, shapes: Float) -> Float:
+        return with_gap(run, joint, shapes[:, 1], shapes[:, 0], shapes[:, 2])
 
     def twist(self, run: States, joint: int, own: Float, shape: Shape) -> Float:
         pressed = run.load[:, joint] + own

@@ -49,10 +49,8 @@ class JointElasticity(TwoMass):
             for w in turns
         ]
 
-    def grid(self, run: States, joint: int | None, shapes: Sequence[Shape]) -> Sequence[Float]:
-        table = np.array(shapes)
-        found = elastic(run, joint or 0, table[:, 0], table[:, 1], table[:, 2])
-        return [found[:, i : i + 1] for i in range(len(shapes))]
+    def added(self, run: States, joint: int, shapes: Float) -> Float:
+        return elastic(run, joint, shapes[:, 0], shapes[:, 1], shapes[:, 2])
 
     def twist(self, run: States, joint: int, own: Float, shape: Shape) -> Float:
         return np.asarray((run.rigid[:, joint] + own) / shape[0])

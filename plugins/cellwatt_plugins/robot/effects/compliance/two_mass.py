@@ -37,8 +37,15 @@ class TwoMass(Effect):
     relations = Relations(family="two_mass")
 
     @abstractmethod
+    def added(self, run: States, joint: int, shapes: Float) -> Float:
+        """Torque (N, P) Nm that links of P ``shapes`` (P, k) add at their own joint."""
+
+    @abstractmethod
     def twist(self, run: States, joint: int, own: Float, shape: Shape) -> Float:
         """Angle (N,) rad by which the link lags its motor; ``own`` (N,) Nm is the torque that the link adds."""
+
+    def grid(self, run: States, joint: int | None, shapes: Sequence[Shape]) -> Sequence[Float]:
+        return np.split(self.added(run, joint or 0, np.array(shapes)), len(shapes), axis=1)
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
         own, at = self.grid(run, joint, [shape])[0][:, 0], joint or 0

@@ -46,8 +46,8 @@ class TorqueSaturation(Effect):
         )
         asked = np.concatenate([np.abs(run.torque[:, joint]) for run in runs])
         # A residual not explained yet is no measurement noise; values between the rows of the fit have no noise.
-        left = float(np.median(np.abs(np.concatenate([r[:, joint] for r in residual])))) / 0.6745
-        spread = max(min(left, float(white_noise(read[::APART])[0])), FINEST * float(np.max(read)))
+        scatter = float(np.median(np.abs(np.concatenate([r[:, joint] for r in residual])))) / 0.6745
+        spread = max(min(scatter, float(white_noise(read[::APART])[0])), FINEST * float(np.max(read)))
         levels = [float(np.max(read)) - below * spread for below in BELOW]
         greatest = np.argsort(-asked)[: max(AMONG)]
         levels += [float(np.median(read[greatest[:count]])) for count in AMONG]

@@ -56,8 +56,8 @@ class StribeckFriction(Friction):
 
     def torque(self, sliding: Sliding, shape: Shape) -> Any:
         share = sliding.qd / shape[0]
-        left = 1 / (1 + share * share) if len(shape) > 1 else np.exp(-(share * share))
-        return sliding.sign * left
+        decay = 1 / (1 + share * share) if len(shape) > 1 else np.exp(-(share * share))
+        return sliding.sign * decay
 
     def shown(self, shape: Shape, slowest: float, fastest: float) -> bool:
         return slowest < shape[0] < fastest

@@ -52,9 +52,9 @@ class ExternalContact(Effect):
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
         return [
             (float(run.index), float(run.time[sample]), width)
-            for run, left in zip(runs, residual, strict=True)
+            for run, course in zip(runs, residual, strict=True)
             for width in ((BLOW, *WIDTHS) if run.unplanned else WIDTHS)
-            for sample in peaks(np.where(_turns(run, joint or 0), 0.0, left[:, joint]), run.step, width)
+            for sample in peaks(np.where(_turns(run, joint or 0), 0.0, course[:, joint]), run.step, width)
         ]
 
     def resolved(self, runs: Sequence[States], joint: int | None, shape: Shape) -> bool:

@@ -63,7 +63,7 @@ def inside(run: States, shape: Shape) -> Float:
 
 def _carried(runs: Sequence[States], residual: Sequence[Float], body: Float) -> Shape | None:
     """Stretches during which a multiple of ``body`` (10,) is on the flange; None if there are none."""
-    courses = [_mass_course(run, left, body) for run, left in zip(runs, residual, strict=True)]
+    courses = [_mass_course(run, course, body) for run, course in zip(runs, residual, strict=True)]
     masses, weights = zip(*courses, strict=True)
     found = levels(masses, weights, [run.step for run in runs], SHORTEST)
     spans = [(runs[i].index, runs[i].time[a], runs[i].time[b]) for i, a, b in found]

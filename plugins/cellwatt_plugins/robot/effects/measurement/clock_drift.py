@@ -7,9 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form, Relations
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Parameter, Shape
+from cellwatt_plugins.robot.effects.effect import Effect, Parameter, Shape
 from cellwatt_plugins.robot.effects.measurement.time_delay import shifted
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import FAST
@@ -29,6 +28,7 @@ class ClockDrift(Effect):
     form = Form(to_scale=True)
     # A delay and a drift together fit any signal that is early in one half of a run and late in the other.
     relations = Relations(family="lateness")
+    scaled_is = (("rate", "s/s"),)
     acceptance = Acceptance(least_rate=FAST, several_channels=True)
     confusions = (Confusion("time_delay", "record for longer: a delay is constant, a drift grows"),)
 
@@ -46,9 +46,6 @@ class ClockDrift(Effect):
     def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
         slow, fast = 0.3 * shape[0], 3.0 * shape[0]
         return [(min(slow, fast), max(slow, fast))]
-
-    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
-        return {"rate": estimate.scaled("s/s")}
 
     def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
         rate = parameters["rate"]

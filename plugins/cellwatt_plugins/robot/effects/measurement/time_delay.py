@@ -8,9 +8,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form, Relations
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Parameter, Shape
+from cellwatt_plugins.robot.effects.effect import Effect, Parameter, Shape
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import FAST
 
@@ -34,6 +33,7 @@ class TimeDelay(Effect):
     whole_arm = True
     form = Form(to_scale=True)
     relations = Relations(family="lateness")
+    scaled_is = (("delay", "s"),)
     acceptance = Acceptance(least_rate=FAST, several_channels=True)
     confusions = (
         Confusion("rotor_inertia", "run the same path at two speeds: a delay shows with the change of torque"),
@@ -51,9 +51,6 @@ class TimeDelay(Effect):
 
     def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
         return [(-0.2, 0.2)]
-
-    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
-        return {"delay": estimate.scaled("s")}
 
     def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
         delay = parameters["delay"]

@@ -31,6 +31,8 @@ class FanSwitching(Effect):
     depends_on = "residual"
     form = Form(intermittent=True)
     acceptance = Acceptance(above=0.0)
+    coefficients_are = (("power", "W"),)
+    shape_is = (("first_start", "s"), ("time_on", "s"), ("time_off", "s"))
     confusions = (
         Confusion("brake_power", "let the arm stand: a fan continues to switch"),
         Confusion("winding_temperature", "hold a load at rest for minutes: windings warm steadily, a fan switches"),
@@ -38,7 +40,7 @@ class FanSwitching(Effect):
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
         ones = [np.ones(len(run.time)) for run in runs]
-        found = levels([left[:, 0] for left in residual], ones, [run.step for run in runs], SHORTEST)
+        found = levels([course[:, 0] for course in residual], ones, [run.step for run in runs], SHORTEST)
         spans = [(runs[i].index, float(runs[i].time[a]), float(runs[i].time[b])) for i, a, b in found]
         if not spans:
             return []
@@ -61,15 +63,8 @@ class FanSwitching(Effect):
         return [(max(0.0, shape[0] - 1), shape[0] + 1), (shape[1] - 1, shape[1] + 1), (shape[2] - 1, shape[2] + 1)]
 
     def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
-        power = {"power": estimate.coefficient(0, "W")}
-        if estimate.shape[0] < 0:
-            return power
-        return {
-            **power,
-            "first_start": estimate.shaped(0, "s"),
-            "time_on": estimate.shaped(1, "s"),
-            "time_off": estimate.shaped(2, "s"),
-        }
+        found = super().parameters(estimate, robot, joint)
+        return {"power": found["power"]} if estimate.shape[0] < 0 else found
 
     def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
         rhythm = ""

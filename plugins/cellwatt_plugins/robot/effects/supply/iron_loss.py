@@ -64,9 +64,9 @@ class IronLoss(Effect):
         return f"The supply draws {law} with speed, whatever the torque: iron loss is missing."
 
 
-def _average(estimate: Estimate, place: slice) -> Parameter:
+def _average(estimate: Estimate, columns: slice) -> Parameter:
     """Mean over the joints of one kind of coefficient."""
     mean = np.zeros(len(estimate.covariance))
-    mean[place] = 1 / (place.stop - place.start)
+    mean[columns] = 1 / (columns.stop - columns.start)
     std = float(np.sqrt(mean @ estimate.covariance @ mean))
-    return Parameter(float(np.mean(estimate.coefficients[place])), std, "W")
+    return Parameter(float(np.mean(estimate.coefficients[columns])), std, "W")
