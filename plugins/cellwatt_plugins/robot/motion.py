@@ -216,17 +216,19 @@ def slope(values: Float, step: float) -> Float:
 
 
 def smooth(values: Float, step: float, bandwidth: float) -> Float:
-    """Return ``values`` (N, n), N > 3, every ``step`` s, without frequencies above ``bandwidth`` Hz.
+    """Return ``values`` (N, n) every ``step`` s, without frequencies above ``bandwidth`` Hz.
 
     Minimises |x - values|² + λ |third differences of x|² (Whittaker; Eilers, Analytical Chemistry 75, 2003), with a λ
     that halves the amplitude at the bandwidth.
     """
     strength = _strength(step, bandwidth)
-    if strength < 1e-3:
+    if strength < 1e-3 or len(values) <= ORDER:
         return values.copy()
-    if strength > STIFF:
-        return _thinned(values, step, bandwidth, int(np.ceil((strength / STIFF) ** (0.5 / ORDER))))
-    return _solve(values, strength)
+    count = int(np.ceil((strength / STIFF) ** (0.5 / ORDER)))
+    if count > 1 and len(values) > ORDER * count:
+        return _thinned(values, step, bandwidth, count)
+    # Fewer means than that have no third difference: at such a strength, a parabola remains of so few values anyhow.
+    return _solve(values, min(strength, STIFF))
 
 
 def differentiate(values: Float, step: float) -> tuple[Float, Float]:

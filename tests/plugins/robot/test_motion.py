@@ -41,6 +41,14 @@ def test_a_bandwidth_far_below_the_sampling_rate_passes_what_is_slower(rate):
     assert np.abs(smooth(slow, 1 / rate, 0.5) - slow)[inner].max() < 0.01
 
 
+@pytest.mark.parametrize("count", range(1, 13))
+@pytest.mark.parametrize("bandwidth", [0.5, 1.0])
+def test_a_parabola_of_a_few_samples_of_a_high_rate_remains(count, bandwidth):
+    time = np.arange(count) / 1000
+    parabola = (1 + 2 * time + 300 * time**2)[:, None]
+    assert np.abs(smooth(parabola, 1 / 1000, bandwidth) - parabola).max() < 2e-3
+
+
 @pytest.mark.parametrize("spread", [0.0, 0.004, 0.03])
 @pytest.mark.parametrize("velocity", [0.0, -0.006, 0.05])
 def test_the_expected_sign_and_its_spread_are_those_of_drawn_velocities(velocity, spread):

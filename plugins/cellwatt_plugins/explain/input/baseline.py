@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.explain.input.factors import MOVES
+from cellwatt_plugins.explain.input.factors import MOVES, levers
 from cellwatt_plugins.explain.input.moved import later, moved, servo_lag
 from cellwatt_plugins.explain.input.run import Run, Simulated
 from cellwatt_plugins.robot import Arm, Body, RobotDescription
@@ -181,7 +181,8 @@ def _with_friction(simulated: Simulated, arm: Arm) -> Arm:
     """The arm with friction and rotors identified for its links; joints that do not move stay unchanged."""
     plan = simulated.plan
     rest = simulated.torque - arm.body.inverse_dynamics(*plan.courses)
-    clear, travelled, numbers = _clear(plan, arm), np.ptp(plan.position, axis=0) > MOVES, _friction(arm)
+    travelled = np.ptp(plan.position, axis=0) > MOVES * levers(arm.description)
+    clear, numbers = _clear(plan, arm), _friction(arm)
     for i, own in enumerate(numbers):
         courses = _courses(plan, i, arm.description.friction_lead)[clear[:, i]]
         moved = np.sqrt(np.mean(courses**2, axis=0)) if len(courses) else np.zeros(len(FRICTION))
@@ -209,7 +210,8 @@ def _other_links(simulated: Simulated, arm: Arm) -> Arm:
     """Identify links, friction and rotors together; a number is the description's, or 0, if that fits as well."""
     own = _friction(arm).ravel()
     fit = _LinkFit(simulated, arm, own)
-    resting = np.repeat(np.ptp(simulated.plan.position, axis=0) <= MOVES, len(FRICTION))
+    rests = np.ptp(simulated.plan.position, axis=0) <= MOVES * levers(arm.description)
+    resting = np.repeat(rests, len(FRICTION))
     fixed = {int(i): float(own[i]) for i in np.flatnonzero(resting)}
     best = fit.residual(fixed)
     for i in np.flatnonzero(~resting).tolist():

@@ -7,12 +7,21 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.explain.input.run import Run
+from cellwatt_plugins.robot import RobotDescription
 
 DEGREES = float(np.degrees(1.0))
 RPM = 30 / np.pi
 MOVES = 0.05
-"""Travel, rad or m, above which a joint certainly moves."""
+"""Travel, rad, above which a joint certainly moves."""
+LEVER = 0.2
+"""Travel, m, of a prismatic joint that counts as 1 rad of a revolute one."""
+
+
+def levers(robot: RobotDescription) -> Float:
+    """Factors (n,) by which limits of travel in rad become those of each joint in its unit: 1, or ``LEVER`` m/rad."""
+    return np.array([1.0 if joint.kind == "revolute" else LEVER for joint in robot.joints])
 
 
 def recognised(factor: float, known: Mapping[str, float], within: float = 1.25) -> str | None:

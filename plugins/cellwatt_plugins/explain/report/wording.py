@@ -115,4 +115,7 @@ def verdict(findings: Findings) -> str:
         return f"Nothing is missing from the simulation; only its value is off for {_causes(mistuned)}."
     if findings.retuned:
         return "No physics is missing from the simulation; some of its numbers are off: they explain the difference."
+    if all(joint_of(fit.channel) is None for fit in findings.fit):
+        supply = "; the supply's power agrees" if findings.fit else ""
+        return f"No torque was compared: no joint whose torque was recorded moved far enough{supply}."
     return "Simulation and recordings agree: what differs is noise and tuning within tolerance."

@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 
 from cellwatt_plugins.explain.fit.rows import Filtered
-from cellwatt_plugins.explain.fit.sides import _until, rattling
+from cellwatt_plugins.explain.fit.sides import _until, rattling, torque_problem
+from cellwatt_plugins.explain.input.admission import admit
+from cellwatt_plugins.explain.input.run import Run
+from cellwatt_plugins.robot import Arm
+from tests.plugins.robot import scara
 
 
 def test_a_joint_that_rattles_counts_for_little_while_it_does():
@@ -22,3 +26,14 @@ def test_what_the_motion_leaves_unsure_is_so_until_it_was_read(rows, there):
     values = np.zeros((12, 1))
     values[5] = 1.0
     assert np.flatnonzero(_until(values, rows)[:, 0]).tolist() == there
+
+
+def test_the_short_stroke_of_a_slide_is_compared(tmp_path):
+    """40 mm are far for a press, 40 mrad are little for a turning joint."""
+    time, *courses = scara.motion()
+    q, qd, qdd = (course * (1.0, 1.0, 0.04 / np.ptp(courses[0][:, 2])) for course in courses)
+    noise = np.random.default_rng(1).normal(0, (0.1, 0.05, 0.3), q.shape)
+    run = Run("press", time, q, qd, scara.torque(q, qd, qdd) + noise)
+    admitted = admit([run], Arm.load(scara.write(tmp_path)))
+    assert list(admitted.notes) == ["no power recorded: the supply cannot be examined"]
+    assert torque_problem([run], admitted.states).observed == [0, 1, 2]

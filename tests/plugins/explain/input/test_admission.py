@@ -6,14 +6,18 @@ import pytest
 
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.explain.input.admission import check_run
+from cellwatt_plugins.explain.input.admission.motion import check_moving
 from cellwatt_plugins.explain.input.run import Run
-from cellwatt_plugins.robot import Arm
+from cellwatt_plugins.robot import Arm, RobotDescription
+from cellwatt_plugins.robot.description import Joint
 from tests.plugins.explain.input.reading import examine, read_runs
 from tests.plugins.explain.recorded_arm import (
     EFFECTS,
     JOINTS,
     NOISE,
     excitation,
+    model,
+    needed,
     points,
     recorded,
     some,
@@ -227,6 +231,28 @@ def test_nothing_moves(described, arm):
         check_run(rest, arm)
 
 
+@pytest.mark.parametrize(("kind", "travel", "unit"), [("revolute", 0.008, "rad"), ("prismatic", 0.0016, "m")])
+def test_an_axis_is_at_rest_by_its_own_unit(kind, travel, unit):
+    """A press of 40 mm moves, and so does a joint of 40 mrad."""
+    robot = RobotDescription(robot="press", urdf="press.urdf", joints=(Joint(name="axis_1", kind=kind),))
+    t = np.arange(1000) * 0.02
+
+    def press(stroke):
+        return Run("press", t, stroke / 2 * np.sin(3 * t)[:, None], None, 100 * np.cos(3 * t)[:, None])
+
+    check_moving([press(0.04)], robot)
+    with pytest.raises(RecordingError, match=rf"nothing moves \(at most {travel:.4f} {unit} at a joint"):
+        check_moving([press(travel)], robot)
+
+
+def test_a_recording_of_small_motions_is_compared_with_others(described, arm):
+    moves = excitation(1)
+    small = replace(moves, **{name: getattr(moves, name) / 80 for name in ("q", "qd", "qdd")})
+    run = recorded(described, small)
+    assert 0.01 < np.ptp(run.position, axis=0).max() < 0.05
+    assert check_run(run, arm).position.shape == run.position.shape
+
+
 def test_a_motion_without_its_torque_shows_nothing(described, arm):
     run = recorded(described, some(excitation(1), 1))
     torque = np.where(np.arange(JOINTS) == 0, np.nan, run.torque)
@@ -256,6 +282,20 @@ def test_rounding_of_a_simulated_torque_is_in_no_order(described, arm):
     simulated = replace(run.simulated, torque=torque)
     (note,) = examine([replace(run, simulated=simulated)], arm)[1]
     assert note == "joints 1, 2, 3, 4, 5 never moved: friction and inertia there cannot be found"
+
+
+@pytest.mark.parametrize(("motion", "seed"), [(excitation, 1), (excitation, 4), (points, 1), (points, 5)])
+def test_gravity_of_an_arm_on_the_ceiling_is_no_sign(motion, seed, described, arm, bare):
+    """With little friction other signs explain gravity's torques, too, but not as well as another mount."""
+
+    def hung(moves, torque, path):
+        return needed(model(path, gravity=(0, 0, 9.81)), moves, friction=0.05)
+
+    assert isinstance(examine([without_plan(recorded(described, motion(seed), effect=hung))], bare)[1], list)
+    right = without_plan(recorded(described, motion(seed)))
+    for number in (2, 3, 5):
+        turned = joint(number, -1, "torque")(right)
+        assert f"torque of joint {number} has the opposite sign" in refusal([turned], arm)
 
 
 @pytest.mark.parametrize("effect", EFFECTS)

@@ -60,7 +60,7 @@ def admit(runs: Sequence[Run], arm: Arm) -> Admitted:
         raise RecordingError("no recording given")
     check_length(runs)
     check_read(runs)
-    check_moving(runs)
+    check_moving(runs, arm.description)
     notes = [note for run in runs for note in run.notes]
     # Not spread over workers: sending a run takes as long as these checks.
     for run in steps(runs, "checking run"):
@@ -99,7 +99,7 @@ def check_run(run: Run, arm: Arm) -> Moved:
     """Check a single run and return its motion. Raises as ``admit``; ``arm`` is the simulation's."""
     check_length((run,))
     check_read((run,))
-    check_moving((run,))
+    check_moving((run,), arm.description)
     _check(run, arm)
     return _moved(run, arm)
 

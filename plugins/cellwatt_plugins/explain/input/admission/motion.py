@@ -11,7 +11,16 @@ from scipy.optimize import linear_sum_assignment
 
 from cellwatt.arrays import Bool, Float
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.explain.input.factors import DEGREES, MOVES, RPM, order_text, recognised, times_text, usable
+from cellwatt_plugins.explain.input.factors import (
+    DEGREES,
+    MOVES,
+    RPM,
+    levers,
+    order_text,
+    recognised,
+    times_text,
+    usable,
+)
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.explain.input.unread import unread
 from cellwatt_plugins.robot import Arm, RobotDescription
@@ -48,17 +57,20 @@ def span(values: Float) -> Float:
 
 
 def travel(run: Run) -> Float:
-    """Span (n,) rad of each joint in the samples that were not filled in."""
+    """Span (n,), in rad or m, of each joint in the samples that were not filled in."""
     return span(run.position[usable(run)])
 
 
-def check_moving(runs: Sequence[Run]) -> None:
-    """Raises ``RecordingError`` if no joint with torque certainly moves in any run."""
-    widest = max(float(np.where(unread(run), 0.0, travel(run)).max()) for run in runs)
-    if widest < MOVES:
+def check_moving(runs: Sequence[Run], robot: RobotDescription) -> None:
+    """Raises ``RecordingError`` if every joint with torque is at rest in all runs."""
+    widest = np.max([np.where(unread(run), 0.0, travel(run)) for run in runs], axis=0)
+    share = widest / (AT_REST * levers(robot))
+    most = int(np.argmax(share))
+    if share[most] < 1:
         names = runs[0].name if len(runs) == 1 else "the recordings"
+        way = f"{widest[most]:.4f} {robot.unit(most, 'rad')}"
         raise RecordingError(
-            f"{names}: nothing moves (at most {widest:.4f} rad at a joint whose torque was recorded): at rest only "
+            f"{names}: nothing moves (at most {way} at a joint whose torque was recorded): at rest only "
             "standby power and holding torques are visible; record at least some seconds of motion of every joint"
         )
 

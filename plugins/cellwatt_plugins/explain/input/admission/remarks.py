@@ -8,7 +8,7 @@ import numpy as np
 
 from cellwatt.arrays import Float
 from cellwatt_plugins.explain.input.admission.motion import AT_REST, travel
-from cellwatt_plugins.explain.input.factors import MOVES, joints_text, usable
+from cellwatt_plugins.explain.input.factors import MOVES, joints_text, levers, usable
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.explain.input.unread import unread_remarks
 from cellwatt_plugins.robot import RobotDescription
@@ -37,8 +37,9 @@ PERIOD = 4
 def remarks(runs: Sequence[Run], robot: RobotDescription) -> list[str]:
     """Remarks on the runs, one sentence each."""
     widest = np.max([travel(run) for run in runs], axis=0)
-    notes = [f"{run.name}: the arm stands still" for run in runs if travel(run).max() < AT_REST]
-    if (still := np.flatnonzero(widest < MOVES)).size:
+    lever = levers(robot)
+    notes = [f"{run.name}: the arm stands still" for run in runs if np.all(travel(run) < AT_REST * lever)]
+    if (still := np.flatnonzero(widest < MOVES * lever)).size:
         notes.append(f"{joints_text((still + 1).tolist())} never moved: friction and inertia there cannot be found")
     if all(run.power is None for run in runs):
         notes.append("no power recorded: the supply cannot be examined")
@@ -59,7 +60,7 @@ def rough(states: Sequence[States]) -> Iterator[str]:
     """One sentence for each run with stretches without smooth motion, whose torque carries little information."""
     for run in states:
         doubt = (run.own_inertia + run.robot.column("rotor_inertia")) * run.moved.acceleration_spread
-        moves = np.ptp(run.q, axis=0) > MOVES
+        moves = np.ptp(run.q, axis=0) > MOVES * levers(run.robot)
         far = np.any(moves & (doubt > ROUGH * np.sqrt(np.mean(np.square(run.nominal), axis=0))), axis=1)
         inner = [(a, b) for a, b in stretches(far) if a > 0 and b < len(far)] if run.moved.planned else []
         seconds = sum(b - a for a, b in inner) * run.step
@@ -94,7 +95,7 @@ def _cut_off(run: Run, robot: RobotDescription) -> Iterator[str]:
 
 
 def _coarse(run: Run, robot: RobotDescription) -> Iterator[str]:
-    moves = travel(run) > MOVES
+    moves = travel(run) > MOVES * levers(robot)
     for i in np.flatnonzero(moves).tolist():
         torque = _read(run, i)
         levels = np.unique(torque)
@@ -107,7 +108,8 @@ def _coarse(run: Run, robot: RobotDescription) -> Iterator[str]:
 
 def _frozen(run: Run, robot: RobotDescription) -> Iterator[str]:
     """The longest stretch in which a torque stays at one value, not its extreme, while its joint moves."""
-    for i in np.flatnonzero(travel(run) > MOVES).tolist():
+    least = MOVES * levers(robot)
+    for i in np.flatnonzero(travel(run) > least).tolist():
         torque, position = run.torque[:, i], run.position[:, i]
         if len(np.unique(torque)) < LEVELS:
             continue
@@ -115,7 +117,7 @@ def _frozen(run: Run, robot: RobotDescription) -> Iterator[str]:
             (end - start, start, end)
             for start, end in stretches(np.diff(torque) == 0)
             if (end - start) * run.step > FROZEN
-            and np.ptp(position[start:end]) > MOVES
+            and np.ptp(position[start:end]) > least[i]
             and torque[start] not in (np.nanmax(torque), np.nanmin(torque))
         ]
         if found:

@@ -21,7 +21,15 @@ from cellwatt_plugins.explain.input.admission.agreement import (
     deviation,
     sample_of,
 )
-from cellwatt_plugins.explain.input.factors import DEGREES, MOVES, joints_text, order_text, recognised, times_text
+from cellwatt_plugins.explain.input.factors import (
+    DEGREES,
+    MOVES,
+    joints_text,
+    levers,
+    order_text,
+    recognised,
+    times_text,
+)
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import Moved, Plan
@@ -97,7 +105,7 @@ def _check(place: str, current: bool, sample: Sample) -> None:
     misfit = expected.misfits(sample.read)
     if (misfit > POOR).any():
         _direction(place, sample, expected, misfit)
-        moves = np.ptp(sample.motion.position, axis=0) > MOVES
+        moves = np.ptp(sample.motion.position, axis=0) > MOVES * levers(sample.arm.description)
         if moves.any() and np.mean(_to_and_fro(sample.motion.velocity)[moves]) >= SEVERAL:
             _order(place, sample.read, expected)
             _motion_read_otherwise(place, sample, expected.misfit(sample.read))
@@ -156,11 +164,18 @@ def _direction(place: str, sample: Sample, expected: Expected, misfit: Float) ->
     turned = _better(expected.misfits(read * -1.0), misfit) & (read.shares() > TELLS)
     turned &= _to_and_fro(velocity) | (misfit > TWICE)
     turned &= [_opposite(*course) for course in zip(read.torque.T, expected.torque.T, velocity.T, strict=True)]
-    if turned.any():
+    if turned.any() and not _mounted_upside_down(sample, expected, turned):
         raise RecordingError(
             f"{place} of {joints_text((np.flatnonzero(turned) + 1).tolist())} has the opposite sign: "
             "it drives where the motion requires braking"
         )
+
+
+def _mounted_upside_down(sample: Sample, expected: Expected, turned: Bool) -> bool:
+    """True if gravity of the opposite direction explains the torques as well as other signs of the ``turned`` ones."""
+    against = replace(expected, torque=expected.torque - 2 * sample.arm.gravity(sample.motion.position))
+    other = expected.misfit(sample.read * np.where(turned, -1.0, 1.0))
+    return against.misfit(sample.read) <= other
 
 
 def _opposite(torque: Float, expected: Float, velocity: Float) -> bool:
