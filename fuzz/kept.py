@@ -4,10 +4,20 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable
+from pathlib import Path
 from types import FrameType
 from typing import Any
 
-PACKAGES = ("/cellwatt/", "/cellwatt_drivers/", "/cellwatt_plugins/")
+import cellwatt
+import cellwatt_drivers
+import cellwatt_plugins
+
+PACKAGES = tuple(
+    f"{Path(path).resolve()}/"
+    for package in (cellwatt, cellwatt_drivers, cellwatt_plugins)
+    for path in package.__path__
+)
+"""Folders, not names: a clone lies in a folder that is called cellwatt, too."""
 
 Branch = tuple[str, int, int]
 """A file, and two lines of it that ran one after the other."""
@@ -35,7 +45,7 @@ def branches_of(run: Callable[[bytes], None], data: bytes) -> set[Branch]:
 
     def enter(frame: FrameType, event: str, _: Any) -> Any:
         name = frame.f_code.co_filename
-        if not any(package in name for package in PACKAGES):
+        if not name.startswith(PACKAGES):
             return None
         before = frame.f_lineno
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from cellwatt import processor
-from cellwatt.processor import starved
+from cellwatt.processor import spent, starved
 from tests.patience import wait_until
 
 MS = 1_000_000
@@ -47,6 +47,7 @@ def process(program: str) -> Iterator[int]:
 
 def test_only_who_wants_to_run_and_hardly_runs_is_starved() -> None:
     with process("print(flush=True)\nwhile True: pass") as busy:
+        wait_until(lambda: spent(busy) > 0, "a tick of computing")
         wait_until(lambda: starved(busy, 0.0, 1e6), "it to want to run")
         assert not starved(busy, 0.0, 1e-6), "it has computed all the time"
     assert not starved(busy, 0.0, 1e6), "it is gone"
