@@ -146,11 +146,14 @@ def test_a_recording_that_begins_or_ends_with_the_motion_of_a_cycle_keeps_it(kno
     [(0, 0.0, 1.0, (1,)), (1, 4.3, 5.4, (1,)), (1, 4.3, 5.9, (1,)), (1, 4.3, 99.0, (1, 2))],
 )
 def test_an_encoder_that_is_stuck_in_the_first_or_last_move_is_found(of_single_joints, joint, first, last, faulty):
-    """It is right again within that move, after it, after the cycle, or never."""
+    """It is right again within that move, after it, after the cycle, or never; the arm waits after the first move."""
     measured = run([Cycle("F")] * 3, seed=5)
     start = measured.spans[1][0]
     stuck = (measured.time >= start + first) & (measured.time < start + last)
     measured.position[stuck, joint] = measured.position[stuck, joint][0]
+    number, wait = np.arange(len(stuck)), round((start + 1.1) * RATE)
+    rows = np.repeat(number, np.where(number == wait, 150, 1))
+    measured = Run(np.arange(len(rows)) / RATE, measured.position[rows], measured.power[rows], [])
     expected = [[(joint + 1, "encoder")] if cycle in faulty else [] for cycle in range(3)]
     assert names(judged(of_single_joints, measured)) == expected
     assert names(over(fed(of_single_joints, measured))) == expected
