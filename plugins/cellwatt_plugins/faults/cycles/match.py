@@ -77,12 +77,12 @@ def _hides(
         for part in (steps[: seen[0]], steps[seen[-1] + 1 :])
     )
     keep = np.delete(np.arange(len(pattern.repeat)), odd)
-    limit, begin = pattern.limits[keep], int(np.argmax((pattern.ways[:, keep] > WAY).any(axis=1)))
+    limit, shown = pattern.limits[keep], np.flatnonzero((pattern.ways[:, keep] > WAY).any(axis=1))
     at, (last, *later) = spans[0][0], runs[spans[-1][1] :]
     early, late = np.abs(runs[at].jumped[0]) > pattern.limits, np.abs(last.jumped[1]) > pattern.limits
-    if later and (unknown is None or not unknown[last.last : later[0].first].any()):
+    if later and len(shown) and (unknown is None or not unknown[last.last : later[0].first].any()):
         anew = all(
-            _is(pose[keep], poses[begin, keep], limit)
+            _is(pose[keep], poses[shown[0], keep], limit)
             for pose, poses in zip((later[0].before, later[0].after), pattern.poses, strict=True)
         )
         late |= anew & (np.abs(later[0].before - pattern.poses[0][0]) > pattern.limits)

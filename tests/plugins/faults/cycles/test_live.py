@@ -117,7 +117,15 @@ def test_a_hole_in_the_positions_is_bridged_or_cuts_the_cycle_that_runs(known, a
 
 @pytest.mark.parametrize(
     "task, first, last",
-    [("A", 1.9, 99.0), ("A", 1.2, 99.0), ("B", 1.1, 99.0), ("A", 0.0, 13.3), ("D", 0.0, 7.87), ("D", 0.0, 8.4)],
+    [
+        ("A", 1.9, 99.0),
+        ("A", 1.2, 99.0),
+        ("B", 1.1, 99.0),
+        ("A", 0.0, 13.3),
+        ("D", 0.0, 7.87),
+        ("D", 0.0, 8.4),
+        ("D", 0.0, 9.0),
+    ],
 )
 def test_a_cycle_that_is_cut_has_no_faults(known, of_two_joints, task, first, last):
     """A recording, or the daemon, starts or ends within a move or a rest; the other cycle is known."""
