@@ -17,7 +17,7 @@ from cellwatt_plugins.faults.cycles.known import Known
 from cellwatt_plugins.faults.cycles.match import Match, begun_cycle, find_cycles
 from cellwatt_plugins.faults.cycles.new_tasks import new_tasks
 from cellwatt_plugins.faults.cycles.recording import LONGEST_HOLE, Recording
-from cellwatt_plugins.faults.cycles.runs import Run, find_runs
+from cellwatt_plugins.faults.cycles.runs import Run, find_runs, jumps
 from cellwatt_plugins.faults.trace import Trace
 from cellwatt_plugins.robot.samples import interpolated
 
@@ -176,14 +176,14 @@ class CycleWatch:
             # These runs belong to no known cycle: report the older half as unknown tasks and discard it.
             last = len(runs) // 2
         if last < 0:
-            self._drop(runs[0].first - self._margin if runs else len(recording.time) - self._margin)
+            self._drop(self._rest(0, runs[0].first if runs else len(recording.time)))
             return []
         strange = new_tasks(runs[: last + 1], over, self._known.patterns)
         found = [CycleReport(judge_cycle(recording, m, self._known)[0], over=True) for m in over]
         found += [CycleReport(stranger(recording, runs[a : b + 1]), over=True, matched=False) for a, b in strange]
         # Discard the reported runs completely, so that no remainder is found as a run again.
         following = runs[last + 1].first if last + 1 < len(runs) else len(recording.time)
-        self._drop(max(runs[last].last, following - self._margin))
+        self._drop(max(runs[last].last, self._rest(runs[last].last, following)))
         return sorted(found, key=lambda report: report.finding.start)
 
     def _is_over(self, match: Match, runs: list[Run]) -> bool:
@@ -193,9 +193,12 @@ class CycleWatch:
             return match.last + 1 < len(runs)
         return float(self._seen.time[-1]) > float(match.warp.t[-1]) + SETTLED + self.behind
 
-    @property
-    def _margin(self) -> int:
-        return round(MARGIN / self._step)
+    def _rest(self, begin: int, end: int) -> int:
+        """First sample to keep of a rest: a jump of an encoder shows that it has hidden a move."""
+        seen = self._seen
+        jumped = begin + np.flatnonzero(jumps(seen.position[begin:end]).any(axis=1))
+        recent = jumped[seen.time[jumped] > seen.time[-1] - self._keep]
+        return int(min([end, *recent])) - round(MARGIN / self._step)
 
     def _drop(self, before: int) -> None:
         """Discard frames before the sample with index ``before``."""

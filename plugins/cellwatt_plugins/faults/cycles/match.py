@@ -63,6 +63,34 @@ def _off_path(seen: Sequence[tuple[int, Run, Run]], pattern: Pattern, unknown: N
     return set(np.flatnonzero(off).tolist())
 
 
+def _hides(
+    steps: Sequence[_Step], runs: Sequence[Run], pattern: Pattern, odd: Sequence[int], unknown: NDArray[np.bool_] | None
+) -> set[int]:
+    """Joints (0-based) whose encoder hides the cycle's first or last moves, and not a cut or an aborted cycle.
+
+    The encoder jumps in a rest, or it stays where it was while the joints on their path begin the next cycle.
+    """
+    spans = [step.runs for step in steps if step.runs is not None]
+    seen = [k for k, step in enumerate(steps) if step.runs is not None]
+    due_first, due_last = (
+        (pattern.ways[[step.move for step in part]] > WAY).any(axis=0)
+        for part in (steps[: seen[0]], steps[seen[-1] + 1 :])
+    )
+    keep = np.delete(np.arange(len(pattern.repeat)), odd)
+    limit, shown = pattern.limits[keep], np.flatnonzero((pattern.ways[:, keep] > WAY).any(axis=1))
+    at, (last, *later) = spans[0][0], runs[spans[-1][1] :]
+    early, late = np.abs(runs[at].jumped[0]) > pattern.limits, np.abs(last.jumped[1]) > pattern.limits
+    if later and len(shown) and (unknown is None or not unknown[last.last : later[0].first].any()):
+        anew = all(
+            _is(pose[keep], poses[shown[0], keep], limit)
+            for pose, poses in zip((later[0].before, later[0].after), pattern.poses, strict=True)
+        )
+        late |= anew & (np.abs(later[0].before - pattern.poses[0][0]) > pattern.limits)
+    within = [np.abs(run.jumped[0]) > pattern.limits for run in runs[at + 1 : spans[-1][1] + 1]]
+    hidden = due_first & early | due_last & late | np.any(within, axis=0)
+    return set(np.flatnonzero(hidden).tolist())
+
+
 def _right_again(seen: Sequence[tuple[int, Run, Run]], pattern: Pattern, joint: int) -> bool:
     """True if a joint returns to its path after a rest off it, which a shifted or stuck encoder, or one of a wrong
     scale (whose error is small near the cycle's start pose), does not show."""
@@ -209,20 +237,25 @@ def _walk(runs: Sequence[Run], pattern: Pattern, at: int, odd: Sequence[int], *,
     limit = pattern.limits[keep]
     before, after = pattern.poses[0][:, keep], pattern.poses[1][:, keep]
     shown: list[bool] = np.any(pattern.ways[:, keep] > WAY, axis=1).tolist()
+    # Joints on their path that go at least as far as the odd ones show whether a run is the whole move.
+    most, most_odd = (pattern.ways[:, part].max(axis=1, initial=0.0) for part in (keep, list(odd)))
+    leads: list[bool] = (most >= most_odd).tolist()
     steps: list[_Step] = []
     shares: dict[int, list[float]] = {joint: [] for joint in odd}
     for move in range(len(shown)):
         if at == len(runs) and not whole:
             break
-        begins = at < len(runs) and runs[at].whole and _is(runs[at].before[keep], before[move], limit)
+        begins = at < len(runs) and _is(runs[at].before[keep], before[move], limit)
+        begins = begins and (leads[move] or _is_uncut(runs[at], pattern, move, 0))
         still = begins and _is(runs[at].before[keep], runs[at].after[keep], limit)
         if not shown[move]:
+            still = still and _is_uncut(runs[at], pattern, move, 1)
             alone = _alone(runs[at], pattern, move, shares) if still else ()
             steps.append(_Step(move, (at, at) if alone else None, alone))
             at += still and _stirs(runs[at], pattern, move, odd)
             continue
         end = _end(runs, at, keep, after[move], limit)
-        if not begins or still or end is None:
+        if not begins or still or end is None or not (leads[move] or _is_uncut(runs[end], pattern, move, 1)):
             return None
         steps.append(_Step(move, (at, end), on_path))
         at = end + 1
@@ -261,11 +294,16 @@ def _end(runs: Sequence[Run], at: int, keep: NDArray[np.intp], after: Float, lim
     """The run that ends a move begun with run ``at``: the same one, or the next if the move was interrupted."""
     if at < len(runs) and _is(runs[at].after[keep], after, limit):
         return at
-    if at + 1 >= len(runs) or not runs[at + 1].whole:
+    if at + 1 >= len(runs):
         return None
     on = runs[at + 1]
     goes_on = _is(runs[at].after[keep], on.before[keep], limit) and not _is(on.before[keep], on.after[keep], limit)
     return at + 1 if goes_on and _is(on.after[keep], after, limit) else None
+
+
+def _is_uncut(run: Run, pattern: Pattern, move: int, end: int) -> bool:
+    """True if a run is whole, or if every joint begins (``end`` 0) or ends (1) it where a move of the pattern does."""
+    return run.whole or _is((run.before, run.after)[end], pattern.poses[end][move], pattern.limits)
 
 
 def _is(pose: Float, other: Float, limit: Float) -> bool:
@@ -277,7 +315,8 @@ def _timed(
 ) -> Match | None:
     """The match with its time map; None if its pace is out of range or a joint of ``odd`` is not off its path."""
     seen = [(step.move, runs[step.runs[0]], runs[step.runs[1]]) for step in steps if step.runs is not None]
-    if not _off_path(seen, pattern, recording.unknown) >= set(odd):
+    off = _off_path(seen, pattern, recording.unknown)
+    if not off >= set(odd) and not off | _hides(steps, runs, pattern, odd, recording.unknown) >= set(odd):
         return None
     timings: list[tuple[int, Timing]] = []
     broken: list[int] = []

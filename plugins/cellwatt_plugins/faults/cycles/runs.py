@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,14 +39,17 @@ class Run:
     last: int
     before: Float
     after: Float
+    jumped: tuple[Float, Float]
+    """Sums (n,) rad of the encoders' ``jumps`` in the rests before and after it, the moment of setting off included."""
     whole: bool = True
-    """False if the recording, or a hole in it, begins or ends within the motion."""
+    """False if the recording, or a hole in it, begins or ends within the motion or so close that no rest is seen."""
 
 
 def find_runs(recording: Recording) -> list[Run]:
     """Every run of motion, in order."""
     step = recording.step
     smooth = without_jumps(recording.position)
+    jumped = recording.position - smooth
     unknown = np.zeros(len(smooth), bool) if recording.unknown is None else recording.unknown
     broken = np.flatnonzero(jumps(recording.position).any(axis=1) | unknown[1:] | unknown[:-1])
     half = max(1, round(WINDOW / 2 / step))
@@ -67,8 +71,11 @@ def find_runs(recording: Recording) -> list[Run]:
         after = np.median(recording.position[min(last, high) : high + 1], axis=0)
         way = np.ptp(smooth[first : last + 1], axis=0).max()
         if (last - first) * step >= SHORTEST_RUN and way > LEAST_WAY:
-            out.append(Run(first, last, before, after, bool(measured[first - 1] and measured[last + 1])))
-    return out
+            whole = bool(measured[first - 1] and measured[last + 1])
+            out.append(Run(first, last, before, after, (jumped[min(first + half + 1, last)], jumped[last]), whole))
+    begins, ends = [run.jumped[0] for run in out], [run.jumped[1] for run in out]
+    rests = [b - a for a, b in zip([jumped[0], *ends], [*begins, jumped[-1]], strict=True)]
+    return [replace(run, jumped=around) for run, around in zip(out, pairwise(rests), strict=True)]
 
 
 def jumps(position: Float) -> Float:

@@ -37,6 +37,7 @@ TASKS = {
     "D": (HOME_A, ({0: 0.9}, {2: -0.7}, {0: -0.5, 2: 0.3}, {0: -0.4, 2: 0.4})),
     "D2": (HOME_A, ({0: 0.7}, {2: -0.8}, {0: -0.5, 2: 0.5}, {0: -0.2, 2: 0.3})),
     "E": (HOME_A, ({0: 0.6}, {1: 0.6, 2: -0.7}, {3: 0.7}, {0: -0.5, 2: 0.5}, {0: -0.1, 1: -0.6, 2: 0.2, 3: -0.7})),
+    "F": (HOME_A, ({0: 0.9}, {1: 0.6, 2: -0.7}, {3: 0.8, 2: 0.3}, {0: -0.9, 2: 0.4, 3: -0.8}, {1: -0.6})),
 }
 
 
@@ -52,7 +53,8 @@ class Fault:
 
 @dataclass(frozen=True)
 class Cycle:
-    """A run of task A, B or D (two joints only), or one never learned: C, D2 (moves D's joints) or E (begins as A).
+    """A run of task A, B, D (two joints only) or F (first and last move of one joint), or one never learned: C, D2
+    (moves D's joints) or E (begins as A).
 
     ``pause`` s after its second move, ``part`` kg more from the second to the third, ``warmth`` share of friction more.
     """

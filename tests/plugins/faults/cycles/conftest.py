@@ -52,3 +52,9 @@ def known(healthy, robot):
 def of_two_joints(robot):
     """Knowledge of a cell with a task in which only joints 1 and 3 move."""
     return learn_known(recorded(run([Cycle(task) for task in "DBBDDBDBBD"], seed=3)), robot)
+
+
+@pytest.fixture(scope="session")
+def of_single_joints(robot):
+    """Knowledge of a cell with a task whose first and last move are each of one joint."""
+    return learn_known(recorded(run([Cycle("F")] * 10, seed=1)), robot)

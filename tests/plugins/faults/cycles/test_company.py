@@ -11,5 +11,5 @@ def test_a_joint_that_is_right_again_has_no_wrong_encoder(known):
     pattern = max((p for p in known.patterns if len(p.moves) == 4), key=lambda p: p.speed)
     poses = np.vstack([pattern.poses[0][:1], pattern.poses[1][:4]])
     poses[2, 3] += 0.1
-    seen = [(m, run, run) for m, run in enumerate(Run(0, 1, a, b) for a, b in pairwise(poses))]
+    seen = [(m, run, run) for m, run in enumerate(Run(0, 1, a, b, (0 * a, 0 * b)) for a, b in pairwise(poses))]
     assert known_odds(seen, pattern, (3,)) == 0.0

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from cellwatt_plugins.faults.cycles.known import stored
 from cellwatt_plugins.faults.cycles.recording import recording_of
 from cellwatt_plugins.faults.recordings import frames_of_table
 from cellwatt_plugins.faults.reference import Reference, save
-from tests.plugins.faults.cycles.arm_of_points import RATE, Cycle, Fault, Run, describe, run
+from tests.plugins.faults.cycles.arm_of_points import RATE, TASKS, Cycle, Fault, Run, describe, move, run
 from tests.plugins.faults.cycles.conftest import fed, judged, names
 from tests.plugins.faults.plant import START, frames, layout
 
@@ -116,7 +117,15 @@ def test_a_hole_in_the_positions_is_bridged_or_cuts_the_cycle_that_runs(known, a
 
 @pytest.mark.parametrize(
     "task, first, last",
-    [("A", 1.9, 99.0), ("A", 1.2, 99.0), ("B", 1.1, 99.0), ("A", 0.0, 13.3), ("D", 0.0, 7.87), ("D", 0.0, 8.4)],
+    [
+        ("A", 1.9, 99.0),
+        ("A", 1.2, 99.0),
+        ("B", 1.1, 99.0),
+        ("A", 0.0, 13.3),
+        ("D", 0.0, 7.87),
+        ("D", 0.0, 8.4),
+        ("D", 0.0, 9.0),
+    ],
 )
 def test_a_cycle_that_is_cut_has_no_faults(known, of_two_joints, task, first, last):
     """A recording, or the daemon, starts or ends within a move or a rest; the other cycle is known."""
@@ -126,6 +135,53 @@ def test_a_cycle_that_is_cut_has_no_faults(known, of_two_joints, task, first, la
     live = fed(of, cut)
     assert not any(told.finding.faults for told in live)
     assert [c.status for c in over(live)] == [c.status for c in judged(of, cut)] == ["healthy"]
+
+
+@pytest.mark.parametrize("fault", [Fault("friction", 1, 0.6), Fault("encoder_offset", 1, 0.04)])
+@pytest.mark.parametrize("before, after", [(0, 40), (2, 40), (40, 0), (40, 2), (2, 2)])
+def test_a_recording_that_begins_or_ends_with_the_motion_of_a_cycle_keeps_it(known, fault, before, after):
+    """A log with one file per cycle, started by the controller."""
+    measured = run([Cycle("A", faults=(fault,))], seed=5)
+    moving = np.flatnonzero(np.abs(np.diff(measured.position, axis=0)).max(axis=1) > 5e-4)
+    rows = slice(moving[0] - before, moving[-1] + 1 + after)
+    cut = Run(measured.time[rows], measured.position[rows], measured.power[rows], measured.spans)
+    expected = [[(2, "encoder" if fault.what == "encoder_offset" else "joint")]]
+    assert names(judged(known, cut)) == names(over(fed(known, cut))) == expected
+
+
+@pytest.mark.parametrize(
+    "joint, first, last, faulty",
+    [(0, 0.0, 1.0, (1,)), (1, 4.3, 5.4, (1,)), (1, 4.3, 5.9, (1,)), (1, 4.3, 99.0, (1, 2))],
+)
+def test_an_encoder_that_is_stuck_in_the_first_or_last_move_is_found(of_single_joints, joint, first, last, faulty):
+    """It is right again within that move, after it, after the cycle, or never; the arm waits after the first move."""
+    measured = run([Cycle("F")] * 3, seed=5)
+    start = measured.spans[1][0]
+    stuck = (measured.time >= start + first) & (measured.time < start + last)
+    measured.position[stuck, joint] = measured.position[stuck, joint][0]
+    number, wait = np.arange(len(stuck)), round((start + 1.1) * RATE)
+    rows = np.repeat(number, np.where(number == wait, 150, 1))
+    measured = Run(np.arange(len(rows)) / RATE, measured.position[rows], measured.power[rows], [])
+    expected = [[(joint + 1, "encoder")] if cycle in faulty else [] for cycle in range(3)]
+    assert names(judged(of_single_joints, measured)) == expected
+    assert names(over(fed(of_single_joints, measured))) == expected
+
+
+def test_a_cycle_that_is_aborted_before_its_last_move_has_no_faults(of_single_joints):
+    """The arm waits, is moved by hand in three steps and back to the start pose; then the next cycle runs."""
+    one, two = run([Cycle("F")] * 2, seed=5), run([Cycle("F")], seed=6)
+    stop = round((one.spans[1][0] + 4.7) * RATE)
+    pose = one.position[stop]
+    away, near = pose + np.array([0.0, 0.0, 0.5, 0.0]), pose + np.array([0.0, -0.3, 0.5, 0.0])
+    way = [pose, away, near, TASKS["F"][0]]
+    parts = [(np.repeat(a[None], 200, axis=0), move(a, b, 0.8)) for a, b in pairwise(way)]
+    by_hand = np.concatenate([part for pair in parts for part in pair])
+    position = np.concatenate([one.position[:stop], by_hand, two.position])
+    power = np.concatenate([one.power[:stop], np.full(len(by_hand), one.power[stop]), two.power])
+    aborted = Run(np.arange(len(power)) / RATE, position, power, [])
+    for found in (judged(of_single_joints, aborted), over(fed(of_single_joints, aborted))):
+        assert [cycle.status for cycle in found] == ["healthy", "new_task", "healthy"]
+        assert not any(cycle.faults for cycle in found)
 
 
 @pytest.fixture

@@ -10,7 +10,8 @@ from cellwatt_plugins.faults.cycles.runs import Run
 def runs_of(*poses):
     """Runs through poses given by numbers, one after the other."""
     return [
-        Run(100 * k, 100 * k + 60, np.array([a, 0.0]), np.array([b, 0.0])) for k, (a, b) in enumerate(pairwise(poses))
+        Run(100 * k, 100 * k + 60, np.array([a, 0.0]), np.array([b, 0.0]), (np.zeros(2), np.zeros(2)))
+        for k, (a, b) in enumerate(pairwise(poses))
     ]
 
 
