@@ -128,10 +128,10 @@ def write_supply(path: Path, watts: np.ndarray, rng: np.random.Generator) -> Pat
 
 
 def powered_off(audience: Audience) -> bool:
+    """The supply was on, which it is not before the day begins, and is off."""
     batches = audience.batches["raw/supply/measured"]
-    if not batches:
-        return False
-    return bool(batches[-1].values[-1, batches[-1].stream.names.index("supply.power")] < OFF)
+    power = [batch.values[-1, batch.stream.names.index("supply.power")] for batch in batches]
+    return bool(power and max(power) > OFF > power[-1])
 
 
 async def record(folder: Path, day: Day, robot: str) -> float:
