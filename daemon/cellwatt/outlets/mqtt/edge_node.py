@@ -53,9 +53,9 @@ class EdgeNode:
         self._tags = Tags()
         self._units: Mapping[str, str] = {}
         self._sources: frozenset[str] = frozenset()
+        """Sources of the rows' channels, once they are known."""
         self._filled = set[str]()
         """Sources with historical rows since the last live row."""
-        """Sources of the rows' channels, once they are known."""
         self._alarms = alarms
         self._tags.declare(self._tags.node, "health/state", DataType.STRING)
         self._tags.declare(self._tags.node, "alarms/active", DataType.INT64).value = len(alarms.up)

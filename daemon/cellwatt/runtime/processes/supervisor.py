@@ -223,7 +223,8 @@ class Supervisor:
         serving = self._serving()
         due = [p.again_at - now for p in serving if not p.alive]
         self._wait(min([LOOK, self._until - now, *due]))
-        self._stop_asked |= time.monotonic() >= self._until
+        if time.monotonic() >= self._until:  # not ``|=``, which would undo what a signal sets meanwhile
+            self._stop_asked = True
         self._shared.clock.discipline()
         for process in serving:
             if not process.alive and time.monotonic() >= process.again_at and self._failed is None:
@@ -241,7 +242,7 @@ class Supervisor:
     def _wait(self, seconds: float) -> None:
         """Wait for events for up to ``seconds`` and handle them."""
         for key, _ in self._selector.select(max(seconds, 0.0)):
-            if key.fileobj in self._selector.get_map():
+            if self._selector.get_map().get(key.fd) is key:  # not forgotten by what was handled before it
                 key.data()
 
     def _serving(self) -> list[SupervisedProcess]:
@@ -272,7 +273,7 @@ class Supervisor:
     def _take_failure(self, process: SupervisedProcess, error: Exception) -> None:
         if self._reload is not None and process in self._reload.judges.values():
             self._give_up_reload(error)
-        elif not process.restarts and self._generation == 1 and not all(p.ready for p in self._serving()):
+        elif process in self._serving() and self._generation == 1 and not process.restarts and not self._collect.ready:
             self._failed = error
         else:
             log.error("%s: %s", process.name, error)
@@ -337,16 +338,16 @@ class Supervisor:
     def _go_on_reloading(self) -> None:
         reload = self._reload
         if reload is None:
-            if self._reload_asked and self._slots_are_free():
+            if self._reload_asked and self._slots_freed():
                 self._reload_asked = False
                 self._begin_reload()
         elif not reload.sent and all(process.ready for process in reload.judges.values()):
             self._send(reload)
 
-    def _slots_are_free(self) -> bool:
-        """True if the judges of the reload before have ended: two processes must not write into the ring of one slot.
+    def _slots_freed(self) -> bool:
+        """Kill judges of the reload before that still compute ``END`` s after it; return True if all have ended.
 
-        Judges that still compute ``END`` s after that reload are killed.
+        Two processes must not write into the ring of one slot.
         """
         if time.monotonic() >= self._ends_by:
             for process in list(self._ending):
