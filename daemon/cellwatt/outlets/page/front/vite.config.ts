@@ -52,8 +52,8 @@ function record(): Plugin {
     closeBundle() {
       const licence = readFileSync(join(FRONT, 'node_modules/uplot/LICENSE'), 'utf8');
       writeFileSync(join(STATIC, 'licences.txt'), `uPlot\n\n${licence}`);
-      const told = { sources_sha256: digest(), files: built(STATIC) };
-      writeFileSync(join(STATIC, 'manifest.json'), `${JSON.stringify(told, null, 1)}\n`);
+      const manifest = { sources_sha256: digest(), files: built(STATIC) };
+      writeFileSync(join(STATIC, 'manifest.json'), `${JSON.stringify(manifest, null, 1)}\n`);
     },
   };
 }

@@ -137,8 +137,8 @@ async function ask<T>(path: string, init: RequestInit): Promise<T> {
   }
   const body: unknown = await response.json().catch(() => null);
   if (!response.ok) {
-    const told = (body as { error?: unknown } | null)?.error;
-    throw new Refused(response.status, typeof told === 'string' ? told : `${response.status} ${response.statusText}`);
+    const problem = (body as { error?: unknown } | null)?.error;
+    throw new Refused(response.status, typeof problem === 'string' ? problem : `${response.status} ${response.statusText}`);
   }
   return body as T;
 }

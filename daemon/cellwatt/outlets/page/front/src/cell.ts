@@ -56,20 +56,20 @@ export class Cell extends Bus<Topics> {
   ) {
     super();
     this.api = new CellApi(site, name);
-    const afterState = <T>(take: (told: T) => void) => (told: T): void => {
-      if (this.held) this.held.push(() => take(told));
-      else take(told);
+    const afterState = <T>(take: (event: T) => void) => (event: T): void => {
+      if (this.held) this.held.push(() => take(event));
+      else take(event);
     };
     const handlers = {
-      frames: (told: Frames) => this.takeFrames(told),
-      prediction: (told: Prediction) => this.takePrediction(told),
-      health: afterState((told: Status) => this.takeHealth(told)),
-      alarm: afterState((told: Alarm) => this.takeAlarm(told)),
-      shelved: afterState((told: Shelved[]) => this.takeShelved(told)),
-      interval: afterState((told: Interval) => this.takeInterval(told)),
-      task: afterState((told: Task) => this.change((state) => (state.task = told), 'task', told)),
-      energy: afterState((told: Energy) => this.takeEnergy(told)),
-      gap: (told: { text: string }) => this.tell('hole', told.text),
+      frames: (frames: Frames) => this.takeFrames(frames),
+      prediction: (prediction: Prediction) => this.takePrediction(prediction),
+      health: afterState((status: Status) => this.takeHealth(status)),
+      alarm: afterState((alarm: Alarm) => this.takeAlarm(alarm)),
+      shelved: afterState((shelved: Shelved[]) => this.takeShelved(shelved)),
+      interval: afterState((interval: Interval) => this.takeInterval(interval)),
+      task: afterState((task: Task) => this.change((state) => (state.task = task), 'task', task)),
+      energy: afterState((energy: Energy) => this.takeEnergy(energy)),
+      gap: (gap: { text: string }) => this.tell('hole', gap.text),
       behind: () => this.tell('hole', ''),
     };
     const onstate = (state: Connection): void => {
@@ -133,17 +133,17 @@ export class Cell extends Bus<Topics> {
     if (time > this.newest) [this.newest, this.newestAt] = [time, at];
   }
 
-  private change<T extends keyof Topics>(act: (state: CellState) => void, topic: T, told: Topics[T]): void {
+  private change<T extends keyof Topics>(act: (state: CellState) => void, topic: T, event: Topics[T]): void {
     if (!this.state) return;
     act(this.state);
-    this.tell(topic, told);
+    this.tell(topic, event);
   }
 
-  private takeFrames(told: Frames): void {
-    for (const [name, values] of Object.entries(told.v)) this.note(name, values);
-    for (const [name, worst] of Object.entries(told.q)) this.quality.set(name, worst);
-    this.reach(told.t.at(-1) ?? 0);
-    this.tell('frames', told);
+  private takeFrames(frames: Frames): void {
+    for (const [name, values] of Object.entries(frames.v)) this.note(name, values);
+    for (const [name, worst] of Object.entries(frames.q)) this.quality.set(name, worst);
+    this.reach(frames.t.at(-1) ?? 0);
+    this.tell('frames', frames);
   }
 
   private note(name: string, values: readonly (number | null)[]): void {
@@ -153,20 +153,20 @@ export class Cell extends Bus<Topics> {
     if (found !== undefined || now - (this.known.get(name) ?? 0) > STANDS) this.latest.set(name, found ?? null);
   }
 
-  private takePrediction(told: Prediction): void {
-    for (const [output, values] of Object.entries(told.v)) {
-      this.note(`prediction/${told.model}/${output}`, values);
+  private takePrediction(prediction: Prediction): void {
+    for (const [output, values] of Object.entries(prediction.v)) {
+      this.note(`prediction/${prediction.model}/${output}`, values);
     }
-    const known = this.state?.predictions.some((p) => p.model === told.model);
+    const known = this.state?.predictions.some((p) => p.model === prediction.model);
     if (this.state && !known) void this.read(false);
-    this.tell('prediction', told);
+    this.tell('prediction', prediction);
   }
 
-  private takeHealth(told: Status): void {
+  private takeHealth(status: Status): void {
     this.heard = performance.now();
-    if (told.time !== undefined) this.reach(told.time / 1e6);
-    this.change((state) => (state.status = told), 'health', told);
-    if (this.state && !this.state.channels.length && told.frames?.count) void this.read(false);
+    if (status.time !== undefined) this.reach(status.time / 1e6);
+    this.change((state) => (state.status = status), 'health', status);
+    if (this.state && !this.state.channels.length && status.frames?.count) void this.read(false);
   }
 
   private takeAlarm(alarm: Alarm): void {
@@ -176,34 +176,34 @@ export class Cell extends Bus<Topics> {
     this.tell('alarm', { alarm, isNew });
   }
 
-  private takeShelved(told: Shelved[]): void {
-    for (const { id } of told) this.alarms.delete(id);
-    this.change((state) => (state.shelved = told), 'shelved', told);
+  private takeShelved(shelved: Shelved[]): void {
+    for (const { id } of shelved) this.alarms.delete(id);
+    this.change((state) => (state.shelved = shelved), 'shelved', shelved);
   }
 
-  private takeInterval(told: Interval): void {
+  private takeInterval(interval: Interval): void {
     this.change(
       (state) => {
-        const before = state.intervals.findIndex((i) => i.source === told.source && i.number === told.number);
-        if (before >= 0) state.intervals[before] = told;
-        else state.intervals.push(told);
+        const before = state.intervals.findIndex((i) => i.source === interval.source && i.number === interval.number);
+        if (before >= 0) state.intervals[before] = interval;
+        else state.intervals.push(interval);
         if (state.intervals.length > INTERVALS) state.intervals.splice(0, state.intervals.length - INTERVALS);
       },
       'interval',
-      told,
+      interval,
     );
   }
 
-  private takeEnergy(told: Energy): void {
+  private takeEnergy(energy: Energy): void {
     this.change(
       (state) => {
-        const kept = (state.energies[told.task] ??= []);
-        if (kept.some((one) => one.start === told.start)) return; // the state had it already
-        kept.push(told);
+        const kept = (state.energies[energy.task] ??= []);
+        if (kept.some((one) => one.start === energy.start)) return; // the state had it already
+        kept.push(energy);
         if (kept.length > REPETITIONS) kept.shift();
       },
       'energy',
-      told,
+      energy,
     );
   }
 }

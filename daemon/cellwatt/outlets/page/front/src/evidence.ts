@@ -41,7 +41,7 @@ export function evidenceTable(evidence: Readonly<Record<string, unknown>>): HTML
     const bar = against.find((one) => one.key === key);
     if (limits.has(key)) return [];
     const [name, unit] = named(key);
-    const shown = bar ? versus(bar, unit) : h('span', {}, told(value, unit));
+    const shown = bar ? versus(bar, unit) : h('span', {}, text(value, unit));
     return [h('tr', {}, h('th', { scope: 'row' }, name), h('td', {}, shown))];
   });
   return rows.length ? h('table', { class: 'evidence' }, h('caption', { class: 'hidden' }, t('alarm.evidence')), h('tbody', {}, ...rows)) : null;
@@ -60,18 +60,18 @@ function versus({ value, limit }: Compared, unit: string): HTMLElement {
     svg('rect', { class: beyond ? 'beyond' : 'within', width, height: 10 }),
     svg('rect', { class: 'limit', x: Math.min(99.2, at), width: 0.8, height: 10 }),
   );
-  return h('span', { class: 'versus' }, drawing, h('b', {}, told(value, unit)), h('span', { class: 'quiet' }, t('alarm.limit', { limit: told(limit, unit) })));
+  return h('span', { class: 'versus' }, drawing, h('b', {}, text(value, unit)), h('span', { class: 'quiet' }, t('alarm.limit', { limit: text(limit, unit) })));
 }
 
-function told(value: unknown, unit: string): string {
+function text(value: unknown, unit: string): string {
   if (typeof value === 'number') {
     const text = Number.isInteger(value) && Math.abs(value) < 1e6 ? String(value) : figure(value);
     return unit ? `${text} ${unit}` : text;
   }
   if (typeof value === 'string' || typeof value === 'boolean') return String(value);
-  if (Array.isArray(value)) return value.map((one) => told(one, unit)).join(', ');
+  if (Array.isArray(value)) return value.map((one) => text(one, unit)).join(', ');
   if (value === null || value === undefined) return '–';
   const fields = value as Record<string, unknown>;
   if (typeof fields['statement'] === 'string') return fields['statement'];
-  return Object.entries(fields).map(([key, one]) => `${key.replaceAll('_', ' ')} ${told(one, '')}`).join(', ');
+  return Object.entries(fields).map(([key, one]) => `${key.replaceAll('_', ' ')} ${text(one, '')}`).join(', ');
 }

@@ -105,11 +105,11 @@ describe('a cell', () => {
   });
 
   it('says why it is refused', async () => {
-    const told: number[] = [];
-    new Cell('s', 'c', world).on('refused', (error) => told.push(error.status));
+    const refusals: number[] = [];
+    new Cell('s', 'c', world).on('refused', (error) => refusals.push(error.status));
     fire('error');
     await asked[0]?.give({ status: 503, body: { error: '16 cells are open' } });
-    expect(told).toEqual([503]);
+    expect(refusals).toEqual([503]);
   });
 });
 

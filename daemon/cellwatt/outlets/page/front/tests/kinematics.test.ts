@@ -15,7 +15,7 @@ const joint = (parent: number, xyz: Vector, rpy: Vector, more: Partial<Joint> = 
   channel: null,
   ...more,
 });
-const close = (found: Vector, told: Vector): void => found.forEach((value, i) => expect(value).toBeCloseTo(told[i] as number, 6));
+const close = (found: Vector, expected: Vector): void => found.forEach((value, i) => expect(value).toBeCloseTo(expected[i] as number, 6));
 
 /** Joint origins of a UR5e as its description gives them. */
 const UR5E = [

@@ -153,7 +153,7 @@ describe('energy', () => {
 });
 
 describe('effects', () => {
-  it('are told in words, whatever they come as', () => {
+  it('are words, whatever they come as', () => {
     expect(effectText('as text')).toBe('as text');
     expect(effectText({ effect: 'grinding_friction', joint: 3 })).toBe('grinding friction, joint 3');
     expect(effectText({ statement: 'said' })).toBe('said');

@@ -37,7 +37,7 @@ const elapse = (ms: number): void => {
   for (const [key, timer] of [...timers]) if (timer.ms === ms && timers.delete(key)) timer.act();
 };
 const follow = (): Stream =>
-  new Stream('/stream', { frames: (told: unknown) => void frames.push(told) }, (state) => void states.push(state), (missed) => void opened.push(missed), world);
+  new Stream('/stream', { frames: (batch: unknown) => void frames.push(batch) }, (state) => void states.push(state), (missed) => void opened.push(missed), world);
 
 beforeEach(() => {
   sources = [];

@@ -24,7 +24,7 @@ export class ArmFigure {
   private readonly numbers: readonly (number | null)[];
   private tones: Tone[] = [];
   private frame = 0;
-  private told = 0;
+  private describedAt = 0;
   private readonly ends: (() => void)[];
 
   constructor(
@@ -44,7 +44,7 @@ export class ArmFigure {
     watcher.observe(this.canvas);
     const channels = new Set(arm.joints.map((joint) => joint.channel));
     this.ends = [
-      cell.on('frames', (told) => Object.keys(told.v).some((name) => channels.has(name)) && this.draw()),
+      cell.on('frames', (frames) => Object.keys(frames.v).some((name) => channels.has(name)) && this.draw()),
       cell.on('alarm', () => this.suspect()),
       cell.on('state', () => this.suspect()),
       onColours(() => this.draw()),
@@ -94,8 +94,8 @@ export class ArmFigure {
     ctx.setTransform(fine, 0, 0, fine, 0, 0);
     const positions = this.positions();
     drawArm(ctx, this.camera, forward(this.arm.joints, positions), (i) => this.tones[i] ?? 'sound', this.size, width, height);
-    if (at - this.told < WORDS) return;
-    this.told = at;
+    if (at - this.describedAt < WORDS) return;
+    this.describedAt = at;
     this.arm.joints.forEach((joint, i) => say(this.angles[i] as Node, reading(joint, positions[i] as number)));
   }
 
@@ -137,8 +137,8 @@ export function jointNumbers(joints: readonly Joint[]): (number | null)[] {
   return joints.map((joint) => {
     if (joint.type === 'fixed' || joint.multiplier !== undefined) return null;
     n++;
-    const told = /joint_(\d+)\./.exec(joint.channel ?? '')?.[1];
-    return told ? Number(told) : n;
+    const number = /joint_(\d+)\./.exec(joint.channel ?? '')?.[1];
+    return number ? Number(number) : n;
   });
 }
 

@@ -107,8 +107,8 @@ export class Chart {
 
   /** Tell the chart in words. */
   describe(): void {
-    const told = this.lines.map((line, i) => `${line.label} ${this.values[i]?.textContent ?? ''}`);
-    mark(this.host, 'aria-label', t('chart.alternative', { title: this.title, values: told.join(', ') }));
+    const values = this.lines.map((line, i) => `${line.label} ${this.values[i]?.textContent ?? ''}`);
+    mark(this.host, 'aria-label', t('chart.alternative', { title: this.title, values: values.join(', ') }));
   }
 
   destroy(): void {

@@ -17,18 +17,18 @@ export class Marks {
   live = true;
 
   /** Take an interval that has begun, gone on or ended. */
-  interval(told: Interval): void {
-    const before = this.intervals.findLastIndex((i) => i.source === told.source && i.number === told.number);
-    if (before >= 0) this.intervals[before] = told;
-    else this.intervals.push(told);
+  interval(interval: Interval): void {
+    const before = this.intervals.findLastIndex((i) => i.source === interval.source && i.number === interval.number);
+    if (before >= 0) this.intervals[before] = interval;
+    else this.intervals.push(interval);
   }
 
   /** Take an alarm that was raised, changed or cleared; the record may know it with another time of its raise. */
-  alarm(told: AlarmMark): void {
-    const place = this.alarms.findLastIndex((a) => a.id === told.id && (a.cleared === null || a.cleared >= told.raised));
+  alarm(alarm: AlarmMark): void {
+    const place = this.alarms.findLastIndex((a) => a.id === alarm.id && (a.cleared === null || a.cleared >= alarm.raised));
     const before = this.alarms[place];
-    if (before) this.alarms[place] = { ...before, severity: told.severity, cleared: told.cleared };
-    else this.alarms.push(told);
+    if (before) this.alarms[place] = { ...before, severity: alarm.severity, cleared: alarm.cleared };
+    else this.alarms.push(alarm);
   }
 
   /** Forget what ended before a time, ms. */

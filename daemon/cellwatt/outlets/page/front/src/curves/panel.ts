@@ -62,9 +62,9 @@ export class Panel {
     const watcher = new ResizeObserver(() => this.resized());
     watcher.observe(this.charts);
     this.ends = [
-      cell.on('frames', (told) => this.takeFrames(told)),
-      cell.on('prediction', (told) => this.takePrediction(told)),
-      cell.on('interval', (told) => (this.marks.interval(told), this.draw())),
+      cell.on('frames', (frames) => this.takeFrames(frames)),
+      cell.on('prediction', (prediction) => this.takePrediction(prediction)),
+      cell.on('interval', (interval) => (this.marks.interval(interval), this.draw())),
       cell.on('alarm', ({ alarm }) => (this.marks.alarm(asMark(alarm)), this.draw())),
       cell.on('hole', () => ((this.newest = 0), this.ask())),
       onColours(() => this.list.forEach((chart) => chart.paint())),
@@ -173,22 +173,22 @@ export class Panel {
     this.draw();
   }
 
-  private fill(told: Curves, names: readonly string[], span: Span, points: number): void {
+  private fill(curves: Curves, names: readonly string[], span: Span, points: number): void {
     const width = span.to - span.from;
-    const anchored = told.t.length ? told : { ...told, t: [span.from], step_ms: Math.max(told.step_ms, width / points) };
+    const anchored = curves.t.length ? curves : { ...curves, t: [span.from], step_ms: Math.max(curves.step_ms, width / points) };
     this.buckets = Buckets.of(anchored, names, width);
-    this.marks.intervals = told.intervals;
-    this.marks.alarms = told.alarms;
+    this.marks.intervals = curves.intervals;
+    this.marks.alarms = curves.alarms;
     for (const [name, times, values] of this.waiting.splice(0)) this.buckets.add(name, times, values);
-    const short = !told.from_record && !this.cell.state?.record && width > 120e3;
-    this.bar.note(short ? t('chart.no_record') : told.complete ? '' : t('chart.incomplete'));
+    const short = !curves.from_record && !this.cell.state?.record && width > 120e3;
+    this.bar.note(short ? t('chart.no_record') : curves.complete ? '' : t('chart.incomplete'));
     this.bar.list(this.marks.alarms, this.clock());
   }
 
-  private takeFrames(told: Frames): void {
-    this.heal(told.t[0] ?? 0);
-    this.newest = Math.max(this.newest, told.t.at(-1) ?? 0);
-    for (const [name, values] of Object.entries(told.v)) this.take(name, told.t, values);
+  private takeFrames(frames: Frames): void {
+    this.heal(frames.t[0] ?? 0);
+    this.newest = Math.max(this.newest, frames.t.at(-1) ?? 0);
+    for (const [name, values] of Object.entries(frames.v)) this.take(name, frames.t, values);
   }
 
   /** Read anew what is missing between the curves and the first frames that came. */
@@ -200,8 +200,8 @@ export class Panel {
     this.ask();
   }
 
-  private takePrediction(told: Prediction): void {
-    for (const [output, values] of Object.entries(told.v)) this.take(`prediction/${told.model}/${output}`, told.t, values);
+  private takePrediction(prediction: Prediction): void {
+    for (const [output, values] of Object.entries(prediction.v)) this.take(`prediction/${prediction.model}/${output}`, prediction.t, values);
   }
 
   private take(name: string, times: readonly number[], values: Values): void {

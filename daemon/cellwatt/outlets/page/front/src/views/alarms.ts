@@ -19,7 +19,7 @@ export const alarmsView: CellView = (root, cell, around) => {
   const shelf = h('ul', { class: 'cards', 'aria-labelledby': 'shelf-title' });
   const shelfSection = h('section', {}, h('h2', { id: 'shelf-title' }, t('alarms.shelved')), shelf);
   const rows = h('tbody');
-  const told = h('p', { class: 'quiet', role: 'status' });
+  const remark = h('p', { class: 'quiet', role: 'status' });
   const reason = h('p', { class: 'quiet' });
   let reach: number = SPANS[0];
   let past: PastAlarm[] = [];
@@ -62,10 +62,10 @@ export const alarmsView: CellView = (root, cell, around) => {
       const answer = await cell.api.alarms({ from: to - reach, to }, MOST);
       past = answer.alarms;
       const all = answer.complete && past.length < MOST;
-      say(told, past.length ? (all ? '' : t('alarms.incomplete', { n: past.length })) : t('alarms.no_history'));
+      say(remark, past.length ? (all ? '' : t('alarms.incomplete', { n: past.length })) : t('alarms.no_history'));
       showPast();
     } catch (error) {
-      if (error instanceof Refused) say(told, error.message || t('connection.lost'));
+      if (error instanceof Refused) say(remark, error.message || t('connection.lost'));
     }
   };
   const spans = choice<number>(
@@ -93,7 +93,7 @@ export const alarmsView: CellView = (root, cell, around) => {
       'section',
       { class: 'card history' },
       h('div', { class: 'head' }, h('h2', {}, t('alarms.history')), spans.element),
-      told,
+      remark,
       h(
         'div',
         { class: 'wide', tabindex: 0, role: 'group', 'aria-label': t('alarms.history') },

@@ -14,14 +14,14 @@ const FULL = 100;
 export const mismatchView: CellView = (root, cell, around) => {
   const found = h('div', { class: 'stack', 'aria-busy': 'true' }, h('p', { class: 'quiet' }, t('page.reading')));
   root.append(h('h1', {}, t('mismatch.title')), h('p', { class: 'quiet lead' }, t('mismatch.lead')), found);
-  let told: Mismatch | null = null;
+  let mismatch: Mismatch | null = null;
   const show = (): void => {
-    if (told) put(found, ...card(told, when(told.made, (ms) => around.clock().moment(ms))));
+    if (mismatch) put(found, ...card(mismatch, when(mismatch.made, (ms) => around.clock().moment(ms))));
     found.removeAttribute('aria-busy');
   };
   cell.api.mismatch().then(
     (answer) => {
-      told = answer;
+      mismatch = answer;
       show();
     },
     (error: unknown) => {
@@ -31,30 +31,30 @@ export const mismatchView: CellView = (root, cell, around) => {
   return { title: t('mismatch.title'), close: () => undefined, retime: show };
 };
 
-function card(told: Mismatch, made: string): HTMLElement[] {
-  if (!told.finding) return [h('p', { class: 'card empty' }, t('mismatch.none'))];
-  const effects = (told.effects ?? []).filter((effect) => effectText(effect));
-  const link = told.href ? h('a', { class: 'button', href: told.href, target: '_blank', rel: 'noopener' }, t('mismatch.report')) : null;
+function card(mismatch: Mismatch, made: string): HTMLElement[] {
+  if (!mismatch.finding) return [h('p', { class: 'card empty' }, t('mismatch.none'))];
+  const effects = (mismatch.effects ?? []).filter((effect) => effectText(effect));
+  const link = mismatch.href ? h('a', { class: 'button', href: mismatch.href, target: '_blank', rel: 'noopener' }, t('mismatch.report')) : null;
   return [
     h(
       'section',
-      { class: `card finding tone-${told.tone ?? 'part'}` },
-      h('h2', {}, told.finding),
+      { class: `card finding tone-${mismatch.tone ?? 'part'}` },
+      h('h2', {}, mismatch.finding),
       made ? h('p', { class: 'quiet' }, t('mismatch.made', { made })) : null,
       link,
     ),
-    told.before !== null && told.before !== undefined ? bars(told) : null,
+    mismatch.before !== null && mismatch.before !== undefined ? bars(mismatch) : null,
     effects.length
       ? h('section', { class: 'card' }, h('h2', {}, t('mismatch.effects')), h('ul', { class: 'effects' }, ...effects.map((effect) => h('li', {}, effectText(effect), h('span', { class: 'quiet' }, gained(effect))))))
       : null,
   ].filter((element) => element !== null);
 }
 
-function bars(told: Mismatch): HTMLElement {
-  const unit = told.unit ?? '';
+function bars(mismatch: Mismatch): HTMLElement {
+  const unit = mismatch.unit ?? '';
   const rows = [
-    [t('mismatch.before'), told.before, 'before'],
-    [t('mismatch.after'), told.after, 'after'],
+    [t('mismatch.before'), mismatch.before, 'before'],
+    [t('mismatch.after'), mismatch.after, 'after'],
   ] as const;
   const most = Math.max(...rows.map(([, value]) => Math.abs(value ?? 0))) || 1;
   const list = rows.map(([label, value, name]) => {
@@ -63,7 +63,7 @@ function bars(told: Mismatch): HTMLElement {
     bar.append(svg('rect', { class: 'track', width: FULL, height: 10 }), svg('rect', { class: name, width, height: 10 }));
     return h('div', { class: 'bar-row' }, h('dt', {}, label), h('dd', {}, bar, h('b', {}, quantity(value, unit))));
   });
-  const title = told.channel ? t('mismatch.difference_in', { channel: told.channel }) : t('mismatch.difference');
+  const title = mismatch.channel ? t('mismatch.difference_in', { channel: mismatch.channel }) : t('mismatch.difference');
   return h('section', { class: 'card' }, h('h2', {}, title), h('dl', { class: 'bars' }, ...list));
 }
 
@@ -84,8 +84,8 @@ function gained(effect: unknown): string {
 export function effectText(effect: unknown): string {
   if (typeof effect === 'string') return effect;
   if (typeof effect !== 'object' || effect === null) return '';
-  const told = effect as Record<string, unknown>;
-  if (typeof told['statement'] === 'string' && told['statement']) return told['statement'];
-  const name = String(told['effect'] ?? told['name'] ?? '').replaceAll('_', ' ');
-  return typeof told['joint'] === 'number' ? t('mismatch.effect_of', { name, joint: told['joint'] }) : name;
+  const fields = effect as Record<string, unknown>;
+  if (typeof fields['statement'] === 'string' && fields['statement']) return fields['statement'];
+  const name = String(fields['effect'] ?? fields['name'] ?? '').replaceAll('_', ' ');
+  return typeof fields['joint'] === 'number' ? t('mismatch.effect_of', { name, joint: fields['joint'] }) : name;
 }

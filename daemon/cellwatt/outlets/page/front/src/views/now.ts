@@ -11,7 +11,7 @@ import { Ends } from '../view';
 
 /** ms between two readings of the power. */
 const PERIOD = 250;
-/** Reasons of a state that are told. */
+/** Reasons of a state that are shown. */
 const REASONS = 3;
 /** ms without health after which the cell counts as silent. */
 const SILENT = 5000;
@@ -75,10 +75,10 @@ function doingCard(): Card {
   return {
     element,
     show(cell) {
-      const told = cell.state?.task;
-      say(task, told ? told.name.replaceAll('_', ' ') : t('now.no_task'));
-      say(repetition, told ? `× ${told.repetition}` : '');
-      say(speed, told ? t('now.speed', { speed: figure(100 * told.speed), variant: told.variant }) : '');
+      const current = cell.state?.task;
+      say(task, current ? current.name.replaceAll('_', ' ') : t('now.no_task'));
+      say(repetition, current ? `× ${current.repetition}` : '');
+      say(speed, current ? t('now.speed', { speed: figure(100 * current.speed), variant: current.variant }) : '');
       const last = cell.state?.intervals.at(-1);
       const key = JSON.stringify(last && [last.number, last.moving]);
       if (key === drawn) return;

@@ -86,7 +86,7 @@ export function plantView(root: HTMLElement, around: Surroundings, onconnection:
   };
   const stream = new Stream(
     '/api/plant/stream',
-    { plant: (told: { cells: PlantCell[] }) => take(told.cells) },
+    { plant: (plant: { cells: PlantCell[] }) => take(plant.cells) },
     (state) => {
       onconnection(state !== 'lost');
       if (state === 'lost' && !tiles.size) void read();

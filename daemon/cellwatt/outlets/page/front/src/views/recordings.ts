@@ -132,13 +132,13 @@ class Opened extends Asking {
     say(this.busy, t('page.reading'));
   }
 
-  private fill(told: Drop): void {
-    told.items.forEach(({ path, kind }) => this.kinds.set(path, kind));
-    const drawable = told.items.filter(({ kind, path }) => kind === 'recording' || (kind === 'simulation' && !simulator(path)));
+  private fill(drop: Drop): void {
+    drop.items.forEach(({ path, kind }) => this.kinds.set(path, kind));
+    const drawable = drop.items.filter(({ kind, path }) => kind === 'recording' || (kind === 'simulation' && !simulator(path)));
     const pick = choice(t('drop.curves'), drawable.map(({ path }) => [path, path] as const), (path) => void this.draw(path, pick.set));
     this.started = button(t('drop.explain'), () => void this.begin(), { class: 'primary' });
-    const rows = told.items.map(({ path, kind }) => h('tr', {}, h('th', { scope: 'row' }, path), h('td', {}, this.select(path, kind))));
-    const lacking = told.items.some(({ kind }) => kind === 'simulation') ? null : h('p', {}, t('drop.simulation_needed'));
+    const rows = drop.items.map(({ path, kind }) => h('tr', {}, h('th', { scope: 'row' }, path), h('td', {}, this.select(path, kind))));
+    const lacking = drop.items.some(({ kind }) => kind === 'simulation') ? null : h('p', {}, t('drop.simulation_needed'));
     put(
       this.root,
       h('h1', {}, t('drop.title')),
@@ -157,7 +157,7 @@ class Opened extends Asking {
         this.answer,
       ),
     );
-    this.tell(told);
+    this.tell(drop);
     if (drawable[0]) void this.draw(drawable[0].path, pick.set);
   }
 
@@ -186,8 +186,8 @@ class Opened extends Asking {
   }
 
   /** Show what `explain` says, until it has ended. */
-  private tell(told: Drop): void {
-    const found = told.answer;
+  private tell(drop: Drop): void {
+    const found = drop.answer;
     this.started.disabled = Boolean(found?.running);
     if (!found) return put(this.answer);
     if (found.running) {
@@ -203,7 +203,7 @@ class Opened extends Asking {
       h('p', { class: 'problem', role: 'alert' }, found.error),
       report && h('a', { class: 'button', href: address(report), target: '_blank', rel: 'noopener' }, t('drop.report')),
       found.said && h('pre', { tabindex: 0 }, found.said),
-      told.note && h('p', {}, h('b', {}, t('drop.concealed')), ` ${told.note}`),
+      drop.note && h('p', {}, h('b', {}, t('drop.concealed')), ` ${drop.note}`),
       links.length > 0 && h('p', { class: 'files' }, t('drop.files'), ...links.flatMap((link) => [' ', link])),
     );
   }

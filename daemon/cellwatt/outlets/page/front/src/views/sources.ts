@@ -41,7 +41,7 @@ function lines(name: string, source: Source): HTMLElement[] {
   const streams = Object.entries(source.streams);
   const word = STATES[source.state];
   const state = h('span', { class: `dot ${TONES[source.state] ?? 'amber'}` }, word ? t(word) : source.state);
-  const rates = streams.map(([, told]) => (told.rate_hz === null ? '–' : `${figure(told.rate_hz, 4)} Hz`));
+  const rates = streams.map(([, figures]) => (figures.rate_hz === null ? '–' : `${figure(figures.rate_hz, 4)} Hz`));
   const bounds = streams.map(([stream]) => {
     const clock = source.clocks[stream];
     return clock ? `± ${figure(clock.bound_ns * 1e-6, 2)} ms` : t('source.half_trip');
