@@ -79,7 +79,7 @@ class OnnxFile:
         """See ``refused``."""
         return refused(self.path, reason)
 
-    def told(self, key: str, kind: type[T]) -> T:
+    def entry(self, key: str, kind: type[T]) -> T:
         """Metadata under a key as ``kind``. Raises ``ModelError`` if it is missing, no JSON or not of this kind."""
         if key not in self.properties:
             there = ", ".join(map(repr, self.properties)) or "none"

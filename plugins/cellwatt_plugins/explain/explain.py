@@ -257,7 +257,7 @@ def _of_meter(meter: Metering | Unknown | None) -> tuple[str, ...]:
             f"Power has one value every {meter.interval:.2g} s, and the motion does not show when it was measured: "
             "the supply was not judged. Record a longer motion, or a faster meter.",
         )
-    return (f"Power is from a slow meter ({meter.meter.told}): it was compared with means over the same times.",)
+    return (f"Power is from a slow meter ({meter.meter.description}): it was compared with means over the same times.",)
 
 
 def _verdict(named: bool, rest: bool) -> Verdict:

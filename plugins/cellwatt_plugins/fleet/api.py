@@ -12,7 +12,7 @@ from cellwatt.errors import RecordingError
 from cellwatt.files import Place as FilePlace
 from cellwatt.scheduler import spread
 from cellwatt_plugins.fleet.adjusted import Observations
-from cellwatt_plugins.fleet.courses import CellJoint, Courses, courses_of_kind, told_of
+from cellwatt_plugins.fleet.courses import CellJoint, Courses, courses_of_kind, observations_of
 from cellwatt_plugins.fleet.findings import CellSummary, Fleet, Weekly, findings_of
 from cellwatt_plugins.fleet.judge import LONG_ENOUGH, Judged, judged
 from cellwatt_plugins.fleet.kinds import FEWEST
@@ -48,7 +48,7 @@ def compared(lake: Lake, every: Sequence[Week], chance: float = 0.01, least: flo
     for week in every:
         if week.repetitions:
             by_cell.setdefault(week.cell, []).append(week)
-    cells = {name: (weeks, told_of(weeks)) for name, weeks in by_cell.items()}
+    cells = {name: (weeks, observations_of(weeks)) for name, weeks in by_cell.items()}
     if not cells:
         first = next((s for w in every for s in w.skipped), next(iter(lake.skipped), None))
         raise RecordingError(

@@ -50,7 +50,7 @@ def _usual_speed(weeks: Sequence[Week]) -> Float:
     return np.array([np.median(s[k]) if k.any() else np.nan for s, k in zip(speeds.T, known.T, strict=True)])
 
 
-def told_of(weeks: Sequence[Week]) -> dict[tuple[str, int], Observations]:
+def observations_of(weeks: Sequence[Week]) -> dict[tuple[str, int], Observations]:
     """Return the values of the repetitions of one cell, by quantity and joint (1-based; 0: the whole arm).
 
     A joint that hardly moves has no values.

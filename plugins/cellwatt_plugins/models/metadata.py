@@ -169,5 +169,5 @@ def metadata_of(file: OnnxFile) -> Metadata:
             f"it has no metadata: expected the key {KEY!r}, found {there}; "
             "cellwatt_plugins.models.describe() writes it into the file"
         )
-    file.told(KEY, _Stated)
-    return file.told(KEY, Metadata)
+    file.entry(KEY, _Stated)
+    return file.entry(KEY, Metadata)

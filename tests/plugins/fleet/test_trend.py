@@ -7,7 +7,7 @@ from scipy.special import polygamma
 
 from cellwatt_plugins.fleet.adjusted import Course, Observations, Warmth, course_of, shrunk, warmth_of
 from cellwatt_plugins.fleet.api import _summary
-from cellwatt_plugins.fleet.courses import CellJoint, Courses, told_of
+from cellwatt_plugins.fleet.courses import CellJoint, Courses, observations_of
 from cellwatt_plugins.fleet.judge import judged
 from cellwatt_plugins.fleet.kinds import common_course, less_common, moderated, spread_of
 from cellwatt_plugins.fleet.slopes import trends_of
@@ -192,7 +192,7 @@ def test_a_joint_without_friction_is_not_said_to_rest():
     each = Repetition(0, (1.0, 2.0, 0.0), np.array([1.0, np.nan]), None, None)
     weeks = [Week("a", w, np.array([-3.0, np.nan]), nothing * 0, speed, (each,), (), 20.0) for w in range(6)]
     robot = RobotDescription(robot="a", urdf=Path("a"), joints=(Joint(name="j1"), Joint(name="j2")))
-    said = _summary("a", robot, weeks, told_of(weeks)).statement
+    said = _summary("a", robot, weeks, observations_of(weeks)).statement
     assert said == "hardly moves: j2; torque does not oppose the motion (constant, or of the wrong sign): j1"
 
 

@@ -140,7 +140,7 @@ def test_power_that_does_not_follow_the_motion_has_no_known_meter():
 
 
 def test_what_is_told():
-    assert Meter(0.1, 0.15, 0.1, 0.002, 0.001).told == "averaged over 100 ± 4 ms and delayed by 150 ± 2 ms"
-    assert Meter(0.1, 0.15, 0.1).told == "averaged over 100 ms and delayed by 150 ms"
+    assert Meter(0.1, 0.15, 0.1, 0.002, 0.001).description == "averaged over 100 ± 4 ms and delayed by 150 ± 2 ms"
+    assert Meter(0.1, 0.15, 0.1).description == "averaged over 100 ms and delayed by 150 ms"
     readings = Readings(np.array([2.0]), np.array([1.0]), 0.1)
     assert Meter(0.1, 0.15, 0.1).windows(readings).start.tolist() == pytest.approx([1.75])

@@ -79,9 +79,8 @@ def _beyond(courses: Sequence[Float | None], whole: Sequence[Float], tolerance: 
 def _drives(states: Sequence[States]) -> list[Nominal]:
     """Gain and damping of each joint's servo, as shares, and the delays of velocities and commands in s."""
     servo, step = states[0].servos.servo, states[0].servos.step
-    torque, speed, gain, commanded = (
-        np.concatenate(parts) for parts in zip(*((s.nominal, s.qd, s.qdd, s.servos.told) for s in states), strict=True)
-    )
+    motion = ((s.nominal, s.qd, s.qdd, s.servos.commanded_velocity) for s in states)
+    torque, speed, gain, commanded = (np.concatenate(parts) for parts in zip(*motion, strict=True))
     braked = servo.damping * speed
     coulomb = states[0].robot.column("coulomb_friction")
     coulomb = np.maximum(coulomb, np.median(coulomb))[:, None]

@@ -103,7 +103,7 @@ class FaultNetwork:
         self.table = _table(network)
         self.groups = groups_of(self.table)
         self.intervals = len(self.table)
-        about = network.told(MADE, _Made)
+        about = network.entry(MADE, _Made)
         self.task, self.signed = about.task, about.signed
         columns = [tensor.shape[-1] for tensor in network.inputs], [tensor.shape[-1] for tensor in network.outputs]
         sizes = [self.intervals], [len(self.groups) + 1]
@@ -135,7 +135,7 @@ class _Made(BaseModel):
 
 def _table(network: OnnxFile) -> Codes:
     """The fault table in a file's metadata."""
-    content = network.told(KEY, list[list[Literal[-1, 0, 1]]])
+    content = network.entry(KEY, list[list[Literal[-1, 0, 1]]])
     if len({len(row) for row in content}) != 1:
         raise network.refused(f"its table is no table of codes -1, 0 and 1: {str(content)[:60]}")
     return np.array(content, np.int8)

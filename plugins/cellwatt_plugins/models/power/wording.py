@@ -127,7 +127,8 @@ def findings(trained: Trained) -> list[str]:
     if trained.nls is not None:
         lines += [f"NLS: {doubt}" for doubt in trained.nls.doubts]
     if trained.meter is not None:
-        lines.append(f"  power is from a slow meter ({trained.meter.told}): compared with means over the same times")
+        meter = trained.meter.description
+        lines.append(f"  power is from a slow meter ({meter}): compared with means over the same times")
     if np.isfinite(trained.power_noise):
         lines.append(f"  noise of the measured power: {trained.power_noise:.2f} W")
     return lines

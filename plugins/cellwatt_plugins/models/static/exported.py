@@ -36,7 +36,7 @@ At rest a motor's voltage is R I, so P = τ V / K_t is R (τ / K_t)²; standby p
 class Widths:
     """Half widths of the sum's prediction interval, Nm: with known directions of approach, and with unknown ones."""
 
-    told: float
+    known: float
     blind: float
 
 
@@ -54,7 +54,7 @@ def write_best(path: Path, model: Identified, widths: Widths, arm: HeldArm, pose
     each = known * np.abs(torque) + (1.0 - known) * np.maximum(np.abs(load), np.abs(held))
     total = each.sum(keepdims=True)
     all_given = graph.op("ReduceMin", graph.op("Cast", given, to=_DOUBLE), axes=[1], keepdims=1)
-    width = (1.0 - Tensor(graph, all_given)) * (widths.blind - widths.told) + widths.told
+    width = (1.0 - Tensor(graph, all_given)) * (widths.blind - widths.known) + widths.known
     parts = [torque, total, np.maximum(total - width, 0.0), total + width]
     outputs = [Output(name, "Nm") for name in (*(f"torque_{i + 1}" for i in range(n)), TOTAL, *_INTERVAL)]
     heating = copper_gain(arm.arm.description)

@@ -21,7 +21,7 @@ def report(trained: Trained, robot: str, provenance: Provenance) -> Report:
     best, curve = trained.scores, trained.curve
     roles = {"gravity": "simulation", "hybrid": "refit", "best": "model"}
     bars = [(TITLES[m.name], roles.get(m.name, "measured"), m.scores.rmse) for m in trained.methods]
-    seen = SEEN.format(share=100 * COVERAGE, width=trained.widths.told)
+    seen = SEEN.format(share=100 * COVERAGE, width=trained.widths.known)
     noise = trained.checked.model.posterior.noise
     statements = [*(finding.statement for finding in trained.findings), *trained.left_out]
     facts = "Standard deviations after ±; evidence: natural log of the factor by which the data get more probable."
@@ -60,7 +60,7 @@ def _predicted(trained: Trained) -> Figure:
         x,
         Axis("predicted, Nm"),
     )
-    width = trained.widths.told
+    width = trained.widths.known
     right = Panel(
         [dots("pose", total, total - predicted, MODEL)], x, Axis("difference, Nm"), band(-width, width, NOISE)
     )

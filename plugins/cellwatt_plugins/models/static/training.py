@@ -128,7 +128,7 @@ class Trained:
             "best": {
                 **self.scores.as_json(),
                 "leftover": self.checked.model.leftover is not None,
-                "interval": {"coverage": COVERAGE, "told_nm": self.widths.told, "blind_nm": self.widths.blind},
+                "interval": {"coverage": COVERAGE, "told_nm": self.widths.known, "blind_nm": self.widths.blind},
                 "noise_nm": self.checked.model.posterior.noise.tolist(),
             },
             "learning": self.curve.as_json(),

@@ -26,7 +26,7 @@ def in_words(trained: Trained, files: Sequence[Path]) -> str:
         "(published figures in brackets)",
         rivals(trained).text(),
         f"Best model, each pose held out once: RMSE {best.rmse:.2f} Nm, R² {best.r2:.5f}, MAPE {best.mape:.2f} %.",
-        f"{100 * COVERAGE:.0f} % of new poses within ± {widths.told:.2f} Nm, ± {widths.blind:.2f} Nm if the side of "
+        f"{100 * COVERAGE:.0f} % of new poses within ± {widths.known:.2f} Nm, ± {widths.blind:.2f} Nm if the side of "
         "approach is not given.",
         trained.curve.in_words(),
     ]

@@ -91,7 +91,7 @@ class Meter:
         return rows_of(windows, inside), readings.value[inside]
 
     @property
-    def told(self) -> str:
+    def description(self) -> str:
         """In words, with 95 % intervals: ``averaged over 100 ± 4 ms and delayed by 152 ± 2 ms``."""
         return f"averaged over {_ms(self.window, self.window_spread)} and delayed by {_ms(self.late, self.late_spread)}"
 

@@ -74,7 +74,7 @@ class MeterStage(Stage[MeterSettings]):
         """Frames of the last minutes: times (n,) ns, all values, stamps of the meters' columns, and which are
         present."""
         self._looked: int | None = None
-        self._told: dict[int, Meter] = {}
+        self._announced: dict[int, Meter] = {}
         self._book = AlarmBook()
 
     def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
@@ -108,9 +108,9 @@ class MeterStage(Stage[MeterSettings]):
             if not fits:
                 continue
             meter, arm = min(fits, key=lambda fit: fit[0].unexplained)
-            before = self._told.get(column)
+            before = self._announced.get(column)
             if before is None or _differs(before, meter):
-                self._told[column] = meter
+                self._announced[column] = meter
                 found += self._book.raise_(_alarm(self.name, channel, meter, arm, int(time[0]), int(time[-1])))
         return found
 
@@ -206,7 +206,7 @@ def _alarm(stage: str, channel: FrameChannel, meter: Meter, arm: _Arm, since: in
     """The alarm that describes a meter."""
     declared = channel.window
     off = declared and abs(meter.window - declared) > max(DOUBT * meter.window_spread, SHARE * declared)
-    statement = f"{channel.name} is {meter.told}, with a value every {1e3 * meter.interval:.0f} ms (found from "
+    statement = f"{channel.name} is {meter.description}, with a value every {1e3 * meter.interval:.0f} ms (found from "
     statement += f"the motion of {arm.source})"
     if off:
         statement += f"; the declared window is {1e3 * declared:.0f} ms: check the meter's setting, or its window here"

@@ -55,7 +55,7 @@ class Drive:
     """(N, n, k): change of the velocity's sign if friction reversed within a lower speed, or within a higher one."""
     step: float
     """s between samples."""
-    told_at: Float
+    logged_command: Float
     """(N, n), the logged commands: each holds until the next one."""
     late: float = 0.0
     """s by which commands act later, approximately; the law reaches its limits later by the same time."""
@@ -67,7 +67,7 @@ class Drive:
         return np.asarray(servo.pull / servo.stiffness * self.command - self.moved.position)
 
     @cached_property
-    def told(self) -> Float:
+    def commanded_velocity(self) -> Float:
         """(N, n) rad/s: velocity of the commanded position."""
         return np.asarray(np.gradient(self.servo.pull / self.servo.stiffness * self.command, self.step, axis=0))
 
@@ -94,12 +94,12 @@ class Drive:
 
         A command holds while the joint moves: the mean of a nonlinear law is not the law of the mean command.
         """
-        rows, late = np.arange(len(self.told_at)), (self.late + self.servo.delay[joint]) / self.step
+        rows, late = np.arange(len(self.logged_command)), (self.late + self.servo.delay[joint]) / self.step
         position, velocity = self.moved.position[:, joint], self.moved.velocity[:, joint]
         ways = np.append(np.diff(position), 0.0), np.append(np.diff(velocity), 0.0)
         out = np.zeros(len(rows))
         for part in WITHIN:
-            command = self.told_at[np.maximum(np.floor(rows + part - late).astype(np.intp), 0), joint]
+            command = self.logged_command[np.maximum(np.floor(rows + part - late).astype(np.intp), 0), joint]
             out += law(command, position + part * ways[0], velocity + part * ways[1])
         return held(out[:, None] / len(WITHIN))[:, 0]
 
