@@ -40,9 +40,8 @@ def columns(metadata: Metadata, layout: Layout, source: str | None, path: Path) 
     """The column of the frames for each input, None for an optional one that the cell does not have.
 
     If ``source`` is given, its channels come first; any other source with one of those channels is then not used at
-    all, so
-    that inputs of two arms are never mixed. Raises ``ConfigError`` if the source is unknown or has no input, or several
-    sources have an input, ``ModelError`` if no source has an input, or its unit differs.
+    all, so that inputs of two arms are never mixed. Raises ``ConfigError`` if the source is unknown or has no input, or
+    several sources have an input, ``ModelError`` if no source has an input, or its unit differs.
     """
     usable = _usable(metadata, layout, source, path)
     found: list[int | None] = []

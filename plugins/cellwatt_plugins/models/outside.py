@@ -53,8 +53,7 @@ class RangeWatch:
 
     ``channels`` are the inputs, ``ranges`` (inputs, 2) their ranges in training, in their units. An alarm is cleared
     after ``patience`` consecutive frames within the range itself; frames without a value do not count. ``prefix``
-    starts
-    the alarms' ids, ``model`` names the model in their text. Frames may be split into blocks anywhere.
+    starts the alarms' ids, ``model`` names the model in their text. Frames may be split into blocks anywhere.
     """
 
     def __init__(

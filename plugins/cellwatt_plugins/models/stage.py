@@ -37,9 +37,8 @@ class ModelStage(Stage[ModelSettings]):
     """Gives a ``Prediction`` for each block of frames, and alarms ``model_outside_range``, one per input.
 
     A model with a ``delay`` predicts a frame when that number of later frames has come; its predictions carry the
-    sequence
-    and times of the frames that they are for. The prediction is NaN for a frame without a required input, or without a
-    complete window.
+    sequence and times of the frames that they are for. The prediction is NaN for a frame without a required input, or
+    without a complete window.
     """
 
     Settings = ModelSettings

@@ -258,8 +258,7 @@ def _in_octaves(
 
     Wiener's filter with the local power of each octave: a joint moves little at rest and much in a fast move. The last
     octave is not used and counts as doubt. ``base``: the values low-passed at the first octave, if that octave is used
-    as
-    it is. The power found in one octave bounds the power that may hide in the noise of the next.
+    as it is. The power found in one octave bounds the power that may hide in the noise of the next.
     """
     parts, squares, expected = ([np.zeros_like(values) for _ in range(3)] for _ in range(3))
     lower = np.zeros_like(values) if base is None else base

@@ -179,8 +179,8 @@ def gauss_newton(
     """Fit a nonlinear model: coefficients (k,) and the last linear fit, after at most ``rounds``.
 
     ``linearised`` gives the equations about coefficients x: slopes J (N, k) and the target y - f(x) + J x. The rounds
-    end
-    when a step is below ``settled`` standard deviations of the prior; ``within`` moves each result to possible values.
+    end when a step is below ``settled`` standard deviations of the prior; ``within`` moves each result to possible
+    values.
     """
     found = start
     for _ in range(rounds):
@@ -213,8 +213,7 @@ def variance_of(residual: Float, group: NDArray[np.intp], least: Float | float, 
     """Return the variance (N,) of each row for the next fit: the mean square of its group's ``residual`` (N,).
 
     ``group`` (N,) counts from 0. The variance is at least ``least``; groups of fewer than ``fewest`` rows get that of
-    all
-    rows. NaN residuals are ignored.
+    all rows. NaN residuals are ignored.
     """
     known = np.isfinite(residual)
     square = np.where(known, residual, 0.0) ** 2

@@ -114,10 +114,8 @@ def train_power(recordings: Places, *, robot: Place, meter: Places = (), seed: i
 
     ``recordings`` are tables with t (s), q_i (rad), qd_i (rad/s), current_i (A) and power (W), and move if a file holds
     several moves, or cellwatt's own; ``robot`` is robot.yaml, or its folder. ``meter`` are tables of power with their
-    own
-    clocks, one per recording. The same moves and ``seed`` give the same model. Raises ``RecordingError`` if a file
-    cannot
-    be used, ``ConfigError`` if the description lacks a required key.
+    own clocks, one per recording. The same moves and ``seed`` give the same model. Raises ``RecordingError`` if a file
+    cannot be used, ``ConfigError`` if the description lacks a required key.
     """
     arm = Arm.load(robot)
     recorded, metered = paths_of(recordings), paths_of(meter)

@@ -48,8 +48,7 @@ def grown(
     """Return the effects that lower the held-out error, the best first, and the remaining error in each fold.
 
     ``scores`` gives the mean square error (folds,) for each of several sets of effects, ``tried`` the effects worth a
-    trial
-    beside a set.
+    trial beside a set.
     """
     found: list[str] = []
     (now,) = scores([found])

@@ -32,8 +32,7 @@ def minimise(
     """Minimum of a ``function`` that returns its value and gradient.
 
     Ends if the gradient's norm is below ``tolerance``, after ``iterations``, or if ``watch`` (called with the iteration
-    and
-    the point after each step down) returns true. The numbers in comments are the steps of Møller's algorithm 1.
+    and the point after each step down) returns true. The numbers in comments are the steps of Møller's algorithm 1.
     """
     w = np.array(start, np.float64)
     value, gradient = function(w)

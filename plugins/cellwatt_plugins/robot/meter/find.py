@@ -109,10 +109,9 @@ def find(
     """The meter of all segments; None if their values are too few, constant, or do not follow the motion.
 
     Its values are modelled as means of a weighted sum of the kinds and a constant: window and delay minimise the
-    residual,
-    first on a grid between ``earliest`` and ``latest``, then by Gauss-Newton. Their standard deviations count the
-    residuals
-    within ``LIKE`` s as one draw. ``usual`` is the declared window in s; if left out, the interval between values.
+    residual, first on a grid between ``earliest`` and ``latest``, then by Gauss-Newton. Their standard deviations count
+    the residuals within ``LIKE`` s as one draw. ``usual`` is the declared window in s; if left out, the interval
+    between values.
     """
     shown, sums = _Shown.of(readings), _Sums.of(courses)
     # Beyond a segment its end values are held: recordings begin and end at rest, and short ones would lose too much.
@@ -130,8 +129,7 @@ def find(
     usual = usual or shown.interval
     # The wider a window, the less noise of torques and velocities remains in its mean: least squares would find windows
     # too wide. So each half of the rows is fitted with the other half, smoothed, as its instruments: the errors of the
-    # two
-    # halves are independent.
+    # two halves are independent.
     halves = [_Sums.of([Course(c.time[i::2], c.kinds[i::2]) for c in courses]) for i in (0, 1)]
     return _refined(shown, halves, window, float(late), usual, unexplained)
 

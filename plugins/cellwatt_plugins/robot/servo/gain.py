@@ -23,8 +23,7 @@ class DriveGain(Effect):
     """The drive's torque is (1 + gain) · stiffness · error, so that the error and the motion imply different torques.
 
     The motion shows the torque that moves the arm without the noise of the error: the law's torque is that torque, plus
-    a
-    share of the position loop's. The share is 1 / (1 + gain) - 1.
+    a share of the position loop's. The share is 1 / (1 + gain) - 1.
     """
 
     name = "drive_gain"

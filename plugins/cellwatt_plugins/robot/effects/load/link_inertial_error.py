@@ -49,8 +49,7 @@ class LinkInertialError(Effect):
         """Typical errors of a link: all of it scaled, its centre of mass moved, its inertia scaled; little else.
 
         Ten independent parameters could also stand for the link before or after: the moments of an added mass at this
-        link's
-        centre must come with that mass.
+        link's centre must come with that mass.
         """
         own = runs[0].arm.body.parameters()[10 * (joint or 0) :][:10]
         mass = max(float(own[0]), 0.1)
