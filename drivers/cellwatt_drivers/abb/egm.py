@@ -11,7 +11,7 @@ from cellwatt.account import Account
 from cellwatt.errors import ConnectError, why
 from cellwatt.receipt import receive
 from cellwatt_drivers.abb.wire import LARGEST
-from cellwatt_drivers.shared.datagrams import datagram_socket
+from cellwatt_drivers.shared.datagrams import addresses, datagram_socket
 
 _BUFFER = 1 << 20  # bytes; some seconds of packets while this process is delayed
 _MOST = 64  # datagrams read at once
@@ -27,11 +27,7 @@ async def listening(host: str, bind: str, port: int, account: Account, take: Tak
     Raises ``ConnectError`` if the port is in use or the host's name is unknown.
     """
     loop = asyncio.get_running_loop()
-    try:
-        found = await loop.getaddrinfo(host, None, family=socket.AF_INET, type=socket.SOCK_DGRAM)
-    except OSError as error:
-        raise ConnectError(f"the name {host!r} is not known: {why(error)}; write the IP address") from error
-    senders = {str(entry[4][0]) for entry in found}
+    senders = {str(entry[4][0]) for entry in await addresses(host, family=socket.AF_INET)}
     with datagram_socket(socket.AF_INET) as opened:
         opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
         try:
