@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-import os
-import termios
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
-from weakref import WeakValueDictionary
 
 from cellwatt.errors import ConnectError
-from cellwatt_drivers.shared.modbus import Modbus, Numbering, connect, tcp_client
+from cellwatt_drivers.shared.modbus import Modbus, Numbering, connect, refusing_invalid, tcp_client
 from cellwatt_drivers.shared.polling import NoAnswerError
+from cellwatt_drivers.shared.serial_port import open_port
 
 if TYPE_CHECKING:
     from cellwatt_drivers.shared.modbus import Client
@@ -51,64 +49,66 @@ Place = TcpPlace | SerialPlace
 
 
 class Bus(Modbus):
-    """An open line. The holder of ``turn`` uses it alone; it rests ``settle`` s after a request without an answer."""
+    """A line that opens itself for a request; the holder of ``turn`` uses it alone.
 
-    def __init__(self, client: Client, place: Place, numbering: Numbering, settle: float) -> None:
-        super().__init__(client, str(place), numbering)
+    Meters and gateways close connections that rest between two polls: the request opens the line again, also if
+    the closing shows only then.
+    """
+
+    def __init__(self, place: Place, timeout: float) -> None:
+        numbering = Numbering()
+        numbered = isinstance(place, TcpPlace) and place.framing == "tcp"
+        super().__init__(_client(place, timeout, numbering if numbered else None), str(place), numbering)
         self.turn = asyncio.Lock()
         self.users = 0
-        self._client = client
-        self._settle = settle
+        self._where = place
+        self._timeout = timeout
+        # Answers on RTU carry no number: a late answer must not be mistaken for that of the next request.
+        self._settle = 0.0 if numbered else timeout
 
     async def _exchange(self, ask: Callable[[], Awaitable[Any]], unit: int) -> Any:
+        rested = self.alive
+        if not rested:
+            await self._open()
         try:
             return await super()._exchange(ask, unit)
         except NoAnswerError:
             await asyncio.sleep(self._settle)
             raise
+        except ConnectError:
+            if not rested:
+                raise
+            await self._open()
+            return await super()._exchange(ask, unit)
+
+    async def _open(self) -> None:
+        """Open the line. Raises ``ConnectError`` that says what to check."""
+        await connect(self._client, self._timeout, lambda: _unreachable(self._where, self._timeout))
 
     def close(self) -> None:
         """Close the line."""
         self._client.close()
 
 
-_OPEN: dict[tuple[asyncio.AbstractEventLoop, Place], Bus] = {}
-_OPENING: WeakValueDictionary[tuple[asyncio.AbstractEventLoop, Place], asyncio.Lock] = WeakValueDictionary()
-"""Each lock exists as long as the line has a user, or someone waits for it."""
+_LINES: dict[tuple[asyncio.AbstractEventLoop, Place], Bus] = {}
+"""The lines in use."""
 
 
 @asynccontextmanager
-async def open_bus(place: Place, timeout: float) -> AsyncIterator[Bus]:
-    """Use the line at a place; open it first if it is not open. Raises ``ConnectError`` that says what to check."""
+async def line(place: Place, timeout: float) -> AsyncIterator[Bus]:
+    """Use the line at a place, which all its users share."""
     key = (asyncio.get_running_loop(), place)
-    opening = _OPENING.setdefault(key, asyncio.Lock())
-    async with opening:
-        bus = _OPEN.get(key)
-        if bus is None or not bus.alive:
-            bus = _OPEN[key] = await _connect(place, timeout)
-        bus.users += 1
+    if key not in _LINES:
+        _LINES[key] = Bus(place, timeout)
+    bus = _LINES[key]
+    bus.users += 1
     try:
         yield bus
     finally:
         bus.users -= 1
         if not bus.users:
             bus.close()
-            if _OPEN.get(key) is bus:
-                del _OPEN[key]
-
-
-async def _connect(place: Place, timeout: float) -> Bus:
-    numbering = Numbering()
-    numbered = isinstance(place, TcpPlace) and place.framing == "tcp"
-    client = _client(place, timeout, numbering if numbered else None)
-    try:
-        await connect(client, timeout, lambda: _unreachable(place, timeout))
-    except ConnectError:
-        raise
-    except (OSError, ValueError, termios.error) as error:
-        raise ConnectError(f"{place} cannot be opened: {error}") from error
-    # Answers on RTU carry no number: a late answer must not be mistaken for that of the next request.
-    return Bus(client, place, numbering, 0.0 if numbered else timeout)
+            del _LINES[key]
 
 
 def _client(place: Place, timeout: float, numbering: Numbering | None) -> Client:
@@ -116,14 +116,16 @@ def _client(place: Place, timeout: float, numbering: Numbering | None) -> Client
         return tcp_client(place.host, place.port, timeout, numbering)
     from pymodbus.client import AsyncModbusSerialClient
 
-    return AsyncModbusSerialClient(
-        place.path,
-        baudrate=place.baud,
-        parity=place.parity[0].upper(),
-        stopbits=place.stop_bits,
-        timeout=timeout,
-        retries=0,
-        reconnect_delay=0,
+    return refusing_invalid(
+        AsyncModbusSerialClient(
+            place.path,
+            baudrate=place.baud,
+            parity=place.parity[0].upper(),
+            stopbits=place.stop_bits,
+            timeout=timeout,
+            retries=0,
+            reconnect_delay=0,
+        )
     )
 
 
@@ -133,8 +135,8 @@ def _unreachable(place: Place, timeout: float) -> str:
             f"{place} cannot be opened within {timeout:g} s; check the address and the cable, that Modbus TCP is "
             "switched on at the meter, and that no other client holds its last connection"
         )
-    if not os.path.exists(place.path):  # noqa: PTH110  # a path as given, not as Path would write it
-        return f"{place.path}: no such port"
-    if not os.access(place.path, os.R_OK | os.W_OK):
-        return f"{place.path}: permission denied; add the user to the port's group, usually dialout"
-    return f"{place.path} cannot be opened; is it a serial port, and not in use by another program?"
+    try:
+        open_port(place.path, place.baud).close()  # pymodbus does not say why
+    except ConnectError as error:
+        return str(error)
+    return f"{place} cannot be opened with these settings"

@@ -85,7 +85,8 @@ def _quantity(meter: MeterMap, name: str) -> str:
 async def wrong(bus: Bus, unit: int, meter: MeterMap, reason: str) -> WrongDeviceError:
     """Return the error with the expected meter, the contradiction, and the probable model."""
     like = await _like(bus, unit, meter)
-    hint = f"it answers like {' or '.join(like)}" if like else "check meter, map, unit and word order"
+    advice = "check meter, map (addresses count from 0), unit and word order"
+    hint = f"it answers like {' or '.join(like)}" if like else advice
     return WrongDeviceError(f"unit {unit} at {bus.place} is not a {meter.model}: {reason}; {hint}")
 
 

@@ -10,7 +10,7 @@ from typing import Literal
 from cellwatt.errors import ProtocolError
 
 RegisterType = Literal["int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"]
-WordOrder = Literal["big", "little"]
+WordOrder = Literal["big", "little", "badc", "dcba"]
 
 LONGEST = 125
 """Most registers in one request (Modbus Application Protocol V1.1b3, 6.3 and 6.4)."""
@@ -42,7 +42,7 @@ class Slot:
 
 @dataclass(frozen=True)
 class Block:
-    """Slots that one request reads; ``order`` is the word order within a value."""
+    """Slots that one request reads; ``order`` is the order of words within a value, and of bytes within a word."""
 
     slots: tuple[Slot, ...]
     order: WordOrder
@@ -58,13 +58,13 @@ class Block:
         words: list[int] = []
         for slot in self.slots:
             own = range(slot.address - start, slot.end - start)
-            words += own if self.order == "big" else reversed(own)
+            words += own if self.order in ("big", "badc") else reversed(own)
         made = {
             "address": start,
             "count": max(s.end for s in self.slots) - start,
             "columns": tuple(s.column for s in self.slots),
             "_words": tuple(words),
-            "_packed": struct.Struct(f">{len(words)}H"),
+            "_packed": struct.Struct(f"{'>' if self.order in ('big', 'little') else '<'}{len(words)}H"),
             "_values": struct.Struct(">" + "".join(_FORMAT[s.kind] for s in self.slots)),
         }
         for name, value in made.items():

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import socket
+import termios
 from collections.abc import Awaitable, Callable
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
-from cellwatt.errors import ConnectError, DeviceError, ProtocolError, SourceError
+from cellwatt.errors import ConnectError, DeviceError, ProtocolError, SourceError, why
 from cellwatt_drivers.shared.aside import obey_cancellation
 from cellwatt_drivers.shared.polling import NoAnswerError
 
@@ -17,9 +19,12 @@ if TYPE_CHECKING:
 
     Client = AsyncModbusTcpClient | AsyncModbusSerialClient
 
+C = TypeVar("C", bound="Client")
 Function = Literal["input", "holding"]
 
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE = 1, 2, 3
+LATER = frozenset({5, 6, 11})
+"""Exceptions after which the same request may succeed: it needs time, it is busy, the gateway got no answer."""
 _HEADER = 6
 """Bytes of a frame's header up to and including the length."""
 _WORDS = {
@@ -48,38 +53,53 @@ class OtherNumberError(NoAnswerError):
     reason = "other transaction number"
 
 
+class OtherUnitError(OtherNumberError):
+    """An answer to the request that names another unit than the requested one."""
+
+    reason = "other unit"
+
+
 class Numbering:
-    """Transaction numbers of Modbus TCP, which pymodbus ignores if wrong; ``trace`` is its ``trace_packet``."""
+    """Numbers of Modbus TCP, whose answers pymodbus ignores if wrong; ``trace`` is its ``trace_packet``."""
 
     def __init__(self) -> None:
         self._unanswered: set[int] = set()
-        self._asked = 0
-        self.strange: int | None = None
-        """Transaction number of an answer since the last request that no pending request has; None without one."""
+        self._asked = self._unit = 0
+        self._ignored: tuple[type[NoAnswerError], str] | None = None
+        """Error and text for an answer since the last request that is not its answer."""
 
     def trace(self, sending: bool, data: bytes) -> bytes:
-        """Record the numbers of sent or received frames; return the frames unchanged."""
+        """Record the numbers of sent or received frames; return the frames.
+
+        A gateway may refuse a request in its own name: its exceptions are returned as those of the requested unit.
+        """
         if sending:
-            self._asked, self.strange = int.from_bytes(data[:2], "big"), None
+            self._asked, self._unit, self._ignored = int.from_bytes(data[:2], "big"), data[_HEADER], None
             self._unanswered.add(self._asked)
             return data
-        rest = data
-        while len(rest) >= _HEADER and len(rest) >= (end := _HEADER + int.from_bytes(rest[4:6], "big")):
-            number, rest = int.from_bytes(rest[:2], "big"), rest[end:]
+        frames, start = bytearray(data), 0
+        while (rest := frames[start:]) and len(rest) >= (end := _HEADER + int.from_bytes(rest[4:6], "big")) > _HEADER:
+            number, unit = int.from_bytes(rest[:2], "big"), rest[_HEADER]
             if number and number not in self._unanswered:  # pymodbus accepts 0 as the number of any request
-                self.strange = number
+                text = f"answers with another transaction number ({number}, asked with {self._asked}): "
+                more = "is the gateway faulty, or does it mix up the answers of two clients?"
+                self._ignored = OtherNumberError, text + more
+            elif number not in (0, self._asked):
+                self._ignored = NoAnswerError, "answers too late: write a longer timeout"
+            elif unit != self._unit and rest[_HEADER + 1 : end] >= b"\x80":
+                frames[start + _HEADER] = self._unit
+            elif unit != self._unit:
+                self._ignored = OtherUnitError, f"answers as unit {unit}: write unit: {unit}"
             self._unanswered.discard(number or self._asked)
-        return data
+            start += end
+        return bytes(frames)
 
     def of(self, unanswered: NoAnswerError) -> NoAnswerError:
         """Return the error that explains why the last request has no answer."""
-        if self.strange is None:
+        if self._ignored is None:
             return unanswered
-        where = str(unanswered).removesuffix(" gave no answer")
-        return OtherNumberError(
-            f"{where} answers with another transaction number ({self.strange}, asked with {self._asked}): "
-            "is the gateway faulty, or does it mix up the answers of two clients?"
-        )
+        kind, text = self._ignored
+        return kind(f"{str(unanswered).removesuffix('gave no answer')}{text}")
 
 
 class Modbus:
@@ -135,12 +155,32 @@ class Modbus:
 
         text = str(error)
         if isinstance(error, ConnectionException) or not self.alive:
-            # pymodbus closes the connection after a few unanswered requests
-            reason = "no answer any more" if "No response" in text else "the connection is gone"
+            # pymodbus itself closes the connection after a few unanswered requests
+            closed = "it closed the connection in place of an answer; does another client use it?"
+            reason = "no answer any more" if "CLOSING" in text else closed
             return ConnectError(f"unit {unit} at {self.place}: {reason}")
         if isinstance(error, ModbusIOException) and ("received" not in text or "No response" in text):
             return self._numbering.of(NoAnswerError(f"unit {unit} at {self.place} gave no answer"))
         return ProtocolError(f"{self.place}: the answer does not match the request: {text}")
+
+
+def refusing_invalid(client: C) -> C:
+    """Let an invalid frame fail the request: pymodbus would close the connection, and asyncio print a traceback."""
+    from pymodbus.exceptions import ModbusIOException
+
+    exchanges: Any = client.ctx
+    take = exchanges.callback_data
+
+    def taken(data: bytes, addr: Any = None) -> int:
+        try:
+            return int(take(data, addr))
+        except ModbusIOException:
+            if not exchanges.response_future.done():
+                exchanges.response_future.set_exception(ModbusIOException(f"received {data[:16].hex(' ')}"))
+            return len(data)
+
+    exchanges.callback_data = taken
+    return client
 
 
 def tcp_client(host: str, port: int, timeout: float, numbering: Numbering | None) -> AsyncModbusTcpClient:
@@ -149,22 +189,23 @@ def tcp_client(host: str, port: int, timeout: float, numbering: Numbering | None
     from pymodbus.client import AsyncModbusTcpClient
 
     framer, trace = (FramerType.SOCKET, numbering.trace) if numbering else (FramerType.RTU, None)
-    return AsyncModbusTcpClient(
-        host, port=port, framer=framer, timeout=timeout, retries=0, reconnect_delay=0, trace_packet=trace
+    return refusing_invalid(
+        AsyncModbusTcpClient(
+            host, port=port, framer=framer, timeout=timeout, retries=0, reconnect_delay=0, trace_packet=trace
+        )
     )
 
 
 async def connect(client: Client, timeout: float, unreachable: Callable[[], str]) -> None:
     """Connect a client; close it on failure.
 
-    Raises ``ConnectError`` with the text of ``unreachable`` if it does not connect within ``timeout`` s; other
-    exceptions of the system pass through.
+    Raises ``ConnectError`` with the text of ``unreachable`` if it does not connect within ``timeout`` s.
     """
     logging.getLogger("pymodbus").setLevel(logging.CRITICAL)  # it logs errors raised here, and each invalid frame
     try:
         async with asyncio.timeout(timeout):
             opened = await client.connect()
-    except TimeoutError:
+    except (TimeoutError, OSError, ValueError, termios.error):
         opened = False
     except BaseException:
         client.close()
@@ -172,4 +213,8 @@ async def connect(client: Client, timeout: float, unreachable: Callable[[], str]
     if not opened:
         client.close()
         obey_cancellation()
-        raise ConnectError(unreachable())
+        try:
+            socket.socket().close()  # pymodbus does not say that this PC has no socket left
+        except OSError as error:
+            raise ConnectError(f"no socket can be opened: {why(error)}") from error
+        raise ConnectError(await asyncio.to_thread(unreachable))

@@ -17,6 +17,8 @@ from cellwatt_drivers.modbus_meter.registers import LONGEST, Block, Slot, plan, 
         ((0x0003, 0x0002, 0x0001, 0x0000), "uint64", "little", 0x1_0002_0003),
         ((0x40C3, 0x8800, 0x0000, 0x0000), "float64", "big", 10000.0),
         ((0xFC18,), "int16", "little", -1000),
+        ((0x6643, 0x9A19), "float32", "badc", pytest.approx(230.10, abs=1e-5)),
+        ((0x9A19, 0x6643), "float32", "dcba", pytest.approx(230.10, abs=1e-5)),
     ],
 )
 def test_words_of_each_kind(words, kind, order, value):
