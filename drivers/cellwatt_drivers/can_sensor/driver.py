@@ -10,13 +10,13 @@ from pydantic import Field, FilePath, field_validator, model_validator
 
 from cellwatt.channel import Stream
 from cellwatt.driver import Driver, Identity, Inlet, SourceSettings
-from cellwatt.errors import ConfigError, ConnectError, SourceError, WrongDeviceError
+from cellwatt.errors import ConnectError, SourceError, WrongDeviceError
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt_drivers.can_sensor.bus_errors import BusState, decode_error
 from cellwatt_drivers.can_sensor.intake import Intake
 from cellwatt_drivers.can_sensor.listening import BusPlace, Interface, Listening, open_listening
-from cellwatt_drivers.can_sensor.sensor_map import SensorMap, SensorName, load_decodings
-from cellwatt_drivers.shared.choice import Chosen
+from cellwatt_drivers.can_sensor.sensor_map import ANY_SOURCE, SensorName, group_of, load_decodings
+from cellwatt_drivers.shared.choice import Chosen, among
 from cellwatt_drivers.shared.requirements import require
 
 if TYPE_CHECKING:
@@ -44,6 +44,8 @@ class CanSensorSettings(SourceSettings):
     """Bit rate, bit/s, to set at an slcan adapter; omitted: unchanged. SocketCAN's rate is set with ``ip link``."""
     listen_only: bool = False
     """Set an slcan adapter not to acknowledge frames; another node must then do so."""
+    source_address: int | None = Field(None, ge=0, le=253)
+    """J1939: address of the sensor; omitted: the DBC file's, or if that is 254 the first that sends."""
     settle: Seconds = Field(0.0, ge=0, le=10)
     """Pause after opening an slcan adapter; adapters that restart when opened need 2 s."""
     read: Chosen[str] | None = None
@@ -92,13 +94,19 @@ class CanSensorDriver(Driver[CanSensorSettings]):
         require(name, "driver can_sensor", _EXTRAS, "pip install 'cellwatt[can]'")
         self._map, decodings = load_decodings(settings.sensor, settings.map)
         self._intakes: list[Intake] = []
-        for stream in _chosen(self._map, settings):
+        known = self._map.streams
+        usual = tuple(n for n, s in known.items() if not s.optional) or None
+        among(tuple(settings.rates), known, f"the map of {self._map.model}", "rates")
+        for stream in among(settings.read or usual, known, f"the map of {self._map.model}"):
             rate = settings.rates.get(stream)
             period = 1 / rate if rate else self._map.streams[stream].cycle
             self._intakes.append(Intake(name, decodings[stream], period, inlet))
         self._by_frame: dict[tuple[int, bool], list[Intake]] = {}
+        self._is_j1939 = all(decodings[i.stream.name].is_j1939 for i in self._intakes)
+        self._source: int | None = None
+        """J1939: source address of the first node that sent, where settings and DBC file name none."""
         for intake in self._intakes:
-            self._by_frame.setdefault(intake.identifier, []).append(intake)
+            self._by_frame.setdefault(self._key(*intake.identifier), []).append(intake)
         self._state: BusState = "active"
         self._others: set[int] = set()
         self._errors = 0
@@ -119,6 +127,7 @@ class CanSensorDriver(Driver[CanSensorSettings]):
         """See ``Driver.run``."""
         for intake in self._intakes:
             intake.resume()
+        self._source = None
         async with self._open() as listening:
             connected = False
             loop = asyncio.get_running_loop()
@@ -154,7 +163,7 @@ class CanSensorDriver(Driver[CanSensorSettings]):
             for frame in await listening.frames(end - loop.time()):
                 if frame.is_error_frame:
                     self._errors += 1
-                elif (frame.arbitration_id, frame.is_extended_id) in self._by_frame:
+                elif self._of(frame):
                     return self._identity()
                 elif len(self._others) < _MOST_OTHERS:
                     self._others.add(frame.arbitration_id)
@@ -171,8 +180,8 @@ class CanSensorDriver(Driver[CanSensorSettings]):
             return False
         if self._state == "off":  # restarted while the bus was closed: a controller that is off receives no frame
             self._enter("active")
-        intakes = self._by_frame.get((frame.arbitration_id, frame.is_extended_id))
-        if intakes is None or frame.is_remote_frame:
+        intakes = self._of(frame)
+        if not intakes or frame.is_remote_frame:
             self.inlet.account.count("other frames")
             if len(self._others) < _MOST_OTHERS:
                 self._others.add(frame.arbitration_id)
@@ -180,6 +189,20 @@ class CanSensorDriver(Driver[CanSensorSettings]):
         for intake in intakes:
             intake.take(frame)
         return True
+
+    def _key(self, identifier: int, extended: bool) -> tuple[int, bool]:
+        return (group_of(identifier) if self._is_j1939 else identifier), extended
+
+    def _of(self, frame: Message) -> list[Intake]:
+        """Return the intakes of a frame. In J1939, other nodes may send the same messages: one node is the sensor."""
+        intakes = self._by_frame.get(self._key(frame.arbitration_id, frame.is_extended_id), [])
+        return [i for i in intakes if self._is_from(i, frame.arbitration_id & 0xFF)] if self._is_j1939 else intakes
+
+    def _is_from(self, intake: Intake, source: int) -> bool:
+        wanted, own = self.settings.source_address, intake.identifier[0] & 0xFF
+        if wanted is None and own == ANY_SOURCE:
+            self._source = wanted = source if self._source is None else self._source
+        return source == (own if wanted is None else wanted)
 
     def _note_error(self, frame: Message) -> None:
         error = decode_error(frame.arbitration_id, bytes(frame.data))
@@ -215,7 +238,7 @@ class CanSensorDriver(Driver[CanSensorSettings]):
             )
         if self._others:
             others = ", ".join(f"0x{i:X}" for i in sorted(self._others))
-            wanted = ", ".join(f"0x{identifier:X}" for identifier, _ in self._by_frame)
+            wanted = ", ".join(sorted({f"0x{intake.identifier[0]:X}" for intake in self._intakes}))
             return WrongDeviceError(f"{where} only frames {others}, none of the {self._map.model}'s ({wanted})")
         if self._errors:
             return ConnectError(f"{where} only {self._errors} error frames: wrong bit rate, or a wire is off?")
@@ -228,16 +251,3 @@ _STATES: dict[BusState, str] = {
     "passive": "the controller sees so many errors that it is error-passive",
     "off": "the controller is bus-off: it stays off the bus until it is restarted",
 }
-
-
-def _chosen(made: SensorMap, settings: CanSensorSettings) -> tuple[str, ...]:
-    """Streams to read. Raises ``ConfigError`` if the map lacks one."""
-    names = settings.read
-    if names is None:
-        names = tuple(n for n, s in made.streams.items() if not s.optional) or tuple(made.streams)
-    for key, wanted in (("read", names), ("rates", tuple(settings.rates))):
-        if unknown := [n for n in wanted if n not in made.streams]:
-            raise ConfigError(
-                f"{key}: the map of {made.model} has no stream {', '.join(unknown)}; it has: {', '.join(made.streams)}"
-            )
-    return names

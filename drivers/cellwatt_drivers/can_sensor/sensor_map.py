@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from copy import copy
@@ -23,6 +24,9 @@ from cellwatt_drivers.shared.maps import SCALED, ChannelName, MapPart
 
 if TYPE_CHECKING:
     from cantools.database.can import Message
+
+ANY_SOURCE = 0xFE
+"""Source address in a DBC file of J1939 whose messages any node may send."""
 
 SensorName = Literal["ivt_s"]
 """Packaged maps."""
@@ -110,6 +114,22 @@ class Decoding:
     """Values of each multiplexer at which a frame carries the signals."""
 
     @property
+    def is_j1939(self) -> bool:
+        """True for a message of J1939: by the DBC file, or by its source address, which only a placeholder has."""
+        message = self.message
+        return message.protocol == "j1939" or (message.is_extended_frame and message.frame_id & 0xFF == ANY_SOURCE)
+
+    @cached_property
+    def _absent(self) -> Mapping[str, float]:
+        """Smallest values, by signal, that mean "not available" or an error in J1939."""
+        found = {name: _signal(self.message, name) for name in self.wanted.signals if self.is_j1939}
+        return {
+            name: float(signal.raw_to_scaled(0xFB << signal.length - 8 if signal.length >= 8 else 2**signal.length - 1))
+            for name, signal in found.items()
+            if not signal.is_signed and not signal.conversion.is_float and signal.length > 1
+        }
+
+    @property
     def counts_to(self) -> int | None:
         """Number of values of the message's counter before it restarts."""
         return None if self.wanted.counter is None else 1 << _signal(self.message, self.wanted.counter).length
@@ -126,6 +146,7 @@ class Decoding:
         """Decode the signals, by name, in the DBC file's units.
 
         Signals of ``wanted.signals`` that lie beyond a short frame are left out; a frame with another page has none.
+        Values that are not available are NaN.
         Raises ``ValueError`` if the frame is too short for all of them, or for a flag, the counter or a multiplexer.
         """
         if self.pages:
@@ -138,16 +159,21 @@ class Decoding:
         wanted = self.wanted
         if not found.keys() & wanted.signals.keys() or not wanted.needed - wanted.signals.keys() <= found.keys():
             raise self._short(data)
-        return found
+        return found | {n: math.nan for n, least in self._absent.items() if found.get(n, math.nan) >= least}
 
     def _short(self, data: bytes) -> ValueError:
         return ValueError(f"{self.message.name}: a frame of {len(data)} bytes is too short for {self.name}")
 
 
-def _numbers(message: Message, data: bytes, *, scaling: bool = True) -> Mapping[str, float]:
+def _numbers(message: Message, data: bytes, *, scaling: bool = True) -> dict[str, float]:
     found: Any = message.decode(data, decode_choices=False, scaling=scaling, allow_truncated=True)
-    numbers: Mapping[str, float] = found
+    numbers: dict[str, float] = found
     return numbers
+
+
+def group_of(identifier: int) -> int:
+    """Parameter group of a J1939 identifier: without priority and source, and without destination if it has one."""
+    return identifier & (0x3FF_0000 if identifier >> 16 & 0xFF < 0xF0 else 0x3FF_FF00)
 
 
 def _without_pages(message: Message, names: Iterable[str]) -> Message:
