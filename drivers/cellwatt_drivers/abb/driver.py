@@ -55,6 +55,7 @@ class AbbDriver(Driver[AbbSettings]):
         self._greeted = False
         self._last_data = 0.0
         self._web_failure: SourceError | None = None
+        self._strangers: set[str] = set()
 
     @property
     def streams(self) -> tuple[Stream, ...]:
@@ -68,7 +69,8 @@ class AbbDriver(Driver[AbbSettings]):
                 return await self._controller.identify(web)
         s = self.settings
         come = asyncio.Event()
-        async with listening(s.host, s.bind, s.egm_port, self.inlet.account, lambda *_: come.set()):
+        port = listening(s.host, s.bind, s.egm_port, self.inlet.account, lambda *_: come.set())
+        async with port as self._strangers:
             try:
                 async with asyncio.timeout(s.timeout):
                     await come.wait()
@@ -102,7 +104,7 @@ class AbbDriver(Driver[AbbSettings]):
     async def _listen(self, intake: Intake) -> None:
         s = self.settings
         intake.opened()
-        async with listening(s.host, s.bind, s.egm_port, self.inlet.account, intake.take):
+        async with listening(s.host, s.bind, s.egm_port, self.inlet.account, intake.take) as self._strangers:
             await asyncio.get_running_loop().create_future()
 
     async def _ask(self, controller: Controller) -> None:
@@ -147,11 +149,15 @@ class AbbDriver(Driver[AbbSettings]):
         self.inlet.connected(identity)
 
     def _silence(self, seconds: float) -> ConnectError:
-        s = self.settings
-        return ConnectError(
-            f"no EGM packet from {s.host} at UDP port {s.egm_port} for {seconds:.1f} s; check that RAPID has run "
-            "EGMStreamStart, and the remote address, port and firewall of its UDPUC device"
+        s, others = self.settings, ", ".join(sorted(self._strangers))
+        advice = (
+            f"{others} sends to that port: is it this robot's address?"
+            if others
+            else (
+                "check that RAPID has run EGMStreamStart, and the remote address, port and firewall of its UDPUC device"
+            )
         )
+        return ConnectError(f"no EGM packet from {s.host} at UDP port {s.egm_port} for {seconds:.1f} s; {advice}")
 
 
 def _listened() -> Identity:

@@ -15,15 +15,17 @@ from cellwatt_drivers.shared.datagrams import addresses, datagram_socket
 
 _BUFFER = 1 << 20  # bytes; some seconds of packets while this process is delayed
 _MOST = 64  # datagrams read at once
+_MOST_STRANGERS = 4
 
 Take = Callable[[list[bytes], int], None]
 """Takes packets in order, and the time, ns, for which the last of them has waited in this PC."""
 
 
 @asynccontextmanager
-async def listening(host: str, bind: str, port: int, account: Account, take: Take) -> AsyncIterator[None]:
+async def listening(host: str, bind: str, port: int, account: Account, take: Take) -> AsyncIterator[set[str]]:
     """Pass packets that ``host`` sends to UDP ``bind``:``port`` to ``take``; other senders' count as ``strangers``.
 
+    Yields some addresses of the latter, as they come.
     Raises ``ConnectError`` if the port is in use or the host's name is unknown.
     """
     loop = asyncio.get_running_loop()
@@ -37,14 +39,15 @@ async def listening(host: str, bind: str, port: int, account: Account, take: Tak
                 f"UDP port {port} of {bind} cannot be opened for EGM: {why(error)}; another program, or another source "
                 "of this cell, may use it: give each robot its own egm_port"
             ) from error
-        loop.add_reader(opened, _receive, opened, senders, account, take)
+        strangers: set[str] = set()
+        loop.add_reader(opened, _receive, opened, senders, strangers, account, take)
         try:
-            yield
+            yield strangers
         finally:
             loop.remove_reader(opened)
 
 
-def _receive(opened: socket.socket, senders: set[str], account: Account, take: Take) -> None:
+def _receive(opened: socket.socket, senders: set[str], strangers: set[str], account: Account, take: Take) -> None:
     datagrams: list[bytes] = []
     waited = 0
     for _ in range(_MOST):
@@ -60,5 +63,7 @@ def _receive(opened: socket.socket, senders: set[str], account: Account, take: T
             waited = age
         else:
             account.anomaly("strangers")
+            if len(strangers) < _MOST_STRANGERS:
+                strangers.add(sender[0])
     if datagrams:
         take(datagrams, waited)

@@ -18,8 +18,9 @@ from cellwatt.channel import Channel
 from cellwatt.config import read_settings
 from cellwatt.config.wording import did_you_mean
 from cellwatt.errors import ConfigError
-from cellwatt.files import WRITTEN, check_file
+from cellwatt.files import read_bytes
 from cellwatt.quantity import Seconds
+from cellwatt.tables.encoding import text_of
 from cellwatt_drivers.shared.maps import SCALED, ChannelName, MapPart
 
 if TYPE_CHECKING:
@@ -215,9 +216,9 @@ def _decodings(made: SensorMap) -> dict[str, Decoding]:
     from cantools.database.errors import Error
 
     try:
-        check_file(made.dbc, WRITTEN)
-        database: Any = cantools.database.load_file(made.dbc, database_format="dbc", strict=False)
-    except (OSError, UnicodeDecodeError, Error) as error:
+        text = text_of(read_bytes(made.dbc))
+        database: Any = cantools.database.load_string(text, database_format="dbc", strict=False)
+    except (OSError, ValueError, Error) as error:
         raise ConfigError(f"{made.dbc}: cannot be read as a DBC file: {error}") from error
     messages = {m.name: m for m in database.messages}
     found = {}

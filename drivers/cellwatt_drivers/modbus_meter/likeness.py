@@ -5,11 +5,10 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import Mapping, Sequence
-from functools import cache
 
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError, WrongDeviceError
 from cellwatt_drivers.modbus_meter.bus import Bus
-from cellwatt_drivers.modbus_meter.meter_map import METERS, MeterMap, MeterName, packaged_map
+from cellwatt_drivers.modbus_meter.meter_map import METERS, MeterMap, packaged_map
 from cellwatt_drivers.modbus_meter.reader import Reader
 from cellwatt_drivers.shared.modbus import ILLEGAL_FUNCTION, RefusedError
 
@@ -93,7 +92,8 @@ async def wrong(bus: Bus, unit: int, meter: MeterMap, reason: str) -> WrongDevic
 async def _like(bus: Bus, unit: int, but: MeterMap) -> list[str]:
     """Return the packaged maps for which voltages, frequency and power factors are all present and plausible."""
     fitting = []
-    for name, meter in (await asyncio.to_thread(_packaged)).items():
+    for name in METERS:
+        meter = await asyncio.to_thread(packaged_map, name)
         if meter == but:
             continue
         try:
@@ -106,11 +106,6 @@ async def _like(bus: Bus, unit: int, but: MeterMap) -> list[str]:
         except (DeviceError, ProtocolError):  # this map does not fit; the meter is wrong in any case
             continue
     return fitting
-
-
-@cache
-def _packaged() -> dict[MeterName, MeterMap]:
-    return {name: packaged_map(name) for name in METERS}
 
 
 async def _numbers(bus: Bus, unit: int, meter: MeterMap, names: Sequence[str]) -> dict[str, float]:

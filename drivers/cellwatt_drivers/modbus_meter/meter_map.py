@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Literal, get_args
@@ -177,6 +178,7 @@ def chosen_map(name: MeterName | None, path: Path | None) -> MeterMap:
     return packaged_map(name)
 
 
+@cache
 def packaged_map(name: MeterName) -> MeterMap:
     """Read one of ``METERS``."""
     with as_file(files(__package__) / "meters" / f"{name}.yaml") as path:

@@ -69,7 +69,7 @@ class Reader:
                 pending.extendleft(reversed(self._apart(block, error)))
                 continue
             blocks.append(block)
-            row[list(block.columns)] = numbers
+            row[block.columns] = numbers
         if not blocks:
             raise WrongDeviceError(
                 f"unit {self._unit} at {bus.place} has none of the registers of a {self._meter.model}"
