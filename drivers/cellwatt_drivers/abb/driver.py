@@ -149,15 +149,14 @@ class AbbDriver(Driver[AbbSettings]):
         self.inlet.connected(identity)
 
     def _silence(self, seconds: float) -> ConnectError:
-        s, others = self.settings, ", ".join(sorted(self._strangers))
-        advice = (
-            f"{others} sends to that port: is it this robot's address?"
-            if others
-            else (
-                "check that RAPID has run EGMStreamStart, and the remote address, port and firewall of its UDPUC device"
-            )
+        s = self.settings
+        what = f"no EGM packet from {s.host} at UDP port {s.egm_port} for {seconds:.1f} s"
+        if others := ", ".join(sorted(self._strangers)):
+            return ConnectError(f"{what}; {others} sends to that port: is it this robot's address?")
+        return ConnectError(
+            f"{what}; check that RAPID has run EGMStreamStart, and the remote address, port and firewall of its UDPUC "
+            "device"
         )
-        return ConnectError(f"no EGM packet from {s.host} at UDP port {s.egm_port} for {seconds:.1f} s; {advice}")
 
 
 def _listened() -> Identity:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import AsyncIterator
 from contextlib import AbstractAsyncContextManager
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -121,7 +122,9 @@ class CanSensorDriver(Driver[CanSensorSettings]):
     async def identify(self) -> Identity:
         """Identity of the map's sensor, after one of its frames was received. Raises ``SourceError``."""
         async with self._open() as listening:
-            return await self._first(listening)
+            async for _ in self._heard(listening):
+                break
+        return self._identity()
 
     async def run(self) -> None:
         """See ``Driver.run``."""
@@ -130,20 +133,14 @@ class CanSensorDriver(Driver[CanSensorSettings]):
         self._source = None
         async with self._open() as listening:
             connected = False
-            loop = asyncio.get_running_loop()
-            last_frame = loop.time()
-            self._others, self._errors, self._dropped, self._malformed = set(), 0, 0, 0
             try:
-                while True:
-                    frames = await listening.frames(max(0.0, last_frame + self.settings.silence - loop.time()))
-                    if sum(self._take(frame) for frame in frames):
-                        last_frame = loop.time()
-                        if not connected:
-                            connected = True
-                            self.inlet.connected(self._identity())
+                async for own in self._heard(listening):
+                    for intake, frame in own:
+                        intake.take(frame)
+                    if not connected:
+                        connected = True
+                        self.inlet.connected(self._identity())
                     self._hand_over(listening)
-                    if loop.time() - last_frame >= self.settings.silence:
-                        raise self._verdict(listening.place)
             finally:
                 self._hand_over(listening)
 
@@ -155,40 +152,35 @@ class CanSensorDriver(Driver[CanSensorSettings]):
             options |= {} if s.bitrate is None else {"bitrate": s.bitrate}
         return open_listening(BusPlace(s.interface, s.channel, options))
 
-    async def _first(self, listening: Listening) -> Identity:
+    async def _heard(self, listening: Listening) -> AsyncIterator[list[tuple[Intake, Message]]]:
+        """Yield the sensor's frames, with their intakes. Raises ``SourceError`` after a ``silence`` without one."""
+        self._others, self._errors, self._dropped, self._malformed = set(), 0, 0, 0
         loop = asyncio.get_running_loop()
-        end = loop.time() + self.settings.silence
-        self._others, self._errors = set(), 0
-        while loop.time() < end:
-            for frame in await listening.frames(end - loop.time()):
-                if frame.is_error_frame:
-                    self._errors += 1
-                elif self._of(frame):
-                    return self._identity()
-                elif len(self._others) < _MOST_OTHERS:
-                    self._others.add(frame.arbitration_id)
+        last_frame = loop.time()
+        while (left := last_frame + self.settings.silence - loop.time()) > 0:
+            frames = await listening.frames(left)
+            if own := [(intake, frame) for frame in frames for intake in self._intakes_of(frame)]:
+                last_frame = loop.time()
+                yield own
         raise self._verdict(listening.place)
 
     def _identity(self) -> Identity:
         messages = ", ".join(f"{i.stream.name} 0x{i.identifier[0]:X}" for i in self._intakes)
         return Identity(self._map.maker, self._map.model, notes={"messages": messages, "map": self._map.source})
 
-    def _take(self, frame: Message) -> bool:
-        """Handle a frame; true if it is one of the sensor's."""
+    def _intakes_of(self, frame: Message) -> list[Intake]:
+        """Return the intakes of a frame; note errors and frames of others."""
         if frame.is_error_frame:
             self._note_error(frame)
-            return False
+            return []
         if self._state == "off":  # restarted while the bus was closed: a controller that is off receives no frame
             self._enter("active")
-        intakes = self._of(frame)
-        if not intakes or frame.is_remote_frame:
+        intakes = [] if frame.is_remote_frame else self._of(frame)
+        if not intakes:
             self.inlet.account.count("other frames")
             if len(self._others) < _MOST_OTHERS:
                 self._others.add(frame.arbitration_id)
-            return False
-        for intake in intakes:
-            intake.take(frame)
-        return True
+        return intakes
 
     def _key(self, identifier: int, extended: bool) -> tuple[int, bool]:
         return (group_of(identifier) if self._is_j1939 else identifier), extended

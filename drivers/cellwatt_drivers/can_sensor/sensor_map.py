@@ -8,7 +8,6 @@ from collections.abc import Iterable, Mapping
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from importlib.resources import as_file, files
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -203,12 +202,8 @@ def load_map(path: Path) -> SensorMap:
 
 def load_decodings(sensor: SensorName | None, path: Path | None) -> tuple[SensorMap, dict[str, Decoding]]:
     """Read the packaged map, or the one at ``path``, with its DBC file. Raises ``ConfigError``."""
-    if path is not None:
-        made = load_map(path)
-        return made, _decodings(made)
-    with as_file(files(__package__) / "sensors") as folder:
-        made = load_map(folder / f"{sensor}.yaml")
-        return made, _decodings(made)
+    made = load_map(path or Path(__file__).parent / "sensors" / f"{sensor}.yaml")
+    return made, _decodings(made)
 
 
 def _decodings(made: SensorMap) -> dict[str, Decoding]:

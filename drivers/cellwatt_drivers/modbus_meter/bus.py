@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 from cellwatt.errors import ConnectError
-from cellwatt_drivers.shared.modbus import Modbus, Numbering, connect, refusing_invalid, tcp_client
+from cellwatt_drivers.shared.modbus import Checksums, Modbus, Numbering, connect, tcp_client
 from cellwatt_drivers.shared.polling import NoAnswerError
 from cellwatt_drivers.shared.serial_port import open_port
 
@@ -56,9 +56,9 @@ class Bus(Modbus):
     """
 
     def __init__(self, place: Place, timeout: float) -> None:
-        numbering = Numbering()
         numbered = isinstance(place, TcpPlace) and place.framing == "tcp"
-        super().__init__(_client(place, timeout, numbering if numbered else None), str(place), numbering)
+        numbering = Numbering() if numbered else Checksums()
+        super().__init__(_client(place, timeout, numbering), str(place), numbering)
         self.turn = asyncio.Lock()
         self.users = 0
         self._where = place
@@ -111,21 +111,20 @@ async def line(place: Place, timeout: float) -> AsyncIterator[Bus]:
             del _LINES[key]
 
 
-def _client(place: Place, timeout: float, numbering: Numbering | None) -> Client:
+def _client(place: Place, timeout: float, numbering: Numbering) -> Client:
     if isinstance(place, TcpPlace):
         return tcp_client(place.host, place.port, timeout, numbering)
     from pymodbus.client import AsyncModbusSerialClient
 
-    return refusing_invalid(
-        AsyncModbusSerialClient(
-            place.path,
-            baudrate=place.baud,
-            parity=place.parity[0].upper(),
-            stopbits=place.stop_bits,
-            timeout=timeout,
-            retries=0,
-            reconnect_delay=0,
-        )
+    return AsyncModbusSerialClient(
+        place.path,
+        baudrate=place.baud,
+        parity=place.parity[0].upper(),
+        stopbits=place.stop_bits,
+        timeout=timeout,
+        retries=0,
+        reconnect_delay=0,
+        trace_packet=numbering.trace,
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cache
-from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -172,14 +171,10 @@ def load_map(path: Path) -> MeterMap:
 
 def chosen_map(name: MeterName | None, path: Path | None) -> MeterMap:
     """Read the map at ``path``, or else the packaged one."""
-    if path is not None:
-        return load_map(path)
-    assert name is not None
-    return packaged_map(name)
+    return packaged_map(name) if path is None else load_map(path)
 
 
 @cache
-def packaged_map(name: MeterName) -> MeterMap:
+def packaged_map(name: MeterName | None) -> MeterMap:
     """Read one of ``METERS``."""
-    with as_file(files(__package__) / "meters" / f"{name}.yaml") as path:
-        return load_map(path)
+    return load_map(Path(__file__).parent / "meters" / f"{name}.yaml")

@@ -80,8 +80,8 @@ class Reader:
                 row[column] = np.nan
         powers = row[self._powers]
         powers[abs(powers) > _LARGEST_POWER] = np.nan
-        numbers: NDArray[np.float64] = row[: len(self.names)] * 10.0**powers
-        return numbers
+        found: NDArray[np.float64] = row[: len(self.names)] * 10.0**powers
+        return found
 
     def _apart(self, block: Block, error: RefusedError) -> tuple[Block, ...]:
         """Return the blocks that replace a refused one."""

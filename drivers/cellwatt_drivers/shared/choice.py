@@ -36,7 +36,7 @@ def among(wanted: tuple[str, ...] | None, known: Collection[str], owner: str, ke
     names = tuple(known) if wanted is None else wanted
     if unknown := [name for name in names if name not in known]:
         hint = did_you_mean(unknown[0], known)
-        raise ConfigError(f"{key}: {owner} has no {', '.join(unknown)}{hint}; it has: {', '.join(known)}")
+        raise ConfigError(f"{key}: {owner} has no {', '.join(unknown)}{hint} (it has: {', '.join(known)})")
     return names
 
 

@@ -7,7 +7,7 @@ import logging
 import socket
 import termios
 from collections.abc import Awaitable, Callable
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal
 
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError, SourceError, why
 from cellwatt_drivers.shared.aside import obey_cancellation
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
     Client = AsyncModbusTcpClient | AsyncModbusSerialClient
 
-C = TypeVar("C", bound="Client")
 Function = Literal["input", "holding"]
 
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE = 1, 2, 3
@@ -102,6 +101,31 @@ class Numbering:
         return kind(f"{str(unanswered).removesuffix('gave no answer')}{text}")
 
 
+class Checksums(Numbering):
+    """Answers on RTU, which have no number: found by their checksum among noise and echoes of the request."""
+
+    _request = b""
+
+    def trace(self, sending: bool, data: bytes) -> bytes:
+        """Record a sent frame; return the answer in what was received since, or nothing if it is not complete."""
+        from pymodbus.framer import FramerRTU
+
+        if sending:
+            self._request, self._ignored = data, None
+            return data
+        unit, function = self._request[:2]
+        for start in range(len(data) - 4):
+            size = 5 + (data[start + 2] if data[start + 1] == function else 0)
+            frame = data[start : start + size]
+            own = unit in (0, frame[0]) and frame[1] & 0x7F == function
+            if own and len(frame) == size and not FramerRTU.compute_CRC(frame):
+                return frame
+        if rest := data.removeprefix(self._request):
+            text = f"sends no valid answer ({rest[:16].hex(' ')}): check speed, parity and wires"
+            self._ignored = NoAnswerError, text
+        return b""
+
+
 class Modbus:
     """Requests over an open connection; ``place`` names it in errors, ``numbering`` checks its transaction numbers.
 
@@ -113,6 +137,7 @@ class Modbus:
         self.place = place
         self._client = client
         self._numbering = numbering
+        _refuse_invalid(client)
 
     @property
     def alive(self) -> bool:
@@ -164,7 +189,7 @@ class Modbus:
         return ProtocolError(f"{self.place}: the answer does not match the request: {text}")
 
 
-def refusing_invalid(client: C) -> C:
+def _refuse_invalid(client: Client) -> None:
     """Let an invalid frame fail the request: pymodbus would close the connection, and asyncio print a traceback."""
     from pymodbus.exceptions import ModbusIOException
 
@@ -180,19 +205,16 @@ def refusing_invalid(client: C) -> C:
             return len(data)
 
     exchanges.callback_data = taken
-    return client
 
 
-def tcp_client(host: str, port: int, timeout: float, numbering: Numbering | None) -> AsyncModbusTcpClient:
-    """A client for TCP; without ``numbering`` it uses RTU frames, as on a serial line."""
+def tcp_client(host: str, port: int, timeout: float, numbering: Numbering) -> AsyncModbusTcpClient:
+    """A client for TCP; with ``Checksums`` it uses RTU frames, as on a serial line."""
     from pymodbus import FramerType
     from pymodbus.client import AsyncModbusTcpClient
 
-    framer, trace = (FramerType.SOCKET, numbering.trace) if numbering else (FramerType.RTU, None)
-    return refusing_invalid(
-        AsyncModbusTcpClient(
-            host, port=port, framer=framer, timeout=timeout, retries=0, reconnect_delay=0, trace_packet=trace
-        )
+    framer = FramerType.RTU if isinstance(numbering, Checksums) else FramerType.SOCKET
+    return AsyncModbusTcpClient(
+        host, port=port, framer=framer, timeout=timeout, retries=0, reconnect_delay=0, trace_packet=numbering.trace
     )
 
 

@@ -5,34 +5,13 @@ from __future__ import annotations
 import asyncio
 import socket
 from collections.abc import Callable
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from cellwatt.gather import next_moment
 from cellwatt.receipt import receive_into, stamp_receipts
 
-
-class Reads(Protocol):
-    """Receives the data of a connection, like an ``asyncio.BufferedProtocol``."""
-
-    def connection_made(self, transport: asyncio.Transport) -> None:
-        """The connection is open."""
-        ...
-
-    def get_buffer(self, sizehint: int) -> memoryview:
-        """Buffer for the next bytes; never empty."""
-        ...
-
-    def buffer_updated(self, nbytes: int, waited: int) -> None:
-        """``nbytes`` bytes arrived; the newest have waited in this PC for ``waited`` ns."""
-        ...
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        """The connection is closed; ``exc`` is None if this side closed it."""
-        ...
-
-    def eof_received(self) -> None:
-        """The peer closed the connection."""
-        ...
+if TYPE_CHECKING:
+    from cellwatt_drivers.ur.session import Session
 
 
 class GatheringTransport(asyncio.Transport):
@@ -42,7 +21,7 @@ class GatheringTransport(asyncio.Transport):
     small: data that the kernel does not accept at once breaks the connection.
     """
 
-    def __init__(self, opened: socket.socket, session: Reads, gather: Callable[[], float]) -> None:
+    def __init__(self, opened: socket.socket, session: Session, gather: Callable[[], float]) -> None:
         super().__init__()
         self._socket = opened
         self._session = session

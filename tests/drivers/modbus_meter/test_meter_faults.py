@@ -137,6 +137,37 @@ async def test_answers_that_do_not_count_are_told(meter, text):
     assert f"unit 1 at TCP {place} {text}" in str(run.failures[0])
 
 
+NOISES = {"zero": b"\0%b", "turning": b"\xff\0%b\0\0\0", "foreign": b"\x01\x03\x02\0\0%b", "echo": b"%b"}
+RTU = {0: bytes.fromhex("01 04 04 43 66 19 9A 85 E4"), 0x46: bytes.fromhex("01 04 04 42 48 00 00 6F EA")}
+
+
+@pytest.mark.parametrize("noise", NOISES)
+@pytest.mark.parametrize("whole", [True, False])
+async def test_rtu_answers_are_found_among_noise_and_echoes(noise, whole):
+    async def meter(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        while request := await reader.readexactly(8):
+            sent = (request if noise == "echo" else b"") + NOISES[noise] % RTU[request[3]]
+            for part in [sent] if whole else [sent[:6], sent[6:]]:
+                writer.write(part)
+                await asyncio.sleep(0.01)
+
+    async with clients(meter) as (place, _), running(settings(place, framing="rtu", retries=0, **VOLTAGE)) as run:
+        await run.inlet.until(lambda o: len(o.readings) >= 4)
+    assert not run.failures
+    assert {round(v, 2) for v in run.inlet.values[:, 0]} == {230.1}
+
+
+async def test_bytes_that_are_no_answer_are_told():
+    async def meter(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        while request := await reader.readexactly(8):
+            writer.write(request + b"\xe0\x1c")
+
+    wrong = {"framing": "rtu", "timeout": "50 ms", "retries": 0}
+    async with clients(meter) as (place, _), running(settings(place, **wrong, **VOLTAGE)) as run:
+        await run.inlet.until(lambda _: run.failures)
+    assert "sends no valid answer (e0 1c): check speed, parity and wires" in str(run.failures[0])
+
+
 async def test_one_lost_answer_is_no_silence_at_a_slow_rate():
     async def meter(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         while request := await reader.readexactly(12):

@@ -157,6 +157,12 @@ async def test_a_server_without_security_is_not_read_with_it(files):
             await driver(place, security="sign", **files["client"]).identify()
 
 
+async def test_a_server_that_encrypts_only_is_told_from_one_that_fails(files):
+    async with emulated(security="encrypt", **files["server"]) as (_, place):
+        with pytest.raises(DeviceError, match=r"does not offer this 'security': write another"):
+            await driver(place).identify()
+
+
 async def test_files_that_are_no_certificates_are_told(files, tmp_path):
     junk = tmp_path / "junk.pem"
     junk.write_text("-----BEGIN nothing")

@@ -11,11 +11,12 @@ import pytest
 
 from cellwatt import receipt
 from cellwatt_drivers.ur import transport
+from cellwatt_drivers.ur.session import Session
 from cellwatt_drivers.ur.transport import GatheringTransport
 from tests.patience import eventually
 
 
-class Heard:
+class Heard(Session):
     """Stands for a session: what came, how long it had waited, and how the connection ended."""
 
     def __init__(self) -> None:
