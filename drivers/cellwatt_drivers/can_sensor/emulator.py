@@ -19,12 +19,6 @@ from cellwatt_drivers.can_sensor.sensor_map import Decoding, load_decodings
 CHUNK = 4096
 
 
-_QUANTITY = {
-    "current": "current", "voltage_1": "voltage", "voltage_2": "voltage", "voltage_3": "voltage",
-    "temperature": "temperature", "power": "power", "energy": "energy",
-}  # fmt: skip
-
-
 class CanSensorEmulator(Emulator):
     """An IVT-S that measures ``bus.current`` and ``bus.voltage``, and sends each result in its cycle.
 
@@ -172,7 +166,7 @@ class CanSensorEmulator(Emulator):
         if name == "energy":
             self._energy += voltage * current * self._cycles[name]
         values = {"voltage": voltage, "current": current, "power": voltage * current, "temperature": 31.0}
-        return values.get(_QUANTITY[name], self._energy)
+        return values.get(name.partition("_")[0], self._energy)
 
 
 def _cycles(text: str) -> dict[str, float]:

@@ -18,24 +18,30 @@ from cellwatt.host import Host
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt.slots import Slots
 from cellwatt_drivers.modbus_meter import likeness
-from cellwatt_drivers.modbus_meter.bus import (
-    Bus,
-    Framing,
-    Parity,
-    SerialPlace,
-    TcpPlace,
-    line,
-)
 from cellwatt_drivers.modbus_meter.counter import Counted, RisingCounter
 from cellwatt_drivers.modbus_meter.meter_map import MeterName, chosen_map
 from cellwatt_drivers.modbus_meter.reader import Reader
 from cellwatt_drivers.shared.choice import Chosen, SerialPath, among
-from cellwatt_drivers.shared.modbus import ILLEGAL_FUNCTION, OtherNumberError, RefusedError
+from cellwatt_drivers.shared.modbus import (
+    ILLEGAL_FUNCTION,
+    Bus,
+    Framing,
+    OtherNumberError,
+    Parity,
+    RefusedError,
+    SerialPlace,
+    TcpPlace,
+    line,
+)
 from cellwatt_drivers.shared.polling import NoAnswerError, deliver, reason_of
 from cellwatt_drivers.shared.requirements import require
 
 PORT = 502
 
+_ADVICE = (
+    "check the address and the cable, that Modbus TCP is switched on at the meter, and that no other client holds its "
+    "last connection"
+)
 _USUAL = {"timeouts", "retries", "refused reads"}
 """Counts that also rise on a good line."""
 _PLAUSIBLE = {"J": 1e6}
@@ -159,7 +165,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
     def _open(self) -> AbstractAsyncContextManager[Bus]:
         s = self.settings
         if s.host is not None:
-            return line(TcpPlace(s.host, s.port, s.framing), s.timeout)
+            return line(TcpPlace(s.host, s.port, s.framing, _ADVICE), s.timeout)
         assert s.line is not None
         return line(SerialPlace(s.line, s.baud, s.parity, s.stop_bits), s.timeout)
 

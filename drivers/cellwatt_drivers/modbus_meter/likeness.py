@@ -7,10 +7,9 @@ import math
 from collections.abc import Mapping, Sequence
 
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError, WrongDeviceError
-from cellwatt_drivers.modbus_meter.bus import Bus
 from cellwatt_drivers.modbus_meter.meter_map import METERS, MeterMap, packaged_map
 from cellwatt_drivers.modbus_meter.reader import Reader
-from cellwatt_drivers.shared.modbus import ILLEGAL_FUNCTION, RefusedError
+from cellwatt_drivers.shared.modbus import ILLEGAL_FUNCTION, Bus, RefusedError
 
 _LOOKS = 3
 """Consecutive reads that must contain a contradiction."""

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import ProtocolError, WrongDeviceError
-from cellwatt_drivers.modbus_meter.bus import Bus
 from cellwatt_drivers.modbus_meter.meter_map import MeterMap
 from cellwatt_drivers.modbus_meter.registers import Block, plan
-from cellwatt_drivers.shared.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, LATER, RefusedError
+from cellwatt_drivers.shared.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, LATER, Bus, RefusedError
 from cellwatt_drivers.shared.polling import NoAnswerError
 
 _LARGEST_POWER = 10

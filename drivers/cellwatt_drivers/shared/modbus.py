@@ -1,4 +1,7 @@
-"""Reads over Modbus through pymodbus; errors distinguish a lost connection, a refusal and a timeout."""
+"""Reads over Modbus through pymodbus; devices on one line share its connection.
+
+Errors distinguish a lost connection, a refusal and a timeout.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +9,15 @@ import asyncio
 import logging
 import socket
 import termios
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError, SourceError, why
 from cellwatt_drivers.shared.aside import obey_cancellation
 from cellwatt_drivers.shared.polling import NoAnswerError
+from cellwatt_drivers.shared.serial_port import open_port
 
 if TYPE_CHECKING:
     from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
@@ -20,6 +26,8 @@ if TYPE_CHECKING:
     Client = AsyncModbusTcpClient | AsyncModbusSerialClient
 
 Function = Literal["input", "holding"]
+Framing = Literal["tcp", "rtu"]
+Parity = Literal["none", "even", "odd"]
 
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE = 1, 2, 3
 LATER = frozenset({5, 6, 11})
@@ -126,26 +134,59 @@ class Checksums(Numbering):
         return b""
 
 
-class Modbus:
-    """Requests over an open connection; ``place`` names it in errors, ``numbering`` checks its transaction numbers.
+@dataclass(frozen=True, slots=True)
+class TcpPlace:
+    """The TCP port of a device or gateway; ``advice`` says what to check if it cannot be opened."""
 
-    All raise ``NoAnswerError``, ``RefusedError``, ``ProtocolError`` if the answer does not match the request, and
-    ``ConnectError`` if the connection is lost.
+    host: str
+    port: int
+    framing: Framing
+    advice: str
+
+    def __str__(self) -> str:
+        return f"TCP {self.host}:{self.port}"
+
+
+@dataclass(frozen=True, slots=True)
+class SerialPlace:
+    """A serial line and its settings."""
+
+    path: str
+    baud: int
+    parity: Parity
+    stop_bits: int
+
+    def __str__(self) -> str:
+        return f"{self.path} ({self.baud} 8{self.parity[0].upper()}{self.stop_bits})"
+
+
+Place = TcpPlace | SerialPlace
+
+
+class Bus:
+    """A line that opens itself for a request; the holder of ``turn`` uses it alone.
+
+    Meters and gateways close connections that rest between two polls: the request opens the line again, also if
+    the closing shows only then.
     """
 
-    def __init__(self, client: Client, place: str, numbering: Numbering) -> None:
+    def __init__(self, place: Place, timeout: float) -> None:
         self.place = place
-        self._client = client
-        self._numbering = numbering
-        _refuse_invalid(client)
-
-    @property
-    def alive(self) -> bool:
-        """True while the connection is open."""
-        return bool(self._client.connected)
+        self.turn = asyncio.Lock()
+        self.users = 0
+        self._timeout = timeout
+        numbered = isinstance(place, TcpPlace) and place.framing == "tcp"
+        self._numbering = Numbering() if numbered else Checksums()
+        # Answers on RTU carry no number: a late answer must not be mistaken for that of the next request.
+        self._settle = 0.0 if numbered else timeout
+        self._client = _client(place, timeout, self._numbering)
 
     async def read(self, function: Function, address: int, count: int, unit: int) -> list[int]:
-        """Read ``count`` registers of a unit, from ``address`` on."""
+        """Read ``count`` registers of a unit, from ``address`` on.
+
+        Raises ``NoAnswerError``, ``RefusedError``, ``ProtocolError`` if the answer does not match the request, and
+        ``ConnectError`` if the line cannot be opened, or the connection is lost.
+        """
         client = self._client
         ask = client.read_input_registers if function == "input" else client.read_holding_registers
         answer = await self._exchange(lambda: ask(address, count=count, device_id=unit), unit)
@@ -163,10 +204,22 @@ class Modbus:
         return registers
 
     async def _exchange(self, ask: Callable[[], Awaitable[Any]], unit: int) -> Any:
+        rested = self._client.connected
+        try:
+            return await self._once(ask, unit)
+        except NoAnswerError:
+            await asyncio.sleep(self._settle)
+            raise
+        except ConnectError:
+            if not rested:
+                raise
+            return await self._once(ask, unit)
+
+    async def _once(self, ask: Callable[[], Awaitable[Any]], unit: int) -> Any:
         from pymodbus.exceptions import ModbusException
 
-        if not self.alive:  # pymodbus would reconnect without notice
-            raise ConnectError(f"{self.place}: the connection is gone")
+        if not self._client.connected:
+            await self._open()
         try:
             answer = await ask()
         except ModbusException as error:
@@ -179,7 +232,7 @@ class Modbus:
         from pymodbus.exceptions import ConnectionException, ModbusIOException
 
         text = str(error)
-        if isinstance(error, ConnectionException) or not self.alive:
+        if isinstance(error, ConnectionException) or not self._client.connected:
             # pymodbus itself closes the connection after a few unanswered requests
             closed = "it closed the connection in place of an answer; does another client use it?"
             reason = "no answer any more" if "CLOSING" in text else closed
@@ -187,6 +240,80 @@ class Modbus:
         if isinstance(error, ModbusIOException) and ("received" not in text or "No response" in text):
             return self._numbering.of(NoAnswerError(f"unit {unit} at {self.place} gave no answer"))
         return ProtocolError(f"{self.place}: the answer does not match the request: {text}")
+
+    async def _open(self) -> None:
+        """Open the line. Raises ``ConnectError`` that says what to check."""
+        logging.getLogger("pymodbus").setLevel(logging.CRITICAL)  # it logs errors raised here, and each invalid frame
+        try:
+            async with asyncio.timeout(self._timeout):
+                opened = await self._client.connect()
+        except (TimeoutError, OSError, ValueError, termios.error):
+            opened = False
+        except BaseException:
+            self.close()
+            raise
+        if not opened:
+            self.close()
+            obey_cancellation()
+            raise ConnectError(await asyncio.to_thread(self._unreachable))
+
+    def _unreachable(self) -> str:
+        """Return why the line cannot be opened, which pymodbus does not say."""
+        place = self.place
+        try:
+            if isinstance(place, SerialPlace):
+                open_port(place.path, place.baud).close()
+            socket.socket().close()
+        except OSError as error:
+            return f"no socket can be opened: {why(error)}"
+        except ConnectError as error:
+            return str(error)
+        if isinstance(place, SerialPlace):
+            return f"{place} cannot be opened with these settings"
+        return f"{place} cannot be opened within {self._timeout:g} s; {place.advice}"
+
+    def close(self) -> None:
+        """Close the line."""
+        self._client.close()
+
+
+_LINES: dict[tuple[asyncio.AbstractEventLoop, Place], Bus] = {}
+"""The lines in use."""
+
+
+@asynccontextmanager
+async def line(place: Place, timeout: float) -> AsyncIterator[Bus]:
+    """Use the line at a place, which all its users share."""
+    key = (asyncio.get_running_loop(), place)
+    if key not in _LINES:
+        _LINES[key] = Bus(place, timeout)
+    bus = _LINES[key]
+    bus.users += 1
+    try:
+        yield bus
+    finally:
+        bus.users -= 1
+        if not bus.users:
+            bus.close()
+            del _LINES[key]
+
+
+def _client(place: Place, timeout: float, numbering: Numbering) -> Client:
+    from pymodbus import FramerType
+    from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
+
+    client: Client
+    always: dict[str, Any] = {"timeout": timeout, "retries": 0, "reconnect_delay": 0, "trace_packet": numbering.trace}
+    if isinstance(place, TcpPlace):
+        framer = FramerType.SOCKET if place.framing == "tcp" else FramerType.RTU
+        client = AsyncModbusTcpClient(place.host, port=place.port, framer=framer, **always)
+    else:
+        parity = place.parity[0].upper()
+        client = AsyncModbusSerialClient(
+            place.path, baudrate=place.baud, parity=parity, stopbits=place.stop_bits, **always
+        )
+    _refuse_invalid(client)
+    return client
 
 
 def _refuse_invalid(client: Client) -> None:
@@ -205,38 +332,3 @@ def _refuse_invalid(client: Client) -> None:
             return len(data)
 
     exchanges.callback_data = taken
-
-
-def tcp_client(host: str, port: int, timeout: float, numbering: Numbering) -> AsyncModbusTcpClient:
-    """A client for TCP; with ``Checksums`` it uses RTU frames, as on a serial line."""
-    from pymodbus import FramerType
-    from pymodbus.client import AsyncModbusTcpClient
-
-    framer = FramerType.RTU if isinstance(numbering, Checksums) else FramerType.SOCKET
-    return AsyncModbusTcpClient(
-        host, port=port, framer=framer, timeout=timeout, retries=0, reconnect_delay=0, trace_packet=numbering.trace
-    )
-
-
-async def connect(client: Client, timeout: float, unreachable: Callable[[], str]) -> None:
-    """Connect a client; close it on failure.
-
-    Raises ``ConnectError`` with the text of ``unreachable`` if it does not connect within ``timeout`` s.
-    """
-    logging.getLogger("pymodbus").setLevel(logging.CRITICAL)  # it logs errors raised here, and each invalid frame
-    try:
-        async with asyncio.timeout(timeout):
-            opened = await client.connect()
-    except (TimeoutError, OSError, ValueError, termios.error):
-        opened = False
-    except BaseException:
-        client.close()
-        raise
-    if not opened:
-        client.close()
-        obey_cancellation()
-        try:
-            socket.socket().close()  # pymodbus does not say that this PC has no socket left
-        except OSError as error:
-            raise ConnectError(f"no socket can be opened: {why(error)}") from error
-        raise ConnectError(await asyncio.to_thread(unreachable))

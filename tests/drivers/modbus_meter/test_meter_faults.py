@@ -40,8 +40,9 @@ async def test_damaged_and_late_answers_never_become_values(address, kind):
     column = run.driver.streams[0].names.index("supply.power")
     assert run.inlet.values[:, column] == pytest.approx([500.0] * len(run.inlet.values), rel=1e-6)
     assert run.inlet.values[:, 0] == pytest.approx([230.0] * len(run.inlet.values), rel=1e-6)
-    account = run.inlet.account
-    assert account.counters["timeouts"] + account.counters["malformed"] >= 1
+    found = (address, kind) == ("pty", "garbage")  # on RTU, the answer behind the garbage is found
+    lost = run.inlet.account.counters["timeouts"] + run.inlet.account.counters["malformed"]
+    assert lost == 0 if found else lost >= 1
 
 
 async def test_a_silent_meter_is_given_up():
