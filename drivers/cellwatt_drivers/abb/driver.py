@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections.abc import Collection
 from typing import ClassVar
 
 from cellwatt.channel import Stream
@@ -55,7 +56,7 @@ class AbbDriver(Driver[AbbSettings]):
         self._greeted = False
         self._last_data = 0.0
         self._web_failure: SourceError | None = None
-        self._strangers: set[str] = set()
+        self._strangers: Collection[str] = ()
 
     @property
     def streams(self) -> tuple[Stream, ...]:
@@ -151,7 +152,7 @@ class AbbDriver(Driver[AbbSettings]):
     def _silence(self, seconds: float) -> ConnectError:
         s = self.settings
         what = f"no EGM packet from {s.host} at UDP port {s.egm_port} for {seconds:.1f} s"
-        if others := ", ".join(sorted(self._strangers)):
+        if others := ", ".join(self._strangers):
             return ConnectError(f"{what}; {others} sends to that port: is it this robot's address?")
         return ConnectError(
             f"{what}; check that RAPID has run EGMStreamStart, and the remote address, port and firewall of its UDPUC "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
+from collections import deque
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
@@ -15,17 +16,16 @@ from cellwatt_drivers.shared.datagrams import addresses, datagram_socket
 
 _BUFFER = 1 << 20  # bytes; some seconds of packets while this process is delayed
 _MOST = 64  # datagrams read at once
-_MOST_STRANGERS = 4
 
 Take = Callable[[list[bytes], int], None]
 """Takes packets in order, and the time, ns, for which the last of them has waited in this PC."""
 
 
 @asynccontextmanager
-async def listening(host: str, bind: str, port: int, account: Account, take: Take) -> AsyncIterator[set[str]]:
+async def listening(host: str, bind: str, port: int, account: Account, take: Take) -> AsyncIterator[deque[str]]:
     """Pass packets that ``host`` sends to UDP ``bind``:``port`` to ``take``; other senders' count as ``strangers``.
 
-    Yields some addresses of the latter, as they come.
+    Yields the newest address of the latter.
     Raises ``ConnectError`` if the port is in use or the host's name is unknown.
     """
     loop = asyncio.get_running_loop()
@@ -39,7 +39,7 @@ async def listening(host: str, bind: str, port: int, account: Account, take: Tak
                 f"UDP port {port} of {bind} cannot be opened for EGM: {why(error)}; another program, or another source "
                 "of this cell, may use it: give each robot its own egm_port"
             ) from error
-        strangers: set[str] = set()
+        strangers = deque[str](maxlen=1)
         loop.add_reader(opened, _receive, opened, senders, strangers, account, take)
         try:
             yield strangers
@@ -47,7 +47,7 @@ async def listening(host: str, bind: str, port: int, account: Account, take: Tak
             loop.remove_reader(opened)
 
 
-def _receive(opened: socket.socket, senders: set[str], strangers: set[str], account: Account, take: Take) -> None:
+def _receive(opened: socket.socket, senders: set[str], strangers: deque[str], account: Account, take: Take) -> None:
     datagrams: list[bytes] = []
     waited = 0
     for _ in range(_MOST):
@@ -63,7 +63,6 @@ def _receive(opened: socket.socket, senders: set[str], strangers: set[str], acco
             waited = age
         else:
             account.anomaly("strangers")
-            if len(strangers) < _MOST_STRANGERS:
-                strangers.add(sender[0])
+            strangers.append(sender[0])
     if datagrams:
         take(datagrams, waited)

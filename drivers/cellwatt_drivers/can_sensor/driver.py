@@ -175,7 +175,8 @@ class CanSensorDriver(Driver[CanSensorSettings]):
             return []
         if self._state == "off":  # restarted while the bus was closed: a controller that is off receives no frame
             self._enter("active")
-        intakes = [] if frame.is_remote_frame else self._of(frame)
+        found = self._by_frame.get(self._key(frame.arbitration_id, frame.is_extended_id), [])
+        intakes = [i for i in found if not frame.is_remote_frame and self._is_from(i, frame.arbitration_id & 0xFF)]
         if not intakes:
             self.inlet.account.count("other frames")
             if len(self._others) < _MOST_OTHERS:
@@ -185,16 +186,12 @@ class CanSensorDriver(Driver[CanSensorSettings]):
     def _key(self, identifier: int, extended: bool) -> tuple[int, bool]:
         return (group_of(identifier) if self._is_j1939 else identifier), extended
 
-    def _of(self, frame: Message) -> list[Intake]:
-        """Return the intakes of a frame. In J1939, other nodes may send the same messages: one node is the sensor."""
-        intakes = self._by_frame.get(self._key(frame.arbitration_id, frame.is_extended_id), [])
-        return [i for i in intakes if self._is_from(i, frame.arbitration_id & 0xFF)] if self._is_j1939 else intakes
-
     def _is_from(self, intake: Intake, source: int) -> bool:
+        """True if the frame is the sensor's: in J1939, other nodes may send the same messages."""
         wanted, own = self.settings.source_address, intake.identifier[0] & 0xFF
         if wanted is None and own == ANY_SOURCE:
             self._source = wanted = source if self._source is None else self._source
-        return source == (own if wanted is None else wanted)
+        return not self._is_j1939 or source == (own if wanted is None else wanted)
 
     def _note_error(self, frame: Message) -> None:
         error = decode_error(frame.arbitration_id, bytes(frame.data))

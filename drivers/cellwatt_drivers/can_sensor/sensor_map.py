@@ -122,10 +122,9 @@ class Decoding:
     @cached_property
     def _absent(self) -> Mapping[str, float]:
         """Smallest values, by signal, that mean "not available" or an error in J1939."""
-        found = {name: _signal(self.message, name) for name in self.wanted.signals if self.is_j1939}
         return {
             name: float(signal.raw_to_scaled(0xFB << signal.length - 8 if signal.length >= 8 else 2**signal.length - 1))
-            for name, signal in found.items()
+            for name, signal in ((n, _signal(self.message, n)) for n in self.wanted.signals if self.is_j1939)
             if not signal.is_signed and not signal.conversion.is_float and signal.length > 1
         }
 

@@ -164,10 +164,8 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
 
     def _open(self) -> AbstractAsyncContextManager[Bus]:
         s = self.settings
-        if s.host is not None:
-            return line(TcpPlace(s.host, s.port, s.framing, _ADVICE), s.timeout)
-        assert s.line is not None
-        return line(SerialPlace(s.line, s.baud, s.parity, s.stop_bits), s.timeout)
+        serial = SerialPlace(s.line or "", s.baud, s.parity, s.stop_bits)
+        return line(serial if s.host is None else TcpPlace(s.host, s.port, s.framing, _ADVICE), s.timeout)
 
     async def _greet(self, bus: Bus) -> Identity:
         unit, meter = self.settings.unit, self._map

@@ -42,8 +42,7 @@ class Reader:
         self._labels = [*self.names, *(f"scale register {address}" for address in exponents)]
         self._missing = [(c, float(m)) for c, n in enumerate(self.names) for m in meter.marks(n)]
         # Without a register of its own, the power of ten of a value is the last column: 0.
-        used = [meter.values[n].scale_register for n in self.names]
-        self._powers = [-1 if a is None else exponents[a].column for a in used]
+        self._powers = [-1 if (a := meter.values[n].scale_register) is None else exponents[a].column for n in names]
         self._meter = meter
         self._unit = unit
         self._retries = retries

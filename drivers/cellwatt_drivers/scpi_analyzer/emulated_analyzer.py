@@ -29,8 +29,8 @@ _COMPLETE, _DEVICE, _EXECUTION, _COMMAND = 1, 8, 16, 32
 """Bits of the event status register, IEEE 488.2, 11.5.1."""
 _EVENTS = {1: _COMMAND, 2: _EXECUTION, 3: _DEVICE}
 """Event bits by the hundreds of an error's number (SCPI-99, 21.8)."""
-_QUEUED, _SUMMARY, _REQUEST = 4, 32, 64
-"""Bits of the status byte: an error is queued, an enabled event is set, service is requested."""
+_QUEUED, _SUMMARY = 4, 32
+"""Bits of the status byte: an error is queued, an enabled event is set."""
 
 NO_HEADER = (-113, "Undefined header")
 NO_PARAMETER = (-109, "Missing parameter")
@@ -62,7 +62,7 @@ class EmulatedAnalyzer:
         self.measurements = 0
         self.errors: deque[tuple[int, str]] = deque()
         self._events = 0
-        self._enabled = {"*ESE": 0, "*SRE": 0}
+        self._enabled = 0
         self.running = False
         self._signals = signals
         self._update = -1
@@ -114,18 +114,14 @@ class EmulatedAnalyzer:
         }
 
     def _status_commands(self) -> Mapping[str, Callable[[str], str | None]]:
-        """Return the commands that IEEE 488.2 requires of every instrument."""
+        """Return those commands of IEEE 488.2 with which clients check for errors."""
         return {
             "*CLS": lambda _: self._clear_status(),
             "*STB?": lambda _: str(self._status_byte()),
             "*ESR?": lambda _: str(self._take_events()),
-            "*ESE": lambda p: self._enable("*ESE", p),
-            "*ESE?": lambda _: str(self._enabled["*ESE"]),
-            "*SRE": lambda p: self._enable("*SRE", p),
-            "*SRE?": lambda _: str(self._enabled["*SRE"]),
+            "*ESE": self._enable,
+            "*ESE?": lambda _: str(self._enabled),
             "*OPC": lambda _: self._note(_COMPLETE),
-            "*WAI": lambda _: None,
-            "*TST?": lambda _: "0",
         }
 
     def _clear_status(self) -> None:
@@ -133,16 +129,15 @@ class EmulatedAnalyzer:
         self._events = 0
 
     def _status_byte(self) -> int:
-        status = (_QUEUED if self.errors else 0) | (_SUMMARY if self._events & self._enabled["*ESE"] else 0)
-        return status | (_REQUEST if status & self._enabled["*SRE"] else 0)
+        return (_QUEUED if self.errors else 0) | (_SUMMARY if self._events & self._enabled else 0)
 
     def _take_events(self) -> int:
         events, self._events = self._events, 0
         return events
 
-    def _enable(self, register: str, parameter: str) -> None:
+    def _enable(self, parameter: str) -> None:
         if parameter.isdigit() and int(parameter) < 256:
-            self._enabled[register] = int(parameter)
+            self._enabled = int(parameter)
         else:
             self._fail(BAD_PARAMETER if parameter else NO_PARAMETER)
 

@@ -155,6 +155,7 @@ class SerialPlace:
     baud: int
     parity: Parity
     stop_bits: int
+    advice: str = "check its settings"
 
     def __str__(self) -> str:
         return f"{self.path} ({self.baud} 8{self.parity[0].upper()}{self.stop_bits})"
@@ -268,8 +269,6 @@ class Bus:
             return f"no socket can be opened: {why(error)}"
         except ConnectError as error:
             return str(error)
-        if isinstance(place, SerialPlace):
-            return f"{place} cannot be opened with these settings"
         return f"{place} cannot be opened within {self._timeout:g} s; {place.advice}"
 
     def close(self) -> None:

@@ -39,8 +39,5 @@ def _why(error: Exception, baud: int) -> str:
 
 
 def _present() -> str:
-    try:
-        names = sorted(p.name for p in BY_ID.iterdir())
-    except OSError:
-        names = []
+    names = sorted(p.name for p in BY_ID.glob("*"))
     return f"in {BY_ID}: {', '.join(names)}" if names else "no USB serial adapter is plugged in"
