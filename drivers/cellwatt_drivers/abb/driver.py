@@ -20,6 +20,7 @@ from cellwatt_drivers.shared.requirements import require
 
 _INSTALL = "pip install 'cellwatt[abb]'"
 _LONGEST_PAUSE = 30.0  # s between attempts to read web pages after a failure
+_LISTENED = Identity("ABB", "EGM stream")
 _CHECK = 0.25  # s between checks for incoming data
 
 
@@ -77,7 +78,7 @@ class AbbDriver(Driver[AbbSettings]):
                     await come.wait()
             except TimeoutError:
                 raise self._silence(s.timeout) from None
-        return _listened()
+        return _LISTENED
 
     async def run(self) -> None:
         """See ``Driver.run``."""
@@ -142,7 +143,7 @@ class AbbDriver(Driver[AbbSettings]):
     def _delivers(self) -> None:
         self._last_data = time.monotonic()
         if not self._greeted:
-            self._greet(_listened())
+            self._greet(_LISTENED)
 
     def _greet(self, identity: Identity) -> None:
         self._greeted = True
@@ -158,7 +159,3 @@ class AbbDriver(Driver[AbbSettings]):
             f"{what}; check that RAPID has run EGMStreamStart, and the remote address, port and firewall of its UDPUC "
             "device"
         )
-
-
-def _listened() -> Identity:
-    return Identity("ABB", "EGM stream")

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 _BITRATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 750_000, 1_000_000)
 _MOST_OTHERS = 8
-_EXTRAS = {"can": "python-can", "cantools": "cantools"}
 
 
 class CanSensorSettings(SourceSettings):
@@ -92,7 +91,7 @@ class CanSensorDriver(Driver[CanSensorSettings]):
 
     def __init__(self, name: str, settings: CanSensorSettings, inlet: Inlet) -> None:
         super().__init__(name, settings, inlet)
-        require(name, "driver can_sensor", _EXTRAS, "pip install 'cellwatt[can]'")
+        require(name, "driver can_sensor", {"can": "python-can", "cantools": "cantools"}, "pip install 'cellwatt[can]'")
         self._map, decodings = load_decodings(settings.sensor, settings.map)
         self._intakes: list[Intake] = []
         known = self._map.streams

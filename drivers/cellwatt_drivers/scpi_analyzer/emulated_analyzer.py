@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping, Set
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -20,11 +20,10 @@ OVERFLOW = 9.9e37
 FREQUENCY = 50.0
 AFTER_RESET = ("URMS", "IRMS", "P", "FPLL", "URAN", "IRAN", "S", "Q", "LAMB", "PHI")
 
-_FUNCTIONS = frozenset(AFTER_RESET) | {"FU", "FI", "WH", "TIME"}
+FUNCTIONS = frozenset(AFTER_RESET) | {"FU", "FI", "WH", "TIME"}
 _SAMPLES = 20  # samples of the signals per update
 _MOST_SAMPLES = 2000  # most samples of a longer update, after a long time without a query
 _QUEUE = 16
-SCPI_VERSION = "1999.0"
 _COMPLETE, _DEVICE, _EXECUTION, _COMMAND = 1, 8, 16, 32
 """Bits of the event status register, IEEE 488.2, 11.5.1."""
 _EVENTS = {1: _COMMAND, 2: _EXECUTION, 3: _DEVICE}
@@ -58,7 +57,7 @@ class EmulatedAnalyzer:
     def __init__(self, signals: Signals, identification: str) -> None:
         self.identification = identification
         self.functions: tuple[str, ...] = AFTER_RESET
-        self.overload: set[str] = set()
+        self.overload: Set[str] = frozenset()
         self.measurements = 0
         self.errors: deque[tuple[int, str]] = deque()
         self._events = 0
@@ -103,7 +102,7 @@ class EmulatedAnalyzer:
             "*RST": lambda _: self._reset(),
             "SYSTem:ERRor?": lambda _: self._next_error(),
             "SYSTem:ERRor:ALL?": lambda _: ",".join(self._next_error() for _ in range(max(1, len(self.errors)))),
-            "SYSTem:VERSion?": lambda _: SCPI_VERSION,
+            "SYSTem:VERSion?": lambda _: "1999.0",
             "CHANnel1:MEASurement:FORMat": lambda p: self._one_of(p, {"ASC", "ASCII"}),
             "CHANnel1:MEASurement:FUNCtions": self._select,
             "CHANnel1:MEASurement:FUNCtions?": lambda _: ",".join(self.functions),
@@ -161,7 +160,7 @@ class EmulatedAnalyzer:
 
     def _select(self, parameter: str) -> None:
         names = tuple(name.strip().upper().replace("LAMBDA", "LAMB") for name in parameter.split(","))
-        if parameter and set(names) <= _FUNCTIONS:
+        if parameter and set(names) <= FUNCTIONS:
             self.functions = names
         else:
             self._fail(BAD_PARAMETER if parameter else NO_PARAMETER)
@@ -236,8 +235,3 @@ def _word(word: str) -> str:
     assert found is not None
     short, rest, number = found.groups()
     return re.escape(short) + (f"(?:{rest.upper()})?" if rest else "") + ("1?" if number else "")
-
-
-def known_functions(names: Iterable[str]) -> set[str]:
-    """The subset of the names that the analyzer measures."""
-    return set(_FUNCTIONS.intersection(names))

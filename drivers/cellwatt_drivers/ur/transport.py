@@ -5,13 +5,9 @@ from __future__ import annotations
 import asyncio
 import socket
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 from cellwatt.gather import next_moment
 from cellwatt.receipt import receive_into, stamp_receipts
-
-if TYPE_CHECKING:
-    from cellwatt_drivers.ur.session import Session
 
 
 class GatheringTransport(asyncio.Transport):
@@ -21,8 +17,10 @@ class GatheringTransport(asyncio.Transport):
     small: data that the kernel does not accept at once breaks the connection.
     """
 
-    def __init__(self, opened: socket.socket, session: Session, gather: Callable[[], float]) -> None:
+    def __init__(self, opened: socket.socket, session: asyncio.BufferedProtocol, gather: Callable[[], float]) -> None:
         super().__init__()
+        self.waited = 0
+        """Time, ns, for which the newest bytes have waited in this PC."""
         self._socket = opened
         self._session = session
         self._loop = asyncio.get_running_loop()
@@ -53,7 +51,7 @@ class GatheringTransport(asyncio.Transport):
             self.resume_reading()
         room = self._session.get_buffer(-1)
         try:
-            size, waited = receive_into(self._socket, room)
+            size, self.waited = receive_into(self._socket, room)
         except (BlockingIOError, InterruptedError):
             return
         except OSError as error:
@@ -63,7 +61,7 @@ class GatheringTransport(asyncio.Transport):
             self._session.eof_received()
             self._end(None)
             return
-        self._session.buffer_updated(size, waited)
+        self._session.buffer_updated(size)
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
         """Send a few bytes now."""
