@@ -49,7 +49,7 @@ class GatheringTransport(asyncio.Transport):
     def _read(self) -> None:
         if self._timer is not None:
             self.resume_reading()
-        room = self._session.get_buffer(-1)
+        room = memoryview(self._session.get_buffer(-1))
         try:
             size, self.waited = receive_into(self._socket, room)
         except (BlockingIOError, InterruptedError):
