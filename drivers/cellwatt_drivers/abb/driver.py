@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections.abc import Collection
 from typing import ClassVar
 
 from cellwatt.channel import Stream
@@ -19,6 +20,7 @@ from cellwatt_drivers.shared.requirements import require
 
 _INSTALL = "pip install 'cellwatt[abb]'"
 _LONGEST_PAUSE = 30.0  # s between attempts to read web pages after a failure
+_LISTENED = Identity("ABB", "EGM stream")
 _CHECK = 0.25  # s between checks for incoming data
 
 
@@ -55,6 +57,7 @@ class AbbDriver(Driver[AbbSettings]):
         self._greeted = False
         self._last_data = 0.0
         self._web_failure: SourceError | None = None
+        self._strangers: Collection[str] = ()
 
     @property
     def streams(self) -> tuple[Stream, ...]:
@@ -68,13 +71,14 @@ class AbbDriver(Driver[AbbSettings]):
                 return await self._controller.identify(web)
         s = self.settings
         come = asyncio.Event()
-        async with listening(s.host, s.bind, s.egm_port, self.inlet.account, lambda *_: come.set()):
+        port = listening(s.host, s.bind, s.egm_port, self.inlet.account, lambda *_: come.set())
+        async with port as self._strangers:
             try:
                 async with asyncio.timeout(s.timeout):
                     await come.wait()
             except TimeoutError:
                 raise self._silence(s.timeout) from None
-        return _listened()
+        return _LISTENED
 
     async def run(self) -> None:
         """See ``Driver.run``."""
@@ -102,7 +106,7 @@ class AbbDriver(Driver[AbbSettings]):
     async def _listen(self, intake: Intake) -> None:
         s = self.settings
         intake.opened()
-        async with listening(s.host, s.bind, s.egm_port, self.inlet.account, intake.take):
+        async with listening(s.host, s.bind, s.egm_port, self.inlet.account, intake.take) as self._strangers:
             await asyncio.get_running_loop().create_future()
 
     async def _ask(self, controller: Controller) -> None:
@@ -139,7 +143,7 @@ class AbbDriver(Driver[AbbSettings]):
     def _delivers(self) -> None:
         self._last_data = time.monotonic()
         if not self._greeted:
-            self._greet(_listened())
+            self._greet(_LISTENED)
 
     def _greet(self, identity: Identity) -> None:
         self._greeted = True
@@ -148,11 +152,10 @@ class AbbDriver(Driver[AbbSettings]):
 
     def _silence(self, seconds: float) -> ConnectError:
         s = self.settings
+        what = f"no EGM packet from {s.host} at UDP port {s.egm_port} for {seconds:.1f} s"
+        if others := ", ".join(self._strangers):
+            return ConnectError(f"{what}; {others} sends to that port: is it this robot's address?")
         return ConnectError(
-            f"no EGM packet from {s.host} at UDP port {s.egm_port} for {seconds:.1f} s; check that RAPID has run "
-            "EGMStreamStart, and the remote address, port and firewall of its UDPUC device"
+            f"{what}; check that RAPID has run EGMStreamStart, and the remote address, port and firewall of its UDPUC "
+            "device"
         )
-
-
-def _listened() -> Identity:
-    return Identity("ABB", "EGM stream")

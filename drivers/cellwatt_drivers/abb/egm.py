@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
+from collections import deque
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
@@ -11,7 +12,7 @@ from cellwatt.account import Account
 from cellwatt.errors import ConnectError, why
 from cellwatt.receipt import receive
 from cellwatt_drivers.abb.wire import LARGEST
-from cellwatt_drivers.shared.datagrams import datagram_socket
+from cellwatt_drivers.shared.datagrams import addresses, datagram_socket
 
 _BUFFER = 1 << 20  # bytes; some seconds of packets while this process is delayed
 _MOST = 64  # datagrams read at once
@@ -21,17 +22,14 @@ Take = Callable[[list[bytes], int], None]
 
 
 @asynccontextmanager
-async def listening(host: str, bind: str, port: int, account: Account, take: Take) -> AsyncIterator[None]:
+async def listening(host: str, bind: str, port: int, account: Account, take: Take) -> AsyncIterator[deque[str]]:
     """Pass packets that ``host`` sends to UDP ``bind``:``port`` to ``take``; other senders' count as ``strangers``.
 
+    Yields the newest address of the latter.
     Raises ``ConnectError`` if the port is in use or the host's name is unknown.
     """
     loop = asyncio.get_running_loop()
-    try:
-        found = await loop.getaddrinfo(host, None, family=socket.AF_INET, type=socket.SOCK_DGRAM)
-    except OSError as error:
-        raise ConnectError(f"the name {host!r} is not known: {why(error)}; write the IP address") from error
-    senders = {str(entry[4][0]) for entry in found}
+    senders = {str(entry[4][0]) for entry in await addresses(host, family=socket.AF_INET)}
     with datagram_socket(socket.AF_INET) as opened:
         opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
         try:
@@ -41,14 +39,15 @@ async def listening(host: str, bind: str, port: int, account: Account, take: Tak
                 f"UDP port {port} of {bind} cannot be opened for EGM: {why(error)}; another program, or another source "
                 "of this cell, may use it: give each robot its own egm_port"
             ) from error
-        loop.add_reader(opened, _receive, opened, senders, account, take)
+        strangers = deque[str](maxlen=1)
+        loop.add_reader(opened, _receive, opened, senders, strangers, account, take)
         try:
-            yield
+            yield strangers
         finally:
             loop.remove_reader(opened)
 
 
-def _receive(opened: socket.socket, senders: set[str], account: Account, take: Take) -> None:
+def _receive(opened: socket.socket, senders: set[str], strangers: deque[str], account: Account, take: Take) -> None:
     datagrams: list[bytes] = []
     waited = 0
     for _ in range(_MOST):
@@ -64,5 +63,6 @@ def _receive(opened: socket.socket, senders: set[str], account: Account, take: T
             waited = age
         else:
             account.anomaly("strangers")
+            strangers.append(sender[0])
     if datagrams:
         take(datagrams, waited)

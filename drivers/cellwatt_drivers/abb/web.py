@@ -62,7 +62,8 @@ class Web:
             raise DeviceError(f"{url}: the controller has no free session; close other clients")
         if status in (301, 302, 404, 406):
             raise WrongDeviceError(
-                f"{url}: HTTP {status}: not a controller with RobotWare {self._settings.robotware}; see robotware"
+                f"{url}: HTTP {status}: not a controller with RobotWare {self._settings.robotware}; "
+                "see robotware, tls, port"
             )
         raise DeviceError(f"{url}: the controller answers HTTP {status}")
 

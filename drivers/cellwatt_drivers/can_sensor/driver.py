@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import AsyncIterator
 from contextlib import AbstractAsyncContextManager
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -10,13 +11,13 @@ from pydantic import Field, FilePath, field_validator, model_validator
 
 from cellwatt.channel import Stream
 from cellwatt.driver import Driver, Identity, Inlet, SourceSettings
-from cellwatt.errors import ConfigError, ConnectError, SourceError, WrongDeviceError
+from cellwatt.errors import ConnectError, SourceError, WrongDeviceError
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt_drivers.can_sensor.bus_errors import BusState, decode_error
 from cellwatt_drivers.can_sensor.intake import Intake
 from cellwatt_drivers.can_sensor.listening import BusPlace, Interface, Listening, open_listening
-from cellwatt_drivers.can_sensor.sensor_map import SensorMap, SensorName, load_decodings
-from cellwatt_drivers.shared.choice import Chosen
+from cellwatt_drivers.can_sensor.sensor_map import ANY_SOURCE, SensorName, group_of, load_decodings
+from cellwatt_drivers.shared.choice import Chosen, among
 from cellwatt_drivers.shared.requirements import require
 
 if TYPE_CHECKING:
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 
 _BITRATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 750_000, 1_000_000)
 _MOST_OTHERS = 8
-_EXTRAS = {"can": "python-can", "cantools": "cantools"}
 
 
 class CanSensorSettings(SourceSettings):
@@ -44,6 +44,8 @@ class CanSensorSettings(SourceSettings):
     """Bit rate, bit/s, to set at an slcan adapter; omitted: unchanged. SocketCAN's rate is set with ``ip link``."""
     listen_only: bool = False
     """Set an slcan adapter not to acknowledge frames; another node must then do so."""
+    source_address: int | None = Field(None, ge=0, le=253)
+    """J1939: address of the sensor; omitted: the DBC file's, or if that is 254 the first that sends."""
     settle: Seconds = Field(0.0, ge=0, le=10)
     """Pause after opening an slcan adapter; adapters that restart when opened need 2 s."""
     read: Chosen[str] | None = None
@@ -89,16 +91,22 @@ class CanSensorDriver(Driver[CanSensorSettings]):
 
     def __init__(self, name: str, settings: CanSensorSettings, inlet: Inlet) -> None:
         super().__init__(name, settings, inlet)
-        require(name, "driver can_sensor", _EXTRAS, "pip install 'cellwatt[can]'")
+        require(name, "driver can_sensor", {"can": "python-can", "cantools": "cantools"}, "pip install 'cellwatt[can]'")
         self._map, decodings = load_decodings(settings.sensor, settings.map)
         self._intakes: list[Intake] = []
-        for stream in _chosen(self._map, settings):
+        known = self._map.streams
+        usual = tuple(n for n, s in known.items() if not s.optional) or None
+        among(tuple(settings.rates), known, f"the map of {self._map.model}", "rates")
+        for stream in among(settings.read or usual, known, f"the map of {self._map.model}"):
             rate = settings.rates.get(stream)
             period = 1 / rate if rate else self._map.streams[stream].cycle
             self._intakes.append(Intake(name, decodings[stream], period, inlet))
         self._by_frame: dict[tuple[int, bool], list[Intake]] = {}
+        self._is_j1939 = all(decodings[i.stream.name].is_j1939 for i in self._intakes)
+        self._source: int | None = None
+        """J1939: source address of the first node that sent, where settings and DBC file name none."""
         for intake in self._intakes:
-            self._by_frame.setdefault(intake.identifier, []).append(intake)
+            self._by_frame.setdefault(self._key(*intake.identifier), []).append(intake)
         self._state: BusState = "active"
         self._others: set[int] = set()
         self._errors = 0
@@ -113,28 +121,25 @@ class CanSensorDriver(Driver[CanSensorSettings]):
     async def identify(self) -> Identity:
         """Identity of the map's sensor, after one of its frames was received. Raises ``SourceError``."""
         async with self._open() as listening:
-            return await self._first(listening)
+            async for _ in self._heard(listening):
+                break
+        return self._identity()
 
     async def run(self) -> None:
         """See ``Driver.run``."""
         for intake in self._intakes:
             intake.resume()
+        self._source = None
         async with self._open() as listening:
             connected = False
-            loop = asyncio.get_running_loop()
-            last_frame = loop.time()
-            self._others, self._errors, self._dropped, self._malformed = set(), 0, 0, 0
             try:
-                while True:
-                    frames = await listening.frames(max(0.0, last_frame + self.settings.silence - loop.time()))
-                    if sum(self._take(frame) for frame in frames):
-                        last_frame = loop.time()
-                        if not connected:
-                            connected = True
-                            self.inlet.connected(self._identity())
+                async for own in self._heard(listening):
+                    for intake, frame in own:
+                        intake.take(frame)
+                    if not connected:
+                        connected = True
+                        self.inlet.connected(self._identity())
                     self._hand_over(listening)
-                    if loop.time() - last_frame >= self.settings.silence:
-                        raise self._verdict(listening.place)
             finally:
                 self._hand_over(listening)
 
@@ -146,40 +151,46 @@ class CanSensorDriver(Driver[CanSensorSettings]):
             options |= {} if s.bitrate is None else {"bitrate": s.bitrate}
         return open_listening(BusPlace(s.interface, s.channel, options))
 
-    async def _first(self, listening: Listening) -> Identity:
+    async def _heard(self, listening: Listening) -> AsyncIterator[list[tuple[Intake, Message]]]:
+        """Yield the sensor's frames, with their intakes. Raises ``SourceError`` after a ``silence`` without one."""
+        self._others, self._errors, self._dropped, self._malformed = set(), 0, 0, 0
         loop = asyncio.get_running_loop()
-        end = loop.time() + self.settings.silence
-        self._others, self._errors = set(), 0
-        while loop.time() < end:
-            for frame in await listening.frames(end - loop.time()):
-                if frame.is_error_frame:
-                    self._errors += 1
-                elif (frame.arbitration_id, frame.is_extended_id) in self._by_frame:
-                    return self._identity()
-                elif len(self._others) < _MOST_OTHERS:
-                    self._others.add(frame.arbitration_id)
+        last_frame = loop.time()
+        while (left := last_frame + self.settings.silence - loop.time()) > 0:
+            frames = await listening.frames(left)
+            if own := [(intake, frame) for frame in frames for intake in self._intakes_of(frame)]:
+                last_frame = loop.time()
+                yield own
         raise self._verdict(listening.place)
 
     def _identity(self) -> Identity:
         messages = ", ".join(f"{i.stream.name} 0x{i.identifier[0]:X}" for i in self._intakes)
         return Identity(self._map.maker, self._map.model, notes={"messages": messages, "map": self._map.source})
 
-    def _take(self, frame: Message) -> bool:
-        """Handle a frame; true if it is one of the sensor's."""
+    def _intakes_of(self, frame: Message) -> list[Intake]:
+        """Return the intakes of a frame; note errors and frames of others."""
         if frame.is_error_frame:
             self._note_error(frame)
-            return False
+            return []
         if self._state == "off":  # restarted while the bus was closed: a controller that is off receives no frame
             self._enter("active")
-        intakes = self._by_frame.get((frame.arbitration_id, frame.is_extended_id))
-        if intakes is None or frame.is_remote_frame:
+        found = self._by_frame.get(self._key(frame.arbitration_id, frame.is_extended_id), [])
+        intakes = [i for i in found if not frame.is_remote_frame and self._is_from(i, frame.arbitration_id & 0xFF)]
+        if not intakes:
             self.inlet.account.count("other frames")
             if len(self._others) < _MOST_OTHERS:
                 self._others.add(frame.arbitration_id)
-            return False
-        for intake in intakes:
-            intake.take(frame)
-        return True
+        return intakes
+
+    def _key(self, identifier: int, extended: bool) -> tuple[int, bool]:
+        return (group_of(identifier) if self._is_j1939 else identifier), extended
+
+    def _is_from(self, intake: Intake, source: int) -> bool:
+        """True if the frame is the sensor's: in J1939, other nodes may send the same messages."""
+        wanted, own = self.settings.source_address, intake.identifier[0] & 0xFF
+        if wanted is None and own == ANY_SOURCE:
+            self._source = wanted = source if self._source is None else self._source
+        return not self._is_j1939 or source == (own if wanted is None else wanted)
 
     def _note_error(self, frame: Message) -> None:
         error = decode_error(frame.arbitration_id, bytes(frame.data))
@@ -215,7 +226,7 @@ class CanSensorDriver(Driver[CanSensorSettings]):
             )
         if self._others:
             others = ", ".join(f"0x{i:X}" for i in sorted(self._others))
-            wanted = ", ".join(f"0x{identifier:X}" for identifier, _ in self._by_frame)
+            wanted = ", ".join(sorted({f"0x{intake.identifier[0]:X}" for intake in self._intakes}))
             return WrongDeviceError(f"{where} only frames {others}, none of the {self._map.model}'s ({wanted})")
         if self._errors:
             return ConnectError(f"{where} only {self._errors} error frames: wrong bit rate, or a wire is off?")
@@ -228,16 +239,3 @@ _STATES: dict[BusState, str] = {
     "passive": "the controller sees so many errors that it is error-passive",
     "off": "the controller is bus-off: it stays off the bus until it is restarted",
 }
-
-
-def _chosen(made: SensorMap, settings: CanSensorSettings) -> tuple[str, ...]:
-    """Streams to read. Raises ``ConfigError`` if the map lacks one."""
-    names = settings.read
-    if names is None:
-        names = tuple(n for n, s in made.streams.items() if not s.optional) or tuple(made.streams)
-    for key, wanted in (("read", names), ("rates", tuple(settings.rates))):
-        if unknown := [n for n in wanted if n not in made.streams]:
-            raise ConfigError(
-                f"{key}: the map of {made.model} has no stream {', '.join(unknown)}; it has: {', '.join(made.streams)}"
-            )
-    return names

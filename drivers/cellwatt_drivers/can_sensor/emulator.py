@@ -19,12 +19,6 @@ from cellwatt_drivers.can_sensor.sensor_map import Decoding, load_decodings
 CHUNK = 4096
 
 
-_QUANTITY = {
-    "current": "current", "voltage_1": "voltage", "voltage_2": "voltage", "voltage_3": "voltage",
-    "temperature": "temperature", "power": "power", "energy": "energy",
-}  # fmt: skip
-
-
 class CanSensorEmulator(Emulator):
     """An IVT-S that measures ``bus.current`` and ``bus.voltage``, and sends each result in its cycle.
 
@@ -70,7 +64,9 @@ class CanSensorEmulator(Emulator):
         if not self.on_terminal:
             raise ValueError(f"an IVT-S is emulated at pty or a path, not at {self.address!r}")
         _, self._decodings = load_decodings("ivt_s", None)
-        self._cycles = _cycles(options.text("cycles", "current=20,voltage_1=60,voltage_2=60,voltage_3=60"))
+        text = options.text("cycles", "current=20,voltage_1=60,voltage_2=60,voltage_3=60")
+        pairs = (pair.partition("=") for pair in text.split(","))
+        self._cycles = {name: float(milliseconds) * 1e-3 for name, _, milliseconds in pairs}
         if unknown := set(self._cycles) - set(self._decodings):
             raise ValueError(f"an IVT-S has no {', '.join(sorted(unknown))}; it has: {', '.join(self._decodings)}")
         self.status = int(options.text("status", "0"), 16)
@@ -172,10 +168,4 @@ class CanSensorEmulator(Emulator):
         if name == "energy":
             self._energy += voltage * current * self._cycles[name]
         values = {"voltage": voltage, "current": current, "power": voltage * current, "temperature": 31.0}
-        return values.get(_QUANTITY[name], self._energy)
-
-
-def _cycles(text: str) -> dict[str, float]:
-    """Parse cycles in s by stream."""
-    pairs = (pair.partition("=") for pair in text.split(","))
-    return {name: float(milliseconds) * 1e-3 for name, _, milliseconds in pairs}
+        return values.get(name.partition("_")[0], self._energy)

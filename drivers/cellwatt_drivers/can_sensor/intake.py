@@ -157,7 +157,9 @@ class Intake:
         quality = max((_QUALITY[self._decoding.wanted.flags[f]] for f in flags), default=Quality.GOOD)
         wanted = zip(self._decoding.wanted.signals, self._decoding.factors, strict=True)
         row = [signals.get(s, math.nan) * f for s, f in wanted]
-        self._rows.append(Row(self.last, [math.nan] * len(row) if quality is Quality.MISSING else row, quality))
+        if quality is Quality.MISSING or all(map(math.isnan, row)):
+            row, quality = [math.nan] * len(row), Quality.MISSING
+        self._rows.append(Row(self.last, row, quality))
 
     def _report(self, flags: frozenset[str]) -> None:
         for flag in flags:

@@ -91,7 +91,8 @@ def _open(place: BusPlace) -> BusABC:
             from cellwatt_drivers.can_sensor.slcan import CountingSlcanBus
 
             return CountingSlcanBus(place.channel, **place.options)
-        return can.Bus(channel=place.channel, interface=place.interface, ignore_config=True, **place.options)
+        # With fd, the kernel passes classic and FD frames; without it, FD frames are dropped without notice.
+        return can.Bus(channel=place.channel, interface=place.interface, ignore_config=True, fd=True, **place.options)
     except (can.CanError, OSError, ValueError, NotImplementedError) as error:
         raise ConnectError(f"{place} cannot be opened: {error}{_advice(place.interface)}") from error
 

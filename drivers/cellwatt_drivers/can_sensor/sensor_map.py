@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from importlib.resources import as_file, files
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -17,12 +17,16 @@ from cellwatt.channel import Channel
 from cellwatt.config import read_settings
 from cellwatt.config.wording import did_you_mean
 from cellwatt.errors import ConfigError
-from cellwatt.files import WRITTEN, check_file
+from cellwatt.files import read_bytes
 from cellwatt.quantity import Seconds
+from cellwatt.tables.encoding import text_of
 from cellwatt_drivers.shared.maps import SCALED, ChannelName, MapPart
 
 if TYPE_CHECKING:
     from cantools.database.can import Message
+
+ANY_SOURCE = 0xFE
+"""Source address in a DBC file of J1939 whose messages any node may send."""
 
 SensorName = Literal["ivt_s"]
 """Packaged maps."""
@@ -110,6 +114,21 @@ class Decoding:
     """Values of each multiplexer at which a frame carries the signals."""
 
     @property
+    def is_j1939(self) -> bool:
+        """True for a message of J1939: by the DBC file, or by its source address, which only a placeholder has."""
+        message = self.message
+        return message.protocol == "j1939" or (message.is_extended_frame and message.frame_id & 0xFF == ANY_SOURCE)
+
+    @cached_property
+    def _absent(self) -> Mapping[str, float]:
+        """Smallest values, by signal, that mean "not available" or an error in J1939."""
+        return {
+            name: float(signal.raw_to_scaled(0xFB << signal.length - 8 if signal.length >= 8 else 2**signal.length - 1))
+            for name, signal in ((n, _signal(self.message, n)) for n in self.wanted.signals if self.is_j1939)
+            if not signal.is_signed and not signal.conversion.is_float and signal.length > 1
+        }
+
+    @property
     def counts_to(self) -> int | None:
         """Number of values of the message's counter before it restarts."""
         return None if self.wanted.counter is None else 1 << _signal(self.message, self.wanted.counter).length
@@ -126,6 +145,7 @@ class Decoding:
         """Decode the signals, by name, in the DBC file's units.
 
         Signals of ``wanted.signals`` that lie beyond a short frame are left out; a frame with another page has none.
+        Values that are not available are NaN.
         Raises ``ValueError`` if the frame is too short for all of them, or for a flag, the counter or a multiplexer.
         """
         if self.pages:
@@ -138,16 +158,21 @@ class Decoding:
         wanted = self.wanted
         if not found.keys() & wanted.signals.keys() or not wanted.needed - wanted.signals.keys() <= found.keys():
             raise self._short(data)
-        return found
+        return found | {n: math.nan for n, least in self._absent.items() if found.get(n, math.nan) >= least}
 
     def _short(self, data: bytes) -> ValueError:
         return ValueError(f"{self.message.name}: a frame of {len(data)} bytes is too short for {self.name}")
 
 
-def _numbers(message: Message, data: bytes, *, scaling: bool = True) -> Mapping[str, float]:
+def _numbers(message: Message, data: bytes, *, scaling: bool = True) -> dict[str, float]:
     found: Any = message.decode(data, decode_choices=False, scaling=scaling, allow_truncated=True)
-    numbers: Mapping[str, float] = found
+    numbers: dict[str, float] = found
     return numbers
+
+
+def group_of(identifier: int) -> int:
+    """Parameter group of a J1939 identifier: without priority and source, and without destination if it has one."""
+    return identifier & (0x3FF_0000 if identifier >> 16 & 0xFF < 0xF0 else 0x3FF_FF00)
 
 
 def _without_pages(message: Message, names: Iterable[str]) -> Message:
@@ -176,12 +201,8 @@ def load_map(path: Path) -> SensorMap:
 
 def load_decodings(sensor: SensorName | None, path: Path | None) -> tuple[SensorMap, dict[str, Decoding]]:
     """Read the packaged map, or the one at ``path``, with its DBC file. Raises ``ConfigError``."""
-    if path is not None:
-        made = load_map(path)
-        return made, _decodings(made)
-    with as_file(files(__package__) / "sensors") as folder:
-        made = load_map(folder / f"{sensor}.yaml")
-        return made, _decodings(made)
+    made = load_map(path or Path(__file__).parent / "sensors" / f"{sensor}.yaml")
+    return made, _decodings(made)
 
 
 def _decodings(made: SensorMap) -> dict[str, Decoding]:
@@ -189,9 +210,9 @@ def _decodings(made: SensorMap) -> dict[str, Decoding]:
     from cantools.database.errors import Error
 
     try:
-        check_file(made.dbc, WRITTEN)
-        database: Any = cantools.database.load_file(made.dbc, database_format="dbc", strict=False)
-    except (OSError, UnicodeDecodeError, Error) as error:
+        text = text_of(read_bytes(made.dbc))
+        database: Any = cantools.database.load_string(text, database_format="dbc", strict=False)
+    except (OSError, ValueError, Error) as error:
         raise ConfigError(f"{made.dbc}: cannot be read as a DBC file: {error}") from error
     messages = {m.name: m for m in database.messages}
     found = {}

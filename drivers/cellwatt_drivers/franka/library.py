@@ -83,7 +83,8 @@ class Reader:
                 "table)"
             )
         if kind == "NetworkException":
-            return ConnectError(f"{host}: {text}; check the address, that FCI is on, and that no other client has it")
+            advice = "check the address, that FCI is on, that no other client has it, and that no firewall blocks UDP"
+            return ConnectError(f"{host}: {text}; {advice}")
         return DeviceError(f"{host}: {kind}: {text}" if text else f"{host}: {kind}")
 
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager
 
 from pydantic import Field, field_validator
 
@@ -17,11 +16,12 @@ from cellwatt.slots import Slots
 from cellwatt_drivers.kinova import registers
 from cellwatt_drivers.kinova.registers import Block, Read, Turns
 from cellwatt_drivers.shared.choice import Chosen
-from cellwatt_drivers.shared.modbus import Modbus, Numbering, connect, tcp_client
+from cellwatt_drivers.shared.modbus import Bus, TcpPlace, line
 from cellwatt_drivers.shared.polling import deliver, keep_conversing, reason_of
 from cellwatt_drivers.shared.requirements import require
 from cellwatt_drivers.shared.states import State, StateWatch
 
+_ADVICE = "check the address, and that the arm's Modbus server is on (web application, Configurations, Networks)"
 _NUMBER = {name: i for i, name in enumerate(c.name for c in registers.ARM_CHANNELS)}
 
 
@@ -87,20 +87,10 @@ class KinovaDriver(Driver[KinovaSettings]):
         """See ``Driver.run``. A connection that has delivered samples is reopened at once, any other raises."""
         await keep_conversing(self, self._converse)
 
-    @asynccontextmanager
-    async def _open(self) -> AsyncIterator[Modbus]:
-        """Open a connection. Raises ``ConnectError`` that says what to check."""
-        s, numbering = self.settings, Numbering()
-        client = tcp_client(s.host, s.port, s.timeout, numbering)
-        place = f"TCP {s.host}:{s.port}"
-        advice = "check the address, and that the arm's Modbus server is on (web application, Configurations, Networks)"
-        await connect(client, s.timeout, lambda: f"no device answers at {place}; {advice}")
-        try:
-            yield Modbus(client, place, numbering)
-        finally:
-            client.close()
+    def _open(self) -> AbstractAsyncContextManager[Bus]:
+        return line(TcpPlace(self.settings.host, self.settings.port, "tcp", _ADVICE), self.settings.timeout)
 
-    async def _greet(self, modbus: Modbus) -> Identity:
+    async def _greet(self, modbus: Bus) -> Identity:
         for read in self._reads:
             await modbus.read("input", read.first, read.count, self.settings.unit)
         return Identity("Kinova", f"Gen3, {self.settings.axes} joints as set")
@@ -114,7 +104,7 @@ class KinovaDriver(Driver[KinovaSettings]):
                     for done, read in enumerate(self._reads):
                         await self._serve(modbus, read, len(self._reads) - done)
 
-    async def _serve(self, modbus: Modbus, read: Read, remaining: int) -> None:
+    async def _serve(self, modbus: Bus, read: Read, remaining: int) -> None:
         """Send one request; if it fails, the ``remaining`` requests of this slot are counted as missed."""
         asked = self.inlet.now()
         try:

@@ -13,29 +13,35 @@ from pydantic import Field, FilePath, model_validator
 
 from cellwatt.channel import Quality, Stream
 from cellwatt.driver import Driver, Identity, Inlet, SourceSettings
-from cellwatt.errors import ConfigError, ConnectError, DeviceError, ProtocolError, SourceError, WrongDeviceError
+from cellwatt.errors import ConnectError, DeviceError, ProtocolError, SourceError, WrongDeviceError
 from cellwatt.host import Host
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt.slots import Slots
 from cellwatt_drivers.modbus_meter import likeness
-from cellwatt_drivers.modbus_meter.bus import (
+from cellwatt_drivers.modbus_meter.counter import Counted, RisingCounter
+from cellwatt_drivers.modbus_meter.meter_map import MeterName, chosen_map
+from cellwatt_drivers.modbus_meter.reader import Reader
+from cellwatt_drivers.shared.choice import Chosen, SerialPath, among
+from cellwatt_drivers.shared.modbus import (
+    ILLEGAL_FUNCTION,
     Bus,
     Framing,
+    OtherNumberError,
     Parity,
+    RefusedError,
     SerialPlace,
     TcpPlace,
-    open_bus,
+    line,
 )
-from cellwatt_drivers.modbus_meter.counter import Counted, RisingCounter
-from cellwatt_drivers.modbus_meter.meter_map import MeterMap, MeterName, chosen_map
-from cellwatt_drivers.modbus_meter.reader import Reader
-from cellwatt_drivers.shared.choice import Chosen, SerialPath
-from cellwatt_drivers.shared.modbus import ILLEGAL_FUNCTION, OtherNumberError, RefusedError
 from cellwatt_drivers.shared.polling import NoAnswerError, deliver, reason_of
 from cellwatt_drivers.shared.requirements import require
 
 PORT = 502
 
+_ADVICE = (
+    "check the address and the cable, that Modbus TCP is switched on at the meter, and that no other client holds its "
+    "last connection"
+)
 _USUAL = {"timeouts", "retries", "refused reads"}
 """Counts that also rise on a good line."""
 _PLAUSIBLE = {"J": 1e6}
@@ -86,7 +92,7 @@ class ModbusMeterSettings(SourceSettings):
     mains_may_be_off: bool = False
     """The meter has its own supply, and the measured mains may be off: 0 V and 0 Hz do not mean a wrong meter."""
     silence: Seconds = Field(5.0, gt=0)
-    """Longest time without a good answer: after it the source is down and is opened again."""
+    """Longest time without a good answer, at least two polls: after it the source is down and is opened again."""
 
     @model_validator(mode="after")
     def _fits(self) -> ModbusMeterSettings:
@@ -119,12 +125,11 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         super().__init__(name, settings, inlet)
         require(name, "driver modbus_meter", {"pymodbus": "the package pymodbus"}, "pip install 'cellwatt[modbus]'")
         self._map = chosen_map(settings.meter, settings.map)
-        self._names = _chosen(self._map, settings.read)
+        self._names = among(settings.read, self._map.values, f"a {self._map.model}")
         values = [self._map.values[n] for n in self._names]
         self._reader = Reader(self._map, self._names, settings.unit, settings.retries, self._count, self._left_out)
         self._factor = np.array([v.factor for v in values])
         self._largest = np.array([math.inf if v.largest is None else v.largest for v in values])
-        self._missing = [(c, float(m)) for c, n in enumerate(self._names) for m in self._map.marks(n)]
         self._counters = {
             c: RisingCounter(self._map.wrap(n), 1 / settings.rate, _PLAUSIBLE.get(values[c].channel(n).unit, 0.0))
             for c, n in enumerate(self._names)
@@ -159,10 +164,8 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
 
     def _open(self) -> AbstractAsyncContextManager[Bus]:
         s = self.settings
-        if s.host is not None:
-            return open_bus(TcpPlace(s.host, s.port, s.framing), s.timeout)
-        assert s.line is not None
-        return open_bus(SerialPlace(s.line, s.baud, s.parity, s.stop_bits), s.timeout)
+        serial = SerialPlace(s.line or "", s.baud, s.parity, s.stop_bits)
+        return line(serial if s.host is None else TcpPlace(s.host, s.port, s.framing, _ADVICE), s.timeout)
 
     async def _greet(self, bus: Bus) -> Identity:
         unit, meter = self.settings.unit, self._map
@@ -209,7 +212,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
             if not isinstance(error, NoAnswerError | RefusedError | ProtocolError):
                 raise
             silence = (time.monotonic_ns() - self._last_answer) * 1e-9
-            if silence > self.settings.silence:
+            if silence > max(self.settings.silence, 2 / self.settings.rate):
                 kind = DeviceError if isinstance(error, RefusedError) else ConnectError
                 raise kind(f"no good answer for {silence:.1f} s; the last: {error}") from error
         else:
@@ -235,13 +238,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         return row, quality
 
     def _in_si(self, raw: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Return the values in SI units, NaN for no value, and the flags of those beyond the meter's range.
-
-        Sets ``raw`` to NaN at numbers that mean "no value".
-        """
-        for column, mark in self._missing:
-            if raw[column] == mark:
-                raw[column] = np.nan
+        """Return the values in SI units, NaN for no value, and the flags of those beyond the meter's range."""
         over = np.abs(raw) > self._largest
         return np.where(over | ~np.isfinite(raw), np.nan, raw) * self._factor, over
 
@@ -262,11 +259,3 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
             self.inlet.event(
                 f"counter_{counted.change}", f"{self.name}: {name} {_CHANGES[counted.change]}", channel=name
             )
-
-
-def _chosen(meter: MeterMap, read: tuple[str, ...] | None) -> tuple[str, ...]:
-    """The channels to read. Raises ``ConfigError`` if the map lacks one."""
-    names = tuple(meter.values) if read is None else read
-    if unknown := [n for n in names if n not in meter.values]:
-        raise ConfigError(f"read: a {meter.model} has no {', '.join(unknown)}; it has: {', '.join(meter.values)}")
-    return names

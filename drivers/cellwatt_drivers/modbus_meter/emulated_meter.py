@@ -28,8 +28,9 @@ class EmulatedMeter:
         self._signals = signals
         self._seen: float | None = None
         self._slots = made.slots(tuple(made.values))
-        self._first, self._end = min(s.address for s in self._slots), max(s.end for s in self._slots)
         self._names = tuple(made.values)
+        known = [*self._slots, *made.exponents(self._names)]
+        self._first, self._end = min(s.address for s in known), max(s.end for s in known)
         self._factors = [v.factor for v in made.values.values()]
 
     def has(self, address: int, count: int) -> bool:
@@ -41,7 +42,7 @@ class EmulatedMeter:
         return sum(s.end - s.address for s in self._slots if address <= s.address and s.end <= address + count) < count
 
     def read(self, t: float, address: int, count: int) -> list[int]:
-        """Read ``count`` registers from ``address`` on at t s; registers between values are 0."""
+        """Read ``count`` registers from ``address`` on at t s; registers between values and powers of ten are 0."""
         values, registers = self._measured(t), [0] * (self._end - self._first)
         for slot in self._slots:
             if address < slot.end and slot.address < address + count:

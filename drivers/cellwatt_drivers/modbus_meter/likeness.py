@@ -5,13 +5,11 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import Mapping, Sequence
-from functools import cache
 
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError, WrongDeviceError
-from cellwatt_drivers.modbus_meter.bus import Bus
-from cellwatt_drivers.modbus_meter.meter_map import METERS, MeterMap, MeterName, packaged_map
+from cellwatt_drivers.modbus_meter.meter_map import METERS, MeterMap, packaged_map
 from cellwatt_drivers.modbus_meter.reader import Reader
-from cellwatt_drivers.shared.modbus import ILLEGAL_FUNCTION, RefusedError
+from cellwatt_drivers.shared.modbus import ILLEGAL_FUNCTION, Bus, RefusedError
 
 _LOOKS = 3
 """Consecutive reads that must contain a contradiction."""
@@ -85,14 +83,16 @@ def _quantity(meter: MeterMap, name: str) -> str:
 async def wrong(bus: Bus, unit: int, meter: MeterMap, reason: str) -> WrongDeviceError:
     """Return the error with the expected meter, the contradiction, and the probable model."""
     like = await _like(bus, unit, meter)
-    hint = f"it answers like {' or '.join(like)}" if like else "check meter, map, unit and word order"
+    advice = "check meter, map (addresses count from 0), unit and word order"
+    hint = f"it answers like {' or '.join(like)}" if like else advice
     return WrongDeviceError(f"unit {unit} at {bus.place} is not a {meter.model}: {reason}; {hint}")
 
 
 async def _like(bus: Bus, unit: int, but: MeterMap) -> list[str]:
     """Return the packaged maps for which voltages, frequency and power factors are all present and plausible."""
     fitting = []
-    for name, meter in (await asyncio.to_thread(_packaged)).items():
+    for name in METERS:
+        meter = await asyncio.to_thread(packaged_map, name)
         if meter == but:
             continue
         try:
@@ -105,11 +105,6 @@ async def _like(bus: Bus, unit: int, but: MeterMap) -> list[str]:
         except (DeviceError, ProtocolError):  # this map does not fit; the meter is wrong in any case
             continue
     return fitting
-
-
-@cache
-def _packaged() -> dict[MeterName, MeterMap]:
-    return {name: packaged_map(name) for name in METERS}
 
 
 async def _numbers(bus: Bus, unit: int, meter: MeterMap, names: Sequence[str]) -> dict[str, float]:

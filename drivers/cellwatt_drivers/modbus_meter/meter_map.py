@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from importlib.resources import as_file, files
+from functools import cache
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -37,6 +37,8 @@ class MeterValue(MapPart):
     """Type of the number; omitted: the map's ``type``."""
     scale: float = Field(1.0, allow_inf_nan=False)
     """Factor from the register number to ``unit``."""
+    scale_register: int | None = Field(None, ge=0, le=65535)
+    """Address of a register (int16) with the power of ten of the number, from -10 to 10, as in SunSpec's meters."""
     counter: bool | None = None
     """The value only rises: a fall is a wrap or a reset. Omitted: yes for an energy."""
     wraps_at: float | None = Field(None, gt=0, allow_inf_nan=False)
@@ -89,7 +91,8 @@ class MeterMap(MapPart):
     type: RegisterType
     """Type of most values."""
     word_order: WordOrder = "big"
-    """First word of a value: the high one (``big``) or the low one (``little``)."""
+    """First word of a value: the high one (``big``) or the low one (``little``); ``badc`` and ``dcba``: the same, with
+    the low byte of each register first."""
     longest_read: int = Field(LONGEST, ge=4, le=LONGEST)
     """Most registers in one answer."""
     gap: int = Field(0, ge=0, le=LONGEST)
@@ -117,6 +120,11 @@ class MeterMap(MapPart):
             value = self.values[name]
             found.append(Slot(value.address, value.type or self.type, column))
         return found
+
+    def exponents(self, names: tuple[str, ...]) -> list[Slot]:
+        """Register slots of the powers of ten of the named values; their columns follow those of ``names``."""
+        addresses = {a for name in names if (a := self.values[name].scale_register) is not None}
+        return [Slot(a, "int16", column) for column, a in enumerate(sorted(addresses), len(names))]
 
     @property
     def checked(self) -> tuple[str, ...]:
@@ -152,7 +160,8 @@ class MeterMap(MapPart):
         if value.wraps_at is not None:
             return value.wraps_at * SCALED[value.unit][1]
         kind = value.type or self.type
-        return 2.0 ** (16 * width(kind)) * value.factor if kind.startswith("uint") else None
+        known = kind.startswith("uint") and value.scale_register is None
+        return 2.0 ** (16 * width(kind)) * value.factor if known else None
 
 
 def load_map(path: Path) -> MeterMap:
@@ -162,13 +171,10 @@ def load_map(path: Path) -> MeterMap:
 
 def chosen_map(name: MeterName | None, path: Path | None) -> MeterMap:
     """Read the map at ``path``, or else the packaged one."""
-    if path is not None:
-        return load_map(path)
-    assert name is not None
-    return packaged_map(name)
+    return packaged_map(name) if path is None else load_map(path)
 
 
-def packaged_map(name: MeterName) -> MeterMap:
+@cache
+def packaged_map(name: MeterName | None) -> MeterMap:
     """Read one of ``METERS``."""
-    with as_file(files(__package__) / "meters" / f"{name}.yaml") as path:
-        return load_map(path)
+    return load_map(Path(__file__).parent / "meters" / f"{name}.yaml")

@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import ProtocolError, WrongDeviceError
-from cellwatt_drivers.modbus_meter.bus import Bus
 from cellwatt_drivers.modbus_meter.meter_map import MeterMap
 from cellwatt_drivers.modbus_meter.registers import Block, plan
-from cellwatt_drivers.shared.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, RefusedError
+from cellwatt_drivers.shared.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, LATER, Bus, RefusedError
 from cellwatt_drivers.shared.polling import NoAnswerError
+
+_LARGEST_POWER = 10
+"""Largest power of ten of a number, as in SunSpec; -32768 means that there is none."""
 
 
 class Reader:
@@ -34,7 +36,13 @@ class Reader:
     ) -> None:
         self.names = tuple(names)
         self.left_out: set[str] = set()
-        self.blocks = plan(meter.slots(self.names), meter.longest_read, meter.gap, meter.word_order)
+        exponents = {slot.address: slot for slot in meter.exponents(self.names)}
+        slots = [*meter.slots(self.names), *exponents.values()]
+        self.blocks = plan(slots, meter.longest_read, meter.gap, meter.word_order)
+        self._labels = [*self.names, *(f"scale register {address}" for address in exponents)]
+        self._missing = [(c, float(m)) for c, n in enumerate(self.names) for m in meter.marks(n)]
+        # Without a register of its own, the power of ten of a value is the last column: 0.
+        self._powers = [-1 if (a := meter.values[n].scale_register) is None else exponents[a].column for n in names]
         self._meter = meter
         self._unit = unit
         self._retries = retries
@@ -42,11 +50,12 @@ class Reader:
         self._refused = refused
 
     async def read(self, bus: Bus) -> NDArray[np.float64]:
-        """Read the register numbers of all values (names,); NaN for those that the meter does not have.
+        """Read the register numbers of all values (names,) times their powers of ten; NaN where there is none.
 
         Raises ``WrongDeviceError`` if it has none of them, and what ``Bus.read`` raises.
         """
-        row = np.full(len(self.names), np.nan)
+        row = np.full(len(self._labels) + 1, np.nan)
+        row[-1] = 0.0
         pending, blocks = deque(self.blocks), []
         while pending:
             block = pending.popleft()
@@ -58,20 +67,26 @@ class Reader:
                 pending.extendleft(reversed(self._apart(block, error)))
                 continue
             blocks.append(block)
-            row[list(block.columns)] = numbers
+            row[block.columns] = numbers
         if not blocks:
             raise WrongDeviceError(
                 f"unit {self._unit} at {bus.place} has none of the registers of a {self._meter.model}"
             )
         self.blocks = tuple(blocks)
-        return row
+        for column, mark in self._missing:
+            if row[column] == mark:
+                row[column] = np.nan
+        powers = row[self._powers]
+        powers[abs(powers) > _LARGEST_POWER] = np.nan
+        found: NDArray[np.float64] = row[: len(self.names)] * 10.0**powers
+        return found
 
     def _apart(self, block: Block, error: RefusedError) -> tuple[Block, ...]:
         """Return the blocks that replace a refused one."""
         self._count("refused reads")
         parts = block.split()
         if not parts:
-            name = self.names[block.columns[0]]
+            name = self._labels[block.columns[0]]
             self.left_out.add(name)
             self._refused(name, error)
         return parts
@@ -81,9 +96,10 @@ class Reader:
             try:
                 words = await bus.read(self._meter.function, block.address, block.count, self._unit)
                 return block.decode(words)
-            except NoAnswerError as error:
-                self._count(f"{error.reason}s")
-                if attempt == self._retries:
+            except (NoAnswerError, RefusedError) as error:
+                if isinstance(error, NoAnswerError):
+                    self._count(f"{error.reason}s")
+                if attempt == self._retries or (isinstance(error, RefusedError) and error.code not in LATER):
                     raise
                 self._count("retries")
             except ProtocolError:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 from cellwatt.errors import ProtocolError
 
 RegisterType = Literal["int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"]
-WordOrder = Literal["big", "little"]
+WordOrder = Literal["big", "little", "badc", "dcba"]
 
 LONGEST = 125
 """Most registers in one request (Modbus Application Protocol V1.1b3, 6.3 and 6.4)."""
@@ -40,35 +40,21 @@ class Slot:
         return self.address + width(self.kind)
 
 
-@dataclass(frozen=True)
 class Block:
-    """Slots that one request reads; ``order`` is the word order within a value."""
+    """Slots that one request reads; ``order`` is the order of words within a value, and of bytes within a word."""
 
-    slots: tuple[Slot, ...]
-    order: WordOrder
-    address: int = field(init=False)
-    count: int = field(init=False)
-    columns: tuple[int, ...] = field(init=False)
-    _words: tuple[int, ...] = field(init=False, repr=False)
-    _packed: struct.Struct = field(init=False, repr=False)
-    _values: struct.Struct = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        start = self.slots[0].address
-        words: list[int] = []
-        for slot in self.slots:
-            own = range(slot.address - start, slot.end - start)
-            words += own if self.order == "big" else reversed(own)
-        made = {
-            "address": start,
-            "count": max(s.end for s in self.slots) - start,
-            "columns": tuple(s.column for s in self.slots),
-            "_words": tuple(words),
-            "_packed": struct.Struct(f">{len(words)}H"),
-            "_values": struct.Struct(">" + "".join(_FORMAT[s.kind] for s in self.slots)),
-        }
-        for name, value in made.items():
-            object.__setattr__(self, name, value)
+    def __init__(self, slots: tuple[Slot, ...], order: WordOrder) -> None:
+        self.slots = slots
+        self.order = order
+        self.address = slots[0].address
+        self.count = max(s.end for s in slots) - self.address
+        self.columns = [s.column for s in slots]
+        self._words: list[int] = []
+        for slot in slots:
+            own = range(slot.address - self.address, slot.end - self.address)
+            self._words += own if order in ("big", "badc") else reversed(own)
+        self._packed = struct.Struct(f"{'>' if order in ('big', 'little') else '<'}{len(self._words)}H")
+        self._values = struct.Struct(">" + "".join(_FORMAT[s.kind] for s in slots))
 
     def decode(self, registers: Sequence[int]) -> tuple[float, ...]:
         """Decode the slots' register numbers. Raises ``ProtocolError`` unless there are ``count`` registers."""

@@ -12,11 +12,19 @@ from cellwatt_drivers.shared.aside import obey_cancellation
 if TYPE_CHECKING:
     from asyncua import ua
 
-_CERTIFICATE: Final = (
-    "BadCertificateUntrusted", "BadSecurityChecksFailed", "BadCertificateInvalid", "BadCertificateUriInvalid",
-    "BadCertificateTimeInvalid", "BadCertificateUseNotAllowed", "BadCertificateHostNameInvalid",
-    "BadCertificateRevoked", "BadCertificateIssuerTimeInvalid", "BadCertificateChainIncomplete",
+_TIME: Final = "has it expired, is this PC's or the server's clock wrong?"
+_CERTIFICATE: Final = {
+    "BadCertificateTimeInvalid": _TIME,
+    "BadCertificateIssuerTimeInvalid": _TIME,
+    "BadCertificateUriInvalid": "its application URI (subjectAltName) is not accepted: make a certificate with one",
+    "BadCertificateUseNotAllowed": "its keyUsage or extendedKeyUsage is not accepted: make it as on the page opc_ua",
+} | dict.fromkeys(
+    ("BadCertificateUntrusted", "BadSecurityChecksFailed", "BadCertificateInvalid", "BadCertificateHostNameInvalid",
+     "BadCertificateRevoked", "BadCertificateChainIncomplete"),
+    "trust it at the server",
 )  # fmt: skip
+"""What to do, by the status with which a server refuses a certificate."""
+_MODE: Final = ("BadSecurityPolicyRejected", "BadSecurityModeRejected", "No matching endpoints")
 _USER: Final = ("BadUserAccessDenied", "BadIdentityTokenRejected", "BadIdentityTokenInvalid")
 _TOO_MANY: Final = ("BadTooManySessions", "BadMaxConnectionsReached", "BadTooManySubscriptions")
 _ENDED: Final = ("BadSessionClosed", "BadSessionIdInvalid", "BadSecureChannelClosed", "BadConnectionClosed")
@@ -37,6 +45,10 @@ class Complaints:
     def strange(self, what: str) -> ProtocolError:
         """Return the error of an invalid answer."""
         return ProtocolError(f"{self._url}: {what}")
+
+    def mode(self) -> DeviceError:
+        """Return the error of a server without the wanted security."""
+        return DeviceError(f"{self._url} does not offer this 'security': write another (encrypt, sign, none)")
 
     @contextmanager
     def about(self, doing: str) -> Iterator[None]:
@@ -62,6 +74,8 @@ class Complaints:
             raise DeviceError(f"{self._url}: the server refuses {doing}{hint}") from error
         except Exception as error:  # the library lets exceptions of its parsers and cryptography through
             text = " ".join(str(error).split()) or type(error).__name__
+            if text.startswith(_MODE):
+                raise self.mode() from error
             raise ProtocolError(f"{self._url}: {text} while {doing}") from error
         else:
             obey_cancellation()
@@ -69,9 +83,11 @@ class Complaints:
     def refusal(self, doing: str, status: ua.StatusCode) -> SourceError:
         """Return the error of a request that the server refused."""
         name, doc = status.name, status.doc
-        if name in _CERTIFICATE:
+        if advice := _CERTIFICATE.get(name):
             mine = f" (SHA-1 {self.certificate})" if self.certificate else ""
-            return DeviceError(f"{self._url} refuses this PC's certificate{mine}: {name}; trust it at the server")
+            return DeviceError(f"{self._url} refuses this PC's certificate{mine}: {name}; {advice}")
+        if name in _MODE:
+            return self.mode()
         if name in _USER:
             whom = f"user {self._user!r}" if self._user else "a client without a user: write 'user' and 'password'"
             return DeviceError(f"{self._url} refuses {whom} ({name})")

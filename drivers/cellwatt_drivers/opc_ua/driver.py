@@ -84,6 +84,8 @@ class OpcUaDriver(Driver[OpcUaSettings]):
             if message.ended:
                 raise DeviceError(f"{url}: the server ended the subscription: {message.ended}")
             self._intake.take(message, arrival)
+            if any(item.unknown for item in message.items):  # it stays so, even if a new node has the same id
+                raise DeviceError(f"{url}: the server has removed nodes (BadNodeIdUnknown): was its program changed?")
         await asyncio.sleep(0)
 
     async def _find(self, session: Session) -> tuple[list[TagPlace], list[str]]:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 import copy
 import logging
-from collections.abc import Iterator, Mapping, MutableMapping
+from collections import ChainMap
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from functools import cache
@@ -212,7 +213,7 @@ class _Internal(InternalServer):  # type: ignore[misc]
 
     async def load_standard_address_space(self, shelf_file: Path | None = None) -> None:
         """See ``InternalServer``."""
-        self.aspace._nodes = _Copies(await asyncio.to_thread(_standard))
+        self.aspace._nodes = _Copies({}, await asyncio.to_thread(_standard))
 
 
 @cache
@@ -224,32 +225,11 @@ def _standard() -> dict[ua.NodeId, NodeData]:
     return dict(made._nodes)
 
 
-class _Copies(MutableMapping[ua.NodeId, NodeData]):
-    """The server's own nodes; nodes of ``others`` are copied on first use."""
-
-    def __init__(self, others: Mapping[ua.NodeId, NodeData]) -> None:
-        self._others = dict(others)
-        self._own: dict[ua.NodeId, NodeData] = {}
+class _Copies(ChainMap[ua.NodeId, NodeData]):
+    """The server's own nodes; those of the second map are copied on first use."""
 
     def __getitem__(self, key: ua.NodeId) -> NodeData:
-        found = self._own.get(key)
-        if found is None:
-            found = self._own[key] = copy.deepcopy(self._others.pop(key))
-        return found
-
-    def __setitem__(self, key: ua.NodeId, value: NodeData) -> None:
-        self._others.pop(key, None)
-        self._own[key] = value
-
-    def __delitem__(self, key: ua.NodeId) -> None:
-        if self._others.pop(key, None) is None:
-            del self._own[key]
-
-    def __iter__(self) -> Iterator[ua.NodeId]:
-        return iter([*self._own, *self._others])
-
-    def __len__(self) -> int:
-        return len(self._own) + len(self._others)
-
-    def __contains__(self, key: object) -> bool:
-        return key in self._own or key in self._others
+        own, others = self.maps
+        if key not in own:
+            own[key] = copy.deepcopy(others[key])
+        return own[key]

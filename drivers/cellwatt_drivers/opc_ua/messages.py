@@ -37,6 +37,11 @@ class Item:
         return bool(self.status & 0x8000_0000)
 
     @property
+    def unknown(self) -> bool:
+        """True if the server has removed the node (BadNodeIdUnknown)."""
+        return self.status & 0xFFFF_0000 == 0x8034_0000
+
+    @property
     def uncertain(self) -> bool:
         """True if the server marks the value as uncertain."""
         return self.status & _SEVERITY == _UNCERTAIN

@@ -6,6 +6,7 @@ import asyncio
 import logging
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
+from datetime import UTC, datetime
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
@@ -23,7 +24,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 _AT_ONCE: Final = 100
-"""Nodes per request."""
+"""Most nodes per request; fewer if the server refuses so many."""
 _MOST_WAITING: Final = 1000
 """Most published messages queued for the driver."""
 _FAREWELL: Final = 0.5
@@ -41,6 +42,7 @@ class Session:
         self.complaints = complaints
         self.feed: Mailbox[ua.PublishResult] = Mailbox(_MOST_WAITING)
         self._client = client
+        self._at_once = _AT_ONCE
 
     @property
     def thumbprint(self) -> str:
@@ -111,12 +113,20 @@ class Session:
     async def _in_parts(
         self, doing: str, items: Sequence[T], ask: Callable[[list[T]], Awaitable[Sequence[R]]]
     ) -> list[R]:
-        """Return one answer per item, requested in batches of ``_AT_ONCE``, which every server accepts."""
+        """Return one answer per item, requested in batches that the server accepts."""
+        from asyncua.ua.uaerrors import BadTooManyOperations
+
         found: list[R] = []
-        for start in range(0, len(items), _AT_ONCE):
-            part = list(items[start : start + _AT_ONCE])
+        while len(found) < len(items):
+            part = list(items[len(found) :][: self._at_once])
             with self.complaints.about(doing):
-                answer = await ask(part)
+                try:
+                    answer = await ask(part)
+                except BadTooManyOperations:
+                    if len(part) == 1:
+                        raise
+                    self._at_once = len(part) // 2
+                    continue
             if len(answer) != len(part):
                 raise self.complaints.strange(f"{len(answer)} values for {len(part)} nodes")
             found += answer
@@ -129,6 +139,8 @@ class Session:
             try:
                 with self.complaints.about("renewing the secure channel"):
                     await self._client.open_secure_channel(renew=True)
+                    # The library compares the server's time, which may be years off, with this PC's.
+                    self._client.uaclient.protocol._connection.security_token.CreatedAt = datetime.now(UTC)
                     self._client.uaclient.revolve_security_token()
             except SourceError as error:
                 self.feed.fail(error)

@@ -8,13 +8,11 @@ from typing import ClassVar, Literal
 
 from pydantic import Field, FilePath, SecretStr, model_validator
 
-from cellwatt.config.wording import did_you_mean
 from cellwatt.driver import SourceSettings
-from cellwatt.errors import ConfigError
 from cellwatt.host import Host, in_url
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt_drivers.opc_ua.tag_map import ModelName, Prefix, Tag, TagMap, check_prefixes, load_map, packaged_map
-from cellwatt_drivers.shared.choice import Chosen
+from cellwatt_drivers.shared.choice import Chosen, among
 from cellwatt_drivers.shared.maps import ChannelName
 
 PORT = 4840
@@ -122,9 +120,4 @@ class OpcUaSettings(SourceSettings):
 
 def tags_to_read(made: TagMap, read: tuple[str, ...] | None) -> Mapping[str, Tag]:
     """Tags to read, by channel. Raises ``ConfigError`` for an unknown channel."""
-    if read is None:
-        return made.values
-    for name in read:
-        if name not in made.values:
-            raise ConfigError(f"read: no tag gives {name!r}{did_you_mean(name, made.values)}")
-    return {name: made.values[name] for name in read}
+    return {name: made.values[name] for name in among(read, made.values, "the map")}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
@@ -133,8 +132,7 @@ def load_map(path: Path) -> TagMap:
 
 def packaged_map(name: ModelName) -> TagMap:
     """Read a packaged map."""
-    with as_file(files(__package__) / "maps" / f"{name}.yaml") as path:
-        return load_map(path)
+    return load_map(Path(__file__).parent / "maps" / f"{name}.yaml")
 
 
 def unit_named(unit_id: int, text: str) -> str | None:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import errno
 import os
-import termios
 from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager
 from pathlib import Path
@@ -15,10 +13,10 @@ import serial
 from cellwatt import ConnectError
 from cellwatt.gather import next_moment
 from cellwatt_drivers.shared.aside import opened_aside
+from cellwatt_drivers.shared.serial_port import open_port
 
 MOST_READ = 4096
 """Most bytes handled in one turn of the loop, so that other sources get their turn."""
-BY_ID = Path("/dev/serial/by-id")
 ADAPTERS = Path("/sys/bus/usb-serial/devices")
 
 
@@ -92,39 +90,7 @@ def _finish(done: asyncio.Future[None]) -> None:
 
 def listening_port(path: str, baud: int) -> AbstractAsyncContextManager[ListeningPort]:
     """Open a port exclusively and close it at the end. Raises ``ConnectError`` with the reason."""
-    return opened_aside(lambda: _open(path, baud), ListeningPort.close)
-
-
-def _open(path: str, baud: int) -> ListeningPort:
-    try:
-        return ListeningPort(serial.Serial(path, baud, timeout=0, exclusive=True))
-    except (OSError, ValueError, termios.error) as error:
-        raise ConnectError(f"{path}: {_why(error, baud)}") from error
-
-
-def _why(error: Exception, baud: int) -> str:
-    # pyserial sets errno only for a failed open; after a failed lock or set-up the text contains it.
-    number = getattr(error, "errno", None)
-    text = str(error)
-    if number == errno.ENOENT:
-        return f"no such port ({_present()})"
-    if number == errno.EACCES:
-        return "permission denied: the user that runs cellwatt must be in the port's group (dialout)"
-    if number == errno.EBUSY or "exclusively lock" in text:
-        return "in use by another program"
-    if number == errno.ENOTTY or "Inappropriate ioctl" in text:
-        return "is not a serial port"
-    if isinstance(error, ValueError):
-        return f"does not know {baud} baud"
-    return f"cannot be opened: {text}"
-
-
-def _present() -> str:
-    try:
-        names = sorted(p.name for p in BY_ID.iterdir())
-    except OSError:
-        names = []
-    return f"in {BY_ID}: {', '.join(names)}" if names else "no USB serial adapter is plugged in"
+    return opened_aside(lambda: ListeningPort(open_port(path, baud)), ListeningPort.close)
 
 
 def _latency_timer(path: str) -> int | None:

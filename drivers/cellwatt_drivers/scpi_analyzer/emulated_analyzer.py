@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping, Set
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -20,17 +20,16 @@ OVERFLOW = 9.9e37
 FREQUENCY = 50.0
 AFTER_RESET = ("URMS", "IRMS", "P", "FPLL", "URAN", "IRAN", "S", "Q", "LAMB", "PHI")
 
-_FUNCTIONS = frozenset(AFTER_RESET) | {"FU", "FI", "WH", "TIME"}
+FUNCTIONS = frozenset(AFTER_RESET) | {"FU", "FI", "WH", "TIME"}
 _SAMPLES = 20  # samples of the signals per update
 _MOST_SAMPLES = 2000  # most samples of a longer update, after a long time without a query
 _QUEUE = 16
-SCPI_VERSION = "1999.0"
 _COMPLETE, _DEVICE, _EXECUTION, _COMMAND = 1, 8, 16, 32
 """Bits of the event status register, IEEE 488.2, 11.5.1."""
 _EVENTS = {1: _COMMAND, 2: _EXECUTION, 3: _DEVICE}
 """Event bits by the hundreds of an error's number (SCPI-99, 21.8)."""
-_QUEUED, _SUMMARY, _REQUEST = 4, 32, 64
-"""Bits of the status byte: an error is queued, an enabled event is set, service is requested."""
+_QUEUED, _SUMMARY = 4, 32
+"""Bits of the status byte: an error is queued, an enabled event is set."""
 
 NO_HEADER = (-113, "Undefined header")
 NO_PARAMETER = (-109, "Missing parameter")
@@ -58,11 +57,11 @@ class EmulatedAnalyzer:
     def __init__(self, signals: Signals, identification: str) -> None:
         self.identification = identification
         self.functions: tuple[str, ...] = AFTER_RESET
-        self.overload: set[str] = set()
+        self.overload: Set[str] = frozenset()
         self.measurements = 0
         self.errors: deque[tuple[int, str]] = deque()
         self._events = 0
-        self._enabled = {"*ESE": 0, "*SRE": 0}
+        self._enabled = 0
         self.running = False
         self._signals = signals
         self._update = -1
@@ -103,7 +102,7 @@ class EmulatedAnalyzer:
             "*RST": lambda _: self._reset(),
             "SYSTem:ERRor?": lambda _: self._next_error(),
             "SYSTem:ERRor:ALL?": lambda _: ",".join(self._next_error() for _ in range(max(1, len(self.errors)))),
-            "SYSTem:VERSion?": lambda _: SCPI_VERSION,
+            "SYSTem:VERSion?": lambda _: "1999.0",
             "CHANnel1:MEASurement:FORMat": lambda p: self._one_of(p, {"ASC", "ASCII"}),
             "CHANnel1:MEASurement:FUNCtions": self._select,
             "CHANnel1:MEASurement:FUNCtions?": lambda _: ",".join(self.functions),
@@ -114,18 +113,14 @@ class EmulatedAnalyzer:
         }
 
     def _status_commands(self) -> Mapping[str, Callable[[str], str | None]]:
-        """Return the commands that IEEE 488.2 requires of every instrument."""
+        """Return those commands of IEEE 488.2 with which clients check for errors."""
         return {
             "*CLS": lambda _: self._clear_status(),
             "*STB?": lambda _: str(self._status_byte()),
             "*ESR?": lambda _: str(self._take_events()),
-            "*ESE": lambda p: self._enable("*ESE", p),
-            "*ESE?": lambda _: str(self._enabled["*ESE"]),
-            "*SRE": lambda p: self._enable("*SRE", p),
-            "*SRE?": lambda _: str(self._enabled["*SRE"]),
+            "*ESE": self._enable,
+            "*ESE?": lambda _: str(self._enabled),
             "*OPC": lambda _: self._note(_COMPLETE),
-            "*WAI": lambda _: None,
-            "*TST?": lambda _: "0",
         }
 
     def _clear_status(self) -> None:
@@ -133,16 +128,15 @@ class EmulatedAnalyzer:
         self._events = 0
 
     def _status_byte(self) -> int:
-        status = (_QUEUED if self.errors else 0) | (_SUMMARY if self._events & self._enabled["*ESE"] else 0)
-        return status | (_REQUEST if status & self._enabled["*SRE"] else 0)
+        return (_QUEUED if self.errors else 0) | (_SUMMARY if self._events & self._enabled else 0)
 
     def _take_events(self) -> int:
         events, self._events = self._events, 0
         return events
 
-    def _enable(self, register: str, parameter: str) -> None:
+    def _enable(self, parameter: str) -> None:
         if parameter.isdigit() and int(parameter) < 256:
-            self._enabled[register] = int(parameter)
+            self._enabled = int(parameter)
         else:
             self._fail(BAD_PARAMETER if parameter else NO_PARAMETER)
 
@@ -166,7 +160,7 @@ class EmulatedAnalyzer:
 
     def _select(self, parameter: str) -> None:
         names = tuple(name.strip().upper().replace("LAMBDA", "LAMB") for name in parameter.split(","))
-        if parameter and set(names) <= _FUNCTIONS:
+        if parameter and set(names) <= FUNCTIONS:
             self.functions = names
         else:
             self._fail(BAD_PARAMETER if parameter else NO_PARAMETER)
@@ -241,8 +235,3 @@ def _word(word: str) -> str:
     assert found is not None
     short, rest, number = found.groups()
     return re.escape(short) + (f"(?:{rest.upper()})?" if rest else "") + ("1?" if number else "")
-
-
-def known_functions(names: Iterable[str]) -> set[str]:
-    """The subset of the names that the analyzer measures."""
-    return set(_FUNCTIONS.intersection(names))

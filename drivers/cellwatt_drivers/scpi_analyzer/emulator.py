@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 from cellwatt.emulation import Options, PortEmulator
 from cellwatt.emulation.terminal import Writer, port_of
-from cellwatt_drivers.scpi_analyzer.emulated_analyzer import EmulatedAnalyzer, known_functions
+from cellwatt_drivers.scpi_analyzer.emulated_analyzer import FUNCTIONS, EmulatedAnalyzer
 from cellwatt_drivers.scpi_analyzer.emulated_makes import EmulatedLmg670, EmulatedWt310
 from cellwatt_drivers.scpi_analyzer.wire import PORT
 
@@ -48,7 +48,7 @@ class ScpiAnalyzerEmulator(PortEmulator):
         make, identification = _MAKES[options.choice("model", "hmc8015", tuple(_MAKES))]
         self.analyzer = make(self.signals, options.text("idn", identification))
         overload = [name for name in options.text("overload").split(",") if name]
-        self.analyzer.overload = known_functions(overload)
+        self.analyzer.overload = FUNCTIONS.intersection(overload)
         if unknown := set(overload) - self.analyzer.overload:
             raise ValueError(f"overload names functions it does not measure: {', '.join(sorted(unknown))}")
         self.lines: Counter[str] = Counter()

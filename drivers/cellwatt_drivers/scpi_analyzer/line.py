@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import termios
 from collections import deque
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
@@ -15,6 +14,7 @@ from cellwatt.errors import ConnectError, ProtocolError, why
 from cellwatt_drivers.scpi_analyzer.wire import LONGEST, decode_line
 from cellwatt_drivers.shared.aside import opened_aside
 from cellwatt_drivers.shared.polling import NoAnswerError
+from cellwatt_drivers.shared.serial_port import open_port
 
 _MOST_LINES = 16
 _CLOSING = 1.0
@@ -70,6 +70,8 @@ class Line(asyncio.Protocol):
         asked = self._now()
         self.tell(query)
         text, arrival = await self.read(timeout)
+        if text == query:
+            raise ProtocolError(f"{self.place} sends back what it receives: switch its echo off")
         return Answer(text, asked, arrival)
 
     async def read(self, timeout: float) -> tuple[str, int]:
@@ -91,8 +93,8 @@ class Line(asyncio.Protocol):
     def data_received(self, data: bytes) -> None:
         """Split received data into lines; called by the loop."""
         arrival = self._now()
-        *lines, rest = (bytes(self._partial) + data).split(b"\n")
-        self._lines.extend((line, arrival) for line in lines)
+        *lines, rest = (bytes(self._partial) + data).replace(b"\r", b"\n").split(b"\n")
+        self._lines.extend((line, arrival) for line in lines if line)
         self._partial[:] = rest
         if len(self._partial) > LONGEST or len(self._lines) > _MOST_LINES:
             self._broken = ConnectError(f"{self.place} floods the line with unrequested data")
@@ -134,16 +136,7 @@ async def open_tcp(host: str, port: int, timeout: float, now: Callable[[], int])
 async def open_serial(path: str, baud: int, now: Callable[[], int]) -> AsyncIterator[Line]:
     """Open a line over a serial port, exclusively. Raises ``ConnectError``."""
     line = Line(path, now)
-
-    def open_port() -> serial.Serial:
-        try:
-            device = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
-            device.reset_input_buffer()
-        except (OSError, ValueError, termios.error) as error:
-            raise ConnectError(f"serial port {path} cannot be opened: {error}") from error
-        return device
-
-    async with opened_aside(open_port, serial.Serial.close) as device:
+    async with opened_aside(lambda: open_port(path, baud), serial.Serial.close) as device:
         transport, _ = await asyncio.get_running_loop().connect_read_pipe(lambda: line, device)
         line.write = device.write
         try:

@@ -15,10 +15,10 @@ LONGEST = 4096
 _MOST_VALUES = 255
 _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 _UNAVAILABLE = re.compile(r"NAN|-+", re.IGNORECASE)
-_INFINITE = re.compile(r"[-+]?INF(?:INITY)?", re.IGNORECASE)
+_INFINITE = re.compile(r"[-+]?INF(?:INITY)?|-*O[FL]-*", re.IGNORECASE)
 _NOT_A_NUMBER = 9.91e37  # SCPI 1999, 7.2.1.5
 _LARGEST = 9.9e36
-_ERROR = re.compile(r"([-+]?[0-9]+)\s*,\s*\"?([^\"]*)\"?")
+_ERROR = re.compile(r"(?::\S+ )?([-+]?[0-9]+)\s*,\s*\"?([^\"]*)\"?")
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ class Identification:
 
 
 def parse_value(text: str) -> Value:
-    """Parse a number, or one of the marks for "none" (NAN, dashes, 9.91E37) and "overload" (9.9E37, INF).
+    """Parse a number, or one of the marks for "none" (NAN, dashes, 9.91E37) and "overload" (9.9E37, INF, -OL-, -OF-).
 
     Raises ``ProtocolError`` for any other text.
     """
@@ -89,8 +89,8 @@ def parse_identification(line: str) -> Identification:
 
 
 def decode_line(data: bytes) -> str:
-    """Decode a line without its end, LF or CR LF. Raises ``ProtocolError`` if it is not printable ASCII."""
-    text = data.rstrip(b"\r\n").decode("ascii", "replace")
+    """Decode a line without its end. Raises ``ProtocolError`` if it is not printable ASCII."""
+    text = data.decode("ascii", "replace")
     if not text.isprintable() or "\ufffd" in text:
         raise ProtocolError(f"{data[:40]!r} is not a line of text")
     return text

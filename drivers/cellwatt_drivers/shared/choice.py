@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Annotated, TypeVar
 
 from pydantic import AfterValidator
+
+from cellwatt.config.wording import did_you_mean
+from cellwatt.errors import ConfigError
 
 T = TypeVar("T")
 
@@ -25,6 +29,15 @@ EachOnce = Annotated[tuple[T, ...], AfterValidator(_each_once)]
 """Names each once, or none."""
 Chosen = Annotated[tuple[T, ...], AfterValidator(_some), AfterValidator(_each_once)]
 """Names one or more, each once."""
+
+
+def among(wanted: tuple[str, ...] | None, known: Collection[str], owner: str, key: str = "read") -> tuple[str, ...]:
+    """Return the wanted names, or all known ones. Raises ``ConfigError`` if the ``owner`` of the names lacks one."""
+    names = tuple(known) if wanted is None else wanted
+    if unknown := [name for name in names if name not in known]:
+        hint = did_you_mean(unknown[0], known)
+        raise ConfigError(f"{key}: {owner} has no {', '.join(unknown)}{hint} (it has: {', '.join(known)})")
+    return names
 
 
 def whole_part_of(fastest: float) -> AfterValidator:

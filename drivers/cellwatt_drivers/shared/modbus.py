@@ -1,15 +1,23 @@
-"""Reads over Modbus through pymodbus; errors distinguish a lost connection, a refusal and a timeout."""
+"""Reads over Modbus through pymodbus; devices on one line share its connection.
+
+Errors distinguish a lost connection, a refusal and a timeout.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable
+import socket
+import termios
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
-from cellwatt.errors import ConnectError, DeviceError, ProtocolError, SourceError
+from cellwatt.errors import ConnectError, DeviceError, ProtocolError, SourceError, why
 from cellwatt_drivers.shared.aside import obey_cancellation
 from cellwatt_drivers.shared.polling import NoAnswerError
+from cellwatt_drivers.shared.serial_port import open_port
 
 if TYPE_CHECKING:
     from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
@@ -18,8 +26,12 @@ if TYPE_CHECKING:
     Client = AsyncModbusTcpClient | AsyncModbusSerialClient
 
 Function = Literal["input", "holding"]
+Framing = Literal["tcp", "rtu"]
+Parity = Literal["none", "even", "odd"]
 
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE = 1, 2, 3
+LATER = frozenset({5, 6, 11})
+"""Exceptions after which the same request may succeed: it needs time, it is busy, the gateway got no answer."""
 _HEADER = 6
 """Bytes of a frame's header up to and including the length."""
 _WORDS = {
@@ -48,59 +60,134 @@ class OtherNumberError(NoAnswerError):
     reason = "other transaction number"
 
 
+class OtherUnitError(OtherNumberError):
+    """An answer to the request that names another unit than the requested one."""
+
+    reason = "other unit"
+
+
 class Numbering:
-    """Transaction numbers of Modbus TCP, which pymodbus ignores if wrong; ``trace`` is its ``trace_packet``."""
+    """Numbers of Modbus TCP, whose answers pymodbus ignores if wrong; ``trace`` is its ``trace_packet``."""
 
     def __init__(self) -> None:
         self._unanswered: set[int] = set()
-        self._asked = 0
-        self.strange: int | None = None
-        """Transaction number of an answer since the last request that no pending request has; None without one."""
+        self._asked = self._unit = 0
+        self._ignored: tuple[type[NoAnswerError], str] | None = None
+        """Error and text for an answer since the last request that is not its answer."""
 
     def trace(self, sending: bool, data: bytes) -> bytes:
-        """Record the numbers of sent or received frames; return the frames unchanged."""
+        """Record the numbers of sent or received frames; return the frames.
+
+        A gateway may refuse a request in its own name: its exceptions are returned as those of the requested unit.
+        """
         if sending:
-            self._asked, self.strange = int.from_bytes(data[:2], "big"), None
+            self._asked, self._unit, self._ignored = int.from_bytes(data[:2], "big"), data[_HEADER], None
             self._unanswered.add(self._asked)
             return data
-        rest = data
-        while len(rest) >= _HEADER and len(rest) >= (end := _HEADER + int.from_bytes(rest[4:6], "big")):
-            number, rest = int.from_bytes(rest[:2], "big"), rest[end:]
+        frames, start = bytearray(data), 0
+        while (rest := frames[start:]) and len(rest) >= (end := _HEADER + int.from_bytes(rest[4:6], "big")) > _HEADER:
+            number, unit = int.from_bytes(rest[:2], "big"), rest[_HEADER]
             if number and number not in self._unanswered:  # pymodbus accepts 0 as the number of any request
-                self.strange = number
+                text = f"answers with another transaction number ({number}, asked with {self._asked}): "
+                more = "is the gateway faulty, or does it mix up the answers of two clients?"
+                self._ignored = OtherNumberError, text + more
+            elif number not in (0, self._asked):
+                self._ignored = NoAnswerError, "answers too late: write a longer timeout"
+            elif unit != self._unit and rest[_HEADER + 1 : end] >= b"\x80":
+                frames[start + _HEADER] = self._unit
+            elif unit != self._unit:
+                self._ignored = OtherUnitError, f"answers as unit {unit}: write unit: {unit}"
             self._unanswered.discard(number or self._asked)
-        return data
+            start += end
+        return bytes(frames)
 
     def of(self, unanswered: NoAnswerError) -> NoAnswerError:
         """Return the error that explains why the last request has no answer."""
-        if self.strange is None:
+        if self._ignored is None:
             return unanswered
-        where = str(unanswered).removesuffix(" gave no answer")
-        return OtherNumberError(
-            f"{where} answers with another transaction number ({self.strange}, asked with {self._asked}): "
-            "is the gateway faulty, or does it mix up the answers of two clients?"
-        )
+        kind, text = self._ignored
+        return kind(f"{str(unanswered).removesuffix('gave no answer')}{text}")
 
 
-class Modbus:
-    """Requests over an open connection; ``place`` names it in errors, ``numbering`` checks its transaction numbers.
+class Checksums(Numbering):
+    """Answers on RTU, which have no number: found by their checksum among noise and echoes of the request."""
 
-    All raise ``NoAnswerError``, ``RefusedError``, ``ProtocolError`` if the answer does not match the request, and
-    ``ConnectError`` if the connection is lost.
+    _request = b""
+
+    def trace(self, sending: bool, data: bytes) -> bytes:
+        """Record a sent frame; return the answer in what was received since, or nothing if it is not complete."""
+        from pymodbus.framer import FramerRTU
+
+        if sending:
+            self._request, self._ignored = data, None
+            return data
+        unit, function = self._request[:2]
+        for start in range(len(data) - 4):
+            size = 5 + (data[start + 2] if data[start + 1] == function else 0)
+            frame = data[start : start + size]
+            own = unit in (0, frame[0]) and frame[1] & 0x7F == function
+            if own and len(frame) == size and not FramerRTU.compute_CRC(frame):
+                return frame
+        if rest := data.removeprefix(self._request):
+            text = f"sends no valid answer ({rest[:16].hex(' ')}): check speed, parity and wires"
+            self._ignored = NoAnswerError, text
+        return b""
+
+
+@dataclass(frozen=True, slots=True)
+class TcpPlace:
+    """The TCP port of a device or gateway; ``advice`` says what to check if it cannot be opened."""
+
+    host: str
+    port: int
+    framing: Framing
+    advice: str
+
+    def __str__(self) -> str:
+        return f"TCP {self.host}:{self.port}"
+
+
+@dataclass(frozen=True, slots=True)
+class SerialPlace:
+    """A serial line and its settings."""
+
+    path: str
+    baud: int
+    parity: Parity
+    stop_bits: int
+    advice: str = "check its settings"
+
+    def __str__(self) -> str:
+        return f"{self.path} ({self.baud} 8{self.parity[0].upper()}{self.stop_bits})"
+
+
+Place = TcpPlace | SerialPlace
+
+
+class Bus:
+    """A line that opens itself for a request; the holder of ``turn`` uses it alone.
+
+    Meters and gateways close connections that rest between two polls: the request opens the line again, also if
+    the closing shows only then.
     """
 
-    def __init__(self, client: Client, place: str, numbering: Numbering) -> None:
+    def __init__(self, place: Place, timeout: float) -> None:
         self.place = place
-        self._client = client
-        self._numbering = numbering
-
-    @property
-    def alive(self) -> bool:
-        """True while the connection is open."""
-        return bool(self._client.connected)
+        self.turn = asyncio.Lock()
+        self.users = 0
+        self._timeout = timeout
+        numbered = isinstance(place, TcpPlace) and place.framing == "tcp"
+        self._numbering = Numbering() if numbered else Checksums()
+        # Answers on RTU carry no number: a late answer must not be mistaken for that of the next request.
+        self._settle = 0.0 if numbered else timeout
+        self._client = _client(place, timeout, self._numbering)
 
     async def read(self, function: Function, address: int, count: int, unit: int) -> list[int]:
-        """Read ``count`` registers of a unit, from ``address`` on."""
+        """Read ``count`` registers of a unit, from ``address`` on.
+
+        Raises ``NoAnswerError``, ``RefusedError``, ``ProtocolError`` if the answer does not match the request, and
+        ``ConnectError`` if the line cannot be opened, or the connection is lost.
+        """
         client = self._client
         ask = client.read_input_registers if function == "input" else client.read_holding_registers
         answer = await self._exchange(lambda: ask(address, count=count, device_id=unit), unit)
@@ -118,10 +205,22 @@ class Modbus:
         return registers
 
     async def _exchange(self, ask: Callable[[], Awaitable[Any]], unit: int) -> Any:
+        rested = self._client.connected
+        try:
+            return await self._once(ask, unit)
+        except NoAnswerError:
+            await asyncio.sleep(self._settle)
+            raise
+        except ConnectError:
+            if not rested:
+                raise
+            return await self._once(ask, unit)
+
+    async def _once(self, ask: Callable[[], Awaitable[Any]], unit: int) -> Any:
         from pymodbus.exceptions import ModbusException
 
-        if not self.alive:  # pymodbus would reconnect without notice
-            raise ConnectError(f"{self.place}: the connection is gone")
+        if not self._client.connected:
+            await self._open()
         try:
             answer = await ask()
         except ModbusException as error:
@@ -134,42 +233,101 @@ class Modbus:
         from pymodbus.exceptions import ConnectionException, ModbusIOException
 
         text = str(error)
-        if isinstance(error, ConnectionException) or not self.alive:
-            # pymodbus closes the connection after a few unanswered requests
-            reason = "no answer any more" if "No response" in text else "the connection is gone"
+        if isinstance(error, ConnectionException) or not self._client.connected:
+            # pymodbus itself closes the connection after a few unanswered requests
+            closed = "it closed the connection in place of an answer; does another client use it?"
+            reason = "no answer any more" if "CLOSING" in text else closed
             return ConnectError(f"unit {unit} at {self.place}: {reason}")
         if isinstance(error, ModbusIOException) and ("received" not in text or "No response" in text):
             return self._numbering.of(NoAnswerError(f"unit {unit} at {self.place} gave no answer"))
         return ProtocolError(f"{self.place}: the answer does not match the request: {text}")
 
+    async def _open(self) -> None:
+        """Open the line. Raises ``ConnectError`` that says what to check."""
+        logging.getLogger("pymodbus").setLevel(logging.CRITICAL)  # it logs errors raised here, and each invalid frame
+        try:
+            async with asyncio.timeout(self._timeout):
+                opened = await self._client.connect()
+        except (TimeoutError, OSError, ValueError, termios.error):
+            opened = False
+        except BaseException:
+            self.close()
+            raise
+        if not opened:
+            self.close()
+            obey_cancellation()
+            raise ConnectError(await asyncio.to_thread(self._unreachable))
 
-def tcp_client(host: str, port: int, timeout: float, numbering: Numbering | None) -> AsyncModbusTcpClient:
-    """A client for TCP; without ``numbering`` it uses RTU frames, as on a serial line."""
-    from pymodbus import FramerType
-    from pymodbus.client import AsyncModbusTcpClient
+    def _unreachable(self) -> str:
+        """Return why the line cannot be opened, which pymodbus does not say."""
+        place = self.place
+        try:
+            if isinstance(place, SerialPlace):
+                open_port(place.path, place.baud).close()
+            socket.socket().close()
+        except OSError as error:
+            return f"no socket can be opened: {why(error)}"
+        except ConnectError as error:
+            return str(error)
+        return f"{place} cannot be opened within {self._timeout:g} s; {place.advice}"
 
-    framer, trace = (FramerType.SOCKET, numbering.trace) if numbering else (FramerType.RTU, None)
-    return AsyncModbusTcpClient(
-        host, port=port, framer=framer, timeout=timeout, retries=0, reconnect_delay=0, trace_packet=trace
-    )
+    def close(self) -> None:
+        """Close the line."""
+        self._client.close()
 
 
-async def connect(client: Client, timeout: float, unreachable: Callable[[], str]) -> None:
-    """Connect a client; close it on failure.
+_LINES: dict[tuple[asyncio.AbstractEventLoop, Place], Bus] = {}
+"""The lines in use."""
 
-    Raises ``ConnectError`` with the text of ``unreachable`` if it does not connect within ``timeout`` s; other
-    exceptions of the system pass through.
-    """
-    logging.getLogger("pymodbus").setLevel(logging.CRITICAL)  # it logs errors raised here, and each invalid frame
+
+@asynccontextmanager
+async def line(place: Place, timeout: float) -> AsyncIterator[Bus]:
+    """Use the line at a place, which all its users share."""
+    key = (asyncio.get_running_loop(), place)
+    if key not in _LINES:
+        _LINES[key] = Bus(place, timeout)
+    bus = _LINES[key]
+    bus.users += 1
     try:
-        async with asyncio.timeout(timeout):
-            opened = await client.connect()
-    except TimeoutError:
-        opened = False
-    except BaseException:
-        client.close()
-        raise
-    if not opened:
-        client.close()
-        obey_cancellation()
-        raise ConnectError(unreachable())
+        yield bus
+    finally:
+        bus.users -= 1
+        if not bus.users:
+            bus.close()
+            del _LINES[key]
+
+
+def _client(place: Place, timeout: float, numbering: Numbering) -> Client:
+    from pymodbus import FramerType
+    from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
+
+    client: Client
+    always: dict[str, Any] = {"timeout": timeout, "retries": 0, "reconnect_delay": 0, "trace_packet": numbering.trace}
+    if isinstance(place, TcpPlace):
+        framer = FramerType.SOCKET if place.framing == "tcp" else FramerType.RTU
+        client = AsyncModbusTcpClient(place.host, port=place.port, framer=framer, **always)
+    else:
+        parity = place.parity[0].upper()
+        client = AsyncModbusSerialClient(
+            place.path, baudrate=place.baud, parity=parity, stopbits=place.stop_bits, **always
+        )
+    _refuse_invalid(client)
+    return client
+
+
+def _refuse_invalid(client: Client) -> None:
+    """Let an invalid frame fail the request: pymodbus would close the connection, and asyncio print a traceback."""
+    from pymodbus.exceptions import ModbusIOException
+
+    exchanges: Any = client.ctx
+    take = exchanges.callback_data
+
+    def taken(data: bytes, addr: Any = None) -> int:
+        try:
+            return int(take(data, addr))
+        except ModbusIOException:
+            if not exchanges.response_future.done():
+                exchanges.response_future.set_exception(ModbusIOException(f"received {data[:16].hex(' ')}"))
+            return len(data)
+
+    exchanges.callback_data = taken

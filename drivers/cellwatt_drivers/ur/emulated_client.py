@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from collections import Counter
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -45,24 +44,19 @@ class Controller(Protocol):
 
     version: ControllerVersion
     clients: set[EmulatedClient]
-    tally: Counter[str]
 
     @property
     def down(self) -> bool:
         """True while connections are refused."""
-        ...
 
     def start(self, client: EmulatedClient) -> None:
         """Send the client its packages from now on."""
-        ...
 
     def stop(self, client: EmulatedClient) -> None:
         """Send the client no more packages."""
-        ...
 
     def lost(self, client: EmulatedClient) -> None:
         """Remove a client whose connection is closed."""
-        ...
 
 
 class EmulatedClient(asyncio.Protocol):
@@ -127,8 +121,6 @@ class EmulatedClient(asyncio.Protocol):
             case Kind.PAUSE:
                 self._controller.stop(self)
                 self.put(wire.accept_reply(kind, True))
-            case Kind.TEXT_MESSAGE:
-                pass
 
     def _set_up_outputs(self, payload: bytes) -> None:
         if self._spoken != wire.PROTOCOL:

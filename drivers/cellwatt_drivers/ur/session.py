@@ -32,7 +32,7 @@ Take = Callable[[Float, Float, int | None, int], None]
 """Takes the next packages; see ``Intake.take``."""
 
 
-class Session:
+class Session(asyncio.BufferedProtocol):
     """Frames in and out of one connection. ``where`` names it in errors; ``now`` returns the cell's time, ns.
 
     With ``decoder`` and ``take`` set, data packages go to ``take`` as they are read, those of one gather interval
@@ -51,13 +51,14 @@ class Session:
         self._view = memoryview(bytearray(BUFFER))
         self._filled = 0
         self._arrival = 0  # arrival of the newest bytes, ns
-        self._transport: asyncio.Transport | None = None
+        self._transport: GatheringTransport | None = None
         self._asked: Kind | None = None  # kind of the pending request
         self._answer: asyncio.Future[bytes] | None = None
         self._not_before: int | None = None
 
-    def connection_made(self, transport: asyncio.Transport) -> None:
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Store the transport."""
+        assert isinstance(transport, GatheringTransport)
         self._transport = transport
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -74,9 +75,9 @@ class Session:
         """Free space behind the unprocessed bytes; never empty, because every frame is shorter than the buffer."""
         return self._view[self._filled :]
 
-    def buffer_updated(self, nbytes: int, waited: int = 0) -> None:
-        """Handle complete frames and retain the rest; the newest bytes have waited in this PC for ``waited`` ns."""
-        self._arrival = self._now() - waited
+    def buffer_updated(self, nbytes: int) -> None:
+        """Handle complete frames and retain the rest."""
+        self._arrival = self._now() - (self._transport.waited if self._transport is not None else 0)
         self._filled += nbytes
         if self._take() and self._transport is not None:
             self._transport.pause_reading()

@@ -5,34 +5,9 @@ from __future__ import annotations
 import asyncio
 import socket
 from collections.abc import Callable
-from typing import Protocol
 
 from cellwatt.gather import next_moment
 from cellwatt.receipt import receive_into, stamp_receipts
-
-
-class Reads(Protocol):
-    """Receives the data of a connection, like an ``asyncio.BufferedProtocol``."""
-
-    def connection_made(self, transport: asyncio.Transport) -> None:
-        """The connection is open."""
-        ...
-
-    def get_buffer(self, sizehint: int) -> memoryview:
-        """Buffer for the next bytes; never empty."""
-        ...
-
-    def buffer_updated(self, nbytes: int, waited: int) -> None:
-        """``nbytes`` bytes arrived; the newest have waited in this PC for ``waited`` ns."""
-        ...
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        """The connection is closed; ``exc`` is None if this side closed it."""
-        ...
-
-    def eof_received(self) -> None:
-        """The peer closed the connection."""
-        ...
 
 
 class GatheringTransport(asyncio.Transport):
@@ -42,8 +17,10 @@ class GatheringTransport(asyncio.Transport):
     small: data that the kernel does not accept at once breaks the connection.
     """
 
-    def __init__(self, opened: socket.socket, session: Reads, gather: Callable[[], float]) -> None:
+    def __init__(self, opened: socket.socket, session: asyncio.BufferedProtocol, gather: Callable[[], float]) -> None:
         super().__init__()
+        self.waited = 0
+        """Time, ns, for which the newest bytes have waited in this PC."""
         self._socket = opened
         self._session = session
         self._loop = asyncio.get_running_loop()
@@ -72,9 +49,9 @@ class GatheringTransport(asyncio.Transport):
     def _read(self) -> None:
         if self._timer is not None:
             self.resume_reading()
-        room = self._session.get_buffer(-1)
+        room = memoryview(self._session.get_buffer(-1))
         try:
-            size, waited = receive_into(self._socket, room)
+            size, self.waited = receive_into(self._socket, room)
         except (BlockingIOError, InterruptedError):
             return
         except OSError as error:
@@ -84,7 +61,7 @@ class GatheringTransport(asyncio.Transport):
             self._session.eof_received()
             self._end(None)
             return
-        self._session.buffer_updated(size, waited)
+        self._session.buffer_updated(size)
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
         """Send a few bytes now."""

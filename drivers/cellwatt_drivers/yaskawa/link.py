@@ -15,7 +15,7 @@ from typing import Literal
 from cellwatt.driver import Inlet
 from cellwatt.errors import ConnectError, ProtocolError
 from cellwatt.receipt import receive
-from cellwatt_drivers.shared.datagrams import datagram_socket
+from cellwatt_drivers.shared.datagrams import addresses, datagram_socket
 from cellwatt_drivers.yaskawa import wire
 
 _NUMBERS = 256
@@ -65,13 +65,7 @@ class _Unanswered:
 async def open_link(host: str, port: int, timeout: float, inlet: Inlet) -> AsyncIterator[Link]:
     """A link to the controller at ``host``; raises ``ConnectError`` if the name or the network is unknown."""
     loop = asyncio.get_running_loop()
-    try:
-        found = await loop.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
-    except OSError as error:
-        raise ConnectError(
-            f"the name {host!r} is not known: {error.strerror or error}; write the IP address"
-        ) from error
-    family, *_, address = found[0]
+    family, *_, address = (await addresses(host, port))[0]
     with datagram_socket(family) as connection:
         try:
             connection.connect(address)

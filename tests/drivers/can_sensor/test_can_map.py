@@ -35,6 +35,14 @@ def folder(tmp_path):
     return tmp_path
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252", "utf-16"])
+def test_a_unit_is_read_in_any_encoding(folder, encoding):
+    (folder / "drive.dbc").write_text(DBC.replace("furlong", "°C"), encoding=encoding)
+    (folder / "drive.yaml").write_text(GOOD + "      Odd: drive.temperature\n")
+    _, decodings = load_decodings(None, folder / "drive.yaml")
+    assert decodings["status"].channels[-1].unit == "degC"
+
+
 def test_the_worked_frame_of_an_ivt_s():
     _, decodings = load_decodings("ivt_s", None)
     current = decodings["current"]

@@ -164,6 +164,24 @@ async def test_overload_and_no_value(tmp_path):
     assert run.inlet.kinds().count("overload") == 1
 
 
+async def test_powers_of_ten_that_the_meter_sets_itself(tmp_path):
+    """As SunSpec's meters: one register scales several values, and may change; -32768 is none."""
+    file = tmp_path / "sunspec.yaml"
+    file.write_text(
+        "maker: Acme\nmodel: A1\nfunction: holding\ntype: int16\nvalues:\n"
+        "  phase_1.power: {address: 0, unit: W, scale_register: 2}\n"
+        "  supply.power: {address: 1, unit: W, scale_register: 2}\n"
+        "  supply.frequency: {address: 3, unit: Hz, scale_register: 4, between: [10, 500]}\n"
+        "  phase_1.current: {address: 5, unit: A, scale_register: 6}\n"
+        "  phase_1.voltage: {address: 7, unit: V, scale: 0.1}\n"
+    )
+    words = [0x8000, 0xFF38, 1, 5002, 0xFFFE, 77, 0x8000, 2301]
+    registers = SimData(0, values=words, datatype=DataType.REGISTERS)
+    async with answering(registers) as place, running(settings(place, map=str(file))) as run:
+        await run.inlet.until(lambda o: len(o.readings) >= 2)
+    assert run.inlet.values[0] == pytest.approx([np.nan, -2000.0, 50.02, np.nan, 230.1], nan_ok=True)
+
+
 async def test_a_line_that_is_not_there_is_said():
     driver = ModbusMeterDriver("m", settings("/dev/nonexistent"), CollectingInlet())
     with pytest.raises(ConnectError, match="/dev/nonexistent: no such port"):

@@ -93,7 +93,7 @@ def test_power_factor_and_power_are_judged_together(values, fits):
 
 async def test_mains_that_may_be_off():
     async with answering(SimData(0, values=[0] * 4000, datatype=DataType.REGISTERS)) as place:
-        with pytest.raises(WrongDeviceError, match="check meter, map, unit and word order"):
+        with pytest.raises(WrongDeviceError, match=r"check meter, map \(addresses count from 0\), unit"):
             await identify(place)
         assert (await identify(place, mains_may_be_off=True)).model == "SDM630"
 

@@ -14,6 +14,7 @@ from cellwatt.emulation.relay import clients
 from cellwatt.errors import ConnectError
 from cellwatt_drivers.modbus_meter import ModbusMeterDriver
 from cellwatt_drivers.shared.modbus import Numbering
+from cellwatt_drivers.shared.polling import NoAnswerError
 
 from ..inlet import CollectingInlet
 from .rig import answering, running, settings
@@ -74,15 +75,18 @@ def frame(number: int) -> bytes:
 
 
 def test_a_late_answer_is_no_strange_one():
+    def told() -> str:
+        return str(numbers.of(NoAnswerError("unit 1 gave no answer")))
+
     numbers = Numbering()
     numbers.trace(True, frame(1))
     numbers.trace(True, frame(2))
     assert numbers.trace(False, frame(1) + frame(2)[:5]) == frame(1) + frame(2)[:5]
-    assert numbers.strange is None
+    assert told() == "unit 1 answers too late: write a longer timeout"
     numbers.trace(False, frame(1))
-    assert numbers.strange == 1, "once more: it is answered already"
+    assert told().startswith("unit 1 answers with another transaction number (1, asked with 2)"), "answered already"
     numbers.trace(True, frame(3))
-    assert numbers.strange is None
+    assert told() == "unit 1 gave no answer"
 
 
 async def test_answers_in_pieces_and_late_ones_before_them_are_read(tmp_path):

@@ -27,7 +27,7 @@ def test_powers_are_declared_as_means_where_somebody_says_so():
 def test_only_what_is_wanted_is_read_in_the_order_of_the_settings():
     (stream,) = make(read=["supply.power", "phase_1.voltage"], rate="10 Hz").streams
     assert stream.names == ("supply.power", "phase_1.voltage")
-    with pytest.raises(ConfigError, match=r"read: a PAC3200 has no supply\.torque; it has: phase_1\.voltage"):
+    with pytest.raises(ConfigError, match=r"read: a PAC3200 has no supply\.torque.* \(it has: phase_1\.voltage"):
         make(read=["supply.torque"])
 
 

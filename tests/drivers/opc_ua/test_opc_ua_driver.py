@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import json
+from datetime import UTC, datetime
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from asyncua import Server, ua
+from asyncua.common.connection import SecureConnection
 from asyncua.crypto.permission_rules import User, UserRole
+from asyncua.server.internal_session import InternalSession
 from asyncua.server.user_managers import UserManager
 from cryptography import x509
 
@@ -153,6 +157,12 @@ async def test_a_server_without_security_is_not_read_with_it(files):
             await driver(place, security="sign", **files["client"]).identify()
 
 
+async def test_a_server_that_encrypts_only_is_told_from_one_that_fails(files):
+    async with emulated(security="encrypt", **files["server"]) as (_, place):
+        with pytest.raises(DeviceError, match=r"does not offer this 'security': write another"):
+            await driver(place).identify()
+
+
 async def test_files_that_are_no_certificates_are_told(files, tmp_path):
     junk = tmp_path / "junk.pem"
     junk.write_text("-----BEGIN nothing")
@@ -264,6 +274,62 @@ async def test_keys_that_cannot_be_renewed_end_the_session():
     await session.renew()
     with pytest.raises(ProtocolError, match="no key while renewing the secure channel"):
         await session.feed.given(1.0)
+
+
+async def test_keys_are_renewed_at_a_server_whose_clock_is_years_behind(monkeypatch):
+    """As a PLC without battery; its messages under the old key still come for a while."""
+    renewals = 0
+    known = SecureConnection.set_channel
+
+    def set_channel(self: SecureConnection, params: Any, *rest: Any) -> None:
+        nonlocal renewals
+        renewals += 1
+        params.SecurityToken.CreatedAt = datetime(1970, 1, 1, tzinfo=UTC)
+        known(self, params, *rest)
+
+    monkeypatch.setattr(SecureConnection, "set_channel", set_channel)
+    monkeypatch.setattr("cellwatt_drivers.opc_ua.session._RENEWED_AFTER", 0.05 / 3600)
+    async with emulated() as (_, place), running(place) as run:
+        await run.inlet.until(lambda o: renewals >= 6 and len(o.readings) > 20)
+    assert not run.failures
+
+
+async def test_a_server_that_takes_one_node_at_once_is_read_node_by_node(monkeypatch):
+    known = InternalSession.read
+
+    async def read(self: InternalSession, params: Any) -> Any:
+        if self.external and len(params.NodesToRead) > 1:
+            raise ua.uaerrors.BadTooManyOperations
+        return await known(self, params)
+
+    monkeypatch.setattr(InternalSession, "read", read)
+    async with emulated() as (_, place), running(place) as run:
+        await run.inlet.until(lambda o: len(o.readings) > 2)
+    assert not run.failures
+
+
+async def test_nodes_that_were_removed_are_subscribed_again():
+    async with emulated() as (emulator, place), running(place) as run:
+        await run.inlet.until(lambda o: len(o.readings) > 2)
+        server: Server = emulator._server._server
+        node = ua.NodeId('"DB_Arm"."current"', await server.get_namespace_index("urn:plant:plc"))
+        gone = ua.DataValue(StatusCode=ua.StatusCode(ua.StatusCodes.BadNodeIdUnknown))
+        await server.write_attribute_value(node, gone)
+        await run.inlet.until(lambda o: len(o.identities) > 1)
+    assert "the server has removed nodes (BadNodeIdUnknown)" in str(run.failures[0])
+
+
+@pytest.mark.parametrize(
+    ("status", "advice"),
+    [
+        ("BadCertificateTimeInvalid", "has it expired, is this PC's or the server's clock wrong?"),
+        ("BadCertificateUriInvalid", "its application URI (subjectAltName) is not accepted"),
+        ("BadCertificateUntrusted", "trust it at the server"),
+    ],
+)
+def test_a_refused_certificate_comes_with_what_to_do(status, advice):
+    refused = Complaints("opc.tcp://plc", "").refusal("connecting", ua.StatusCode(getattr(ua.StatusCodes, status)))
+    assert f"refuses this PC's certificate: {status}; {advice}" in str(refused)
 
 
 async def test_every_sample_is_asked_for():

@@ -70,7 +70,7 @@ def test_the_packaged_map_is_that_of_the_standard():
 def test_tags_are_read_beside_a_map_and_in_the_order_of_read():
     made = make(model="opc_40010", read=["supply.power", "joint_2.position"])
     assert made.streams[0].names == ("supply.power", "joint_2.position")
-    with pytest.raises(ConfigError, match=r"no tag gives 'joint_7.position'; did you mean"):
+    with pytest.raises(ConfigError, match=r"read: the map has no joint_7\.position; did you mean"):
         make(model="opc_40010", read=["joint_7.position"])
 
 

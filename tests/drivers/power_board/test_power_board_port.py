@@ -15,6 +15,7 @@ from cellwatt_drivers.power_board import PowerBoardDriver, PowerBoardSettings, w
 from cellwatt_drivers.power_board import port as port_module
 from cellwatt_drivers.power_board.payload import build
 from cellwatt_drivers.power_board.virtual_port import VirtualPort
+from cellwatt_drivers.shared import serial_port
 from tests.doing import doing
 from tests.drivers.power_board.rig import Inlet
 from tests.drivers.power_board.samples import NETWORK, SENDER, packet
@@ -53,7 +54,7 @@ async def listening(line: VirtualPort, **settings):
 
 async def test_missing_port_names_those_that_are_there(tmp_path: Path, monkeypatch) -> None:
     gone = str(tmp_path / "ttyUSB9")
-    monkeypatch.setattr(port_module, "BY_ID", tmp_path / "by-id")
+    monkeypatch.setattr(serial_port, "BY_ID", tmp_path / "by-id")
     assert str(await failure(driver(gone))) == f"{gone}: no such port (no USB serial adapter is plugged in)"
     (tmp_path / "by-id").mkdir()
     (tmp_path / "by-id" / "usb-FTDI_A1-if00").touch()

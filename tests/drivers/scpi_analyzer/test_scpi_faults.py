@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 import pytest
 
 from cellwatt.emulation import Fault
+from cellwatt.emulation.relay import clients
 from cellwatt_drivers.scpi_analyzer import ScpiAnalyzerDriver
 from cellwatt_drivers.scpi_analyzer.emulator import ScpiAnalyzerEmulator
 from tests.patience import eventually
@@ -69,3 +71,27 @@ async def test_an_outage_ends_the_run_and_the_next_one_counts_the_gap():
         assert "cannot be opened" in str(run.failures[0])
         assert run.inlet.account.missed["connection lost"] == 1
         assert run.inlet.account.missed["disconnected"] >= 10
+
+
+async def _carriage_returns(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    while line := await reader.readline():
+        answers = {b"*IDN?\n": b"R&S,HMC8015,1,1.403", b"SYST:ERR?\n": b'0,"No error"', b"CHAN1:MEAS:FUNC?\n": b"P"}
+        writer.write(answers.get(line, b"500.0") + b"\r")
+
+
+async def _echoes(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    while line := await reader.readline():
+        writer.write(line + b"R&S,HMC8015,1,1.403\n")
+
+
+async def test_lines_may_end_in_a_carriage_return_alone():
+    async with clients(_carriage_returns) as (place, _), running(settings(place, functions=["P"])) as run:
+        await run.inlet.until(lambda o: len(o.readings) > 2)
+    assert run.inlet.values[:, 0].tolist() == [500.0] * len(run.inlet.readings)
+    assert not run.failures
+
+
+async def test_an_echo_is_told():
+    async with clients(_echoes) as (place, _), running(settings(place)) as run:
+        await run.inlet.until(lambda _: run.failures)
+    assert f"{place} sends back what it receives: switch its echo off" in str(run.failures[0])

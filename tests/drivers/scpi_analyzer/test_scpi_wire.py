@@ -24,7 +24,7 @@ def test_the_worked_exchange():
     assert not any(v.overload for v in values)
 
 
-@pytest.mark.parametrize("text", ["9.9E+37", "-9.9E37", "9.9e36", "-INF", "1e999"])
+@pytest.mark.parametrize("text", ["9.9E+37", "-9.9E37", "9.9e36", "-INF", "1e999", "--OL--", "-OF-"])
 def test_overload(text):
     value = parse_value(text)
     assert math.isnan(value.number)

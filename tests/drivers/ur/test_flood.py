@@ -13,6 +13,7 @@ from cellwatt_drivers.ur import wire
 from cellwatt_drivers.ur.intake import Intake
 from cellwatt_drivers.ur.recipe import Decoder, Selection
 from cellwatt_drivers.ur.session import AT_ONCE, BUFFER, Session
+from cellwatt_drivers.ur.transport import GatheringTransport
 from tests.patience import eventually
 
 from ..inlet import CollectingInlet
@@ -21,11 +22,11 @@ SELECTION = Selection.of(["robot_mode"])
 TYPES = ("DOUBLE", "INT32")
 
 
-class Taps(asyncio.Transport):
+class Taps(GatheringTransport):
     """A transport that notes whether it may read."""
 
     def __init__(self) -> None:
-        super().__init__()
+        self.waited = 0
         self.reading = True
         self.closed = False
 

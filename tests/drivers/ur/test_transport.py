@@ -15,7 +15,7 @@ from cellwatt_drivers.ur.transport import GatheringTransport
 from tests.patience import eventually
 
 
-class Heard:
+class Heard(asyncio.BufferedProtocol):
     """Stands for a session: what came, how long it had waited, and how the connection ended."""
 
     def __init__(self) -> None:
@@ -24,14 +24,15 @@ class Heard:
         self.eof = False
         self._room = memoryview(bytearray(1000))
 
-    def connection_made(self, made: asyncio.Transport) -> None:
-        self.made = made
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, GatheringTransport)
+        self.made = transport
 
     def get_buffer(self, sizehint: int) -> memoryview:
         return self._room
 
-    def buffer_updated(self, nbytes: int, waited: int = 0) -> None:
-        self.blocks.append((bytes(self._room[:nbytes]), waited))
+    def buffer_updated(self, nbytes: int) -> None:
+        self.blocks.append((bytes(self._room[:nbytes]), self.made.waited))
 
     def eof_received(self) -> None:
         self.eof = True
