@@ -43,6 +43,7 @@ from cellwatt.runtime.processes.shared import (
     Failed,
     InForce,
     Ready,
+    Refused,
     Shared,
     Stop,
 )
@@ -362,6 +363,7 @@ class Supervisor:
             if not change:
                 self._config = config
                 log.info("%s", change)
+                self._tell.send(Refused(""))
                 systemd.notify(READY="1")
                 return
             declared(config)
@@ -408,4 +410,5 @@ class Supervisor:
             log.error("not reloaded, the old settings stay in force:\n%s", error)
         else:
             log.error("not reloaded: %s", error)
+        self._tell.send(Refused(str(error).partition("\n")[0]))  # the log has the others
         systemd.notify(READY="1")
