@@ -23,7 +23,7 @@ from typing import Final
 import numpy.ma  # noqa: F401  # percentiles import it: once for all processes, before they are forked
 
 from cellwatt.config import CellConfig, load
-from cellwatt.errors import CellwattError, ConfigError
+from cellwatt.errors import CellwattError
 from cellwatt.record.folder import claimed
 from cellwatt.runtime import systemd
 from cellwatt.runtime.assemble import chain_names, declared
@@ -406,9 +406,6 @@ class Supervisor:
         self._refuse(error)
 
     def _refuse(self, error: Exception) -> None:
-        if isinstance(error, ConfigError):
-            log.error("not reloaded, the old settings stay in force:\n%s", error)
-        else:
-            log.error("not reloaded: %s", error)
+        log.error("not reloaded, the old settings stay in force:\n%s", error)
         self._tell.send(Refused(str(error).partition("\n")[0]))  # the log has the others
         systemd.notify(READY="1")
