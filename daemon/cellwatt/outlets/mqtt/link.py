@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import socket
 import ssl
 from collections.abc import AsyncIterator, Callable, Iterable, Sequence
@@ -38,6 +39,9 @@ _BROKE: Final = (
     "does the broker limit the size of messages?"
 )
 _FENCE: Final = "cellwatt/fence"
+_TOO_LARGE: Final = ReasonCode(PacketTypes.DISCONNECT, identifier=149)
+_HEAD: Final = 10
+"""Most bytes of a packet beside topic and payload."""
 _ADVICE: Final = {
     134: "; check user and password",
     135: "; check user and password",
@@ -100,6 +104,8 @@ class Link:
         """Reason why the broker refuses the connection; empty if it accepts."""
         self._lost: asyncio.Future[str] = self._loop.create_future()
         """Reason why the connection was lost."""
+        self._largest = math.inf
+        """Largest packet that the broker accepts, bytes."""
         self._answers: dict[int, Answer] = {}
         self._received: asyncio.Queue[mqtt.MQTTMessage | None] = asyncio.Queue()
         """Received messages; ``None`` after the last one, when the connection is lost."""
@@ -152,7 +158,15 @@ class Link:
         raise self._error(_BROKE)
 
     def publish(self, message: Message) -> Answer:
-        """Send a message; the answer completes when the broker confirms it, with QoS 0 when it is sent."""
+        """Send a message; the answer completes when the broker confirms it, with QoS 0 when it is sent.
+
+        A message that is too large for the broker is refused here: the broker would end the connection.
+        """
+        if len(message.topic.encode()) + len(message.payload) + _HEAD > self._largest:
+            self._refused(_words(_TOO_LARGE))
+            answer: Answer = self._loop.create_future()
+            answer.set_result([_TOO_LARGE])
+            return answer
         return self._asked(self._client.publish(message.topic, message.payload, message.qos, message.retain))
 
     def fence(self) -> Answer:
@@ -208,7 +222,8 @@ class Link:
         """A callback for the library's thread that runs ``work`` on the event loop."""
         return lambda _client, _data, *about: self._loop.call_soon_threadsafe(work, *about)
 
-    def _on_connect(self, _flags: mqtt.ConnectFlags, code: ReasonCode, _: object) -> None:
+    def _on_connect(self, _flags: mqtt.ConnectFlags, code: ReasonCode, properties: object) -> None:
+        self._largest = getattr(properties, "MaximumPacketSize", math.inf)
         if not self._taken.done():
             self._taken.set_result(_reported(code) if code.is_failure else "")
 
