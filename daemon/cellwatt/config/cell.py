@@ -35,7 +35,7 @@ class CellName(Section):
     site: KeyPart
     """Name of the plant, first element of every Zenoh key: letters, digits, ``_``, ``-``, ``.``."""
     cell: KeyPart
-    """Name of the cell within the site, second element of every Zenoh key."""
+    """Name of the cell within the site, second element of every Zenoh key: letters, digits, ``_``, ``-``, ``.``."""
     version: int = Field(default=VERSION, ge=VERSION)
     """Format version of this file; a file without this key is read as this version."""
     robot: str | None = None

@@ -122,6 +122,7 @@ _ADVICE = (
     ("\\t", "a tab; indent with spaces"),
     ("mapping values are not allowed", "check the indentation; a value that holds ': ' needs quotes"),
     ("could not find expected ':'", "expected 'key: value'"),
+    ("but got '{'", 'within { }, ${NAME} needs quotes: "${NAME}"'),
     ("but found another document", "a second document ('---'); expected one cell a file"),
     ("expected <block end>", "check the indentation of this line"),
     ("cannot start any token", "a value that starts with this character needs quotes"),
@@ -144,4 +145,7 @@ def _syntax(file: Path, text: str, error: yaml.YAMLError) -> Problem:
     what = " ".join(part for part in (error.problem, error.context) if part)
     advice = next((advice for sign, advice in _ADVICE if sign in what), None)
     hint = f" ({advice})" if advice else ""
+    began = error.context_mark
+    if "flow" in what and began is not None and began.line < error.problem_mark.line:
+        hint += f"; the bracket of line {began.line + 1} column {began.column + 1} is still open"
     return problem(file, mark, f"not valid YAML: {' '.join((error.problem or what).split())}{hint}")

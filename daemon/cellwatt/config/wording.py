@@ -150,9 +150,7 @@ def _misspelt(finding: _Finding, unknown: set[KeyPath]) -> bool:
 def _problem(group: Sequence[_Finding], model: Any, document: Document) -> Problem:
     first = group[0]
     if first.kind in _MISSING:
-        fields = fields_at(model, first.inside[:-1])
-        field = fields.get(str(first.path[-1]))
-        text = missing_key(str(first.path[-1]), field.description if field else None)
+        text = missing_key(str(first.path[-1]), _described(model, first))
         return document.problem(first.path[:-1], text, at_key=True)
     if first.kind in _UNKNOWN:
         choices = list(fields_at(model, first.inside[:-1]))
@@ -165,7 +163,15 @@ def _problem(group: Sequence[_Finding], model: Any, document: Document) -> Probl
         )
     types = reduce(below, first.inside, [model])
     quantity = next((each.json_schema for each in types if isinstance(each, WithJsonSchema)), None)
-    return document.problem(first.path, _value_message(group, document, quantity or {}))
+    message = _value_message(group, document, quantity or {})
+    if first.kind == "string_pattern_mismatch" and (about := _described(model, first)):
+        message = f"{message} ({first_sentence(about)})"
+    return document.problem(first.path, message)
+
+
+def _described(model: Any, finding: _Finding) -> str | None:
+    field = fields_at(model, finding.inside[:-1]).get(str(finding.path[-1]))
+    return field.description if field else None
 
 
 def _value_message(group: Sequence[_Finding], document: Document, quantity: Mapping[str, Any]) -> str:
@@ -193,12 +199,12 @@ def _expected(error: ErrorDetails, quantity: Mapping[str, Any]) -> str:
 
 def _hint(group: Sequence[_Finding], document: Document) -> str:
     path = group[0].path
-    if path not in document.places or path in document.environment:
+    if path not in document.places:
         return ""
     value = document.at(path)
     for finding in group:
         if finding.kind == "string_type" and isinstance(value, bool | int | float):
-            return f'; write it in quotes: "{document.places[path].written}"'
+            return f'; write it in quotes: "{document.environment.get(path, document.places[path].written)}"'
         if finding.kind in ("literal_error", "enum") and isinstance(value, str):
             choices = re.findall(r"'([^']*)'", finding.error.get("ctx", {}).get("expected", ""))
             return did_you_mean(value, choices)

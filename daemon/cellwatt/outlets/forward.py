@@ -294,7 +294,8 @@ class Forwarder(Generic[M]):
         except NotNowError as error:
             self._account.count(f"{self._name}: attempts to be repeated")
             self._pause = min(max(2 * self._pause, FIRST_PAUSE), LONGEST_PAUSE)
-            wait = self._pause if error.wait is None else error.wait
+            # A server with another clock may name a time in the past.
+            wait = self._pause if error.wait is None else max(error.wait, FIRST_PAUSE)
             self._not_before = time.monotonic() + wait
             self.problem = f"{self._name}: {error}; trying again in {wait:.1f} s"
             return False

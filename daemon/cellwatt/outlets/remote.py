@@ -14,6 +14,8 @@ from cellwatt.errors import OutletError, why
 
 LONGEST_WAIT: Final = 3600.0
 """Longest wait that a server may request, s."""
+_BY_CLOCK: Final = (9, 10)
+"""OpenSSL's codes of a certificate that is not valid yet, and of an expired one."""
 
 
 class NotNowError(OutletError):
@@ -42,9 +44,12 @@ def unreached(error: Exception) -> str:
     if isinstance(inner, socket.gaierror):
         return "the host name is not known"
     if isinstance(inner, ssl.SSLCertVerificationError):
-        return f"its certificate is not trusted: {inner.verify_message}"
+        clock = "; is the clock of this PC right?" if inner.verify_code in _BY_CLOCK else ""
+        return f"its certificate is not trusted: {inner.verify_message}{clock}"
     if isinstance(inner, ssl.SSLError):
-        return f"TLS failed: {inner.reason or inner.strerror}"
+        refused = "ALERT" in str(inner.reason)
+        advice = "the server refuses this PC: check certificate and key" if refused else "is this a port for TLS?"
+        return f"TLS failed: {inner.reason or inner.strerror}; {advice}"
     return (why(inner) if isinstance(inner, OSError) else "") or f"the connection failed: {type(inner).__name__}"
 
 

@@ -41,6 +41,7 @@ class Upkeep:
     def __init__(self, settings: RecordSettings, cell: str, session: int) -> None:
         self._settings = settings
         self._cell, self._session = cell, session
+        self._begun = session / 1e9 - time.monotonic()
         self.rotate_at = settings.file_limit
         self._worker = ThreadPoolExecutor(1, "recording-upkeep")
         self._repairs = ThreadPoolExecutor(1, "recording-repair")
@@ -204,7 +205,9 @@ class Upkeep:
             files = self._oldest_first()
             growing = next((f.size for f in reversed(files) if not f.closed), 0)
             reserve = max(self.rotate_at - growing, 0)
-            gone = surplus(files, keep=settings.keep, age=settings.age, now=time.time(), reserve=reserve)
+            # A PC's clock that leaps ahead while the cell runs makes no recording old.
+            now = min(time.time(), self._begun + time.monotonic())
+            gone = surplus(files, keep=settings.keep, age=settings.age, now=now, reserve=reserve)
             remove(gone)
             self._count_removed([f.size for f in gone])
         except OSError as error:

@@ -68,6 +68,8 @@ class Teller:
         self._status: dict[str, Any] = {}
         self._displaced = 0
         self._warnings = config.warnings
+        self.refused = ""
+        """Reason why the changed settings file is not in force; empty if it is."""
 
     # life -----------------------------------------------------------------------------------------
 
@@ -96,7 +98,7 @@ class Teller:
 
     def change(self, tasks: Tasks, config: CellConfig, names: Iterable[str]) -> None:
         """Apply new settings: of the stopped outlets ``names``, start those that the settings still contain."""
-        self._config, self._warnings = config, config.warnings
+        self._config, self._warnings, self.refused = config, config.warnings, ""
         stages = {s.alarm.stage for s in self.alarms.raised if s.alarm.stage is not None}
         self.withdraw(stages - config.stages.keys(), "is no longer part of the cell")
         for name in names:
@@ -255,6 +257,7 @@ class Teller:
             "time": now,
             **parts,
             "warnings": self._warnings,
+            "refused_settings": self.refused,
             **self._consumption.status(),
             "task": self._consumption.task,
             "results": self._results,

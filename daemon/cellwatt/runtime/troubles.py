@@ -62,6 +62,7 @@ KINDS: Final = {
     "process_slow": "the process for {part} keeps up again",
     "pc_slow": "this PC keeps up again",
     "pc_clock": "the cell's time agrees with this PC's clock again",
+    "settings_refused": "the settings file is in force again",
     "recorder": "recording works again",
     "record_displaced": "recording continues in a new file",
     "record_short": "no recording was removed early in the last hour",
@@ -69,6 +70,9 @@ KINDS: Final = {
     "door_flooded": "no more floods of connections at {part}",
 }
 """Kinds of alarms about the daemon itself, and what the statement of their clears says."""
+REASONED: Final = frozenset(("source_down", "sink_down", "recorder", "settings_refused"))
+"""Kinds whose statement is a reason; the statement of an active alarm follows it, at most every ``RENEW_EVERY`` s."""
+RENEW_EVERY: Final = 60.0
 TASKS: Final = {"collect": "the devices", "align": "the frames", "tell": "the record and the outlets"}
 """Tasks of the processes by name; the others are named after the stages that they run, ``judge faults``."""
 
@@ -138,6 +142,9 @@ def troubles(
             "set. The difference shrinks by 1.8 s an hour. If the clock is right now, restart the daemon."
         )
         found.append(Trouble("pc_clock", "warning", "cell", text, {"apart_s": round(apart, 3)}))
+    if refused := status.get("refused_settings"):
+        text = f"The changed settings file is not in force: {refused}. The old settings remain active."
+        found.append(Trouble("settings_refused", "warning", "cell", text, {}))
     recorder = status.get("recorder")
     return found if recorder is None else [*found, *_recording(recorder, before.get("recorder") or {})]
 
@@ -315,7 +322,9 @@ class Monitor:
         then, before = self._past[0]
         self.troubles = troubles(status, before, (now - then) * 1e-9, self._waited())
         found = {alarm.id: alarm for alarm in (trouble.alarm(now) for trouble in self.troubles)}
-        alarms = [a for alarm in found.values() for a in self._book.raise_(alarm, after=AGREED, update=False)]
+        alarms = [
+            a for alarm in found.values() for a in self._book.raise_(alarm, after=AGREED, update=self._outdated(alarm))
+        ]
         for name in self._book:
             if name not in found:
                 kind, _, part = name.partition(":")
@@ -323,6 +332,13 @@ class Monitor:
                 after = STEADY if kind == "source_down" else AGREED
                 alarms += self._book.clear(name, now, f"Resolved: {what}.", after=after)
         return alarms
+
+    def _outdated(self, alarm: Alarm) -> bool:
+        """True if an active alarm has stated another reason for at least a minute."""
+        if alarm.kind not in REASONED or alarm.id not in self._book:
+            return False
+        before = self._book[alarm.id].alarm
+        return before.statement != alarm.statement and alarm.time - before.time >= RENEW_EVERY * 1e9
 
     def _waited(self) -> dict[str, float]:
         """Longest times, s, for which processes waited for a processor within ``SPAN``."""

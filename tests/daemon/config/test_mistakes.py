@@ -53,7 +53,11 @@ MISTAKES = {
         "7:1",
         "unknown key 'alarms' (keys here: site, cell, version, robot,",
     ),
-    "blank in a name": (SMALL.replace("cell: b", "cell: weld 3"), "2:7", "found 'weld 3', expected text that matches"),
+    "blank in a name": (
+        SMALL.replace("cell: b", "cell: weld 3"),
+        "2:7",
+        "_.-]*$ (Name of the cell within the site, second element of every Zenoh key: letters, digits, _, -, .)",
+    ),
     "bool as a key": (f"{SMALL}true: x\n", "7:1", 'expected a name; write it in quotes: "true"'),
     "list as a key": (f"{SMALL}? [a]\n: x\n", "7:3", "found a list or mapping as a key"),
     "same key twice": (f"site: z\n{SMALL}", "2:1", "'site' is given twice, first at line 1 column 1"),
@@ -103,6 +107,8 @@ MISTAKES = {
     # the environment
     "variable not set": (arm("note: ${NOWHERE}"), "7:11", "environment variable NOWHERE is not set"),
     "variable not closed": (arm("note: ${NOWHERE"), "7:11", "'${' is never closed"),
+    "variable in braces": (arm("zones: {left: ${NOWHERE}}"), "7:20", 'within { }, ${NAME} needs quotes: "${NAME}"'),
+    "brace left open": (arm("zones: {left: a #b}"), "8:1", "the bracket of line 7 column 12 is still open"),
     "value from a variable": (arm("port: ${PORT}"), "7:11", "found the value of ${PORT}, expected a whole number"),
     # frames, stages, record, outlets
     "too many frames": (f"{SMALL}frames: {{rate: 2 kHz}}\n", "7:16", "found '2 kHz', expected at most 1 kHz"),

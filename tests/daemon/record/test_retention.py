@@ -1,3 +1,5 @@
+import os
+import time
 from pathlib import Path
 
 import pytest
@@ -49,6 +51,19 @@ def test_only_this_cells_files_are_listed(tmp_path):
     assert [f.name.number for f in files] == [1, 1, 1, 2, 3]
     assert [f.path.name for f in files if not f.closed] == [name_of(3) + ".part"]
     assert listing(tmp_path / "absent", CELL) == []
+
+
+def test_a_clock_that_leaps_ahead_makes_no_recording_old(tmp_path, monkeypatch):
+    now, day = time.time_ns(), 86400
+    fresh, old = (tmp_path / str(FileName(now, number, CELL)) for number in (1, 2))
+    for path, days in ((fresh, 29), (old, 31)):
+        path.write_bytes(bytes(10))
+        os.utime(path, (now / 1e9 - days * day,) * 2)
+    monkeypatch.setattr("cellwatt.record.upkeep.time.time", lambda: now / 1e9 + 40 * day)
+    upkeep = Upkeep(RecordSettings(folder=tmp_path, age=30.0 * day), CELL, now)
+    upkeep.retain()
+    upkeep.close()
+    assert fresh.exists() and not old.exists()
 
 
 @pytest.mark.parametrize("session", [SESSION, SESSION + 10**12, SESSION - 10**12])

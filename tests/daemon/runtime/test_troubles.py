@@ -142,6 +142,27 @@ def test_a_clock_that_is_reset_again_and_again_is_one_alarm() -> None:
     assert alarms[0].statement.endswith("the device's time went back.")
 
 
+def test_an_alarm_states_the_reason_of_today_at_most_once_a_minute() -> None:
+    def outlet(second: int) -> dict[str, Any]:
+        reason = "Connection refused" if second < 10 else f"not authorized {second}"
+        return status() | {"sinks": {"mqtt": {"state": "down", "error": reason}}}
+
+    alarms = looks(Monitor(), range(150), outlet)
+    assert [a.statement.partition(": ")[2] for a in alarms] == [
+        "Connection refused",
+        "not authorized 62",
+        "not authorized 122",
+    ]
+    assert {a.since for a in alarms} == {alarms[0].since}
+
+
+def test_settings_that_were_refused_are_told_until_the_file_is_in_force() -> None:
+    wrong = "cell.yaml:1:8: not valid YAML"
+    alarms = looks(Monitor(), range(20), lambda second: status() | {"refused_settings": wrong if second < 5 else ""})
+    assert [(a.kind, a.active) for a in alarms] == [("settings_refused", True), ("settings_refused", False)]
+    assert "not in force: cell.yaml:1:8: not valid YAML. The old" in alarms[0].statement
+
+
 @pytest.mark.parametrize(("error", "says"), [(3_600_000.0, "3600.0 s ahead of this PC's"), (-1500.0, "1.5 s behind")])
 def test_a_clock_of_the_pc_that_was_set_is_told_until_the_cell_follows(error: float, says: str) -> None:
     alarms = looks(Monitor(), range(20), lambda second: status() | {"utc_error_ms": error if second < 5 else 0.5})

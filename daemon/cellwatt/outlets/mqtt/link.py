@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import socket
 import ssl
 from collections.abc import AsyncIterator, Callable, Iterable, Sequence
@@ -19,7 +20,7 @@ from cellwatt.account import Account
 from cellwatt.errors import OutletError, why
 from cellwatt.outlets.mqtt.message import Message, Subscription
 from cellwatt.outlets.mqtt.settings import MqttSettings
-from cellwatt.outlets.remote import trust
+from cellwatt.outlets.remote import trust, unreached
 
 ANSWER: Final = 10.0
 """Longest time, s, to wait for any answer of the broker."""
@@ -30,17 +31,24 @@ RECEIVED: Final = 1000
 _WITH_WILL: Final = 4
 """Reason code of MQTT 5: Disconnect with Will Message."""
 _CLOSED: Final = (
-    "the broker closed the connection without a reason; if this repeats: does it require a certificate, or another "
-    "version than MQTT 5?"
+    "the broker closed the connection without a reason; if this repeats: does it require TLS (mqtts://), a "
+    "certificate, or another version than MQTT 5?"
 )
-_BROKE: Final = "it broke; if this repeats: does another client have the same client ID?"
+_BROKE: Final = (
+    "it broke; if this repeats: does another client have the same client ID, do the access rules forbid a topic, or "
+    "does the broker limit the size of messages?"
+)
 _FENCE: Final = "cellwatt/fence"
+_TOO_LARGE: Final = ReasonCode(PacketTypes.DISCONNECT, identifier=149)
+_HEAD: Final = 10
+"""Most bytes of a packet beside topic and payload."""
 _ADVICE: Final = {
     134: "; check user and password",
     135: "; check user and password",
     142: "; another client has the same client ID: set 'client'",
+    149: "; raise the broker's limit, or publish fewer channels",
 }
-"""Advice by reason code: bad user name or password, not authorised, session taken over."""
+"""Advice by reason code: bad user name or password, not authorised, session taken over, packet too large."""
 
 Answer = asyncio.Future[Sequence[ReasonCode]]
 """The broker's answer to one packet, cancelled if the connection is lost first."""
@@ -78,7 +86,7 @@ class _Socket(ssl.SSLSocket):
 class Link:
     """A connection with ``will`` as its will message; ``refused`` is called with the reason for each refused message.
 
-    ``account`` counts received messages that are dropped. Always call ``abort`` last.
+    ``account`` counts received messages that are dropped, and refused subscriptions. Always call ``abort`` last.
     """
 
     def __init__(
@@ -96,6 +104,8 @@ class Link:
         """Reason why the broker refuses the connection; empty if it accepts."""
         self._lost: asyncio.Future[str] = self._loop.create_future()
         """Reason why the connection was lost."""
+        self._largest = math.inf
+        """Largest packet that the broker accepts, bytes."""
         self._answers: dict[int, Answer] = {}
         self._received: asyncio.Queue[mqtt.MQTTMessage | None] = asyncio.Queue()
         """Received messages; ``None`` after the last one, when the connection is lost."""
@@ -119,7 +129,7 @@ class Link:
             async with asyncio.timeout(ANSWER):
                 refusal = await self._taken
         except (OSError, ValueError) as error:
-            refusal = reason(error)
+            refusal = reason(error, encrypted=self._settings.encrypted)
         if refusal:
             raise OutletError(f"{self._settings.broker}: {refusal}")
 
@@ -128,12 +138,18 @@ class Link:
         self._client.loop_start()
 
     async def subscribe(self, subscription: Subscription) -> None:
-        """Subscribe to topics, without our own messages. Raises ``OutletError`` if the broker forbids it."""
+        """Subscribe to topics, without our own messages.
+
+        If the broker forbids it: raises ``OutletError`` if the subscription is needed, else counts the refusal.
+        """
         options = SubscribeOptions(qos=subscription.qos, noLocal=True)
         answer = self._asked(self._client.subscribe(subscription.filter, options=options))
         await self.arrive([answer])
         if any(code.is_failure for code in answer.result()):
-            raise OutletError(f"{self._settings.broker}: the broker forbids the subscription to {subscription.filter}")
+            if subscription.needed:
+                forbidden = f"the broker forbids the subscription to {subscription.filter}"
+                raise OutletError(f"{self._settings.broker}: {forbidden}")
+            self._account.count("subscriptions refused")
 
     async def messages(self) -> AsyncIterator[tuple[str, bytes, bool]]:
         """Topic, payload and retained flag of messages. Raises ``LostError`` when the connection is lost."""
@@ -142,7 +158,15 @@ class Link:
         raise self._error(_BROKE)
 
     def publish(self, message: Message) -> Answer:
-        """Send a message; the answer completes when the broker confirms it, with QoS 0 when it is sent."""
+        """Send a message; the answer completes when the broker confirms it, with QoS 0 when it is sent.
+
+        A message that is too large for the broker is refused here: the broker would end the connection.
+        """
+        if len(message.topic.encode()) + len(message.payload) + _HEAD > self._largest:
+            self._refused(_words(_TOO_LARGE))
+            answer: Answer = self._loop.create_future()
+            answer.set_result([_TOO_LARGE])
+            return answer
         return self._asked(self._client.publish(message.topic, message.payload, message.qos, message.retain))
 
     def fence(self) -> Answer:
@@ -198,7 +222,8 @@ class Link:
         """A callback for the library's thread that runs ``work`` on the event loop."""
         return lambda _client, _data, *about: self._loop.call_soon_threadsafe(work, *about)
 
-    def _on_connect(self, _flags: mqtt.ConnectFlags, code: ReasonCode, _: object) -> None:
+    def _on_connect(self, _flags: mqtt.ConnectFlags, code: ReasonCode, properties: object) -> None:
+        self._largest = getattr(properties, "MaximumPacketSize", math.inf)
         if not self._taken.done():
             self._taken.set_result(_reported(code) if code.is_failure else "")
 
@@ -228,7 +253,7 @@ class Link:
             answer.set_result(codes)
 
 
-def reason(error: Exception) -> str:
+def reason(error: Exception, *, encrypted: bool) -> str:
     """Reason why there is no connection, as text."""
     text = str(error)
     if isinstance(error, TimeoutError) and not text:
@@ -236,9 +261,9 @@ def reason(error: Exception) -> str:
     if "timed out" in text:
         tls = "handshake" in text
         return "no answer to the TLS handshake: is this a port for TLS?" if tls else "no answer: is the host running?"
-    if isinstance(error, ssl.SSLError):
-        return f"TLS failed: {error.reason or error}; check ca, certificate and the broker's name"
-    return why(error) if isinstance(error, OSError) else text
+    if isinstance(error, ConnectionResetError | BrokenPipeError):
+        return f"{why(error)}; is this port for {'TLS' if encrypted else 'connections without TLS'}?"
+    return unreached(error) if isinstance(error, OSError) else text
 
 
 def _reported(code: ReasonCode) -> str:

@@ -21,10 +21,11 @@ class Message:
 
 @dataclass(frozen=True, slots=True)
 class Subscription:
-    """A topic filter to subscribe to."""
+    """A topic filter to subscribe to; unless ``needed``, the outlet works without it."""
 
     filter: str
     qos: int
+    needed: bool = True
 
 
 class Order(Enum):

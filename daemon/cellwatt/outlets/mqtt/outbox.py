@@ -204,7 +204,7 @@ class Backfill:
         self, settings: MqttSettings, record: tuple[Path, str], cursor: Cursor, outbox: Outbox, account: Account
     ) -> None:
         self.problem: str | None = None
-        self.piece: tuple[list[Archived], list[Row], Callable[[], None]] | None = None
+        self.piece: tuple[list[Archived], list[Row], Callable[[bool], None]] | None = None
         self._settings, self._record = settings, record
         self._cursor, self._outbox, self._account = cursor, outbox, account
         self._delivered = asyncio.Event()
@@ -239,11 +239,12 @@ class Backfill:
         self._outbox.wake.set()
         await self._delivered.wait()
 
-    def _arrived(self, after: int, end: int, results: int, rows: int) -> None:
-        for what, count in (("results back-filled", results), ("rows back-filled", rows)):
+    def _arrived(self, after: int, end: int, results: int, rows: int, refused: bool) -> None:
+        for what, count in (("results", results), ("rows", rows)):
             if count:
-                self._account.count(what, count)
-        self._account.receive(rows)
+                self._account.count(f"{what} {'refused' if refused else 'back-filled'}", count)
+        self._account.miss(rows * refused, "refused")
+        self._account.receive(rows * (not refused))
         self._cursor.pay(after, end, rows)
         self._delivered.set()
 

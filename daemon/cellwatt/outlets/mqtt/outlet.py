@@ -94,7 +94,7 @@ class MqttOutlet(Outlet[MqttSettings]):
         if session is not None and self._format is not None and not self._format.ready:
             return f"the primary host {self.settings.sparkplug.primary_host} is not online: all data wait for it"
         if self._refused:
-            return f"the broker refuses messages ({self._refused}): check its access rules"
+            return f"the broker refuses messages ({self._refused}): check its access rules and limits"
         if self._outbox.unmatched:
             return f"channels: no channel of the frames matches {', '.join(self._outbox.unmatched)}"
         return self._cursor.problem

@@ -39,6 +39,8 @@ class PlainFormat:
         self._alarms = alarms
         self._retained: dict[str, str] = {}
         """Topics of alarms that the broker may retain, by alarm id."""
+        self._rows_kept: set[str] = set()
+        """Topics of rows that the broker may retain although this format does not."""
         self._open: dict[str, int] = {}
         """Number of the running interval published for each source."""
 
@@ -52,13 +54,16 @@ class PlainFormat:
         return self._message("availability", OFFLINE, 1, True)
 
     def subscriptions(self) -> Sequence[Subscription]:
-        """A subscription to the cell's own alarms, to delete those that the broker retains from an earlier daemon."""
-        return (Subscription(f"{self.root}/alarm/#", 0),)
+        """The cell's own alarms and rows, to delete those that the broker retains from an earlier daemon."""
+        return tuple(Subscription(f"{self.root}/{topic}/#", 0, needed=False) for topic in ("alarm", "frame"))
 
     def heard(self, topic: str, payload: bytes, retained: bool) -> Order | Sequence[Message]:
-        """Delete a retained alarm that is not active."""
-        if not (retained and payload and topic.startswith(f"{self.root}/alarm/")):
+        """Delete a retained alarm that is not active, and a retained row of a channel that is no longer sent."""
+        if not (retained and payload):
             return ()
+        if not topic.startswith(f"{self.root}/alarm/"):
+            self._rows_kept.add(topic)
+            return self._without_old_rows() if self._units else ()  # else the channels are not known yet
         up = (f"{self.root}/{_alarm_topic(standing.alarm)}" for standing in self._alarms.up)
         if topic in (*self._retained.values(), *up):
             return ()
@@ -71,9 +76,20 @@ class PlainFormat:
         return (self._message("availability", ONLINE, 1, True), *over, *up, *self._labelled())
 
     def label(self, units: Mapping[str, str], now: int) -> Sequence[Message]:
-        """The units of the rows' channels, retained."""
+        """The units of the rows' channels, retained; rows of channels that are no longer sent are deleted."""
+        self._rows_kept |= self._retained_rows()
         self._units = units
-        return self._labelled()
+        return (*self._labelled(), *self._without_old_rows())
+
+    def _retained_rows(self) -> set[str]:
+        if not self._settings.retain:
+            return set()
+        each = self._settings.frame != _ROW
+        return {f"{self.root}/frame/{level(name)}" for name in self._units} if each else {f"{self.root}/frame"}
+
+    def _without_old_rows(self) -> Sequence[Message]:
+        old, self._rows_kept = self._rows_kept - self._retained_rows(), set()
+        return [Message(topic, b"", self._settings.qos, True) for topic in sorted(old)]
 
     def _labelled(self) -> Sequence[Message]:
         return (self._message("units", encode_json(self._units), 1, True),) if self._units else ()
@@ -94,7 +110,9 @@ class PlainFormat:
             body = {**head, "values": row.values, "quality": less}
             return (self._message(topic, encode_json(body), qos, keep),)
         return [
-            self._message(f"{topic}/{level(name)}", encode_json(self._channel(row, name, head)), qos, keep)
+            self._message(
+                f"{topic}/{level(name)}", encode_json(self._channel(row, name, head)), qos, keep and name in self._units
+            )
             for name in row.quality
         ]
 

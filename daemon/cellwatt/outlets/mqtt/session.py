@@ -38,10 +38,13 @@ class HostLeftError(OutletError):
 
 @dataclass(frozen=True, slots=True)
 class Parcel:
-    """Messages, with a function to call once they have arrived, and one to requeue them if they may not have."""
+    """Messages, with a function to call once they have arrived, and one to requeue them if they may not have.
+
+    ``arrived`` receives True if the broker refused a message.
+    """
 
     messages: Sequence[Message]
-    arrived: Callable[[], None] | None = None
+    arrived: Callable[[bool], None] | None = None
     back: Callable[[], None] | None = None
 
 
@@ -135,7 +138,7 @@ class Session:
             if unconfirmed or not sure or not asked or not all(map(_came, answers)):
                 unconfirmed.append(parcel)
             elif parcel.arrived is not None:
-                parcel.arrived()
+                parcel.arrived(any(code.is_failure for answer in answers for code in answer.result()))
         for parcel in reversed(unconfirmed):
             if parcel.back is not None:
                 parcel.back()
@@ -164,7 +167,11 @@ class Session:
         if out.results:
             result = out.results.popleft()
             messages = format_.result(result.item, result.late, now)
-            return Parcel(messages, partial(self._account.count, "results sent"), partial(out.again, result))
+            return Parcel(
+                messages,
+                lambda refused: self._account.count("results refused" if refused else "results sent"),
+                partial(out.again, result),
+            )
         if out.rows:
             row = out.rows.popleft()
             messages = format_.row(row.item, row.late, now)
@@ -196,9 +203,10 @@ class Session:
         messages += [message for row in rows for message in self._format.row(row, True, now)]
         return Parcel(messages, arrived)
 
-    def _delivered(self, time_: int) -> None:
-        self._account.count("rows sent")
-        self._account.receive()
+    def _delivered(self, time_: int, refused: bool) -> None:
+        self._account.count("rows refused" if refused else "rows sent")
+        self._account.miss(refused, "refused")
+        self._account.receive(not refused)
         self._account.owed -= 1
         self._owe_before()
         if self._backfill is not None:

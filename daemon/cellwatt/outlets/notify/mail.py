@@ -29,6 +29,8 @@ GOODBYE = 1.0
 """Longest time, s, to end the session with a server that has accepted the mail."""
 _FOR_EVER = 500
 """Smallest SMTP code of a permanent refusal."""
+_OURS = (530, 534, 535, 538)
+"""Refusals of the sender, not of the message: the server requires a login, another one, or encryption."""
 
 
 class Mail:
@@ -56,7 +58,7 @@ class Mail:
         finally:
             client.close()
         taken = tuple(address for address in wanted if address not in refused)
-        for_ever = {a: f"{code} {text}" for a, (code, text) in refused.items() if code >= _FOR_EVER}
+        for_ever = {a: f"{code} {text}" for a, (code, text) in refused.items() if _final(code)}
         later = {a: f"{code} {text}" for a, (code, text) in refused.items() if a not in for_ever}
         return SendResult(taken, for_ever, later)
 
@@ -85,7 +87,9 @@ class Mail:
             raise NotNowError(f"no answer: {error.message}") from None
         except SMTPResponseException as error:
             reason = f"{error.code} {error.message}"
-            raise (RefusedError(reason) if final and error.code >= _FOR_EVER else NotNowError(reason)) from None
+            if error.code in _OURS:
+                reason = f"{reason}: does the server require user and password, or tls?"
+            raise (RefusedError(reason) if final and _final(error.code) else NotNowError(reason)) from None
         except SMTPException as error:
             cause = error.__cause__
             if isinstance(cause, OSError) and not isinstance(cause, SMTPException):
@@ -110,6 +114,10 @@ class Mail:
             mail["Importance"] = "high"
         mail.set_content(body(about, message), cte="quoted-printable")
         return mail.as_bytes()
+
+
+def _final(code: int) -> bool:
+    return code >= _FOR_EVER and code not in _OURS
 
 
 async def _hand_over(

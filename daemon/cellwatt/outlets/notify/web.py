@@ -50,8 +50,9 @@ PUSH: Final = 3800
 """Most bytes of a text pushed to telephones; ntfy turns more than 4096 into an attachment."""
 _PRIORITY: Final = {"error": 5, "warning": 4, "info": 3, None: 3}
 _TAGS: Final = {"error": "rotating_light", "warning": "warning", "info": "information_source", None: "white_check_mark"}
-_OURS: Final = (401, 403, 407)
-"""Refusals of the sender, not of the message; a correct token or a new rule at the server ends them."""
+_OURS: Final = (401, 403, 404, 407)
+"""Refusals of the sender, not of the message; a correct token or address, or a new rule at the server, ends them.
+Proxies answer 404 while the server behind them starts."""
 _LATER: Final = (408, 425, 429)
 
 
@@ -113,7 +114,7 @@ def judge(status: int, retry_after: str | None = None) -> None:
     known = status in HTTPStatus.__members__.values()
     reason = f"{status} {HTTPStatus(status).phrase}" if known else f"{status}"
     if HTTPStatus.MULTIPLE_CHOICES <= status < HTTPStatus.BAD_REQUEST:
-        raise RefusedError(f"{reason}: redirects are not followed; set the final address")
+        raise NotNowError(f"{reason}: redirects are not followed; set the final address")
     if status in _OURS:
         raise NotNowError(f"{reason}: are token and address right?")
     if HTTPStatus.BAD_REQUEST <= status < HTTPStatus.INTERNAL_SERVER_ERROR and status not in _LATER:

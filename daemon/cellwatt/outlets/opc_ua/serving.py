@@ -224,7 +224,7 @@ async def serve(daemon: Daemon, hello: Mapping[str, Any]) -> None:
         url = await server.open()
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
-        raise OutletError(f"the OPC UA server cannot listen or be made: {reason}") from error
+        raise OutletError(f"{hello['settings'].listen}: the server cannot listen or be made: {reason}") from error
     try:
         await daemon.serve(url, lambda: server.counts, Shown(server.frames, server.item, server.health))
     finally:

@@ -147,8 +147,11 @@ class Gate:
     def _forged(self, request: web.Request, visitor: Visitor) -> str:
         """Reason why a changing request may be forged by another site; ``""`` if it is not."""
         origin = request.headers.get("Origin")
-        if origin is not None and _netloc(origin) != request.host.lower():
-            return "the request comes from another site"
+        if origin is not None and request.host.lower() not in _netlocs(origin):
+            return (
+                f"the request comes from another site, {origin:.100}, and not from {request.host:.100}; "
+                "a proxy in between must pass the header Host"
+            )
         if request.headers.get("Sec-Fetch-Site", "same-origin") != "same-origin":
             return "the request comes from another site"
         shown = request.headers.get(CSRF, "")
@@ -234,12 +237,13 @@ def _host_of(host: str) -> str:
     return found[1].strip("[]").rstrip(".").lower() if found else ""
 
 
-def _netloc(origin: str) -> str | None:
-    """Host and port of an origin; ``None`` if it is malformed."""
+def _netlocs(origin: str) -> tuple[str, ...]:
+    """Host and port of an origin, also with the port that its scheme implies; empty if it is malformed."""
     try:
-        return urlsplit(origin).netloc.lower()
+        parts = urlsplit(origin.lower())
     except ValueError:
-        return None
+        return ()
+    return parts.netloc, f"{parts.netloc}:{443 if parts.scheme == 'https' else 80}"
 
 
 def _encoded(header: str) -> bytes:

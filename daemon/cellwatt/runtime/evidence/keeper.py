@@ -145,7 +145,8 @@ class Keeper:
         self._retained_at = time.monotonic()
         settings = self._settings.evidence
         try:
-            self._stored = await asyncio.to_thread(packs.retain, self.folder, self._cell, settings, time.time())
+            now = min(time.time(), self._now() / 1e9)  # a PC's clock that leaps ahead makes no pack old
+            self._stored = await asyncio.to_thread(packs.retain, self.folder, self._cell, settings, now)
         except OSError as error:
             self._problem = f"old packs cannot be removed: {error.strerror}"
 

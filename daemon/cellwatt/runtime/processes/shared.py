@@ -123,6 +123,13 @@ class Apply:
 
 
 @dataclass(frozen=True, slots=True)
+class Refused:
+    """The settings file was changed and is not in force, for this first reason; empty: it is in force again."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
 class Alive:
     """The cell's health was checked; ``status`` is one line about it for systemd."""
 

@@ -23,7 +23,7 @@ from typing import Final
 import numpy.ma  # noqa: F401  # percentiles import it: once for all processes, before they are forked
 
 from cellwatt.config import CellConfig, load
-from cellwatt.errors import CellwattError, ConfigError
+from cellwatt.errors import CellwattError
 from cellwatt.record.folder import claimed
 from cellwatt.runtime import systemd
 from cellwatt.runtime.assemble import chain_names, declared
@@ -43,6 +43,7 @@ from cellwatt.runtime.processes.shared import (
     Failed,
     InForce,
     Ready,
+    Refused,
     Shared,
     Stop,
 )
@@ -362,6 +363,7 @@ class Supervisor:
             if not change:
                 self._config = config
                 log.info("%s", change)
+                self._tell.send(Refused(""))
                 systemd.notify(READY="1")
                 return
             declared(config)
@@ -404,8 +406,6 @@ class Supervisor:
         self._refuse(error)
 
     def _refuse(self, error: Exception) -> None:
-        if isinstance(error, ConfigError):
-            log.error("not reloaded, the old settings stay in force:\n%s", error)
-        else:
-            log.error("not reloaded: %s", error)
+        log.error("not reloaded, the old settings stay in force:\n%s", error)
+        self._tell.send(Refused(str(error).partition("\n")[0]))  # the log has the others
         systemd.notify(READY="1")

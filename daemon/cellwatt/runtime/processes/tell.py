@@ -31,6 +31,7 @@ from cellwatt.runtime.processes.shared import (
     Assignment,
     InForce,
     Ready,
+    Refused,
     figures,
 )
 from cellwatt.runtime.processes.waiting import ALONE
@@ -230,6 +231,9 @@ class _Telling:
             loop = asyncio.get_running_loop()
             loop.remove_reader(self._assignment.control.fileno())
             loop.call_later(ALONE, self._over.set)
+            return
+        if isinstance(message, Refused):
+            self._teller.refused = message.reason
             return
         assert isinstance(message, Apply)
         self._applying.put_nowait(message)

@@ -213,9 +213,12 @@ async def test_new_lines_wait_for_the_next_attempt_or_for_a_whole_batch(
 
 async def test_a_server_that_asks_to_wait_is_waited_for() -> None:
     async with Fake().open() as server, running(outlet_of(server.url, None)) as outlet:
-        server.answers += [(429, "", {"Retry-After": "0"})] * 6 + [(503, "busy", {"Retry-After": "3600"})]
+        server.answers += [(429, "full", {"Retry-After": "0"})]
+        server.answers += [(429, "", {"Retry-After": "Wed, 21 Oct 2015 07:28:00 GMT"})] * 5
+        server.answers += [(503, "busy", {"Retry-After": "3600"})]
         outlet.offer(frames(0, 50))
-        # Six times "at once": our own pauses would have taken half a minute.
+        await eventually(lambda: str(outlet.trouble()).endswith("429: full; trying again in 0.5 s"), "no storm")
+        # Six times after the shortest pause: our own pauses would have taken half a minute.
         await eventually(lambda: len(server.requests) == 7, "the seventh request", 20)
         told = "503: busy; trying again in 3600.0 s"
         await eventually(lambda: str(outlet.trouble()).endswith(told), "the trouble")

@@ -148,12 +148,28 @@ async def test_a_broker_that_does_not_take_what_we_publish_is_told_of(tmp_path: 
     rules = tmp_path / "rules"
     rules.write_text(f"topic readwrite {ROOT}/availability\ntopic read #\n")
     cell = Cell()
-    async with started(tmp_path, f"acl_file {rules}") as broker, serving(outlet := outlet_of(cell, broker.url), cell):
+    # Without a limit, this broker ends the connection after a refusal.
+    settings = f"acl_file {rules}", "max_queued_messages 1000"
+    async with started(tmp_path, *settings) as broker, serving(outlet := outlet_of(cell, broker.url), cell):
         await eventually(lambda: outlet._outbox.serving, "connected")
         assert outlet.trouble() is None
         outlet.offer(cell.frames(1))
         await eventually(lambda: outlet.account.counters["messages refused"] >= 1, "a refusal")
         assert "refuses messages (not authorized)" in (outlet.trouble() or "")
+        await eventually(lambda: outlet.account.counters["rows refused"] == 1, "the row is told apart")
+        assert outlet.account.missed["refused"] == 1 and outlet.account.received == outlet.account.residue == 0
+
+
+async def test_a_message_that_is_too_large_for_the_broker_holds_nothing_up(tmp_path: Path) -> None:
+    cell = Cell()
+    settings = "max_packet_size 800", "max_queued_messages 1000"
+    async with started(tmp_path, *settings) as broker, serving(outlet := outlet_of(cell, broker.url), cell) as ends:
+        await eventually(lambda: outlet._outbox.serving, "connected")
+        outlet.offer(alarm(1, statement="x" * 1000))
+        outlet.offer(cell.frames(3))
+        await eventually(lambda: outlet.account.counters["rows sent"] == 3, "the rows")
+        assert outlet.account.counters["results refused"] == 1 and ends == []
+        assert "packet too large" in str(outlet.trouble())
 
 
 async def test_health_says_what_is_waited_for(broker: Broker) -> None:

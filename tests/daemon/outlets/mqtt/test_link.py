@@ -12,13 +12,15 @@ from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.reasoncodes import ReasonCode
 
 from cellwatt import Account, Task
+from cellwatt.errors import OutletError
 from cellwatt.outlets.mqtt.link import Link, LostError, reason
-from cellwatt.outlets.mqtt.message import Message
+from cellwatt.outlets.mqtt.message import Message, Subscription
 from cellwatt.outlets.mqtt.outbox import Backfill
 from cellwatt.outlets.mqtt.session import Parcel, Session
 from cellwatt.outlets.past import RecordedSpan
 from cellwatt.outlets.selection import Row
 from tests.daemon.outlets.mqtt.cell import LAYOUT, ROOT, Cell, outlet_of
+from tests.patience import eventually
 
 NOWHERE = "mqtt://127.0.0.1:1"
 MESSAGE = Message("a", b"b", 1, False)
@@ -32,7 +34,18 @@ MESSAGE = Message("a", b"b", 1, False)
     ],
 )
 def test_a_broker_that_is_slow_is_told_as_that(text: str, told: str) -> None:
-    assert reason(TimeoutError(text)) == told
+    assert reason(TimeoutError(text), encrypted=True) == told
+
+
+@pytest.mark.parametrize(
+    ("encrypted", "told"),
+    [
+        (True, "Connection reset by peer; is this port for TLS?"),
+        (False, "Connection reset by peer; is this port for connections without TLS?"),
+    ],
+)
+def test_a_broker_that_hangs_up_on_the_greeting_may_expect_another_one(encrypted: bool, told: str) -> None:
+    assert reason(ConnectionResetError(104, "reset"), encrypted=encrypted) == told
 
 
 @pytest.mark.parametrize(
@@ -46,6 +59,24 @@ async def test_why_a_broker_ends_a_connection_is_told_with_advice(code: int, tol
     with pytest.raises(LostError) as error:
         await anext(aiter(link.messages()))
     assert str(error.value) == f"{NOWHERE}: the connection was lost: the broker reports: {told}"
+
+
+@pytest.mark.parametrize("needed", [True, False])
+async def test_a_subscription_that_the_broker_forbids_is_an_error_if_it_is_needed(
+    needed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    account = Account()
+    link = Link(outlet_of(Cell(), NOWHERE).settings, "c", MESSAGE, None, print, account)
+    monkeypatch.setattr(link._client, "subscribe", lambda *_, **__: (0, 7))
+    asking = asyncio.create_task(link.subscribe(Subscription("a/#", 0, needed)))
+    await eventually(lambda: 7 in link._answers, "the question")
+    link._on_answer(7, [ReasonCode(PacketTypes.SUBACK, identifier=135)])
+    if needed:
+        with pytest.raises(OutletError, match="forbids the subscription to a/#"):
+            await asking
+    else:
+        await asking
+    assert account.counters["subscriptions refused"] == (not needed)
 
 
 async def test_the_past_goes_in_parcels_of_few_messages(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -62,7 +93,7 @@ async def test_the_past_goes_in_parcels_of_few_messages(monkeypatch: pytest.Monk
             (results, some, arrived), past.piece = past.piece, None
             sizes.append((len(results), len(some)))
             got += some
-            arrived()
+            arrived(False)
     assert sizes == [(16, 0), (16, 0), (8, 0), (0, 5), (0, 5), (0, 2)] and got == rows
 
 

@@ -119,6 +119,24 @@ async def test_alarms_of_a_daemon_before_go_and_those_that_are_up_come(broker: B
     ]
 
 
+async def test_rows_of_channels_that_are_no_longer_sent_do_not_stay_at_the_broker(broker: Broker) -> None:
+    cell = Cell()
+    async with ears(broker, "nothing") as other:
+        for topic in ("frame", "frame/gone.power", "frame/arm.supply.power"):
+            await other.say(f"{ROOT}/{topic}", b"{}", retain=True)
+    async with online(broker, cell, frame="channels", retain=True) as (outlet, heard):
+        outlet.offer(cell.frames(1))
+        await heard.until(f"{ROOT}/frame/{LAYOUT.names[-1]}")
+        gone = f"{ROOT}/frame", f"{ROOT}/frame/gone.power"
+        await eventually(lambda: all(b"" in heard.of(topic) for topic in gone), "the old ones are deleted")
+        kept = await _kept(broker, f"{ROOT}/frame/#")
+    assert sorted(m.topic for m in kept) == sorted(f"{ROOT}/frame/{name}" for name in LAYOUT.names)
+    async with online(broker, cell) as (outlet, heard):
+        outlet.offer(cell.frames(1))
+        await eventually(lambda: all(b"" in heard.of(f"{ROOT}/frame/{name}") for name in LAYOUT.names), "gone")
+        assert await _kept(broker, f"{ROOT}/frame/#") == []
+
+
 async def test_queues_are_bounded_and_what_they_drop_is_counted(broker: Broker) -> None:
     cell = Cell()
     outlet = outlet_of(cell, broker.url, queue=5)

@@ -98,6 +98,15 @@ async def test_each_address_gets_it_once(tmp_path: Path) -> None:
     assert reasons == ["gone@plant.example: 550 5.1.1 no such user"]
 
 
+async def test_a_server_that_asks_for_a_login_or_tls_is_tried_again(tmp_path: Path) -> None:
+    async with mail_server() as box, running(View(tmp_path), to(box, tls="none")) as made:
+        box.data = ["530 5.7.0 Must issue a STARTTLS command first"]
+        made.offer(alarm(1))
+        await eventually(lambda: "does the server require user and password, or tls?" in str(made.trouble()))
+        await eventually(lambda: made.account.counters["shift: sent"])
+    assert made.account.counters["shift: undelivered"] == 0
+
+
 async def test_refused_for_good(tmp_path: Path) -> None:
     async with mail_server() as box, running(View(tmp_path), to(box, tls="none")) as made:
         box.data = ["554 5.7.1 looks like spam"]

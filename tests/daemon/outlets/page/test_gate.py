@@ -15,7 +15,7 @@ import pytest
 
 from cellwatt.door.settings import tls_context
 from cellwatt.outlets.page.app import names_in
-from cellwatt.outlets.page.gate import HEADERS, POLICY
+from cellwatt.outlets.page.gate import HEADERS, POLICY, _netlocs
 from cellwatt.outlets.page.outlet import PageSettings
 from tests.daemon.outlets.page.cell import (
     API,
@@ -158,6 +158,18 @@ async def test_half_a_login_is_none(browser: aiohttp.ClientSession, page: Served
 
 
 # forged requests ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("origin", "hosts"),
+    [
+        ("https://Weld-3.plant", ("weld-3.plant", "weld-3.plant:443")),
+        ("http://weld-3.plant", ("weld-3.plant", "weld-3.plant:80")),
+        ("http://[::1", ()),
+    ],
+)
+def test_a_proxy_may_add_the_port_of_the_scheme_to_the_host(origin: str, hosts: tuple[str, ...]) -> None:
+    assert _netlocs(origin) == hosts
 
 
 async def test_what_another_site_posts_is_refused(browser: aiohttp.ClientSession, page: Served) -> None:
