@@ -146,18 +146,20 @@ class EdgeNode:
         self._units, self._sources = units, frozenset(name.partition(".")[0] for name in units)
         for name, unit in units.items():
             self._tags.channel(name, unit)
-        removed = [source for source in self._tags.devices if self._is_removed(source)]
-        for tag in (tag for source in removed for tag in self._tags.devices[source].tags.values()):
-            tag.value = None
-        return self._deaths(removed, now // MS)
+        for source, device in self._tags.devices.items():
+            for tag in device.tags.values() if self._is_removed(source) else ():
+                tag.value = None
+        self._filled.clear()
+        return self._deaths(now // MS)
 
     def _is_removed(self, source: str) -> bool:
         """True for a source that a reload removed: no channel of the rows is its own."""
         return bool(self._sources) and source not in self._sources
 
-    def _deaths(self, sources: Iterable[str], at: int) -> list[Message]:
-        devices = ((source, self._tags.devices[source]) for source in sources)
-        return [self._device_death(source, device, at) for source, device in devices if device.born]
+    def _deaths(self, at: int) -> list[Message]:
+        """Deaths of the devices of removed sources without historical rows since the last live row."""
+        gone = ((s, device) for s, device in self._tags.devices.items() if self._is_removed(s) and s not in self._filled)
+        return [self._device_death(source, device, at) for source, device in gone if device.born]
 
     def missed(self, row: Row) -> None:
         """Update the current values from a row without publishing it."""
@@ -181,8 +183,7 @@ class EdgeNode:
         if historical:
             self._filled |= by_device.keys()
         else:
-            gone = [source for source in self._tags.devices if self._is_removed(source) and source not in self._filled]
-            messages += self._deaths(gone, now // MS)
+            messages += self._deaths(now // MS)
             self._filled.clear()
         return messages
 

@@ -300,10 +300,9 @@ class Supervisor:
 
     def _shut_down(self) -> None:
         """End all processes in the order of the data flow, each after it has processed all of its input."""
-        if self._reload is not None:
-            for process in self._reload.judges.values():
-                self._end(process, at_once=True)
-            self._reload = None
+        reload, self._reload = self._reload, None
+        for process in reload.judges.values() if reload is not None else ():
+            self._end(process, at_once=True)
         self._collect.send(Stop())
         self._end(self._collect)
         self._shared.raw.end()
@@ -341,8 +340,8 @@ class Supervisor:
             if self._reload_asked and self._slots_freed():
                 self._reload_asked = False
                 self._begin_reload()
-        elif not reload.sent and all(process.ready for process in reload.judges.values()):
-            self._send(reload)
+        elif not reload.sent and all(p.ready or not p.alive for p in (self._tell, *reload.judges.values())):
+            self._send(reload)  # not while *tell* starts with the old settings: it would confirm each message later
 
     def _slots_freed(self) -> bool:
         """Kill judges of the reload before that still compute ``END`` s after it; return True if all have ended.
@@ -366,7 +365,7 @@ class Supervisor:
                 return
             declared(config)
             judges = self._new_judges(config, held=True) if change.frames else {}
-        except CellwattError as error:
+        except Exception as error:  # a mistake in the code of a driver must not end the cell either
             self._refuse(error)
             return
         self._reload = _Reload(config, change, self._generation + 1, judges)
@@ -407,5 +406,6 @@ class Supervisor:
         if isinstance(error, ConfigError):
             log.error("not reloaded, the old settings stay in force:\n%s", error)
         else:
-            log.error("not reloaded: %s", error)
+            mistake = None if isinstance(error, CellwattError | OSError) else error
+            log.error("not reloaded: %s", error, exc_info=mistake)
         systemd.notify(READY="1")
