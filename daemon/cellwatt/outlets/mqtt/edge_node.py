@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from cellwatt.alarms import AlarmBook
@@ -71,7 +71,7 @@ class EdgeNode:
         """Begin a new connection; return its will message, the death certificate."""
         self._birth, self.births = self.births, (self.births + 1) % NUMBERS
         self._online = self._host is None
-        for device in self._devices():
+        for device in (self._tags.node, *self._tags.devices.values()):
             device.born = False
         return self._death(0)
 
@@ -158,8 +158,9 @@ class EdgeNode:
 
     def _deaths(self, at: int) -> list[Message]:
         """Deaths of the devices of removed sources without historical rows since the last live row."""
-        gone = ((s, device) for s, device in self._tags.devices.items() if self._is_removed(s) and s not in self._filled)
-        return [self._device_death(source, device, at) for source, device in gone if device.born]
+        gone = (source for source in self._tags.devices if self._is_removed(source) and source not in self._filled)
+        devices = ((source, self._tags.devices[source]) for source in gone)
+        return [self._device_death(source, device, at) for source, device in devices if device.born]
 
     def missed(self, row: Row) -> None:
         """Update the current values from a row without publishing it."""
@@ -272,6 +273,3 @@ class EdgeNode:
         topic = f"{NAMESPACE}/{self._group}/{kind}/{self._node}"
         number, self._seq = self._seq, (self._seq + 1) % NUMBERS
         return Message(topic if device is None else f"{topic}/{level(device)}", encode(metrics, at, number))
-
-    def _devices(self) -> Iterable[Device]:
-        return (self._tags.node, *self._tags.devices.values())

@@ -35,6 +35,8 @@ from cellwatt.runtime.processes.part import SupervisedProcess
 from cellwatt.runtime.processes.rights import allow_descriptors, settle_memory
 from cellwatt.runtime.processes.shared import (
     CHAINS,
+    HELD,
+    LARGEST,
     OTHERS,
     SLOTS,
     Alive,
@@ -45,6 +47,7 @@ from cellwatt.runtime.processes.shared import (
     Ready,
     Shared,
     Stop,
+    rates,
 )
 from cellwatt.runtime.processes.tell import tell
 
@@ -267,8 +270,6 @@ class Supervisor:
                 systemd.notify(WATCHDOG="1", STATUS=message.status)
             case Failed():
                 self._take_failure(process, message.error)
-            case _:
-                pass
 
     def _take_failure(self, process: SupervisedProcess, error: Exception) -> None:
         if self._reload is not None and process in self._reload.judges.values():
@@ -363,7 +364,9 @@ class Supervisor:
                 log.info("%s", change)
                 systemd.notify(READY="1")
                 return
-            declared(config)
+            rings = zip((self._shared.raw, self._shared.frames), rates(*declared(config)), strict=True)
+            if any(2 * ring.size < min(HELD * rate, LARGEST) for ring, rate in rings):
+                log.warning("the settings send over twice the data of the start: restart, or a stall may lose samples")
             judges = self._new_judges(config, held=True) if change.frames else {}
         except Exception as error:  # a mistake in the code of a driver must not end the cell either
             self._refuse(error)
@@ -406,6 +409,5 @@ class Supervisor:
         if isinstance(error, ConfigError):
             log.error("not reloaded, the old settings stay in force:\n%s", error)
         else:
-            mistake = None if isinstance(error, CellwattError | OSError) else error
-            log.error("not reloaded: %s", error, exc_info=mistake)
+            log.error("not reloaded: %s", error, exc_info=None if isinstance(error, CellwattError | OSError) else error)
         systemd.notify(READY="1")

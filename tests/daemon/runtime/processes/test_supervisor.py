@@ -13,6 +13,7 @@ from unittest.mock import Mock
 
 import pytest
 
+from cellwatt.config import FrameSettings
 from cellwatt.errors import CellwattError
 from cellwatt.runtime.change import Change
 from cellwatt.runtime.processes.part import SupervisedProcess
@@ -137,3 +138,17 @@ def test_a_mistake_in_a_driver_ends_the_reload_alone(
     monkeypatch.setattr(FakeDriver, "streams", property(lambda driver: {}[driver.name]))
     daemon._begin_reload()
     assert daemon._reload is None and "not reloaded" in caplog.text and "KeyError: 'arm'" in caplog.text
+
+
+def test_settings_that_send_more_than_the_rings_hold_are_warned_about(caplog: pytest.LogCaptureFixture) -> None:
+    """Rings are made at the start only."""
+    fast = config_of(sources=sources(*(f"arm_{n}" for n in range(30))), frames=FrameSettings(rate=1000.0))
+    daemon = Supervisor(config_of(), again=lambda: fast)
+    with daemon._signals() as daemon._selector:
+        daemon._begin_reload()
+    assert "restart, or a stall may lose samples" in caplog.text
+    daemon = Supervisor(fast, again=lambda: config_of(outlets={}))
+    caplog.clear()
+    with daemon._signals() as daemon._selector:
+        daemon._begin_reload()
+    assert "restart" not in caplog.text
