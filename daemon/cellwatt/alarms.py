@@ -340,7 +340,7 @@ class AlarmBook:
         return standing
 
     def agree(self, health: Mapping[str, Any]) -> list[Standing]:
-        """Apply the alarms in the health of another book's cell (see ``told``); return those that changed thereby."""
+        """Apply the alarms in the health of another book's cell (see ``status``); return those that changed thereby."""
         time: int = health["time"]
         alarms = {body["id"]: body for body in health.get("alarms", ())}
         shelved = {body["id"]: body for body in health.get("shelved", ())}
@@ -366,6 +366,15 @@ class AlarmBook:
             known = self._standing.setdefault(alarm_id, Standing(alarm, holds=True))
             known.shelf = Shelf(**body["shelf"])
         return found
+
+    def restarted(self, session: int, health: Mapping[str, Any]) -> list[Alarm]:
+        """Clears for the active alarms of an ended daemon, except those in the ``health`` of its successor.
+
+        ``session`` is the start of the successor, UTC ns; the PC's clock may have been set back before it.
+        """
+        current = {body["id"] for key in ("alarms", "shelved") for body in health.get(key, ())}
+        over = (standing.alarm for standing in self.raised if standing.alarm.id not in current)
+        return [replace(a, active=False, time=max(session, a.time), statement=RESTARTED) for a in over]
 
     # damping --------------------------------------------------------------------------------------
 

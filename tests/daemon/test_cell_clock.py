@@ -26,6 +26,11 @@ class Host:
         return START + self.monotonic_ns + self.set_by
 
 
+def slew_ppm(clock: CellClock) -> float:
+    """Present rate of the cell's time relative to the host's clock, ppm."""
+    return clock._line[2] * 1e6
+
+
 def on_a_host() -> tuple[CellClock, Host]:
     host = Host()
     return CellClock(wall=host.wall, monotonic=host.monotonic), host
@@ -45,7 +50,7 @@ def test_follows_the_host_while_nobody_sets_its_clock():
         host.monotonic_ns += SECOND
         assert clock.discipline() == 0
         assert clock.now() == host.wall()
-        assert clock.utc_error_ns == clock.slew_ppm == 0
+        assert clock.utc_error_ns == slew_ppm(clock) == 0
 
 
 @pytest.mark.parametrize("step", [3 * SECOND, -3 * SECOND, 2_000_000, -3600 * SECOND])
@@ -71,10 +76,10 @@ def test_a_deviation_is_slewed_away_gently(step, within):
     for _ in range(within):
         host.monotonic_ns += SECOND
         clock.discipline()
-        slews.append(clock.slew_ppm)
+        slews.append(slew_ppm(clock))
         assert clock.utc_error_ns * -step >= -abs(step) * 20_000  # it does not swing past by more than 20 µs
     assert abs(clock.utc_error_ns) < 20_000
-    assert abs(clock.slew_ppm) < 0.05
+    assert abs(slew_ppm(clock)) < 0.05
     turns = [abs(b - a) for a, b in pairwise(slews)]
     assert max(turns) <= 0.0501
     assert max(map(abs, slews)) <= 500

@@ -31,14 +31,11 @@ class CellClock:
         self._monotonic = monotonic
         at, utc = self._compare()
         self._difference = utc - at
-        self._line = (at, utc, 0.0)  # replaced as a whole, so that other threads may read the time
+        self._line = (at, utc, 0.0)
+        """Monotonic ns, the cell's time then, and its rate relative to the host's clock minus 1; replaced as a whole,
+        so that other threads may read the time."""
         self.utc_error_ns = 0
         """The cell's time minus the host's UTC at the last ``discipline``, ns."""
-
-    @property
-    def slew_ppm(self) -> float:
-        """Present rate of the cell's time relative to the host's clock, ppm; positive is faster."""
-        return self._line[2] * 1e6
 
     def now(self) -> int:
         """The cell's time, UTC ns; never steps back."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from typing import Any, Final
 
 import numpy as np
 
-from cellwatt.alarms import RESTARTED, AlarmBook, Standing
+from cellwatt.alarms import AlarmBook, Standing
 from cellwatt.batch import Batch
 from cellwatt.frames import Frames
 from cellwatt.live.last_minute import LastMinute
@@ -63,7 +63,7 @@ class LiveCell:
         elif isinstance(content, Frames):
             self.add_frames(content)
         elif isinstance(content, Health):
-            return [*self._session(content.session), *self.add("health", content.status)]
+            return [*self._session(content.session, content.status), *self.add("health", content.status)]
         elif not isinstance(content, Batch):
             return self.add(message.topic.split("/", 1)[0], asdict(content))
         return []
@@ -121,8 +121,8 @@ class LiveCell:
         self.status = status
         return self._over(self.alarms.agree(status))
 
-    def _session(self, session: int) -> list[Standing]:
-        """On a new session, clear the alarms of the ended daemon: the new daemon raises those that are still active.
+    def _session(self, session: int, status: Body) -> list[Standing]:
+        """On a new session, clear the alarms of the ended daemon that the new daemon does not list in ``status``.
 
         Its tasks are forgotten, as the new daemon gives their names to other motions.
         """
@@ -132,8 +132,7 @@ class LiveCell:
         self.restarts += 1
         self.status, self.task, self.energies = {}, None, {}
         before, self.alarms = self.alarms, AlarmBook()
-        ends = (replace(s.alarm, active=False, time=session, statement=RESTARTED) for s in before.raised)
-        return self._over([before.hear(end) for end in ends])
+        return self._over([before.hear(clear) for clear in before.restarted(session, status)])
 
     def _over(self, alarms: list[Standing]) -> list[Standing]:
         """Store the cleared alarms among ``alarms``; return all ``alarms``."""

@@ -73,6 +73,7 @@ class Cursor:
         """Set while entries are owed."""
         self._path, self._account, self._place = path, account, place
         self._owed: list[Owed] = []
+        """Disjoint and in order."""
         self._counted = 0
         """Owed entries already counted in the account."""
         self._opened = False
@@ -80,11 +81,6 @@ class Cursor:
         self._writing = asyncio.Lock()
 
     # position -------------------------------------------------------------------------------------
-
-    @property
-    def owed(self) -> list[Span]:
-        """Owed spans, disjoint and in order."""
-        return [(o.after, o.until) for o in self._owed]
 
     @property
     def entries(self) -> int:

@@ -14,7 +14,7 @@ from cellwatt.errors import RecordingError
 from cellwatt.frames import cut
 from cellwatt.outlets.selection import Picker, Row, Selection
 from cellwatt.record import Recording
-from cellwatt.record.folder import listing
+from cellwatt.record.folder import files_of
 from cellwatt.record.survey import survey
 from cellwatt.results import Alarm, Energy, Task
 
@@ -92,7 +92,7 @@ def _rows(recordings: list[Recording], selection: Selection, after: int, until: 
 
 def _recordings(folder: Path, cell: str, after: int, until: int) -> Iterator[Recording]:
     """Recordings that may overlap the span, the newest first."""
-    for file in reversed(listing(folder, cell)):
+    for file in reversed(files_of(folder, cell)):
         if file.name.session > until:
             continue
         recording = opened(file.path)

@@ -23,9 +23,10 @@ import zlib
 from typing import Final, NamedTuple
 
 READERS: Final = 32
-CHANNELS: Final = 4096
+CHANNELS: Final = 1 << 16
+"""Most channels; each new layout of rows takes one. Only used pages take memory."""
 DECLARATIONS: Final = 16 << 20
-"""Bytes reserved for declarations of channels; only used pages take memory."""
+"""Bytes reserved for declarations of channels."""
 
 _HEAD, _TAIL, _ENDED, _DECLARED, _NOTE, _AWAITED, _POSITIONS = 0, 1, 2, 3, 4, 5, 8
 _COUNTS = _POSITIONS + READERS

@@ -35,7 +35,7 @@ def load_libraries(config: CellConfig) -> None:
     """Import the installed libraries that the drivers of a cell need; takes up to a second."""
     for source in config.sources.values():
         for module in find_driver(source.driver).libraries:
-            with contextlib.suppress(ImportError):  # the driver reports which package to install
+            with contextlib.suppress(Exception):  # the driver imports it again and reports why that fails
                 importlib.import_module(module)
 
 

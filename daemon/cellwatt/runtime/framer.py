@@ -18,7 +18,7 @@ from cellwatt.frames import Frames, cut
 class Framer:
     """An aligner, replaced when the settings change; frames are numbered from ``sequence`` throughout.
 
-    Frames up to time ``after``, ns, were emitted before and are left out.
+    No time is emitted twice, and frames up to time ``after``, ns, were emitted before.
     """
 
     def __init__(
@@ -52,5 +52,5 @@ class Framer:
             if given == len(block):
                 continue
             frames = replace(cut(block, given, len(block)), sequence=self.sequence)
-            self.sequence += len(frames)
+            self.sequence, self._after = self.sequence + len(frames), int(frames.time[-1])
             yield frames

@@ -40,19 +40,21 @@ async def end_of(
 ) -> Exception | asyncio.CancelledError | None:
     """Run ``work``; return the exception that ended it, or None. An exception not ``expected`` is logged as ``broke``.
 
-    A cancellation of this task is raised; one that comes from within a library counts as an unexpected exception.
+    A cancellation of this task is raised, however ``work`` ends; one that comes from within a library counts as an
+    unexpected exception.
     """
+    error: Exception | asyncio.CancelledError | None = None
     try:
         await work()
-    except expected as error:
-        return error
-    except (Exception, asyncio.CancelledError) as error:
-        task = asyncio.current_task()
-        if isinstance(error, asyncio.CancelledError) and task is not None and task.cancelling() > 0:
-            raise
-        log.exception("%s", broke)
-        return error
-    return None
+    except (Exception, asyncio.CancelledError) as raised:
+        error = raised
+    task = asyncio.current_task()
+    stops = task is not None and task.cancelling() > 0
+    if error is not None and not isinstance(error, (expected, asyncio.CancelledError) if stops else expected):
+        log.error("%s", broke, exc_info=error)
+    if stops:
+        raise asyncio.CancelledError from error
+    return error
 
 
 class Tasks:

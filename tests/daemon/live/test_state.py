@@ -32,11 +32,12 @@ def test_health_tells_the_alarms_that_were_not_heard() -> None:
 
 
 def test_a_new_session_of_the_daemon_ends_alarms_and_tasks_of_the_old_one() -> None:
-    """The new daemon may call another motion task_1."""
-    cell = told(health(), alarm("a"), task(4), energy(4, 64.0), health(session=2))
-    assert (cell.restarts, cell.session, list(cell.alarms)) == (1, 2, [])
+    """The new daemon may call another motion task_1. The PC's clock was set back, and alarm b holds still."""
+    standing = asdict(alarm("b").content)
+    cell = told(health(), alarm("a"), alarm("b"), task(4), energy(4, 64.0), health(session=2, alarms=[standing]))
+    assert (cell.restarts, cell.session, list(cell.alarms)) == (1, 2, ["b"])
     assert (cell.task, cell.energies) == (None, {})
-    assert [s.alarm.id for s in cell.cleared] == ["a"]
+    assert [(s.alarm.id, s.over.time) for s in cell.cleared if s.over] == [("a", alarm("a").content.time)]
 
 
 def test_cleared_alarms_beyond_the_limit_are_counted() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import time
 from itertools import pairwise
 from pathlib import Path
@@ -14,6 +15,7 @@ from cellwatt.errors import RecordingError
 from cellwatt.outlets import past
 from cellwatt.outlets.past import read
 from cellwatt.outlets.selection import Picker, Selection
+from cellwatt.results import Alarm
 from tests.daemon.outlets.page.recorded import CELL, Written, frames, recording
 
 STEP = 20_000_000
@@ -99,6 +101,14 @@ def test_what_is_damaged_or_gone_is_left_out(tmp_path: Path, start: int) -> None
     part = read(tmp_path, CELL, SELECTION, start, start + 6 * SPAN, 100)
     assert part.whole and [r.time for r in part.rows] == [start + n * SPAN for n in (1, 2, 5, 6)]
     assert read(tmp_path / "none", CELL, SELECTION, start, start + SPAN, 9).whole
+
+
+def test_what_the_repair_of_a_recording_set_aside_is_not_sent_again(tmp_path: Path, start: int) -> None:
+    found = Alarm("a", "k", "warning", True, start, start + SPAN // 2, "It is so.")
+    whole = recording(tmp_path, [[block(start, 1, 30), found]], session=start - 1)
+    shutil.copy(whole, whole.with_name(f"{whole.name}.damaged"))
+    part = read(tmp_path, CELL, SELECTION, start, start + 2 * SPAN, 100, results=True)
+    assert part.results == [found] and len(part.rows) == 2
 
 
 def test_one_that_is_being_written_and_cannot_be_read_is_not_taken_for_empty(tmp_path: Path, start: int) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 
 import numpy as np
@@ -102,11 +103,13 @@ def test_a_reader_that_follows_another_goes_on_where_that_one_had_settled(ring):
 
 
 def test_a_stream_that_changes_is_another_channel(ring):
-    writer, reader = ItemWriter(ring), ItemReader(ring, 0)
-    other = replace(ARM, rate=77.0)
-    writer.put(batch_of(0, 1))
-    writer.put(replace(batch_of(1, 1), stream=other))
-    assert [i.stream.rate for i in reader.items()] == [ARM.rate, 77.0]
+    """However often settings change in one run of the daemon: readers are rung still."""
+    writer, reader, batch = ItemWriter(ring), ItemReader(ring, 0), batch_of(0, 1)
+    reader.listen()
+    for rate in range(1, 5001):
+        writer.put(replace(batch, stream=replace(ARM, rate=float(rate))))
+        assert os.eventfd_read(reader.bell) == 1
+        assert [i.stream.rate for i in reader.items()] == [rate]
 
 
 def test_a_reader_that_a_writer_outruns_comes_to_an_end(ring):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -18,8 +19,12 @@ from tests.daemon.runtime.at_once import at_once
 from tests.daemon.runtime.fakes import DEVICES, FakeDriver, answer, config_of, give, sources, until
 
 
-def test_libraries_of_drivers_are_loaded_and_missing_ones_left_to_the_driver(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(FakeDriver, "libraries", ("not_there.at_all", "wave"), raising=False)
+def test_libraries_of_drivers_are_loaded_and_missing_or_broken_ones_left_to_the_driver(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "broken_library.py").write_text("raise OSError('libusb.so.1: cannot open shared object file')")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(FakeDriver, "libraries", ("not_there.at_all", "broken_library", "wave"), raising=False)
     monkeypatch.delitem(sys.modules, "wave", raising=False)
     load_libraries(config_of(sources=sources("arm")))
     assert "wave" in sys.modules

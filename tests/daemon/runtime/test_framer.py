@@ -42,11 +42,13 @@ def test_a_framer_that_follows_another_gives_the_same_frames_but_those_given() -
     assert again[0].sequence == last[0].sequence
 
 
-def test_a_change_numbers_on() -> None:
+def test_a_change_numbers_on_and_gives_no_time_twice() -> None:
+    """A slower source sends samples of before the change after it."""
     framer = Framer(STREAMS, FrameSettings())
     first = [f for batch in batches(50) for f in framer.take(batch)] + list(framer.flush())
     framer.change(STREAMS, FrameSettings(rate=25.0))
-    second = [f for batch in batches(100)[50:] for f in framer.take(batch)]
+    second = [f for batch in batches(100)[45:] for f in framer.take(batch)]
     assert second[0].sequence == first[-1].sequence + len(first[-1])
+    assert second[0].time[0] > first[-1].time[-1]
     assert second[0].layout.rate == 25.0
     assert framer.status()["count"] == framer.sequence

@@ -196,6 +196,19 @@ def test_what_is_no_waiting_of_the_arm_after_its_task(fed, results, what):
     assert waited(fed(brake_time=0.5), changed) == waited(fed(brake_time=0.5), upstream) == {"2"}
 
 
+@pytest.mark.parametrize(("braked", "advised"), [(True, set()), (False, {"2"})])
+def test_the_arm_at_rest_is_seen_in_a_rest_whose_frames_are_stored(outcome, fed, produced, results, braked, advised):
+    """After three repetitions of more than 4 minutes, the frames of the first rest are gone."""
+    upstream = of(results, Interval | Task)
+    after = of(upstream, Task)[0].intervals[-1] + 1
+    rest = next(each for each in of(upstream, Interval) if each.closed and each.number == after)
+    gone = replace(rest, start=rest.start - 11 * 60 * 10**9, end=rest.end - 11 * 60 * 10**9 - 10**8)  # the shortest
+    changed = [gone if each is rest else each for each in upstream]
+    waits = braked & (np.abs(produced[0]["velocity"]).max(axis=1) < 0.02)
+    less = np.where(waits, outcome.findings.fixed.electronics - produced[1], 0.0)
+    assert waited(fed(more=less, brake_time=0.5), changed) == advised
+
+
 def test_electronics_are_followed_at_the_end_of_a_rest_longer_than_the_frames_stored(folder, produced, results):
     """A fan takes 4 W more from the lunch break on."""
     seen, power, _ = produced

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
-from cellwatt.alarms import RESTARTED, AlarmBook
+from cellwatt.alarms import AlarmBook
 from cellwatt.frames import Frames, Layout
 from cellwatt.outlets.foxglove.topics import (
     JSON_TOPICS,
@@ -75,12 +74,8 @@ class Translator:
     def session(self, health: Health) -> Iterator[Moment]:
         """Note the session of the cell's daemon; clear the alarms that only an ended daemon had raised."""
         before, self._session = self._session, health.session
-        if before in (None, health.session):
-            return
-        current = {body["id"] for key in ("alarms", "shelved") for body in health.status.get(key, ())}
-        for alarm in [s.alarm for s in self._alarms.raised if s.alarm.id not in current]:
-            time = max(health.session, alarm.time)  # the clock may have been set back
-            yield self.item(replace(alarm, active=False, time=time, statement=RESTARTED))
+        if before not in (None, health.session):
+            yield from map(self.item, self._alarms.restarted(health.session, health.status))
 
     def lost(self, time: int, topic: str, count: int) -> Moment:
         """A log message at ``time``, UTC ns: ``count`` samples or results of a topic are lost."""

@@ -62,7 +62,7 @@ class Lake:
             self._account.receive(rows)
             self._account.miss(lost, "lake: no longer in the record")
             if rows or not lost:
-                what = f"files of {table}" if rows else "sessions without any of its channels"
+                what = f"files of {table}" if rows else "stretches without any of its channels"
                 self._account.count(f"lake: {what}")
 
 

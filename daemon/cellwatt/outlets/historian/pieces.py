@@ -169,8 +169,8 @@ def next_frames(
         rows += picker.rows(block)
         if len(rows) > most or (rows and rows[-1].time // _DAY > rows[0].time // _DAY):
             break
-    if not rows:  # a finished session or layout without any of the channels
-        return Piece("", 0, None, seen) if over else None
+    if not rows:  # the layout has none of the channels, or no row is complete yet
+        return Piece("", 0, None, seen) if over or not picker.units else None
     chosen = [row for row in rows[:most] if row.time // _DAY == rows[0].time // _DAY]
     last, full = chosen[-1], len(chosen) < len(rows)
     # After a session or layout has ended, all its frames count as exported, also those after the last row.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from cellwatt.alarms import AlarmBook
@@ -71,7 +71,7 @@ class EdgeNode:
         """Begin a new connection; return its will message, the death certificate."""
         self._birth, self.births = self.births, (self.births + 1) % NUMBERS
         self._online = self._host is None
-        for device in self._devices():
+        for device in (self._tags.node, *self._tags.devices.values()):
             device.born = False
         return self._death(0)
 
@@ -146,17 +146,20 @@ class EdgeNode:
         self._units, self._sources = units, frozenset(name.partition(".")[0] for name in units)
         for name, unit in units.items():
             self._tags.channel(name, unit)
-        removed = [source for source in self._tags.devices if self._is_removed(source)]
-        for tag in (tag for source in removed for tag in self._tags.devices[source].tags.values()):
-            tag.value = None
-        return self._deaths(removed, now // MS)
+        for source, device in self._tags.devices.items():
+            for tag in device.tags.values() if self._is_removed(source) else ():
+                tag.value = None
+        self._filled.clear()
+        return self._deaths(now // MS)
 
     def _is_removed(self, source: str) -> bool:
         """True for a source that a reload removed: no channel of the rows is its own."""
         return bool(self._sources) and source not in self._sources
 
-    def _deaths(self, sources: Iterable[str], at: int) -> list[Message]:
-        devices = ((source, self._tags.devices[source]) for source in sources)
+    def _deaths(self, at: int) -> list[Message]:
+        """Deaths of the devices of removed sources without historical rows since the last live row."""
+        gone = (source for source in self._tags.devices if self._is_removed(source) and source not in self._filled)
+        devices = ((source, self._tags.devices[source]) for source in gone)
         return [self._device_death(source, device, at) for source, device in devices if device.born]
 
     def missed(self, row: Row) -> None:
@@ -181,8 +184,7 @@ class EdgeNode:
         if historical:
             self._filled |= by_device.keys()
         else:
-            gone = [source for source in self._tags.devices if self._is_removed(source) and source not in self._filled]
-            messages += self._deaths(gone, now // MS)
+            messages += self._deaths(now // MS)
             self._filled.clear()
         return messages
 
@@ -271,6 +273,3 @@ class EdgeNode:
         topic = f"{NAMESPACE}/{self._group}/{kind}/{self._node}"
         number, self._seq = self._seq, (self._seq + 1) % NUMBERS
         return Message(topic if device is None else f"{topic}/{level(device)}", encode(metrics, at, number))
-
-    def _devices(self) -> Iterable[Device]:
-        return (self._tags.node, *self._tags.devices.values())

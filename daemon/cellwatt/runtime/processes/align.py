@@ -9,6 +9,7 @@ from typing import Final
 
 from cellwatt.batch import Batch, Tick
 from cellwatt.frames import Frames
+from cellwatt.gather import next_moment
 from cellwatt.ring import ItemReader, ItemWriter, Mark, Status
 from cellwatt.runtime.assemble import declared
 from cellwatt.runtime.framer import Framer
@@ -46,14 +47,17 @@ class _Aligning:
         self._out.put(Mark(self._generation))
         self._assignment.control.send(Ready())
         settle_memory()
-        pace = self._config.gather(awaited=False) or UNGATHERED
-        for _ in turns(self._in, self._assignment.control, pace, ALIGNS):
+        for _ in turns(self._in, self._assignment.control, self._moment):
             for item in self._in.items():
                 self._take(item)
             self._look(time.monotonic())
         self._give(self._framer.flush())
         self._report()
         self._out.end()
+
+    def _moment(self) -> float:
+        """Time of the next reading, monotonic s, according to the present settings."""
+        return next_moment(self._config.gather(awaited=False) or UNGATHERED, ALIGNS)
 
     def _take(self, item: object) -> None:
         match item:
@@ -64,8 +68,6 @@ class _Aligning:
                 self._give(self._framer.take(item))
             case Mark() if item.generation > self._generation:
                 self._change(item.generation)
-            case _:
-                pass
 
     def _fits(self, batch: Batch) -> bool:
         """True if a batch belongs to the present settings; a restarted process may read older batches."""

@@ -94,7 +94,7 @@ class _Judging:
                 self._take(item)
             elif isinstance(item, Mark) and item.generation > self._assignment.generation:
                 return False
-            elif isinstance(item, Mark) and item.generation == self._assignment.generation:
+            elif isinstance(item, Mark) and item.generation == self._assignment.generation and self._held:
                 self._begin()
         return True
 

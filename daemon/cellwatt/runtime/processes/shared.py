@@ -58,13 +58,18 @@ class Shared:
     def of(cls, streams: Mapping[str, tuple[Stream, ...]], layout: Layout) -> Shared:
         """Rings for some seconds of these streams and frames."""
         clock = CellClock()
-        raw = sum((s.rate or USUAL) * (60 + 10 * len(s.channels)) for its in streams.values() for s in its)
-        frames = layout.rate * (50 + 19 * len(layout.channels))
+        raw, frames = rates(streams, layout)
         results = tuple(Ring(RESULTS, OTHERS) for _ in range(SLOTS))
         for ring in results:
             ring.end()
         journal = Ring(ALARMS, 1), Ring(RESULTS, 1)
         return cls(clock, clock.now(), _ring(raw, OTHERS + 1), _ring(frames, OTHERS + SLOTS), results, journal)
+
+
+def rates(streams: Mapping[str, tuple[Stream, ...]], layout: Layout) -> tuple[float, float]:
+    """Bytes of samples, and of frames, per second."""
+    samples = sum((s.rate or USUAL) * (60 + 10 * len(s.channels)) for its in streams.values() for s in its)
+    return samples, layout.rate * (50 + 19 * len(layout.channels))
 
 
 def _ring(rate: float, readers: int) -> Ring:

@@ -35,6 +35,8 @@ from cellwatt.runtime.processes.part import SupervisedProcess
 from cellwatt.runtime.processes.rights import allow_descriptors, settle_memory
 from cellwatt.runtime.processes.shared import (
     CHAINS,
+    HELD,
+    LARGEST,
     OTHERS,
     SLOTS,
     Alive,
@@ -46,6 +48,7 @@ from cellwatt.runtime.processes.shared import (
     Refused,
     Shared,
     Stop,
+    rates,
 )
 from cellwatt.runtime.processes.tell import tell
 
@@ -98,6 +101,8 @@ class Supervisor:
         """… and the time at which those that have not ended may be killed, monotonic s."""
         self._stop_asked = self._reload_asked = False
         self._reload: _Reload | None = None
+        self._refused = ""
+        """Reason why the changed settings file is not in force; empty if it is."""
         self._failed: Exception | None = None
 
     @property
@@ -259,6 +264,8 @@ class Supervisor:
         match message:
             case Ready():
                 process.ready = True
+                if process is self._tell and self._refused:  # restarted
+                    self._note_refusal(self._refused)
                 if process is self._tell and self._reload is not None and self._reload.sent:
                     self._reload_done(self._reload)  # restarted with the new settings
             case InForce() if self._reload is not None:
@@ -268,8 +275,6 @@ class Supervisor:
                 systemd.notify(WATCHDOG="1", STATUS=message.status)
             case Failed():
                 self._take_failure(process, message.error)
-            case _:
-                pass
 
     def _take_failure(self, process: SupervisedProcess, error: Exception) -> None:
         if self._reload is not None and process in self._reload.judges.values():
@@ -301,10 +306,9 @@ class Supervisor:
 
     def _shut_down(self) -> None:
         """End all processes in the order of the data flow, each after it has processed all of its input."""
-        if self._reload is not None:
-            for process in self._reload.judges.values():
-                self._end(process, at_once=True)
-            self._reload = None
+        reload, self._reload = self._reload, None
+        for process in reload.judges.values() if reload is not None else ():
+            self._end(process, at_once=True)
         self._collect.send(Stop())
         self._end(self._collect)
         self._shared.raw.end()
@@ -342,8 +346,8 @@ class Supervisor:
             if self._reload_asked and self._slots_freed():
                 self._reload_asked = False
                 self._begin_reload()
-        elif not reload.sent and all(process.ready for process in reload.judges.values()):
-            self._send(reload)
+        elif not reload.sent and all(p.ready or not p.alive for p in (self._tell, *reload.judges.values())):
+            self._send(reload)  # not while *tell* starts with the old settings: it would confirm each message later
 
     def _slots_freed(self) -> bool:
         """Kill judges of the reload before that still compute ``END`` s after it; return True if all have ended.
@@ -363,12 +367,14 @@ class Supervisor:
             if not change:
                 self._config = config
                 log.info("%s", change)
-                self._tell.send(Refused(""))
+                self._note_refusal("")
                 systemd.notify(READY="1")
                 return
-            declared(config)
+            rings = zip((self._shared.raw, self._shared.frames), rates(*declared(config)), strict=True)
+            if any(2 * ring.size < min(HELD * rate, LARGEST) for ring, rate in rings):
+                log.warning("the settings send over twice the data of the start: restart, or a stall may lose samples")
             judges = self._new_judges(config, held=True) if change.frames else {}
-        except CellwattError as error:
+        except Exception as error:  # a mistake in the code of a driver must not end the cell either
             self._refuse(error)
             return
         self._reload = _Reload(config, change, self._generation + 1, judges)
@@ -380,7 +386,7 @@ class Supervisor:
 
     def _send(self, reload: _Reload) -> None:
         """Send the settings to all processes, to *collect* last, after all steps that can fail."""
-        reload.sent = True
+        reload.sent, self._refused = True, ""
         self._config = reload.config
         if not reload.change.frames:
             self._tell.send(Apply(self._generation, reload.config))
@@ -406,6 +412,13 @@ class Supervisor:
         self._refuse(error)
 
     def _refuse(self, error: Exception) -> None:
-        log.error("not reloaded, the old settings stay in force:\n%s", error)
-        self._tell.send(Refused(str(error).partition("\n")[0]))  # the log has the others
+        if isinstance(error, ConfigError):
+            log.error("not reloaded, the old settings stay in force:\n%s", error)
+        else:
+            log.error("not reloaded: %s", error, exc_info=None if isinstance(error, CellwattError | OSError) else error)
+        self._note_refusal(str(error).partition("\n")[0])  # the log has the others
         systemd.notify(READY="1")
+
+    def _note_refusal(self, reason: str) -> None:
+        self._refused = reason
+        self._tell.send(Refused(reason))

@@ -113,7 +113,7 @@ class _Telling:
                 loop.remove_reader(way.reader.bell)
             for helper in helpers:
                 helper.cancel()
-            self._look()
+            self._check()
             await self._teller.close(self._tasks)
         self._settle()
 
@@ -284,11 +284,14 @@ class _Telling:
                 self._assignment.shared.clock.discipline()
                 self._turn()
                 self._settle()
-                try:
-                    self._look()
-                except Exception:
-                    # A fault of the health check must not stop the data: it runs again in a second.
-                    log.exception("the check of the cell's health failed")
+                self._check()
+
+    def _check(self) -> None:
+        """Check the cell's health. A fault of the check must not stop the data, nor the end of the record."""
+        try:
+            self._look()
+        except Exception:
+            log.exception("the check of the cell's health failed")
 
     @property
     def _skipped(self) -> int:

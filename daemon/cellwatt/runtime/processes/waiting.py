@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import select
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from multiprocessing.connection import Connection
 from typing import Final
 
-from cellwatt.gather import next_moment
 from cellwatt.ring import ItemReader
 
 QUIET: Final = 2.0
@@ -17,12 +16,11 @@ ALONE: Final = 5.0
 """Time in s, after the end of the supervisor, in which the writer of a ring must end."""
 
 
-def turns(reader: ItemReader, control: Connection, period: float = 0.0, after: float = 0.0) -> Iterator[None]:
+def turns(reader: ItemReader, control: Connection, moment: Callable[[], float] | None = None) -> Iterator[None]:
     """Yield when the ring is to be read, until its writer has ended and all items are read.
 
-    While items other than figures arrive, every ``period`` s, ``after`` s past the common times; otherwise, or with
-    period 0, at the next item or after ``QUIET`` s. After the end of the supervisor, the writer has ``ALONE`` s to
-    end.
+    While items other than figures arrive, at the time ``moment()``, monotonic s; otherwise, or with ``None``, at the
+    next item or after ``QUIET`` s. After the end of the supervisor, the writer has ``ALONE`` s to end.
     """
     waiting = select.poll()
     waiting.register(reader.bell, select.POLLIN)
@@ -34,7 +32,7 @@ def turns(reader: ItemReader, control: Connection, period: float = 0.0, after: f
         if reader.over or time.monotonic() >= end:
             return
         flowing = reader.count > before
-        if not (period and flowing):
+        if moment is None or not flowing:
             flowing = reader.listen()
             for descriptor, event in () if flowing else waiting.poll(1e3 * QUIET):
                 flowing |= descriptor == reader.bell
@@ -42,5 +40,5 @@ def turns(reader: ItemReader, control: Connection, period: float = 0.0, after: f
                     waiting.unregister(descriptor)
                     end = time.monotonic() + ALONE
             reader.quiet()
-        if period and flowing:
-            time.sleep(max(next_moment(period, after) - time.monotonic(), 0.0))
+        if moment is not None and flowing:
+            time.sleep(max(moment() - time.monotonic(), 0.0))

@@ -211,13 +211,14 @@ def _options(
             if steps is None or not (whole or _reach(steps, len(runs) - 1)):
                 continue
             match = _timed(recording, runs, pattern, index, steps, odd)
-            out += [] if match is None else [match]
+            # A last move without its timing is not judged, but it may be all that shows a joint off its path.
+            out += [match] if match and (whole or _reach(steps, len(runs) - 1, match.unseen)) else []
     return out
 
 
-def _reach(steps: Sequence[_Step], last: int) -> bool:
-    """True if a move ends with run ``last``."""
-    return any(step.runs is not None and step.runs[1] == last for step in steps)
+def _reach(steps: Sequence[_Step], last: int, unseen: Sequence[int] = ()) -> bool:
+    """True if a move, other than those ``unseen``, ends with run ``last``."""
+    return any(step.runs is not None and step.runs[1] == last and step.move not in unseen for step in steps)
 
 
 def _far(run: Run, pattern: Pattern) -> list[int]:

@@ -21,6 +21,7 @@ from cellwatt.outlets.historian.exporting import FILE, LOCK, Export, Progress
 from cellwatt.outlets.historian.settings import LakeSettings
 from cellwatt.outlets.historian.store import Store
 from cellwatt.outlets.past import opened
+from cellwatt.outlets.selection import Picker
 from cellwatt.units import Units
 from tests.daemon.outlets.historian.made import ANOTHER, CELL, DAY, SESSION, SITE, START, Recorded, S, row_truth
 from tests.patience import PATIENCE
@@ -235,6 +236,19 @@ def test_channels_that_there_are_not_do_not_hold_up_the_next_session(record: Pat
     done = export(record, lake, channels=("mains.*",))
     assert [(d.rows, d.lost) for d in done if d.table == "frames"] == [(0, 0), (2, 0)]
     assert [row["session"] for row in table_of(lake)] == [SESSION + 60 * S] * 2
+
+
+def test_a_running_session_without_the_channels_is_read_once(
+    record: Path, lake: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    growing = Recorded(record).seconds(2).rotate().seconds(2)
+    export(record, lake, channels=("mains.*",))
+    growing.seconds(1, results=False)
+    read: list[int] = []
+    monkeypatch.setattr(Picker, "rows", lambda _, frames: read.append(frames.sequence) or ())
+    export(record, lake, channels=("mains.*",))
+    assert read == [200]
+    growing.close()
 
 
 def test_frames_that_the_record_has_no_more_are_counted(record: Path, lake: Path) -> None:

@@ -48,7 +48,7 @@ async def test_results_of_before_a_restart_are_sent_from_the_record(broker: Brok
             outlet.offer(cell.frames(150))
             await heard.until(f"{ROOT}/backfill/task", 1)
             await heard.until(PAST, 10)
-            await eventually(lambda: not outlet._cursor.owed, "all is filled")
+            await eventually(lambda: outlet._cursor.first is None, "all is filled")
     (told,) = (m for m in heard.heard if m.topic.startswith(f"{ROOT}/backfill/alarm"))
     assert json.loads(told.payload)["id"] == "faults.arm.7" and not told.retain
     assert not [m for m in heard.heard if m.topic.startswith(f"{ROOT}/alarm/")], "it is not up now"

@@ -78,7 +78,7 @@ async def _scene(tap: Tap, broker: Broker, folder: Path) -> Scene:
             tap.restore()
             await eventually(lambda: len(tap.streams) > marks["streams"] and outlet._outbox.serving, "back")
             outlet.offer(cell.frames(150))
-            await eventually(lambda: not outlet._cursor.owed and not outlet._outbox.rows, "all is filled")
+            await eventually(lambda: outlet._cursor.first is None and not outlet._outbox.rows, "all is filled")
         await eventually(lambda: tap.said()[-1].kind == DISCONNECT, "good-bye")
         cell.close()
         return Scene(tap.connections, marks)

@@ -28,14 +28,13 @@ def frames_of(layout, first: int, n: int) -> Frames:
 
 
 def said_by_a_judge(*, held: bool = False, replaced: bool = False, blocks: int = 1) -> list[Any]:
-    """All that a judge gives for blocks of ten frames, after the mark of its settings where it is held."""
+    """All that a judge gives for blocks of ten frames, each after the mark of its settings, as if frames began anew."""
     streams, layout = declared(CONFIG)
     shared = Shared.of(streams, layout)
     shared.frames.settle(OTHERS, shared.frames.head)
     frames = ItemWriter(shared.frames)
-    if held:
-        frames.put(Mark(1))
     for block in range(blocks):
+        frames.put(Mark(1))
         frames.put(frames_of(layout, 10 * block, 10))
     if replaced:
         frames.put(Mark(2))
@@ -57,10 +56,10 @@ def alarms_in(said: Sequence[Any]) -> list[Alarm]:
 @pytest.mark.parametrize("held", [False, True])
 def test_a_judge_says_once_and_first_that_its_stages_begin(held: bool) -> None:
     JUDGES["heat"].give = lambda *_: [alarm("heat")]
-    first, *others = said_by_a_judge(held=held)
+    first, *others = said_by_a_judge(held=held, blocks=2)
     assert first == Status({"begun": ["heat"]})
-    assert not any(isinstance(i, Status) and "begun" in i.figures for i in others)
-    assert alarms_in(others) == [alarm("heat", stage="heat")]
+    assert not any(isinstance(i, Status) and "begun" in i.figures for i in others), "align may begin again, not it"
+    assert alarms_in(others) == 2 * [alarm("heat", stage="heat")]
 
 
 def test_alarms_of_stages_that_others_replace_are_taken_back() -> None:

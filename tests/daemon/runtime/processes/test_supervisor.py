@@ -13,13 +13,14 @@ from unittest.mock import Mock
 
 import pytest
 
+from cellwatt.config import FrameSettings
 from cellwatt.errors import CellwattError
 from cellwatt.runtime.change import Change
 from cellwatt.runtime.processes.part import SupervisedProcess
-from cellwatt.runtime.processes.shared import Assignment, Ready
+from cellwatt.runtime.processes.shared import Assignment, Failed, Ready
 from cellwatt.runtime.processes.supervisor import Supervisor, _Reload
-from tests.daemon.runtime.fakes import config_of, stages
-from tests.patience import wait_until
+from tests.daemon.runtime.fakes import FakeDriver, config_of, sources, stages
+from tests.patience import PATIENCE, wait_until
 
 
 def test_a_process_that_cannot_be_begun_now_is_tried_again_and_ends_nobody(
@@ -93,3 +94,77 @@ def test_a_judge_that_fails_as_another_becomes_ready_ends_the_reload_alone() -> 
         wait_until(lambda: len(daemon._selector.select(0)) == 3)  # both messages, and the end of one
         daemon._wait(0.0)
         assert daemon._reload is None and daemon._failed is None and not daemon._processes[3:]
+
+
+def test_new_settings_wait_until_a_tell_that_starts_with_the_old_ones_serves() -> None:
+    """Else its first message confirms them, and its second one those of the next reload, whose judges nobody ends."""
+    daemon, config = Supervisor(config_of()), config_of(outlets={})
+    tell = daemon._tell = SupervisedProcess("tell", _serves, daemon._assign)
+    with daemon._signals() as daemon._selector:
+        daemon._start(tell)
+        daemon._reload = _Reload(config, Change.between(daemon._config, config), 2)
+        daemon._go_on_reloading()
+        assert not daemon._reload.sent
+        while not tell.ready:
+            daemon._wait(PATIENCE)
+        daemon._go_on_reloading()
+        assert daemon._reload.sent
+        daemon._kill(tell, warn=False)
+
+
+def test_new_settings_do_not_wait_for_a_tell_that_cannot_start() -> None:
+    daemon, config = Supervisor(config_of()), config_of(outlets={})
+    daemon._reload = _Reload(config, Change.between(daemon._config, config), 2)
+    daemon._go_on_reloading()
+    assert daemon._reload.sent
+
+
+def test_a_stop_amid_a_reload_is_no_failed_reload(caplog: pytest.LogCaptureFixture) -> None:
+    daemon, config = Supervisor(config_of()), config_of(stages=stages("heat", "wear"))
+    judges = {n: SupervisedProcess(f"judge {n}", _serves, daemon._assign) for n in (0, 1)}
+    with daemon._signals() as daemon._selector:
+        daemon._reload = _Reload(config, Change.between(daemon._config, config), 2, judges)
+        for judge in judges.values():
+            daemon._start(judge)
+        daemon._stop_asked = True
+        daemon._shut_down()
+    assert not any(judge.alive for judge in judges.values()) and not caplog.text
+
+
+def test_a_mistake_in_a_driver_ends_the_reload_alone(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    daemon = Supervisor(config_of(), again=lambda: config_of(sources=sources("arm", "supply")))
+    monkeypatch.setattr(FakeDriver, "streams", property(lambda driver: {}[driver.name]))
+    daemon._begin_reload()
+    assert daemon._reload is None and "not reloaded" in caplog.text and "KeyError: 'arm'" in caplog.text
+
+
+def test_settings_that_send_more_than_the_rings_hold_are_warned_about(caplog: pytest.LogCaptureFixture) -> None:
+    """Rings are made at the start only."""
+    fast = config_of(sources=sources(*(f"arm_{n}" for n in range(30))), frames=FrameSettings(rate=1000.0))
+    daemon = Supervisor(config_of(), again=lambda: fast)
+    with daemon._signals() as daemon._selector:
+        daemon._begin_reload()
+    assert "restart, or a stall may lose samples" in caplog.text
+    daemon = Supervisor(fast, again=lambda: config_of(outlets={}))
+    caplog.clear()
+    with daemon._signals() as daemon._selector:
+        daemon._begin_reload()
+    assert "restart" not in caplog.text
+
+
+def _hears(assignment: Assignment) -> None:
+    assignment.control.send(Ready())
+    assignment.control.send(Failed(CellwattError(f"told {assignment.control.recv()}")))
+
+
+def test_a_tell_that_is_restarted_is_told_that_the_settings_are_refused(caplog: pytest.LogCaptureFixture) -> None:
+    daemon = Supervisor(config_of())
+    with daemon._signals() as daemon._selector:
+        daemon._refuse(CellwattError("a change of site needs a restart"))
+        tell = daemon._tell = SupervisedProcess("tell", _hears, daemon._assign, restarts=1)
+        daemon._start(tell)
+        while tell.alive:
+            daemon._wait(PATIENCE)
+    assert "told Refused(reason='a change of site needs a restart')" in caplog.text

@@ -13,9 +13,10 @@ from pathlib import Path
 import pytest
 
 from cellwatt import Task
-from cellwatt.record import Recorder, RecordSettings
+from cellwatt.record import Recorder, Recording, RecordSettings
 from cellwatt.ring import ItemWriter, Status
 from cellwatt.runtime.assemble import declared
+from cellwatt.runtime.processes import tell
 from cellwatt.runtime.processes.resume import LAST, Resume
 from cellwatt.runtime.processes.shared import Assignment, Shared
 from cellwatt.runtime.processes.tell import _Telling
@@ -130,3 +131,20 @@ async def test_a_series_is_gone_on_with_though_its_last_message_is_long_ago(tmp_
     again = await Telling(shared, restarts=1).recording(tmp_path)
     await again.close()
     assert numbered_in(tmp_path)["task"] == [(0, task(0))]
+
+
+async def test_a_fault_of_the_check_of_health_leaves_the_record_whole(
+    tmp_path: Path, shared: Shared, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(_Telling, "_look", lambda _: {}["figures"])
+    monkeypatch.setattr(tell, "settle_memory", lambda: None)
+    ItemWriter(shared.raw).put(batch_of(0, 5))
+    for ring in (shared.raw, shared.frames):
+        ring.end()
+    config = replace(CONFIG, record=RecordSettings(folder=tmp_path))
+    supervisor, control = Pipe()
+    with supervisor, control:
+        await _Telling(Assignment(shared, config, 1, control)).run()
+    recording = Recording.open(tmp_path)
+    assert sum(len(batch) for batch in recording.entries()) == 5 and not recording.unfinished
+    assert "the check of the cell's health failed" in caplog.text

@@ -12,7 +12,7 @@ from cellwatt_plugins.faults.cycles.known import stored
 from cellwatt_plugins.faults.cycles.recording import recording_of
 from cellwatt_plugins.faults.recordings import frames_of_table
 from cellwatt_plugins.faults.reference import Reference, save
-from tests.plugins.faults.cycles.arm_of_points import RATE, TASKS, Cycle, Fault, Run, describe, move, run
+from tests.plugins.faults.cycles.arm_of_points import RATE, TASKS, Cycle, Fault, Run, at_rest, describe, move, run
 from tests.plugins.faults.cycles.conftest import fed, judged, names
 from tests.plugins.faults.plant import START, frames, layout
 
@@ -165,6 +165,17 @@ def test_an_encoder_that_is_stuck_in_the_first_or_last_move_is_found(of_single_j
     expected = [[(joint + 1, "encoder")] if cycle in faulty else [] for cycle in range(3)]
     assert names(judged(of_single_joints, measured)) == expected
     assert names(over(fed(of_single_joints, measured))) == expected
+
+
+@pytest.mark.parametrize(("seed", "cycle", "stop"), [(423, 3, 2305), (105, 1, 1055)])
+def test_a_stop_in_a_move_is_no_fault_of_the_joints_that_move(of_single_joints, seed, cycle, stop):
+    """They have gone more than half of their way, in the second or third move, which no other joint shows."""
+    measured = run([Cycle("F")] * 4, seed=seed)
+    begin, end = (round(RATE * time) for time in measured.spans[cycle])
+    rows = np.r_[begin - 60 : stop, np.full(30, stop), stop:end]
+    stopped = Run(np.arange(len(rows)) / RATE, measured.position[rows], measured.power[rows], [])
+    stopped.power[rows == stop] = at_rest(measured.position[stop])
+    assert [(t.over, t.finding.faults) for t in fed(of_single_joints, stopped)] == [(True, ())]
 
 
 def test_a_cycle_that_is_aborted_before_its_last_move_has_no_faults(of_single_joints):
