@@ -412,10 +412,8 @@ class Supervisor:
         self._refuse(error)
 
     def _refuse(self, error: Exception) -> None:
-        if isinstance(error, ConfigError):
-            log.error("not reloaded, the old settings stay in force:\n%s", error)
-        else:
-            log.error("not reloaded: %s", error, exc_info=None if isinstance(error, CellwattError | OSError) else error)
+        mistake = None if isinstance(error, CellwattError | OSError) else error
+        log.error("not reloaded, the old settings stay in force:\n%s", error, exc_info=mistake)
         self._note_refusal(str(error).partition("\n")[0])  # the log has the others
         systemd.notify(READY="1")
 
