@@ -12,8 +12,9 @@ import numpy as np
 from cellwatt.errors import RecordingError
 from cellwatt.logs.log import COMMANDS, alike, natural, numbered, placed
 from cellwatt.tables.cells import TEXT, Cells
-from cellwatt.tables.names import JOINT, Name, parsed, understood
+from cellwatt.tables.names import JOINT, Name, parsed, understood, unit_in
 from cellwatt.tables.table import Table
+from cellwatt.units import kind_of
 
 LISTS: Final = ("name", "names", "joint_name", "joint_names")
 """Names of columns that hold the names of joints, numbered like the columns of their quantities."""
@@ -21,13 +22,20 @@ MOST_JOINTS: Final = 64
 """Largest number of joints that the rows of a file may name."""
 _STEMS: Final = {
     **{stem: quantity for quantity, stems in JOINT.items() for stem in stems},
-    **{"pos": "position", "vel": "velocity", "acc": "acceleration", "eff": "torque"},
+    "pos": "position",
+    "vel": "velocity",
+    "acc": "acceleration",
+    "eff": "torque",
 }
-_STEM: Final = "|".join(sorted(_STEMS, key=len, reverse=True))
+_FIRST: Final = "|".join(sorted(_STEMS, key=len, reverse=True))
+_LAST: Final = "|".join(stem for stem in _FIRST.split("|") if not stem.startswith("joint_"))  # ends the joint's name
 _OF_JOINT: Final = re.compile(
-    rf"(?:(?P<path>.*)/)?(?:(?P<joint>[^/]+?)[/._ ](?P<stem>{_STEM})|(?P<first>{_STEM})[/._ ](?P<last>[^/]+))",
+    rf"(?:(?P<path>.*)/)?(?:(?P<joint>[^/]+?)[/._ ](?P<stem>{_LAST})|(?P<first>{_FIRST})[/._ ](?P<last>[^/]+))",
     re.IGNORECASE,
 )
+_NUMBERED_JOINT: Final = re.compile(r".*(?:joint|axis|motor|(?<![a-z])[aj])[ _]?\d+(?:_joint)?", re.IGNORECASE)
+_OTHER: Final = (*COMMANDS, "error", "limit", "setpoint")
+"""Words in the name of a column that is not measured."""
 _OF_LIST: Final = re.compile(rf"(?P<path>.*?)(?:{'|'.join(LISTS)})[_.]?\[?(?P<number>\d+)\]?", re.IGNORECASE)
 
 
@@ -44,13 +52,15 @@ def by_name(table: Table, joints: Sequence[str]) -> Table:
             paths.setdefault(name.family, []).append(name.joint)
     if joints:  # other groups are other arms
         paths = {p: own for p, own in paths.items() if any(alike(a, b) for a in own for b in joints)} or paths
-    if not paths or (not table.texts and table.numbers("position")):
-        return table
+    if not paths or (not table.texts and table.has("position")):
+        return _metered(table)
     if len(paths) > 1:
         raise RecordingError(f"{table.path}: positions of joints under {', '.join(paths)}: keep the columns of one")
     ((path, own),) = paths.items()
     own = sorted(own, key=natural)
     in_order = numbered(own)
+    if len(own) < 2 or (in_order and not all(map(_NUMBERED_JOINT.fullmatch, own))):
+        return table
     if joints and not (in_order and not all(any(alike(a, b) for a in own) for b in joints)):
         if not any(alike(a, b) for a in own for b in joints):
             return table
@@ -64,6 +74,17 @@ def by_name(table: Table, joints: Sequence[str]) -> Table:
         if name.family == path
     }
     return replace(table, meant=meant, named=tuple(joints))
+
+
+def _metered(table: Table) -> Table:
+    """Understand the only column in W of a file without joints as the power of the supply, whatever its name."""
+    units = {column: table.units.get(column) or unit_in(column) or "" for column in table.columns}
+    powers = [(column, unit) for column, unit in units.items() if kind_of(unit) == "power"]
+    known = ("position", "target_position", "supply.power", "bus.power")
+    if len(powers) != 1 or any(map(table.has, known)):
+        return table
+    ((column, unit),) = powers
+    return replace(table, meant={column: Name("supply.power", "power", None, unit)})
 
 
 def _of_joints(table: Table) -> Iterator[tuple[str, Name]]:
@@ -90,7 +111,7 @@ def _of_joint(text: str, unit: str | None) -> Name | None:
     if match is None:
         return None
     path, joint = match["path"] or "", match["joint"] or match["last"]
-    if any(word in f"{path} {joint}".casefold() for word in COMMANDS):
+    if any(word in f"{path} {joint}".casefold() for word in _OTHER):
         return None
     return Name(_STEMS[(match["stem"] or match["first"]).casefold()], path, None, unit, joint)
 

@@ -43,7 +43,7 @@ JOINT: Final[Mapping[str, tuple[str, ...]]] = {
 """Names of a joint's quantity, each before the joint's number, in the order in which they are preferred."""
 WHOLE: Final[Mapping[str, tuple[str, ...]]] = {
     "time": ("t", "timestamp", "time", "utc", "stamp", "sim_time", "__time", "utime", "elapsed_time"),
-    "supply.power": ("power", "supply_power"),
+    "supply.power": ("power", "supply_power", "active_power", "total_power", "act_power", "total_act_power", "apower"),
     "bus.power": ("bus_power",),
     "tool.payload": ("payload",),
 }
@@ -149,6 +149,12 @@ def understood(written: str) -> Name | None:
         if (match := pattern.fullmatch(written.strip())) is not None:
             return parsed(known.format(*match.groups()), _named)
     return parsed(written, _named)
+
+
+def unit_in(written: str) -> str | None:
+    """The unit in brackets behind a name, None without one."""
+    match = _BRACKETS.fullmatch(written.strip())
+    return match["unit"] if match else None
 
 
 def parsed(written: str, parse: Callable[[str, str | None], Name | None]) -> Name | None:

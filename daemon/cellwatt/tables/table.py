@@ -132,8 +132,8 @@ class Table:
             raise RecordingError(f"{self.path}: no column {gone}; there are {there}")
         return tuple(family[number] for number in numbers)
 
-    def numbers(self, quantity: str) -> bool:
-        """True if the file has a quantity of joints that are numbered."""
+    def has(self, quantity: str) -> bool:
+        """True if the names of some columns are those of a quantity."""
         return quantity in self._found
 
     def some_joint_names(self, quantity: str, joints: int, like: str) -> tuple[str, ...]:
