@@ -98,9 +98,9 @@ def _of_joints(table: Table) -> Iterator[tuple[str, Name]]:
         if known is not None and known.number is not None:
             path = known.family.removesuffix(known.stem)
             of_list = listed.get((path, known.number))
-            if of_list == "":
+            if of_list == "" and len(listed) > 1:
                 raise RecordingError(f"{table.path}: the joint of column {column} changes: write one column per joint")
-            if of_list is not None:
+            if of_list:
                 yield column, replace(known, family=path, joint=of_list)
         elif known is None and (name := parsed(column, _of_joint)) is not None:
             yield column, name

@@ -182,7 +182,7 @@ def _joints(table: Table, robot: RobotDescription) -> tuple[dict[str, tuple[str,
         found = [np.full(len(table), np.nan) if (one := table.channel(name)) is None else one for name in own]
         if not found or (quantity in OPTIONAL and not np.isfinite(found).any()):
             continue
-        if len(own) > expected and _all_of(robot, len(own)):
+        if len(own) > expected and _all_of(robot, len(table.joint_names("position"))):
             own, found = own[:expected], found[:expected]
         names[quantity], joints[quantity] = own, np.column_stack(found)
         if len(own) != expected:
