@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from cellwatt.errors import RecordingError, why
 from cellwatt.files import COMPUTED, UnfitFileError, check_file, read_bytes
 from cellwatt.tables.by_name import by_name, lists_joints, one_text, widened
-from cellwatt.tables.cells import TEXT, Cells, cells_of, grouped
+from cellwatt.tables.cells import TEXT, Cells, cells_of, grouped, listed
 from cellwatt.tables.encoding import text_of
 from cellwatt.tables.names import is_unit
 from cellwatt.tables.rows import Rows, cells_in, rows_of
@@ -158,8 +158,10 @@ def _csv(path: Path) -> Table:
     )
     if columns.num_rows != len(records):
         raise ValueError(f"it has {len(records)} rows, but {columns.num_rows} were found: check its quotes")
-    found = [cells_of(pa.chunked_array(column), rows.separator) for column in columns.columns]
-    return _placed(path, rows.names, columns.columns, _without_groups(found, columns.columns), units, numbers)
+    names, texts = listed(rows.names, columns.columns)
+    found = [cells_of(pa.chunked_array(column), rows.separator) for column in texts]
+    units = {**{name: cells.unit for name, cells in zip(names, found, strict=True) if cells.unit}, **units}
+    return _placed(path, names, texts, _without_groups(found, texts), units, numbers)
 
 
 def _units(rows: Rows) -> tuple[Mapping[str, str], Sequence[str], Sequence[int]]:
@@ -169,7 +171,8 @@ def _units(rows: Rows) -> tuple[Mapping[str, str], Sequence[str], Sequence[int]]
     written = {name: unit for name, unit in found.items() if unit and unit != "-"}
     if not written or not all(is_unit(unit) for unit in written.values()):
         return {}, rows.records, rows.numbers
-    return written, rows.records[1:], rows.numbers[1:]
+    below = [i for i, record in enumerate(rows.records) if record != rows.records[0]]  # loggers may append their head
+    return written, [rows.records[i] for i in below], [rows.numbers[i] for i in below]
 
 
 def _without_groups(found: Sequence[Cells], columns: Sequence[Any]) -> Sequence[Cells]:

@@ -42,7 +42,7 @@ JOINT: Final[Mapping[str, tuple[str, ...]]] = {
 }
 """Names of a joint's quantity, each before the joint's number, in the order in which they are preferred."""
 WHOLE: Final[Mapping[str, tuple[str, ...]]] = {
-    "time": ("t", "timestamp", "time", "utc", "stamp", "sim_time", "__time", "utime", "elapsed_time"),
+    "time": ("t", "timestamp", "time", "utc", "stamp", "sim_time", "__time", "utime", "elapsed_time", "seconds", "sec"),
     "supply.power": ("power", "supply_power", "active_power", "total_power", "act_power", "total_act_power", "apower"),
     "bus.power": ("bus_power",),
     "tool.payload": ("payload",),
@@ -76,7 +76,7 @@ _UNITS: Final[Mapping[str, Mapping[str, Unit]]] = {
     "control": {"1": _ONE},
     "time": {
         name: Unit(name, factor)
-        for name, factor in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("µs", 1e-6), ("ns", 1e-9))
+        for name, factor in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("µs", 1e-6), ("ns", 1e-9), ("sec", 1.0))
     },
     **dict.fromkeys(("supply.power", "bus.power"), TABLE["power"]),
     "tool.payload": TABLE["mass"],

@@ -20,6 +20,7 @@ _NUMBER: Final = re.compile(
     r"[-+\u2212]?(?=[.,]?\d)[\d.,'’\xa0\u202f]*(e[+-]?\d+)?|nan|\d+[-./:][-\d./:T ,]*Z?", re.IGNORECASE
 )
 """A number, a date or a time, which is not a name."""
+_DECIMAL: Final = re.compile(r"\d[.,]\d")
 _BLANK: Final = ' \t\xa0,;|"'
 _OPENED: Final = re.compile(r'(?:^|[,;\t|])\s*"(?:[^"]|"")*$')
 """A line that ends within quotes."""
@@ -61,7 +62,7 @@ def rows_of(text: str) -> Rows:
         separator = own
         names = _names(records[first], separator, _width(records[first + 1 : first + 1 + _LOOKED_AT], separator))
         first += 1
-    if _all_numbers(names):
+    if _all_numbers(names) or any(_NUMBER.fullmatch(name) and _DECIMAL.search(name) for name in names):
         raise ValueError("no names in its first row: write t, q_1, …, tau_1, … above the columns")
     again = records[first - 1] if first else None  # loggers that were started again append their names
     kept = [i for i in range(first, len(records)) if records[i] != again]

@@ -10,7 +10,7 @@ import numpy as np
 
 from cellwatt.arrays import Float
 
-_SECONDS: Final = re.compile(r"(?P<before>.*?)[\s_./]*secs?(?:onds?)?", re.IGNORECASE)
+_SECONDS: Final = re.compile(r"(?P<before>.*?)[\s_./]*(?:secs?(?:onds?)?|(?<=[\s_./])s)", re.IGNORECASE)
 _FRACTION: Final = re.compile(
     r"(?P<before>.*?)[\s_./(\[]*(?P<unit>n|u|m|nano|micro|milli)_?s(?:ecs?(?:onds?)?)?[)\]]?", re.IGNORECASE
 )

@@ -115,7 +115,7 @@ def _chain(path: Path, above: Mapping[str, str | None], joints: int | Sequence[s
     if not longest or (joints is not None and len(longest) < joints):
         raise ConfigError(
             f"{path}: its longest chain of joints from the base is {', '.join(longest) or 'empty'}, the recording has "
-            f"{joints} joints"
+            f"{joints} joints: leave out the columns of other joints, as of a gripper"
             if joints is not None
             else f"{path}: no joint moves"
         )

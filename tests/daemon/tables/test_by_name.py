@@ -34,6 +34,9 @@ def read(folder: Path, text: str, joints: tuple[str, ...] = ROBOT) -> Table:
         "%time,field.name0,field.name1,field.position0,field.position1,field.effort0,field.effort1\n"
         "0,elbow_joint,shoulder_joint,2,1,6,5\n1000000000,elbow_joint,shoulder_joint,4,3,8,7\n",
         "time,joint,position,effort\n0,elbow_joint,2,6\n0,shoulder_joint,1,5\n1,elbow_joint,4,8\n1,shoulder_joint,3,7\n",
+        "time,name,position,effort\n"
+        "0,\"['elbow_joint', 'shoulder_joint']\",\"[2, 1]\",\"array('d', [6.0, 5.0])\"\n"
+        "1,\"['elbow_joint', 'shoulder_joint']\",\"[4, 3]\",\"array('d', [8.0, 7.0])\"\n",
         "t,left_elbow_joint_pos,left_shoulder_joint_pos,left_elbow_joint_eff,left_shoulder_joint_eff\n0,2,1,6,5\n1,4,3,8,7\n",
         "t,joint_2_pos,joint_1_pos,joint_2_effort,joint_1_effort\n0,2,1,6,5\n1,4,3,8,7\n",  # not this robot's names
         "t,elbow_position [mrad],shoulder_position [mrad],elbow_effort_mNm,shoulder_effort_mNm\n"

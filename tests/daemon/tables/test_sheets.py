@@ -70,6 +70,14 @@ def read(folder: Path, text: str | bytes):
             [1, 2],
         ),
         ("Time,q_1\n46082.0,1\n46082.00001157407,2\n", [1772323200, 1772323201], [1, 2]),  # a spreadsheet's date
+        ("t,q_1\ns,rad\n0,1\nt,q_1\ns,rad\n1,2\n", [0, 1], [1, 2]),
+        ("time_s,time_ns,q_1\n7,500000000,1\n8,20000000,2\n", [7.5, 8.02], [1, 2]),
+        ("Time,q_1\n2026-03-01 00:00:00:500,1\n2026-03-01 00:00:01:000,2\n", [1772323200.5, 1772323201], [1, 2]),
+        ("Time,q_1\n01-Mar-2026 00:00:00,1\n01-March-2026 00:00:01,2\n", [1772323200, 1772323201], [1, 2]),
+        ("time,q_1\n0 days 00:00:00,1\n1 days 00:00:00.008000,2\n", [0, 86400.008], [1, 2]),
+        ("Time,q_1\n0 sec,1\n0.008 sec,2\n", [0, 0.008], [1, 2]),
+        ("t,q_1\n0,1000 mrad\n1,2000 mrad\n", [0, 1], [1, 2]),
+        ("t,position\n0,[1. 9.]\n1,[2. 9.]\n", [0, 1], [1, 2]),
         ("t,q_1\n0,1\nt,q_1\n1,2\n", [0, 1], [1, 2]),  # the logger was started again
         ("t,q_1\n0,1\n0,1\n1,2\n1,2\n", [0, 1], [1, 2]),  # polled faster than values came
         ("time,q_1\n2026-03-01T01:00:00.5+01:00,1\n2026-03-01T00:00:01Z,2\n", [1772323200.5, 1772323201], [1, 2]),
@@ -84,6 +92,8 @@ def test_ordinary_files(tmp_path: Path, text: str | bytes, time: list[float], q:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
+        ("7,500000000,,elbow,0.5\n8,20000000,,elbow,0.6\n", f"{NO_TABLE}: no names in its first row"),
+        ('{"t": 0, "q": [1, 2]}\n', f"{NO_TABLE}: it is JSON, no table"),
         ("t;q_1\n0;1.5\n1;2,5\n", "column q_1 has decimal points and decimal commas, first '2,5' in row 3, column B"),
         (
             't,q_1\n0,"1,234"\n',

@@ -53,11 +53,13 @@ def test_files_that_do_not_belong_together_are_refused(tmp_path):
         power_beside(logged(tmp_path, 500.0, 0.1), ARM.time, POSITION)
 
 
-def test_a_clock_in_another_time_zone_is_followed(tmp_path):
-    log, elsewhere = logged(tmp_path, 0.0, 0.1), 1.7e9 + ARM.time
-    here = power_beside(log, ARM.time, POSITION)
-    path = logged(tmp_path, 1.7e9 + 7200.0, 0.1)
-    assert np.mean(power_beside(path, elsewhere, POSITION) != here) < 0.1, "values come at most some ms apart"
+@pytest.mark.parametrize(
+    ("meter", "recording"), [pytest.param(1.7e9 + 7200, 1.7e9, id="time zone"), pytest.param(1.7e9, 0.0, id="uptime")]
+)
+def test_clocks_that_cannot_be_the_same_are_brought_together(tmp_path, meter, recording):
+    here = power_beside(logged(tmp_path, 0.0, 0.1), ARM.time, POSITION)
+    there = power_beside(logged(tmp_path, meter, 0.1), recording + ARM.time, POSITION)
+    assert np.mean(there != here) < 0.1, "values come at most some ms apart"
 
 
 def test_a_count_of_energy_is_no_power(tmp_path):

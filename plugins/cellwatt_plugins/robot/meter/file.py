@@ -58,10 +58,8 @@ def power_beside(path: Path, time: Float, position: Float) -> Float:
     """
     readings = _read(path, float(np.median(np.diff(time))))
     inside = _inside(readings.time, time)
-    zones = [h for h in range(-14, 15) if _inside(readings.time + HOUR * h, time).sum() >= FEWEST]
-    if inside.sum() < FEWEST and len(zones) == 1 and time[0] > DATED:
-        log.warning("%s: its clock is taken to be %d h from the recording's, as in another time zone", path, -zones[0])
-        readings = replace(readings, time=readings.time + HOUR * zones[0])
+    if inside.sum() < FEWEST and (late := _apart(path, readings.time, time)):
+        readings = replace(readings, time=readings.time - late)
         inside = _inside(readings.time, time)
     if inside.sum() < FEWEST or time[-1] - time[0] < SHORTEST:
         raise RecordingError(
@@ -86,6 +84,18 @@ def power_beside(path: Path, time: Float, position: Float) -> Float:
 def _inside(readings: Float, time: Float) -> NDArray[np.bool_]:
     inside: NDArray[np.bool_] = (readings > time[0] - FURTHEST) & (readings < time[-1] + FURTHEST)
     return inside
+
+
+def _apart(path: Path, readings: Float, time: Float) -> float:
+    """Difference in s between two clocks that cannot be the same, the meter's less the recording's; 0 if unknown."""
+    zones = [h for h in range(-14, 15) if _inside(readings - HOUR * h, time).sum() >= FEWEST]
+    if (readings[0] > DATED) != (time[0] > DATED):
+        log.warning("%s: one clock counts from 1970, the other does not: both files are taken to begin together", path)
+        return float(readings[0] - time[0])
+    if time[0] > DATED and len(zones) == 1:
+        log.warning("%s: its clock is taken to be %d h ahead, as in another time zone", path, zones[0])
+        return HOUR * zones[0]
+    return 0.0
 
 
 def _read(path: Path, step: float) -> Readings:
