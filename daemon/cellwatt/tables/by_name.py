@@ -54,6 +54,8 @@ def by_name(table: Table, joints: Sequence[str]) -> Table:
         paths = {p: own for p, own in paths.items() if any(alike(a, b) for a in own for b in joints)} or paths
     if not paths or (not table.texts and table.has("position")):
         return _metered(table)
+    if len(plain := [p for p in paths if p.endswith("/joint_states")]) == 1:  # beside /dynamic_joint_states
+        paths = {plain[0]: paths[plain[0]]}
     if len(paths) > 1:
         raise RecordingError(f"{table.path}: positions of joints under {', '.join(paths)}: keep the columns of one")
     ((path, own),) = paths.items()

@@ -20,9 +20,10 @@ from cellwatt.tables.names import is_unit
 TEXT: Final = "holds text"
 MISSING: Final = (
     *("", "nan", "-nan", "null", "none", "na", "n/a", "<na>", "nat", "1.#ind", "-1.#ind", "1.#qnan", "-1.#qnan"),
+    *("--", "---", "----", "-----", "or", "ol", "overflow", "overload"),
     *("#n/a", "#n/a n/a", "#na", "#div/0!", "#value!", "#ref!", "#num!", "#name?", "#null!"),
 )
-"""Texts that mean a missing value, in small letters; the last are errors of spreadsheets."""
+"""Texts that mean a missing value, in small letters: of programs, of meters, and errors of spreadsheets."""
 
 _END: Final = r"(?:[eE][+-]?\d+)?$"
 _POINT: Final = rf"^[+-]?(?:\d+\.?\d*|\.\d+){_END}|^(?i:[+-]?inf(?:inity)?)$"

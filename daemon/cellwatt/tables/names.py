@@ -43,7 +43,7 @@ JOINT: Final[Mapping[str, tuple[str, ...]]] = {
 """Names of a joint's quantity, each before the joint's number, in the order in which they are preferred."""
 WHOLE: Final[Mapping[str, tuple[str, ...]]] = {
     "time": ("t", "timestamp", "time", "utc", "stamp", "sim_time", "__time", "utime", "elapsed_time", "seconds", "sec"),
-    "supply.power": ("power", "supply_power", "active_power", "total_power", "act_power", "total_act_power", "apower"),
+    "supply.power": ("power", "supply_power", "active_power", "act_power", "total_act_power", "apower"),
     "bus.power": ("bus_power",),
     "tool.payload": ("payload",),
 }

@@ -50,6 +50,12 @@ def test_joints_by_name(tmp_path: Path, text: str) -> None:
     assert len(table.rising_time()) == 2
 
 
+def test_joint_states_are_preferred_to_other_topics(tmp_path: Path) -> None:
+    topics = [f"/{topic}/{joint}/position" for topic in ("dyn", "joint_states") for joint in ("elbow", "shoulder")]
+    table = read(tmp_path, f"t,{','.join(topics)}\n0,9,9,2,1\n")
+    assert table.needed("position", 2).tolist() == [[1, 2]]
+
+
 def test_lists_of_names_in_parquet(tmp_path: Path) -> None:
     path = tmp_path / "a.parquet"
     names = [["elbow_joint", "finger", "shoulder_joint"]] * 2

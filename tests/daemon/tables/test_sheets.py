@@ -77,6 +77,7 @@ def read(folder: Path, text: str | bytes):
         ("time,q_1\n0 days 00:00:00,1\n1 days 00:00:00.008000,2\n", [0, 86400.008], [1, 2]),
         ("Time,q_1\n0 sec,1\n0.008 sec,2\n", [0, 0.008], [1, 2]),
         ("t,q_1\n0,1000 mrad\n1,2000 mrad\n", [0, 1], [1, 2]),
+        ("t,q_1,power\n0,1,----\n1,2,OR\n", [0, 1], [1, 2]),
         ("t,position\n0,[1. 9.]\n1,[2. 9.]\n", [0, 1], [1, 2]),
         ("t,q_1\n0,1\nt,q_1\n1,2\n", [0, 1], [1, 2]),  # the logger was started again
         ("t,q_1\n0,1\n0,1\n1,2\n1,2\n", [0, 1], [1, 2]),  # polled faster than values came
