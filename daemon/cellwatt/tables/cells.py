@@ -20,7 +20,7 @@ from cellwatt.tables.names import is_unit
 TEXT: Final = "holds text"
 MISSING: Final = (
     *("", "nan", "-nan", "null", "none", "na", "n/a", "<na>", "nat", "1.#ind", "-1.#ind", "1.#qnan", "-1.#qnan"),
-    *("--", "---", "----", "-----", "or", "ol"),
+    *("---", "----", "-----", "or", "ol"),
     *("#n/a", "#n/a n/a", "#na", "#div/0!", "#value!", "#ref!", "#num!", "#name?", "#null!"),
 )
 """Texts that mean a missing value, in small letters: of programs, of meters, and errors of spreadsheets."""
