@@ -42,10 +42,13 @@ JOINT: Final[Mapping[str, tuple[str, ...]]] = {
 }
 """Names of a joint's quantity, each before the joint's number, in the order in which they are preferred."""
 WHOLE: Final[Mapping[str, tuple[str, ...]]] = {
-    "time": ("t", "timestamp", "time", "utc", "stamp", "sim_time", "__time", "utime", "elapsed_time", "seconds", "sec"),
-    "supply.power": ("power", "supply_power", "active_power", "act_power", "total_act_power", "apower"),
-    "bus.power": ("bus_power",),
-    "tool.payload": ("payload",),
+    quantity: tuple(names.split())
+    for quantity, names in {
+        "time": "t timestamp time utc stamp sim_time __time utime elapsed_time seconds sec",
+        "supply.power": "power supply_power active_power act_power total_act_power apower watt watts",
+        "bus.power": "bus_power",
+        "tool.payload": "payload",
+    }.items()
 }
 """Names of quantities without a joint, likewise; names with a dot may follow the name of a source."""
 
