@@ -196,8 +196,9 @@ class Table:
     def lacks(self, wanted: str) -> RecordingError:
         """Return the error of a missing column, with the nearest unknown name and a list of the columns."""
         strange = [name for name in self.names if understood(name) is None]
-        near = did_you_mean(re.split(r"[ ,]", wanted)[0], strange)
-        return RecordingError(f"{self.path}: no column {wanted}{near}; {self.there()}")
+        near = did_you_mean(first := re.split(r"[ ,]", wanted)[0], strange)
+        own = re.sub(r"(_\d+)?$", lambda number: "=YOURS{}" if number[0] else "=YOURS", first, count=1)
+        return RecordingError(f"{self.path}: no column {wanted}{near}; {self.there()}; --columns '{own}' names yours")
 
     def there(self) -> str:
         """List the columns for a message."""
