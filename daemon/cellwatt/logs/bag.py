@@ -13,7 +13,7 @@ import numpy as np
 from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
 from cellwatt.logs.choice import how
-from cellwatt.logs.log import Log, Quantity, natural
+from cellwatt.logs.log import COMMANDS, Log, Quantity, natural
 from cellwatt.logs.messages import CONTROLLER, STATE, Bag
 from cellwatt.record.foreign import listed
 
@@ -29,8 +29,6 @@ _POINT: Final[tuple[tuple[Quantity, str], ...]] = (
     ("velocity", "velocities"),
     ("torque", "effort"),
 )
-_COMMANDS: Final = ("command", "cmd", "target", "desired", "goal", "reference")
-"""Words in the name of a topic of joint states that mark it as commands to the controller."""
 
 
 def is_bag(path: Path) -> bool:
@@ -74,7 +72,7 @@ class Topic:
         seconds, ns = _either(stamp, "sec", "secs"), _either(stamp, "nanosec", "nsec", "nsecs")
         when = seconds * 1_000_000_000 + ns or time
         if kind == STATE:
-            into = self.commanded if any(word in self.name.casefold() for word in _COMMANDS) else self.measured
+            into = self.commanded if any(word in self.name.casefold() for word in COMMANDS) else self.measured
             _take(into, when, content.name, content, _STATE if into is self.measured else (("command", "position"),))
             return
         reference, feedback = _either(content, "reference", "desired"), _either(content, "feedback", "actual")

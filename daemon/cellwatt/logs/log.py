@@ -17,6 +17,8 @@ Quantity = Literal["position", "velocity", "torque", "command"]
 
 COLUMNS: Final[Mapping[Quantity, str]] = {"position": "q", "velocity": "qd", "torque": "tau", "command": "command"}
 """Names of the quantities in tables, before the number or name of the joint."""
+COMMANDS: Final = ("command", "cmd", "target", "desired", "goal", "reference")
+"""Words in the name of a topic of joint states that mark it as commands to the controller."""
 UNITS: Final[Mapping[Quantity, str]] = {"position": "rad", "velocity": "rad/s", "torque": "Nm", "command": "rad"}
 
 
@@ -40,28 +42,33 @@ class Log:
         names (``q_elbow``), since the order of the joints is unknown. Raises ``RecordingError`` if one of
         ``joints`` is not in the log, or matches several.
         """
-        order = [self._place(name, joints) for name in joints] if joints else list(range(len(self.joints)))
-        numbered = bool(joints) or _numbered(self.joints)
-        labels = [str(i + 1) if numbered else self.joints[at] for i, at in enumerate(order)]
+        order = placed(self.path, self.joints, joints) if joints else list(range(len(self.joints)))
+        counted = bool(joints) or numbered(self.joints)
+        labels = [str(i + 1) if counted else self.joints[at] for i, at in enumerate(order)]
         return {
             f"{COLUMNS[quantity]}_{label}": np.ascontiguousarray(values[:, at])
             for quantity, values in self.quantities.items()
             for label, at in zip(labels, order, strict=True)
         }
 
-    def _place(self, name: str, wanted: Sequence[str]) -> int:
-        """Index of a robot's joint: the same name, otherwise the only one that is ``alike``."""
-        if name in self.joints:
-            return self.joints.index(name)
-        taken = {each for each in wanted if each in self.joints}
-        found = [i for i, own in enumerate(self.joints) if own not in taken and alike(own, name)]
-        if len(found) == 1:
-            return found[0]
-        fault = "stands for several joints of the log" if found else "is not in the log"
-        raise RecordingError(
-            f"{self.path}: joint {name} of the robot {fault}, which has {', '.join(self.joints)}; the robot's joints "
-            f"are {', '.join(wanted)}: name them alike"
-        )
+
+def placed(path: Path, own: Sequence[str], wanted: Sequence[str]) -> list[int]:
+    """Index of each of a robot's joints in a log's: the same name, otherwise the only one that is ``alike``.
+
+    Raises ``RecordingError`` if the log has no such joint, or several.
+    """
+    taken, places = {each for each in wanted if each in own}, []
+    for name in wanted:
+        found = [i for i, each in enumerate(own) if each not in taken and alike(each, name)]
+        found = [own.index(name)] if name in own else found
+        if len(found) != 1:
+            fault = "stands for several joints of the log" if found else "is not in the log"
+            raise RecordingError(
+                f"{path}: joint {name} of the robot {fault}, which has {', '.join(own)}; the robot's joints are "
+                f"{', '.join(wanted)}: name them alike"
+            )
+        places += found
+    return places
 
 
 def natural(name: str) -> list[tuple[int, int, str]]:
@@ -70,7 +77,7 @@ def natural(name: str) -> list[tuple[int, int, str]]:
     return [(1, int(each), "") if each.isdigit() else (0, 0, each) for each in parts]
 
 
-def _numbered(names: Sequence[str]) -> bool:
+def numbered(names: Sequence[str]) -> bool:
     """True for names that differ only in one number, consecutive from 0 or 1."""
     parts = [re.split(r"(\d+)", name) for name in names]
     if len({len(each) for each in parts}) > 1:

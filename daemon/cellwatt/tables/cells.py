@@ -5,6 +5,8 @@ pyarrow is imported on first use.
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Final
@@ -13,13 +15,15 @@ import numpy as np
 
 from cellwatt.arrays import Float
 from cellwatt.tables import times
+from cellwatt.tables.names import is_unit
 
 TEXT: Final = "holds text"
 MISSING: Final = (
     *("", "nan", "-nan", "null", "none", "na", "n/a", "<na>", "nat", "1.#ind", "-1.#ind", "1.#qnan", "-1.#qnan"),
+    *("---", "----", "-----", "or", "ol"),
     *("#n/a", "#n/a n/a", "#na", "#div/0!", "#value!", "#ref!", "#num!", "#name?", "#null!"),
 )
-"""Texts that mean a missing value, in small letters; the last are errors of spreadsheets."""
+"""Texts that mean a missing value, in small letters: of programs, of meters, and errors of spreadsheets."""
 
 _END: Final = r"(?:[eE][+-]?\d+)?$"
 _POINT: Final = rf"^[+-]?(?:\d+\.?\d*|\.\d+){_END}|^(?i:[+-]?inf(?:inity)?)$"
@@ -27,6 +31,8 @@ _COMMA: Final = rf"^[+-]?(?:\d+,?\d*|,\d+){_END}"
 _POINT_GROUPS: Final = r"^[+-]?[1-9]\d{0,2}(?:\.\d{3})+(?:,\d*)?$"
 _COMMA_GROUPS: Final = r"^[+-]?[1-9]\d{0,2}(?:,\d{3})+(?:\.\d*)?$"
 _BLANK_GROUPS: Final = r"^[+-]?\d{1,3}(?:[ \x{a0}\x{202f}'’]\d{3})+(?:[.,]\d*)?$"
+_LIST: Final = re.compile(r"^\s*(?:array\('?\w+'?, *)?[\[(]\s*")
+_MEASURE: Final = r"^(?P<number>[+-]?\d+\.?\d*(?:[eE][+-]?\d+)?) ?(?P<unit>[a-zA-Zµ°%]+[/a-z0-9^]*)$"
 _TRIMMED: Final = ' \t\u00a0\ufeff"'
 
 
@@ -44,6 +50,8 @@ class Cells:
     """``holds text``, or another reason why the column cannot be read."""
     commas: bool = False
     """True for decimal commas."""
+    unit: str = ""
+    """Unit behind each number, as in ``0.008 sec``; empty without one."""
 
 
 def cells_of(column: Any, separator: str) -> Cells:
@@ -63,7 +71,7 @@ def cells_of(column: Any, separator: str) -> Cells:
     column = pc.if_else(missing, None, column)
     if column.null_count == len(column):
         return Cells(np.full(len(column), np.nan))
-    return _truths(column) or _numbers(column, separator) or _times(column) or _text(column)
+    return _truths(column) or _numbers(column, separator) or _times(column) or _measures(column) or _text(column)
 
 
 def grouped(column: Any) -> int | None:
@@ -127,6 +135,35 @@ def _times(column: Any) -> Cells | None:
     except ValueError as error:
         return Cells(None, fault=str(error))
     return None if found is None else Cells(found.seconds, found.kind)
+
+
+def _measures(column: Any) -> Cells | None:
+    """Numbers with a decimal point, each followed by one unit; None if the cells are others."""
+    import pyarrow.compute as pc
+
+    parts = pc.extract_regex(column, _MEASURE)
+    units = pc.unique(pc.struct_field(parts, "unit")).drop_null()
+    if parts.null_count > column.null_count or len(units) != 1 or not is_unit(units[0].as_py()):
+        return None
+    return Cells(_values(pc.struct_field(parts, "number")), unit=units[0].as_py())
+
+
+def listed(names: Sequence[str], columns: Sequence[Any]) -> tuple[list[str], list[Any]]:
+    """Add a column for each place in the cells of a text column that hold lists of one length, as ``[0.1, 0.2]``."""
+    import pyarrow.compute as pc
+
+    all_names, every = list(names), list(columns)
+    for name, column in zip(names, columns, strict=True):
+        if not _LIST.match(next((cell.as_py() for cell in column if cell.is_valid), "")):
+            continue
+        inner = pc.replace_substring_regex(column.combine_chunks(), rf"{_LIST.pattern}|[\])\s]+$", "")
+        parts = pc.split_pattern_regex(inner, r"[,;\s]+")
+        widths = pc.unique(pc.list_value_length(parts)).to_pylist()
+        if len(widths) == 1 and widths[0]:
+            flat = pc.utf8_trim(parts.flatten(), characters=f"{_TRIMMED}'")
+            all_names += [f"{name}[{i}]" for i in range(widths[0])]
+            every += [flat[i :: widths[0]] for i in range(widths[0])]
+    return all_names, every
 
 
 def _text(column: Any) -> Cells:

@@ -17,6 +17,10 @@ _OTHERS: Final = (
     (b"\xd0\xcf\x11\xe0", "an Excel workbook, no text: save the sheet as CSV"),
     (b"\x1f\x8b", "packed with gzip: unpack it"),
     (b"\x28\xb5\x2f\xfd", "packed with zstd: unpack it"),
+    (b"#ROSBAG", "a ROS 1 bag: convert it to ROS 2 (rosbags-convert)"),
+    (b"\x93NUMPY", "a NumPy array: save its columns as CSV, with their names"),
+    (b"MATLAB ", "a MATLAB file: write its table as CSV (writetable)"),
+    (b"{", "JSON, no table: write CSV or Parquet"),
     (b"\x89HDF", "an HDF5 file, no text: save the table as CSV or Parquet"),
 )
 _LOOKED_AT: Final = 512

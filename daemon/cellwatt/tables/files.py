@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import logging
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -16,10 +17,12 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError, why
 from cellwatt.files import COMPUTED, UnfitFileError, check_file, read_bytes
-from cellwatt.tables.cells import TEXT, Cells, cells_of, grouped
+from cellwatt.tables.by_name import by_name, lists_joints, one_text, widened
+from cellwatt.tables.cells import TEXT, Cells, cells_of, grouped, listed
 from cellwatt.tables.encoding import text_of
 from cellwatt.tables.names import is_unit
 from cellwatt.tables.rows import Rows, cells_in, rows_of
+from cellwatt.tables.stamps import joined
 from cellwatt.tables.table import Table
 from cellwatt.tables.times import CLOCKS, DAY
 
@@ -56,7 +59,7 @@ def read_table(path: Path, joints: Sequence[str] = ()) -> Table:
     import pyarrow as pa
 
     try:
-        return _arrow(path, _parquet(path)) if path.suffix == ".parquet" else _csv(path)
+        return by_name(_arrow(path, _parquet(path)) if path.suffix == ".parquet" else _csv(path), joints)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {_line(why(error))}") from error
     except (pa.ArrowException, ValueError) as error:  # ValueError: names that are not UTF-8
@@ -155,8 +158,10 @@ def _csv(path: Path) -> Table:
     )
     if columns.num_rows != len(records):
         raise ValueError(f"it has {len(records)} rows, but {columns.num_rows} were found: check its quotes")
-    found = [cells_of(pa.chunked_array(column), rows.separator) for column in columns.columns]
-    return _placed(path, rows.names, columns.columns, _without_groups(found, columns.columns), units, numbers)
+    names, texts = listed(rows.names, columns.columns)
+    found = [cells_of(pa.chunked_array(column), rows.separator) for column in texts]
+    units = {**{name: cells.unit for name, cells in zip(names, found, strict=True) if cells.unit}, **units}
+    return _placed(path, names, texts, _without_groups(found, texts), units, numbers)
 
 
 def _units(rows: Rows) -> tuple[Mapping[str, str], Sequence[str], Sequence[int]]:
@@ -166,7 +171,8 @@ def _units(rows: Rows) -> tuple[Mapping[str, str], Sequence[str], Sequence[int]]
     written = {name: unit for name, unit in found.items() if unit and unit != "-"}
     if not written or not all(is_unit(unit) for unit in written.values()):
         return {}, rows.records, rows.numbers
-    return written, rows.records[1:], rows.numbers[1:]
+    below = [i for i, record in enumerate(rows.records) if record != rows.records[0]]  # loggers may append their head
+    return written, [rows.records[i] for i in below], [rows.numbers[i] for i in below]
 
 
 def _without_groups(found: Sequence[Cells], columns: Sequence[Any]) -> Sequence[Cells]:
@@ -188,8 +194,12 @@ def _placed(
     numbers: Sequence[int] | None = None,
 ) -> Table:
     """Make a table of the named columns, without rows that lack a time; ``numbers``: row numbers in a text file."""
+    written, found, columns, rows = widened(written, found, columns)
+    if rows is not None and numbers is not None:
+        numbers = [numbers[row] for row in rows]
     values: dict[str, NDArray[np.float64]] = {}
     unfit: dict[str, str] = {}
+    texts: dict[str, str] = {}
     names = [name or _of_index(cells, written) for name, cells in zip(written, found, strict=True)]
     letters = {} if numbers is None else dict(zip(names, map(letters_of, range(len(names))), strict=True))
     clocks = tuple(name for name, cells in zip(names, found, strict=True) if name and cells.kind in CLOCKS)
@@ -206,7 +216,9 @@ def _placed(
             word = str(column[cells.row])[:_LONGEST]
             wanted = ", expected numbers" if cells.fault == TEXT else ""
             unfit[name] = f"{cells.fault}, first {word!r} in {table.place(name, cells.row)}{wanted}"
-    return timed(table)
+            if lists_joints(name):
+                texts[name] = one_text(column)
+    return _once(timed(replace(table, clocks=joined(values, clocks), texts=texts)))
 
 
 def _of_index(cells: Cells, names: Sequence[str]) -> str:
@@ -225,6 +237,22 @@ def timed(table: Table) -> Table:
         *(table.path, np.sum(~known), len(time), table.row(int(np.argmin(known)))),
     )
     return table.at(known)
+
+
+def _once(table: Table) -> Table:
+    """The rows that differ from the row before; a warning counts the others, which a program reads faster than new
+    values come. A table without times is returned unchanged."""
+    if table.clock is None or table.clock not in table.columns or len(table) < 2:
+        return table
+    new = np.ones(len(table), np.bool_)
+    time = table.columns[table.clock]
+    new[1:] = np.diff(time) != 0
+    for values in () if new.all() else table.columns.values():
+        new[1:] |= (values[1:] != values[:-1]) & np.isfinite(values[1:])
+    if new.all():
+        return table
+    log.warning("%s: %d of %d rows repeat the row before and are left out", table.path, np.sum(~new), len(new))
+    return table.at(new)
 
 
 def letters_of(column: int) -> str:
@@ -270,7 +298,8 @@ def _width(column: Any) -> int:
 
     if not any(of(column.type) for of in (pa.types.is_list, pa.types.is_large_list, pa.types.is_fixed_size_list)):
         return 0
-    if not any(of(column.type.value_type) for of in (pa.types.is_floating, pa.types.is_integer, pa.types.is_decimal)):
+    known = ("is_floating", "is_integer", "is_decimal", "is_string", "is_large_string")
+    if not any(getattr(pa.types, each)(column.type.value_type) for each in known):
         return 0
     lengths = pc.min_max(pc.list_value_length(column)).as_py()
     return lengths["min"] if lengths["min"] == lengths["max"] and not column.null_count and len(column) else 0

@@ -65,8 +65,11 @@ def likely(table: Table) -> list[Likely]:
 
 
 def hint(table: Table) -> str:
-    """The guesses as the end of a message; empty without any."""
-    return "".join(f"; {each}" for each in likely(table))
+    """The guesses as the end of a message, or else how to name columns that are numbered; empty without any."""
+    known = "".join(f"; {each}" for each in likely(table))
+    pattern = next((pattern for pattern, _ in _families(table)), None)
+    named = f"; --columns names columns like {pattern}, as 'q [deg]={pattern}' or 'tau={pattern}'"
+    return known or (named if pattern else "")
 
 
 def _families(table: Table) -> Iterator[tuple[str, tuple[str, ...]]]:

@@ -12,7 +12,7 @@ linear axis, ``tau_1 (Nm)``, ``power_kW``; without one, values are in the SI uni
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -24,11 +24,11 @@ from cellwatt.units import TABLE, Unit, kind_of
 JOINT: Final[Mapping[str, tuple[str, ...]]] = {
     quantity: tuple(names.split())
     for quantity, names in {
-        "position": "q actual_q position qpos joint_pos joint_position dof_pos",
-        "velocity": "qd actual_qd velocity qvel joint_vel joint_velocity dof_vel dq",
-        "acceleration": "qdd acceleration qacc joint_acc ddq",
+        "position": "q actual_q position qpos joint_pos joint_position joint_positions dof_pos",
+        "velocity": "qd actual_qd velocity qvel joint_vel joint_velocity joint_velocities dof_vel dq",
+        "acceleration": "qdd acceleration qacc joint_acc joint_accelerations ddq",
         "torque": "tau torque actual_current_as_torque qfrc_actuator actuator_force applied_torque effort joint_torque "
-        "joint_effort measured_effort dof_torque dof_force tau_j",
+        "joint_torques joint_effort joint_efforts measured_effort dof_torque dof_force tau_j",
         "torque_ratio": "torque_percent torque_ratio",
         "current": "current actual_current",
         "temperature": "temperature joint_temperatures",
@@ -42,10 +42,13 @@ JOINT: Final[Mapping[str, tuple[str, ...]]] = {
 }
 """Names of a joint's quantity, each before the joint's number, in the order in which they are preferred."""
 WHOLE: Final[Mapping[str, tuple[str, ...]]] = {
-    "time": ("t", "timestamp", "time", "utc", "stamp", "sim_time"),
-    "supply.power": ("power", "supply_power"),
-    "bus.power": ("bus_power",),
-    "tool.payload": ("payload",),
+    quantity: tuple(names.split())
+    for quantity, names in {
+        "time": "t timestamp time utc stamp sim_time __time utime elapsed_time seconds sec",
+        "supply.power": "power supply_power active_power act_power total_act_power apower watt watts",
+        "bus.power": "bus_power",
+        "tool.payload": "payload",
+    }.items()
 }
 """Names of quantities without a joint, likewise; names with a dot may follow the name of a source."""
 
@@ -76,7 +79,7 @@ _UNITS: Final[Mapping[str, Mapping[str, Unit]]] = {
     "control": {"1": _ONE},
     "time": {
         name: Unit(name, factor)
-        for name, factor in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("µs", 1e-6), ("ns", 1e-9))
+        for name, factor in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("µs", 1e-6), ("ns", 1e-9), ("sec", 1.0))
     },
     **dict.fromkeys(("supply.power", "bus.power"), TABLE["power"]),
     "tool.payload": TABLE["mass"],
@@ -86,7 +89,7 @@ _UNITS: Final[Mapping[str, Mapping[str, Unit]]] = {
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*[\[(]\s*(?P<unit>[^\[\]()]*?)\s*[\])]")
 _CHANNEL = re.compile(r"(?:(?P<source>.+)\.)?joint_?(?P<number>\d+)[._](?P<stem>\w+)")
 _NUMBERED = re.compile(
-    r"(?P<path>(?:.*/|data\.|field\.)?)(?P<stem>[a-z_]*[a-z])(?:[_.]?(?P<number>\d+)|\[(?P<index>\d+)\])"
+    r"(?P<path>(?:.*/|data\.|field\.|state\.)?)(?P<stem>[a-z_]*[a-z])(?:[_.]?(?P<number>\d+)|\[(?P<index>\d+)\])"
 )
 
 
@@ -102,6 +105,13 @@ class Name:
     """Joint number as written; None for a quantity without a joint."""
     unit: str | None
     """Unit as written, None without one."""
+    joint: str = ""
+    """Name of the joint, for a column that names it."""
+
+    @property
+    def stem(self) -> str:
+        """The name of the quantity at the end of ``family``; "" for a channel."""
+        return max((stem for stem in _STEMS[self.quantity] if self.family.endswith(stem)), key=len, default="")
 
     @property
     def rank(self) -> int:
@@ -115,17 +125,20 @@ _OF_THE_USER: ContextVar[tuple[tuple[str, re.Pattern[str]], ...]] = ContextVar("
 
 @contextmanager
 def called(names: Mapping[str, str]) -> Iterator[None]:
-    """Within the context also accept a user's names of columns: ``{"tau": "Moment{}"}`` reads ``Moment1`` as ``tau_1``.
+    """Within the context also accept a user's names of columns: ``{"tau": "Moment{}"}`` reads ``Moment1`` as ``tau_1``,
+    ``{"q [deg]": "A{}"}`` reads ``A1`` as ``q_1`` in degrees.
 
     Raises ``ConfigError`` if a key is not a known name.
     """
     patterns = []
-    for stem, written in names.items():
+    for name, written in names.items():
         before, numbered, after = written.partition("{}")
-        if understood(f"{stem}_1" if numbered else stem) is None:
-            raise ConfigError(f"--columns: {stem!r} is no name of a quantity, such as q, qd, tau, t or power")
+        stem, bracket, unit = name.partition("[")
+        known = f"{stem.strip()}{'_{}' if numbered else ''} {bracket}{unit}"
+        if understood(known.format(1)) is None:
+            raise ConfigError(f"--columns: {name!r} is no name of a quantity, such as q, q [deg], tau, t [ms] or power")
         number = r"(?P<number>\d+)" if numbered else ""
-        patterns.append((stem, re.compile(re.escape(before) + number + re.escape(after))))
+        patterns.append((known, re.compile(re.escape(before) + number + re.escape(after))))
     before_it = _OF_THE_USER.set(tuple(patterns))
     try:
         yield
@@ -135,12 +148,24 @@ def called(names: Mapping[str, str]) -> Iterator[None]:
 
 def understood(written: str) -> Name | None:
     """Parse a column's name; None if it is unknown."""
-    for stem, pattern in _OF_THE_USER.get():
+    for known, pattern in _OF_THE_USER.get():
         if (match := pattern.fullmatch(written.strip())) is not None:
-            return _named(f"{stem}_{match['number']}" if "number" in pattern.groupindex else stem, None)
-    if (match := _BRACKETS.fullmatch(written.strip())) is not None and not match["unit"].isdigit():
-        return _named(match["name"], match["unit"] or None)
-    return _named(written.strip(), None) or next(_with_ending(written.strip()), None)
+            return parsed(known.format(*match.groups()), _named)
+    return parsed(written, _named)
+
+
+def unit_in(written: str) -> str | None:
+    """The unit in brackets behind a name, None without one."""
+    match = _BRACKETS.fullmatch(written.strip())
+    return match["unit"] if match else None
+
+
+def parsed(written: str, parse: Callable[[str, str | None], Name | None]) -> Name | None:
+    """Parse a column's name by ``parse``, which is given the name without its unit, and the unit."""
+    text = written.strip()
+    if (match := _BRACKETS.fullmatch(text)) is not None and not match["unit"].isdigit():
+        return parse(match["name"], match["unit"] or None)
+    return parse(text, None) or next(_with_ending(text, parse), None)
 
 
 def scale(quantity: str, unit: str | None) -> tuple[float, float] | None:
@@ -204,11 +229,11 @@ def _named(text: str, unit: str | None) -> Name | None:
     )
 
 
-def _with_ending(text: str) -> Iterator[Name]:
+def _with_ending(text: str, parse: Callable[[str, str | None], Name | None]) -> Iterator[Name]:
     """The names before the units that ``text`` may end with: ``q_1_deg``, ``velocity_2_deg_s``."""
     for units in _UNITS.values():
         for unit in units:
             ending = "_" + unit.replace("/", "_").replace("^", "")
-            name = _named(text[: -len(ending)], unit) if text.casefold().endswith(ending.casefold()) else None
+            name = parse(text[: -len(ending)], unit) if text.casefold().endswith(ending.casefold()) else None
             if name is not None and unit in _UNITS[name.quantity]:
                 yield name

@@ -20,6 +20,7 @@ _NUMBER: Final = re.compile(
     r"[-+\u2212]?(?=[.,]?\d)[\d.,'’\xa0\u202f]*(e[+-]?\d+)?|nan|\d+[-./:][-\d./:T ,]*Z?", re.IGNORECASE
 )
 """A number, a date or a time, which is not a name."""
+_DECIMAL: Final = re.compile(r"\d[.,]\d")
 _BLANK: Final = ' \t\xa0,;|"'
 _OPENED: Final = re.compile(r'(?:^|[,;\t|])\s*"(?:[^"]|"")*$')
 """A line that ends within quotes."""
@@ -51,17 +52,21 @@ def rows_of(text: str) -> Rows:
     numbers, records = [number for number, _ in rows], [record for _, record in rows]
     first, separator = 0, directive[1] if directive else ""
     names: list[str] = []
-    if _all_numbers(re.split(r'[;\t|, "]+', records[0])):
-        comments = [_COMMENT.sub("", record).strip(" #%/") for number, record in every if number < numbers[0]]
-        separator, names = _commented(comments, records[:_LOOKED_AT], separator)
-    else:
-        separator = separator or _separator(records[:_LOOKED_AT])
-        first = _first_of_names(records, separator)
+    looked_at = records[:_LOOKED_AT]
+    comments = [_COMMENT.sub("", record).strip(" #%/") for number, record in every if number < numbers[0]]
+    own = separator or _separator(looked_at)
+    first = _first_of_names(records, own)
+    if _holds_numbers(cells_in(records[first], own)):
+        first, (separator, names) = 0, _commented(comments, looked_at, separator)
+    if not names:
+        separator = own
         names = _names(records[first], separator, _width(records[first + 1 : first + 1 + _LOOKED_AT], separator))
         first += 1
-    if _all_numbers(names):
+    if _all_numbers(names) or any(_NUMBER.fullmatch(name) and _DECIMAL.search(name) for name in names):
         raise ValueError("no names in its first row: write t, q_1, …, tau_1, … above the columns")
-    numbers, records, torn = numbers[first:], records[first:], 0
+    again = records[first - 1] if first else None  # loggers that were started again append their names
+    kept = [i for i in range(first, len(records)) if records[i] != again]
+    numbers, records, torn = [numbers[i] for i in kept], [records[i] for i in kept], 0
     if records and not text.endswith("\n"):
         last = cells_in(records[-1], separator)
         if len(last) < len(names) and not _fits(last, names):
@@ -131,12 +136,20 @@ def _fits(cells: Sequence[str], names: Sequence[str]) -> bool:
 
 
 def _first_of_names(records: Sequence[str], separator: str) -> int:
-    """Index of the row of names: the first with several cells if it has no numbers, otherwise 0."""
-    for i, record in enumerate(records[:_LOOKED_AT]):
-        filled = [cell for cell in cells_in(record, separator) if cell.strip()]
-        if len(filled) > 1:
-            return i if not any(_NUMBER.fullmatch(cell.strip(_BLANK)) for cell in filled) else 0
+    """Index of the row of names: the first with as many cells as the rows below, or else with several cells.
+
+    It has no numbers; 0 if there is no such row.
+    """
+    rows = [cells_in(record, separator) for record in records[:_LOOKED_AT]]
+    for least in (max(map(_filled, rows)), 2):
+        first = next((i for i, row in enumerate(rows) if _filled(row) >= max(2, least)), 0)
+        if not _holds_numbers(rows[first]):
+            return first
     return 0
+
+
+def _holds_numbers(cells: Sequence[str]) -> bool:
+    return any(_NUMBER.fullmatch(cell.strip(_BLANK)) for cell in cells)
 
 
 def _names(record: str, separator: str, width: int) -> list[str]:

@@ -16,6 +16,7 @@ from cellwatt.arrays import Float
 from cellwatt.config.wording import did_you_mean
 from cellwatt.errors import RecordingError
 from cellwatt.tables.names import Name, along, scale, understood, units_of, usual
+from cellwatt.tables.times import DAY
 from cellwatt.tables.unwrap import unwrapped, wraps
 from cellwatt.units import named
 
@@ -25,6 +26,10 @@ FOLLOWED: Final = 0.5
 """Longest time in s between rows of a log in which no joint can turn by half a turn."""
 SINCE_1970: Final = (1e9, 4e9)
 """Times since 1970 in s, of the years 2001 to 2096: times without a unit that are such in ms, µs or ns are taken so."""
+SHEET_DAYS: Final = (36_526.0, 73_050.0, 25_569.0)
+"""Dates of spreadsheets as numbers, in days: of the years 2000 and 2100, and of 1970."""
+SHEET_STEP: Final = 2e-4
+"""Largest time between rows that marks such dates: 17 s in days, and no step of a table of motion or power in s."""
 MOST_NAMES: Final = 12
 """Largest number of columns that a message lists."""
 
@@ -48,6 +53,10 @@ class Table:
     """Columns that hold times of day."""
     named: tuple[str, ...] = ()
     """Names of the joints, in the order of the columns, if the file names them."""
+    texts: Mapping[str, str] = field(default_factory=dict)
+    """Names of joints in columns that hold these alone, by column; "" for a column that holds several."""
+    meant: Mapping[str, Name | None] = field(default_factory=dict)
+    """Meaning of columns that name their joint; None for joints that are not the robot's."""
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))
@@ -123,6 +132,10 @@ class Table:
             raise RecordingError(f"{self.path}: no column {gone}; there are {there}")
         return tuple(family[number] for number in numbers)
 
+    def has(self, quantity: str) -> bool:
+        """True if the names of some columns are those of a quantity."""
+        return quantity in self._found
+
     def some_joint_names(self, quantity: str, joints: int, like: str) -> tuple[str, ...]:
         """Names of the columns of a quantity for ``joints`` joints: "" for joints without it; () if all lack it.
 
@@ -183,8 +196,9 @@ class Table:
     def lacks(self, wanted: str) -> RecordingError:
         """Return the error of a missing column, with the nearest unknown name and a list of the columns."""
         strange = [name for name in self.names if understood(name) is None]
-        near = did_you_mean(re.split(r"[ ,]", wanted)[0], strange)
-        return RecordingError(f"{self.path}: no column {wanted}{near}; {self.there()}")
+        near = did_you_mean(first := re.split(r"[ ,]", wanted)[0], strange)
+        own = re.sub(r"(_\d+)?$", lambda number: "=YOURS{}" if number[0] else "=YOURS", first, count=1)
+        return RecordingError(f"{self.path}: no column {wanted}{near}; {self.there()}; --columns '{own}' names yours")
 
     def there(self) -> str:
         """List the columns for a message."""
@@ -208,7 +222,7 @@ class Table:
 
     @cached_property
     def _understood(self) -> Mapping[str, Name]:
-        names = {name: understood(name) for name in (*self.columns, *self.unfit)}
+        names = {name: self.meant.get(name, understood(name)) for name in (*self.columns, *self.unfit)}
         return {written: name for written, name in names.items() if name is not None}
 
     def _family(self, quantity: str) -> Mapping[int, str]:
@@ -268,6 +282,8 @@ class Table:
         if known.quantity == "time" and unit is None:
             finite = values[np.isfinite(values)]
             middle = float(np.median(finite)) if len(finite) else 0.0
+            if SHEET_DAYS[0] < middle < SHEET_DAYS[1] and 0 < np.median(np.diff(finite)) < SHEET_STEP:
+                return DAY * (values - SHEET_DAYS[2])
             low, high = SINCE_1970
             return values * next((each for each in (1e-3, 1e-6, 1e-9) if low <= middle * each < high), 1.0)
         return values if scaled == (1.0, 0.0) else values * factor + offset

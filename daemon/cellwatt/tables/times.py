@@ -20,10 +20,14 @@ CLOCKS: Final = ("clock", "moment")
 DAY: Final = 86_400.0
 EPOCH: Final = date(1970, 1, 1).toordinal()
 _TIME: Final = re.compile(
-    r"(?:(?P<date>\d{1,4}(?P<mark>[-./])\d{1,2}(?P=mark)\d{1,4})\.?)?"
-    r"(?:(?:(?<=\d)[T ,]\s*|^)(?P<hour>\d{1,2}):(?P<minute>\d{2})(?::(?P<second>\d{2}))?(?:[.,](?P<fraction>\d{1,12}))?"
-    r"\s*(?P<half>[AaPp]\.?[Mm]\.?)?\s*(?P<zone>Z|UTC|[+-]\d{2}:?\d{2})?)?"
+    r"(?:(?P<days>\d+) days?,? )?(?:(?P<date>\d{1,4}(?P<mark>[-./])\d{1,2}(?P=mark)\d{1,4})\.?)?"
+    r"(?:(?:(?<=\d)[T ,]\s*|^|(?<=[sy,] ))(?P<hour>\d{1,2}):(?P<minute>\d{2})(?::(?P<second>\d{2}))?"
+    r"(?:[.,:](?P<fraction>\d{1,12}))?\s*(?P<half>[AaPp]\.?[Mm]\.?)?\s*(?P<zone>Z|UTC|[+-]\d{2}:?\d{2})?)?"
 )
+
+
+_MONTHS: Final = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
+_IN_WORDS: Final = re.compile(rf"(\d{{1,2}})[-/ ]({'|'.join(_MONTHS)})[a-z]*[-/ ](\d{{4}})", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -42,6 +46,9 @@ def times_of(column: Any) -> Times | None:
     import pyarrow as pa
 
     first = next(cell.as_py() for cell in column if cell.is_valid)
+    if _IN_WORDS.match(first):
+        column = pa.array([None if text is None else _IN_WORDS.sub(_in_numbers, text) for text in column.to_pylist()])
+        first = _IN_WORDS.sub(_in_numbers, first)
     match = _TIME.fullmatch(first)
     if not first or match is None:
         return None
@@ -67,6 +74,10 @@ def times_of(column: Any) -> Times | None:
     return Times(seconds, "moment" if timed else "date")
 
 
+def _in_numbers(match: re.Match[str]) -> str:
+    return f"{match[1]}.{_MONTHS.index(match[2].casefold()) + 1}.{match[3]}"
+
+
 def unwrapped(seconds: Float) -> Float:
     """Times of day (N,), continued past midnight."""
     known = np.flatnonzero(np.isfinite(seconds))
@@ -83,7 +94,8 @@ def _of_day(match: re.Match[str]) -> float:
         return 60.0 * hour + minute + fraction
     if match["half"] is not None:
         hour = hour % 12 + (12 if match["half"][0] in "pP" else 0)
-    return 3600.0 * hour + 60.0 * minute + int(second or 0) + fraction - _offset(match["zone"])
+    days = DAY * int(match["days"] or 0)
+    return days + 3600.0 * hour + 60.0 * minute + int(second or 0) + fraction - _offset(match["zone"])
 
 
 def _offset(zone: str | None) -> float:

@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 
-from cellwatt.commands.options import INPUT, Input, with_progress, with_scheduler, with_units
+from cellwatt.commands.options import INPUT, Input, with_columns, with_progress, with_scheduler, with_units
 from cellwatt.files import write_csv, write_file
 from cellwatt.progress import stage
 from cellwatt.report.blocks import Table
@@ -38,6 +38,7 @@ SHOWN = ("electronics", "brakes", "mechanical", "electrical", "chopper")
 @with_units
 @click.option("--json", "as_json", is_flag=True, help="Print energy.json.")
 @click.option("--no-report", is_flag=True, help="Leave out report.html.")
+@with_columns
 @with_progress
 @with_scheduler
 def disaggregate(out: Path, units: tuple[str, ...], as_json: bool, no_report: bool, **asked: Any) -> None:

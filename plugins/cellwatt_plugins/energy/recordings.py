@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -84,9 +84,9 @@ def read_reading(path: Path) -> PowerTrace:
     return PowerTrace(str(path), _check(table, {"power": power}), power)
 
 
-def read_motion(path: Path, joints: int) -> RobotTrace:
+def read_motion(path: Path, joints: int, names: Sequence[str] = ()) -> RobotTrace:
     """Read time, positions, velocities and torques of a table. Raises ``RecordingError``."""
-    table = read_table(path)
+    table = read_table(path, names)
     columns = {quantity: table.needed(quantity, joints) for quantity in ("position", "velocity", "torque")}
     time = _check(table, columns)
     position, velocity, torque = columns.values()
@@ -101,7 +101,7 @@ def read_motion(path: Path, joints: int) -> RobotTrace:
     return RobotTrace(str(path), time, position, velocity, torque)
 
 
-def read_runs(folder: Path, joints: int) -> list[Recorded]:
+def read_runs(folder: Path, joints: int, names: Sequence[str] = ()) -> list[Recorded]:
     """Read all runs of a folder, by payload and speed. Raises ``RecordingError`` if a file of a pair is missing."""
     files = sorted(p for p in folder.iterdir() if p.suffix in _ENDINGS) if folder.is_dir() else []
     pairs = [_pair(p) for p in files if p.name.removesuffix(p.suffix).endswith(".robot")]
@@ -110,7 +110,7 @@ def read_runs(folder: Path, joints: int) -> list[Recorded]:
     for (name, *_, one, _), (other, *_, two, _) in pairwise(pairs):
         if name == other:
             raise RecordingError(f"{two}: the same run as {one.name}: keep one of them")
-    runs = spread(_read, pairs, "reading runs", shared=joints)
+    runs = spread(_read, pairs, "reading runs", shared=(joints, names))
     return sorted(runs, key=lambda run: (run.payload, run.speed))
 
 
@@ -129,9 +129,9 @@ def _pair(path: Path) -> _Pair:
     return name, float(match["speed"]), float(match["payload"]), path, other
 
 
-def _read(pair: _Pair, joints: int) -> Recorded:
+def _read(pair: _Pair, known: tuple[int, Sequence[str]]) -> Recorded:
     name, speed, payload, robot, analyzer = pair
-    return Recorded(name, speed, payload, read_motion(robot, joints), read_reading(analyzer))
+    return Recorded(name, speed, payload, read_motion(robot, *known), read_reading(analyzer))
 
 
 def _check(table: Table, columns: Mapping[str, Float]) -> Float:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cellwatt.commands.completion import or_files
-from cellwatt.commands.options import INPUT, FiniteRange, with_progress, with_scheduler
+from cellwatt.commands.options import INPUT, FiniteRange, with_columns, with_progress, with_scheduler
 from cellwatt.files import write_file
 from cellwatt.progress import stage
 from cellwatt.report.page import PAGE
@@ -42,6 +42,7 @@ METER = "Table of power (t, power) from a meter with its own clock, one per reco
 @click.option("--arm", help="Source with the joints, if several have joints.")
 @click.option("--power", default="supply.power", show_default=True, help="Channel of the power.")
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
+@with_columns
 @with_progress
 @with_scheduler
 def reference(out: Path, as_json: bool, **asked: Any) -> None:
@@ -89,6 +90,7 @@ def faults() -> None:
 )
 @click.option("--report", "page", type=click.Path(dir_okay=False, path_type=Path), help=PAGE)
 @click.option("--json", "as_json", is_flag=True, help="Print findings.json.")
+@with_columns
 @with_progress
 @with_scheduler
 def judge(out: Path | None, page: Path | None, as_json: bool, **asked: Any) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cellwatt.commands.options import INPUT, FiniteRange, with_progress, with_scheduler
+from cellwatt.commands.options import INPUT, FiniteRange, with_columns, with_progress, with_scheduler
 from cellwatt.files import write_file
 from cellwatt.progress import stage
 
@@ -50,6 +50,7 @@ MOST_SKIPPED = 5
 @click.option("--json", "as_json", is_flag=True, help="Print fleet.json.")
 @click.option("--no-report", is_flag=True, help="Leave out report.html.")
 @with_scheduler
+@with_columns
 @with_progress
 def fleet(lake: Path, out: Path, as_json: bool, no_report: bool, **asked: Any) -> None:
     """Find the cells of a LAKE of recordings that drift, and the joints that wear.

@@ -9,7 +9,7 @@ from typing import Final
 
 import click
 
-from cellwatt.commands.options import INPUT, Input, with_progress, with_scheduler
+from cellwatt.commands.options import INPUT, Input, with_columns, with_progress, with_scheduler
 from cellwatt.errors import CellwattError
 
 KINDS: Final = {
@@ -60,6 +60,7 @@ def train() -> None:
     help="Table to write (.parquet or .csv); for several TABLEs, a folder.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
+@with_columns
 @with_progress
 @with_scheduler
 def predict(tables: tuple[Path, ...], model: Path, out: Path, as_json: bool) -> None:

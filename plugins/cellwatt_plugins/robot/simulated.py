@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from cellwatt.errors import ConfigError
 from cellwatt.logs.log import alike
@@ -11,7 +13,7 @@ from cellwatt_plugins.robot.body import read_urdf
 from cellwatt_plugins.robot.description import Joint, RobotDescription
 from cellwatt_plugins.robot.mjcf import compiled, gravity, is_mjcf, parents
 
-SUFFIXES = (".xml", ".mjcf", ".urdf")
+SUFFIXES = (".xml", ".mjcf", ".urdf", ".xacro")
 
 
 def is_simulator(path: Path) -> bool:
@@ -51,8 +53,13 @@ def _of_mjcf(path: Path, joints: int | Sequence[str] | None) -> RobotDescription
     return RobotDescription(robot=path.stem, urdf=path, joints=tuple(found), gravity=gravity(model))
 
 
-def _of_urdf(path: Path, joints: int | Sequence[str] | None) -> RobotDescription:
-    root, model = read_urdf(path)
+def joints_in(path: Path) -> list[str]:
+    """All joints of an MJCF or URDF that move, in the file's order, as simulators number them: a gripper's, too."""
+    return list(parents(path, compiled(path)) if is_mjcf(path) else _above(*read_urdf(path)))
+
+
+def _above(root: ET.Element, model: Any) -> dict[str, str | None]:
+    """Each moving joint of a URDF, in the file's order, and the previous one towards the base; None for the first."""
     every = {joint.get("name", ""): joint for joint in root.findall("joint")}
     names = list(model.names)
     moving = [i for i in range(1, len(names)) if model.joints[i].nv == 1 and every[names[i]].find("mimic") is None]
@@ -62,8 +69,14 @@ def _of_urdf(path: Path, joints: int | Sequence[str] | None) -> RobotDescription
         while before and before not in moving:
             before = model.parents[before]
         above[names[i]] = names[before] if before else None
+    return {name: above[name] for name in every if name in above}
+
+
+def _of_urdf(path: Path, joints: int | Sequence[str] | None) -> RobotDescription:
+    root, model = read_urdf(path)
+    every = {joint.get("name", ""): joint for joint in root.findall("joint")}
     found = []
-    for name in _chain(path, {name: above[name] for name in every if name in above}, joints):
+    for name in _chain(path, _above(root, model), joints):
         own = every[name].find("dynamics")
         friction, damping = (float(own.get(key, 0)) if own is not None else 0.0 for key in ("friction", "damping"))
         found.append(Joint(name=name, coulomb_friction=friction, viscous_friction=damping))
@@ -95,10 +108,14 @@ def _chain(path: Path, above: Mapping[str, str | None], joints: int | Sequence[s
             row, before = [before, *row], above[before]
         rows.append(row)
     longest = max(rows, key=len, default=[])
+    ends = [row for row in rows if len(row) == len(longest)]  # of a gripper, one for each finger
+    arm = [names[0] for names in zip(*ends, strict=True) if len(set(names)) == 1]
+    if joints == len(above) and joints > len(longest) and list(above)[: len(arm)] == arm:
+        joints = len(arm)
     if not longest or (joints is not None and len(longest) < joints):
         raise ConfigError(
             f"{path}: its longest chain of joints from the base is {', '.join(longest) or 'empty'}, the recording has "
-            f"{joints} joints"
+            f"{joints} joints: leave out the columns of other joints, as of a gripper"
             if joints is not None
             else f"{path}: no joint moves"
         )

@@ -49,8 +49,24 @@ def test_the_motion_tells_how_far_the_clocks_are_apart(tmp_path, offset):
 def test_files_that_do_not_belong_together_are_refused(tmp_path):
     with pytest.raises(RecordingError, match="does not follow the motion"):
         power_beside(logged(tmp_path, 0.0, 0.1, Arm(90.0, seed=5)), ARM.time, POSITION)
-    with pytest.raises(RecordingError, match="give files of the same time"):
+    with pytest.raises(RecordingError, match=r"give files of the same time.*from 500\.\d to 590\.\d s.*from 0\.0 to"):
         power_beside(logged(tmp_path, 500.0, 0.1), ARM.time, POSITION)
+
+
+@pytest.mark.parametrize(
+    ("meter", "recording"), [pytest.param(1.7e9 + 7200, 1.7e9, id="time zone"), pytest.param(1.7e9, 0.0, id="uptime")]
+)
+def test_clocks_that_cannot_be_the_same_are_brought_together(tmp_path, meter, recording):
+    here = power_beside(logged(tmp_path, 0.0, 0.1), ARM.time, POSITION)
+    there = power_beside(logged(tmp_path, meter, 0.1), recording + ARM.time, POSITION)
+    assert np.mean(there != here) < 0.1, "values come at most some ms apart"
+
+
+def test_a_count_of_energy_is_no_power(tmp_path):
+    path = tmp_path / "meter.csv"
+    np.savetxt(path, [[0.1 * i, 5000 + 0.01 * i] for i in range(900)], delimiter=",", header="t,power", comments="")
+    with pytest.raises(RecordingError, match="is it the count of an energy meter"):
+        power_beside(path, ARM.time, POSITION)
 
 
 def test_a_meter_that_shows_one_value_tells_nothing(tmp_path):

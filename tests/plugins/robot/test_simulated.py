@@ -86,6 +86,10 @@ def test_a_mujoco_file_stands_for_robot_yaml(file):
         Arm.load(file, ("torque_constant",))
 
 
+def test_as_many_joints_as_the_file_has_are_those_of_the_arm_before_its_gripper(file):
+    assert tuple(joint.name for joint in described(file, 5).joints) == NAMES
+
+
 def test_more_joints_than_the_file_has(file):
     with pytest.raises(ConfigError, match="chain of joints from the base is yaw, shoulder, lift, left, the recording"):
         described(file, 6)

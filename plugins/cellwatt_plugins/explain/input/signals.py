@@ -16,6 +16,7 @@ from cellwatt_plugins.explain.input.grid import EVEN, even
 from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.meter.held import held, onto
 from cellwatt_plugins.robot.motion import slope
+from cellwatt_plugins.robot.simulated import joints_in
 
 SLOW = "temperature"
 """Quantity that changes over minutes and is often logged at a lower rate than the others."""
@@ -181,6 +182,8 @@ def _joints(table: Table, robot: RobotDescription) -> tuple[dict[str, tuple[str,
         found = [np.full(len(table), np.nan) if (one := table.channel(name)) is None else one for name in own]
         if not found or (quantity in OPTIONAL and not np.isfinite(found).any()):
             continue
+        if len(own) > expected and _all_of(robot, len(table.joint_names("position"))):
+            own, found = own[:expected], found[:expected]
         names[quantity], joints[quantity] = own, np.column_stack(found)
         if len(own) != expected:
             first, *rest = own
@@ -195,6 +198,12 @@ def _joints(table: Table, robot: RobotDescription) -> tuple[dict[str, tuple[str,
                     f"{table.path}: the unit of column {name} is not one of joint {joint.name}, which is {joint.kind}"
                 )
     return names, joints
+
+
+def _all_of(robot: RobotDescription, count: int) -> bool:
+    """True if the robot's file has ``count`` joints, of which the robot's are the first; others are a gripper's."""
+    every = joints_in(robot.urdf)
+    return len(every) == count and every[: len(robot.joints)] == [joint.name for joint in robot.joints]
 
 
 def _turned(place: str, table: Table, names: Mapping[str, tuple[str, ...]]) -> Iterator[str]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from cellwatt.commands.options import INPUT, with_progress, with_scheduler
+from cellwatt.commands.options import INPUT, with_columns, with_progress, with_scheduler
 from cellwatt.progress import stage
 from cellwatt.report.page import PAGE
 
@@ -25,6 +25,7 @@ from cellwatt.report.page import PAGE
 )
 @click.option("--report", "page", type=click.Path(dir_okay=False, path_type=Path), help=PAGE)
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
+@with_columns
 @with_progress
 @with_scheduler
 def train_power(out: Path, page: Path | None, as_json: bool, **asked: Any) -> None:

@@ -92,13 +92,13 @@ class Moves:
         return self.where(np.isin(self.move, list(moves)))
 
 
-def read_moves(paths: Sequence[Path], joints: int, meters: Sequence[Path] = ()) -> Moves:
-    """Moves of one or several tables: Parquet, CSV, or recordings of cellwatt.
+def read_moves(paths: Sequence[Path], joints: int, meters: Sequence[Path] = (), names: Sequence[str] = ()) -> Moves:
+    """Moves of one or several tables: Parquet, CSV, or recordings of cellwatt; ``names`` are those of the joints.
 
     A move ends where ``move`` changes, time jumps, or a position or velocity is missing. ``meters`` are the files with
     the power of the tables, in the same order. Raises ``RecordingError`` if a column is missing, or no move remains.
     """
-    found = spread(_parts, with_meters(paths, meters), "reading recordings", shared=joints)
+    found = spread(_parts, with_meters(paths, meters), "reading recordings", shared=(joints, names))
     parts = [part for of_file in found for part in of_file]
     if not parts:
         raise RecordingError(f"{paths[0]}: no {SHORTEST} consecutive rows with position and velocity of all joints")
@@ -114,10 +114,11 @@ def read_moves(paths: Sequence[Path], joints: int, meters: Sequence[Path] = ()) 
     return Moves(**whole)
 
 
-def _parts(file: tuple[Path, Path | None], joints: int) -> list[Moves]:
+def _parts(file: tuple[Path, Path | None], known: tuple[int, Sequence[str]]) -> list[Moves]:
     """The moves of a file and its meter's file, each numbered 0."""
     path, meter = file
-    table = read_table(path)
+    joints, names = known
+    table = read_table(path, names)
     time = table.time
     metered = None if meter is None else power_beside(meter, table.rising_time(), table.needed("position", joints))
     found = _quantities(table, joints, metered)

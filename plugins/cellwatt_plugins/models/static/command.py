@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from cellwatt.commands.options import INPUT, FiniteRange, with_progress, with_scheduler
+from cellwatt.commands.options import INPUT, FiniteRange, with_columns, with_progress, with_scheduler
 from cellwatt.progress import stage
 from cellwatt.report.page import PAGE
 
@@ -21,6 +21,7 @@ FILE = click.Path(exists=True, path_type=Path)
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder for the models.")
 @click.option("--report", "page", type=click.Path(dir_okay=False, path_type=Path), help=PAGE)
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
+@with_columns
 @with_progress
 @with_scheduler
 def train_static(recordings: tuple[Path, ...], robot: Path, out: Path, page: Path | None, as_json: bool) -> None:

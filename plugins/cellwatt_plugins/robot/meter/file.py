@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import zip_longest
 from pathlib import Path
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
@@ -17,12 +20,21 @@ from cellwatt_plugins.robot.meter.kinds import Course, kinds_of_motion
 from cellwatt_plugins.robot.meter.model import Readings
 from cellwatt_plugins.robot.samples import interpolated
 
+log = logging.getLogger(__name__)
+
 FURTHEST: Final = 5.0
 """Largest difference in s between the two clocks."""
 USUAL: Final = 0.2
 """Assumed delay in s of a value after its window; the actual delay is found with the torques."""
 ROWS: Final = 3
 """Fewest rows of the recording per value: the values of a faster meter are averaged."""
+FEWEST: Final = 20
+"""Fewest values of a meter within a recording."""
+COUNTS: Final = 50
+"""Number of rises without a fall that a count of energy has, and no power."""
+HOUR: Final = 3600.0
+DATED: Final = 1e9
+"""Least time in s of a clock that counts from 1970."""
 SHORTEST: Final = 4 * FURTHEST
 """Shortest recording in s in which the difference between the clocks can be found."""
 
@@ -45,11 +57,15 @@ def power_beside(path: Path, time: Float, position: Float) -> Float:
     ``RecordingError``.
     """
     readings = _read(path, float(np.median(np.diff(time))))
-    inside = (readings.time > time[0] - FURTHEST) & (readings.time < time[-1] + FURTHEST)
-    if inside.sum() < 20 or time[-1] - time[0] < SHORTEST:
+    inside = _inside(readings.time, time)
+    if inside.sum() < FEWEST and (late := _apart(path, readings.time, time)):
+        readings = replace(readings, time=readings.time - late)
+        inside = _inside(readings.time, time)
+    if inside.sum() < FEWEST or time[-1] - time[0] < SHORTEST:
         raise RecordingError(
             f"{path}: {int(inside.sum())} values within {FURTHEST:g} s of a recording of {time[-1] - time[0]:.0f} s: "
-            f"give files of the same time, of {SHORTEST:g} s or more"
+            f"give files of the same time, of {SHORTEST:g} s or more; its clock runs from {readings.time[0]:.1f} to "
+            f"{readings.time[-1]:.1f} s, that of the recording from {time[0]:.1f} to {time[-1]:.1f} s"
         )
     known = Readings(readings.time[inside], readings.value[inside], readings.interval)
     there = np.isfinite(position).all(axis=1)
@@ -65,6 +81,23 @@ def power_beside(path: Path, time: Float, position: Float) -> Float:
     return known.value[np.maximum(row, 0)]
 
 
+def _inside(readings: Float, time: Float) -> NDArray[np.bool_]:
+    inside: NDArray[np.bool_] = (readings > time[0] - FURTHEST) & (readings < time[-1] + FURTHEST)
+    return inside
+
+
+def _apart(path: Path, readings: Float, time: Float) -> float:
+    """Difference in s between two clocks that cannot be the same, the meter's less the recording's; 0 if unknown."""
+    zones = [h for h in range(-14, 15) if _inside(readings - HOUR * h, time).sum() >= FEWEST]
+    if (readings[0] > DATED) != (time[0] > DATED):
+        log.warning("%s: one clock counts from 1970, the other does not: both files are taken to begin together", path)
+        return float(readings[0] - time[0])
+    if time[0] > DATED and len(zones) == 1:
+        log.warning("%s: its clock is taken to be %d h ahead, as in another time zone", path, zones[0])
+        return HOUR * zones[0]
+    return 0.0
+
+
 def _read(path: Path, step: float) -> Readings:
     """The values of a meter's file, averaged over some rows if the meter is nearly as fast as ``step`` s."""
     table = read_table(path)
@@ -75,6 +108,11 @@ def _read(path: Path, step: float) -> Readings:
     time, power = time[known], power[known]
     if len(time) < 2:
         raise RecordingError(f"{path}: the column of the power has no numbers")
+    if np.all(np.diff(power) >= 0) and np.sum(np.diff(power) > 0) > COUNTS:
+        raise RecordingError(
+            f"{path}: the power rises from {power[0]:g} to {power[-1]:g} and never falls: is it the count of an energy "
+            "meter? It must be power in W"
+        )
     interval = float(np.median(np.diff(time)))
     count = max(1, -(-round(1e6 * ROWS * step) // max(1, round(1e6 * interval))))
     rows = len(time) // count

@@ -142,6 +142,7 @@ WRONG = {
     "torque of one joint in mNm": (joint(4, 1e3, "torque"), "torque of joint 4 is some thousand times too large"),
     "simulated torque in mNm": (simulated(1e3, "torque"), "its simulation's torque is 1000 times what"),
     "power in kW": (times(1e-3, "power"), "is it in kW? It must be in W"),
+    "power of the other sign": (times(-1.0, "power"), "is its sign swapped?"),
     "simulated power in kW": (simulated(1e-3, "power"), "in its simulation: power is"),
     "joints in another order": (ordered(ELBOW_FIRST, *ALL), f"another order than the simulation's: {ELBOW_TEXT}"),
     "positions in another order": (ordered(ELBOW_FIRST, *MOTION), ELBOW_TEXT),

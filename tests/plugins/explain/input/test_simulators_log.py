@@ -1,6 +1,7 @@
 """A log with MuJoCo's own names, and the simulator's file alone."""
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from cellwatt.errors import ConfigError
@@ -26,9 +27,9 @@ def motion():
     return time, 0.8 * np.sin(angle), 0.8 * w * np.cos(angle), -0.8 * w**2 * np.sin(angle)
 
 
-def logged(folder, actuators, controls):
+def logged(folder, actuators, controls, hand=GRIPPER):
     """The file of the arm and a log of it, as a user of MuJoCo writes them."""
-    before, _, after = LINKS.mjcf(hand=GRIPPER).partition("<actuator>")
+    before, _, after = LINKS.mjcf(hand=hand).partition("<actuator>")
     text = before + f"<actuator>{actuators}</actuator>" + after.partition("</actuator>")[2]
     (folder / "arm.xml").write_text(text)
     time, q, qd, _ = motion()
@@ -49,6 +50,22 @@ def test_controls_of_motors_are_torques_by_their_gears(tmp_path):
     notes = examine([run], arm)[1]
     assert "arm.xml: held at their reference: grip" in notes
     assert not any("differ from the simulation" in note for note in notes)
+
+
+def test_a_log_of_all_joints_holds_those_of_a_gripper_behind_the_arm(tmp_path):
+    torque = LINKS.torque(*motion()[1:])
+    motors = "".join(f'<motor joint="{n}"/>' for n in ("shoulder", "elbow", "grip"))
+    hand = GRIPPER + GRIPPER.replace("finger", "thumb").replace("grip", "pinch")
+    simulator, log = logged(tmp_path, motors, np.column_stack([torque, torque[:, 0]]), hand)
+    table = pq.read_table(log)
+    for name in ("qpos2", "qpos3", "qvel2", "qvel3"):
+        table = table.append_column(name, [np.full(len(table), 0.02)])
+    pq.write_table(table, log)
+    arm = arm_of(None, simulator, [log])
+    assert [joint.name for joint in arm.description.joints] == ["shoulder", "elbow"]
+    (run,) = read_runs([log], [simulator], arm.description)
+    np.testing.assert_allclose(run.position, motion()[1])
+    np.testing.assert_allclose(run.torque, torque)
 
 
 def test_controls_of_servos_are_commands_and_their_law_is_the_torque(tmp_path):

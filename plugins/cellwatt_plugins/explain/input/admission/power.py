@@ -49,6 +49,10 @@ def _check(place: str, supply: Float, joints: Float) -> None:
             f"{place}: power is {supply.mean():.3g} on average while the joints take {mean:.3g} W and up to "
             f"{joints.max():.3g} W: is it in kW? It must be in W"
         )
+    if supply.mean() < -ENOUGH and mean > 0:
+        raise RecordingError(
+            f"{place}: power is {supply.mean():.3g} W on average, as if the arm supplied it: is its sign swapped?"
+        )
     if alike and slope > HUNDRED:
         raise RecordingError(
             f"{place}: power changes {times_text(slope, 2)} times as much as the power of the joints: is it in mW? "
