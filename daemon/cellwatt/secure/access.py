@@ -9,24 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from cellwatt.outlets.zenoh.keys import PREFIX, CellKeys
+
+if TYPE_CHECKING:
+    from cellwatt.secure.folder import Member
 
 _TELLS: Final = ("put", "declare_queryable", "reply", "liveliness_token")
 """Messages that a cell sends."""
 _SEES: Final = ("declare_subscriber", "declare_liveliness_subscriber", "liveliness_query")
 """Messages by which a viewer subscribes."""
 _ASKS: Final = ("query",)
-
-
-@dataclass(frozen=True, slots=True)
-class Viewer:
-    """A member that may see ``cells``, or all cells of the site if empty; with ``asks``, it may ask questions."""
-
-    name: str
-    cells: tuple[str, ...] = ()
-    asks: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,21 +31,21 @@ class _Grant:
     rules: tuple[dict[str, Any], ...]
 
 
-def for_router(site: str, cells: Sequence[str], viewers: Sequence[Viewer]) -> dict[str, Any]:
+def for_router(site: str, cells: Sequence[Member], viewers: Sequence[Member]) -> dict[str, Any]:
     """Rules of a router between cells and viewers."""
-    publishing = [_publishing(site, cell) for cell in cells]
+    publishing = [_publishing(site, cell.name) for cell in cells]
     return _control([*publishing, *_seeing(site, [*map(_itself, cells), *viewers])])
 
 
-def for_cell(site: str, cell: str, viewers: Sequence[Viewer]) -> dict[str, Any]:
+def for_cell(site: str, cell: Member, viewers: Sequence[Member]) -> dict[str, Any]:
     """Rules of a cell to which viewers connect directly."""
-    mine = [replace(v, cells=(cell,)) for v in viewers if not v.cells or cell in v.cells]
+    mine = [replace(v, cells=(cell.name,)) for v in viewers if not v.cells or cell.name in v.cells]
     return _control(_seeing(site, [_itself(cell), *mine]))
 
 
-def _itself(cell: str) -> Viewer:
+def _itself(cell: Member) -> Member:
     """The cell as its own viewer: ``cellwatt watch`` on the cell's PC uses the cell's certificate."""
-    return Viewer(cell, (cell,))
+    return replace(cell, cells=(cell.name,), asks=True)
 
 
 def _publishing(site: str, cell: str) -> _Grant:
@@ -60,7 +54,7 @@ def _publishing(site: str, cell: str) -> _Grant:
     return _Grant((cell,), (tells, _rule(f"{cell} is asked", "egress", (*_SEES, *_ASKS), keys)))
 
 
-def _seeing(site: str, viewers: Sequence[Viewer]) -> Iterator[_Grant]:
+def _seeing(site: str, viewers: Sequence[Member]) -> Iterator[_Grant]:
     """One grant for all viewers with the same rights."""
     for cells, asks in dict.fromkeys((v.cells, v.asks) for v in viewers):
         keys, whom = _keys(site, cells), ", ".join(cells) or "all cells"

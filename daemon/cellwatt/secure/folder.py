@@ -193,7 +193,7 @@ class Folder:
             found = {"mode": "client", "connect": [_endpoint(c.hosts[0]) for c in self._seen_by(member)]}
         else:
             found = {"listen": [_anywhere(member)]}
-            options["access_control"] = access.for_cell(self.site, member.name, self._viewers())
+            options["access_control"] = access.for_cell(self.site, member, self._viewers())
         files = {"root_ca": "ca.pem", "certificate": "cert.pem", "key": "key.pem"}
         found["tls"] = {option: f"{member.name}/{file}" for option, file in files.items()}
         if member.role == "cell":
@@ -209,11 +209,11 @@ class Folder:
             "listen": {"endpoints": [_anywhere(router)]},
             "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
             "transport": {"link": {"tls": {**tls, **{f"listen_{kind}": file for kind, file in at.items()}}}},
-            "access_control": access.for_router(self.site, [c.name for c in self.cells], self._viewers()),
+            "access_control": access.for_router(self.site, self.cells, self._viewers()),
         }
 
-    def _viewers(self) -> list[access.Viewer]:
-        return [access.Viewer(m.name, m.cells, m.asks) for m in self.members.values() if m.role == "viewer"]
+    def _viewers(self) -> list[Member]:
+        return [m for m in self.members.values() if m.role == "viewer"]
 
     def _seen_by(self, viewer: Member) -> list[Member]:
         return [c for c in self.cells if not viewer.cells or c.name in viewer.cells]
