@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -69,19 +69,10 @@ class SearchState:
         again."""
         self.unsearched |= set(self.moving) if None in joints else set(joints)
 
-    def turn(self, turning: Sequence[float], late: float) -> None:
-        """Create the problem anew if the friction (C,) Nm that reverses with the velocity, or the torque's delay
-        ``late`` s, changed."""
-        if not np.array_equal(turning, self.turning) or late != self.late:
-            self.turning, self.late = np.array(turning), late
-            self._anew()
-
-    def loosen(self, looseness: float) -> None:
-        """Restart with other tolerances; see ``loose``."""
-        self.looseness, self.turning, self.late = looseness, np.zeros_like(self.turning), 0.0
-        self._anew()
-
-    def _anew(self) -> None:
+    def turn(self, turning: Float, late: float) -> None:
+        """Create the problem anew for the friction (C,) Nm that reverses with the velocity, and the torque's delay
+        ``late`` s."""
+        self.turning, self.late = turning, late
         # Results of motion and priors alone remain valid; the weight of each sample changes.
         new = loose(self.make(self.turning, self.late), self.looseness)
         self.problem = replace(new, simulated=self.problem.simulated, made=self.problem.made)

@@ -57,7 +57,8 @@ def search(
     now = _found(state, ())
     loose = looseness(state.problem, now.terms, now.factor) if effects else 1.0
     if loose > 1 and not state.spent():
-        state.loosen(loose)
+        state.looseness = loose
+        state.turn(np.zeros_like(state.turning), 0.0)
         now = _found(state, now.terms)
     free, others = state.problem, _rivals(state, now)
     state.use(freed(state.problem, confirmed(state.problem, now.terms, now.factor)))
