@@ -9,18 +9,28 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final, Literal
 
 from cellwatt.outlets.zenoh.keys import PREFIX, CellKeys
 
-if TYPE_CHECKING:
-    from cellwatt.secure.folder import Member
+Role = Literal["router", "cell", "viewer"]
 
 _TELLS: Final = ("put", "declare_queryable", "reply", "liveliness_token")
 """Messages that a cell sends."""
 _SEES: Final = ("declare_subscriber", "declare_liveliness_subscriber", "liveliness_query")
 """Messages by which a viewer subscribes."""
 _ASKS: Final = ("query",)
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """A certificate holder that listens on ``hosts``. A viewer sees ``cells`` (empty: all) and may ask if ``asks``."""
+
+    name: str
+    role: Role
+    hosts: tuple[str, ...] = ()
+    cells: tuple[str, ...] = ()
+    asks: bool = True
 
 
 @dataclass(frozen=True, slots=True)
