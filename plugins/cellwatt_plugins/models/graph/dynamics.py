@@ -51,7 +51,7 @@ def _frames(graph: Graph, chain: Chain, q: str) -> str:
     angles = graph.concat([graph.op("Sin", q), graph.op("Cos", q)])
     weights = np.zeros((2, count, count, 16))
     weights[:, range(count), range(count)] = sine.reshape(count, 16), cosine.reshape(count, 16)
-    local = graph.affine(angles, weights.reshape(2 * count, -1), still.reshape(-1))
+    local = graph.op("Gemm", angles, weights.reshape(2 * count, -1), still.reshape(-1))
     if count == 1:
         return graph.reshape(local, (-1, 1, 4, 4))
     shaped = graph.reshape(local, (-1, count, 4, 4))
