@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -9,9 +10,9 @@ from functools import cached_property
 import numpy as np
 
 from cellwatt.arrays import Float
+from cellwatt.scheduler import workers
 from cellwatt_plugins.explain.fit.problem import Place, Problem, Term
 from cellwatt_plugins.explain.fit.retuning import loose
-from cellwatt_plugins.explain.fit.search.budget import now
 from cellwatt_plugins.explain.fit.solution import Candidate, Solution, Trial
 from cellwatt_plugins.explain.fit.thresholds import Thresholds
 from cellwatt_plugins.explain.input.factors import MOVES, levers
@@ -108,3 +109,11 @@ class SearchState:
     def refuse(self, term: Term, gain: float, why: str) -> None:
         """Note the reason why a term is absent, and the log evidence that it would add."""
         self.refused[term.place] = Trial.of(term, gain, False, why)
+
+
+def now() -> float:
+    """Seconds on the clock of a search: CPU time of this process, so that waiting does not count.
+
+    With worker processes it is elapsed time.
+    """
+    return time.process_time() if workers() is None else time.monotonic()

@@ -47,7 +47,7 @@ def search(
 ) -> Solution:
     """Terms of one side that the data support; ``powered``: the supply's power is judged afterwards.
 
-    Nothing more is tried from ``until`` s on; see ``budget.now``. ``make`` creates the problem for friction (C,) Nm
+    Nothing more is tried from ``until`` s on; see ``state.now``. ``make`` creates the problem for friction (C,) Nm
     beyond the nominal that reverses with the velocity, and for a delay of the measured torques in s.
     """
     still = np.zeros(channels)
