@@ -16,7 +16,8 @@ from cellwatt.errors import ConfigError
 from cellwatt.progress.terminal import show_table
 
 try:
-    from cellwatt.secure.folder import Folder, Member, Role
+    from cellwatt.secure.access import Member, Role
+    from cellwatt.secure.folder import Folder
 except ImportError as error:
     raise ConfigError("cellwatt secure needs the extra 'secure': pip install 'cellwatt[secure]'") from error
 

@@ -51,10 +51,7 @@ class _Connection:
         self.requests = self.busy = 0
         self._ended = False
         self.protocol: asyncio.BaseProtocol | None = None
-        self._transport: asyncio.Transport | None = None
-
-    def joined(self, transport: asyncio.Transport, protocol: asyncio.BaseProtocol) -> None:
-        self._transport, self.protocol = transport, protocol
+        self.transport: asyncio.Transport | None = None
 
     @property
     def open(self) -> bool:
@@ -63,8 +60,8 @@ class _Connection:
     def end(self) -> None:
         """Disconnect, discarding unsent data; the descriptor is free at the next iteration of the event loop."""
         self._ended = True
-        if self._transport is not None:
-            self._transport.abort()
+        if self.transport is not None:
+            self.transport.abort()
         elif self.sock.fileno() != -1:
             with contextlib.suppress(OSError):
                 self.sock.shutdown(socket.SHUT_RDWR)  # makes its handshake fail
@@ -176,7 +173,7 @@ class Port:
 
     async def _join(self, connection: _Connection, context: ssl.SSLContext | None) -> None:
         try:
-            transport, protocol = await asyncio.get_running_loop().connect_accepted_socket(
+            connection.transport, connection.protocol = await asyncio.get_running_loop().connect_accepted_socket(
                 self._factory,
                 connection.sock,
                 ssl=context,
@@ -185,8 +182,6 @@ class Port:
         except OSError:  # includes ssl.SSLError and TimeoutError
             self.counts["handshakes failed"] += 1
             connection.sock.close()
-        else:
-            connection.joined(transport, protocol)
 
     def _make_room(self, peer: str) -> bool:
         """Make room for a connection of a peer, if necessary by displacing one; false if that is impossible."""

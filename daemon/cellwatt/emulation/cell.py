@@ -7,8 +7,8 @@ import contextlib
 import ipaddress
 from collections.abc import AsyncIterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 from cellwatt.config import CellConfig, SourceConfig
@@ -48,8 +48,14 @@ class Device:
 
     @property
     def is_here(self) -> bool:
-        """True if the device's address in the settings is one of this PC that an emulator may use."""
-        return is_here(self.there)
+        """True if the device's address in the settings is a loopback address, or a path outside /dev."""
+        if self.there.startswith("/"):
+            return not self.there.startswith("/dev/")
+        host = self.there.rpartition(":")[0]
+        try:
+            return host == "localhost" or ipaddress.ip_address(host).is_loopback
+        except ValueError:
+            return False
 
     def process(self, epoch: float, seed: int, faults: Sequence[str] = ()) -> EmulatorProcess:
         """Create its process without starting it."""
@@ -71,20 +77,8 @@ def places(devices: Sequence[Device], emulators: Mapping[str, EmulatorProcess]) 
 
 def emulator_of(driver: str) -> type[Emulator]:
     """Emulator class of a driver. Raises ``ConfigError`` for an unknown driver."""
-    module, _, name = find_driver(driver).emulator.partition(":")
-    found: type[Emulator] = getattr(import_module(module), name)
+    found: type[Emulator] = resolve_name(find_driver(driver).emulator)
     return found
-
-
-def is_here(address: str) -> bool:
-    """True for a loopback address, and for a path outside /dev."""
-    if address.startswith("/"):
-        return not address.startswith("/dev/")
-    host = address.rpartition(":")[0]
-    try:
-        return host == "localhost" or ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
 
 
 def devices_of(

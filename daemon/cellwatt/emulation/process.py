@@ -53,12 +53,11 @@ class EmulatorProcess:
         )
         try:
             answer = await self._read()
+            if "ready" not in answer:
+                raise CellwattError(f"the {self.driver} emulator did not start: {answer.get('error', answer)}")
         except BaseException:
             await self._end()
             raise
-        if "ready" not in answer:
-            await self._end()
-            raise CellwattError(f"the {self.driver} emulator did not start: {answer.get('error', answer)}")
         self.address = str(answer["ready"])
         return self
 
@@ -86,9 +85,7 @@ class EmulatorProcess:
 
     async def counts(self) -> Mapping[str, int]:
         """Numbers of samples sent and faults injected so far."""
-        answer = await self.ask({"counts": True})
-        counts: Mapping[str, int] = answer["counts"]
-        return counts
+        return dict((await self.ask({"counts": True}))["counts"])
 
     async def kept(self) -> float:
         """Time, s, for which other programs of this PC delayed the child since the last call, or since its start."""

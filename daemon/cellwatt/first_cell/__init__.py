@@ -158,15 +158,11 @@ def _keys(model: type[BaseModel], values: Mapping[str, str], indent: str = "") -
     """Keys of a settings class: those with values, then the others, commented out unless ``indent`` does so."""
     fields = {f.key: f for f in reference(model) if "." not in f.key and "[]" not in f.key}
     for key, value in values.items():
-        yield from _line(indent, f"{key}: {value}", _about(fields[key]) if key in fields else "")
+        yield from _line(indent, f"{key}: {value}", first_sentence(fields[key].description) if key in fields else "")
     off = "" if "#" in indent else "# "
     for key, field in fields.items():
         if key not in values and (shown := _default(field)) is not None:
-            yield from _line(indent, f"{off}{key}: {shown}".rstrip(), _about(field))
-
-
-def _about(field: Field) -> str:
-    return first_sentence(field.description)
+            yield from _line(indent, f"{off}{key}: {shown}".rstrip(), first_sentence(field.description))
 
 
 def _default(field: Field) -> str | None:

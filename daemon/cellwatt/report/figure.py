@@ -29,7 +29,6 @@ class Axis:
 
     title: str = ""
     span: tuple[float, float] | None = None
-    log: bool = False
     ticks: Mapping[float, str] | None = None
     """Position → text."""
     grid: bool = True
@@ -41,8 +40,6 @@ class Axis:
         """The axis for plotly."""
         out: Json = {**GRID, "ticks": "", "showgrid": self.grid, "zeroline": self.grid, "showticklabels": self.labels}
         out["title"] = {"text": escape(self.title), "standoff": 6}
-        if self.log:
-            out["type"] = "log"
         if self.names:
             out |= {"type": "category", "autorange": "reversed", "ticklabelstandoff": 4, "automargin": True}
         if self.span is not None:
@@ -92,7 +89,8 @@ class Figure:
     def plotly(self) -> Json:
         """``data`` and ``layout`` for plotly."""
         data: list[Json] = []
-        layout: Json = {**LAYOUT, "height": self.height, "margin": self._margin(), "shapes": [], "annotations": []}
+        margin = {"l": self.sides[0], "r": self.sides[1], "t": self._top, "b": BOTTOM}
+        layout: Json = {**LAYOUT, "height": self.height, "margin": margin, "shapes": [], "annotations": []}
         layout |= {"showlegend": self.legend, "legend": {"orientation": "h", "x": 0, "y": 1, "yanchor": "bottom"}}
         layout["legend"] |= {"itemsizing": "constant"}
         number, named = 0, set[str]()
@@ -138,9 +136,6 @@ class Figure:
             titled = any(panel.title for panel in lower)
             gaps.append((TITLED_GAP if labelled else GAP) + LEGEND * titled)
         return gaps
-
-    def _margin(self) -> Json:
-        return {"l": self.sides[0], "r": self.sides[1], "t": self._top, "b": BOTTOM}
 
     def _domain(self, row: int, column: int, columns: int) -> tuple[list[float], list[float]]:
         """Horizontal and vertical extent of a panel, as shares of the figure within its margins."""

@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 from cellwatt.outlets.zenoh.keys import PREFIX, CellKeys
+
+Role = Literal["router", "cell", "viewer"]
 
 _TELLS: Final = ("put", "declare_queryable", "reply", "liveliness_token")
 """Messages that a cell sends."""
@@ -21,10 +23,12 @@ _ASKS: Final = ("query",)
 
 
 @dataclass(frozen=True, slots=True)
-class Viewer:
-    """A member that may see ``cells``, or all cells of the site if empty; with ``asks``, it may ask questions."""
+class Member:
+    """A certificate holder that listens on ``hosts``. A viewer sees ``cells`` (empty: all) and may ask if ``asks``."""
 
     name: str
+    role: Role
+    hosts: tuple[str, ...] = ()
     cells: tuple[str, ...] = ()
     asks: bool = True
 
@@ -37,21 +41,21 @@ class _Grant:
     rules: tuple[dict[str, Any], ...]
 
 
-def for_router(site: str, cells: Sequence[str], viewers: Sequence[Viewer]) -> dict[str, Any]:
+def for_router(site: str, cells: Sequence[Member], viewers: Sequence[Member]) -> dict[str, Any]:
     """Rules of a router between cells and viewers."""
-    publishing = [_publishing(site, cell) for cell in cells]
+    publishing = [_publishing(site, cell.name) for cell in cells]
     return _control([*publishing, *_seeing(site, [*map(_itself, cells), *viewers])])
 
 
-def for_cell(site: str, cell: str, viewers: Sequence[Viewer]) -> dict[str, Any]:
+def for_cell(site: str, cell: Member, viewers: Sequence[Member]) -> dict[str, Any]:
     """Rules of a cell to which viewers connect directly."""
-    mine = [replace(v, cells=(cell,)) for v in viewers if not v.cells or cell in v.cells]
+    mine = [replace(v, cells=(cell.name,)) for v in viewers if not v.cells or cell.name in v.cells]
     return _control(_seeing(site, [_itself(cell), *mine]))
 
 
-def _itself(cell: str) -> Viewer:
+def _itself(cell: Member) -> Member:
     """The cell as its own viewer: ``cellwatt watch`` on the cell's PC uses the cell's certificate."""
-    return Viewer(cell, (cell,))
+    return replace(cell, cells=(cell.name,), asks=True)
 
 
 def _publishing(site: str, cell: str) -> _Grant:
@@ -60,7 +64,7 @@ def _publishing(site: str, cell: str) -> _Grant:
     return _Grant((cell,), (tells, _rule(f"{cell} is asked", "egress", (*_SEES, *_ASKS), keys)))
 
 
-def _seeing(site: str, viewers: Sequence[Viewer]) -> Iterator[_Grant]:
+def _seeing(site: str, viewers: Sequence[Member]) -> Iterator[_Grant]:
     """One grant for all viewers with the same rights."""
     for cells, asks in dict.fromkeys((v.cells, v.asks) for v in viewers):
         keys, whom = _keys(site, cells), ", ".join(cells) or "all cells"

@@ -18,7 +18,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import yaml
 
@@ -27,25 +27,14 @@ from cellwatt.door.signing import new_key
 from cellwatt.errors import CellwattError, ConfigError, why
 from cellwatt.files import replace_bytes
 from cellwatt.secure import access
+from cellwatt.secure.access import Member
 
-Role = Literal["router", "cell", "viewer"]
 PORT: Final = 7447
 _REGISTER: Final = "access.yaml"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 """A name is a certificate's common name (at most 64 characters), a chunk of a Zenoh key, and a folder."""
 _KEEP_OPEN: Final = {"transport/link/tls/close_link_on_expiration": True}
 """Zenoh closes a link when the peer's certificate expires, not only at the next connection."""
-
-
-@dataclass(frozen=True, slots=True)
-class Member:
-    """A certificate holder that listens on ``hosts``. A viewer sees ``cells`` (empty: all) and may ask if ``asks``."""
-
-    name: str
-    role: Role
-    hosts: tuple[str, ...] = ()
-    cells: tuple[str, ...] = ()
-    asks: bool = True
 
 
 @dataclass(slots=True)
@@ -63,7 +52,7 @@ class Folder:
         if os.access(path / _REGISTER, os.F_OK) or os.access(path / "private", os.F_OK):
             raise ConfigError(f"{path} already has an authority, which is not changed")
         folder = cls(path, site)
-        pair = new_authority(site, _now())
+        pair = new_authority(site, datetime.now(UTC))
         _write(path / "private" / "ca.key", pair.key, 0o600)
         _write(path / "private" / "ca.pem", pair.certificate, 0o644)
         folder.write()
@@ -121,7 +110,7 @@ class Folder:
         """Renew the certificates of these members, or all that expire soon; old ones stay valid until they expire."""
         if unknown := [n for n in names if n not in self.members]:
             raise ConfigError(f"there is no member {', '.join(unknown)}")
-        due = names or [n for n in self.members if self.end_of(n) < _now() + within]
+        due = names or [n for n in self.members if self.end_of(n) < datetime.now(UTC) + within]
         for name in due:
             self._issue(self.members[name])
         return list(due)
@@ -161,14 +150,14 @@ class Folder:
 
     def authority_due(self) -> bool:
         """True if the authority should be renewed, because its expiry would soon shorten new certificates."""
-        return self.authority_ends() < _now() + timedelta(days=2 * MEMBER_DAYS)
+        return self.authority_ends() < datetime.now(UTC) + timedelta(days=2 * MEMBER_DAYS)
 
     def _issue(self, member: Member) -> None:
         private = self.path / "private"
         authority = Pair(_read(private / "ca.pem"), _read(private / "ca.key"))
         # A cell behind a router does not listen, and its certificate does not allow it to.
         hosts = () if member.role == "cell" and self.router is not None else member.hosts
-        pair = issue(authority, member.name, hosts, _now())
+        pair = issue(authority, member.name, hosts, datetime.now(UTC))
         _write(self.path / member.name / "key.pem", pair.key, 0o600)
         _write(self.path / member.name / "cert.pem", pair.certificate, 0o644)
 
@@ -193,7 +182,7 @@ class Folder:
             found = {"mode": "client", "connect": [_endpoint(c.hosts[0]) for c in self._seen_by(member)]}
         else:
             found = {"listen": [_anywhere(member)]}
-            options["access_control"] = access.for_cell(self.site, member.name, self._viewers())
+            options["access_control"] = access.for_cell(self.site, member, self._viewers())
         files = {"root_ca": "ca.pem", "certificate": "cert.pem", "key": "key.pem"}
         found["tls"] = {option: f"{member.name}/{file}" for option, file in files.items()}
         if member.role == "cell":
@@ -209,11 +198,11 @@ class Folder:
             "listen": {"endpoints": [_anywhere(router)]},
             "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
             "transport": {"link": {"tls": {**tls, **{f"listen_{kind}": file for kind, file in at.items()}}}},
-            "access_control": access.for_router(self.site, [c.name for c in self.cells], self._viewers()),
+            "access_control": access.for_router(self.site, self.cells, self._viewers()),
         }
 
-    def _viewers(self) -> list[access.Viewer]:
-        return [access.Viewer(m.name, m.cells, m.asks) for m in self.members.values() if m.role == "viewer"]
+    def _viewers(self) -> list[Member]:
+        return [m for m in self.members.values() if m.role == "viewer"]
 
     def _seen_by(self, viewer: Member) -> list[Member]:
         return [c for c in self.cells if not viewer.cells or c.name in viewer.cells]
@@ -236,10 +225,6 @@ def _anywhere(member: Member) -> str:
 def _check_name(name: str, what: str) -> None:
     if not _NAME.fullmatch(name) or name == "private":
         raise ConfigError(f"{name!r} cannot name a {what}: letters, digits, '_', '-', '.', at most 64 characters")
-
-
-def _now() -> datetime:
-    return datetime.now(UTC)
 
 
 def _end(path: Path) -> datetime:

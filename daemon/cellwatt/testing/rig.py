@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any, Literal
 
 from cellwatt.driver import Driver, Inlet
@@ -82,8 +82,7 @@ class Rig:
     @property
     def emulator(self) -> type[Emulator]:
         """The class of the driver's emulator."""
-        module, _, name = self.driver.emulator.partition(":")
-        found: type[Emulator] = getattr(import_module(module), name)
+        found: type[Emulator] = resolve_name(self.driver.emulator)
         return found
 
     def emulator_options(self, folder: Path) -> dict[str, str]:

@@ -34,13 +34,13 @@ class Running:
     async def until(self, condition: Callable[[], object], what: str) -> None:
         """Wait for a condition. Raises ``NotConformingError`` if it is not met in time or the driver broke."""
         try:
-            await self.inlet.until(lambda: condition() or self._broken(), self.rig.patience)
+            await self.inlet.until(lambda: condition() or self.task.done(), self.rig.patience)
         except TimeoutError:
             raise NotConformingError(
                 f"{what}: not within {self.rig.patience:g} s; {self.inlet.samples} samples, "
                 f"account {self.inlet.account.snapshot()}, failures {[str(f) for f in self.failures[-3:]]}"
             ) from None
-        if self._broken():
+        if self.task.done():
             self.verdict()
 
     async def samples(self, more: int, when: str) -> None:
@@ -71,9 +71,6 @@ class Running:
             not self.inlet.early,
             f"{self.inlet.early} readings arrived before inlet.connected(identity): call it first in each run()",
         )
-
-    def _broken(self) -> bool:
-        return self.task.done()
 
     async def supervise(self) -> None:
         """Run the driver, and again after each ``SourceError``."""

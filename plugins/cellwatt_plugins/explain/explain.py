@@ -18,8 +18,8 @@ from cellwatt_plugins.explain.fit.leave_out import LeaveOut
 from cellwatt_plugins.explain.fit.metering import Metering, Unknown, metering
 from cellwatt_plugins.explain.fit.problem import UNKNOWN_VARIANCE, Problem, on_joints
 from cellwatt_plugins.explain.fit.search import search
-from cellwatt_plugins.explain.fit.search.budget import now
 from cellwatt_plugins.explain.fit.search.solve import fitted
+from cellwatt_plugins.explain.fit.search.state import now
 from cellwatt_plugins.explain.fit.sides import supply_problem, torque_problem
 from cellwatt_plugins.explain.fit.solution import Solution
 from cellwatt_plugins.explain.fit.swinging_links import remaining_chi2

@@ -91,13 +91,10 @@ def moderated(squares: Float, free: Float) -> tuple[Float, Float]:
     if beyond <= 0:
         return np.full_like(squares, np.exp(log.mean())), free + MOST_FREE
     # Trigamma falls: a smaller value is that of more degrees of freedom than are added.
-    prior = 2 * _inverse_trigamma(max(beyond, float(polygamma(1, MOST_FREE / 2))))
+    beyond = max(beyond, float(polygamma(1, MOST_FREE / 2)))
+    prior = 2 * float(brentq(lambda half: float(polygamma(1, half)) - beyond, 1e-3, 1e6))
     usual = float(np.exp(log.mean() + digamma(prior / 2) - np.log(prior / 2)))
     return (prior * usual + free * squares) / (prior + free), free + prior
-
-
-def _inverse_trigamma(value: float) -> float:
-    return float(brentq(lambda x: float(polygamma(1, x)) - value, 1e-3, 1e6))
 
 
 def summed(parts: Sequence[tuple[Float, Float | float]]) -> tuple[Float, Float]:

@@ -102,7 +102,7 @@ def _panel(course: Weekly, found: Fleet, marks: Sequence[dict[str, object]]) -> 
             line("", x, values, MODEL, width=1.2),
             dots("", x, values, MODEL, size=4, opacity=0.9),
         ],
-        Axis(ticks=_ticks(found), span=_span(found)),
+        Axis(ticks=_ticks(found), span=(-0.6, _place(found.last, found) + 0.6)),
         Axis(),
         marks=list(marks),
         title=f"{course.cell}{joint}: {course.quantity}, %",
@@ -114,10 +114,6 @@ def _place(week: str, found: Fleet) -> int:
     return (date.fromisoformat(week) - date.fromisoformat(found.first)).days // 7
 
 
-def _span(found: Fleet) -> tuple[float, float]:
-    return -0.6, _place(found.last, found) + 0.6
-
-
 def _ticks(found: Fleet) -> dict[float, str]:
     last = _place(found.last, found)
     start = date.fromisoformat(found.first).toordinal()
@@ -126,15 +122,12 @@ def _ticks(found: Fleet) -> dict[float, str]:
 
 
 def _unused(found: Fleet) -> list[Block]:
-    blocks: list[Block] = []
     notes = [*found.notes, *(f"{c.cell}: {c.statement}" for c in found.cells if c.statement)]
     notes += [f"{f.cell}: {remark}" for f in found.findings for remark in f.remarks]
     notes += [f"{s.cell}: {s.place} was skipped: {s.why}" for s in found.skipped]
-    if notes:
-        blocks.append(Notes(notes))
     rows = [
         (c.cell, c.kind, str(c.weeks), str(c.repetitions), f"{c.seconds / 60:.0f}", "yes" if c.temperature else "no")
         for c in found.cells
     ]
     heads = ("Cell", "Kind", "Weeks", "Repetitions", "Minutes used", "Joint temperature")
-    return [*blocks, Folded("All cells and the data used", [Table("Cells", heads, rows)])]
+    return [Notes(notes), Folded("All cells and the data used", [Table("Cells", heads, rows)])]

@@ -221,7 +221,8 @@ def smooth(values: Float, step: float, bandwidth: float) -> Float:
     Minimises |x - values|² + λ |third differences of x|² (Whittaker; Eilers, Analytical Chemistry 75, 2003), with a λ
     that halves the amplitude at the bandwidth.
     """
-    strength = _strength(step, bandwidth)
+    angle = min(2 * np.pi * bandwidth * step, np.pi)
+    strength = float((2 * np.sin(angle / 2)) ** (-2 * ORDER))
     if strength < 1e-3 or len(values) <= ORDER:
         return values.copy()
     count = int(np.ceil((strength / STIFF) ** (0.5 / ORDER)))
@@ -241,12 +242,9 @@ def differentiate(values: Float, step: float) -> tuple[Float, Float]:
 
 
 @dataclass(frozen=True)
-class _Smoothed:
+class _Smoothed(Plan):
     """The share of a signal that is not encoder noise, (N, n) each."""
 
-    position: Float
-    velocity: Float
-    acceleration: Float
     velocity_spread: Float
     acceleration_spread: Float
 
@@ -313,11 +311,6 @@ def _band_gains(step: float, lower: float | None, upper: float) -> tuple[float, 
         smoothed = smoothed - smooth(impulse, step, lower)
     gains = [float(np.sqrt(np.sum(part**2))) for part in (smoothed, *differentiate(smoothed, step))]
     return gains[0], gains[1], gains[2]
-
-
-def _strength(step: float, bandwidth: float) -> float:
-    angle = min(2 * np.pi * bandwidth * step, np.pi)
-    return float((2 * np.sin(angle / 2)) ** (-2 * ORDER))
 
 
 def _samples(seconds: float, step: float) -> int:

@@ -61,7 +61,15 @@ class BoundedServer(Server):  # type: ignore[misc]
     def __init__(self, users: UserManager) -> None:
         self.counts: Counter[str] = Counter()
         super().__init__(BoundedInternal(Guard("opc_ua", self.counts), user_manager=users))
-        self._bound()
+        chunks = REQUEST // CHUNK + 1
+        self.limits = TransportLimits(CHUNK, CHUNK, max_chunk_count=chunks, max_message_size=REQUEST)
+        inner = self.iserver
+        inner.max_subscriptions = SUBSCRIPTIONS
+        inner.max_monitored_item_queue_size = VALUES
+        inner.max_unacked_messages_per_subscription = UNACKNOWLEDGED
+        inner.max_pending_messages_per_connection = 50
+        inner.max_session_timeout_ms = 120_000
+        inner.max_pending_activation_seconds = 0  # the port has a deadline for the activation
 
     async def start(self) -> None:
         """Begin to listen. Raises ``OutletError`` on failure."""
@@ -72,17 +80,6 @@ class BoundedServer(Server):  # type: ignore[misc]
         self.bserver = _Listener(self.iserver, host, port, self.limits, self.counts)
         self.bserver.set_policies(self._policies)
         await self.bserver.start()
-
-    def _bound(self) -> None:
-        chunks = REQUEST // CHUNK + 1
-        self.limits = TransportLimits(CHUNK, CHUNK, max_chunk_count=chunks, max_message_size=REQUEST)
-        inner = self.iserver
-        inner.max_subscriptions = SUBSCRIPTIONS
-        inner.max_monitored_item_queue_size = VALUES
-        inner.max_unacked_messages_per_subscription = UNACKNOWLEDGED
-        inner.max_pending_messages_per_connection = 50
-        inner.max_session_timeout_ms = 120_000
-        inner.max_pending_activation_seconds = 0  # the port has a deadline for the activation
 
     async def _announce(self) -> None:
         """Announce the limits to clients, in the nodes that the standard defines."""

@@ -55,12 +55,8 @@ class Spaces:
 def unit_of(name: str) -> ua.EUInformation:
     """Return a unit as OPC UA represents it; a unit without a code has the id -1."""
     code = _CODES.get(name)
-    made = ua.EUInformation()
-    made.NamespaceUri = _CEFACT
-    made.UnitId = int.from_bytes(code.encode(), "big") if code else -1
-    made.DisplayName = ua.LocalizedText(name)
-    made.Description = ua.LocalizedText(name)
-    return made
+    number = int.from_bytes(code.encode(), "big") if code else -1
+    return ua.EUInformation(_CEFACT, number, ua.LocalizedText(name), ua.LocalizedText(name))
 
 
 async def add_node(

@@ -68,10 +68,7 @@ class CellServer:
         server.set_server_name(f"cellwatt {self._site}/{self._cell_name}")
         await server.set_application_uri(await self._secure())
         await server.set_build_info("urn:cellwatt", "cellwatt", "cellwatt", __version__, "", datetime.now(UTC))
-        if s.users:
-            server.set_identity_tokens([ua.UserNameIdentityToken])
-        else:
-            server.set_identity_tokens([ua.AnonymousIdentityToken])
+        server.set_identity_tokens([ua.UserNameIdentityToken if s.users else ua.AnonymousIdentityToken])
         own = f"urn:cellwatt:{self._site}:{self._cell_name}"
         numbers = [await server.register_namespace(uri) for uri in (DI, ROBOTICS, own)]
         self._spaces = spaces = Spaces(*numbers)

@@ -175,13 +175,10 @@ def text_of(body: Mapping[str, Any], name: str, longest: int, *, needed: bool = 
     return text
 
 
-def number(request: web.Request, name: str, default: float | None = None) -> float:
+def number(request: web.Request, name: str, default: float) -> float:
     """A number in the query of a request. Raises ``HTTPBadRequest``."""
-    text = request.query.get(name)
-    if text is None and default is not None:
-        return default
     try:
-        found = float(text or "")
+        found = float(request.query.get(name, default))
     except ValueError:
         found = math.nan
     if not math.isfinite(found):

@@ -17,7 +17,21 @@ _BACKFILL: Final = 1
 
 
 @dataclass(frozen=True, slots=True)
-class Mark:
+class Numbered:
+    """Samples ``sequence`` … ``end`` of a topic in a session, or one result."""
+
+    session: int
+    sequence: int
+    count: int
+
+    @property
+    def end(self) -> int:
+        """Number of the sample after the last one."""
+        return self.sequence + self.count
+
+
+@dataclass(frozen=True, slots=True)
+class Mark(Numbered):
     """The position of a message: samples ``sequence`` … ``sequence + count`` of its topic in ``session``.
 
     ``arrival`` is the cell's time, UTC ns, when the (last) block was read or the result was known. ``schema`` is the
@@ -26,17 +40,9 @@ class Mark:
     version 2 u32 schema; u32 CRC-32 of the bytes so far and the payload after them.
     """
 
-    session: int
-    sequence: int
-    count: int
     arrival: int
     backfill: bool = False
     schema: int = 0
-
-    @property
-    def end(self) -> int:
-        """Number of the sample after the last one."""
-        return self.sequence + self.count
 
     def encode(self, payload: bytes) -> bytes:
         """The attachment of a message with this payload."""

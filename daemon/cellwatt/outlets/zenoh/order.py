@@ -16,6 +16,7 @@ from typing import Final
 
 from cellwatt.batch import Batch
 from cellwatt.frames import Frames, cut
+from cellwatt.outlets.zenoh.mark import Numbered
 from cellwatt.results import Event, Result
 
 HELD_BYTES: Final = 128 * 1024 * 1024
@@ -34,20 +35,12 @@ class Gap:
 
 
 @dataclass(frozen=True, slots=True)
-class MessagePart:
+class MessagePart(Numbered):
     """Samples ``sequence`` … ``end`` of a topic in a session, or one result; its message had ``size`` bytes."""
 
-    session: int
-    sequence: int
-    count: int
     backfilled: bool
     content: Batch | Frames | Result | Event | Gap
     size: int = 0
-
-    @property
-    def end(self) -> int:
-        """Number of the sample after the last one."""
-        return self.sequence + self.count
 
     def after(self, first: int) -> MessagePart:
         """The remainder of the part from number ``first`` on."""

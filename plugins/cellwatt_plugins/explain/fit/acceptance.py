@@ -65,8 +65,10 @@ def rejection(before: Solution, after: Solution, thresholds: Thresholds, gain: f
         return "is too small to distinguish from the sampling of the motion"
     if term.effect.acceptance.several_channels and not seen_by_several(before, after.block(term)[0]):
         return "only one channel supports it"
-    if after.problem.side == "supply" and _decrease(before, after) < SMALLEST**2:
-        return None if relieves_tension(before, after, thresholds) else "is too small to matter"
+    if after.problem.side == "supply":
+        decrease = before.problem.chi2(before.residual) - after.problem.chi2(after.residual)
+        if decrease[0] < SMALLEST**2:
+            return None if relieves_tension(before, after, thresholds) else "is too small to matter"
     return unconfirmed(before, after, term, thresholds, gain)
 
 
@@ -161,11 +163,6 @@ def channels_of(solution: Solution, term: Term) -> list[int]:
     if solution.problem.side == "supply":
         return [0]
     return list(range(len(solution.problem.floor))) if term.joint is None else [term.joint]
-
-
-def _decrease(before: Solution, after: Solution) -> float:
-    """Decrease of the supply's mean square residual, in units of its noise."""
-    return float((before.problem.chi2(before.residual) - after.problem.chi2(after.residual))[0])
 
 
 def collinear(before: Solution, after: Solution, factor: float) -> Term | None:

@@ -58,25 +58,18 @@ def torque_problem(
     coulomb = np.maximum(robot.column("coulomb_friction"), least) + (0.0 if turning is None else turning)
     at_rest = held_at_rest(states, target, noise) / coulomb
     # An unknown sign near a stop is wrong for the whole stop: the samples of a stop are one draw, not many.
-    variance = tuple(
-        noise**2
-        + _until(
-            np.square(coulomb) * _unsure(s, at_rest) * max(1.0, STOP / run.step)
-            + np.square((s.own_inertia + robot.column("rotor_inertia")) * s.moved.acceleration_spread),
-            round(late / run.step),
-        )
-        for run, s in zip(runs, states, strict=True)
-    )
-    variance = tuple(
-        np.where(own & _between_ends(run), _without_gaps(v, run), UNKNOWN_VARIANCE * noise**2)
-        for v, run, own in zip(variance, runs, known, strict=True)
-    )
+    variance = []
+    for run, s, own in zip(runs, states, known, strict=True):
+        unsure = np.square(coulomb) * _unsure(s, at_rest) * max(1.0, STOP / run.step)
+        unsure += np.square((s.own_inertia + robot.column("rotor_inertia")) * s.moved.acceleration_spread)
+        whole = _without_gaps(noise**2 + _until(unsure, round(late / run.step)), run)
+        variance.append(np.where(own & _between_ends(run), whole, UNKNOWN_VARIANCE * noise**2))
     size = np.maximum(robot.column("coulomb_friction"), 0.1 * spread)
     rows: tuple[Thinned, ...] = thinned(runs)
     if drive is not None:
         rows = slow = filtered(runs)
         least = np.hypot(size, encoder_floor(states, fast=True))
-        variance = tuple(v + rattling(part, r, least) for v, part, r in zip(variance, target, slow, strict=True))
+        variance = [v + rattling(part, r, least) for v, part, r in zip(variance, target, slow, strict=True)]
     return Problem(
         side="torque",
         states=tuple(states),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from cellwatt.report import Bars, Section, Table
 from cellwatt.report.numbers import capital, decimals_for, fixed, measured, number, unit
@@ -20,8 +20,7 @@ CENTRE = ("com_x", "com_y", "com_z")
 ROLES = {"simulation": "simulation", "finding": "model", "curve": "model", "retuning": "refit"}
 
 
-@dataclass(frozen=True)
-class NumberRow:
+class NumberRow(NamedTuple):
     """A parameter of the arm as a row of text."""
 
     name: str
@@ -43,7 +42,7 @@ def section(findings: Findings) -> Section:
 
 def numbers(findings: Findings) -> Section:
     """Each parameter that is found or retuned: in the simulation, and on the arm."""
-    rows = [(row.name, row.was, row.now, row.remark) for row in number_rows(findings)]
+    rows = number_rows(findings)
     table = Table("Numbers", ("number", *COLUMNS, ""), rows)
     return Section("Your simulation in numbers", [table] if rows else [])
 

@@ -71,20 +71,18 @@ def _open_places(findings: Findings) -> str:
     """Locations of an unexplained residual, e.g. ``joint 3 and the supply power``."""
     joints = [f.joint for f in findings.findings if f.effect == UNKNOWN]
     joints += [joint_of(rest.channel) for rest in findings.unexplained if rest.looked_at]
-    places = _joints([j for j in joints if j is not None])
-    return listed(places + (["the supply"] if None in joints else []))
+    return listed(_joints(joints) + (["the supply"] if None in joints else []))
 
 
-def _joints(joints: Sequence[int]) -> list[str]:
-    """``joint 3``, or ``joints 1``, ``3`` and so on, to be listed."""
-    own = sorted(set(joints))
+def _joints(joints: Sequence[int | None]) -> list[str]:
+    """``joint 3``, or ``joints 1``, ``3`` and so on, to be listed; None (the supply) is left out."""
+    own = sorted({joint for joint in joints if joint is not None})
     return [f"joint{'s' * (len(own) > 1)} {own[0]}", *map(str, own[1:])] if own else []
 
 
 def _unsearched(findings: Findings) -> str:
     """Channels that were not analysed, e.g. ``joint 5 was not looked at in full: the time limit was reached``."""
-    late = [joint_of(rest.channel) for rest in findings.unexplained if not rest.looked_at]
-    places = _joints([joint for joint in late if joint is not None])
+    places = _joints([joint_of(rest.channel) for rest in findings.unexplained if not rest.looked_at])
     verb = "were" if len(places) > 1 else "was"
     return f"{listed(places)} {verb} not looked at in full: the time limit was reached" if places else ""
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from cellwatt.arrays import Float
+from cellwatt_plugins.robot.pseudo_inertia import ENTRIES, pseudo_inertia
 
-_ROWS, _COLUMNS = np.array([0, 0, 1, 0, 1, 2]), np.array([0, 1, 1, 2, 2, 2])
 _LOWER = np.tril_indices(4)
 LEAST_MASS = 1e-4
 """Smallest mass of a body, kg."""
@@ -24,23 +24,11 @@ PULL = 0.02
 """Weight of the parameters' differences relative to the torques' differences."""
 
 
-def pseudo_inertia(parameters: Float) -> Float:
-    """Pseudo-inertia (…, 4, 4) of ten parameters (…, 10)."""
-    tensor = np.zeros((*parameters.shape[:-1], 3, 3))
-    tensor[..., _ROWS, _COLUMNS] = tensor[..., _COLUMNS, _ROWS] = parameters[..., 4:]
-    trace = np.trace(tensor, axis1=-2, axis2=-1)[..., None, None]
-    out = np.zeros((*parameters.shape[:-1], 4, 4))
-    out[..., :3, :3] = 0.5 * trace * np.eye(3) - tensor
-    out[..., :3, 3] = out[..., 3, :3] = parameters[..., 1:4]
-    out[..., 3, 3] = parameters[..., 0]
-    return out
-
-
 def parameters_of(pseudo: Float) -> Float:
     """Ten parameters (…, 10) of a pseudo-inertia (…, 4, 4)."""
     spread = pseudo[..., :3, :3]
     tensor = np.trace(spread, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - spread
-    entries = tensor[..., _ROWS, _COLUMNS]
+    entries = tensor[..., *ENTRIES]
     return np.concatenate([pseudo[..., 3, 3][..., None], pseudo[..., :3, 3], entries], axis=-1)
 
 

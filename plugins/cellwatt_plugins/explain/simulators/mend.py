@@ -28,6 +28,7 @@ from cellwatt_plugins.explain.simulators.write_mjcf import write_mjcf
 from cellwatt_plugins.explain.simulators.write_urdf import what_urdf_holds, write_urdf
 from cellwatt_plugins.explain.simulators.written import Applied, Written
 from cellwatt_plugins.explain.verdict.estimates import retuned
+from cellwatt_plugins.explain.verdict.findings import ErrorOfChannel
 from cellwatt_plugins.robot import Body
 
 RISES = 1.01
@@ -52,24 +53,14 @@ class Unwritten:
 
 
 @dataclass(frozen=True)
-class ChannelError:
-    """Error of the simulator on blocks left out of the fit of the written numbers."""
-
-    channel: str
-    unit: str
-    before: float
-    after: float
-    noise_floor: float
-
-
-@dataclass(frozen=True)
 class Mended:
     """A mended simulator."""
 
     path: Path
     applied: tuple[Applied, ...]
     left: tuple[Unwritten, ...]
-    error: tuple[ChannelError, ...]
+    error: tuple[ErrorOfChannel, ...]
+    """On blocks left out of the fit of the written numbers."""
     notes: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
@@ -170,7 +161,7 @@ def _mended(simulator: Simulator, written: Written) -> tuple[Simulator, Float]:
     return new, factor
 
 
-def _held_out(user: Placing, found: Explained, solution: Solution, runs: Sequence[Run]) -> tuple[ChannelError, ...]:
+def _held_out(user: Placing, found: Explained, solution: Solution, runs: Sequence[Run]) -> tuple[ErrorOfChannel, ...]:
     """Errors of the torque before and after mending; each block is tested on a file mended without its fold."""
     simulator, problem = user.simulator, solution.problem
     folds = LeaveOut(problem, solution.factor)
@@ -185,7 +176,7 @@ def _held_out(user: Placing, found: Explained, solution: Solution, runs: Sequenc
             new, factor = _mended(simulator, write(simulator, goal, Path(folder)))
         after[rows] = measured[rows] - new.torque(*(course[rows] for course in motion)) / factor
     return tuple(
-        ChannelError(f"tau_{c + 1}", simulator.unit(c, "N*m"), float(b), float(a), float(f))
+        ErrorOfChannel(f"tau_{c + 1}", simulator.unit(c, "N*m"), float(b), float(a), float(f))
         for c, (b, a, f) in enumerate(zip(problem.rms(before), problem.rms(after), problem.floor, strict=True))
         if c in problem.observed
     )

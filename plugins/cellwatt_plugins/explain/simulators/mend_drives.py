@@ -21,7 +21,6 @@ from cellwatt_plugins.explain.simulators.callback import write_callback
 from cellwatt_plugins.explain.simulators.correction import holds
 from cellwatt_plugins.explain.simulators.mend import (
     RISES,
-    ChannelError,
     Mended,
     target_of,
     unwritten,
@@ -31,6 +30,7 @@ from cellwatt_plugins.explain.simulators.mend import (
 from cellwatt_plugins.explain.simulators.placing import Placing
 from cellwatt_plugins.explain.simulators.rollout import WINDOW, rms_of, rolled_out
 from cellwatt_plugins.explain.simulators.target import Target
+from cellwatt_plugins.explain.verdict.findings import ErrorOfChannel
 from cellwatt_plugins.robot.regression import Prior
 from cellwatt_plugins.robot.servo.law import Servo
 
@@ -151,7 +151,7 @@ def mend_driven(found: Explained, runs: Sequence[Run], user: Placing, out: Path)
         if finding.effect not in WRITTEN or finding.effect in [effect for effect, *_ in refused]
     ]
     error = tuple(
-        ChannelError(f"q_{j + 1}", simulator.unit(j, "rad"), float(b), float(a), float(f))
+        ErrorOfChannel(f"q_{j + 1}", simulator.unit(j, "rad"), float(b), float(a), float(f))
         for j, (b, a, f) in enumerate(zip(before, after, noise, strict=True))
     )
     beside = write_callback(written.path, simulator.joints, found.model.terms)

@@ -37,14 +37,20 @@ class Where:
 
 
 @dataclass(frozen=True)
-class Improvement:
-    """Error of one channel before and after the finding's step of the cascade, with the user's parameters unchanged."""
+class ErrorOfChannel:
+    """Error of one channel before and after a change of the simulation."""
 
     channel: str
     unit: str
     before: float
     after: float
     noise_floor: float
+
+
+@dataclass(frozen=True)
+class Improvement(ErrorOfChannel):
+    """Error of one channel before and after the finding's step of the cascade, with the user's parameters unchanged."""
+
     held_out: bool = True
 
     @classmethod

@@ -26,10 +26,7 @@ def as_mounted(
         return base, states, None
     base = replace(base, field=found.field)
     arm = base.recorded
-    new = [
-        States(s.name, s.index, s.time, s.moved, arm, s.temperature, s.beyond, s.beyond_power, drive=s.drive)
-        for s in states
-    ]
+    new = [replace(s, arm=arm, fitted=None, carried=None) for s in states]
     return base, new, _finding(found, base, errors(runs, states), errors(runs, new))
 
 

@@ -74,10 +74,6 @@ class Graph:
         """Sum along an axis."""
         return self.op("ReduceSum", x, np.array([axis], np.int64), keepdims=int(keep))
 
-    def affine(self, x: str, weights: ArrayLike, bias: ArrayLike) -> str:
-        """x · weights + bias for x (N, inputs), weights (inputs, outputs), bias (outputs,)."""
-        return self.op("Gemm", x, np.asarray(weights, np.float64), np.asarray(bias, np.float64))
-
     def model(self, output: str, columns: int) -> bytes:
         """The finished graph as an ONNX file: input (N, …) float64, output (N, ``columns``) float64."""
         nodes = [*self._nodes, helper.make_node("Identity", [output], ["output"], name="output")]

@@ -48,17 +48,6 @@ class Chain:
         square, one = skew @ skew, np.eye(4)
         return self.placements @ (one + square), self.placements @ skew, -self.placements @ square
 
-    def pseudo_inertia(self) -> Float:
-        """(n, 4, 4): second moments of mass, m·c and m of each link in its joint's frame."""
-        mass, moment = self.inertial[:, 0], self.inertial[:, 1:4]
-        xx, xy, yy, xz, yz, zz = self.inertial[:, 4:].T
-        inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).transpose(2, 0, 1)
-        out = np.empty((self.joints, 4, 4))
-        out[:, :3, :3] = 0.5 * (xx + yy + zz)[:, None, None] * np.eye(3) - inertia
-        out[:, :3, 3] = out[:, 3, :3] = moment
-        out[:, 3, 3] = mass
-        return out
-
 
 def skew_of(vectors: Float) -> Float:
     """Matrices (n, 3, 3) with K · x = v × x for vectors v (n, 3)."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from cellwatt_plugins.models.graph.builder import Graph
 from cellwatt_plugins.models.graph.chain import Chain, skew_of
+from cellwatt_plugins.robot.pseudo_inertia import pseudo_inertia
 
 
 def inverse_dynamics(graph: Graph, chain: Chain, q: str, qd: str | None = None, qdd: str | None = None) -> str:
@@ -40,7 +41,7 @@ def _pose(graph: Graph, chain: Chain, q: str) -> tuple[str, str]:
     origin = graph.op("Sub", np.eye(4), graph.reshape(moving, shape))
     twists = graph.op("MatMul", graph.reshape(turning, shape), origin)
     turned = graph.op("Transpose", frames, perm=[0, 1, 3, 2])
-    return twists, graph.op("MatMul", graph.op("MatMul", frames, chain.pseudo_inertia()), turned)
+    return twists, graph.op("MatMul", graph.op("MatMul", frames, pseudo_inertia(chain.inertial)), turned)
 
 
 def _frames(graph: Graph, chain: Chain, q: str) -> str:
@@ -50,7 +51,7 @@ def _frames(graph: Graph, chain: Chain, q: str) -> str:
     angles = graph.concat([graph.op("Sin", q), graph.op("Cos", q)])
     weights = np.zeros((2, count, count, 16))
     weights[:, range(count), range(count)] = sine.reshape(count, 16), cosine.reshape(count, 16)
-    local = graph.affine(angles, weights.reshape(2 * count, -1), still.reshape(-1))
+    local = graph.op("Gemm", angles, weights.reshape(2 * count, -1), still.reshape(-1))
     if count == 1:
         return graph.reshape(local, (-1, 1, 4, 4))
     shaped = graph.reshape(local, (-1, count, 4, 4))

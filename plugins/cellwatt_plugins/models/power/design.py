@@ -64,7 +64,7 @@ class Rows:
         rows = rows_of(cls(q, qd, qdd, torque, moves.move, moves.payload, None, Shown.of(moves, chosen)), chosen)
         if moves.temperature is None:
             return rows
-        return rows.with_temperature(moves.temperature[chosen], mean_temperature(moves.temperature))
+        return rows.with_temperature(moves.temperature[chosen], np.nanmean(moves.temperature, axis=0))
 
     def with_temperature(self, temperature: Float, mean: Float) -> Rows:
         """Add the warmth: joint temperatures (N, n) minus a training's mean (n,), °C."""
@@ -78,11 +78,6 @@ def spread_of(values: Float) -> Float:
     out = np.full(values.shape[1], np.median(spread))
     out[known] = spread
     return out
-
-
-def mean_temperature(temperature: Float) -> Float:
-    """Mean (n,) °C of joint temperatures (N, n)."""
-    return np.asarray(np.nanmean(temperature, axis=0))
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cellwatt.arrays import Float
 from cellwatt_plugins.models.power import supply as supplies
 from cellwatt_plugins.models.power import torque as torques
-from cellwatt_plugins.models.power.design import Rows, mean_temperature, shared_columns
+from cellwatt_plugins.models.power.design import Rows, shared_columns
 from cellwatt_plugins.models.power.folds import HARM, folds_of
 from cellwatt_plugins.models.power.hybrid import Hybrid
 from cellwatt_plugins.models.power.leftover import Leftover
@@ -131,7 +131,7 @@ def fit(moves: Moves, arm: Arm, tuning: Tuning, structure: Structure) -> Fitted:
         constant=problem.constant,
         resistance=supplies.resistances(arm.description),
         supply=supply,
-        temperature=None if warmth is None else mean_temperature(warmth),
+        temperature=None if warmth is None else np.nanmean(warmth, axis=0),
     )
     if structure.network:
         motion = model.motion(problem.rows, problem.design.shared)

@@ -107,6 +107,5 @@ class _Shape:
             ]
         )
         penalised = w.copy()
-        first = (self.inputs + 1) * self.neurons
-        penalised[first : first + (self.inputs + 1) * self.outputs] = 0.0
+        self.split(penalised)[1][:] = 0.0
         return float(0.5 * np.mean(residual**2) + 0.5 * DECAY * (penalised @ penalised)), gradient + DECAY * penalised

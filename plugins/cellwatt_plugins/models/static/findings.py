@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
-from typing import Any, Final
+from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -44,10 +44,6 @@ class Finding:
     statement: str
     figures: tuple[Number, ...]
     evidence: float | None
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the finding as ``--json`` prints it."""
-        return asdict(self)
 
 
 def findings(model: Identified, arm: HeldArm, basis: Basis) -> list[Finding]:

@@ -116,9 +116,5 @@ def trained(inputs: Float, target: Float, neurons: int, seed: int, epochs: int =
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
         network.fit((inputs - centre) / scale, (target - middle) / width)
-    return _plain(network, centre, scale, middle, width)
-
-
-def _plain(network: Any, centre: Float, scale: Float, middle: float, width: float) -> Sigmoids:
     (hidden, out), (bias, last) = network.coefs_, network.intercepts_
     return Sigmoids(centre, scale, hidden, bias, out[:, 0] * width, float(last[0]) * width + middle)

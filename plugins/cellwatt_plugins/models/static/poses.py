@@ -87,8 +87,7 @@ def _read(path: Path, robot: RobotDescription) -> Poses:
         )
     number = table.channel("pose") if "pose" in table.names else None
     if number is not None:
-        before = None if table.joints("came_from") is None else table.needed("came_from", q.shape[1])
-        before = np.full_like(q, np.nan) if before is None else before
+        before = np.full_like(q, np.nan) if table.joints("came_from") is None else table.needed("came_from", q.shape[1])
         payload = table.whole("tool.payload")
         payload = _unknown(len(q)) if payload is None else payload
         poses = _grouped(*(each[whole] for each in (number, q, torque, before, payload)))

@@ -132,7 +132,7 @@ class Trained:
                 "noise_nm": self.checked.model.posterior.noise.tolist(),
             },
             "learning": self.curve.as_json(),
-            "findings": [finding.as_json() for finding in self.findings],
+            "findings": [asdict(finding) for finding in self.findings],
             "odd": [[int(pose) + 1, int(joint) + 1] for pose, joint in np.argwhere(self.checked.model.odd)],
             "notes": list(self.poses.notes),
         }

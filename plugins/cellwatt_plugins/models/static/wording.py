@@ -29,8 +29,8 @@ def in_words(trained: Trained, files: Sequence[Path]) -> str:
         f"{100 * COVERAGE:.0f} % of new poses within ± {widths.known:.2f} Nm, ± {widths.blind:.2f} Nm if the side of "
         "approach is not given.",
         trained.curve.in_words(),
+        "Effects that the CAD model lacks:",
     ]
-    lines.append("Effects that the CAD model lacks:")
     lines += [f"  • {finding.statement}" for finding in trained.findings]
     lines += [*trained.left_out, *(f"note: {note}" for note in trained.poses.notes)]
     return "\n".join([*lines, f"written: {', '.join(map(str, files))}"])

@@ -122,11 +122,8 @@ def servo_of(path: Path, joints: Sequence[str]) -> Servo | None:
     Raises ``ConfigError`` where the file cannot be read.
     """
     model = compiled(path)
-    rows = [_one(path, model, name) for name in joints]
-    if any(row is None for row in rows):
-        return None
-    columns = np.array([row for row in rows if row is not None]).T
-    return Servo(*columns)
+    rows = [row for name in joints if (row := _one(path, model, name)) is not None]
+    return Servo(*np.array(rows).T) if len(rows) == len(joints) else None
 
 
 def _one(path: Path, model: Any, name: str) -> tuple[float, ...] | None:

@@ -61,7 +61,7 @@ def reweigh(state: SearchState, now: Solution) -> Solution:
     # Near stops, a delay was not distinguished from torque that reverses slowly.
     if abs(late - state.late) >= step:
         terms = [replace(t, shape=(late,)) if t.effect.name == "time_delay" else t for t in terms]
-    state.turn(turning.tolist(), late)
+    state.turn(turning, late)
     return solve(state, terms)
 
 

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from cellwatt.arrays import Float
+from cellwatt.scheduler import workers
 from cellwatt_plugins.explain.fit.problem import Place, Problem, Term
 from cellwatt_plugins.explain.fit.retuning import loose
-from cellwatt_plugins.explain.fit.search.budget import now
 from cellwatt_plugins.explain.fit.solution import Candidate, Solution, Trial
 from cellwatt_plugins.explain.fit.thresholds import Thresholds
 from cellwatt_plugins.explain.input.factors import MOVES, levers
@@ -69,19 +70,10 @@ class SearchState:
         again."""
         self.unsearched |= set(self.moving) if None in joints else set(joints)
 
-    def turn(self, turning: Sequence[float], late: float) -> None:
-        """Create the problem anew if the friction (C,) Nm that reverses with the velocity, or the torque's delay
-        ``late`` s, changed."""
-        if not np.array_equal(turning, self.turning) or late != self.late:
-            self.turning, self.late = np.array(turning), late
-            self._anew()
-
-    def loosen(self, looseness: float) -> None:
-        """Restart with other tolerances; see ``loose``."""
-        self.looseness, self.turning, self.late = looseness, np.zeros_like(self.turning), 0.0
-        self._anew()
-
-    def _anew(self) -> None:
+    def turn(self, turning: Float, late: float) -> None:
+        """Create the problem anew for the friction (C,) Nm that reverses with the velocity, and the torque's delay
+        ``late`` s."""
+        self.turning, self.late = turning, late
         # Results of motion and priors alone remain valid; the weight of each sample changes.
         new = loose(self.make(self.turning, self.late), self.looseness)
         self.problem = replace(new, simulated=self.problem.simulated, made=self.problem.made)
@@ -117,3 +109,11 @@ class SearchState:
     def refuse(self, term: Term, gain: float, why: str) -> None:
         """Note the reason why a term is absent, and the log evidence that it would add."""
         self.refused[term.place] = Trial.of(term, gain, False, why)
+
+
+def now() -> float:
+    """Seconds on the clock of a search: CPU time of this process, so that waiting does not count.
+
+    With worker processes it is elapsed time.
+    """
+    return time.process_time() if workers() is None else time.monotonic()

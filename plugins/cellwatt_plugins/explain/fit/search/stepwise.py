@@ -47,7 +47,7 @@ def search(
 ) -> Solution:
     """Terms of one side that the data support; ``powered``: the supply's power is judged afterwards.
 
-    Nothing more is tried from ``until`` s on; see ``budget.now``. ``make`` creates the problem for friction (C,) Nm
+    Nothing more is tried from ``until`` s on; see ``state.now``. ``make`` creates the problem for friction (C,) Nm
     beyond the nominal that reverses with the velocity, and for a delay of the measured torques in s.
     """
     still = np.zeros(channels)
@@ -57,7 +57,8 @@ def search(
     now = _found(state, ())
     loose = looseness(state.problem, now.terms, now.factor) if effects else 1.0
     if loose > 1 and not state.spent():
-        state.loosen(loose)
+        state.looseness = loose
+        state.turn(np.zeros_like(state.turning), 0.0)
         now = _found(state, now.terms)
     free, others = state.problem, _rivals(state, now)
     state.use(freed(state.problem, confirmed(state.problem, now.terms, now.factor)))

@@ -11,6 +11,7 @@ from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion
 from cellwatt_plugins.robot.effects.effect import Effect, Shape
 from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.pseudo_inertia import ENTRIES
 from cellwatt_plugins.robot.regression import Prior
 
 OFF = 0.4
@@ -56,7 +57,7 @@ class LinkInertialError(Effect):
         centre = own[1:4] / mass
         reach = float(np.linalg.norm(centre)) + NEAR
         moves = [_moved(mass, centre, step) for step in OFF * reach * np.eye(3)]
-        swelling = np.concatenate([np.zeros(4), own[4:] - mass * _entries(_around(centre, centre))])
+        swelling = np.concatenate([np.zeros(4), own[4:] - mass * _around(centre, centre)])
         ways = np.array([OFF * own, *moves, OFF * swelling])
         turn = float(np.max(np.abs(own[[4, 6, 9]])))
         besides = [mass, *(3 * [mass * reach]), *(6 * [2 * turn + 1e-3 * mass])]
@@ -65,14 +66,9 @@ class LinkInertialError(Effect):
 
 def _moved(mass: float, centre: Float, step: Float) -> Float:
     """Change of ten parameters (mass, first moment, inertia at the joint) when the centre of mass moves by a step."""
-    return np.concatenate([[0.0], mass * step, mass * _entries(_around(centre, step) + _around(step, centre))])
+    return np.concatenate([[0.0], mass * step, mass * (_around(centre, step) + _around(step, centre))])
 
 
 def _around(a: Float, b: Float) -> Float:
-    """a·b 1 - a bᵀ, (3, 3): the inertia of a unit mass, for a = b."""
-    return np.asarray((a @ b) * np.eye(3) - np.outer(a, b))
-
-
-def _entries(tensor: Float) -> Float:
-    """A symmetric tensor as xx, xy, yy, xz, yz, zz."""
-    return np.asarray(tensor[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]])
+    """a·b 1 - a bᵀ as xx, xy, yy, xz, yz, zz: the inertia of a unit mass, for a = b."""
+    return np.asarray(((a @ b) * np.eye(3) - np.outer(a, b))[ENTRIES])

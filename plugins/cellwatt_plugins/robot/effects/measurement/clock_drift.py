@@ -7,29 +7,21 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form, Relations
-from cellwatt_plugins.robot.effects.effect import Effect, Parameter, Shape
-from cellwatt_plugins.robot.effects.measurement.time_delay import shifted
+from cellwatt_plugins.robot.effects.declaration import Confusion
+from cellwatt_plugins.robot.effects.effect import Parameter, Shape
+from cellwatt_plugins.robot.effects.measurement.time_delay import Lateness, shifted
 from cellwatt_plugins.robot.effects.states import States
-from cellwatt_plugins.robot.motion import FAST
 
 APART = tuple(sign * float(s) for s in np.geomspace(0.004, 0.15, 10) for sign in (1, -1))
 """Drifts that are tried, in s at the end of the longest run, so close to each other that one of them is within the
 scale that is accepted."""
 
 
-class ClockDrift(Effect):
+class ClockDrift(Lateness):
     """Torque of t - rate · (t - start of the run)."""
 
     name = "clock_drift"
-    acts_on = "reading"
-    depends_on = "fitted torque"
-    whole_arm = True
-    form = Form(to_scale=True)
-    # A delay and a drift together fit any signal that is early in one half of a run and late in the other.
-    relations = Relations(family="lateness")
     scaled_is = (("rate", "s/s"),)
-    acceptance = Acceptance(least_rate=FAST, several_channels=True)
     confusions = (Confusion("time_delay", "record for longer: a delay is constant, a drift grows"),)
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:

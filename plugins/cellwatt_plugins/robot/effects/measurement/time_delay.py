@@ -24,17 +24,23 @@ CYCLE = 0.01
 """Longest step in s of simulation or control; a recording with longer intervals was decimated."""
 
 
-class TimeDelay(Effect):
-    """Torque of t - delay; the delay is negative if the torque comes first."""
+class Lateness(Effect):
+    """Torques of another time than the positions."""
 
-    name = "time_delay"
     acts_on = "reading"
     depends_on = "fitted torque"
     whole_arm = True
     form = Form(to_scale=True)
+    # A delay and a drift together fit any signal that is early in one half of a run and late in the other.
     relations = Relations(family="lateness")
-    scaled_is = (("delay", "s"),)
     acceptance = Acceptance(least_rate=FAST, several_channels=True)
+
+
+class TimeDelay(Lateness):
+    """Torque of t - delay; the delay is negative if the torque comes first."""
+
+    name = "time_delay"
+    scaled_is = (("delay", "s"),)
     confusions = (
         Confusion("rotor_inertia", "run the same path at two speeds: a delay shows with the change of torque"),
         Confusion("clock_drift", "record for longer: a drift grows"),
