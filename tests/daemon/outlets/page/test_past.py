@@ -17,7 +17,6 @@ from cellwatt.record import packs
 from tests.daemon.outlets.page.recorded import CELL, MS, SESSION, S, alarm, event, interval, recording
 
 START = SESSION / MS
-LONG = (START, START + 86_400_000)
 
 
 def at(second: float) -> int:

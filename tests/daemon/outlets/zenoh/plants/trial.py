@@ -129,7 +129,6 @@ def judged(recorder: Process, made: dict[str, Any]) -> dict[str, Any]:
         **{what: sum(found[t][what] for t in whole) for what in ("holes", "twice", "wrong")},
         "reasons": recorder.said["topics"]["reasons"],
         "counts": recorder.said["topics"]["counts"],
-        "most_rss_MB": round(recorder.said["topics"]["most_rss"] / 1e6),
     }
 
 
@@ -193,8 +192,7 @@ def past_and_catch_up(
         cell.send(run=None)
         time.sleep(12.0)
         trial.net.restore(1)
-        rss = recorder.said["topics"]["rss"]
         caught_up(recorder, past, patience)
         made = cell.answer("ran", halt=True)
         caught_up(recorder, made, patience)
-        return {"plant": judged(recorder, made), "consumer_rss_before_MB": round(rss / 1e6), "cell": made}
+        return {"plant": judged(recorder, made), "cell": made}
