@@ -197,15 +197,8 @@ class Arm:
     def losses(self, torque, qd):
         """Copper, switching, iron, hysteresis (N, 4) W at the rates of the first guess."""
         current = torque / self.constant
-        return np.stack(
-            [
-                (self.described * current**2).sum(axis=1),
-                np.abs(current).sum(axis=1),
-                (qd**2).sum(axis=1),
-                np.abs(qd).sum(axis=1),
-            ],
-            axis=1,
-        )
+        of_joints = (self.described * current**2, np.abs(current), qd**2, np.abs(qd))
+        return np.stack([each.sum(axis=1) for each in of_joints], axis=1)
 
     def powers(self, torque, qd):
         """Groups (N,) W."""
