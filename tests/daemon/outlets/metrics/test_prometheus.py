@@ -52,10 +52,9 @@ def test_alert_rules_fire_when_they_should(tmp_path: Path) -> None:
     file = tmp_path / "alerts_test.yaml"
     file.write_text(yaml.safe_dump(tests))
     assert "SUCCESS" in promtool("test", "rules", str(file))
-    fired = {case["alertname"] for test in tests["tests"] for case in test["alert_rule_test"] if case.get("exp_alerts")}
-    silent = {
-        case["alertname"] for test in tests["tests"] for case in test["alert_rule_test"] if not case.get("exp_alerts")
-    }
+    cases = [case for test in tests["tests"] for case in test["alert_rule_test"]]
+    fired = {case["alertname"] for case in cases if case.get("exp_alerts")}
+    silent = {case["alertname"] for case in cases if not case.get("exp_alerts")}
     assert fired == silent == {rule["alert"] for rule in rules()}
 
 

@@ -110,10 +110,8 @@ async def test_home_assistant(tmp_path: Path) -> None:
         async with running(View(tmp_path), {"app": app}) as made:
             await offered(made, alarm(1), "app: sent")
         (call,) = server.calls
-        assert (call.path, call.headers["Authorization"]) == (
-            "/api/services/notify/mobile_app_shift",
-            "Bearer geheim-1",
-        )
+        assert call.path == "/api/services/notify/mobile_app_shift"
+        assert call.headers["Authorization"] == "Bearer geheim-1"
         assert call.json["title"].startswith("[plant-1/weld-3] error")
         assert set(call.json) == {"title", "message", "data"}
 

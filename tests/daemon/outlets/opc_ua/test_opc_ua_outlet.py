@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 from asyncua.ua import ua_binary
 
 from cellwatt.channel import Quality
-from cellwatt.errors import CellwattError, OutletError
+from cellwatt.errors import OutletError
 from cellwatt.frames import Frames
 from cellwatt.outlets.opc_ua.arrays import ENTRIES, READERS, bound_arrays
 from cellwatt.outlets.opc_ua.bounds import SUBSCRIPTIONS_OF_SESSION
@@ -25,8 +26,9 @@ from cellwatt.outlets.opc_ua.outlet import OpcUaOutlet, OpcUaOutletSettings
 from cellwatt.results import Energy, Event
 from cellwatt_drivers.opc_ua import OpcUaDriver, OpcUaSettings
 from tests.blocks import frames_of, layout_of
+from tests.daemon.outlets.page.cell import View
 from tests.daemon.outlets.serving import serving
-from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm
+from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, alarm
 from tests.drivers.inlet import CollectingInlet
 from tests.drivers.opc_ua.rig import certificate
 from tests.drivers.running import repeated
@@ -44,19 +46,6 @@ OWN = f"urn:cellwatt:{SITE}:{CELL}"
 VALUES = [0.5, -0.25, 2.5, 41.0, 600.0]
 
 
-class View(FakeView):
-    """A cell that notes what is acknowledged."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.acknowledged: list[tuple[str, str, str]] = []
-
-    def acknowledge(self, alarm_id: str, name: str, note: str) -> None:
-        if alarm_id != "alarm-1":
-            raise CellwattError("no such alarm is active")
-        self.acknowledged.append((alarm_id, name, note))
-
-
 def frames(number: int, values: list[float] = VALUES, quality: Quality = Quality.GOOD) -> Frames:
     return frames_of(LAYOUT, number, [EPOCH + number * LAYOUT.step], np.array([values]), quality)
 
@@ -65,7 +54,7 @@ def frames(number: int, values: list[float] = VALUES, quality: Quality = Quality
 async def a_cell(**settings: Any) -> AsyncIterator[OpcUaOutlet]:
     """An outlet that serves, at 50 rows a second."""
     given = {"listen": "127.0.0.1:0", "rate": "50 Hz"} | settings
-    outlet = OpcUaOutlet("opc_ua", OpcUaOutletSettings.model_validate(given), View())
+    outlet = OpcUaOutlet("opc_ua", OpcUaOutletSettings.model_validate(given), View(Path("/")))
     async with serving(outlet):
         yield outlet
 
@@ -209,7 +198,7 @@ async def test_an_alarm_is_a_condition_that_users_acknowledge():
             with pytest.raises(ua.UaStatusCodeError, match="BadEventIdUnknown"):
                 await condition.call_method(ACKNOWLEDGE, foreign, note)
         await condition.call_method(ACKNOWLEDGE, raised.EventId, note)
-        assert outlet.view.acknowledged == [("alarm-1", "eve", "on my way")]
+        assert outlet.view.ordered == [("acknowledge", "alarm-1", "eve", "on my way")]
         data = {"alarm": "alarm-1", "name": "eve", "note": "on my way"}
         outlet.offer(Event(EPOCH, None, "acknowledged", "eve acknowledged alarm-1", data))
         await eventually(lambda: len(listener.events) > 1)
@@ -219,7 +208,7 @@ async def test_an_alarm_is_a_condition_that_users_acknowledge():
         outlet.offer(alarm(1, active=False))
         await eventually(lambda: len(listener.events) > 2)
         assert listener.states() == [(True, False, True), (True, True, True), (False, True, False)]
-        outlet.offer(alarm(2))
+        outlet.offer(alarm(13))  # which is over when somebody acknowledges it
         await eventually(lambda: len(listener.events) > 3)
         other = listener.events[3]
         with pytest.raises(ua.UaStatusCodeError, match="BadInvalidState"):
@@ -261,7 +250,7 @@ async def nobody_acknowledges_without_a_name(outlet: OpcUaOutlet) -> None:
         raised = listener.events[0]
         with pytest.raises(ua.UaStatusCodeError, match="BadUserAccessDenied"):
             await there.get_node(raised.NodeId).call_method(ACKNOWLEDGE, raised.EventId, ua.LocalizedText(""))
-        assert not outlet.view.acknowledged
+        assert not outlet.view.ordered
 
 
 async def too_much_is_refused_before_it_is_done(outlet: OpcUaOutlet) -> None:
@@ -347,6 +336,12 @@ def test_an_array_is_no_longer_than_its_message(monkeypatch):
     for value in ([1.5, 2.5], ["a", ""], None):
         told = ua_binary.variant_to_binary(ua.Variant(value))
         assert ua_binary.variant_from_binary(Buffer(told)).Value == value
+
+
+def test_what_is_left_open_on_purpose_is_warned_of_once_and_shows_no_password():
+    settings = OpcUaOutletSettings.model_validate({"listen": "0.0.0.0:4840", "open": True, "users": {"eve": "s3cret"}})
+    assert len(settings.warnings()) == 1
+    assert "s3cret" not in repr(settings)
 
 
 async def a_server_that_dies_is_told_and_the_queue_stays_bounded(outlet: OpcUaOutlet) -> None:

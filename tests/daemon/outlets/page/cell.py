@@ -14,6 +14,7 @@ import aiohttp
 import numpy as np
 
 from cellwatt import Alarm, CellwattError, FrameChannel, Frames, Layout
+from cellwatt.door.settings import tls_context
 from cellwatt.outlets.page.app import Assets, Page
 from cellwatt.outlets.page.archive import Archive, Desk
 from cellwatt.outlets.page.cells import Cell, OneCell, prefix
@@ -123,10 +124,6 @@ class Served:
     browsers: Browsers
     orders: list[Mapping[str, Any]]
 
-    @property
-    def hub(self) -> Hub:
-        return self.feed.hub
-
 
 STATIC = {
     "index.html": b"<!doctype html><title>cellwatt</title>" + b" " * 2000,
@@ -150,7 +147,6 @@ def built(folder: Path) -> Assets:
 async def served(
     folder: Path,
     *,
-    context: Any = None,
     archive: Any = None,
     drops: Drops | None = None,
     **settings: Any,
@@ -168,7 +164,7 @@ async def served(
     gate = Gate(made, Sessions(None, lambda name: proof_of(made, name)))
     cells = OneCell(Cell(feed, archive or Archive(None, CELL, made.reports, desk), order))
     page = Page(made, gate, cells, await asyncio.to_thread(built, folder), browsers, drops)
-    url = (await page.start(context)).rstrip("/")
+    url = (await page.start(await asyncio.to_thread(tls_context, made))).rstrip("/")
     try:
         yield Served(url, page, feed, gate, browsers, orders)
     finally:

@@ -13,10 +13,8 @@ from typing import Any
 import aiohttp
 import pytest
 
-from cellwatt.door.settings import tls_context
 from cellwatt.outlets.page.app import names_in
 from cellwatt.outlets.page.gate import HEADERS, POLICY
-from cellwatt.outlets.page.outlet import PageSettings
 from tests.daemon.outlets.page.cell import (
     API,
     HASH,
@@ -243,10 +241,8 @@ def check_headers(response: aiohttp.ClientResponse) -> None:
 
 async def test_over_tls_the_browser_is_bound_to_it(tmp_path: Path, certificates: Path) -> None:
     files = {"certificate": certificates / "cell", "key": certificates / "cell.key"}
-    settings = PageSettings(**files)
-    context = await asyncio.to_thread(tls_context, settings)
     trusting = await asyncio.to_thread(ssl.create_default_context, cafile=str(certificates / "ca"))
-    async with served(tmp_path, context=context, users=USERS, **files) as page:
+    async with served(tmp_path, users=USERS, **files) as page:
         assert page.url.startswith("https://")
         connector = aiohttp.TCPConnector(ssl=trusting)
         async with aiohttp.ClientSession(connector=connector) as browser:

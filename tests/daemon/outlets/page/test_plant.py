@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import asdict
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -126,18 +127,14 @@ async def test_a_cell_that_is_looked_at_is_followed_and_then_left(router: str, m
         await eventually(lambda: in_plant(browser, url, "weld-1"), "the cell")
         api = f"{url}/api/cells/{SITE}/weld-1"
         async with browser.get(f"{api}/stream?channels=arm.joint_1.position&rate=25") as response:
-            offered = 0
 
             async def offering() -> None:
-                nonlocal offered
-                while True:
-                    cell.offer(frames(offered, 5))
-                    offered += 5
+                for first in count(0, 5):
+                    cell.offer(frames(first, 5))
                     await asyncio.sleep(0.05)
 
-            task = asyncio.create_task(offering())
-            got = await Stream(response).until("frames")
-            task.cancel()
+            async with doing(offering()):
+                got = await Stream(response).until("frames")
             first = got["v"]["arm.joint_1.position"][0]
             assert first % 1 == 0.25
             assert got["t"][0] == MS + 20 * (first - 0.25)

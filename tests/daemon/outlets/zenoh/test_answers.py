@@ -53,8 +53,7 @@ def test_history_ends_at_a_hole_and_is_bounded(answers: Answers, view: FakeView)
     asked = {"source": "arm", "stream": "samples"}
     assert answers.about("history", asked).mark == Mark(EPOCH, 0, 10, EPOCH, backfill=True)
     bounded = answers.about("history", asked | {"first": "12", "count": "999999"}).mark
-    assert bounded is not None
-    assert (bounded.sequence, bounded.count) == (12, MOST_SAMPLES)
+    assert bounded == Mark(EPOCH, 12, MOST_SAMPLES, EPOCH + 12, backfill=True)
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ import pytest
 import zenoh
 
 from cellwatt import ProtocolError
+from cellwatt.outlets.zenoh.answer_queue import Answer
 from cellwatt.outlets.zenoh.encode import decode, encode
 from cellwatt.outlets.zenoh.link import open_session
 from cellwatt.outlets.zenoh.mark import Mark
@@ -221,22 +222,15 @@ async def test_topics_in_health_that_are_no_topics_are_not_asked_for(cell: Cell,
 async def test_an_answer_about_something_else_is_not_taken(cell: Cell, monkeypatch: pytest.MonkeyPatch) -> None:
     """Somebody answers in the cell's place with samples of another session."""
     async with cell.joined(want=("raw",), patience=0.3) as subscriber:
-        monkeypatch.setattr(
-            cell.outlet._answers, "_known", {**cell.outlet._answers._known, "history": lambda _: forged_answer()}
-        )
+        mark = Mark(FUTURE, LEAP, 5, EPOCH, backfill=True)
+        forged = Answer(encode(batch(0, 5)), "application/vnd.apache.arrow.stream", mark, RAW)
+        monkeypatch.setitem(cell.outlet._answers._known, "history", lambda _: forged)
         cell.give(0, 4, live=False)
         cell.give(4, 5)
         gap, live = await read(subscriber, 2)
     assert isinstance(gap.content, Gap)
     assert "the answer has 1000000 to 1000005 in session" in gap.content.reason
     assert (gap.count, live.session, live.sequence) == (4, EPOCH, 4)
-
-
-def forged_answer() -> Any:
-    from cellwatt.outlets.zenoh.answer_queue import Answer
-
-    payload = encode(batch(0, 5))
-    return Answer(payload, "application/vnd.apache.arrow.stream", Mark(FUTURE, LEAP, 5, EPOCH, True), RAW)
 
 
 # the mark of health ----------------------------------------------------------------------------------------

@@ -351,10 +351,8 @@ async def test_a_namespace_is_put_before_every_key(view: FakeView, endpoint: str
     outlet = ZenohOutlet("zenoh", ZenohSettings(listen=(endpoint,), namespace="europe/north"), view)
     async with doing(outlet.run()), client(endpoint) as session:
         # A session learns of the cell's answers a moment after it opened; until then nobody answers.
-        asked = f"europe/north/{ROOT}/@/status"
-        while not (replies := await asyncio.to_thread(lambda: list(session.get(asked)))):
-            pass
-        (reply,) = replies
+        ask = lambda: asyncio.to_thread(lambda: list(session.get(f"europe/north/{ROOT}/@/status")))  # noqa: E731
+        (reply,) = await eventually(ask, "an answer")
         assert json.loads(reply.ok.payload.to_bytes())["session"] == EPOCH
 
 
