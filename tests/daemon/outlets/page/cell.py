@@ -145,11 +145,7 @@ def built(folder: Path) -> Assets:
 
 @asynccontextmanager
 async def served(
-    folder: Path,
-    *,
-    archive: Any = None,
-    drops: Drops | None = None,
-    **settings: Any,
+    folder: Path, *, archive: Any = None, drops: Drops | None = None, **settings: Any
 ) -> AsyncIterator[Served]:
     """A page of one cell without a daemon."""
     made = PageSettings(**{"listen": "127.0.0.1:0", **settings})
