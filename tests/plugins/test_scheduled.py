@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import sys
 from contextlib import suppress
 from datetime import datetime, tzinfo
 from functools import partial
@@ -29,7 +28,6 @@ from tests.plugins.models.power.emulated_arm import write_case
 
 codes_of = train_command.train_codes
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
-sys.path.append(str(Path(__file__).resolve().parents[2] / "bench"))
 
 
 @pytest.fixture

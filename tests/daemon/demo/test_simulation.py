@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cellwatt import FrameChannel, Frames, Layout
 from cellwatt.demo import fault, simulation
 from cellwatt.emulation import ArmSignals
 from cellwatt.tables import read_table
+from tests.blocks import frames_of, layout_of
 from tests.daemon.record.making import SESSION, write_chunks
 
 EPOCH = SESSION * 1e-9 - 40.0
@@ -20,21 +20,13 @@ UNITS = {"position": "rad", "velocity": "rad/s", "current": "A"}
 
 def record(folder: Path, seconds: float) -> None:
     """A recording of the demo's arm with the spring on its elbow, frames at 50 Hz."""
-    channels = [
-        FrameChannel(f"arm.joint_{i}.{quantity}", unit, "continuous", "linear")
-        for quantity, unit in UNITS.items()
-        for i in range(1, 7)
-    ]
-    layout = Layout(tuple(channels), 50.0)
+    layout = layout_of({f"arm.joint_{i}.{quantity}": unit for quantity, unit in UNITS.items() for i in range(1, 7)})
     time = SESSION + np.arange(int(seconds * 50)) * layout.step
     arm = ArmSignals()
     arm.disturb({"spring": fault.JOINT, **fault.SPRING, "at": 0.0})
     seen = arm.at(time * 1e-9 - EPOCH)
-    values = np.column_stack([seen[channel.short] for channel in channels])
-    write_chunks(
-        folder,
-        [[Frames(layout, 0, time, values, np.zeros(values.shape, np.uint8), np.zeros(values.shape, np.int64))]],
-    )
+    values = np.column_stack([seen[channel.short] for channel in layout.channels])
+    write_chunks(folder, [[frames_of(layout, 0, time, values)]])
 
 
 def test_what_explain_gets_is_the_recording_and_the_arm_without_its_spring(tmp_path: Path) -> None:

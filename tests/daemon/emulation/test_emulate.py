@@ -114,9 +114,7 @@ async def test_the_devices_of_a_cell_run_in_one_world(tmp_path: Path) -> None:
         assert "arm, supply, board" in (await asked(process, fault=refused))["error"]
     assert await asked(process, fault="arm/message:text=hello") == {"ok": True}, "the others know no such fault"
     assert set((await asked(process, counts=True))["counts"]) == {"arm", "supply", "board"}
-    assert process.stdin is not None
-    process.stdin.close()
-    assert await asyncio.wait_for(process.wait(), PATIENCE) == 0
+    await ends_with_its_input(process)
     assert not (tmp_path / "board").is_symlink()
 
 
@@ -132,6 +130,12 @@ async def test_the_copy_reads_the_emulators_and_says_all_else_as_it_was(tmp_path
     assert ready["board"] == copy.sources["board"].settings.port  # type: ignore[attr-defined]
     assert written.startswith("site: test\ncell: test\nsources:\n  arm: {driver: ur, host: 127.0.0.1, port: ")
     process.send_signal(signal.SIGTERM)
+    assert await asyncio.wait_for(process.wait(), PATIENCE) == 0
+
+
+async def ends_with_its_input(process: asyncio.subprocess.Process) -> None:
+    assert process.stdin is not None
+    process.stdin.close()
     assert await asyncio.wait_for(process.wait(), PATIENCE) == 0
 
 

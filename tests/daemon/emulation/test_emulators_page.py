@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import re
 import shlex
@@ -16,8 +15,7 @@ from cellwatt.config import load
 from cellwatt.emulation.cell import devices_of, emulator_of, faults_by_device
 from cellwatt.emulation.words import WORLD, keys_of, kinds_of, mishap
 from cellwatt.registry import available
-from tests.daemon.emulation.test_emulate import asked, cell, said, started
-from tests.patience import PATIENCE
+from tests.daemon.emulation.test_emulate import asked, cell, ends_with_its_input, said, started
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "emulators.md"
 TABLE = re.compile(r"(?<=<!-- kinds -->\n).*(?=<!-- end of kinds -->)", re.DOTALL)
@@ -72,9 +70,7 @@ async def test_the_lines_of_control_are_obeyed(tmp_path: Path) -> None:
     for order in orders:
         assert await asked(process, **json.loads(order)) == {"ok": True}
     assert "counts" in await asked(process, **json.loads(count))
-    assert process.stdin is not None
-    process.stdin.close()
-    assert await asyncio.wait_for(process.wait(), PATIENCE) == 0
+    await ends_with_its_input(process)
 
 
 if __name__ == "__main__":

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 
 import pytest
 
 from cellwatt.emulation import Fault, TcpPort
 from cellwatt.emulation.terminal import PtyPort
-from tests.patience import PATIENCE
+from tests.patience import eventually
 
 from .device import Device
 
@@ -61,7 +61,7 @@ async def test_a_disconnect_hangs_up_and_refuses_until_it_is_over() -> None:
         assert await idle[0].read() == b""
         with pytest.raises(OSError, match=r"refused|111"):
             await connect(address)
-        reader, writer = await asyncio.wait_for(come_back(address), PATIENCE)
+        reader, writer = await eventually(lambda: come_back(address), "the port")
         writer.write(b"again\n")
         assert await reader.readline() == b"AGAIN\n"
         for end in (idle[1], asking[1], writer):
@@ -70,11 +70,8 @@ async def test_a_disconnect_hangs_up_and_refuses_until_it_is_over() -> None:
 
 
 async def come_back(address: str):
-    while True:
-        try:
-            return await connect(address)
-        except OSError:
-            await asyncio.sleep(0.01)
+    with suppress(OSError):
+        return await connect(address)
 
 
 async def test_leaving_the_port_leaves_no_client_and_no_task() -> None:

@@ -6,19 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from cellwatt import Alarm, Energy, FrameChannel, Frames, Interval, Layout, Prediction, Task
+from cellwatt import Alarm, Energy, Interval, Prediction, Task
 from cellwatt.subscriber import Gap, Health, Message
+from tests.blocks import frames_of, layout_of
 
 SECOND = 10**9
 START = 1_700_000_000 * SECOND
 """22:13:20 UTC."""
-CHANNELS = (
-    ("arm.joint_1.position", "rad"),
-    ("arm.joint_2.position", "rad"),
-    ("board.supply.power", "W"),
-    ("mains.supply.power", "W"),
-)
-LAYOUT = Layout(tuple(FrameChannel(name, unit, "continuous", "linear") for name, unit in CHANNELS), 10.0)
+JOINTS, METERS = ("arm.joint_1.position", "arm.joint_2.position"), ("board.supply.power", "mains.supply.power")
+LAYOUT = layout_of(dict.fromkeys(JOINTS, "rad") | dict.fromkeys(METERS, "W"), 10.0)
 GROUPS = {"brakes": 5.5, "electronics": 60.0, "stored": 0.0, "regeneration": 0.25, "unexplained": -0.75}
 
 
@@ -49,9 +45,7 @@ def frames(first: int, power: Any) -> Message:
     """Frames every 0.1 s from the ``first`` one on; joint 1 counts them, the mains draw 300 W more than the board."""
     count = np.arange(first, first + len(power))
     values = np.column_stack([count, -count, power, np.add(power, 300.0)]).astype(float)
-    zeros = np.zeros(values.shape, np.int64)
-    block = Frames(LAYOUT, first, START + LAYOUT.step * count, values, zeros.astype(np.uint8), zeros)
-    return Message("frame", 1, first, False, block)
+    return Message("frame", 1, first, False, frames_of(LAYOUT, first, START + LAYOUT.step * count, values))
 
 
 def prediction(first: int, power: Any) -> Message:

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
+from cellwatt.door.settings import Listening
 from cellwatt.outlet import OutletSettings
 from cellwatt.outlets.historian import HistorianSettings, InfluxSettings
 from cellwatt.outlets.metrics.settings import MetricsSettings
@@ -17,6 +18,7 @@ from cellwatt.outlets.mqtt.settings import MqttSettings
 from cellwatt.outlets.opc_ua.outlet import OpcUaOutletSettings
 from cellwatt.outlets.page import PageSettings
 from cellwatt.outlets.zenoh.link import LinkSettings
+from tests.daemon.outlets.page.cell import HASH, PASSWORD, USERS
 
 MISTAKES: dict[type[OutletSettings], list[tuple[dict[str, Any], str]]] = {
     HistorianSettings: [
@@ -45,11 +47,18 @@ MISTAKES: dict[type[OutletSettings], list[tuple[dict[str, Any], str]]] = {
         ({"sparkplug": {"group": "a/b"}}, "is not a Sparkplug ID"),
     ],
     OpcUaOutletSettings: [
-        ({"listen": "0.0.0.0:4840"}, "open to the network without a certificate and users or trusted certificates"),
-        ({"listen": "0.0.0.0:4840", "users": {"eve": "x"}}, "without a certificate"),
         ({"certificate": __file__}, "are needed together"),
         ({"trusted": [__file__]}, "of use only with a certificate"),
         ({"listen": "here"}, "is not an address; expected host:port"),
+    ],
+    PageSettings: [
+        ({"listen": "8480"}, "'8480' is not an address; expected host:port, like 127.0.0.1:8480"),
+        ({"names": ["a b"]}, "expected a host name"),
+        ({"certificate": "a.pem"}, "certificate and key are needed together"),
+        ({"users": {"ada": {"password": PASSWORD}}}, "expected the hash of a password, as 'cellwatt view"),
+        ({"users": {"ada": {"password": HASH, "may": "do"}}}, "'look' or 'act'"),
+        ({"users": {"a\nb": {"password": HASH}}}, "printable characters"),
+        ({"users": {"": {"password": HASH}}}, "1 to 100"),
     ],
 }
 
@@ -60,6 +69,28 @@ MISTAKES: dict[type[OutletSettings], list[tuple[dict[str, Any], str]]] = {
 def test_mistakes_are_refused_in_words(model: type[OutletSettings], settings: dict[str, Any], words: str) -> None:
     with pytest.raises(ValidationError, match=re.escape(words)):
         model.model_validate(settings)
+
+
+TLS = {"certificate": "door.pem", "key": "door.key"}
+SEEN, SENT = "anyone who reaches it sees the cell", "passwords and data are sent unencrypted"
+STRANGERS: list[tuple[type[Listening], dict[str, Any], str]] = [
+    (MetricsSettings, {"listen": "0.0.0.0:9480"}, f"TLS and a token: {SEEN}"),
+    (MetricsSettings, {"listen": "0.0.0.0:9480", "token": "t"}, f"TLS: {SENT}"),
+    (MetricsSettings, {"listen": "[::]:1", **TLS}, f"a token: {SEEN}"),
+    (OpcUaOutletSettings, {"listen": "0.0.0.0:4840"}, f"a certificate and users or trusted certificates: {SEEN}"),
+    (OpcUaOutletSettings, {"listen": "0.0.0.0:4840", "users": {"eve": "x"}}, f"a certificate: {SENT}"),
+    (PageSettings, {"listen": "0.0.0.0:8480"}, f"TLS and users: {SEEN}"),
+    (PageSettings, {"listen": "weld-3:8480", "users": USERS}, f"TLS: {SENT}"),
+    (PageSettings, {"listen": "192.0.2.1:8480", **TLS}, f"users: {SEEN}"),
+]
+
+
+@pytest.mark.parametrize(("model", "settings", "lacks"), STRANGERS)
+def test_strangers_are_let_in_only_on_purpose(model: type[Listening], settings: dict[str, Any], lacks: str) -> None:
+    with pytest.raises(ValidationError, match=re.escape(f"open to the network without {lacks}")):
+        model.model_validate(settings)
+    first, *_ = model.model_validate({**settings, "open": True}).warnings()
+    assert first == f"listen: {settings['listen']}: open to the network without {lacks} (open: true)"
 
 
 @pytest.mark.parametrize(

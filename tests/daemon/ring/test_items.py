@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from cellwatt.batch import Tick
-from cellwatt.frames import Frames, cut
+from cellwatt.frames import Frames, cut, join
 from cellwatt.record.rows import SampleRows
 from cellwatt.results import Alarm, Event, Prediction
 from cellwatt.ring import ItemReader, ItemWriter, Mark, Ring, RingJournal, Status
-from tests.daemon.record.making import ARM, batch_of
-from tests.daemon.runtime.fakes import LAYOUT, alarm, frames_of, prediction
+from tests.blocks import same_frames
+from tests.daemon.record.making import ARM, batch_of, same_entry
+from tests.daemon.runtime.fakes import alarm, frames_of, prediction
 
 
 @pytest.fixture
@@ -22,13 +23,6 @@ def ring():
     made = Ring(1 << 16, readers=2)
     yield made
     made.close()
-
-
-def same(one, other) -> bool:
-    arrays = ("time", "bound", "values", "quality")
-    return type(one) is type(other) and all(
-        np.array_equal(getattr(one, name), getattr(other, name), equal_nan=name == "values") for name in arrays
-    )
 
 
 def test_every_kind_of_item_comes_through(ring):
@@ -39,13 +33,7 @@ def test_every_kind_of_item_comes_through(ring):
         writer.put(item)
     got = list(reader.items())
     for put, found in zip(items, got, strict=True):
-        if isinstance(put, Frames) or put is items[0]:
-            assert same(put, found)
-            assert found.sequence == put.sequence
-        else:
-            assert found == put
-    assert (got[0].source, got[0].stream) == (items[0].source, items[0].stream)
-    assert got[2].layout == LAYOUT
+        assert same_frames(put, found) if isinstance(put, Frames) else same_entry(put, found)
     assert list(reader.items()) == []
 
 
@@ -71,10 +59,7 @@ def test_a_block_that_is_too_large_goes_in_parts(ring):
     parts = list(reader.items())
     assert len(parts) > 1
     assert [p.sequence for p in parts] == list(np.cumsum([0, *map(len, parts)])[:-1])
-    whole = replace(
-        parts[0], **{n: np.concatenate([getattr(p, n) for p in parts]) for n in ("time", "bound", "values", "quality")}
-    )
-    assert same(whole, large)
+    assert same_entry(join(parts, len(large)), large)
 
 
 def test_a_writer_that_follows_another_numbers_on_and_knows_its_streams(ring):

@@ -18,10 +18,8 @@ from cellwatt.secure.folder import Folder, Member
 
 
 def secure(folder: Path, *arguments: str) -> str:
-    result = CliRunner().invoke(
-        command, [*arguments, "--in", str(folder)], catch_exceptions=False, standalone_mode=False
-    )
-    return result.stdout
+    words = [*arguments, "--in", str(folder)]
+    return CliRunner().invoke(command, words, catch_exceptions=False, standalone_mode=False).stdout
 
 
 @pytest.fixture

@@ -1,11 +1,7 @@
 import json
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
-
-sys.path.append(str(Path(__file__).resolve().parents[3] / "bench"))
 
 
 @pytest.fixture(scope="session")

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from cellwatt.tables import write_table
+from cellwatt_plugins.explain.input.moved import moved
 from cellwatt_plugins.explain.input.run import Run, Simulated
 from cellwatt_plugins.explain.model import Model, Prediction, predict_states
 from cellwatt_plugins.robot import Arm as DescribedArm
@@ -273,6 +274,11 @@ def states(arm: DescribedArm, seed: int = 1, seconds: float = 8.0, index: int = 
     if still:
         q, qd, qdd = np.tile(q[0], (len(q), 1)), np.zeros_like(qd), np.zeros_like(qdd)
     return States(f"run_{index + 1:02d}", index, time, exact(q, qd, qdd), arm)
+
+
+def states_of(runs: Sequence[Run], arm: DescribedArm) -> list[States]:
+    """The arm along the motions that were recorded."""
+    return [States(run.name, i, run.time, moved(run), arm) for i, run in enumerate(runs)]
 
 
 def column(values: np.ndarray, joint: int) -> np.ndarray:

@@ -1,12 +1,8 @@
 import json
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-
-sys.path.append(str(Path(__file__).resolve().parents[3] / "bench"))
 
 WEEKS = 12
 

@@ -7,14 +7,14 @@ import pyarrow.parquet as pq
 import pytest
 
 from cellwatt.errors import ConfigError
-from cellwatt.frames import FrameChannel, Frames, Layout
 from cellwatt.record import Header, Recorder, RecordSettings
 from cellwatt.tables import read_table
 from cellwatt_plugins.fleet.lake import find, monday, week_of
 from cellwatt_plugins.fleet.weekly import week_of_cell
+from tests.blocks import frames_of, layout_of
 
 
-def frames_of(table, begin):
+def historians(table, begin):
     """The same samples as the historian's lake has them: channels of a source, and UTC times."""
     ns = (begin + table.time * 1e9).astype(np.int64)
     columns = {"time": pa.array(ns, pa.timestamp("ns", tz="UTC")), "session": pa.array(np.zeros(len(ns), np.int64))}
@@ -30,7 +30,7 @@ def test_a_lake_of_the_historian_gives_the_same_as_files(lake, tmp_path):
     folder = tmp_path / "frames" / "site=plant-1" / "cell=weld-0" / f"day={day}"
     folder.mkdir(parents=True)
     begin = int(np.datetime64(day).astype("datetime64[ns]").astype(np.int64))
-    pq.write_table(frames_of(read_table(source), begin), folder / "1795222800000000000_0_29999.parquet")
+    pq.write_table(historians(read_table(source), begin), folder / "1795222800000000000_0_29999.parquet")
     (tmp_path / "energies" / "cell=weld-0").mkdir(parents=True)
     shutil.copy(source, tmp_path / "energies" / "cell=weld-0" / "x.parquet")
     own = next(item for item in find(lake).weeks if source in item.files)
@@ -74,15 +74,13 @@ def test_last_weeks_cells_of_one_name_and_descriptions_of_one_name(lake, tmp_pat
 
 async def recorded(folder, table, begin, session):
     """The samples as a recording of a daemon that was started at ``session``, ns."""
-    names = [f"arm.joint_{i + 1}.{what}" for what in ("position", "torque") for i in range(6)]
-    units = ["rad"] * 6 + ["Nm"] * 6
-    layout = Layout(tuple(FrameChannel(n, u, "continuous", "linear") for n, u in zip(names, units, strict=True)), 50.0)
+    units = {"position": "rad", "torque": "Nm"}
+    layout = layout_of({f"arm.joint_{i + 1}.{what}": unit for what, unit in units.items() for i in range(6)})
     values = np.column_stack([table.columns[f"{what}_{i + 1}"] for what in ("q", "tau") for i in range(6)])
     time = begin + np.round(table.time * 1e9).astype(np.int64)
-    quality = np.zeros(values.shape, np.uint8)
     recorder = Recorder(RecordSettings(folder=folder), Header("plant-1", "weld-0", session))
     recorder.start()
-    assert recorder.put(Frames(layout, 0, time, values, quality, np.zeros(values.shape, np.int64)))
+    assert recorder.put(frames_of(layout, 0, time, values))
     await recorder.close()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -15,10 +16,12 @@ from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 from onnxruntime import InferenceSession
 
-from cellwatt import Alarm, CellInfo, FrameChannel, Frames, Layout, Prediction, Result
+from cellwatt import Alarm, CellInfo, Frames, Layout, Prediction, Result
 from cellwatt_plugins.models import Input, Metadata, ModelSettings, ModelStage, Output, Training
 from cellwatt_plugins.models.graph import Graph
 from cellwatt_plugins.models.metadata import KEY, encode
+from cellwatt_plugins.models.seal import sealed
+from tests.blocks import frames_of, layout_of
 
 RATE = 50.0
 START = 1_800_000_000_000_000_000
@@ -35,14 +38,12 @@ COLUMNS = [4, 0, 1]
 
 
 def layout(channels: dict[str, str] = CHANNELS, rate: float = RATE) -> Layout:
-    return Layout(tuple(FrameChannel(n, u, "continuous", "linear") for n, u in channels.items()), rate)
+    return layout_of(channels, rate)
 
 
 def frames(values: NDArray[np.float64], grid: Layout | None = None) -> Frames:
     grid = grid or layout()
-    time = START + grid.step * np.arange(len(values))
-    zeros = np.zeros(values.shape, dtype=np.int64)
-    return Frames(grid, 0, time, values, zeros.astype(np.uint8), zeros)
+    return frames_of(grid, 0, START + grid.step * np.arange(len(values)), values)
 
 
 def cut(block: Frames, at: Sequence[int]) -> Iterator[Frames]:
@@ -120,6 +121,12 @@ def save(
         helper.set_model_props(model, {KEY: encode(told) if isinstance(told, Metadata) else told})
     onnx.save(model, path)
     return path
+
+
+def undated(path: Path) -> bytes:
+    """A model file without the time at which it was made, and the digest of it all."""
+    content = path.read_bytes()
+    return re.sub(rb'"created":"[^"]+"', b"", content, count=1)[: -len(sealed(b""))]
 
 
 def stage(path: Path, grid: Layout | None = None, robot: str | None = "ur10e", **settings: Any) -> ModelStage:

@@ -123,3 +123,5 @@ def test_contradictions_are_refused_when_made():
         Input("joint_1.position", "deg")
     with pytest.raises(ValidationError, match="4 entries for 3 inputs"):
         metadata(training=Training.of(np.ones((2, 4))))
+    with pytest.raises(ValidationError, match="a delay of 5 frames is not within a window of 5"):
+        metadata(window=5, delay=5)

@@ -21,15 +21,6 @@ def test_outputs_are_those_of_the_weights(tmp_path, values, dtype, within):
     np.testing.assert_allclose(outputs(run(made, [frames(values)])), truth, rtol=0, atol=within * np.abs(truth).max())
 
 
-def test_a_window_ends_with_its_frame(tmp_path, values):
-    network = Mlp.random(3, window=4)
-    made = stage(network.save(tmp_path / "m.onnx", metadata(window=4)))
-    given = outputs(run(made, [frames(values)]))
-    assert np.isnan(given[:3]).all()
-    windows = np.stack([values[i - 3 : i + 1][:, COLUMNS] for i in range(3, 40)])
-    np.testing.assert_allclose(given[3:], network.truth(windows), rtol=0, atol=1e-4)
-
-
 def test_a_missing_input_gives_no_number(tmp_path, values):
     network = Mlp.random(2)
     made = stage(network.save(tmp_path / "m.onnx", metadata()))

@@ -8,19 +8,18 @@ from pydantic import ValidationError
 
 from cellwatt.emulation import ArmSignals
 from cellwatt.errors import ConfigError
-from cellwatt.frames import FrameChannel, Frames, Layout
 from cellwatt.results import Interval, Task
 from cellwatt.stage import CellInfo
 from cellwatt_plugins.segment import SegmentSettings, SegmentStage
+from tests.blocks import frames_of, layout_of
 from tests.plugins.segment.motions import START, since_start
 
 RATE = 50.0
 
 
 def stage(unit="rad"):
-    channels = [FrameChannel(f"arm.joint_{j}.position", unit, "continuous", "linear") for j in range(1, 7)]
-    cell = CellInfo("plant", "cell", None, Path())
-    return SegmentStage("segment", SegmentSettings(), Layout(tuple(channels), RATE), cell)
+    layout = layout_of({f"arm.joint_{j}.position": unit for j in range(1, 7)}, RATE)
+    return SegmentStage("segment", SegmentSettings(), layout, CellInfo("plant", "cell", None, Path()))
 
 
 def segmented(signals, seconds, block=5):
@@ -28,11 +27,10 @@ def segmented(signals, seconds, block=5):
     t = np.arange(round(seconds * RATE)) / RATE
     values = np.column_stack([signals.at(t)[f"joint_{j}.position"] for j in range(1, 7)])
     time = START + np.round(t * 1e9).astype(np.int64)
-    made, results, zeros = stage(), [], np.zeros(values.shape, np.int64)
+    made, results = stage(), []
     for i in range(0, len(t), block):
         rows = slice(i, i + block)
-        frames = Frames(made.layout, i, time[rows], values[rows], zeros[rows].astype(np.uint8), zeros[rows])
-        results += made.process(frames, ())
+        results += made.process(frames_of(made.layout, i, time[rows], values[rows]), ())
     return results + list(made.close())
 
 

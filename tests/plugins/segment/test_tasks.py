@@ -52,9 +52,6 @@ def test_a_cycle_is_found_when_it_has_run_twice_and_then_each_time():
     world = World().run(A, 5)
     tasks = recognise(world)
     assert [t.repetition for t in tasks] == [1, 2, 3, 4, 5]
-    assert {t.name for t in tasks} == {"task_1"}
-    assert {t.variant for t in tasks} == {"speed=1.00"}
-    assert all(numbers(world, t) == A for t in tasks)
     assert tasks[0].start == world.intervals[1].start
     assert tasks[0].signature == signature([i for i in world.intervals if i.moving][: len(A)])
 

@@ -6,9 +6,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from cellwatt import Alarm, Frames, Layout
-from cellwatt.frames import FrameChannel
+from cellwatt import Alarm, Frames
 from cellwatt.results import Energy, Event, Interval, Prediction, Result, Task
+from tests.blocks import layout_of
 from tests.daemon.outlets.zenoh.fake_cell import EPOCH, STATUS
 
 UNITS = {
@@ -17,7 +17,7 @@ UNITS = {
     "arm.bus.power": "W",
     "board.supply.power": "W",
 }
-LAYOUT = Layout(tuple(FrameChannel(name, unit, "continuous", "linear") for name, unit in UNITS.items()), 50.0)
+LAYOUT = layout_of(UNITS)
 HEALTH: Final[dict[str, Any]] = {**STATUS, "state": "amber"}
 FRAMES: Final = 12
 

@@ -13,15 +13,10 @@ from cellwatt.subscriber import LinkSettings
 from tests.daemon.outlets.zenoh.fake_cell import CELL, SITE
 
 
-def _end_with_stdin() -> None:
-    sys.stdin.read()
-    _thread.interrupt_main()
-
-
 def main() -> None:
     link = LinkSettings(mode="client", connect=(f"tcp/127.0.0.1:{sys.argv[1]}",))
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
-    threading.Thread(target=_end_with_stdin, daemon=True).start()
+    threading.Thread(target=lambda: (sys.stdin.read(), _thread.interrupt_main()), daemon=True).start()
     try:
         serve(link, SITE, CELL, port=int(sys.argv[2]), tell=lambda line: print(line, flush=True))
     except KeyboardInterrupt:

@@ -15,20 +15,21 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from cellwatt import FrameChannel, Frames, Layout
+from cellwatt import Frames
 from cellwatt.errors import ConfigError
 from cellwatt.frames import cut
 from cellwatt.outlets.foxglove import serve
 from cellwatt.outlets.zenoh.link import LinkSettings
 from cellwatt.record import Header, Recorder, RecordSettings
+from tests.blocks import frames_of, layout_of
 from tests.daemon.outlets.foxglove.cell import HEALTH, LOGGED, TOLD, UNITS, frames
 from tests.daemon.outlets.foxglove.client import Client
 from tests.daemon.outlets.foxglove.paths import found
 from tests.daemon.outlets.foxglove.shown import shown
+from tests.daemon.outlets.foxglove.test_layout import PACKAGED
 from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE
 from tests.patience import eventually
 
-PACKAGED = Path(__file__).parents[4] / "daemon/cellwatt/outlets/foxglove/layout.json"
 DRAWN = {"/log"}
 
 
@@ -237,16 +238,9 @@ async def test_other_channels_start_the_server_anew_where_it_was() -> None:
 
 
 def wide(first: int, count: int) -> Frames:
-    names = [FrameChannel(f"arm.c_{i}", "W", "continuous", "linear") for i in range(200)]
+    layout = layout_of({f"arm.c_{i}": "W" for i in range(200)}, 1000.0)
     numbers = np.arange(first, first + count)
-    return Frames(
-        layout=Layout(tuple(names), 1000.0),
-        sequence=first,
-        time=EPOCH + numbers * 1_000_000,
-        values=numbers[:, None] + np.zeros(200),
-        quality=np.zeros((count, 200), np.uint8),
-        bound=np.zeros((count, 200), np.int64),
-    )
+    return frames_of(layout, first, EPOCH + numbers * layout.step, numbers[:, None] + np.zeros(200))
 
 
 def test_it_stays_on_this_pc() -> None:

@@ -8,23 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from cellwatt import FrameChannel, Frames, Layout
+from cellwatt import Frames
 from cellwatt.door.settings import tls_context
 from cellwatt.outlets.metrics import MetricsSettings
 from cellwatt.outlets.metrics.catalogue import Family
 from cellwatt.outlets.metrics.outlet import MetricsOutlet
 from cellwatt.outlets.metrics.serving import Endpoint
 from cellwatt.results import Energy
+from tests.blocks import frames_of, layout_of
 from tests.daemon.outlets.zenoh.fake_cell import EPOCH, FakeView
 
-LAYOUT = Layout(
-    (
-        FrameChannel("arm.joint_1.position", "rad", "continuous", "linear"),
-        FrameChannel("arm.bus.power", "W", "continuous", "average"),
-        FrameChannel("mains.supply.power", "W", "continuous", "average"),
-    ),
-    50.0,
-)
+LAYOUT = layout_of({"arm.joint_1.position": "rad", "arm.bus.power": "W", "mains.supply.power": "W"})
 
 
 def told(family: Family) -> str:
@@ -33,10 +27,7 @@ def told(family: Family) -> str:
 
 
 def frames(*rows: tuple[float, float, float]) -> Frames:
-    values = np.array(rows)
-    shape = values.shape
-    time = EPOCH + np.arange(len(rows)) * LAYOUT.step
-    return Frames(LAYOUT, 0, time, values, np.zeros(shape, np.uint8), np.zeros(shape, np.int64))
+    return frames_of(LAYOUT, 0, EPOCH + np.arange(len(rows)) * LAYOUT.step, np.array(rows))
 
 
 def energy(task: str, total: float, **groups: float) -> Energy:
@@ -95,6 +86,14 @@ def health(collect: int = 101, **more: Any) -> dict[str, Any]:
         "shelved": [],
         **more,
     }
+
+
+def tell_everything(outlet: MetricsOutlet) -> None:
+    """Tell an outlet something of which each metric is made."""
+    lost = source(1000, {"gap": 4}, dropped={"checksum": 2})
+    outlet.health(health(sources={'a "new"\narm': lost}, alarms=[alarm("error", "joint_fault")]))
+    outlet.offer(frames((0.1, 42.5, 300.0)))
+    outlet.offer(energy("task_1", 900.0, motion=600.0, rest=300.0))
 
 
 def outlet_of(**settings: Any) -> MetricsOutlet:

@@ -8,10 +8,9 @@ from pathlib import Path
 
 import aiohttp
 
-from cellwatt.errors import OutletError
 from cellwatt.outlets.metrics.outlet import MetricsOutlet
 from tests.daemon.outlets.metrics.cell import health, outlet_of
-from tests.doing import doing
+from tests.daemon.outlets.serving import serving
 from tests.patience import eventually
 
 
@@ -22,32 +21,30 @@ def descriptors() -> int:
 async def test_strangers_cost_the_daemon_nothing() -> None:
     outlet = outlet_of(token="t0p")
     outlet.health(health())
-    async with doing(outlet.run(), allowed=(OutletError,)):
-        await eventually(lambda: outlet.url)
-        await attacked(outlet)
+    async with serving(outlet) as url:
+        await attacked(outlet, url)
     assert outlet.url is None
 
 
-async def attacked(outlet: MetricsOutlet) -> None:
-    assert outlet.url is not None
-    host, port = outlet.url.removeprefix("http://").split(":")
+async def attacked(outlet: MetricsOutlet, url: str) -> None:
+    host, port = url.removeprefix("http://").split(":")
     before = descriptors()
     idle = [await asyncio.open_connection(host, int(port)) for _ in range(300)]
     try:
         assert descriptors() == before + 300, "ours, and none of the outlet"
         async with aiohttp.ClientSession() as session:
             right = {"Authorization": "Bearer t0p"}
-            async with session.get(f"{outlet.url}/metrics", headers=right) as answer:
+            async with session.get(f"{url}/metrics", headers=right) as answer:
                 assert answer.status == 200
                 assert 'cellwatt_samples_received_total{source="arm"} 1000.0' in await answer.text()
-            async with session.get(f"{outlet.url}/healthz") as answer:
+            async with session.get(f"{url}/healthz") as answer:
                 assert await answer.text() == "alive\n"
             wrong = {"Authorization": "Bearer guess"}
             statuses = []
             while len(statuses) < 100 and 429 not in statuses:
-                async with session.get(f"{outlet.url}/metrics", headers=wrong) as answer:
+                async with session.get(f"{url}/metrics", headers=wrong) as answer:
                     statuses.append(answer.status)
-            async with session.get(f"{outlet.url}/metrics", headers=right) as answer:
+            async with session.get(f"{url}/metrics", headers=right) as answer:
                 assert answer.status == 200, "who has the token is not locked out by who has not"
         assert statuses[:5] == [401] * 5
         assert statuses[-1] == 429

@@ -15,9 +15,8 @@ import pytest
 import yaml
 
 from cellwatt.outlets.metrics.catalogue import CATALOGUE
-from cellwatt.outlets.metrics.outlet import Meter, exposed
-from tests.daemon.outlets.metrics.cell import alarm, energy, frames, health, source, told
-from tests.daemon.outlets.zenoh.fake_cell import EPOCH
+from cellwatt.outlets.metrics.outlet import exposed
+from tests.daemon.outlets.metrics.cell import outlet_of, tell_everything, told
 
 PROMTOOL = shutil.which("promtool")
 SHIP = Path(str(files("cellwatt.outlets.metrics"))) / "ship"
@@ -36,12 +35,9 @@ def promtool(*arguments: str, text: bytes = b"") -> str:
 
 
 def full_text() -> bytes:
-    meter = Meter(("*",), 200, EPOCH)
-    lost = source(1000, {"gap": 4}, dropped={"checksum": 2})
-    meter.health(health(sources={"arm": lost}, alarms=[alarm("error", "joint_fault")]))
-    meter.frames(frames((0.1, 42.5, 300.0)))
-    meter.energy(energy("task_1", 900.0, motion=600.0))
-    return exposed(meter, "")[0]
+    outlet = outlet_of()
+    tell_everything(outlet)
+    return exposed(outlet._meter, "")[0]
 
 
 @checks
@@ -56,10 +52,9 @@ def test_alert_rules_fire_when_they_should(tmp_path: Path) -> None:
     file = tmp_path / "alerts_test.yaml"
     file.write_text(yaml.safe_dump(tests))
     assert "SUCCESS" in promtool("test", "rules", str(file))
-    fired = {case["alertname"] for test in tests["tests"] for case in test["alert_rule_test"] if case.get("exp_alerts")}
-    silent = {
-        case["alertname"] for test in tests["tests"] for case in test["alert_rule_test"] if not case.get("exp_alerts")
-    }
+    cases = [case for test in tests["tests"] for case in test["alert_rule_test"]]
+    fired = {case["alertname"] for case in cases if case.get("exp_alerts")}
+    silent = {case["alertname"] for case in cases if not case.get("exp_alerts")}
     assert fired == silent == {rule["alert"] for rule in rules()}
 
 

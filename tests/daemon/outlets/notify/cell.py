@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import AsyncIterator, Iterator, Mapping
 from contextlib import asynccontextmanager
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
-from cellwatt import Alarm, AlarmBook
-from cellwatt.outlet import CellView
+from cellwatt import Alarm
 from cellwatt.outlets.notify.outlet import NotifyOutlet
 from cellwatt.outlets.notify.settings import NotifySettings
 from cellwatt.outlets.notify.texts import About
 from cellwatt.results import Event, Result
 from tests.daemon.outlets.zenoh import fake_cell
-from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE
+from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView
 from tests.doing import doing
+from tests.patience import eventually
 
 SECOND = 10**9
 ABOUT = About(SITE, CELL)
@@ -51,22 +51,26 @@ class Journal:
         return iter(list(enumerate(self.items)))
 
 
-class View:
-    """As much of a ``CellView`` as the outlet asks for."""
-
-    site, cell = SITE, CELL
+class View(FakeView):
+    """A cell in whose folder the outlet may write, and its journal."""
 
     def __init__(self, folder: Path, session: int = EPOCH, journal: Journal | None = None, record: bool = True) -> None:
-        self.folder, self.session, self.journal = folder, session, journal
+        super().__init__(session)
+        self.folder, self.journal = folder, journal
         self.record_folder = folder if record else None
-        self.alarms = AlarmBook()
 
 
 def outlet(view: View, to: Mapping[str, Any], **more: Any) -> NotifyOutlet:
     """An outlet that groups nothing and tries again soon, unless told otherwise."""
     recipients = {name: {"group": 0.0, "severity": "info", **settings} for name, settings in to.items()}
     values = {"retry": 0.02, "timeout": 20.0, "zone": "UTC", **more, "to": recipients}
-    return NotifyOutlet("notify", NotifySettings.model_validate(values), cast(CellView, view))
+    return NotifyOutlet("notify", NotifySettings.model_validate(values), view)
+
+
+async def offered(made: NotifyOutlet, one: Alarm, counter: str, count: int = 1) -> None:
+    """Offer an alarm and wait until one of the outlet's counters has come to ``count``."""
+    made.offer(one)
+    await eventually(lambda: made.account.counters[counter] >= count, f"{counter}: {count}")
 
 
 @asynccontextmanager

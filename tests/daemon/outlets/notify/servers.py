@@ -9,7 +9,6 @@ import warnings
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from email import message_from_bytes
 from email.message import EmailMessage
 from email.policy import default
@@ -19,7 +18,7 @@ from typing import Any
 from aiohttp import web
 from aiosmtpd.smtp import SMTP, AuthResult, Envelope, LoginPassword, Session
 
-from cellwatt.door.certificates import Pair, issue, new_authority
+from tests.daemon.door.made import write_certificates
 from tests.daemon.outlets.historian.loopback import Loopback
 
 Answer = Callable[[web.BaseRequest], Awaitable[web.StreamResponse]]
@@ -146,13 +145,7 @@ class Certificates:
 
 def certificates(folder: Path) -> Certificates:
     """An authority of its own, and a server's side of TLS by it."""
-    now = datetime.now(UTC)
-    authority = new_authority("plant-1", now)
-    pair: Pair = issue(authority, "mail", ("localhost", "127.0.0.1"), now)
-    ca, certificate, key = folder / "ca.pem", folder / "mail.pem", folder / "mail.key"
-    ca.write_bytes(authority.certificate)
-    certificate.write_bytes(pair.certificate)
-    key.write_bytes(pair.key)
+    write_certificates(folder)
     context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
-    context.load_cert_chain(certificate, key)
-    return Certificates(ca, context)
+    context.load_cert_chain(folder / "cell", folder / "cell.key")
+    return Certificates(folder / "ca", context)

@@ -9,7 +9,7 @@ from typing import Any
 
 import aiohttp
 
-from tests.daemon.outlets.notify.cell import View, alarm, running
+from tests.daemon.outlets.notify.cell import View, alarm, offered, running
 from tests.docs.pages import blocks
 from tests.patience import eventually
 
@@ -27,8 +27,7 @@ async def test_the_receiver_takes_what_we_sign_and_nothing_else(tmp_path: Path) 
     url = f"http://127.0.0.1:{runner.addresses[0][1]}/alarms"
     try:
         async with running(View(tmp_path), {"desk": {"webhook": {"url": url, "secret": "a secret"}}}) as right:
-            right.offer(alarm(3))
-            await eventually(lambda: right.account.counters["desk: sent"])
+            await offered(right, alarm(3), "desk: sent")
             assert heard == ["[plant-1/weld-3] error: Joint 3 is loaded 12 Nm more than it should be"]
         async with running(View(tmp_path), {"desk": {"webhook": {"url": url, "secret": "another"}}}) as wrong:
             wrong.offer(alarm(4))

@@ -12,7 +12,7 @@ import pytest
 
 from cellwatt.outlets.notify import courier as module
 from cellwatt.outlets.notify.courier import UNDELIVERED
-from tests.daemon.outlets.notify.cell import View, alarm, running
+from tests.daemon.outlets.notify.cell import View, alarm, offered, running
 from tests.daemon.outlets.notify.servers import Certificates, Mailbox, certificates, mail_server
 from tests.patience import eventually
 
@@ -37,8 +37,7 @@ async def test_starttls_login_and_the_mail_itself(tmp_path: Path, pki: Certifica
         mail_server(starttls=pki.context, login=True) as box,
         running(View(tmp_path), to(box, ca=str(pki.ca), user="cell", password="right-password")) as made,
     ):
-        made.offer(alarm(3, statement="Gelenk 3 ist um 12 Nm zu schwer — prüfen"))
-        await eventually(lambda: made.account.counters["shift: sent"])
+        await offered(made, alarm(3, statement="Gelenk 3 ist um 12 Nm zu schwer — prüfen"), "shift: sent")
     assert (box.encrypted, box.login) == ([True], "cell")
     ((addresses, mail),) = box.mails
     assert addresses == ["shift@plant.example"]
@@ -52,10 +51,8 @@ async def test_starttls_login_and_the_mail_itself(tmp_path: Path, pki: Certifica
 
 async def test_a_server_without_starttls_gets_nothing(tmp_path: Path) -> None:
     async with mail_server() as box, running(View(tmp_path), to(box)) as made:
-        made.offer(alarm(1))
-        await eventually(lambda: made.account.counters["shift: retried"] >= 3)
-        trouble = made.trouble()
-    assert trouble is not None
+        await offered(made, alarm(1), "shift: retried", 3)
+        trouble = str(made.trouble())
     assert "STARTTLS" in trouble
     assert trouble.endswith("nothing is sent unencrypted")
     assert box.mails == []
@@ -75,8 +72,7 @@ async def test_a_server_that_nobody_vouches_for_gets_nothing(tmp_path: Path, pki
 async def test_a_wrong_password_is_tried_again_and_not_told(tmp_path: Path, pki: Certificates) -> None:
     async with mail_server(starttls=pki.context, login=True) as box:
         async with running(View(tmp_path), to(box, ca=str(pki.ca), user="cell", password="wrong-password")) as made:
-            made.offer(alarm(1))
-            await eventually(lambda: made.account.counters["shift: retried"] >= 2)
+            await offered(made, alarm(1), "shift: retried", 2)
             trouble = str(made.trouble())
         assert "the login as cell is refused: 535" in trouble
         assert "wrong-password" not in trouble
@@ -89,8 +85,7 @@ async def test_each_address_gets_it_once(tmp_path: Path) -> None:
     everybody = ["first@plant.example", "late@plant.example", "gone@plant.example"]
     async with mail_server() as box, running(View(tmp_path), to(box, tls="none", to=everybody)) as made:
         box.rcpt = {"late@plant.example": ["451 later"] * 2, "gone@plant.example": ["550 5.1.1 no such user"]}
-        made.offer(alarm(1))
-        await eventually(lambda: made.account.counters["shift: sent"])
+        await offered(made, alarm(1), "shift: sent")
         await eventually(lambda: made._ledger.of("shift").flight is None)
     assert [addresses for addresses, _ in box.mails] == [["first@plant.example"], ["late@plant.example"]]
     assert len({mail["Message-ID"] for _, mail in box.mails}) == 1
@@ -110,11 +105,9 @@ async def test_a_server_that_asks_for_a_login_or_tls_is_tried_again(tmp_path: Pa
 async def test_refused_for_good(tmp_path: Path) -> None:
     async with mail_server() as box, running(View(tmp_path), to(box, tls="none")) as made:
         box.data = ["554 5.7.1 looks like spam"]
-        made.offer(alarm(1))
-        await eventually(lambda: made.account.counters["shift: undelivered"])
+        await offered(made, alarm(1), "shift: undelivered")
         assert "554 5.7.1 looks like spam" in str(made.trouble())
-        made.offer(alarm(2))
-        await eventually(lambda: made.account.counters["shift: sent"])
+        await offered(made, alarm(2), "shift: sent")
         assert made.trouble() is None
     assert ["Joint 2" in mail["Subject"] for _, mail in box.mails] == [True]
     assert (tmp_path / UNDELIVERED).stat().st_mode & 0o777 == 0o600
@@ -123,8 +116,7 @@ async def test_refused_for_good(tmp_path: Path) -> None:
 async def test_a_server_that_is_silent_after_the_mail(tmp_path: Path) -> None:
     async with mail_server() as box, running(View(tmp_path), to(box, tls="none"), timeout=0.3) as made:
         box.hang = 1
-        made.offer(alarm(1))
-        await eventually(lambda: made.account.counters["shift: sent"])
+        await offered(made, alarm(1), "shift: sent")
     assert len(box.mails) == 2  # it took the first and did not say so: the Message-ID shows that they are one
     assert len({mail["Message-ID"] for _, mail in box.mails}) == 1
     assert len({mail.as_bytes() for _, mail in box.mails}) == 1
@@ -135,8 +127,7 @@ async def test_a_clock_that_is_set_gives_no_message_up(tmp_path: Path, monkeypat
         box.data = ["451 later"]
         years = SimpleNamespace(monotonic=time.monotonic, time_ns=lambda: time.time_ns() + (not box.data) * 10**17)
         monkeypatch.setattr(module, "time", years)
-        made.offer(alarm(1))
-        await eventually(lambda: made.account.counters["shift: sent"])
+        await offered(made, alarm(1), "shift: sent")
     assert not made.account.counters["shift: undelivered"]
 
 
@@ -144,8 +135,7 @@ async def test_nobody_there(tmp_path: Path) -> None:
     async with mail_server() as box:
         settings = to(box, tls="none")
     async with running(View(tmp_path), settings, give_up=0.2) as made:
-        made.offer(alarm(1))
-        await eventually(lambda: made.account.counters["shift: undelivered"])
+        await offered(made, alarm(1), "shift: undelivered")
         assert "given up after 0.0 h: Connection refused" in str(made.trouble())
     reason = json.loads((tmp_path / UNDELIVERED).read_text())["reason"]
     assert reason.endswith("Connection refused")

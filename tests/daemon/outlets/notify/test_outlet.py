@@ -10,7 +10,7 @@ from aiohttp import web
 
 from cellwatt import AlarmBook
 from cellwatt.outlets.notify import courier as module
-from tests.daemon.outlets.notify.cell import EPOCH, Journal, View, alarm, event, outlet, running
+from tests.daemon.outlets.notify.cell import EPOCH, Journal, View, alarm, event, offered, outlet, running
 from tests.daemon.outlets.notify.servers import Web, hook, web_server
 from tests.patience import eventually
 
@@ -108,8 +108,7 @@ async def test_new_settings_go_on_where_the_old_ones_were(tmp_path: Path, record
     view = View(tmp_path, record=record)
     async with web_server() as server:
         async with running(view, {"desk": hook(server)}) as before:
-            before.offer(alarm(1))
-            await eventually(lambda: before.account.counters["desk: sent"])
+            await offered(before, alarm(1), "desk: sent")
         before.offer(alarm(2))  # the daemon hands over until the outlet after it is there
         stand(view, 1, 2)
         async with running(view, {"desk": hook(server), "new": hook(server, "new")}, before) as after:
@@ -122,8 +121,7 @@ async def test_alarms_for_one_who_is_no_recipient_any_more_are_counted(tmp_path:
     async with web_server() as server:
         to = {"desk": hook(server), "old": hook(server, "old", group=3600.0)}
         async with running(View(tmp_path), to) as before:
-            before.offer(alarm(1))
-            await eventually(lambda: before.account.counters["desk: sent"])
+            await offered(before, alarm(1), "desk: sent")
         async with running(View(tmp_path), {"desk": hook(server)}, before) as after:
             await eventually(lambda: after.account.counters["old, no recipient any more: alarms not told"] == 1)
 
@@ -161,8 +159,7 @@ async def test_an_attempt_under_way_is_noted_when_the_outlet_ends(tmp_path: Path
         with pytest.raises(asyncio.CancelledError):
             await task
         async with running(View(tmp_path), {"desk": hook(server)}) as after:
-            after.offer(alarm(2))
-            await eventually(lambda: after.account.counters["desk: sent"])
+            await offered(after, alarm(2), "desk: sent")
         assert told(server) == [("raised", 1), ("raised", 2)]
 
 

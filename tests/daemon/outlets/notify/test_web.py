@@ -13,7 +13,7 @@ from aiohttp import web
 from cellwatt.outlets.notify import courier as module
 from cellwatt.outlets.notify.courier import UNDELIVERED
 from cellwatt.outlets.notify.web import sign
-from tests.daemon.outlets.notify.cell import View, alarm, running
+from tests.daemon.outlets.notify.cell import View, alarm, offered, running
 from tests.daemon.outlets.notify.servers import certificates, hook, web_server
 from tests.patience import eventually
 
@@ -30,8 +30,7 @@ async def test_the_same_message_until_it_is_taken(tmp_path: Path) -> None:
         server.answers = [500, 401, 429, 403, 404]
         to = {"desk": {"webhook": {"url": f"{server.url}/hook", "secret": SECRET}}}
         async with running(View(tmp_path), to) as made:
-            made.offer(alarm(3))
-            await eventually(lambda: made.account.counters["desk: sent"])
+            await offered(made, alarm(3), "desk: sent")
             assert made.trouble() is None
         assert len(server.calls) == 6
         assert made.account.counters["desk: retried"] == 5
@@ -74,8 +73,7 @@ async def test_a_body_that_never_ends_holds_nothing_up(tmp_path: Path) -> None:
 
     async with web_server() as server, running(View(tmp_path), {"desk": hook(server)}, timeout=60.0) as made:
         server.answers = [endless]
-        made.offer(alarm(1))
-        await eventually(lambda: made.account.counters["desk: sent"])
+        await offered(made, alarm(1), "desk: sent")
         over.set()
     assert len(server.calls) == 1
 
@@ -84,8 +82,7 @@ async def test_a_body_that_never_ends_holds_nothing_up(tmp_path: Path) -> None:
 async def test_refused_for_good(tmp_path: Path, status: int) -> None:
     async with web_server() as server, running(View(tmp_path), {"desk": hook(server)}) as made:
         server.answers = [status]
-        made.offer(alarm(1))
-        await eventually(lambda: made.account.counters["desk: undelivered"])
+        await offered(made, alarm(1), "desk: undelivered")
         assert f": {status} " in str(made.trouble())
     assert len(server.calls) == 1
     kept = json.loads((tmp_path / UNDELIVERED).read_text())
@@ -97,10 +94,8 @@ async def test_ntfy(tmp_path: Path) -> None:
     async with web_server() as server:
         ntfy = {"ntfy": {"url": server.url, "topic": "weld-alarms", "token": "tk_geheim"}}
         async with running(View(tmp_path), {"phone": ntfy}, page="https://weld-3.plant.example:8480") as made:
-            made.offer(alarm(1))
-            await eventually(lambda: made.account.counters["phone: sent"] == 1)
-            made.offer(alarm(1, active=False))
-            await eventually(lambda: made.account.counters["phone: sent"] == 2)
+            await offered(made, alarm(1), "phone: sent")
+            await offered(made, alarm(1, active=False), "phone: sent", 2)
         raised, cleared = (call.json for call in server.calls)
         assert server.calls[0].headers["Authorization"] == "Bearer tk_geheim"
         assert server.calls[0].path == "/"
@@ -115,13 +110,10 @@ async def test_home_assistant(tmp_path: Path) -> None:
     async with web_server() as server:
         app = {"home_assistant": {"url": f"{server.url}/", "service": "mobile_app_shift", "token": "geheim-1"}}
         async with running(View(tmp_path), {"app": app}) as made:
-            made.offer(alarm(1))
-            await eventually(lambda: made.account.counters["app: sent"])
+            await offered(made, alarm(1), "app: sent")
         (call,) = server.calls
-        assert (call.path, call.headers["Authorization"]) == (
-            "/api/services/notify/mobile_app_shift",
-            "Bearer geheim-1",
-        )
+        assert call.path == "/api/services/notify/mobile_app_shift"
+        assert call.headers["Authorization"] == "Bearer geheim-1"
         assert call.json["title"].startswith("[plant-1/weld-3] error")
         assert set(call.json) == {"title", "message", "data"}
 
@@ -134,8 +126,7 @@ async def test_https_by_an_authority_of_the_plant(tmp_path: Path) -> None:
             "distrusted": {"webhook": {"url": server.url}},
         }
         async with running(View(tmp_path), to) as made:
-            made.offer(alarm(1))
-            await eventually(lambda: made.account.counters["trusted: sent"])
+            await offered(made, alarm(1), "trusted: sent")
             await eventually(lambda: made.account.counters["distrusted: retried"])
             assert "distrusted cannot be reached (webhook by https://localhost" in str(made.trouble())
             assert "its certificate is not trusted" in str(made.trouble())

@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,30 +18,24 @@ from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 from asyncua.ua import ua_binary
 
 from cellwatt.channel import Quality
-from cellwatt.errors import CellwattError, OutletError
-from cellwatt.frames import FrameChannel, Frames, Layout
+from cellwatt.errors import OutletError
+from cellwatt.frames import Frames
 from cellwatt.outlets.opc_ua.arrays import ENTRIES, READERS, bound_arrays
 from cellwatt.outlets.opc_ua.bounds import SUBSCRIPTIONS_OF_SESSION
 from cellwatt.outlets.opc_ua.outlet import OpcUaOutlet, OpcUaOutletSettings
 from cellwatt.results import Energy, Event
 from cellwatt_drivers.opc_ua import OpcUaDriver, OpcUaSettings
-from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm
-from tests.doing import doing
+from tests.blocks import frames_of, layout_of
+from tests.daemon.outlets.page.cell import View
+from tests.daemon.outlets.serving import serving
+from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, alarm
 from tests.drivers.inlet import CollectingInlet
 from tests.drivers.opc_ua.rig import certificate
 from tests.drivers.running import repeated
 from tests.patience import eventually
 
-LAYOUT = Layout(
-    (
-        FrameChannel("arm.joint_1.position", "rad", "continuous", "linear"),
-        FrameChannel("arm.joint_1.velocity", "rad/s", "continuous", "linear"),
-        FrameChannel("arm.joint_1.current", "A", "continuous", "linear"),
-        FrameChannel("arm.joint_1.temperature", "degC", "continuous", "linear"),
-        FrameChannel("mains.supply.power", "W", "continuous", "average"),
-    ),
-    50.0,
-)
+JOINT = {"position": "rad", "velocity": "rad/s", "current": "A", "temperature": "degC"}
+LAYOUT = layout_of({**{f"arm.joint_1.{name}": unit for name, unit in JOINT.items()}, "mains.supply.power": "W"})
 ACKNOWLEDGE = ua.NodeId(ua.ObjectIds.AcknowledgeableConditionType_Acknowledge)
 LIMITS = {
     "OperationLimits_MaxNodesPerRead": ENTRIES,
@@ -51,39 +46,16 @@ OWN = f"urn:cellwatt:{SITE}:{CELL}"
 VALUES = [0.5, -0.25, 2.5, 41.0, 600.0]
 
 
-class View(FakeView):
-    """A cell that notes what is acknowledged."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.acknowledged: list[tuple[str, str, str]] = []
-
-    def acknowledge(self, alarm_id: str, name: str, note: str) -> None:
-        if alarm_id != "alarm-1":
-            raise CellwattError("no such alarm is active")
-        self.acknowledged.append((alarm_id, name, note))
-
-
 def frames(number: int, values: list[float] = VALUES, quality: Quality = Quality.GOOD) -> Frames:
-    return Frames(
-        LAYOUT,
-        number,
-        EPOCH + np.array([number]) * LAYOUT.step,
-        np.array([values]),
-        np.full((1, len(values)), quality, np.uint8),
-        np.zeros((1, len(values)), np.int64),
-    )
+    return frames_of(LAYOUT, number, [EPOCH + number * LAYOUT.step], np.array([values]), quality)
 
 
 @asynccontextmanager
-async def serving(**settings: Any) -> AsyncIterator[OpcUaOutlet]:
+async def a_cell(**settings: Any) -> AsyncIterator[OpcUaOutlet]:
     """An outlet that serves, at 50 rows a second."""
     given = {"listen": "127.0.0.1:0", "rate": "50 Hz"} | settings
-    outlet = OpcUaOutlet("opc_ua", OpcUaOutletSettings.model_validate(given), View())
-    async with doing(outlet.run(), allowed=(OutletError,)) as running:
-        await eventually(lambda: outlet.url is not None or running.done())
-        if running.done():
-            running.result()
+    outlet = OpcUaOutlet("opc_ua", OpcUaOutletSettings.model_validate(given), View(Path("/")))
+    async with serving(outlet):
         yield outlet
 
 
@@ -114,7 +86,7 @@ async def has_value(there: Client, name: str) -> ua.DataValue:
 
 async def test_a_cell_without_users():
     """One server for all, as it takes seconds to start."""
-    async with serving(units={"angle": "deg", "power": "kW"}) as outlet:
+    async with a_cell(units={"angle": "deg", "power": "kW"}) as outlet:
         outlet.offer(frames(1))
         await clients_see_the_cells_values(outlet)
         await an_arm_has_the_nodes_of_the_standard(outlet)
@@ -210,7 +182,7 @@ async def guesses_have_to_wait(outlet: OpcUaOutlet) -> None:
 
 
 async def test_an_alarm_is_a_condition_that_users_acknowledge():
-    async with serving(users={"eve": "secret"}) as outlet, client(outlet, "eve", "secret") as there:
+    async with a_cell(users={"eve": "secret"}) as outlet, client(outlet, "eve", "secret") as there:
         await guesses_have_to_wait(outlet)
         listener, _ = await listening(there)
         outlet.offer(alarm(1))
@@ -226,7 +198,7 @@ async def test_an_alarm_is_a_condition_that_users_acknowledge():
             with pytest.raises(ua.UaStatusCodeError, match="BadEventIdUnknown"):
                 await condition.call_method(ACKNOWLEDGE, foreign, note)
         await condition.call_method(ACKNOWLEDGE, raised.EventId, note)
-        assert outlet.view.acknowledged == [("alarm-1", "eve", "on my way")]
+        assert outlet.view.ordered == [("acknowledge", "alarm-1", "eve", "on my way")]
         data = {"alarm": "alarm-1", "name": "eve", "note": "on my way"}
         outlet.offer(Event(EPOCH, None, "acknowledged", "eve acknowledged alarm-1", data))
         await eventually(lambda: len(listener.events) > 1)
@@ -236,7 +208,7 @@ async def test_an_alarm_is_a_condition_that_users_acknowledge():
         outlet.offer(alarm(1, active=False))
         await eventually(lambda: len(listener.events) > 2)
         assert listener.states() == [(True, False, True), (True, True, True), (False, True, False)]
-        outlet.offer(alarm(2))
+        outlet.offer(alarm(13))  # which is over when somebody acknowledges it
         await eventually(lambda: len(listener.events) > 3)
         other = listener.events[3]
         with pytest.raises(ua.UaStatusCodeError, match="BadInvalidState"):
@@ -245,7 +217,7 @@ async def test_an_alarm_is_a_condition_that_users_acknowledge():
 
 async def test_a_new_process_takes_alarms_and_acknowledgements_from_the_health():
     """Messages of before its start may have left the journal, and what is restored after a restart has no event."""
-    async with serving() as outlet, client(outlet) as there:
+    async with a_cell() as outlet, client(outlet) as there:
         listener, _ = await listening(there)
         word = {"name": "eve", "note": "on my way", "time": EPOCH}
         for time, alarms in ((1, [asdict(alarm(1)) | {"acknowledged": word}]), (2, []), (3, [])):
@@ -278,7 +250,7 @@ async def nobody_acknowledges_without_a_name(outlet: OpcUaOutlet) -> None:
         raised = listener.events[0]
         with pytest.raises(ua.UaStatusCodeError, match="BadUserAccessDenied"):
             await there.get_node(raised.NodeId).call_method(ACKNOWLEDGE, raised.EventId, ua.LocalizedText(""))
-        assert not outlet.view.acknowledged
+        assert not outlet.view.ordered
 
 
 async def too_much_is_refused_before_it_is_done(outlet: OpcUaOutlet) -> None:
@@ -331,7 +303,7 @@ async def idle_connections_and_endless_messages_are_cut_off(outlet: OpcUaOutlet)
 async def test_a_stranger_with_a_certificate_or_a_password_stays_out(tmp_path):
     server, known, stranger = (certificate(tmp_path, name) for name in ("server", "client", "stranger"))
     secure = {"certificate": server[0], "key": server[1], "trusted": [known[0]], "users": {"eve": "secret"}}
-    async with serving(**secure) as outlet:
+    async with a_cell(**secure) as outlet:
         for (certificate_, key), user, password, refused in (
             (known, "eve", "secret", None),
             (known, "eve", "guessed", "BadUserAccessDenied"),
@@ -366,7 +338,7 @@ def test_an_array_is_no_longer_than_its_message(monkeypatch):
         assert ua_binary.variant_from_binary(Buffer(told)).Value == value
 
 
-def test_what_is_left_open_on_purpose_is_warned_of():
+def test_what_is_left_open_on_purpose_is_warned_of_once_and_shows_no_password():
     settings = OpcUaOutletSettings.model_validate({"listen": "0.0.0.0:4840", "open": True, "users": {"eve": "s3cret"}})
     assert len(settings.warnings()) == 1
     assert "s3cret" not in repr(settings)

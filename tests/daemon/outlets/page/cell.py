@@ -14,6 +14,7 @@ import aiohttp
 import numpy as np
 
 from cellwatt import Alarm, CellwattError, FrameChannel, Frames, Layout
+from cellwatt.door.settings import tls_context
 from cellwatt.outlets.page.app import Assets, Page
 from cellwatt.outlets.page.archive import Archive, Desk
 from cellwatt.outlets.page.cells import Cell, OneCell, prefix
@@ -29,14 +30,7 @@ from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView
 
 MS = EPOCH / 1e6
 API = f"/api/cells/{SITE}/{CELL}"
-LAYOUT = Layout(
-    (
-        FrameChannel("arm.joint_1.position", "rad", "continuous", "linear"),
-        FrameChannel("arm.supply.power", "W", "continuous", "average"),
-        FrameChannel("arm.mode", "1", "discrete", "hold"),
-    ),
-    50.0,
-)
+LAYOUT = Layout((*fake_cell.LAYOUT.channels, FrameChannel("arm.mode", "1", "discrete", "hold")), 50.0)
 PASSWORD = "correct horse"
 HASH = str(hash_of(PASSWORD, 2**14, 8, 1))
 USERS = {"ada": {"password": HASH, "may": "act"}, "eve": {"password": HASH}}
@@ -70,18 +64,26 @@ ENERGY = Energy(
 PREDICTION = Prediction("power", 0, (EPOCH, EPOCH + 20_000_000), {"power": (101.0, float("nan"))}, {"power": "W"})
 
 
+def shelved(number: int) -> dict[str, Any]:
+    """An alarm on the shelf, as health tells it."""
+    shelf = {"name": "ada", "note": "known", "time": EPOCH + 1_000_000, "until": EPOCH + 60_000_000_000}
+    return {
+        "id": f"alarm-{number}",
+        "kind": "joint_fault",
+        "severity": "error",
+        "statement": "It squeaks.",
+        "since": EPOCH,
+        "shelf": {**shelf, "severity": "error"},
+    }
+
+
 def status(alarms: Sequence[Mapping[str, Any]] = (), shelved: Sequence[Mapping[str, Any]] = (), **more: Any) -> Any:
     """Health as the daemon tells it."""
     return {
-        "site": SITE,
-        "cell": CELL,
+        **fake_cell.STATUS,
         "session": EPOCH,
-        "state": "green",
         "time": EPOCH + 10_000_000_000,
         "sources": {"arm": {"state": "ok", "received": 70, "missed": {"gap": 2}, "dropped": {"queue": 1}}},
-        "recorder": None,
-        "frames": {"count": 0},
-        "results": 0,
         "alarms": list(alarms),
         "shelved": list(shelved),
         **more,
@@ -90,8 +92,6 @@ def status(alarms: Sequence[Mapping[str, Any]] = (), shelved: Sequence[Mapping[s
 
 class View(FakeView):
     """A cell whose daemon notes what people order, and refuses what is about ``refused``."""
-
-    site, cell = SITE, CELL
 
     def __init__(self, folder: Path) -> None:
         super().__init__()
@@ -124,10 +124,6 @@ class Served:
     browsers: Browsers
     orders: list[Mapping[str, Any]]
 
-    @property
-    def hub(self) -> Hub:
-        return self.feed.hub
-
 
 STATIC = {
     "index.html": b"<!doctype html><title>cellwatt</title>" + b" " * 2000,
@@ -149,13 +145,7 @@ def built(folder: Path) -> Assets:
 
 @asynccontextmanager
 async def served(
-    folder: Path,
-    *,
-    acts: bool = True,
-    context: Any = None,
-    archive: Any = None,
-    drops: Drops | None = None,
-    **settings: Any,
+    folder: Path, *, archive: Any = None, drops: Drops | None = None, **settings: Any
 ) -> AsyncIterator[Served]:
     """A page of one cell without a daemon."""
     made = PageSettings(**{"listen": "127.0.0.1:0", **settings})
@@ -168,9 +158,9 @@ async def served(
         orders.append(what)
 
     gate = Gate(made, Sessions(None, lambda name: proof_of(made, name)))
-    cells = OneCell(Cell(feed, archive or Archive(None, CELL, made.reports, desk), order if acts else None))
+    cells = OneCell(Cell(feed, archive or Archive(None, CELL, made.reports, desk), order))
     page = Page(made, gate, cells, await asyncio.to_thread(built, folder), browsers, drops)
-    url = (await page.start(context)).rstrip("/")
+    url = (await page.start(await asyncio.to_thread(tls_context, made))).rstrip("/")
     try:
         yield Served(url, page, feed, gate, browsers, orders)
     finally:
@@ -183,10 +173,24 @@ def client() -> aiohttp.ClientSession:
     return aiohttp.ClientSession(cookie_jar=aiohttp.CookieJar(unsafe=True))
 
 
+async def get(browser: aiohttp.ClientSession, url: str, status: int = 200) -> Any:
+    """What is answered in JSON."""
+    async with browser.get(url) as response:
+        assert response.status == status, f"{url}: {await response.text()}"
+        assert response.content_type == "application/json"
+        return await response.json()
+
+
 async def csrf(browser: aiohttp.ClientSession, url: str) -> dict[str, str]:
     """The header that a page of ours puts on what it posts."""
-    async with browser.get(f"{url}/api/site") as response:
-        return {"X-CSRF-Token": (await response.json())["csrf"]}
+    return {"X-CSRF-Token": (await get(browser, f"{url}/api/site"))["csrf"]}
+
+
+async def post(browser: aiohttp.ClientSession, url: str, path: str, body: Any, status: int = 200) -> Any:
+    """What a page answers that is told something by one of its own."""
+    async with browser.post(url + path, json=body, headers=await csrf(browser, url)) as response:
+        assert response.status == status, await response.text()
+        return await response.json()
 
 
 async def log_in(browser: aiohttp.ClientSession, url: str, name: str, password: str = PASSWORD) -> int:

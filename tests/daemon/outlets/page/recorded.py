@@ -7,11 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from cellwatt import Alarm, Event, FrameChannel, Frames, Interval, Layout, Prediction
+from cellwatt import Alarm, Event, Frames, Interval, Prediction
 from cellwatt.record import Header
 from cellwatt.record.encoder import Encoder, Item
 from cellwatt.record.header import FileName
 from cellwatt.record.openfile import OpenFile
+from tests.blocks import frames_of, layout_of
+from tests.daemon.record.making import write_chunks
 
 S = 10**9
 MS = 10**6
@@ -21,21 +23,10 @@ HEADER = Header("plant-1", CELL, SESSION)
 STEP = 20 * MS
 
 
-def layout_of(names: Sequence[str], rate: float = 50.0) -> Layout:
-    return Layout(tuple(FrameChannel(name, "W", "continuous", "linear") for name in names), rate)
-
-
 def frames(time: np.ndarray, values: np.ndarray, names: Sequence[str] = ("arm.power",), rate: float = 50.0) -> Frames:
     """A block of frames at some times, UTC ns."""
     values = np.asarray(values, float).reshape(len(time), len(names))
-    return Frames(
-        layout=layout_of(names, rate),
-        sequence=0,
-        time=np.asarray(time, np.int64),
-        values=values,
-        quality=np.zeros(values.shape, np.uint8),
-        bound=np.zeros(values.shape, np.int64),
-    )
+    return frames_of(layout_of(dict.fromkeys(names, "W"), rate), 0, time, values)
 
 
 def alarm(name: str, since: int, time: int, active: bool = True, **more) -> Alarm:
@@ -83,7 +74,4 @@ def recording(
     folder: Path, chunks: Iterable[Iterable[Item]], number: int = 1, session: int = SESSION, cell: str = CELL
 ) -> Path:
     """A closed recording whose chunks hold these items."""
-    written = Written(folder, number, session, cell)
-    for items in chunks:
-        written.chunk(*items)
-    return written.close()
+    return write_chunks(folder, chunks, number=number, header=Header("plant-1", cell, session)).path

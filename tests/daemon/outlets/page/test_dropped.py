@@ -16,7 +16,7 @@ import pytest
 
 from cellwatt.outlets.page import dropped
 from cellwatt.outlets.page.dropped import Drops, items, kind_of
-from tests.daemon.outlets.page.cell import Served, client, csrf, served
+from tests.daemon.outlets.page.cell import client, csrf, get, served
 from tests.patience import eventually
 
 CSV = b"t,q_1\n0,1\n"
@@ -140,9 +140,8 @@ async def test_explain_gets_what_was_chosen_and_its_files_can_be_had(tmp_path: P
         assert (found["error"], found["files"]) == ("", ["arm.mended.xml", "report.html"])
         assert (await browser.ask("GET", f"/{name}/result/report.html"))[1] == "<html>found</html>"
         assert (await browser.ask("GET", f"/{name}/result/..%2Ffiles%2Frun.csv"))[0] == 404
-        assert (await explained(browser, name, {**chosen, "recordings": ["bad.csv"]}))[
-            "error"
-        ] == "bad.csv: no column q_1"
+        failed = await explained(browser, name, {**chosen, "recordings": ["bad.csv"]})
+        assert failed["error"] == "bad.csv: no column q_1"
         status, refused = await browser.ask("POST", f"/{name}/explain", json={**chosen, "recordings": ["/etc/passwd"]})
         assert (status, refused["error"]) == (409, "/etc/passwd is not among the files that were dropped")
 
@@ -203,14 +202,8 @@ async def test_others_than_this_pc_and_this_page_drop_nothing(tmp_path: Path) ->
         assert (await browser.ask("GET"))[0] == 403
         assert (await browser.ask("POST", json={"files": {"a.csv": 1}}))[0] == 403
     async with served(tmp_path) as page, client() as session:
-        assert not await _may_drop(session, page)
-        async with session.get(f"{page.url}/api/recordings") as response:
-            assert response.status == 404
-
-
-async def _may_drop(session: aiohttp.ClientSession, page: Served) -> bool:
-    async with session.get(f"{page.url}/api/site") as response:
-        return bool((await response.json())["may_drop"])
+        assert not (await get(session, f"{page.url}/api/site"))["may_drop"]
+        await get(session, f"{page.url}/api/recordings", 404)
 
 
 def test_what_files_are(tmp_path: Path) -> None:

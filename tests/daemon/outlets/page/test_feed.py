@@ -30,10 +30,10 @@ from tests.daemon.outlets.page.cell import (
     alarm,
     frames,
     interval,
+    shelved,
     status,
 )
 from tests.daemon.outlets.page.recorded import recording
-from tests.daemon.outlets.page.test_api import shelved
 
 
 class Heard(Hub):

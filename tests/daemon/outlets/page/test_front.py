@@ -36,6 +36,11 @@ def built() -> dict[str, Path]:
     return {path.relative_to(STATIC).as_posix(): path for path in STATIC.rglob("*") if path.is_file()}
 
 
+def code() -> str:
+    """All that is written in TypeScript."""
+    return "".join(path.read_text() for name, path in sources() if name.startswith("src/") and name.endswith(".ts"))
+
+
 def manifest() -> dict[str, object]:
     found: dict[str, object] = json.loads((STATIC / "manifest.json").read_bytes())
     return found
@@ -69,18 +74,16 @@ def test_the_page_has_no_script_or_style_of_its_own() -> None:
     assert "style=" not in index and "<style" not in index
     scripts = re.findall(r"<script[^>]*>(.*?)</script>", index, re.DOTALL)
     assert scripts == [""]
-    code = "".join(path.read_text() for name, path in sources() if name.startswith("src/") and name.endswith(".ts"))
     for forbidden in ("innerHTML", "insertAdjacentHTML", "document.write", "setAttribute('style'", "eval("):
-        assert forbidden not in code
+        assert forbidden not in code()
 
 
 def test_all_texts_are_used_and_all_that_are_used_are_there() -> None:
     texts = json.loads((FRONT / "src/texts/en.json").read_bytes())
-    code = "".join(path.read_text() for name, path in sources() if name.startswith("src/") and name.endswith(".ts"))
-    used = set(KEY.findall(code))
+    used = set(KEY.findall(code()))
     assert set(texts) - used == set()
     rooms = {key.partition(".")[0] for key in texts}
-    asked = set(re.findall(r"""\b(?:t|counted)\((?:\w+, )?["']([^"']+)["']""", code))
+    asked = set(re.findall(r"""\b(?:t|counted)\((?:\w+, )?["']([^"']+)["']""", code()))
     assert asked, "no text is used at all"
     assert asked - set(texts) == set()
     assert {key for key in used if key.partition(".")[0] in rooms} - set(texts) <= {"bus.power", "supply.power"}

@@ -273,7 +273,8 @@ def test_curves_of_a_recorder_at_work_are_true_while_files_come_and_go(tmp_path,
                 assert same([measured[k] for k in inner], [true[k] for k in inner])
     finally:
         asyncio.run(recorder.close())
-        wait_until(lambda: levels_of(tmp_path) == {p.stem for p in tmp_path.glob("*.mcap")})
+        stems = lambda kind: {path.stem for path in tmp_path.rglob(f"*.{kind}")}  # noqa: E731
+        wait_until(lambda: stems("levels") == stems("mcap"))
         reader.close()
     assert reader.counts["damaged"] == 0
     first_file = FileName.parse(min(tmp_path.glob("*.mcap")).name)
@@ -286,10 +287,6 @@ def begin_of(folder: Path) -> float:
         with suppress(RecordingError):  # removed meanwhile
             return survey(path).contents.start / MS
     raise AssertionError(f"{folder} has no recording")
-
-
-def levels_of(folder: Path) -> set[str]:
-    return {path.stem for path in (folder / "levels").glob("*.levels")}
 
 
 # level files ----------------------------------------------------------------------------------------

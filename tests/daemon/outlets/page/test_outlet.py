@@ -7,8 +7,6 @@ import os
 import signal
 import socket
 import time
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +22,7 @@ from cellwatt.outlets.apart.wire import Kind
 from cellwatt.outlets.page import PageOutlet, PageSettings
 from cellwatt.outlets.page.sessions import FILE
 from cellwatt.runtime.delivery import Delivery
+from tests.daemon.outlets.notify.cell import Journal
 from tests.daemon.outlets.page.cell import (
     API,
     EPOCH,
@@ -36,9 +35,12 @@ from tests.daemon.outlets.page.cell import (
     client,
     csrf,
     frames,
+    get,
     log_in,
+    shelved,
     status,
 )
+from tests.daemon.outlets.serving import serving
 from tests.daemon.outlets.zenoh.fake_cell import batch
 from tests.daemon.outlets.zenoh.processes import free_port
 from tests.doing import doing
@@ -54,33 +56,14 @@ def outlet_of(view: View, **settings: Any) -> PageOutlet:
     return PageOutlet("page", PageSettings(**{"listen": "127.0.0.1:0", **settings}), view)
 
 
-@asynccontextmanager
-async def serving(outlet: PageOutlet) -> AsyncIterator[str]:
-    """The address of the page while its outlet runs."""
-    async with doing(outlet.run(), allowed=(OutletError,)) as running:
-        await eventually(lambda: outlet.url or running.done(), "the page")
-        if running.done():
-            running.result()
-        yield str(outlet.url).rstrip("/")
-
-
 def serving_process() -> psutil.Process:
     (child,) = (p for p in psutil.Process().children() if "cellwatt.outlets.page.serving" in p.cmdline())
     return child
 
 
-class Journal:
-    """What an earlier process told."""
-
-    def put(self, item: Any) -> int:
-        return 0
-
-    def past(self) -> Any:
-        return [(0, alarm(2)), (1, replace(alarm(3), active=False)), (2, PREDICTION)]
-
-
 async def test_what_the_cell_tells_reaches_a_browser(view: View) -> None:
-    view.journal = Journal()  # type: ignore[assignment]
+    told = (alarm(2), replace(alarm(3), active=False), PREDICTION)
+    view.journal = Journal(*told)  # type: ignore[assignment]
     outlet = outlet_of(view)
     async with client() as browser:
         async with serving(outlet) as url:
@@ -100,8 +83,7 @@ async def test_what_the_cell_tells_reaches_a_browser(view: View) -> None:
             assert got["frames"]["v"]["arm.mode"] == [4e9 + n for n in range(5, 10)]
             assert got["alarm"]["id"] == "alarm-1"
             assert got["event"]["text"] == "UR10e"
-            async with browser.get(f"{url}{API}/state") as asked:
-                told = await asked.json()
+            told = await get(browser, f"{url}{API}/state")
             assert (told["session"], told["record"], len(told["channels"])) == (EPOCH / 1e6, False, 3)
             assert [a["id"] for a in told["alarms"]] == ["alarm-2", "alarm-1"]
             await eventually(lambda: outlet.account.counters["messages not shown"] == 1, "what was not shown")
@@ -136,7 +118,7 @@ async def test_what_people_order_is_done_in_the_daemon(view: View) -> None:
         told = await order("acknowledge", id="alarm-13", name="Ada", note="")
         assert told == (409, {"error": "no alarm 'alarm-13' is active: it may have been cleared"})
         assert (await order("unshelve", id="alarm-1", name="Ada"))[0] == 409, "the page knows it is not shelved"
-        outlet.health(status(shelved=[on_shelf()]))
+        outlet.health(status(shelved=[shelved(2)]))
 
         async def unshelved() -> bool:
             return (await order("unshelve", id="alarm-2", name="Ada"))[0] == 200
@@ -144,11 +126,6 @@ async def test_what_people_order_is_done_in_the_daemon(view: View) -> None:
         await eventually(unshelved, "the shelf at the page")
         assert view.ordered[-1] == ("unshelve", "alarm-2", "Ada")
     assert outlet.account.counters["acknowledge by a person"] == 1
-
-
-def on_shelf() -> dict[str, Any]:
-    shelf = {"name": "ada", "note": "", "time": EPOCH, "until": EPOCH, "severity": "error"}
-    return {**asdict(alarm(2)), "shelf": shelf}
 
 
 async def test_logins_survive_a_restart_and_secrets_are_nowhere_to_be_seen(view: View, tmp_path: Path) -> None:
@@ -163,8 +140,8 @@ async def test_logins_survive_a_restart_and_secrets_are_nowhere_to_be_seen(view:
             assert await asyncio.to_thread(child.nice) == max(10, os.nice(0))
             assert await log_in(browser, url, "ada") == 200
         assert (record / FILE).stat().st_mode & 0o777 == 0o600
-        async with serving(outlet) as url, browser.get(f"{url}{API}/state") as response:
-            assert response.status == 200
+        async with serving(outlet) as url:
+            await get(browser, f"{url}{API}/state")
 
 
 async def test_a_port_that_is_taken_is_named(view: View) -> None:
@@ -189,8 +166,8 @@ async def test_a_process_that_is_killed_is_started_again(view: View, monkeypatch
         await eventually(lambda: outlet.url, "the page again")
         delivery.offer(frames(0, 5))
         await eventually(lambda: outlet.account.received == 5, "frames again")
-        async with client() as browser, browser.get(f"{outlet.url}api/site") as response:
-            assert response.status == 200
+        async with client() as browser:
+            await get(browser, f"{outlet.url}api/site")
 
 
 async def test_a_process_that_hangs_is_told_and_holds_up_nobody(view: View, monkeypatch: pytest.MonkeyPatch) -> None:

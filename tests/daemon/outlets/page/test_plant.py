@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import asdict
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from cellwatt.outlets.page.outlet import PageSettings
 from cellwatt.outlets.page.serving import view
 from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
 from cellwatt.outlets.zenoh.link import LinkSettings, open_session
-from tests.daemon.outlets.page.cell import EPOCH, MS, Stream, alarm, client, csrf, status
+from tests.daemon.outlets.page.cell import EPOCH, MS, Stream, alarm, client, get, post, status
 from tests.daemon.outlets.zenoh.fake_cell import FakeView, frames
 from tests.daemon.outlets.zenoh.processes import free_port
 from tests.daemon.outlets.zenoh.serving import serving
@@ -28,16 +29,10 @@ from tests.patience import eventually
 SITE = "plant-1"
 
 
-class OtherView(FakeView):
-    def __init__(self, cell: str) -> None:
-        super().__init__()
-        self.cell = cell
-
-
 @asynccontextmanager
 async def speaking(cell: str, router: str, told: dict[str, Any]) -> AsyncIterator[ZenohOutlet]:
     """A cell that publishes, with its health ten times a second as ``told`` has it."""
-    outlet = ZenohOutlet("zenoh", ZenohSettings(mode="client", connect=(router,)), OtherView(cell))
+    outlet = ZenohOutlet("zenoh", ZenohSettings(mode="client", connect=(router,)), FakeView(cell=cell))
     async with serving(outlet, told):
         yield outlet
 
@@ -67,8 +62,7 @@ def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 async def cells(browser: aiohttp.ClientSession, url: str) -> dict[str, Any]:
-    async with browser.get(f"{url}/api/plant") as response:
-        return {cell["cell"]: cell for cell in (await response.json())["cells"]}
+    return {cell["cell"]: cell for cell in (await get(browser, f"{url}/api/plant"))["cells"]}
 
 
 async def test_all_cells_of_the_site_are_shown_with_their_states(router: str) -> None:
@@ -103,8 +97,7 @@ async def test_all_cells_of_the_site_are_shown_with_their_states(router: str) ->
         assert (red["power_W"], red["energy_today_J"], red["task"]) == (812.5, 9e6, "task_1")
         assert red["page"] == "http://192.0.2.7:8480/"
         assert red["age_s"] < 60
-        async with browser.get(f"{url}/api/site") as response:
-            site = await response.json()
+        site = await get(browser, f"{url}/api/site")
         assert (site["mode"], site["site"], len(site["cells"])) == ("plant", SITE, 3)
 
 
@@ -134,39 +127,31 @@ async def test_a_cell_that_is_looked_at_is_followed_and_then_left(router: str, m
         await eventually(lambda: in_plant(browser, url, "weld-1"), "the cell")
         api = f"{url}/api/cells/{SITE}/weld-1"
         async with browser.get(f"{api}/stream?channels=arm.joint_1.position&rate=25") as response:
-            offered = 0
 
             async def offering() -> None:
-                nonlocal offered
-                while True:
-                    cell.offer(frames(offered, 5))
-                    offered += 5
+                for first in count(0, 5):
+                    cell.offer(frames(first, 5))
                     await asyncio.sleep(0.05)
 
-            task = asyncio.create_task(offering())
-            got = await Stream(response).until("frames")
-            task.cancel()
+            async with doing(offering()):
+                got = await Stream(response).until("frames")
             first = got["v"]["arm.joint_1.position"][0]
             assert first % 1 == 0.25
             assert got["t"][0] == MS + 20 * (first - 0.25)
 
             async def alarmed() -> Any:
-                async with browser.get(f"{api}/state") as state:
-                    told = await state.json()
+                told = await get(browser, f"{api}/state")
                 return told["alarms"] and told
 
             told = await eventually(alarmed, "its alarm")
             assert [a["id"] for a in told["alarms"]] == ["alarm-1"]
             assert (told["may_act"], told["record"]) == (False, False)
-            async with browser.get(f"{api}/curves?channels=arm.joint_1.position&from={MS}&to={MS + 60000}") as curves:
-                told = await curves.json()
+            told = await get(browser, f"{api}/curves?channels=arm.joint_1.position&from={MS}&to={MS + 60000}")
             assert told["from_record"] is False
             assert told["v"]["arm.joint_1.position"]["min"][-1] is not None
-        header = await csrf(browser, url)
         body = {"id": "alarm-1", "name": "Ada", "note": ""}
-        async with browser.post(f"{api}/acknowledge", json=body, headers=header) as refused:
-            assert refused.status == 403
-            assert await refused.json() == {"error": "acknowledge on the cell's own page"}
+        refused = await post(browser, url, f"/api/cells/{SITE}/weld-1/acknowledge", body, 403)
+        assert refused == {"error": "acknowledge on the cell's own page"}
         watching = lambda: [t for t in asyncio.all_tasks() if "watch" in repr(t.get_coro())]  # noqa: E731
         await eventually(lambda: not watching(), "nobody follows it any more")
 
@@ -188,23 +173,17 @@ async def test_a_few_cells_are_followed_at_a_time_and_one_by_itself(
     ):
 
         async def alarms() -> Any:
-            async with browser.get(f"{own}/api/cells/{SITE}/weld-1/state") as response:
-                return (await response.json())["alarms"]
+            return (await get(browser, f"{own}/api/cells/{SITE}/weld-1/state"))["alarms"]
 
         assert (await eventually(alarms, "the alarm"))[0]["id"] == "alarm-1"
-        async with browser.get(f"{own}/api/site") as response:
-            told = await response.json()
+        told = await get(browser, f"{own}/api/site")
         assert (told["mode"], told["cells"]) == ("cell", [{"site": SITE, "cell": "weld-1"}])
         await eventually(lambda: in_plant(browser, url, "weld-1"), "the cell")
         await eventually(lambda: in_plant(browser, url, "weld-2"), "the other")
-        async with browser.get(f"{url}/api/cells/{SITE}/weld-1/state") as response:
-            assert response.status == 200
-        async with browser.get(f"{url}/api/cells/{SITE}/weld-2/state") as response:
-            assert response.status == 503
-            assert "1 cells are open" in (await response.json())["error"]
+        await get(browser, f"{url}/api/cells/{SITE}/weld-1/state")
+        assert "1 cells are open" in (await get(browser, f"{url}/api/cells/{SITE}/weld-2/state", 503))["error"]
         for where in (f"{SITE}/weld-9", "plant-2/weld-1"):
-            async with browser.get(f"{url}/api/cells/{where}/state") as response:
-                assert response.status == 404
+            await get(browser, f"{url}/api/cells/{where}/state", 404)
 
 
 async def test_nonsense_in_a_cells_name_costs_only_that_cell(router: str, tmp_path: Path) -> None:

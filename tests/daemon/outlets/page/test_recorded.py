@@ -16,7 +16,7 @@ from cellwatt.outlets.page.archive import THREADS, WAITING, Archive, Desk
 from cellwatt.outlets.page.cells import follow_arms
 from cellwatt.report import Provenance, Report
 from tests.daemon.outlets.page import cell, recorded
-from tests.daemon.outlets.page.cell import API, Served, served
+from tests.daemon.outlets.page.cell import API, Served, get, served
 from tests.daemon.outlets.page.recorded import MS, SESSION, STEP, S, alarm, frames, interval, recording
 from tests.patience import eventually
 
@@ -51,19 +51,14 @@ async def page(tmp_path: Path) -> AsyncIterator[Served]:
     await asyncio.to_thread(desk.close)
 
 
-async def get(browser: aiohttp.ClientSession, page: Served, path: str) -> Any:
-    async with browser.get(page.url + API + path) as response:
-        assert response.status == 200, await response.text()
-        return await response.json()
-
-
 @pytest.mark.parametrize("points", [2000, 100])
 async def test_curves_go_on_from_the_record_into_memory(
     browser: aiohttp.ClientSession, page: Served, points: int
 ) -> None:
     for first in range(800, 1000, 5):
         page.feed.take_frames(block(first, 5))
-    got = await get(browser, page, f"/curves?channels=arm.power&from={START / MS}&to={END / MS}&points={points}")
+    asked = f"channels=arm.power&from={START / MS}&to={END / MS}&points={points}"
+    got = await get(browser, f"{page.url}{API}/curves?{asked}")
     assert (got["from_record"], got["complete"]) == (True, True)
     assert len(got["t"]) <= points
     exact, step = np.sin(np.arange(1000) / 7), got["step_ms"]
@@ -81,12 +76,12 @@ async def test_curves_go_on_from_the_record_into_memory(
 
 
 async def test_alarms_and_reports_of_the_record(browser: aiohttp.ClientSession, page: Served) -> None:
-    told = await get(browser, page, f"/alarms?from={START / MS}&to={END / MS}")
+    told = await get(browser, f"{page.url}{API}/alarms?from={START / MS}&to={END / MS}")
     assert [(a["id"], a["cleared"], a["people"]) for a in told["alarms"]] == [("a", None, [])]
-    assert (await get(browser, page, "/state"))["record"] is True
-    (report,) = (await get(browser, page, "/reports"))["reports"]
+    assert (await get(browser, f"{page.url}{API}/state"))["record"] is True
+    (report,) = (await get(browser, f"{page.url}{API}/reports"))["reports"]
     assert (report["finding"], report["href"]) == ("It misses a spring.", f"{API}/reports/explained.html")
-    assert (await get(browser, page, "/mismatch"))["href"] == report["href"]
+    assert (await get(browser, f"{page.url}{API}/mismatch"))["href"] == report["href"]
     async with browser.get(page.url + report["href"]) as response:
         assert response.status == 200
         assert response.headers["Content-Security-Policy"].startswith("sandbox allow-scripts; default-src 'none';")
@@ -125,10 +120,10 @@ async def test_arms_are_shown_once_their_channels_are_known(
     async with served(tmp_path) as page:
         arms = {"arm": tmp_path / "one.urdf", "other": tmp_path / "none.urdf"}
         following = asyncio.create_task(follow_arms(page.feed, arms))
-        assert (await get(browser, page, "/state"))["arms"] == []
+        assert (await get(browser, f"{page.url}{API}/state"))["arms"] == []
         page.feed.take_frames(cell.frames(0, 1))
         await eventually(lambda: page.feed.arms, "the arm")
-        (arm,) = (await get(browser, page, "/state"))["arms"]
+        (arm,) = (await get(browser, f"{page.url}{API}/state"))["arms"]
         (joint,) = arm["joints"]
         assert (joint["channel"], joint["type"], joint["parent"]) == ("arm.joint_1.position", "revolute", -1)
         assert page.feed.joints == ["arm.joint_1.position"]

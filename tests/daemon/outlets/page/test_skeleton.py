@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import tempfile
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,6 @@ from hypothesis import strategies as st
 from cellwatt.errors import ConfigError
 from cellwatt.outlets.page.skeleton import skeleton
 
-DEMO = Path(str(files("cellwatt"))) / "demo" / "arm.urdf"
 SIX = [f"arm.joint_{i}.position" for i in range(1, 7)]
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import json
 import sys
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from cellwatt import Batch, Frames
 from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
 from cellwatt.record import Header, History, Recorder, RecordSettings
 from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, STATUS, FakeView, alarm, batch, frames
+from tests.daemon.outlets.zenoh.recorded_cell import RecordedView
 from tests.doing import doing
 from tests.orders import orders, say
 from tests.patience import PATIENCE
@@ -24,26 +24,16 @@ from tests.patience import PATIENCE
 FRAMES_OF_A_BLOCK, FRAMES_OF_A_FLUSH = 10, 500
 
 
-class RecordingView(FakeView):
+class RecordingView(RecordedView):
     """The cell with a record on disk, in small files."""
 
     def __init__(self, session: int, folder: Path) -> None:
-        super().__init__(session)
         self.recorder = Recorder(RecordSettings(folder=folder, file_size=10e3), Header(SITE, CELL, session))
         self.recorder.start()
-        self._history = History(folder, self.recorder)
+        super().__init__(History(folder, self.recorder), session)
 
     def record(self, item: Batch | Frames, session: int | None = None) -> None:
         assert self.recorder.put(item)
-
-    def recordings(self) -> Sequence[Mapping[str, Any]]:
-        return self._history.recordings()
-
-    def history(self, source: str, stream: str, session: int, first: int, count: int) -> Sequence[Batch]:
-        return self._history.history(source, stream, session, first, count)
-
-    def frame_history(self, session: int, first: int, count: int) -> Sequence[Frames]:
-        return self._history.frames(session, first, count)
 
 
 class Cell:

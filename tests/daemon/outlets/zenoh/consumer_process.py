@@ -10,6 +10,7 @@ from typing import Any
 from cellwatt import Alarm, Batch, Frames
 from cellwatt.outlets.zenoh.link import LinkSettings
 from cellwatt.subscriber import Gap, Message, Subscriber
+from tests.blocks import same_frames
 from tests.daemon.outlets.zenoh.fake_cell import frames
 from tests.orders import say
 
@@ -27,13 +28,6 @@ def summary(message: Message) -> dict[str, Any]:
     elif isinstance(content, Gap):
         about["gap"] = content.reason
     return about
-
-
-def same_frames(a: Frames, b: Frames) -> bool:
-    """Equal to the last bit."""
-    arrays = "time", "values", "quality", "bound"
-    alike = all(getattr(a, name).tobytes() == getattr(b, name).tobytes() for name in arrays)
-    return alike and (a.layout, a.sequence, len(a)) == (b.layout, b.sequence, len(b))
 
 
 def main() -> None:

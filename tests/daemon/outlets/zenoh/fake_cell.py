@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from cellwatt import Alarm, AlarmBook, Batch, Channel, FrameChannel, Frames, Layout, Stream
+from cellwatt import Alarm, AlarmBook, Batch, Channel, Frames, Stream
 from cellwatt.frames import Block, cut
 from cellwatt.results import Event, Result, Task
+from tests.blocks import layout_of
 
 SITE, CELL = "plant-1", "weld-3"
 EPOCH = 1_800_000_000_000_000_000
@@ -22,13 +23,7 @@ STREAM = Stream(
     "device",
 )
 HOST_STREAM = Stream("meter", (Channel("supply.power", "W"),), 10.0, "host")
-LAYOUT = Layout(
-    (
-        FrameChannel("arm.joint_1.position", "rad", "continuous", "linear"),
-        FrameChannel("arm.supply.power", "W", "continuous", "average"),
-    ),
-    50.0,
-)
+LAYOUT = layout_of({"arm.joint_1.position": "rad", "arm.supply.power": "W"})
 
 
 STATUS: Mapping[str, Any] = {
@@ -95,14 +90,13 @@ def task(number: int) -> Task:
 class FakeView:
     """A ``CellView`` whose record is in memory. ``lag``: samples at the end that are not on disk yet."""
 
-    site, cell = SITE, CELL
-
+    site = SITE
     journal = None
     folder = Path("/")
     record_folder: Path | None = None
 
-    def __init__(self, session: int = EPOCH) -> None:
-        self.session = session
+    def __init__(self, session: int = EPOCH, cell: str = CELL) -> None:
+        self.session, self.cell = session, cell
         self.alarms = AlarmBook()
         self.lag = 0
         self.forgotten = 0

@@ -24,7 +24,7 @@ def mark_of(block: Batch | Frames, arrival: int = 7) -> Mark:
     return Mark(1, block.sequence, len(block), arrival)
 
 
-def assert_same(found: Batch | Frames, expected: Batch | Frames) -> None:
+def assert_same(found: Batch | Frames | None, expected: Batch | Frames) -> None:
     assert type(found) is type(expected)
     for name in expected.__dataclass_fields__:
         mine, other = getattr(found, name), getattr(expected, name)
@@ -186,12 +186,8 @@ def test_damage_of_a_message_is_noticed(payload: bytes, data: st.DataObject) -> 
 
 def test_blocks_join_up_to_a_hole_and_a_limit() -> None:
     blocks = [batch(0, 4), batch(4, 4), batch(9, 4)]
-    joined = join(blocks, 100)
-    assert joined is not None
-    assert_same(joined, replace(batch(0, 8), arrival=blocks[1].arrival))
-    limited = join(blocks, 5)
-    assert limited is not None
-    assert (limited.sequence, len(limited)) == (0, 5)
+    for limit, count in ((100, 8), (5, 5)):
+        assert_same(join(blocks, limit), replace(batch(0, count), arrival=blocks[1].arrival))
     assert join([], 5) is None
     assert not follows(batch(0, 2), batch(2, 2, "meter", HOST_STREAM))
     assert not follows(batch(0, 2), replace(batch(2, 2), device_time=None))

@@ -10,7 +10,6 @@ from cellwatt import Alarm, Task
 from cellwatt.outlets.zenoh.follow import GRACE, Following
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.order import Follower, Gap, MessagePart
-from cellwatt.outlets.zenoh.questions import Question
 from tests.daemon.outlets.zenoh.fake_cell import alarm, batch, frames, task
 
 RAW = "raw/arm/samples"
@@ -114,17 +113,12 @@ def test_what_is_only_announced_gets_time_to_arrive() -> None:
     assert following.questions(13.0) == [], "asked twice"
 
 
-def hole_in(following: Following, now: float) -> Question:
+def test_nobody_there_is_asked_again_for_ever() -> None:
+    following = Following(WANTED, patience=1.0)
     following.told(1, {RAW: (1, 0)}, 0.0)
     raw(following, 5)
     confirm(following, {RAW: (1, 6)})
-    (question,) = following.questions(now)
-    return question
-
-
-def test_nobody_there_is_asked_again_for_ever() -> None:
-    following = Following(WANTED, patience=1.0)
-    question = hole_in(following, 0.0)
+    (question,) = following.questions(0.0)
     for now in range(1, 100):
         following.unanswered(question, float(now))
         assert following.questions(now + 0.1) == []
@@ -175,7 +169,7 @@ def test_whatever_comes_each_sample_is_given_once_in_order(data: st.DataObject) 
         answer = part(hole.first, count, hole.session, backfilled=True) if count else None
         given_out += follower.give_up(hole, "end") if answer is None else follower.fill(answer)
     expected = [(1, n) for n in range(lengths[1])] + [(2, n) for n in range(lengths[2])]
-    assert [(p.session, n) for p in given_out for n in range(p.sequence, p.end)] == expected
+    assert numbers(given_out) == expected
     values = [v for p in given_out for v in p.content.values[:, 0]]  # type: ignore[union-attr]
     assert values == [n for _, n in expected]
 

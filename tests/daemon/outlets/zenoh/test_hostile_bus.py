@@ -18,13 +18,14 @@ import pytest
 import zenoh
 
 from cellwatt import ProtocolError
+from cellwatt.outlets.zenoh.answer_queue import Answer
 from cellwatt.outlets.zenoh.encode import decode, encode
 from cellwatt.outlets.zenoh.link import open_session
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import encode_item, encode_json, health
 from cellwatt.subscriber import Gap, Health, Subscriber
 from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, alarm, batch
-from tests.daemon.outlets.zenoh.test_subscriber import RAW, Cell, cell, joined, read
+from tests.daemon.outlets.zenoh.test_subscriber import RAW, Cell, cell, read
 from tests.patience import PATIENCE, eventually
 
 __all__ = ["cell"]
@@ -59,9 +60,8 @@ class Stranger:
 
 @pytest.fixture
 async def stranger(cell: Cell) -> AsyncIterator[Stranger]:
-    session = await asyncio.to_thread(open_session, cell.link, patience=PATIENCE)
-    yield Stranger(session)
-    session.close()
+    with await asyncio.to_thread(open_session, cell.link, patience=PATIENCE) as session:
+        yield Stranger(session)
 
 
 async def refused(subscriber: Subscriber, count: int) -> None:
@@ -93,8 +93,7 @@ FORGED: dict[str, Callable[[Stranger, int], None]] = {
 
 @pytest.mark.parametrize("what", FORGED)
 async def test_what_the_cell_does_not_know_is_refused(cell: Cell, stranger: Stranger, what: str) -> None:
-    async with cell.subscriber(want=("raw", "alarm"), patience=0.2) as subscriber:
-        await joined(subscriber)
+    async with cell.joined(want=("raw", "alarm"), patience=0.2) as subscriber:
         cell.give(0, 5)
         cell.outlet.offer(alarm(1))
         messages = {m.topic: m for m in await read(subscriber, 2)}
@@ -125,8 +124,7 @@ async def test_who_is_forged_to_before_it_knows_the_cell_finds_it(cell: Cell, st
 async def test_a_true_restart_is_followed_beside_a_forged_one(cell: Cell, stranger: Stranger) -> None:
     """The cell ends and begins anew on the same port in a later session, while somebody claims one still later."""
     later = EPOCH + 60 * 10**9
-    async with cell.subscriber(want=("raw", "health"), patience=0.2) as subscriber:
-        await joined(subscriber)
+    async with cell.joined(want=("raw", "health"), patience=0.2) as subscriber:
         cell.give(0, 5)
         await read(subscriber, 1, RAW)
         stranger.raw(FUTURE, 0)
@@ -196,8 +194,7 @@ NO_MESSAGES: list[tuple[str, bytes, Mark | None]] = [
 
 
 async def test_what_is_no_message_ends_nothing(cell: Cell, stranger: Stranger) -> None:
-    async with cell.subscriber() as subscriber:
-        await joined(subscriber)
+    async with cell.joined() as subscriber:
         for number, message in enumerate(NO_MESSAGES, 1):
             stranger.put(*message)
             await eventually(lambda n=number: subscriber.counts.get("unreadable") == n, f"the refusal of {message[:2]}")  # type: ignore[misc]
@@ -213,8 +210,7 @@ async def test_a_large_result_is_not_read(cell: Cell, stranger: Stranger, monkey
 
 
 async def test_topics_in_health_that_are_no_topics_are_not_asked_for(cell: Cell, stranger: Stranger) -> None:
-    async with cell.subscriber(want=("raw", "alarm", "frame")) as subscriber:
-        await joined(subscriber)
+    async with cell.joined(want=("raw", "alarm", "frame")) as subscriber:
         odd = ("raw/a", "raw/a/b/c", "raw/*/x", "alarm/**", "frame?x", "raw//", "raw/a/" + "b" * 5000)
         stranger.health(EPOCH, dict.fromkeys(odd, (EPOCH, 9)))
         cell.give(0, 5)
@@ -225,24 +221,16 @@ async def test_topics_in_health_that_are_no_topics_are_not_asked_for(cell: Cell,
 
 async def test_an_answer_about_something_else_is_not_taken(cell: Cell, monkeypatch: pytest.MonkeyPatch) -> None:
     """Somebody answers in the cell's place with samples of another session."""
-    async with cell.subscriber(want=("raw",), patience=0.3) as subscriber:
-        await joined(subscriber)
-        monkeypatch.setattr(
-            cell.outlet._answers, "_known", {**cell.outlet._answers._known, "history": lambda _: forged_answer()}
-        )
+    async with cell.joined(want=("raw",), patience=0.3) as subscriber:
+        mark = Mark(FUTURE, LEAP, 5, EPOCH, backfill=True)
+        forged = Answer(encode(batch(0, 5)), "application/vnd.apache.arrow.stream", mark, RAW)
+        monkeypatch.setitem(cell.outlet._answers._known, "history", lambda _: forged)
         cell.give(0, 4, live=False)
         cell.give(4, 5)
         gap, live = await read(subscriber, 2)
     assert isinstance(gap.content, Gap)
     assert "the answer has 1000000 to 1000005 in session" in gap.content.reason
     assert (gap.count, live.session, live.sequence) == (4, EPOCH, 4)
-
-
-def forged_answer() -> Any:
-    from cellwatt.outlets.zenoh.answer_queue import Answer
-
-    payload = encode(batch(0, 5))
-    return Answer(payload, "application/vnd.apache.arrow.stream", Mark(FUTURE, LEAP, 5, EPOCH, True), RAW)
 
 
 # the mark of health ----------------------------------------------------------------------------------------

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import socket
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +9,10 @@ from pydantic import ValidationError
 
 from cellwatt import OutletError
 from cellwatt.config import load
-from cellwatt.door.certificates import issue, new_authority
 from cellwatt.errors import ConfigError
 from cellwatt.outlets.zenoh.link import LinkSettings, TlsSettings, open_session, session_config
 from cellwatt.outlets.zenoh.reach import link_to
+from tests.daemon.door.made import write_certificates
 from tests.daemon.outlets.zenoh.processes import free_port
 
 HOST = "127.0.0.1"
@@ -46,13 +45,6 @@ def test_nothing_is_exposed_or_looked_for_by_default() -> None:
     assert config.get_json("connect/endpoints") == "[]"
     assert config.get_json("scouting/multicast/enabled") == "false"
     assert config.get_json("scouting/gossip/enabled") == "false"
-
-
-def test_a_password_is_never_shown() -> None:
-    settings = LinkSettings(user="edge", password="correct horse")
-    assert "horse" not in repr(settings)
-    assert "horse" not in settings.model_dump_json()
-    assert session_config(settings).get_json("transport/auth/usrpwd/user") == '"edge"'
 
 
 def test_an_address_that_is_taken_is_named() -> None:
@@ -113,28 +105,19 @@ def test_user_and_password(tmp_path: Path, user: str | None, password: str | Non
 @pytest.fixture(scope="module")
 def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An authority's certificate, and a certificate for localhost with its key."""
-    folder, now = tmp_path_factory.mktemp("certificates"), datetime.now(UTC)
-    authority = new_authority("plant-1", now)
-    cell = issue(authority, "cell", ("localhost",), now)
-    for name, content in {"ca": authority.certificate, "cell": cell.certificate, "cell.key": cell.key}.items():
-        (folder / name).write_bytes(content)
-        (folder / name).chmod(0o600)
-    return folder
+    return write_certificates(tmp_path_factory.mktemp("certificates"))
 
 
-@pytest.mark.parametrize("option", ["root_ca", "certificate", "key"])
-def test_a_certificate_file_that_is_missing_is_named(certificates: Path, option: str) -> None:
-    files = {"root_ca": "ca", "certificate": "cell", "key": "cell.key"} | {option: "missing.pem"}
+GONE = "missing.pem"
+
+
+@pytest.mark.parametrize(("option", "file"), [("root_ca", GONE), ("certificate", GONE), ("key", GONE), ("key", "ca")])
+def test_a_file_that_is_missing_or_holds_no_key_is_named(certificates: Path, option: str, file: str) -> None:
+    files = {"root_ca": "ca", "certificate": "cell", "key": "cell.key"} | {option: file}
     settings = TlsSettings(**{name: certificates / file for name, file in files.items()})
-    with pytest.raises(OutletError, match=rf"^tls\.{option}: .*missing\.pem cannot be read: No such file"):
+    missing = rf"^tls\.{option}: .*missing\.pem cannot be read: No such file"
+    with pytest.raises(OutletError, match=missing if file == GONE else "private key"):
         open_session(LinkSettings(listen=(f"tls/localhost:{free_port()}",), tls=settings))
-
-
-def test_a_key_that_is_no_key_is_named(certificates: Path) -> None:
-    files = {"root_ca": certificates / "ca", "certificate": certificates / "cell", "key": certificates / "ca"}
-    settings = LinkSettings(listen=(f"tls/localhost:{free_port()}",), tls=TlsSettings(**files))
-    with pytest.raises(OutletError, match="private key"):
-        open_session(settings)
 
 
 # How a program beside the daemon reaches a cell ---

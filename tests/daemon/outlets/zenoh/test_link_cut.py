@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
-
-import pytest
 
 from tests.daemon.outlets.zenoh.fake_cell import EPOCH
 from tests.daemon.outlets.zenoh.processes import Child, Link, free_port
@@ -67,13 +64,6 @@ def check_all(cell: Child, consumer: Child, seconds: float) -> dict[str, int]:
     counts = next(s["counts"] for s in consumer.said if isinstance(s, dict) and "counts" in s)
     assert counts.get("lost", 0) == 0
     return counts
-
-
-@pytest.fixture
-def cell() -> Iterator[tuple[Child, int]]:
-    port = free_port()
-    with Child("cell_process", listen=[f"tcp/127.0.0.1:{port}"]) as child:
-        yield child.ready(), port
 
 
 def start_consumer(port: int, **more: Any) -> Child:

@@ -23,9 +23,10 @@ from cellwatt.record import History
 from cellwatt.record.encoder import Encoder
 from cellwatt.record.openfile import OpenFile
 from cellwatt.results import Event, Result
-from tests.daemon.outlets.zenoh.consumer_process import same_frames
+from tests.blocks import same_frames
 from tests.daemon.outlets.zenoh.fake_cell import FakeView, task
 from tests.daemon.outlets.zenoh.fake_cell import frames as numbered_frames
+from tests.daemon.outlets.zenoh.recorded_cell import RecordedView
 from tests.daemon.record.making import CELL, HEADER, SESSION, frames_of, name_of, write_chunks
 
 BLOCK = 10
@@ -38,25 +39,21 @@ def blocks(first: int, end: int) -> list[Frames]:
     return [frames_of(number, BLOCK) for number in range(first, end, BLOCK)]
 
 
-class Recorded(FakeView):
-    """A cell whose frames are recorded in ``folder``; nobody writes there now."""
+class Recorded(RecordedView):
+    """A cell that is recorded in ``folder``; nobody writes there now."""
 
     def __init__(self, folder: Path, session: int = SESSION) -> None:
-        super().__init__(session)
         recorder: Any = SimpleNamespace(
             cell=CELL,
             live=lambda: None,
             flush=lambda timeout: False,
             upkeep=SimpleNamespace(repairing=lambda session: False),
         )
-        self._made = History(folder, recorder)
-
-    def frame_history(self, session: int, first: int, count: int) -> Sequence[Frames]:
-        return self._made.frames(session, first, count)
+        super().__init__(History(folder, recorder), session)
 
     def result_history(self, series: str, session: int, first: int, count: int) -> Sequence[tuple[int, Result | Event]]:
         assert 0 < count <= MOST_RESULTS
-        return self._made.results(series, session, first, count)
+        return super().result_history(series, session, first, count)
 
 
 @pytest.fixture(scope="module")

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -30,43 +31,46 @@ def port() -> int:
     return free_port()
 
 
+@pytest.fixture
+def cell(port: int) -> Iterator[Child]:
+    """A cell that publishes at the port."""
+    with Child("cell_process", listen=[f"tcp/127.0.0.1:{port}"]) as child:
+        yield child.ready()
+
+
 def account(cell: Child) -> dict[str, Any]:
     cell.said.clear()
     cell.send(account=True)
     return cell.wait_for(lambda s: "account" in s, "account")["account"]
 
 
-def test_a_consumer_that_is_frozen_holds_up_neither_the_cell_nor_another_consumer(port: int) -> None:
-    with Child("cell_process", listen=[f"tcp/127.0.0.1:{port}"]) as cell:
-        cell.ready()
-        with start_consumer(port) as frozen, start_consumer(port) as other:
-            os.kill(frozen.pid, signal.SIGSTOP)
-            try:
-                # Enough to fill every buffer on the way to the frozen one.
-                cell.send(stream={"samples": 120_000, "frames_too": True, "every": 10, "rate": 40_000.0, "block": 200})
-                cell.wait_for(lambda s: "published" in s, "published")
-                wait_until(lambda: reached(other, "raw/arm/samples", 120_000), "all of it at the other one")
-            finally:
-                os.kill(frozen.pid, signal.SIGCONT)
-            assert_complete(received(other, "raw/arm/samples"), 0, 120_000)
-            # Once thawed it gets all of it too.
-            wait_until(lambda: reached(frozen, "raw/arm/samples", 120_000), "all of it at the frozen one")
-            assert_complete(received(frozen, "raw/arm/samples"), 0, 120_000)
-            figures = account(cell)
-            assert figures["dropped"] == {}
-            assert figures["residue"] == 0
-            assert figures["received"] == 120_000 + 600 + 60
+def test_a_consumer_that_is_frozen_holds_up_neither_the_cell_nor_another_consumer(cell: Child, port: int) -> None:
+    with start_consumer(port) as frozen, start_consumer(port) as other:
+        os.kill(frozen.pid, signal.SIGSTOP)
+        try:
+            # Enough to fill every buffer on the way to the frozen one.
+            cell.send(stream={"samples": 120_000, "frames_too": True, "every": 10, "rate": 40_000.0, "block": 200})
+            cell.wait_for(lambda s: "published" in s, "published")
+            wait_until(lambda: reached(other, "raw/arm/samples", 120_000), "all of it at the other one")
+        finally:
+            os.kill(frozen.pid, signal.SIGCONT)
+        assert_complete(received(other, "raw/arm/samples"), 0, 120_000)
+        # Once thawed it gets all of it too.
+        wait_until(lambda: reached(frozen, "raw/arm/samples", 120_000), "all of it at the frozen one")
+        assert_complete(received(frozen, "raw/arm/samples"), 0, 120_000)
+        figures = account(cell)
+        assert figures["dropped"] == {}
+        assert figures["residue"] == 0
+        assert figures["received"] == 120_000 + 600 + 60
 
 
-def test_cell_and_consumer_end_by_themselves(port: int) -> None:
-    with Child("cell_process", listen=[f"tcp/127.0.0.1:{port}"]) as cell:
-        cell.ready()
-        with start_consumer(port) as consumer:
-            cell.send(stream=stream(0.2))
-            wait_until(lambda: reached(consumer, "raw/arm/samples", 100), "data")
-            assert consumer.finish() == 0
-        assert cell.finish() == 0
-        assert cell.said[-1]["account"]["residue"] == 0
+def test_cell_and_consumer_end_by_themselves(cell: Child, port: int) -> None:
+    with start_consumer(port) as consumer:
+        cell.send(stream=stream(0.2))
+        wait_until(lambda: reached(consumer, "raw/arm/samples", 100), "data")
+        assert consumer.finish() == 0
+    assert cell.finish() == 0
+    assert cell.said[-1]["account"]["residue"] == 0
 
 
 PROGRAMS = {
@@ -105,16 +109,15 @@ link = LinkSettings(mode="client", connect=("tcp/127.0.0.1:{port}",))
 """
 
 
+@pytest.mark.usefixtures("cell")
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_no_program_hangs_at_its_end(name: str, port: int, tmp_path: Any) -> None:
     program = tmp_path / "program.py"
     program.write_text(HEAD.format(port=port, patience=PATIENCE) + PROGRAMS[name])
-    with Child("cell_process", listen=[f"tcp/127.0.0.1:{port}"]) as cell:
-        cell.ready()
-        done = subprocess.run(
-            [sys.executable, str(program)], cwd=ROOT, timeout=PATIENCE, capture_output=True, text=True, check=False
-        )
-        assert done.returncode == 7, done.stderr
+    done = subprocess.run(
+        [sys.executable, str(program)], cwd=ROOT, timeout=PATIENCE, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 7, done.stderr
 
 
 @pytest.mark.parametrize("module", ["outlets.zenoh.messages", "outlets.metrics.serving", "outlets.page.serving"])
@@ -164,28 +167,26 @@ PRINTED = {
 
 
 @pytest.mark.parametrize("name", PRINTED)
-def test_program_of_the_docs_runs(name: str, tmp_path: Path) -> None:
+def test_program_of_the_docs_runs(name: str, cell: Child, port: int, tmp_path: Path) -> None:
     text, expected = PRINTED[name]
     found = re.compile(expected).search
-    port = free_port()
     program = tmp_path / "program.py"
     program.write_text(text.replace("7447", str(port)))
-    with Child("cell_process", listen=[f"tcp/127.0.0.1:{port}"]) as cell:
-        samples = int(2 * PATIENCE * 500.0)  # for as long as anybody may wait for one
-        cell.ready().send(stream={"samples": samples, "frames_too": False, "every": 5, "rate": 500.0, "block": 5})
-        command = [sys.executable, "-u", str(program)]
-        with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
-            lines: list[str] = []
-            reader = threading.Thread(target=lambda: lines.extend(iter(run.stdout.readline, "")))  # type: ignore[union-attr]
-            reader.start()
-            try:
-                # Of the alarms half are over from the first: one of those may come before.
-                wait_until(lambda: any(map(found, list(lines))) or run.poll() is not None, f"a line like {expected}")
-            finally:
-                run.kill()
-                reader.join()
-            assert any(map(found, lines)), run.stderr.read() if run.stderr else ""
-            assert found(lines[0]) or name == "alarms", lines[0]
+    samples = int(2 * PATIENCE * 500.0)  # for as long as anybody may wait for one
+    cell.send(stream={"samples": samples, "frames_too": False, "every": 5, "rate": 500.0, "block": 5})
+    command = [sys.executable, "-u", str(program)]
+    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
+        lines: list[str] = []
+        reader = threading.Thread(target=lambda: lines.extend(iter(run.stdout.readline, "")))  # type: ignore[union-attr]
+        reader.start()
+        try:
+            # Of the alarms half are over from the first: one of those may come before.
+            wait_until(lambda: any(map(found, list(lines))) or run.poll() is not None, f"a line like {expected}")
+        finally:
+            run.kill()
+            reader.join()
+        assert any(map(found, lines)), run.stderr.read() if run.stderr else ""
+        assert found(lines[0]) or name == "alarms", lines[0]
 
 
 def test_every_setting_is_in_the_docs() -> None:

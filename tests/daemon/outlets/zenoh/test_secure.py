@@ -7,8 +7,9 @@ import re
 import shlex
 import sys
 from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import asynccontextmanager, contextmanager
+from contextlib import ExitStack, asynccontextmanager, contextmanager
 from datetime import UTC, datetime, timedelta
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -70,6 +71,11 @@ class Site:
     def session(self, member: str) -> zenoh.Session:
         return open_session(self.link(member), patience=PATIENCE)
 
+    @contextmanager
+    def sessions(self, *members: str) -> Iterator[list[zenoh.Session]]:
+        with ExitStack() as stack:
+            yield [stack.enter_context(self.session(member)) for member in members]
+
     def subscriber(self, member: str = "anna", cell: str = CELL, **more: Any) -> Subscriber:
         return Subscriber(SITE, cell, self.link(member), **more)
 
@@ -83,8 +89,7 @@ class Site:
 
     @asynccontextmanager
     async def cell(self, name: str = CELL) -> AsyncIterator[ZenohOutlet]:
-        view = FakeView()
-        view.cell = name
+        view = FakeView(cell=name)
         view.record(batch(0, 100))
         outlet = ZenohOutlet("zenoh", ZenohSettings(**self.settings(name)), view)
         async with serving(outlet):
@@ -122,13 +127,12 @@ async def numbers(outlet: ZenohOutlet, cell: Subscriber, also: Callable[[], obje
             if len(found) >= 3:
                 return
 
-    raised = 0
+    raised = count()
 
     def raise_one() -> bool:
-        nonlocal raised
         also()
-        outlet.offer(alarm(raised, active=raised % 2 == 0))
-        raised += 1
+        number = next(raised)
+        outlet.offer(alarm(number, active=number % 2 == 0))
         return reading.done()
 
     async with doing(read()) as reading:
@@ -151,16 +155,9 @@ async def test_the_program_of_the_page_hears_the_cell(router: Site) -> None:
         )
         assert run.stdout is not None
         line = asyncio.create_task(run.stdout.readline())
-        count = 0
-
-        def raise_one() -> bool:
-            nonlocal count
-            outlet.offer(alarm(count))
-            count += 1
-            return line.done()
-
+        raised = count()
         try:
-            await eventually(raise_one, "a line of the program")
+            await eventually(lambda: outlet.offer(alarm(next(raised))) or line.done(), "a line of the program")
             assert re.match(rb"alarm \d+ Alarm\(id='alarm-\d+'", line.result())
         finally:
             run.kill()
@@ -171,10 +168,7 @@ async def test_a_viewer_cannot_speak_in_the_cells_name(router: Site) -> None:
     """An alarm that a viewer, another cell or a name without rights puts under a cell's key reaches nobody."""
     secure("viewer", "dora", folder=router.folder)  # its certificate is good, the running router has no rule for it
     got: list[bytes] = []
-    listener = router.session("andon")
-    attackers = [router.session(name) for name in ("anna", "andon", "weld-4", "dora")]
-    owner = router.session("weld-3")
-    try:
+    with router.sessions("andon", "weld-3", "anna", "andon", "weld-4", "dora") as (listener, owner, *attackers):
         listener.declare_subscriber(ALARMS, lambda sample: got.append(sample.payload.to_bytes()))
 
         def put_all() -> bool:
@@ -184,25 +178,17 @@ async def test_a_viewer_cannot_speak_in_the_cells_name(router: Site) -> None:
             return len(got) >= 20
 
         await eventually(put_all, "what the owner of the key puts")
-    finally:
-        for session in (*attackers, owner, listener):
-            session.close()  # type: ignore[no-untyped-call]
     assert set(got) == {b"genuine"}
 
 
 async def test_nobody_but_the_cell_answers_for_it(router: Site) -> None:
     question = f"cellwatt/{SITE}/{CELL}/@/status"
-    attackers = [router.session(name) for name in ("anna", "andon", "weld-4")]
-    asking = router.session("anna")
-    try:
+    with router.sessions("anna", "anna", "andon", "weld-4") as (asking, *attackers):
         for attacker in attackers:
             attacker.declare_queryable(question, lambda q: q.reply(question, b"forged"))
         async with router.cell():
             await eventually(lambda: answers(asking, question), "the cell's answer")
             found = [a for _ in range(5) for a in answers(asking, question)]
-    finally:
-        for session in (*attackers, asking):
-            session.close()  # type: ignore[no-untyped-call]
     assert found
     assert not [a for a in found if a == b"forged"]
 
@@ -214,10 +200,11 @@ def answers(session: zenoh.Session, question: str) -> list[bytes]:
 async def test_what_each_may_see_and_ask(router: Site) -> None:
     secure("viewer", "dora", folder=router.folder)
     roots = {cell: f"cellwatt/{SITE}/{cell}" for cell in ("weld-3", "weld-4")}
-    members = {name: router.session(name) for name in ("anna", "andon", "weld-3", "dora")}
-    seen: dict[str, set[str]] = {name: set() for name in members}
+    names = ("anna", "andon", "weld-3", "dora")
+    seen: dict[str, set[str]] = {name: set() for name in names}
     answered: dict[str, list[str]] = {}
-    try:
+    with router.sessions(*names) as sessions:
+        members = dict(zip(names, sessions, strict=True))
         for name, session in members.items():
             for root in roots.values():
                 session.declare_subscriber(f"{root}/health", lambda s, n=name: seen[n].add(str(s.key_expr)))
@@ -228,9 +215,6 @@ async def test_what_each_may_see_and_ask(router: Site) -> None:
             await eventually(lambda: answers(members["anna"], f"{roots['weld-3']}/@/status"), "an answer")
             for name, session in members.items():
                 answered[name] = [cell for cell, root in roots.items() if answers(session, f"{root}/@/status")]
-    finally:
-        for session in members.values():
-            session.close()  # type: ignore[no-untyped-call]
     assert {name: {key.split("/")[2] for key in keys} for name, keys in seen.items()} == {
         "anna": {"weld-3"},
         "andon": {"weld-3", "weld-4"},

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from datetime import UTC, datetime, timedelta
+from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -38,8 +39,8 @@ RAW = "raw/arm/samples"
 STANDS = Mark(EPOCH, 1, 1, EPOCH)
 
 
-def seal(keys: Path, name: str = "cell", root: str = ROOT) -> MessageSigner:
-    made = MessageSigner(root, keys / f"{name}.key")
+def seal(keys: Path, name: str = "cell") -> MessageSigner:
+    made = MessageSigner(ROOT, keys / f"{name}.key")
     made.open()
     return made
 
@@ -271,15 +272,8 @@ async def test_an_earlier_session_cannot_be_shown_again(bus: LinkSettings, keys:
     """Alarms and health that the cell signed before its daemon began anew, kept by who carried them."""
     kept = keep_all(attacker)
     async with signing_cell(bus, keys) as outlet:
-        count = 0
-
-        def seen() -> bool:
-            nonlocal count
-            outlet.offer(alarm(count))
-            count += 1
-            return kinds(kept) >= {"alarm", "health"}
-
-        await eventually(seen, "an alarm and a health message to keep")
+        numbers, both = count(), {"alarm", "health"}
+        await eventually(lambda: outlet.offer(alarm(next(numbers))) or kinds(kept) >= both, "one of each to keep")
     old = list(kept)
     async with (
         signing_cell(bus, keys, EPOCH + 10**12) as outlet,
@@ -325,16 +319,8 @@ async def test_an_answer_of_before_cannot_be_given_again(
     """The cell's own status of an earlier session, given to a subscriber that begins: its question is another."""
     async with signing_cell(bus, keys):
         question = f"{ROOT}/@/status"
-        replies: list[zenoh.Reply] = []
-
-        def answered() -> bool:
-            replies.extend(r for r in attacker.get(question, timeout=1.0) if r.ok is not None)
-            return bool(replies)
-
-        await eventually(answered, "an answer to keep")
-    old = replies[0].ok
-    assert old is not None
-    assert old.attachment is not None
+        ask = lambda: [r.ok for r in attacker.get(question, timeout=1.0) if r.ok is not None]  # noqa: E731
+        (old, *_) = await eventually(ask, "an answer to keep")
     payload, attachment = old.payload.to_bytes(), old.attachment.to_bytes()
 
     def again(query: zenoh.Query) -> None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import threading
 import time
 from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
 from typing import Any
 
 import numpy as np
@@ -39,10 +41,16 @@ class Cell:
     def subscriber(self, **more: object) -> Subscriber:
         return Subscriber(SITE, CELL, self.link, **more)  # type: ignore[arg-type]
 
-    def give(self, first: int, count: int, live: bool = True, record: bool = True) -> None:
+    @asynccontextmanager
+    async def joined(self, **more: object) -> AsyncIterator[Subscriber]:
+        """A subscriber that knows where the cell is."""
+        async with self.subscriber(**more) as subscriber:
+            await eventually(lambda: subscriber._inbox.following.joined, "the subscriber to know where the cell is")
+            yield subscriber
+
+    def give(self, first: int, count: int, live: bool = True) -> None:
         item = batch(first, count)
-        if record:
-            self.view.record(item)
+        self.view.record(item)
         if live:
             self.outlet.offer(item)
         else:  # the outlet knows of it and loses it on the way
@@ -54,10 +62,6 @@ async def cell() -> AsyncIterator[Cell]:
     found = Cell()
     async with serving(found.outlet):
         yield found
-
-
-async def joined(subscriber: Subscriber) -> None:
-    await eventually(lambda: subscriber._inbox.following.joined, "the subscriber to know where the cell is")
 
 
 async def read(subscriber: Subscriber, count: int, topic: str = "") -> list[Message]:
@@ -73,8 +77,7 @@ async def read(subscriber: Subscriber, count: int, topic: str = "") -> list[Mess
 
 
 async def test_everything_of_a_cell_in_order(cell: Cell) -> None:
-    async with cell.subscriber(want=("raw", "frame", "alarm")) as subscriber:
-        await joined(subscriber)
+    async with cell.joined(want=("raw", "frame", "alarm")) as subscriber:
         cell.give(0, 5)
         cell.outlet.offer(frames(0, 2))
         cell.outlet.offer(alarm(1))
@@ -88,8 +91,7 @@ async def test_everything_of_a_cell_in_order(cell: Cell) -> None:
 
 
 async def test_what_the_record_has_forgotten_is_a_gap(cell: Cell) -> None:
-    async with cell.subscriber(want=("raw",)) as subscriber:
-        await joined(subscriber)
+    async with cell.joined(want=("raw",)) as subscriber:
         cell.give(0, 100, live=False)
         cell.view.forgotten = 60
         cell.give(100, 5)
@@ -103,18 +105,15 @@ async def test_what_the_record_has_forgotten_is_a_gap(cell: Cell) -> None:
 async def test_what_is_being_repaired_is_asked_for_until_it_is_there(
     cell: Cell, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    history, asked = cell.view.history, 0
+    history, asked = cell.view.history, itertools.count(1)
 
     def repairing(*question: Any) -> Sequence[Batch]:
-        nonlocal asked
-        asked += 1
-        if asked < 3:
+        if next(asked) < 3:
             raise RepairingError("it is being repaired")
         return history(*question)
 
     monkeypatch.setattr(cell.view, "history", repairing)
-    async with cell.subscriber(want=("raw",), patience=0.0) as subscriber:
-        await joined(subscriber)
+    async with cell.joined(want=("raw",), patience=0.0) as subscriber:
         cell.give(0, 5)
         await read(subscriber, 1)
         cell.give(5, 20, live=False)
@@ -124,8 +123,7 @@ async def test_what_is_being_repaired_is_asked_for_until_it_is_there(
 
 
 async def test_resume_goes_on_where_an_earlier_run_stopped(cell: Cell) -> None:
-    async with cell.subscriber(want=("raw", "alarm")) as subscriber:
-        await joined(subscriber)
+    async with cell.joined(want=("raw", "alarm")) as subscriber:
         cell.give(0, 5)
         await read(subscriber, 1)
         positions = subscriber.positions
@@ -157,7 +155,7 @@ async def test_threads_read_with_receive_and_for(cell: Cell) -> None:
     ready = threading.Event()
     reading = asyncio.create_task(asyncio.to_thread(consume))
     await asyncio.to_thread(ready.wait, 20)
-    starts = iter(range(0, 100_000, 5))
+    starts = itertools.count(0, 5)
     await eventually(lambda: cell.give(next(starts), 5) or reading.done(), "enough to read")
     found = await reading
     assert found == sorted(found)
@@ -165,8 +163,7 @@ async def test_threads_read_with_receive_and_for(cell: Cell) -> None:
 
 
 async def test_a_consumer_that_is_slow_gets_all_of_it(cell: Cell) -> None:
-    async with cell.subscriber(want=("raw",), queue_size=2) as subscriber:
-        await joined(subscriber)
+    async with cell.joined(want=("raw",), queue_size=2) as subscriber:
         for first in range(0, 5000, 5):
             cell.give(first, 5)
             if first % 500 == 0:
@@ -184,8 +181,7 @@ async def test_a_message_that_was_damaged_on_its_way_is_asked_for_again(cell: Ce
     payload = encode(batch(0, 5))
     damaged = payload[:-40] + bytes(b ^ 0x5A for b in payload[-40:])
     with await asyncio.to_thread(open_session, cell.link) as between:
-        async with cell.subscriber(want=("raw",)) as subscriber:
-            await joined(subscriber)
+        async with cell.joined(want=("raw",)) as subscriber:
             between.put(
                 f"cellwatt/{SITE}/{CELL}/raw/arm/samples", damaged, attachment=Mark(EPOCH, 0, 5, EPOCH).encode(payload)
             )
@@ -223,8 +219,7 @@ async def test_messages_before_their_schema_are_asked_for_once_it_came(
 ) -> None:
     monkeypatch.setattr(publisher, "SCHEMA_EVERY", 1e9)
     monkeypatch.setattr(publisher.Publisher, "tell_schemas", lambda _: None)
-    async with cell.subscriber(want=("raw",), patience=PATIENCE) as subscriber:
-        await joined(subscriber)
+    async with cell.joined(want=("raw",), patience=PATIENCE) as subscriber:
         cell.give(0, 5)
         (first,) = await read(subscriber, 1)
         subscriber._inbox._schemas.clear()

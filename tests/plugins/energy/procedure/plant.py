@@ -6,7 +6,7 @@ Simulated at 500 Hz by ``bench/energy``'s Newton-Euler, which shares no code wit
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -109,8 +109,7 @@ def links_of(made):
     ]
     if made.joints == 7:
         six.insert(2, Link((0.9 * a, 0, 0), (1, 0, 0), m[2], (0.02, 0, 0.01), _rod(m[2], 0.12, 0)))
-        shifted = six[3]
-        six[3] = Link((0.1 * a, -0.09, 0), shifted.axis, shifted.mass, shifted.centre, shifted.inertia)
+        six[3] = replace(six[3], origin=(0.1 * a, -0.09, 0))
     return tuple(six)
 
 
@@ -198,15 +197,8 @@ class Arm:
     def losses(self, torque, qd):
         """Copper, switching, iron, hysteresis (N, 4) W at the rates of the first guess."""
         current = torque / self.constant
-        return np.stack(
-            [
-                (self.described * current**2).sum(axis=1),
-                np.abs(current).sum(axis=1),
-                (qd**2).sum(axis=1),
-                np.abs(qd).sum(axis=1),
-            ],
-            axis=1,
-        )
+        of_joints = (self.described * current**2, np.abs(current), qd**2, np.abs(qd))
+        return np.stack([each.sum(axis=1) for each in of_joints], axis=1)
 
     def powers(self, torque, qd):
         """Groups (N,) W."""
@@ -284,15 +276,9 @@ class Arm:
         """robot.yaml and robot.urdf as the user has them: masses and resistances a little off."""
         folder.mkdir(parents=True, exist_ok=True)
         write_urdf(self.links, folder / "robot.urdf")
-        joints = [
-            {
-                "name": f"joint_{i + 1}",
-                "torque_constant": float(self.constant[i]),
-                "rotor_inertia": float(self.rotor[i]),
-                "winding_resistance": float(self.described[i]),
-            }
-            for i in range(self.made.joints)
-        ]
+        drives = {"torque_constant": self.constant, "rotor_inertia": self.rotor, "winding_resistance": self.described}
+        told = [{name: float(values[i]) for name, values in drives.items()} for i in range(self.made.joints)]
+        joints = [{"name": f"joint_{i}", **drive} for i, drive in enumerate(told, start=1)]
         head = {"robot": self.made.name, "urdf": "robot.urdf", "payload": self.cube.payload}
         head |= {"brakes": self.made.brakes > 0, "controller_separate": self.made.separate}
         head |= {"torque_from": "current" if self.made.by_current else "sensor"}

@@ -8,9 +8,7 @@ from cellwatt_plugins.explain.fit.problem import Problem, Term
 from cellwatt_plugins.explain.fit.sides import torque_problem
 from cellwatt_plugins.explain.fit.solution import Solution
 from cellwatt_plugins.explain.fit.thresholds import DEFAULT
-from cellwatt_plugins.explain.input.moved import moved
 from cellwatt_plugins.robot.effects import BY_NAME
-from cellwatt_plugins.robot.effects.states import States
 from tests.plugins.explain import plant
 
 OFFSET = Term(BY_NAME["torque_offset"], 0, ())
@@ -21,8 +19,7 @@ RIPPLES = [Term(BY_NAME["position_periodic_torque"], joint, (n,)) for joint, n i
 def problem(arm) -> Problem:
     shifted = plant.Missing(read=lambda torque: torque + np.array([0.1, 0, 0]))
     runs = [plant.record(f"run_{i:02d}", i, shifted, 20.0) for i in (1, 2, 3)]
-    states = [States(r.name, i, r.time, moved(r), arm) for i, r in enumerate(runs)]
-    return torque_problem(runs, states)
+    return torque_problem(runs, plant.states_of(runs, arm))
 
 
 def solved(problem: Problem, *terms: Term) -> Solution:

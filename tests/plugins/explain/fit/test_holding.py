@@ -1,6 +1,6 @@
 """Friction at rest: what a loop lets go of while nothing moves was held."""
 
-from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,23 +10,15 @@ from cellwatt_plugins.explain.fit.holding import held_at_rest
 STEP, NOISE = 0.005, 0.02
 
 
-@dataclass
-class Rests:
-    """A joint that rests for a second of every two."""
-
-    resting: np.ndarray
-    step: float = STEP
-    unplanned: bool = False
-
-
 def course(held: float):
-    """Twelve rests, in each of which a torque of ``held`` (rms) decays within 0.2 s."""
+    """A joint that rests twelve times, a second of every two, while a torque of ``held`` (rms) decays within 0.2 s."""
     draw = np.random.default_rng(1)
     resting = np.tile(np.repeat([False, True], 200), 12)
     sizes = held * draw.choice([-1.0, 1.0], 12)
     decay = np.exp(-np.arange(200) * STEP / 0.2)
     left = np.concatenate([np.concatenate([np.zeros(200), size * decay]) for size in sizes])
-    return Rests(resting[:, None]), (left + NOISE * draw.standard_normal(len(left)))[:, None]
+    rests = SimpleNamespace(resting=resting[:, None], step=STEP, unplanned=False)
+    return rests, (left + NOISE * draw.standard_normal(len(left)))[:, None]
 
 
 @pytest.mark.parametrize(("held", "least", "most"), [(0.0, 0.0, 0.02), (3.0, 2.0, 5.0)])

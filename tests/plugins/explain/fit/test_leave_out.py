@@ -6,9 +6,7 @@ import pytest
 from cellwatt_plugins.explain.fit.leave_out import FOLDS, LeaveOut, compared, folds_of, rms
 from cellwatt_plugins.explain.fit.problem import Problem, Term
 from cellwatt_plugins.explain.fit.sides import torque_problem
-from cellwatt_plugins.explain.input.moved import moved
 from cellwatt_plugins.robot.effects import BY_NAME
-from cellwatt_plugins.robot.effects.states import States
 from tests.plugins.explain import plant
 
 OFFSET = Term(BY_NAME["torque_offset"], 0, ())
@@ -20,8 +18,7 @@ FACTOR = np.array([2.0, 3.0, 1.5])
 def problem(arm) -> Problem:
     shifted = plant.Missing(read=lambda torque: torque + np.array([2.0, 0, 0]))
     runs = [plant.record("run_01", 1, shifted, 20.0), plant.record("run_02", 2, shifted, 28.0)]
-    states = [States(r.name, i, r.time, moved(r), arm) for i, r in enumerate(runs)]
-    return torque_problem(runs, states)
+    return torque_problem(runs, plant.states_of(runs, arm))
 
 
 @pytest.fixture(scope="module")

@@ -24,7 +24,7 @@ def thinner(problem: Problem, every: int) -> Problem:
 
 def searched(arm, missing, names, thin=1):
     runs = [plant.record("run_01", 1, missing), plant.record("run_02", 2, missing)]
-    states = [States(r.name, i, r.time, moved(r), arm) for i, r in enumerate(runs)]
+    states = plant.states_of(runs, arm)
     return search(
         lambda turning, late: thinner(torque_problem(runs, states, turning, late), thin),
         plant.JOINTS,
@@ -90,7 +90,7 @@ def test_less_than_a_form_may_be_wrong_by_is_no_effect(arm):
     def found(brakes):
         missing = plant.Missing(drawn=drawn(brakes))
         runs = [plant.record(f"run_0{i}", i, missing, plan=True) for i in (1, 2)]
-        states = [States(r.name, i, r.time, moved(r), arm) for i, r in enumerate(runs)]
+        states = plant.states_of(runs, arm)
         problem = supply_problem(runs, states, [np.zeros_like(s.torque) for s in states])
         effects = [BY_NAME["iron_loss"], BY_NAME["brake_power"]]
         return {t.effect.name for t in search(lambda *_: problem, 1, effects=effects).terms}

@@ -13,10 +13,8 @@ from cellwatt_plugins.explain.fit.swinging_links import (
     swinging_channels,
     swinging_torque,
 )
-from cellwatt_plugins.explain.input.moved import moved
 from cellwatt_plugins.explain.verdict.lack_of_fit import lack_of_fit
 from cellwatt_plugins.robot.effects import BY_NAME
-from cellwatt_plugins.robot.effects.states import States
 from tests.plugins.explain import plant
 
 SWINGS = Term(BY_NAME["joint_elasticity"], 1, (900.0, 0.5, 0.0))
@@ -25,7 +23,7 @@ SWINGS = Term(BY_NAME["joint_elasticity"], 1, (900.0, 0.5, 0.0))
 @pytest.fixture(scope="module")
 def problem(arm):
     runs = [plant.record("run_01", 1, plant.NOTHING), plant.record("run_02", 2, plant.NOTHING)]
-    return torque_problem(runs, [States(r.name, i, r.time, moved(r), arm) for i, r in enumerate(runs)])
+    return torque_problem(runs, plant.states_of(runs, arm))
 
 
 def solved(problem, residual, terms=(SWINGS,)):

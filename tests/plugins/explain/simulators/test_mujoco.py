@@ -70,7 +70,6 @@ def test_a_missing_extra_is_named(tmp_path, monkeypatch):
 
 
 def test_units_of_a_slide(tmp_path):
-    path = tmp_path / "arm.xml"
-    path.write_text(TwoLinks().mjcf().replace('name="elbow"', 'name="elbow" type="slide"'))
-    simulator = load_simulator(path, ("shoulder", "elbow"))
+    text = TwoLinks().mjcf().replace('name="elbow"', 'name="elbow" type="slide"')
+    simulator = load_simulator(written(tmp_path, text), JOINTS)
     assert [simulator.unit(i, "N*m*s/rad") for i in range(2)] == ["N*m*s/rad", "N*s/m"]

@@ -11,12 +11,10 @@ from cellwatt_plugins.explain.fit.problem import Term
 from cellwatt_plugins.explain.fit.search.solve import fitted
 from cellwatt_plugins.explain.fit.sides import torque_problem
 from cellwatt_plugins.explain.fit.solution import Solution
-from cellwatt_plugins.explain.input.moved import moved
 from cellwatt_plugins.explain.verdict.cascade import cascade, falling
 from cellwatt_plugins.explain.verdict.retuned import retuned_of
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.effects import EFFECTS
-from cellwatt_plugins.robot.effects.states import States
 from tests.plugins.explain import plant
 from tests.plugins.explain.plant import NOMINAL, Missing
 
@@ -26,8 +24,7 @@ OFFSETS = np.array([0.0, 0.9, 1.5])
 
 def solution(arm: Arm, missing: Missing, *terms: Term) -> Solution:
     runs = [plant.record(f"run_{seed}", seed, missing, 12.0, power=False) for seed in (1, 2)]
-    states = [States(run.name, i, run.time, moved(run), arm) for i, run in enumerate(runs)]
-    return fitted(torque_problem(runs, states), terms)
+    return fitted(torque_problem(runs, plant.states_of(runs, arm)), terms)
 
 
 def test_each_step_takes_off_what_was_put_in_and_the_largest_comes_first(arm: Arm) -> None:

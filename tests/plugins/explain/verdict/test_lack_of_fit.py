@@ -4,9 +4,7 @@ import numpy as np
 
 from cellwatt_plugins.explain.fit.search import search
 from cellwatt_plugins.explain.fit.sides import torque_problem
-from cellwatt_plugins.explain.input.moved import moved
 from cellwatt_plugins.explain.verdict.lack_of_fit import lack_of_fit, unexplained_channel
-from cellwatt_plugins.robot.effects.states import States
 from tests.plugins.explain import plant
 
 
@@ -14,7 +12,7 @@ def left(arm, added, **limits):
     """What is unexplained where no effect is known at all."""
     missing = plant.Missing(added=added)
     runs = [plant.record("run_01", 1, missing), plant.record("run_02", 2, missing)]
-    states = [States(r.name, i, r.time, moved(r), arm) for i, r in enumerate(runs)]
+    states = plant.states_of(runs, arm)
     problem = torque_problem(runs, states)
     solution = search(partial(torque_problem, runs, states), plant.JOINTS, effects=())
     return lack_of_fit(problem.chi2(problem.fit([]).residual), solution, **limits)
@@ -27,8 +25,7 @@ def test_nothing_is_left_of_noise_and_mistuned_parameters(arm):
 def test_joints_that_the_search_had_no_time_for_are_not_called_unexplained(arm):
     missing = plant.Missing(added=lambda t, q, qd, run: plant.column(4 * np.sin(3 * t), 3))
     runs = [plant.record("run_01", 1, missing, power=False)]
-    states = [States(r.name, i, r.time, moved(r), arm) for i, r in enumerate(runs)]
-    solution = search(partial(torque_problem, runs, states), plant.JOINTS, until=-np.inf)
+    solution = search(partial(torque_problem, runs, plant.states_of(runs, arm)), plant.JOINTS, until=-np.inf)
     assert solution.unsearched == (0, 1, 2)
     (late,) = [u for u in lack_of_fit(np.ones(3), solution) if u.channel == 2]
     told = unexplained_channel(late, "tau_3", "N*m", looked_at=False)

@@ -1,7 +1,7 @@
-"""Arms that exist nowhere else: moves, currents and supply power from plain Newton–Euler of its own.
+"""Arms that exist nowhere else: moves, currents and supply power from plain Newton–Euler.
 
-Shares no code with what is tested: vectors in the links' frames, one loop out and one back (Craig, Introduction to
-Robotics, 6.5). What a user knows is written beside as ``robot.yaml`` and URDF, with links some per cent off.
+Shares no code with what is tested: links are those of ``bench/energy/chain.py``. What a user knows is written beside as
+``robot.yaml`` and URDF, with links some per cent off.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import yaml
-
-GRAVITY = 9.81
+from energy.chain import Link
+from energy.chain import torques as torques_of
 
 
 @dataclass(frozen=True)
@@ -70,46 +70,21 @@ def turn_x(angle: float) -> np.ndarray:
     return np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
 
 
+def links_of(arm: Arm) -> tuple[list[Link], np.ndarray]:
+    """The links in frames that are all parallel at zero, and how the last one's own frame is turned to these."""
+    turned, out = np.eye(3), []
+    for i, angle in enumerate(arm.turns):
+        origin = turned @ arm.offsets[i]
+        turned = turned @ turn_x(angle)
+        inertia = np.abs(turned) @ arm.inertia[i]  # by right angles alone
+        out.append(Link(origin, turned[:, 2], arm.mass[i], turned @ arm.centre[i], inertia))
+    return out, turned
+
+
 def torques(arm: Arm, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Torque of the links, and of the whole drive, (N, n) Nm."""
-    rows, n = q.shape
-    z = np.array([0.0, 0.0, 1.0])
-    w, dw, dv = np.zeros((rows, 3)), np.zeros((rows, 3)), np.tile([0.0, 0.0, GRAVITY], (rows, 1))
-    turn, force, moment = [], [], []
-    mass, centre = arm.mass.copy(), arm.centre.copy()
-    inertia = [np.diag(each) for each in arm.inertia]
-    if arm.payload:
-        total = mass[-1] + arm.payload
-        at = np.array([0.0, 0.0, 0.08])
-        middle = (mass[-1] * centre[-1] + arm.payload * at) / total
-        moved = [(mass[-1], centre[-1] - middle), (arm.payload, at - middle)]
-        inertia[-1] = inertia[-1] + sum(m * (r @ r * np.eye(3) - np.outer(r, r)) for m, r in moved)
-        mass[-1], centre[-1] = total, middle
-    for i in range(n):
-        c, s = np.cos(q[:, i]), np.sin(q[:, i])
-        about = np.zeros((rows, 3, 3))
-        about[:, 0, 0], about[:, 0, 1], about[:, 1, 0], about[:, 1, 1], about[:, 2, 2] = c, -s, s, c, 1.0
-        r = turn_x(arm.turns[i]) @ about  # from this link's frame to the one before
-        p = arm.offsets[i]
-        dv = dv + np.cross(dw, p) + np.cross(w, np.cross(w, p))
-        back = r.transpose(0, 2, 1)
-        dv, w0, dw0 = (np.einsum("nij,nj->ni", back, x) for x in (dv, w, dw))
-        w = w0 + qd[:, i, None] * z
-        dw = dw0 + np.cross(w0, qd[:, i, None] * z) + qdd[:, i, None] * z
-        dvc = dv + np.cross(dw, centre[i]) + np.cross(w, np.cross(w, centre[i]))
-        turn.append(r)
-        force.append(mass[i] * dvc)
-        moment.append(dw @ inertia[i].T + np.cross(w, w @ inertia[i].T))
-    out = np.zeros((rows, n))
-    f, m = np.zeros((rows, 3)), np.zeros((rows, 3))
-    for i in reversed(range(n)):
-        at = np.zeros(3) if i == n - 1 else arm.offsets[i + 1]
-        if i < n - 1:
-            f = np.einsum("nij,nj->ni", turn[i + 1], f)
-            m = np.einsum("nij,nj->ni", turn[i + 1], m) + np.cross(at, f)
-        m = m + moment[i] + np.cross(centre[i], force[i])
-        f = f + force[i]
-        out[:, i] = m[:, 2]
+    links, turned = links_of(arm)
+    n, out = arm.joints, torques_of(links, q, qd, qdd, arm.payload, turned @ [0.0, 0.0, 0.08])
     s = np.tanh(qd / arm.width)
     excess = arm.stribeck * np.exp(-((qd / arm.stribeck_speed) ** 2))
     friction = (arm.coulomb + excess + arm.by_load[:n] * np.abs(out)) * s + arm.viscous * qd + arm.cubic[:n] * qd**3

@@ -12,6 +12,8 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from energy.chain import Link, write_urdf
+from energy.chain import rotations as turned
 
 G = 9.81
 RATED = np.array([420.0, 460.0, 260.0, 60.0, 55.0, 32.0])
@@ -121,13 +123,6 @@ class Arm:
         return energy
 
 
-def turned(axis, angle):
-    x, y, z = axis
-    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    s, c = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
-    return np.eye(3) + s * k + (1 - c) * (k @ k)
-
-
 def halton(count, bases=(2, 3, 5, 7, 11, 13)):
     out = np.zeros((count, len(bases)))
     for d, base in enumerate(bases):
@@ -167,19 +162,8 @@ def unseen(arm: Arm, rng, count=400):
 def write_robot(folder: Path, cad: Arm) -> Path:
     """``robot.yaml`` and ``robot.urdf`` of the arm as its CAD model says."""
     folder.mkdir(parents=True, exist_ok=True)
-    text = ['<robot name="arm">', '<link name="base"/>']
-    vector = lambda v: " ".join(f"{x:.9g}" for x in v)  # noqa: E731
-    text += [
-        (
-            f'<link name="link_{i + 1}"><inertial><origin xyz="{vector(cad.centre[i])}"/><mass value="{cad.mass[i]}"/>'
-            '<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial></link>'
-            f'<joint name="joint_{i + 1}" type="revolute"><parent link="{"base" if i == 0 else f"link_{i}"}"/>'
-            f'<child link="link_{i + 1}"/><origin xyz="{vector(OFFSETS[i])}"/><axis xyz="{vector(AXES[i])}"/>'
-            '<limit lower="-6.28" upper="6.28" effort="1000" velocity="10"/></joint>'
-        )
-        for i in range(6)
-    ]
-    (folder / "robot.urdf").write_text("\n".join([*text, "</robot>"]))
+    links = [Link(OFFSETS[i], AXES[i], cad.mass[i], cad.centre[i], (0.1, 0.1, 0.1)) for i in range(6)]
+    write_urdf(links, folder / "robot.urdf")
     lines = ["robot: mh12", "urdf: robot.urdf", "joints:"]
     for i in range(6):
         low, high = cad.limits[i]

@@ -4,64 +4,41 @@ python -m PACKAGE.cell '{"site", "cell", "folder", "zenoh": settings, "record": 
 
 ``{"run": s}`` records and publishes samples, frames and alarms in real time until that time is over (``null``: until
 ``{"halt": true}``); ``{"past": h}`` records hours at once, with time stamps of that long. ``{"tell": true}`` says what
-was made, the counts of the outlet and the memory.
+was made, and the counts of the outlet.
 """
 
 from __future__ import annotations
 
 import asyncio
 import json
-import resource
 import sys
 import time
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from cellwatt import Batch, Channel, FrameChannel, Frames, Layout, Stream
+from cellwatt import Batch, Channel, Stream
 from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
 from cellwatt.record import Header, History, Recorder, RecordSettings
-from cellwatt.results import Event, Result
+from tests.blocks import frames_of, layout_of
 from tests.daemon.outlets.zenoh.fake_cell import alarm
+from tests.daemon.outlets.zenoh.recorded_cell import RecordedView
 from tests.doing import doing
 from tests.orders import orders, say
 
-HOUR = 3600 * 10**9
 FRAME_RATE = 50.0
 
 
-class View:
+class View(RecordedView):
     """What the outlet asks of its cell."""
 
-    journal = None
-    folder = Path("/")
-
     def __init__(self, site: str, cell: str, recorder: Recorder) -> None:
-        self.site, self.cell, self.session = site, cell, recorder.session
-        self.record_folder = recorder.settings.folder
-        self.made = History(recorder.settings.folder, recorder)
-
-    def status(self) -> Mapping[str, Any]:
-        return {"state": "green"}
-
-    schema = status
+        super().__init__(History(recorder.settings.folder, recorder), recorder.session, cell)
+        self.site, self.record_folder = site, recorder.settings.folder
 
     def config(self) -> Mapping[str, Any]:
         return {"record": {"frames": True}}
-
-    def recordings(self) -> Sequence[Mapping[str, Any]]:
-        return self.made.recordings()
-
-    def history(self, source: str, stream: str, session: int, first: int, count: int) -> Sequence[Batch]:
-        return self.made.history(source, stream, session, first, count)
-
-    def frame_history(self, session: int, first: int, count: int) -> Sequence[Frames]:
-        return self.made.frames(session, first, count)
-
-    def result_history(self, series: str, session: int, first: int, count: int) -> Sequence[tuple[int, Result | Event]]:
-        return self.made.results(series, session, first, count)
 
 
 class Cell:
@@ -71,13 +48,13 @@ class Cell:
         self.rate, self.width = float(order["rate"]), int(order["width"])
         channels = tuple(Channel(f"joint_{i + 1}.position", "rad") for i in range(self.width))
         self.stream = Stream("samples", channels, self.rate, "host")
-        self.layout = Layout((FrameChannel("arm.joint_1.position", "rad", "continuous", "linear"),), FRAME_RATE)
+        self.layout = layout_of({"arm.joint_1.position": "rad"}, FRAME_RATE)
         header = Header(order["site"], order["cell"], time.time_ns(), robot="ur10e", settings="")
         record = RecordSettings(**{**order["record"], "folder": order["folder"]})
         self.recorder = Recorder(record, header)
         self.view = View(order["site"], order["cell"], self.recorder)
-        self.outlet = ZenohOutlet("zenoh", ZenohSettings(**order["zenoh"]), self.view)  # type: ignore[arg-type]
-        self.samples = self.frames = self.alarms = self.refused = 0
+        self.outlet = ZenohOutlet("zenoh", ZenohSettings(**order["zenoh"]), self.view)
+        self.samples = self.frames = self.alarms = 0
         self.clock = self.recorder.session
         """UTC ns of the next sample."""
         self.halted = asyncio.Event()
@@ -90,19 +67,15 @@ class Cell:
         about = {"bound": np.full(count, 1000), "quality": np.zeros(count, np.uint8), "device_time": None}
         at = int(times[-1]) if arrival is None else arrival
         batch = Batch("arm", self.stream, self.samples, at, time=times, values=values, **about)
-        self.refused += not self.recorder.put(batch)
+        self.recorder.put(batch)
         self.outlet.offer(batch)
         self.samples += count
         self.clock += int(count * step)
 
     def make_frames(self, count: int) -> None:
         numbers = np.arange(self.frames, self.frames + count)
-        now, shape = time.time_ns(), (count, 1)
-        time_of = now + ((numbers - numbers[-1]) * 1e9 / FRAME_RATE).astype(np.int64)
-        values, quality, bound = numbers[:, None] + 0.25, np.zeros(shape, np.uint8), np.zeros(shape, np.int64)
-        self.outlet.offer(
-            Frames(layout=self.layout, sequence=self.frames, time=time_of, values=values, quality=quality, bound=bound)
-        )
+        time_of = time.time_ns() + ((numbers - numbers[-1]) * 1e9 / FRAME_RATE).astype(np.int64)
+        self.outlet.offer(frames_of(self.layout, self.frames, time_of, numbers[:, None] + 0.25))
         self.frames += count
 
     def make_alarm(self) -> None:
@@ -135,19 +108,8 @@ class Cell:
         say({"past": self.made()})
 
     def made(self) -> dict[str, Any]:
-        kept = self.view.recordings()
-        return {
-            "samples": self.samples,
-            "frames": self.frames,
-            "alarms": self.alarms,
-            "refused": self.refused,
-            "files": len(kept),
-            "bytes": sum(k["bytes"] for k in kept),
-            "span_h": (self.clock - self.recorder.session) / HOUR,
-            "account": self.outlet.account.snapshot(),
-            "rss": rss(),
-            "most_rss": most_rss(),
-        }
+        counts = {"samples": self.samples, "frames": self.frames, "alarms": self.alarms}
+        return {**counts, "account": self.outlet.account.snapshot()}
 
     async def beat(self) -> None:
         while True:
@@ -164,18 +126,8 @@ class Cell:
                 elif "halt" in order:
                     self.halted.set()
                 elif "tell" in order:
-                    say({"told": await asyncio.to_thread(self.made)})
+                    say({"told": self.made()})
             self.halted.set()
-
-
-def rss() -> int:
-    """Bytes of memory that this process has now."""
-    return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
-
-
-def most_rss() -> int:
-    """Bytes of memory that this process has had at most."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
 
 
 async def main() -> None:

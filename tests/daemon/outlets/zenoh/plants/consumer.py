@@ -22,8 +22,6 @@ from cellwatt.outlets.zenoh.link import LinkSettings, open_session
 from cellwatt.subscriber import Gap, Message, Subscriber
 from tests.orders import say
 
-from .cell import most_rss, rss
-
 
 class Recorder:
     """What came of each topic: the next number, and everything that is wrong."""
@@ -64,7 +62,7 @@ def record(order: dict[str, Any]) -> None:
 
         def tell() -> None:
             while not over.wait(0.1):
-                say({**recorder.has(), "counts": cell.counts, "rss": rss(), "most_rss": most_rss()})
+                say({**recorder.has(), "counts": cell.counts})
 
         over = threading.Event()
         threads = [threading.Thread(target=tell), threading.Thread(target=lambda: (sys.stdin.read(), cell.close()))]

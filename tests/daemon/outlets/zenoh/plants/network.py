@@ -79,13 +79,9 @@ class Network:
         shape = ("tbf", "rate", f"{8 * rate:.0f}bit", "burst", "32kb", "latency", "400ms")
         _run(_tool("tc"), "-n", self.name(f"plant{plant}"), "qdisc", "replace", "dev", "hq", "root", *shape)
 
-    @staticmethod
-    def _places() -> list[str]:
-        return ["hq", *(f"{kind}{n}" for n in PLANTS for kind in ("plant", "gate", "cell"))]
-
     def make(self) -> None:
         """Make all namespaces and lines."""
-        for place in self._places():
+        for place in ("hq", *(f"{kind}{n}" for n in PLANTS for kind in ("plant", "gate", "cell"))):
             _run(_tool("ip"), "netns", "add", self.name(place))
             self._ip(place, "link", "set", "lo", "up")
         for n in PLANTS:

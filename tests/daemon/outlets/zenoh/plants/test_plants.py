@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+import time
 from pathlib import Path
 from typing import Any
 
@@ -89,8 +90,21 @@ def test_a_gate_that_swallows_packets_in_silence(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_what_the_record_no_longer_has_is_told_as_lost(tmp_path: Path) -> None:
     """The disk budget is spent during the cut: what is gone is told, with its count, and the rest comes."""
-    found = trial.past_and_catch_up(tmp_path, 24.0, 1.0, files=100, keep="3 MB", patience=4 * PATIENCE)
-    plant = found["plant"]
+    with trial.plants(tmp_path) as running:
+        cell, recorder = running.cell(1, 1.0, file_size="60 kB", keep="3 MB"), running.consumer(1)
+        running.ready()
+        cell.send(run=None)
+        trial.begun(recorder)
+        cell.answer("ran", halt=True)
+        running.net.cut(1)
+        past = cell.answer("past", 4 * PATIENCE, past=24.0)
+        cell.send(run=None)
+        time.sleep(12.0)
+        running.net.restore(1)
+        trial.caught_up(recorder, past, 4 * PATIENCE)
+        made = cell.answer("ran", halt=True)
+        trial.caught_up(recorder, made, 4 * PATIENCE)
+        plant = trial.judged(recorder, made)
     assert plant["due"] == plant["got"] + plant["told as lost"]
     assert plant["told as lost"] > 1000
     assert plant["got"] > 1000

@@ -129,7 +129,6 @@ def judged(recorder: Process, made: dict[str, Any]) -> dict[str, Any]:
         **{what: sum(found[t][what] for t in whole) for what in ("holes", "twice", "wrong")},
         "reasons": recorder.said["topics"]["reasons"],
         "counts": recorder.said["topics"]["counts"],
-        "most_rss_MB": round(recorder.said["topics"]["most_rss"] / 1e6),
     }
 
 
@@ -174,27 +173,3 @@ def cut_and_catch_up(
             caught_up(recorder, whole, patience)
         judgements = [judged(r, m) for r, m in zip(recorders, made, strict=True)]
         return {"caught_up_s": caught, "live": live, "plants": judgements, "cell": made[0]}
-
-
-def past_and_catch_up(
-    folder: Path, hours: float, rate: float, *, files: int, keep: str | None = None, patience: float = 3600.0
-) -> dict[str, Any]:
-    """Cut plant 1 off while its cell records ``hours`` of time stamps in about so many ``files``; then catch up."""
-    size = max(hours * 3600 * rate * 43 / files, 60e3)
-    record = {"file_size": f"{size:.0f} B"} | ({} if keep is None else {"keep": keep})
-    with plants(folder) as trial:
-        cell, recorder = trial.cell(1, rate, **record), trial.consumer(1)
-        trial.ready()
-        cell.send(run=None)
-        begun(recorder)
-        cell.answer("ran", halt=True)
-        trial.net.cut(1)
-        past = cell.answer("past", patience, past=hours)
-        cell.send(run=None)
-        time.sleep(12.0)
-        trial.net.restore(1)
-        rss = recorder.said["topics"]["rss"]
-        caught_up(recorder, past, patience)
-        made = cell.answer("ran", halt=True)
-        caught_up(recorder, made, patience)
-        return {"plant": judged(recorder, made), "consumer_rss_before_MB": round(rss / 1e6), "cell": made}
