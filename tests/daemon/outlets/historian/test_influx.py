@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from datetime import UTC, datetime
@@ -289,6 +290,18 @@ def test_retry_after(header: str | None, seconds: float | None) -> None:
 )  # fmt: skip
 def test_answers_mean(status: int, kind: str) -> None:
     assert outcome_of(status, "", {}).kind == kind
+
+
+@pytest.mark.parametrize(
+    ("status", "error", "kind"),
+    [
+        (500, "[shard 7] partial write: field type conflict dropped=1", "refused"),
+        (500, "partial write", "later"),  # a cluster with a node down
+        (503, "partial write: hinted handoff queue not empty", "later"),
+    ],
+)
+def test_a_partial_write_is_refused_for_good_if_it_has_a_reason(status: int, error: str, kind: str) -> None:
+    assert outcome_of(status, json.dumps({"error": error}), {}).kind == kind
 
 
 @pytest.mark.parametrize(
