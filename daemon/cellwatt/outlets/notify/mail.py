@@ -58,7 +58,10 @@ class Mail:
         finally:
             client.close()
         taken = tuple(address for address in wanted if address not in refused)
-        for_ever = {a: f"{code} {text}" for a, (code, text) in refused.items() if _final(code)}
+        # A server that accepts other addresses refuses these, not the sender: they must not hold up later messages.
+        for_ever = {
+            a: f"{code} {text}" for a, (code, text) in refused.items() if _final(code) or (taken and code >= _FOR_EVER)
+        }
         later = {a: f"{code} {text}" for a, (code, text) in refused.items() if a not in for_ever}
         return SendResult(taken, for_ever, later)
 
