@@ -41,6 +41,8 @@ class PlainFormat:
         """Topics of alarms that the broker may retain, by alarm id."""
         self._rows_kept: set[str] = set()
         """Topics of rows that the broker may retain although this format does not."""
+        self._subscribes = True
+        """False while a connection that broke before the birth was the last: some brokers cut forbidden subscribers."""
         self._open: dict[str, int] = {}
         """Number of the running interval published for each source."""
 
@@ -55,7 +57,8 @@ class PlainFormat:
 
     def subscriptions(self) -> Sequence[Subscription]:
         """The cell's own alarms and rows, to delete those that the broker retains from an earlier daemon."""
-        return tuple(Subscription(f"{self.root}/{topic}/#", 0, needed=False) for topic in ("alarm", "frame"))
+        topics, self._subscribes = ("alarm", "frame") if self._subscribes else (), False
+        return [Subscription(f"{self.root}/{topic}/#", 0, needed=False) for topic in topics]
 
     def heard(self, topic: str, payload: bytes, retained: bool) -> Order | Sequence[Message]:
         """Delete a retained alarm that is not active, and a retained row of a channel that is no longer sent."""
@@ -71,6 +74,7 @@ class PlainFormat:
 
     def birth(self, now: int) -> Sequence[Message]:
         """Availability online, units and active alarms; cleared alarms are deleted."""
+        self._subscribes = True
         over = [self._deleted(id_) for id_ in list(self._retained) if id_ not in self._alarms]
         up = [m for standing in self._alarms.raised if standing.published for m in self._alarm(standing.published)]
         return (self._message("availability", ONLINE, 1, True), *over, *up, *self._labelled())

@@ -79,6 +79,13 @@ async def test_a_subscription_that_the_broker_forbids_is_an_error_if_it_is_neede
     assert account.counters["subscriptions refused"] == (not needed)
 
 
+def test_a_broker_that_cuts_a_client_for_its_subscription_is_served_without_it() -> None:
+    format_ = outlet_of(Cell(), NOWHERE)._made()
+    asked = [len(format_.subscriptions()), len(format_.subscriptions())]  # the first connection breaks
+    format_.birth(0)
+    assert [*asked, len(format_.subscriptions())] == [2, 0, 2]
+
+
 async def test_the_past_goes_in_parcels_of_few_messages(monkeypatch: pytest.MonkeyPatch) -> None:
     outlet = outlet_of(Cell(), NOWHERE, frame="channels", backfill="100 kHz")
     past = Backfill(outlet.settings, (Path("/nonexistent"), "c"), outlet._cursor, outlet._outbox, outlet.account)
