@@ -413,8 +413,9 @@ class Supervisor:
 
     def _refuse(self, error: Exception) -> None:
         mistake = None if isinstance(error, CellwattError | OSError) else error
-        log.error("not reloaded, the old settings stay in force:\n%s", error, exc_info=mistake)
-        self._note_refusal(str(error).partition("\n")[0])  # the log has the others
+        reason = str(error) if mistake is None else f"{type(error).__name__}: {error}"
+        log.error("not reloaded, the old settings stay in force:\n%s", reason, exc_info=mistake)
+        self._note_refusal(reason.partition("\n")[0])  # the log has the others
         systemd.notify(READY="1")
 
     def _note_refusal(self, reason: str) -> None:
