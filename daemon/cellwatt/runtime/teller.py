@@ -260,7 +260,6 @@ class Teller:
             "refused_settings": self.refused,
             **self._consumption.status(),
             "task": self._consumption.task,
-            "results": self._results,
             "sinks": {name: outlet.status() for name, outlet in self.outlets.items()},
             "recorder": self.recorder.stats() if self.recorder is not None else None,
             "evidence": self.evidence.stats() if self.evidence is not None else None,
