@@ -77,6 +77,14 @@ def test_a_broker_that_cuts_a_client_for_its_subscription_is_served_without_it()
     assert [*asked, len(format_.subscriptions())] == [2, 0, 2]
 
 
+def test_retained_rows_are_bounded_until_the_channels_are_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cellwatt.outlets.mqtt.plain.OLD_ROWS", 3)
+    format_ = outlet_of(Cell(), NOWHERE)._made()
+    assert [format_.heard(f"{ROOT}/frame/x{n}", b"{}", True) for n in range(9)] == [()] * 9
+    _, *deleted = format_.label({"arm.supply.power": "W"}, 0)
+    assert [message.topic for message in deleted] == [f"{ROOT}/frame/x{n}" for n in range(3)]
+
+
 async def test_the_past_goes_in_parcels_of_few_messages(monkeypatch: pytest.MonkeyPatch) -> None:
     outlet = outlet_of(Cell(), NOWHERE, frame="channels", backfill="100 kHz")
     past = Backfill(outlet.settings, (Path("/nonexistent"), "c"), outlet._cursor, outlet._outbox, outlet.account)
