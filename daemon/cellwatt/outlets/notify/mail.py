@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import socket
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from email.message import EmailMessage
 from email.policy import SMTP as SMTP_POLICY
 from email.utils import format_datetime
@@ -59,9 +59,7 @@ class Mail:
             client.close()
         taken = tuple(address for address in wanted if address not in refused)
         # A server that accepts other addresses refuses these, not the sender: they must not hold up later messages.
-        for_ever = {
-            a: f"{code} {text}" for a, (code, text) in refused.items() if _final(code) or (taken and code >= _FOR_EVER)
-        }
+        for_ever = {a: f"{code} {text}" for a, (code, text) in refused.items() if _final(code, taken)}
         later = {a: f"{code} {text}" for a, (code, text) in refused.items() if a not in for_ever}
         return SendResult(taken, for_ever, later)
 
@@ -119,8 +117,8 @@ class Mail:
         return mail.as_bytes()
 
 
-def _final(code: int) -> bool:
-    return code >= _FOR_EVER and code not in _OURS
+def _final(code: int, taken: Sequence[str] = ()) -> bool:
+    return code >= _FOR_EVER and bool(taken or code not in _OURS)
 
 
 async def _hand_over(
