@@ -9,15 +9,19 @@ from __future__ import annotations
 import csv
 import errno
 import io
+import logging
 import os
 import stat
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from io import FileIO
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 from cellwatt.errors import CellwattError, why
 
+log = logging.getLogger(__name__)
+
+T = TypeVar("T")
 Place = str | os.PathLike[str]
 Places = Place | Iterable[Place]
 
@@ -89,6 +93,21 @@ def read_bytes(path: Path, limit: int = WRITTEN) -> bytes:
 def read_text(path: Path, limit: int = WRITTEN) -> str:
     """Like ``read_bytes``, as UTF-8. Raises ``UnicodeDecodeError`` as well."""
     return read_bytes(path, limit).decode("utf-8")
+
+
+def read_saved(path: Path, parse: Callable[[bytes], T], lost: str) -> T | None:
+    """What ``parse`` makes of a file that an earlier process saved; ``None`` if there is none, or it cannot be read.
+
+    The latter is logged, with what is ``lost`` by it.
+    """
+    try:
+        return parse(read_bytes(path))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError) as error:
+        reason = why(error) if isinstance(error, OSError) else "its content is not valid"
+        log.warning("%s cannot be read, %s: %s", path, lost, reason)
+        return None
 
 
 def unreadable(named: Mapping[str, Path | None]) -> Iterator[str]:

@@ -11,11 +11,11 @@ import logging
 from pathlib import Path
 from typing import Annotated, Final, NamedTuple
 
-from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, Field
 
 from cellwatt.account import Account
 from cellwatt.errors import why
-from cellwatt.files import read_bytes, replace_bytes
+from cellwatt.files import read_saved, replace_bytes
 
 log = logging.getLogger(__name__)
 
@@ -41,13 +41,11 @@ class Position(BaseModel):
     """Content of the file. Everything up to ``reached``, UTC ns, is delivered or owed.
 
     ``place`` is the peer, ``births`` the birth number of the next Sparkplug connection. ``ended``: nothing was sent
-    after this was written. ``gaps`` may also be (after, until) pairs, as older versions wrote them.
+    after this was written.
     """
 
-    model_config = ConfigDict(extra="ignore", populate_by_name=True)
-
     place: str = ""
-    reached: int | None = Field(default=None, validation_alias=AliasChoices("reached", "until"))
+    reached: int | None = None
     gaps: list[Owed] = []
     births: Annotated[int, Field(ge=0, le=255)] = 0
     lost: int = 0
@@ -210,14 +208,6 @@ class Cursor:
 
 def load(path: Path | None, place: str = "") -> Position:
     """The position in a file; a new one if the file is absent, damaged, or of another peer."""
-    if path is None:
-        return Position(place=place)
-    try:
-        found = Position.model_validate_json(read_bytes(path))
-    except FileNotFoundError:
-        return Position(place=place)
-    except (OSError, ValidationError) as error:
-        reason = why(error) if isinstance(error, OSError) else "it is damaged"
-        log.warning("%s cannot be read (%s): rows from before this start are not sent", path, reason)
-        return Position(place=place)
-    return found if found.place == place else Position(place=place)
+    lost = "rows from before this start are not sent"
+    found = None if path is None else read_saved(path, Position.model_validate_json, lost)
+    return found if found is not None and found.place == place else Position(place=place)

@@ -16,6 +16,12 @@ LONGEST_WAIT: Final = 3600.0
 """Longest wait that a server may request, s."""
 _BY_CLOCK: Final = (9, 10)
 """OpenSSL's codes of a certificate that is not valid yet, and of an expired one."""
+_ADVICE: Final = {
+    "PROTOCOL": "it must speak TLS 1.2 or later",
+    "ALERT": "the server refuses this PC: check certificate and key",
+    "": "is this a port for TLS?",
+}
+"""Advice by a word in OpenSSL's reason."""
 
 
 class NotNowError(OutletError):
@@ -47,8 +53,7 @@ def unreached(error: Exception) -> str:
         clock = "; is the clock of this PC right?" if inner.verify_code in _BY_CLOCK else ""
         return f"its certificate is not trusted: {inner.verify_message}{clock}"
     if isinstance(inner, ssl.SSLError):
-        refused = "ALERT" in str(inner.reason)
-        advice = "the server refuses this PC: check certificate and key" if refused else "is this a port for TLS?"
+        advice = next(advice for word, advice in _ADVICE.items() if word in str(inner.reason))
         return f"TLS failed: {inner.reason or inner.strerror}; {advice}"
     return (why(inner) if isinstance(inner, OSError) else "") or f"the connection failed: {type(inner).__name__}"
 

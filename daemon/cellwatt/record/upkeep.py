@@ -36,12 +36,11 @@ def is_full(error: OSError) -> bool:
 
 
 class Upkeep:
-    """Runs slow file work for one recorder, one job at a time, and repairs in parallel."""
+    """Runs slow file work for one recorder, one job at a time, and repairs in parallel; ``now`` is the cell's clock."""
 
-    def __init__(self, settings: RecordSettings, cell: str, session: int) -> None:
+    def __init__(self, settings: RecordSettings, cell: str, session: int, now: Callable[[], int]) -> None:
         self._settings = settings
-        self._cell, self._session = cell, session
-        self._begun = session / 1e9 - time.monotonic()
+        self._cell, self._session, self._now = cell, session, now
         self.rotate_at = settings.file_limit
         self._worker = ThreadPoolExecutor(1, "recording-upkeep")
         self._repairs = ThreadPoolExecutor(1, "recording-repair")
@@ -206,7 +205,7 @@ class Upkeep:
             growing = next((f.size for f in reversed(files) if not f.closed), 0)
             reserve = max(self.rotate_at - growing, 0)
             # A PC's clock that leaps ahead while the cell runs makes no recording old.
-            now = min(time.time(), self._begun + time.monotonic())
+            now = min(time.time(), self._now() / 1e9)
             gone = surplus(files, keep=settings.keep, age=settings.age, now=now, reserve=reserve)
             remove(gone)
             self._count_removed([f.size for f in gone])

@@ -6,7 +6,7 @@ import asyncio
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -37,14 +37,15 @@ class Recorder:
     because the queue is full (or the recorder is not running); refused items are counted. A disk that is full,
     read-only or broken stops the writing, never the daemon: waiting items stay in memory up to ``settings.queue``
     bytes, the oldest recordings are deleted to make room, and writing continues in a new file as soon as it can.
+    ``now`` is the cell's clock.
     """
 
-    def __init__(self, settings: RecordSettings, header: Header) -> None:
+    def __init__(self, settings: RecordSettings, header: Header, now: Callable[[], int] = time.time_ns) -> None:
         self.settings = settings
         self.cell, self.session = header.cell, header.session
         self.gathered = 0.0
         """s that items have waited before ``put``, so that none waits for longer than ``settings.flush`` in total."""
-        self.upkeep = Upkeep(settings, header.cell, header.session)
+        self.upkeep = Upkeep(settings, header.cell, header.session, now)
         self._files = Files(settings, header, self.upkeep)
         self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
         self._wake = threading.Condition()

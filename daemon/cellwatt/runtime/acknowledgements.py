@@ -8,19 +8,16 @@ from __future__ import annotations
 
 import asyncio
 import json
-import logging
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
 from cellwatt.alarms import AlarmBook
 from cellwatt.errors import CellwattError, why
-from cellwatt.files import read_bytes, replace_text
+from cellwatt.files import read_saved, replace_text
 from cellwatt.results import Alarm, Event
-
-log = logging.getLogger(__name__)
 
 FILE: Final = "alarms.json"
 AGAIN: Final = 600 * 10**9
@@ -32,7 +29,7 @@ LONGEST_NAME, LONGEST_NOTE = 100, 2000  # characters
 
 class _Saved(BaseModel):
     session: int
-    alarms: list[Any]
+    alarms: list[dict[str, Any]]
 
 
 class Acknowledgements:
@@ -87,18 +84,14 @@ class Acknowledgements:
 
     def read(self, folder: Path) -> None:
         """Restore acknowledgements and shelves from the file. An unreadable file is logged and ignored."""
-        path = folder / FILE
-        try:
-            saved = _Saved.model_validate_json(read_bytes(path))
-            if saved.session == self._session:
-                self._book.adopt(standing for standing in saved.alarms if standing["shelf"])
-            else:
-                self._book.expect(saved.alarms, self._now() + AGAIN)
-        except FileNotFoundError:
-            return
-        except (OSError, ValidationError, TypeError, KeyError) as error:
-            reason = why(error) if isinstance(error, OSError) else "its content is not valid"
-            log.warning("%s cannot be read, acknowledgements and shelves are lost: %s", path, reason)
+        read_saved(folder / FILE, self._restore, "acknowledgements and shelves are lost")
+
+    def _restore(self, content: bytes) -> None:
+        saved = _Saved.model_validate_json(content)
+        if saved.session == self._session:
+            self._book.adopt(standing for standing in saved.alarms if standing.get("shelf"))
+        else:
+            self._book.expect(saved.alarms, self._now() + AGAIN)
 
     def write_again(self) -> None:
         """Have ``keep`` write the file again, because it is gone."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import logging
 import math
 from collections import deque
 from datetime import date, datetime
@@ -13,14 +12,11 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
-from cellwatt.errors import why
-from cellwatt.files import read_bytes, replace_text
+from cellwatt.files import read_saved, replace_text
 from cellwatt.frames import Frames, Layout
 from cellwatt.results import Energy
-
-log = logging.getLogger(__name__)
 
 FILE: Final = "energy.json"
 MEASURED: Final = ("supply.power", "bus.power")
@@ -103,16 +99,10 @@ class Consumption:
 
     def read(self, folder: Path, now: int) -> None:
         """Continue with today's energy as an earlier process wrote it; ``now`` is the cell's time, ns."""
-        try:
-            saved = _Saved.model_validate_json(read_bytes(folder / FILE))
-        except FileNotFoundError:
-            return
-        except (OSError, ValidationError) as error:
-            reason = why(error) if isinstance(error, OSError) else "its content is not valid"
-            log.warning("%s cannot be read, today's energy starts from 0: %s", folder / FILE, reason)
-            return
-        self._day, self._joule = saved.day, saved.joule
-        self._time = saved.time if saved.time <= now else 0  # the PC's clock has been set back since
+        saved = read_saved(folder / FILE, _Saved.model_validate_json, "today's energy starts from 0")
+        if saved is not None:
+            self._day, self._joule = saved.day, saved.joule
+            self._time = saved.time if saved.time <= now else 0  # the PC's clock has been set back since
 
     async def keep(self, folder: Path) -> None:
         """Write today's energy periodically, for ``read``."""

@@ -77,7 +77,7 @@ class Teller:
         """Start the recorder and the outlets. Raises ``CellwattError`` if one of them cannot be started."""
         self._streams, self._layout = streams, layout
         if self._config.record is not None:
-            self.recorder = Recorder(self._config.record, self._header())
+            self.recorder = Recorder(self._config.record, self._header(), self._now)
             await asyncio.to_thread(self.recorder.start)
             self._history = History(self._config.record.folder, self.recorder)
             folder = self._config.record.folder
@@ -260,7 +260,6 @@ class Teller:
             "refused_settings": self.refused,
             **self._consumption.status(),
             "task": self._consumption.task,
-            "results": self._results,
             "sinks": {name: outlet.status() for name, outlet in self.outlets.items()},
             "recorder": self.recorder.stats() if self.recorder is not None else None,
             "evidence": self.evidence.stats() if self.evidence is not None else None,

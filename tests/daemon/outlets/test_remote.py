@@ -28,6 +28,7 @@ def failed(reason: str) -> ssl.SSLError:
         (refused(10, "certificate has expired"), "has expired; is the clock of this PC right?"),
         (refused(62, "Hostname mismatch"), "its certificate is not trusted: Hostname mismatch"),
         (failed("WRONG_VERSION_NUMBER"), "TLS failed: WRONG_VERSION_NUMBER; is this a port for TLS?"),
+        (failed("TLSV1_ALERT_PROTOCOL_VERSION"), "it must speak TLS 1.2 or later"),
         (failed("TLSV13_ALERT_CERTIFICATE_REQUIRED"), "the server refuses this PC: check certificate and key"),
     ],
 )

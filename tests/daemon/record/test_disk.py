@@ -4,6 +4,7 @@ import asyncio
 import errno
 import os
 import shutil
+import time
 from concurrent.futures import wait
 from dataclasses import replace
 from io import FileIO
@@ -186,7 +187,7 @@ async def test_a_file_that_is_taken_away_is_noticed_and_what_it_held_is_counted(
 
 
 def test_a_file_that_was_taken_away_costs_the_next_one_nothing(tmp_path):
-    upkeep = Upkeep(RecordSettings(folder=tmp_path), HEADER.cell, SESSION)
+    upkeep = Upkeep(RecordSettings(folder=tmp_path), HEADER.cell, SESSION, time.time_ns)
     first, second = (OpenFile(tmp_path / name_of(number), HEADER) for number in (1, 2))
     first.part.unlink()
     upkeep.sync(first)

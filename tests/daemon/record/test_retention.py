@@ -60,7 +60,7 @@ def test_a_clock_that_leaps_ahead_makes_no_recording_old(tmp_path, monkeypatch):
         path.write_bytes(bytes(10))
         os.utime(path, (now / 1e9 - days * day,) * 2)
     monkeypatch.setattr("cellwatt.record.upkeep.time.time", lambda: now / 1e9 + 40 * day)
-    upkeep = Upkeep(RecordSettings(folder=tmp_path, age=30.0 * day), CELL, now)
+    upkeep = Upkeep(RecordSettings(folder=tmp_path, age=30.0 * day), CELL, now - 90 * day * 10**9, lambda: now)
     upkeep.retain()
     upkeep.close()
     assert fresh.exists() and not old.exists()
@@ -73,7 +73,7 @@ def test_a_new_start_keeps_to_the_budget(tmp_path, session):
     names = [name.replace("_000001", f"_{n:06d}") for n, name in enumerate([before, before, now, now, now], start=1)]
     for name in names:
         (tmp_path / name).write_bytes(bytes(1000))
-    upkeep = Upkeep(RecordSettings(folder=tmp_path, keep=4000.0, file_size=1e9), CELL, session)
+    upkeep = Upkeep(RecordSettings(folder=tmp_path, keep=4000.0, file_size=1e9), CELL, session, time.time_ns)
     upkeep.start()
     upkeep.close()
     # A quarter of the budget is left to the file that will be written.

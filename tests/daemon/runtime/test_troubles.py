@@ -156,42 +156,46 @@ def test_an_alarm_states_the_reason_of_today_at_most_once_a_minute() -> None:
     assert {a.since for a in alarms} == {alarms[0].since}
 
 
-def test_settings_that_were_refused_are_told_until_the_file_is_in_force() -> None:
-    wrong = "cell.yaml:1:8: not valid YAML"
-    alarms = looks(Monitor(), range(20), lambda second: status() | {"refused_settings": wrong if second < 5 else ""})
-    assert [(a.kind, a.active) for a in alarms] == [("settings_refused", True), ("settings_refused", False)]
-    assert "not in force: cell.yaml:1:8: not valid YAML. The old" in alarms[0].statement
+def early(name: str, value: object, after: object) -> Callable[[int], dict[str, Any]]:
+    return lambda second: {name: value if second < 5 else after}
 
 
-@pytest.mark.parametrize(("error", "says"), [(3_600_000.0, "3600.0 s ahead of this PC's"), (-1500.0, "1.5 s behind")])
-def test_a_clock_of_the_pc_that_was_set_is_told_until_the_cell_follows(error: float, says: str) -> None:
-    alarms = looks(Monitor(), range(20), lambda second: status() | {"utc_error_ms": error if second < 5 else 0.5})
-    assert [(a.kind, a.source, a.active) for a in alarms] == [("pc_clock", None, True), ("pc_clock", None, False)]
-    assert says in alarms[0].statement
+def slow_stage(second: int) -> dict[str, Any]:
+    return {"stages": {"power": {"state": "ok", "error": None, "dropped": 7 * min(second, 5)}}}
 
 
-def test_frames_dropped_once_before_a_stage_are_over_when_no_more_are() -> None:
-    def at(second: int) -> dict[str, Any]:
-        return status() | {"stages": {"power": {"state": "ok", "error": None, "dropped": 7 * min(second, 5)}}}
-
-    alarms = looks(Monitor(), range(40), at)
-    assert [(a.kind, a.active) for a in alarms] == [("stage_slow", True), ("stage_slow", False)]
-    assert alarms[0].statement.startswith("Stage power is too slow: ")
-    assert alarms[1].statement == "Resolved: stage power keeps up again."
+def slow_process(second: int) -> dict[str, Any]:
+    tell = {"down": False, "silent_s": 0.1, "restarts": 0, "skipped_bytes": 1000 * min(second, 19)}
+    return {"processes": {"tell": tell}}
 
 
-def process(skipped: int) -> dict[str, Any]:
-    tell = {"down": False, "silent_s": 0.1, "restarts": 0, "skipped_bytes": skipped}
-    return status() | {"processes": {"tell": tell}}
+def blank(second: int) -> dict[str, Any]:
+    tags = {"nominal_hz": 10.0, "samples": 10 * (second + 100), "blank": ["joint_1.torque"] if second < 5 else []}
+    return status(since_s=100.0 + second, streams={"tags": tags})
 
 
-def test_samples_that_were_never_recorded_are_an_error_and_over_when_no_more_are() -> None:
-    watch = Monitor()
-    alarms = looks(watch, range(20), lambda s: process(1000 * s))
-    assert [(a.kind, a.severity, a.active) for a in alarms] == [("process_slow", "error", True)]
-    assert "missing in the record" in alarms[0].statement
-    alarms = looks(watch, range(20, 40), lambda _: process(19_000))
-    assert [(a.kind, a.active) for a in alarms] == [("process_slow", False)]
+@pytest.mark.parametrize(
+    ("kind", "severity", "figures", "says"),
+    [
+        (
+            "settings_refused",
+            "warning",
+            early("refused_settings", "c.yaml:1: no YAML", ""),
+            "c.yaml:1: no YAML. The old",
+        ),
+        ("pc_clock", "warning", early("utc_error_ms", 3_600_000.0, 0.5), "3600.0 s ahead of this PC's"),
+        ("pc_clock", "warning", early("utc_error_ms", -1500.0, 0.5), "1.5 s behind"),
+        ("stage_slow", "warning", slow_stage, "Stage power is too slow: "),
+        ("process_slow", "error", slow_process, "missing in the record"),
+        ("source_blank", "warning", blank, "sends no values for arm.joint_1.torque"),
+    ],
+)
+def test_a_condition_is_told_once_and_over_when_it_is(
+    kind: str, severity: str, figures: Callable[[int], dict[str, Any]], says: str
+) -> None:
+    alarms = looks(Monitor(), range(40), lambda second: status() | figures(second))
+    assert [(a.kind, a.severity, a.active) for a in alarms] == [(kind, severity, active) for active in (True, False)]
+    assert says in alarms[0].statement and alarms[1].statement.startswith("Resolved: ")
 
 
 def test_processes_that_the_pc_does_not_let_run_are_one_warning_not_down() -> None:
@@ -236,16 +240,6 @@ def test_a_device_that_answers_and_gives_no_number_is_an_alarm() -> None:
     assert not looked_at(Monitor(), 20, lambda second: mute | {"since_s": float(second)}), "it does not answer yet"
     (hangs,) = looked_at(Monitor(), 150, lambda second: mute | {"since_s": float(second)})
     assert hangs.statement.startswith("Source arm has neither connected nor failed for 122 s.")
-
-
-def test_channels_without_any_number_are_named_until_there_is_one() -> None:
-    def source(second: int) -> dict[str, Any]:
-        blank = ["joint_1.torque"] if second < 15 else []
-        return {"streams": {"tags": {"nominal_hz": 10.0, "samples": 10 * (second + 100), "blank": blank}}}
-
-    said = looked_at(Monitor(), 30, source)
-    assert [(a.kind, a.active) for a in said] == [("source_blank", True), ("source_blank", False)]
-    assert "sends no values for arm.joint_1.torque" in said[0].statement
 
 
 def test_what_is_sent_on_change_or_seldom_may_not_have_come_yet() -> None:

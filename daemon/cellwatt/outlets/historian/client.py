@@ -41,8 +41,9 @@ _LONGEST_ANSWER: Final = 64_000
 _LONGEST_REASON: Final = 500
 _WRITTEN: Final = (200, 204)
 _REFUSED: Final = (400, 422)
-_PARTIAL: Final = "partial write"
-"""Words of an answer that early releases of version 2 give with status 500: a line was refused for good."""
+_PARTIAL: Final = "partial write: "
+"""Words of an answer with status 500, by early releases of version 2: lines were refused for good, for a reason that
+follows. A cluster with a node down answers ``partial write`` alone: the same lines are accepted later."""
 _TOO_LARGE: Final = 413
 REFUSED: Final = "historian-refused.txt"
 """File of the lines that the server refuses for good, with the reasons."""
@@ -167,7 +168,7 @@ def outcome_of(status: int, text: str, headers: Mapping[str, str]) -> Outcome:
     reason = f"{status}: {reason_of(text) or http.client.responses.get(status, 'no reason given')}"
     if status in range(300, 400):
         reason = f"{reason}; redirects are not followed: set the final address in url"
-    if status in _REFUSED or _PARTIAL in reason:
+    if status in _REFUSED or (status == 500 and _PARTIAL in reason):
         return Outcome("refused", reason)
     if status == _TOO_LARGE:
         return Outcome("too large", reason)

@@ -10,21 +10,21 @@ import fcntl
 import json
 import logging
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from cellwatt.errors import CellwattError, OutletError, why
 from cellwatt.files import read_bytes, replace_bytes
-from cellwatt.outlets.historian.pieces import Piece, Reached, closed, next_frames, next_results, parquet, root, sessions
+from cellwatt.outlets.historian.pieces import Piece, Reached, next_frames, next_results, parquet, root
 from cellwatt.outlets.historian.settings import LakeSettings
 from cellwatt.outlets.historian.store import Store, s3_options
 from cellwatt.outlets.past import ARCHIVED
-from cellwatt.record.folder import RecordFile, files_of
+from cellwatt.record.folder import files_of
 from cellwatt.units import Units
 
 FILE: Final = "historian-lake.json"
@@ -49,38 +49,14 @@ class Progress(BaseModel):
             raise OutletError(f"lake: {folder / FILE} cannot be written: {why(error)}") from error
 
 
-class _FormerProgress(BaseModel):
-    """The progress of older versions: one position per table, before which all closed sessions count as exported."""
-
-    model_config = ConfigDict(extra="forbid")
-
-    lake: str
-    reached: dict[str, Reached]
-    intent: Any = None
-
-    def converted(self, found: Sequence[Sequence[RecordFile]]) -> Progress:
-        """The positions in the sessions of the record ``found``."""
-        ends = [Reached(files[0].name.session, -1, complete=files[-1].name.number) for files in found if closed(files)]
-        reached = {
-            table: {at.session: at, **{end.session: end for end in ends if end.session < at.session}}
-            for table, at in self.reached.items()
-        }
-        return Progress(lake=self.lake, reached=reached, intent=self.intent)
-
-
-_PROGRESS: Final[TypeAdapter[Progress | _FormerProgress]] = TypeAdapter(Progress | _FormerProgress)
-
-
-def load(folder: Path, cell: str, lake: str) -> Progress | None:
+def load(folder: Path, lake: str) -> Progress | None:
     """The progress of that lake; ``None`` if there is none or it is invalid. Raises ``OutletError``."""
     try:
-        found = _PROGRESS.validate_json(read_bytes(folder / FILE))
+        found = Progress.model_validate_json(read_bytes(folder / FILE))
     except (FileNotFoundError, ValidationError):
         return None
     except OSError as error:
         raise OutletError(f"lake: {folder / FILE} cannot be read: {why(error)}") from error
-    if isinstance(found, _FormerProgress):
-        found = found.converted(sessions(folder, cell))
     return found if found.lake == lake else None
 
 
@@ -102,7 +78,7 @@ class Export:
     def __init__(self, record: Path, site: str, cell: str, settings: LakeSettings, store: Store) -> None:
         self._record, self._site, self._cell = record, site, cell
         self._settings, self._store = settings, store
-        self._progress = load(record, cell, settings.folder) or Progress(lake=settings.folder, intent=True)
+        self._progress = load(record, settings.folder) or Progress(lake=settings.folder, intent=True)
         if self._progress.intent:
             self._look()
 

@@ -21,6 +21,8 @@ ONLINE, OFFLINE = b"online", b"offline"
 _ROW: Final = "row"
 _RETAINED: Final = ("interval", "task", "energy")
 """Results whose latest message the broker retains."""
+OLD_ROWS: Final = 10_000
+"""Most retained rows that are noted for deletion before the channels are known."""
 
 
 class PlainFormat:
@@ -39,8 +41,12 @@ class PlainFormat:
         self._alarms = alarms
         self._retained: dict[str, str] = {}
         """Topics of alarms that the broker may retain, by alarm id."""
-        self._rows_kept: set[str] = set()
-        """Topics of rows that the broker may retain although this format does not."""
+        self._rows: frozenset[str] = frozenset()
+        """Topics of the rows that the broker is to retain …"""
+        self._old_rows: set[str] = set()
+        """… and of others that it may retain, until they are deleted."""
+        self._subscribes = True
+        """False while a connection that broke before the birth was the last: some brokers cut forbidden subscribers."""
         self._open: dict[str, int] = {}
         """Number of the running interval published for each source."""
 
@@ -55,14 +61,16 @@ class PlainFormat:
 
     def subscriptions(self) -> Sequence[Subscription]:
         """The cell's own alarms and rows, to delete those that the broker retains from an earlier daemon."""
-        return tuple(Subscription(f"{self.root}/{topic}/#", 0, needed=False) for topic in ("alarm", "frame"))
+        topics, self._subscribes = ("alarm", "frame") if self._subscribes else (), False
+        return [Subscription(f"{self.root}/{topic}/#", 0, needed=False) for topic in topics]
 
     def heard(self, topic: str, payload: bytes, retained: bool) -> Order | Sequence[Message]:
         """Delete a retained alarm that is not active, and a retained row of a channel that is no longer sent."""
         if not (retained and payload):
             return ()
         if not topic.startswith(f"{self.root}/alarm/"):
-            self._rows_kept.add(topic)
+            if len(self._old_rows) < OLD_ROWS:
+                self._old_rows.add(topic)
             return self._without_old_rows() if self._units else ()  # else the channels are not known yet
         up = (f"{self.root}/{_alarm_topic(standing.alarm)}" for standing in self._alarms.up)
         if topic in (*self._retained.values(), *up):
@@ -71,24 +79,21 @@ class PlainFormat:
 
     def birth(self, now: int) -> Sequence[Message]:
         """Availability online, units and active alarms; cleared alarms are deleted."""
+        self._subscribes = True
         over = [self._deleted(id_) for id_ in list(self._retained) if id_ not in self._alarms]
         up = [m for standing in self._alarms.raised if standing.published for m in self._alarm(standing.published)]
         return (self._message("availability", ONLINE, 1, True), *over, *up, *self._labelled())
 
     def label(self, units: Mapping[str, str], now: int) -> Sequence[Message]:
         """The units of the rows' channels, retained; rows of channels that are no longer sent are deleted."""
-        self._rows_kept |= self._retained_rows()
+        self._old_rows |= self._rows
         self._units = units
+        ends = [""] if self._settings.frame == _ROW else [f"/{level(name)}" for name in units]
+        self._rows = frozenset(f"{self.root}/frame{end}" for end in ends if self._settings.retain)
         return (*self._labelled(), *self._without_old_rows())
 
-    def _retained_rows(self) -> set[str]:
-        if not self._settings.retain:
-            return set()
-        each = self._settings.frame != _ROW
-        return {f"{self.root}/frame/{level(name)}" for name in self._units} if each else {f"{self.root}/frame"}
-
     def _without_old_rows(self) -> Sequence[Message]:
-        old, self._rows_kept = self._rows_kept - self._retained_rows(), set()
+        old, self._old_rows = self._old_rows - self._rows, set()
         return [Message(topic, b"", self._settings.qos, True) for topic in sorted(old)]
 
     def _labelled(self) -> Sequence[Message]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import socket
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from email.message import EmailMessage
 from email.policy import SMTP as SMTP_POLICY
 from email.utils import format_datetime
@@ -58,7 +58,8 @@ class Mail:
         finally:
             client.close()
         taken = tuple(address for address in wanted if address not in refused)
-        for_ever = {a: f"{code} {text}" for a, (code, text) in refused.items() if _final(code)}
+        # A server that accepts other addresses refuses these, not the sender: they must not hold up later messages.
+        for_ever = {a: f"{code} {text}" for a, (code, text) in refused.items() if _final(code, taken)}
         later = {a: f"{code} {text}" for a, (code, text) in refused.items() if a not in for_ever}
         return SendResult(taken, for_ever, later)
 
@@ -116,8 +117,8 @@ class Mail:
         return mail.as_bytes()
 
 
-def _final(code: int) -> bool:
-    return code >= _FOR_EVER and code not in _OURS
+def _final(code: int, taken: Sequence[str] = ()) -> bool:
+    return code >= _FOR_EVER and bool(taken or code not in _OURS)
 
 
 async def _hand_over(

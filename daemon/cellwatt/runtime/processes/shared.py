@@ -114,9 +114,7 @@ class Failed:
 
 @dataclass(frozen=True, slots=True)
 class InForce:
-    """The settings of this generation are in force."""
-
-    generation: int
+    """The settings sent last are in force."""
 
 
 @dataclass(frozen=True, slots=True)

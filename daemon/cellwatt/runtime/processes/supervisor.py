@@ -94,7 +94,8 @@ class Supervisor:
         self._collect = SupervisedProcess("collect", collect, self._assign)
         self._align = SupervisedProcess("align", align, self._assign)
         self._tell = SupervisedProcess("tell", tell, self._assign)
-        self._judges = self._new_judges(config, held=False)
+        self._judges: dict[int, SupervisedProcess] = {}
+        self._judges = self._new_judges(config, self._generation)
         self._ending: list[SupervisedProcess] = []
         """Judges whose chains new judges have taken over …"""
         self._ends_by = 0.0
@@ -184,31 +185,22 @@ class Supervisor:
     def _assign(self, control: Connection, restarts: int) -> Assignment:
         return Assignment(self._shared, self._config, self._generation, control, restarts)
 
-    def _new_judges(self, config: CellConfig, *, held: bool) -> dict[int, SupervisedProcess]:
+    def _new_judges(self, config: CellConfig, generation: int) -> dict[int, SupervisedProcess]:
         """A process for each chain of stages, in free slots."""
-        used = {} if not held else self._judges
-        free = iter(slot for slot in range(SLOTS) if slot not in used)
-        generation = self._generation + held
+        free = iter(slot for slot in range(SLOTS) if slot not in self._judges)
         made: dict[int, SupervisedProcess] = {}
         for slot, names in zip(free, chain_names(config, CHAINS), strict=False):
-            assign = partial(self._assign_judge, config, generation, tuple(names), slot, held)
+            assign = partial(self._assign_judge, config, generation, tuple(names), slot)
             made[slot] = SupervisedProcess(f"judge {'+'.join(names)}", judge, assign)
         return made
 
     def _assign_judge(
-        self,
-        config: CellConfig,
-        generation: int,
-        names: tuple[str, ...],
-        slot: int,
-        held: bool,
-        control: Connection,
-        restarts: int,
+        self, config: CellConfig, generation: int, names: tuple[str, ...], slot: int, control: Connection, restarts: int
     ) -> Assignment:
-        waits = held and self._generation < generation
         if not restarts:
             self._shared.frames.settle(OTHERS + slot, self._shared.frames.head)
         self._shared.results[slot].begin()
+        waits = self._generation < generation
         return Assignment(self._shared, config, generation, control, restarts, stages=names, slot=slot, held=waits)
 
     def _start(self, process: SupervisedProcess) -> None:
@@ -373,7 +365,7 @@ class Supervisor:
             rings = zip((self._shared.raw, self._shared.frames), rates(*declared(config)), strict=True)
             if any(2 * ring.size < min(HELD * rate, LARGEST) for ring, rate in rings):
                 log.warning("the settings send over twice the data of the start: restart, or a stall may lose samples")
-            judges = self._new_judges(config, held=True) if change.frames else {}
+            judges = self._new_judges(config, self._generation + 1) if change.frames else {}
         except Exception as error:  # a mistake in the code of a driver must not end the cell either
             self._refuse(error)
             return
@@ -413,8 +405,9 @@ class Supervisor:
 
     def _refuse(self, error: Exception) -> None:
         mistake = None if isinstance(error, CellwattError | OSError) else error
-        log.error("not reloaded, the old settings stay in force:\n%s", error, exc_info=mistake)
-        self._note_refusal(str(error).partition("\n")[0])  # the log has the others
+        reason = str(error) if mistake is None else f"{type(error).__name__}: {error}"
+        log.error("not reloaded, the old settings stay in force:\n%s", reason, exc_info=mistake)
+        self._note_refusal(reason.partition("\n")[0])  # the log has the others
         systemd.notify(READY="1")
 
     def _note_refusal(self, reason: str) -> None:

@@ -251,7 +251,7 @@ class _Telling:
             self._raw.held = self._frames.held = False
             self._turn()
             with contextlib.suppress(OSError):  # the supervisor has ended: the rings still hold items to publish
-                self._assignment.control.send(InForce(message.generation))
+                self._assignment.control.send(InForce())
 
     async def _change(self, message: Apply, change: Change) -> None:
         await self._teller.stop(self._tasks, change.outlets)

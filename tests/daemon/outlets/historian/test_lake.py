@@ -170,26 +170,6 @@ def test_files_of_ended_sessions_are_read_once(record: Path, lake: Path, monkeyp
     assert set(read) == set(sorted(record.glob("*.mcap"))[-2:])
 
 
-def test_the_positions_of_an_older_version_are_continued(record: Path, lake: Path) -> None:
-    """Files that somebody moved out of the lake are not written again."""
-    Recorded(record, SESSION - 1000 * S).seconds(3).rotate()
-    growing = Recorded(record).seconds(8)
-    export(record, lake)
-    progress = json.loads((record / FILE).read_text())
-    reached = {
-        table: {key: value for key, value in positions[str(SESSION)].items() if key != "complete"}
-        for table, positions in progress["reached"].items()
-    }
-    (record / FILE).write_text(json.dumps({**progress, "reached": reached}))
-    lake.rename(lake.with_name("moved"))
-    Recorded(record, SESSION - 2000 * S).seconds(2).close()
-    growing.seconds(3).close()
-    export(record, lake)
-    check(lake, range(8, 11))
-    check(lake, range(2), SESSION - 2000 * S)
-    assert not sequences(lake, SESSION - 1000 * S)
-
-
 def test_a_file_holds_one_day(record: Path, lake: Path) -> None:
     session = START + DAY - 5 * S
     Recorded(record, session).seconds(10, results=False).close()

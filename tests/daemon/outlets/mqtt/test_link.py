@@ -27,25 +27,16 @@ MESSAGE = Message("a", b"b", 1, False)
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("error", "encrypted", "told"),
     [
-        ("timed out", "no answer: is the host running?"),
-        ("_ssl.c:985: The handshake operation timed out", "no answer to the TLS handshake: is this a port for TLS?"),
+        (TimeoutError("timed out"), True, "no answer: is the host running?"),
+        (TimeoutError("_ssl.c:985: The handshake operation timed out"), True, "TLS handshake: is this a port for TLS?"),
+        (ConnectionResetError(104, "reset"), True, "Connection reset by peer; is this port for TLS?"),
+        (ConnectionResetError(104, "reset"), False, "by peer; is this port for connections without TLS?"),
     ],
 )
-def test_a_broker_that_is_slow_is_told_as_that(text: str, told: str) -> None:
-    assert reason(TimeoutError(text), encrypted=True) == told
-
-
-@pytest.mark.parametrize(
-    ("encrypted", "told"),
-    [
-        (True, "Connection reset by peer; is this port for TLS?"),
-        (False, "Connection reset by peer; is this port for connections without TLS?"),
-    ],
-)
-def test_a_broker_that_hangs_up_on_the_greeting_may_expect_another_one(encrypted: bool, told: str) -> None:
-    assert reason(ConnectionResetError(104, "reset"), encrypted=encrypted) == told
+def test_why_there_is_no_connection_is_told_with_advice(error: OSError, encrypted: bool, told: str) -> None:
+    assert reason(error, encrypted=encrypted).endswith(told)
 
 
 @pytest.mark.parametrize(
@@ -77,6 +68,21 @@ async def test_a_subscription_that_the_broker_forbids_is_an_error_if_it_is_neede
     else:
         await asking
     assert account.counters["subscriptions refused"] == (not needed)
+
+
+def test_a_broker_that_cuts_a_client_for_its_subscription_is_served_without_it() -> None:
+    format_ = outlet_of(Cell(), NOWHERE)._made()
+    asked = [len(format_.subscriptions()), len(format_.subscriptions())]  # the first connection breaks
+    format_.birth(0)
+    assert [*asked, len(format_.subscriptions())] == [2, 0, 2]
+
+
+def test_retained_rows_are_bounded_until_the_channels_are_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cellwatt.outlets.mqtt.plain.OLD_ROWS", 3)
+    format_ = outlet_of(Cell(), NOWHERE)._made()
+    assert [format_.heard(f"{ROOT}/frame/x{n}", b"{}", True) for n in range(9)] == [()] * 9
+    _, *deleted = format_.label({"arm.supply.power": "W"}, 0)
+    assert [message.topic for message in deleted] == [f"{ROOT}/frame/x{n}" for n in range(3)]
 
 
 async def test_the_past_goes_in_parcels_of_few_messages(monkeypatch: pytest.MonkeyPatch) -> None:

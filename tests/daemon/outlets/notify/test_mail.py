@@ -84,13 +84,16 @@ async def test_a_wrong_password_is_tried_again_and_not_told(tmp_path: Path, pki:
 async def test_each_address_gets_it_once(tmp_path: Path) -> None:
     everybody = ["first@plant.example", "late@plant.example", "gone@plant.example"]
     async with mail_server() as box, running(View(tmp_path), to(box, tls="none", to=everybody)) as made:
-        box.rcpt = {"late@plant.example": ["451 later"] * 2, "gone@plant.example": ["550 5.1.1 no such user"]}
+        box.rcpt = {
+            "late@plant.example": ["451 later"] * 2,
+            "gone@plant.example": ["530 5.7.0 log in to relay"],
+        }
         await offered(made, alarm(1), "shift: sent")
         await eventually(lambda: made._ledger.of("shift").flight is None)
     assert [addresses for addresses, _ in box.mails] == [["first@plant.example"], ["late@plant.example"]]
     assert len({mail["Message-ID"] for _, mail in box.mails}) == 1
     reasons = [json.loads(line)["reason"] for line in (tmp_path / UNDELIVERED).read_text().splitlines()]
-    assert reasons == ["gone@plant.example: 550 5.1.1 no such user"]
+    assert reasons == ["gone@plant.example: 530 5.7.0 log in to relay"]
 
 
 async def test_a_server_that_asks_for_a_login_or_tls_is_tried_again(tmp_path: Path) -> None:

@@ -137,7 +137,10 @@ def test_a_mistake_in_a_driver_ends_the_reload_alone(
     daemon = Supervisor(config_of(), again=lambda: config_of(sources=sources("arm", "supply")))
     monkeypatch.setattr(FakeDriver, "streams", property(lambda driver: {}[driver.name]))
     daemon._begin_reload()
-    assert daemon._reload is None and "not reloaded" in caplog.text and "KeyError: 'arm'" in caplog.text
+    assert daemon._reload is None and "not reloaded" in caplog.text and "Traceback" in caplog.text
+    assert daemon._refused == "KeyError: 'arm'"
+    daemon._refuse(AssertionError())
+    assert daemon._refused.startswith("AssertionError"), "a mistake without words is a refusal, too"
 
 
 def test_settings_that_send_more_than_the_rings_hold_are_warned_about(caplog: pytest.LogCaptureFixture) -> None:
