@@ -154,16 +154,25 @@ def listed(names: Sequence[str], columns: Sequence[Any]) -> tuple[list[str], lis
 
     all_names, every = list(names), list(columns)
     for name, column in zip(names, columns, strict=True):
-        if not _LIST.match(next((cell.as_py() for cell in column if cell.is_valid), "")):
+        if not _LIST.match(first_of(column) or ""):
             continue
         inner = pc.replace_substring_regex(column.combine_chunks(), rf"{_LIST.pattern}|[\])\s]+$", "")
-        parts = pc.split_pattern_regex(inner, r"[,;\s]+")
+        mark = next((each for each in ";," if pc.any(pc.match_substring(inner, each)).as_py()), r"\s")
+        parts = pc.split_pattern_regex(inner, rf"\s*{mark}\s*")
         widths = pc.unique(pc.list_value_length(parts)).to_pylist()
         if len(widths) == 1 and widths[0]:
             flat = pc.utf8_trim(parts.flatten(), characters=f"{_TRIMMED}'")
             all_names += [f"{name}[{i}]" for i in range(widths[0])]
             every += [flat[i :: widths[0]] for i in range(widths[0])]
     return all_names, every
+
+
+def first_of(column: Any) -> Any:
+    """The first cell of a column that is not empty, None if all are."""
+    import pyarrow.compute as pc
+
+    at = pc.index(pc.is_valid(column), True).as_py()
+    return None if at < 0 else column[at].as_py()
 
 
 def _text(column: Any) -> Cells:

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError, why
 from cellwatt.files import COMPUTED, UnfitFileError, check_file, read_bytes
-from cellwatt.tables.by_name import by_name, lists_joints, one_text, widened
+from cellwatt.tables.by_name import by_name, labels_of, names_joints
 from cellwatt.tables.cells import TEXT, Cells, cells_of, grouped, listed
 from cellwatt.tables.encoding import text_of
-from cellwatt.tables.names import is_unit
+from cellwatt.tables.names import is_unit, scale, understood
 from cellwatt.tables.rows import Rows, cells_in, rows_of
 from cellwatt.tables.stamps import joined
 from cellwatt.tables.table import Table
@@ -59,7 +59,7 @@ def read_table(path: Path, joints: Sequence[str] = ()) -> Table:
     import pyarrow as pa
 
     try:
-        return by_name(_arrow(path, _parquet(path)) if path.suffix == ".parquet" else _csv(path), joints)
+        return _once(by_name(_arrow(path, _parquet(path)) if path.suffix == ".parquet" else _csv(path), joints))
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {_line(why(error))}") from error
     except (pa.ArrowException, ValueError) as error:  # ValueError: names that are not UTF-8
@@ -160,6 +160,7 @@ def _csv(path: Path) -> Table:
         raise ValueError(f"it has {len(records)} rows, but {columns.num_rows} were found: check its quotes")
     names, texts = listed(rows.names, columns.columns)
     found = [cells_of(pa.chunked_array(column), rows.separator) for column in texts]
+    found = [_agreed(cells, name, units.get(name)) for name, cells in zip(names, found, strict=True)]
     units = {**{name: cells.unit for name, cells in zip(names, found, strict=True) if cells.unit}, **units}
     return _placed(path, names, texts, _without_groups(found, texts), units, numbers)
 
@@ -173,6 +174,15 @@ def _units(rows: Rows) -> tuple[Mapping[str, str], Sequence[str], Sequence[int]]
         return {}, rows.records, rows.numbers
     below = [i for i, record in enumerate(rows.records) if record != rows.records[0]]  # loggers may append their head
     return written, [rows.records[i] for i in below], [rows.numbers[i] for i in below]
+
+
+def _agreed(cells: Cells, name: str, stated: str | None) -> Cells:
+    """Refuse a column whose numbers are followed by another unit than its name, or the row below it, says."""
+    known = understood(name) if cells.unit else None
+    if known is None or (unit := known.unit or stated) is None:
+        return cells
+    same = scale(known.quantity, unit) == scale(known.quantity, cells.unit)
+    return cells if same else Cells(None, fault=f"has values in {cells.unit}, while its unit is {unit}")
 
 
 def _without_groups(found: Sequence[Cells], columns: Sequence[Any]) -> Sequence[Cells]:
@@ -194,12 +204,9 @@ def _placed(
     numbers: Sequence[int] | None = None,
 ) -> Table:
     """Make a table of the named columns, without rows that lack a time; ``numbers``: row numbers in a text file."""
-    written, found, columns, rows = widened(written, found, columns)
-    if rows is not None and numbers is not None:
-        numbers = [numbers[row] for row in rows]
     values: dict[str, NDArray[np.float64]] = {}
     unfit: dict[str, str] = {}
-    texts: dict[str, str] = {}
+    texts: dict[str, NDArray[np.object_]] = {}
     names = [name or _of_index(cells, written) for name, cells in zip(written, found, strict=True)]
     letters = {} if numbers is None else dict(zip(names, map(letters_of, range(len(names))), strict=True))
     clocks = tuple(name for name, cells in zip(names, found, strict=True) if name and cells.kind in CLOCKS)
@@ -216,9 +223,9 @@ def _placed(
             word = str(column[cells.row])[:_LONGEST]
             wanted = ", expected numbers" if cells.fault == TEXT else ""
             unfit[name] = f"{cells.fault}, first {word!r} in {table.place(name, cells.row)}{wanted}"
-            if lists_joints(name):
-                texts[name] = one_text(column)
-    return _once(timed(replace(table, clocks=joined(values, clocks), texts=texts)))
+            if names_joints(name) and cells.fault == TEXT and (labels := labels_of(column)) is not None:
+                texts[name] = labels
+    return timed(replace(table, clocks=joined(values, clocks), texts=texts))
 
 
 def _of_index(cells: Cells, names: Sequence[str]) -> str:
@@ -271,7 +278,13 @@ def _arrow(path: Path, table: pa.Table) -> Table:
         raise RecordingError(f"{path}: has no rows")
     units = {name: (field.metadata or {}).get(b"unit", b"") for name, field in zip(names, table.schema, strict=True)}
     stated = {name: unit.decode() for name, unit in units.items() if unit}
-    return _placed(path, names, table.columns, [_typed(column) for column in table.columns], stated)
+    return _placed(
+        path,
+        names,
+        table.columns,
+        [_typed(name, column) for name, column in zip(names, table.columns, strict=True)],
+        stated,
+    )
 
 
 def _flat(table: pa.Table) -> pa.Table:
@@ -305,7 +318,7 @@ def _width(column: Any) -> int:
     return lengths["min"] if lengths["min"] == lengths["max"] and not column.null_count and len(column) else 0
 
 
-def _typed(column: Any) -> Cells:
+def _typed(name: str, column: Any) -> Cells:
     """Content of a typed column; texts are read like those of a text table."""
     import pyarrow as pa
 
@@ -319,7 +332,7 @@ def _typed(column: Any) -> Cells:
         ns = column.cast(pa.duration("ns")).cast(pa.int64()).cast(pa.float64(), safe=False)
         return Cells(1e-9 * np.asarray(ns.to_numpy(), np.float64))
     if pa.types.is_string(kind) or pa.types.is_large_string(kind):
-        return cells_of(column.cast(pa.string()), "")
+        return Cells(None, fault=TEXT) if names_joints(name) else cells_of(column.cast(pa.string()), "")
     if pa.types.is_nested(kind):
         return Cells(None, fault="holds lists of text, or of different lengths")
     numbers = ("is_floating", "is_integer", "is_null", "is_boolean", "is_decimal")

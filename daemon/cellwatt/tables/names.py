@@ -12,7 +12,7 @@ linear axis, ``tau_1 (Nm)``, ``power_kW``; without one, values are in the SI uni
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -120,7 +120,10 @@ class Name:
         return stems.index(self.family) if self.family in stems else len(stems)
 
 
-_OF_THE_USER: ContextVar[tuple[tuple[str, re.Pattern[str]], ...]] = ContextVar("of_the_user", default=())
+_OF_THE_USER: ContextVar[tuple[Mapping[str, str], Sequence[tuple[str, re.Pattern[str]]]]] = ContextVar(
+    "of_the_user", default=({}, ())
+)
+"""Names of columns as a user gives them, and as they are looked up."""
 
 
 @contextmanager
@@ -134,21 +137,27 @@ def called(names: Mapping[str, str]) -> Iterator[None]:
     for name, written in names.items():
         before, numbered, after = written.partition("{}")
         stem, bracket, unit = name.partition("[")
-        known = f"{stem.strip()}{'_{}' if numbered else ''} {bracket}{unit}"
-        if understood(known.format(1)) is None:
+        stem = re.sub(r"_?\{\}$", "", stem.strip())  # "q_{}" means "q"
+        known = f"{stem}{'_{}' if numbered else ''} {bracket}{unit}"
+        if re.search(r"[{}]", f"{stem}{unit}") or understood(known.format(1)) is None:
             raise ConfigError(f"--columns: {name!r} is no name of a quantity, such as q, q [deg], tau, t [ms] or power")
         number = r"(?P<number>\d+)" if numbered else ""
         patterns.append((known, re.compile(re.escape(before) + number + re.escape(after))))
-    before_it = _OF_THE_USER.set(tuple(patterns))
+    before_it = _OF_THE_USER.set((names, patterns))
     try:
         yield
     finally:
         _OF_THE_USER.reset(before_it)
 
 
+def names_called() -> Mapping[str, str]:
+    """The user's names of columns in the innermost ``called``."""
+    return _OF_THE_USER.get()[0]
+
+
 def understood(written: str) -> Name | None:
     """Parse a column's name; None if it is unknown."""
-    for known, pattern in _OF_THE_USER.get():
+    for known, pattern in _OF_THE_USER.get()[1]:
         if (match := pattern.fullmatch(written.strip())) is not None:
             return parsed(known.format(*match.groups()), _named)
     return parsed(written, _named)

@@ -30,6 +30,10 @@ SHEET_DAYS: Final = (36_526.0, 73_050.0, 25_569.0)
 """Dates of spreadsheets as numbers, in days: of the years 2000 and 2100, and of 1970."""
 SHEET_STEP: Final = 2e-4
 """Largest time between rows that marks such dates: 17 s in days, and no step of a table of motion or power in s."""
+SHEET_PLACES: Final = 1e5
+"""Times that are all multiples of 1/``SHEET_PLACES`` are no such dates, but s of a fast logger."""
+WEAK: Final = ("elapsed_time", "seconds", "sec")
+"""Names of times that may also be parts of a time of day, or durations, beside a column of times of day."""
 MOST_NAMES: Final = 12
 """Largest number of columns that a message lists."""
 
@@ -53,8 +57,8 @@ class Table:
     """Columns that hold times of day."""
     named: tuple[str, ...] = ()
     """Names of the joints, in the order of the columns, if the file names them."""
-    texts: Mapping[str, str] = field(default_factory=dict)
-    """Names of joints in columns that hold these alone, by column; "" for a column that holds several."""
+    texts: Mapping[str, NDArray[np.object_]] = field(default_factory=dict)
+    """(N,) names of joints in the columns that hold these."""
     meant: Mapping[str, Name | None] = field(default_factory=dict)
     """Meaning of columns that name their joint; None for joints that are not the robot's."""
 
@@ -70,7 +74,8 @@ class Table:
     def clock(self) -> str | None:
         """Name of the time column, None if there is none; a single column of times of day may have any name."""
         only = self.clocks[0] if len(self.clocks) == 1 else None
-        return self._whole("time") or only
+        named = self._whole("time")
+        return only if named is None or (only and self._understood[named].family in WEAK) else named
 
     @cached_property
     def time(self) -> Float:
@@ -107,9 +112,9 @@ class Table:
     def at(self, rows: NDArray[np.bool_]) -> Table:
         """The table restricted to the rows where ``rows`` (N,) is true."""
         columns = {name: values[rows] for name, values in self.columns.items()}
-        return replace(
-            self, columns=columns, rows=np.arange(1, len(rows) + 1)[rows] if self.rows is None else self.rows[rows]
-        )
+        texts = {name: labels[rows] for name, labels in self.texts.items()}
+        numbers = np.arange(1, len(rows) + 1) if self.rows is None else self.rows
+        return replace(self, columns=columns, texts=texts, rows=numbers[rows])
 
     def joints(self, quantity: str) -> Float | None:
         """A quantity of ``JOINT`` for all n joints in the file, (N, n) in its SI unit; None if the file lacks it.
@@ -131,10 +136,6 @@ class Table:
             there = listed([family[number] for number in sorted(family)])
             raise RecordingError(f"{self.path}: no column {gone}; there are {there}")
         return tuple(family[number] for number in numbers)
-
-    def has(self, quantity: str) -> bool:
-        """True if the names of some columns are those of a quantity."""
-        return quantity in self._found
 
     def some_joint_names(self, quantity: str, joints: int, like: str) -> tuple[str, ...]:
         """Names of the columns of a quantity for ``joints`` joints: "" for joints without it; () if all lack it.
@@ -282,7 +283,8 @@ class Table:
         if known.quantity == "time" and unit is None:
             finite = values[np.isfinite(values)]
             middle = float(np.median(finite)) if len(finite) else 0.0
-            if SHEET_DAYS[0] < middle < SHEET_DAYS[1] and 0 < np.median(np.diff(finite)) < SHEET_STEP:
+            dated = SHEET_DAYS[0] < middle < SHEET_DAYS[1] and 0 < np.median(np.diff(finite)) < SHEET_STEP
+            if dated and not np.allclose(rounded := finite * SHEET_PLACES, np.round(rounded), rtol=0, atol=1e-3):
                 return DAY * (values - SHEET_DAYS[2])
             low, high = SINCE_1970
             return values * next((each for each in (1e-3, 1e-6, 1e-9) if low <= middle * each < high), 1.0)

@@ -22,7 +22,7 @@ EPOCH: Final = date(1970, 1, 1).toordinal()
 _TIME: Final = re.compile(
     r"(?:(?P<days>\d+) days?,? )?(?:(?P<date>\d{1,4}(?P<mark>[-./])\d{1,2}(?P=mark)\d{1,4})\.?)?"
     r"(?:(?:(?<=\d)[T ,]\s*|^|(?<=[sy,] ))(?P<hour>\d{1,2}):(?P<minute>\d{2})(?::(?P<second>\d{2}))?"
-    r"(?:[.,:](?P<fraction>\d{1,12}))?\s*(?P<half>[AaPp]\.?[Mm]\.?)?\s*(?P<zone>Z|UTC|[+-]\d{2}:?\d{2})?)?"
+    r"(?:(?:[.,]|:(?=\d{3}))(?P<fraction>\d{1,12}))?\s*(?P<half>[AaPp]\.?[Mm]\.?)?\s*(?P<zone>Z|UTC|[+-]\d{2}:?\d{2})?)?"
 )
 
 
@@ -75,7 +75,7 @@ def times_of(column: Any) -> Times | None:
 
 
 def _in_numbers(match: re.Match[str]) -> str:
-    return f"{match[1]}.{_MONTHS.index(match[2].casefold()) + 1}.{match[3]}"
+    return f"{match[3]}-{_MONTHS.index(match[2].casefold()) + 1:02}-{int(match[1]):02}"
 
 
 def unwrapped(seconds: Float) -> Float:

@@ -108,9 +108,10 @@ def _chain(path: Path, above: Mapping[str, str | None], joints: int | Sequence[s
             row, before = [before, *row], above[before]
         rows.append(row)
     longest = max(rows, key=len, default=[])
-    ends = [row for row in rows if len(row) == len(longest)]  # of a gripper, one for each finger
-    arm = [names[0] for names in zip(*ends, strict=True) if len(set(names)) == 1]
-    if joints == len(above) and joints > len(longest) and list(above)[: len(arm)] == arm:
+    ends = [row for row in rows if row[-1] not in above.values()]  # of a gripper, one for each finger
+    arm = [name for name in longest if all(name in row for row in ends)]
+    of_hand = len(longest) - len(arm)  # a hand has fewer joints in a row than its arm; two arms have not
+    if joints == len(above) > len(longest) and of_hand < len(arm) and list(above)[: len(arm)] == arm:
         joints = len(arm)
     if not longest or (joints is not None and len(longest) < joints):
         raise ConfigError(

@@ -60,8 +60,11 @@ def test_a_users_name_may_have_a_unit() -> None:
     assert clock is not None
     assert (name.quantity, name.number, name.unit) == ("position", 2, "deg")
     assert (clock.quantity, clock.unit) == ("time", "ms")
+    with called({"q_{}": "A{}"}):
+        assert understood("A2") == understood("q_2")
 
 
 def test_a_quantity_that_nobody_knows_is_refused() -> None:
-    with pytest.raises(ConfigError, match="'moment' is no name"), called({"moment": "Moment{}"}):
-        pass
+    for name in ("moment", "{q}", "q [{}]"):
+        with pytest.raises(ConfigError, match=r"is no name of a quantity"), called({name: "Moment{}"}):
+            pass

@@ -79,6 +79,9 @@ def read(folder: Path, text: str | bytes):
         ("t,q_1\n0,1000 mrad\n1,2000 mrad\n", [0, 1], [1, 2]),
         ("t,q_1,power\n0,1,----\n1,2,OR\n", [0, 1], [1, 2]),
         ("t,position\n0,[1. 9.]\n1,[2. 9.]\n", [0, 1], [1, 2]),
+        ("t\tposition\n0\t[1,0; 9]\n1\t[2,0; 9]\n", [0, 1], [1, 2]),
+        ("t,q_1\n40000.0001,1\n40000.0002,2\n", [40000.0001, 40000.0002], [1, 2]),  # 10 kHz, no date
+        ("Uhrzeit;sec;q_1\n12:00:01;5;1\n12:00:02;5;2\n", [43201, 43202], [1, 2]),  # of each step
         ("t,q_1\n0,1\nt,q_1\n1,2\n", [0, 1], [1, 2]),  # the logger was started again
         ("t,q_1\n0,1\n0,1\n1,2\n1,2\n", [0, 1], [1, 2]),  # polled faster than values came
         ("time,q_1\n2026-03-01T01:00:00.5+01:00,1\n2026-03-01T00:00:01Z,2\n", [1772323200.5, 1772323201], [1, 2]),
@@ -101,6 +104,12 @@ def test_ordinary_files(tmp_path: Path, text: str | bytes, time: list[float], q:
             "column q_1 may have decimal commas or digits in groups of three, first '1,234' in row 2",
         ),
         ("t;q_1;p\n0;1.234;0,5\n", "column q_1 may have decimal points or digits in groups of three, as other columns"),
+        ("t;position\n0;[1,5 9]\n1;[2,5 9]\n", "column position[1] holds text, first '5 9' in row 2"),
+        ("time,q_1\n12:00:00:9,1\n12:00:00:10,2\n", "column time holds text, first '12:00:00:9'"),
+        (
+            "t,q_1 [rad]\n0,90 deg\n",
+            "column q_1 [rad] has values in deg, while its unit is rad, first '90 deg' in row 2",
+        ),
         ("t;q_1;q_1\n0;1;2\n", "column q_1 is there 2 times, as columns B, C: keep one"),
         ('t;a;q_1\n\n0;x;1\n;;\n1;"a\nb";ERR\n', "column q_1 holds text, first 'ERR' in row 5, column C"),
         ("time,q_1\n3/1/2026 1:00:00,1\n3/2/2026 1:00:00,2\n", "column time holds dates with ambiguous day and month"),
