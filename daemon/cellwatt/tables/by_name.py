@@ -52,18 +52,18 @@ def by_name(table: Table, joints: Sequence[str]) -> Table:
     table = _widened(table)
     known = {column: understood(column) for column in (*table.columns, *table.unfit)}
     found = dict(_of_joints(table, known))
-    others = {column: name for column, name in known.items() if name is not None and column not in found}
-    by_number = [column for column, name in others.items() if name.quantity in _MOTION]
+    others = {column: name.quantity for column, name in known.items() if name is not None and column not in found}
+    by_number = [column for column, quantity in others.items() if quantity in _MOTION]
     paths: dict[str, list[str]] = {}
     for name in found.values():
         if name.quantity == "position":
             paths.setdefault(name.family, []).append(name.joint)
     if joints:  # other groups are other arms
         paths = {p: own for p, own in paths.items() if any(alike(a, b) for a in own for b in joints)} or paths
-    if not paths or any(name.quantity == "position" for name in others.values()):
-        powers = ("supply.power", "bus.power")
-        powered = by_number or any(name.quantity in powers for name in others.values())
-        return table if paths or powered else _metered(table)
+    if not paths and not by_number and not {"supply.power", "bus.power"} & set(others.values()):
+        return _metered(table)
+    if not paths or "position" in others.values():
+        return table
     if len(plain := [p for p in paths if p.endswith("/joint_states")]) == 1:  # beside /dynamic_joint_states
         paths = {plain[0]: paths[plain[0]]}
     if len(paths) > 1:

@@ -225,7 +225,7 @@ def _placed(
             unfit[name] = f"{cells.fault}, first {word!r} in {table.place(name, cells.row)}{wanted}"
             if names_joints(name) and cells.fault == TEXT and (labels := labels_of(column)) is not None:
                 texts[name] = labels
-    return timed(replace(table, clocks=joined(values, clocks), texts=texts))
+    return _timed(replace(table, clocks=joined(values, clocks), texts=texts))
 
 
 def _of_index(cells: Cells, names: Sequence[str]) -> str:
@@ -233,33 +233,32 @@ def _of_index(cells: Cells, names: Sequence[str]) -> str:
     return "time" if cells.kind in CLOCKS and "time" not in names else ""
 
 
-def timed(table: Table) -> Table:
-    """The rows that have a time; a warning counts the others. A table without times is returned unchanged."""
+def _timed(table: Table) -> Table:
+    """The rows that have a time. A table without times is returned unchanged."""
     time = None if table.clock is None else table.columns.get(table.clock)
-    if time is None or np.isfinite(time).all() or not np.isfinite(time).any():
-        return table
-    known = np.isfinite(time)
-    log.warning(
-        "%s: %d of %d rows have no time and are left out, first row %d",
-        *(table.path, np.sum(~known), len(time), table.row(int(np.argmin(known)))),
-    )
-    return table.at(known)
+    return table if time is None else _without(table, ~np.isfinite(time), "have no time")
 
 
 def _once(table: Table) -> Table:
-    """The rows that differ from the row before; a warning counts the others, which a program reads faster than new
-    values come. A table without times is returned unchanged."""
+    """The rows that differ from the row before: a program may read faster than new values come.
+
+    A table without times is returned unchanged.
+    """
     if table.clock is None or table.clock not in table.columns or len(table) < 2:
         return table
-    new = np.ones(len(table), np.bool_)
-    time = table.columns[table.clock]
-    new[1:] = np.diff(time) != 0
-    for values in () if new.all() else table.columns.values():
-        new[1:] |= (values[1:] != values[:-1]) & np.isfinite(values[1:])
-    if new.all():
+    same = np.diff(table.columns[table.clock], prepend=np.nan) == 0
+    for values in table.columns.values() if same.any() else ():
+        same[1:] &= (values[1:] == values[:-1]) | ~np.isfinite(values[1:])
+    return _without(table, same, "repeat the row before")
+
+
+def _without(table: Table, rows: NDArray[np.bool_], why: str) -> Table:
+    """The table without ``rows`` (N,), which a warning counts; unchanged if these are all rows."""
+    if rows.all() or not rows.any():
         return table
-    log.warning("%s: %d of %d rows repeat the row before and are left out", table.path, np.sum(~new), len(new))
-    return table.at(new)
+    counts = (table.path, np.sum(rows), len(rows), why, table.row(int(np.argmax(rows))))
+    log.warning("%s: %d of %d rows %s and are left out, first row %d", *counts)
+    return table.at(~rows)
 
 
 def letters_of(column: int) -> str:
@@ -306,16 +305,20 @@ def _flat(table: pa.Table) -> pa.Table:
 
 def _width(column: Any) -> int:
     """Length of the lists of numbers of a column; 0 if it has none, or of different lengths."""
-    import pyarrow as pa
     import pyarrow.compute as pc
 
-    if not any(of(column.type) for of in (pa.types.is_list, pa.types.is_large_list, pa.types.is_fixed_size_list)):
-        return 0
-    known = ("is_floating", "is_integer", "is_decimal", "is_string", "is_large_string")
-    if not any(getattr(pa.types, each)(column.type.value_type) for each in known):
+    lists = _is(column.type, "list", "large_list", "fixed_size_list")
+    if not lists or not _is(column.type.value_type, "floating", "integer", "decimal", "string", "large_string"):
         return 0
     lengths = pc.min_max(pc.list_value_length(column)).as_py()
     return lengths["min"] if lengths["min"] == lengths["max"] and not column.null_count and len(column) else 0
+
+
+def _is(kind: Any, *names: str) -> bool:
+    """True for one of the types of Arrow with these names."""
+    import pyarrow as pa
+
+    return any(getattr(pa.types, f"is_{name}")(kind) for name in names)
 
 
 def _typed(name: str, column: Any) -> Cells:
@@ -325,18 +328,15 @@ def _typed(name: str, column: Any) -> Cells:
     kind = column.type
     if pa.types.is_dictionary(kind):
         column, kind = column.cast(kind.value_type), kind.value_type
-    if pa.types.is_timestamp(kind):
-        ns = column.cast(pa.timestamp("ns")).cast(pa.int64()).cast(pa.float64(), safe=False)
-        return Cells(1e-9 * np.asarray(ns.to_numpy(), np.float64), "moment")
-    if pa.types.is_duration(kind):
-        ns = column.cast(pa.duration("ns")).cast(pa.int64()).cast(pa.float64(), safe=False)
-        return Cells(1e-9 * np.asarray(ns.to_numpy(), np.float64))
-    if pa.types.is_string(kind) or pa.types.is_large_string(kind):
+    if (moments := _is(kind, "timestamp")) or _is(kind, "duration"):
+        unit = pa.timestamp("ns") if moments else pa.duration("ns")
+        ns = column.cast(unit).cast(pa.int64()).cast(pa.float64(), safe=False)
+        return Cells(1e-9 * np.asarray(ns.to_numpy(), np.float64), "moment" if moments else None)
+    if _is(kind, "string", "large_string"):
         return Cells(None, fault=TEXT) if names_joints(name) else cells_of(column.cast(pa.string()), "")
     if pa.types.is_nested(kind):
         return Cells(None, fault="holds lists of text, or of different lengths")
-    numbers = ("is_floating", "is_integer", "is_null", "is_boolean", "is_decimal")
-    if not any(getattr(pa.types, each)(kind) for each in numbers):
+    if not _is(kind, "floating", "integer", "null", "boolean", "decimal"):
         return Cells(None, fault=TEXT)
     # Unsafe: counters of ns beyond 2⁵³ lose their last digits.
     return Cells(np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), np.float64))

@@ -107,17 +107,8 @@ class Name:
     """Unit as written, None without one."""
     joint: str = ""
     """Name of the joint, for a column that names it."""
-
-    @property
-    def stem(self) -> str:
-        """The name of the quantity at the end of ``family``; "" for a channel."""
-        return max((stem for stem in _STEMS[self.quantity] if self.family.endswith(stem)), key=len, default="")
-
-    @property
-    def rank(self) -> int:
-        """Position among the names of its quantity; channels of a source come last."""
-        stems = _STEMS[self.quantity]
-        return stems.index(self.family) if self.family in stems else len(stems)
+    stem: str = ""
+    """Name of the quantity of a numbered joint, at the end of the column's name."""
 
 
 _OF_THE_USER: ContextVar[tuple[Mapping[str, str], Sequence[tuple[str, re.Pattern[str]]]]] = ContextVar(
@@ -210,6 +201,12 @@ def is_unit(text: str) -> bool:
     return text != "1" and any(scale(quantity, text) is not None for quantity in _UNITS)
 
 
+def rank(quantity: str, family: str) -> int:
+    """Position of a family among the names of its quantity; channels of a source come last."""
+    stems = _STEMS[quantity]
+    return stems.index(family) if family in stems else len(stems)
+
+
 def usual(quantity: str, joint: int | None = None) -> str:
     """The name under which messages ask for a quantity: ``q_3``, ``power``."""
     stem = _STEMS[quantity][0]
@@ -232,10 +229,9 @@ def _named(text: str, unit: str | None) -> Name | None:
     else:
         return None
     stem = match["stem"]
+    unit = unit or ("%" if stem == "torque_percent" else None)
     found = (quantity for quantity, stems in JOINT.items() if stem in stems)
-    return next(
-        (Name(q, family, int(number), unit or ("%" if stem == "torque_percent" else None)) for q in found), None
-    )
+    return next((Name(each, family, int(number), unit, stem=stem) for each in found), None)
 
 
 def _with_ending(text: str, parse: Callable[[str, str | None], Name | None]) -> Iterator[Name]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from cellwatt.arrays import Float
 from cellwatt.config.wording import did_you_mean
 from cellwatt.errors import RecordingError
-from cellwatt.tables.names import Name, along, scale, understood, units_of, usual
+from cellwatt.tables.names import Name, along, rank, scale, understood, units_of, usual
 from cellwatt.tables.times import DAY
 from cellwatt.tables.unwrap import unwrapped, wraps
 from cellwatt.units import named
@@ -80,12 +80,9 @@ class Table:
     @cached_property
     def time(self) -> Float:
         """Time (N,) s, from the origin of the file. Raises ``RecordingError`` without a time column."""
-        return self._values(self._clock())
-
-    def _clock(self) -> str:
         if self.clock is None:
             raise RecordingError(f"{self.path}: no column t, timestamp or time for the time; {self.there()}")
-        return self.clock
+        return self._values(self.clock)
 
     def rising_time(self, least: int = 2) -> Float:
         """``time``. Raises ``RecordingError`` if it has fewer than ``least`` rows or does not rise with each row."""
@@ -96,7 +93,7 @@ class Table:
             row = int(np.argmin(rises))
             raise RecordingError(
                 f"{self.path}: column {self.clock} does not rise from {time[row]:g} to {time[row + 1]:g} s "
-                f"in {self.place(self._clock(), row + 1)}"
+                f"in {self.place(str(self.clock), row + 1)}"
             )
         return time
 
@@ -210,16 +207,8 @@ class Table:
         """Columns by quantity, family and joint number; 0 for quantities without a joint."""
         out: dict[str, dict[str, dict[int, str]]] = {}
         for written, name in self._understood.items():
-            out.setdefault(name.quantity, {}).setdefault(name.family, {}).setdefault(name.number or 0, written)
+            out.setdefault(name.quantity, {}).setdefault(name.family, {})[name.number or 0] = written
         return out
-
-    def _refuse_twins(self, family: Mapping[int, str]) -> None:
-        """Raise ``RecordingError`` if two columns of a family have the same number."""
-        same = {(name.quantity, name.family, name.number): written for written, name in self._understood.items()}
-        for written in family.values():
-            name = self._understood[written]
-            if (other := same[name.quantity, name.family, name.number]) != written:
-                raise RecordingError(f"{self.path}: two columns are called {written!r} and {other!r}: keep one")
 
     @cached_property
     def _understood(self) -> Mapping[str, Name]:
@@ -229,14 +218,17 @@ class Table:
     def _family(self, quantity: str) -> Mapping[int, str]:
         """The columns of the preferred family of a quantity, by joint number."""
         families = self._found.get(quantity, {})
-        if not families:
+        ranked = sorted(families, key=lambda family: rank(quantity, family))
+        if not ranked:
             return {}
-        ranked = sorted(families.values(), key=lambda each: self._understood[next(iter(each.values()))].rank)
-        first = [self._understood[next(iter(each.values()))].rank for each in ranked[:2]]
-        if len(first) > 1 and first[0] == first[1]:
-            raise self._several(quantity, [next(iter(each.values())) for each in ranked])
-        self._refuse_twins(ranked[0])
-        return ranked[0]
+        if len(ranked) > 1 and rank(quantity, ranked[0]) == rank(quantity, ranked[1]):
+            raise self._several(quantity, [next(iter(families[family].values())) for family in ranked])
+        family = families[ranked[0]]
+        for written, name in self._understood.items():
+            same = (name.quantity, name.family) == (quantity, ranked[0])
+            if same and (other := family[name.number or 0]) != written:
+                raise RecordingError(f"{self.path}: two columns are called {written!r} and {other!r}: keep one")
+        return family
 
     def _whole(self, quantity: str) -> str | None:
         return self._family(quantity).get(0)
@@ -245,10 +237,6 @@ class Table:
         return RecordingError(
             f"{self.path}: several sources give {wanted} ({listed(found)}): keep the columns of one arm"
         )
-
-    def refused(self, name: str) -> RecordingError:
-        """Return the error of a column in ``unfit``."""
-        return RecordingError(f"{self.path}: column {name} {self.unfit[name]}")
 
     def _values(self, name: str) -> Float:
         values = self._scaled(name)
@@ -267,7 +255,7 @@ class Table:
 
     def _scaled(self, name: str) -> Float:
         if name in self.unfit:
-            raise self.refused(name)
+            raise RecordingError(f"{self.path}: column {name} {self.unfit[name]}")
         known = self._understood.get(name)
         if known is None:
             return self.plain(name)

@@ -116,10 +116,8 @@ def _read(path: Path, step: float) -> Readings:
     interval = float(np.median(np.diff(time)))
     count = max(1, -(-round(1e6 * ROWS * step) // max(1, round(1e6 * interval))))
     rows = len(time) // count
-    if count > 1:
-        power = power[: rows * count].reshape(rows, count).mean(axis=1)
-        time = time[count - 1 : rows * count : count]
-    return Readings(time, power, interval * count)
+    means = power[: rows * count].reshape(rows, count).mean(axis=1)
+    return Readings(time[count - 1 : rows * count : count], means, interval * count)
 
 
 def _course(time: Float, known: Float, position: Float) -> Course:
