@@ -73,9 +73,10 @@ def by_name(table: Table, joints: Sequence[str]) -> Table:
     in_order = numbered(own)
     if len(own) < 2 or (in_order and not all(map(_NUMBERED_JOINT.fullmatch, own))):
         return table
-    if joints and not (in_order and not all(any(alike(a, b) for a in own) for b in joints)):
-        if not any(alike(a, b) for a in own for b in joints):
-            return table
+    matched = [any(alike(a, b) for a in own) for b in joints]
+    if joints and not in_order and not any(matched):
+        return table
+    if joints and (not in_order or all(matched)):
         own = [own[at] for at in placed(table.path, own, joints)]
         if by_number and not in_order and own != (named := [joint for joint in written if joint in own]):
             raise RecordingError(
@@ -143,8 +144,8 @@ def labels_of(column: Any) -> NDArray[np.object_] | None:
     texts = pc.unique(column)
     if len(texts) > MOST_JOINTS:
         return None
-    labels: NDArray[np.object_] = np.asarray(texts.to_pylist(), object)
-    return labels[np.asarray(pc.index_in(column, value_set=texts))]
+    labels: NDArray[np.object_] = np.asarray(texts.to_pylist(), object)[pc.index_in(column, value_set=texts)]
+    return labels
 
 
 def _widened(table: Table) -> Table:

@@ -165,7 +165,15 @@ def parsed(written: str, parse: Callable[[str, str | None], Name | None]) -> Nam
     text = written.strip()
     if (match := _BRACKETS.fullmatch(text)) is not None and not match["unit"].isdigit():
         return parse(match["name"], match["unit"] or None)
-    return parse(text, None) or next(_with_ending(text, parse), None)
+    if (name := parse(text, None)) is not None:
+        return name
+    for units in _UNITS.values():
+        for unit in units:  # at the end: ``q_1_deg``, ``velocity_2_deg_s``
+            ending = "_" + unit.replace("/", "_").replace("^", "")
+            name = parse(text[: -len(ending)], unit) if text.casefold().endswith(ending.casefold()) else None
+            if name is not None and unit in _UNITS[name.quantity]:
+                return name
+    return None
 
 
 def scale(quantity: str, unit: str | None) -> tuple[float, float] | None:
@@ -185,10 +193,9 @@ def scale(quantity: str, unit: str | None) -> tuple[float, float] | None:
 
 def along(unit: str | None) -> bool | None:
     """True for a unit of a linear axis, False for one of a revolute joint, None for other units."""
-    kind = None if unit is None else kind_of(unit)
-    if kind in ("length", "velocity", "force"):
-        return True
-    return False if kind in ("angle", "angular_velocity", "torque") else None
+    kind = kind_of(unit or "")
+    linear = kind in ("length", "velocity", "force")
+    return linear if linear or kind in ("angle", "angular_velocity", "torque") else None
 
 
 def units_of(quantity: str) -> tuple[str, ...]:
@@ -232,13 +239,3 @@ def _named(text: str, unit: str | None) -> Name | None:
     unit = unit or ("%" if stem == "torque_percent" else None)
     found = (quantity for quantity, stems in JOINT.items() if stem in stems)
     return next((Name(each, family, int(number), unit, stem=stem) for each in found), None)
-
-
-def _with_ending(text: str, parse: Callable[[str, str | None], Name | None]) -> Iterator[Name]:
-    """The names before the units that ``text`` may end with: ``q_1_deg``, ``velocity_2_deg_s``."""
-    for units in _UNITS.values():
-        for unit in units:
-            ending = "_" + unit.replace("/", "_").replace("^", "")
-            name = parse(text[: -len(ending)], unit) if text.casefold().endswith(ending.casefold()) else None
-            if name is not None and unit in _UNITS[name.quantity]:
-                yield name

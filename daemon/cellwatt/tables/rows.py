@@ -50,19 +50,18 @@ def rows_of(text: str) -> Rows:
     if not rows:
         raise ValueError("it holds comments alone" if every else "it is empty")
     numbers, records = [number for number, _ in rows], [record for _, record in rows]
-    first, separator = 0, directive[1] if directive else ""
-    names: list[str] = []
-    looked_at = records[:_LOOKED_AT]
-    comments = [_COMMENT.sub("", record).strip(" #%/") for number, record in every if number < numbers[0]]
-    own = separator or _separator(looked_at)
-    first = _first_of_names(records, own)
-    if _holds_numbers(cells_in(records[first], own)):
-        first, (separator, names) = 0, _commented(comments, looked_at, separator)
+    stated, looked_at = directive[1] if directive else "", records[:_LOOKED_AT]
+    separator, names = stated or _separator(looked_at), list[str]()
+    first = _first_of_names(records, separator)
+    if _holds_numbers(cells_in(records[first], separator)):
+        comments = [_COMMENT.sub("", record).strip(" #%/") for number, record in every if number < numbers[0]]
+        commented, names = _commented(comments, looked_at, stated)
+        first, separator = 0, commented if names else separator
     if not names:
-        separator = own
         names = _names(records[first], separator, _width(records[first + 1 : first + 1 + _LOOKED_AT], separator))
         first += 1
-    if _all_numbers(names) or any(_NUMBER.fullmatch(name) and _DECIMAL.search(name) for name in names):
+    no_names = [name for name in names if _NUMBER.fullmatch(name)]
+    if len(no_names) == sum(map(bool, names)) or any(map(_DECIMAL.search, no_names)):
         raise ValueError("no names in its first row: write t, q_1, …, tau_1, … above the columns")
     again = records[first - 1] if first else None  # loggers that were started again append their names
     kept = [i for i in range(first, len(records)) if records[i] != again]
@@ -99,15 +98,12 @@ def _records(text: str) -> list[str]:
 
 def cells_in(record: str, separator: str) -> list[str]:
     """The cells of a row, without quotes. Raises ``ValueError``."""
-    try:
-        quoted = '"' in record
-        found = (
-            next(csv.reader([record], delimiter=separator, skipinitialspace=True), [])
-            if quoted
-            else record.split(separator)
-        )
-    except csv.Error as error:
-        raise ValueError(f"the row that begins with {record[:20]!r}: {error}") from error
+    found = record.split(separator)
+    if '"' in record:
+        try:
+            found = next(csv.reader([record], delimiter=separator, skipinitialspace=True), [])
+        except csv.Error as error:
+            raise ValueError(f"the row that begins with {record[:20]!r}: {error}") from error
     return list(filter(None, found)) if separator == " " else found
 
 
@@ -185,11 +181,6 @@ def _commented(comments: Sequence[str], records: Sequence[str], separator: str) 
 
 def _width(records: Sequence[str], separator: str) -> int:
     return max((_filled(cells_in(record, separator)) for record in records), default=0)
-
-
-def _all_numbers(words: Sequence[str]) -> bool:
-    """True if none of the words can be a name."""
-    return all(_NUMBER.fullmatch(word) for word in words if word)
 
 
 def _fitted(record: str, number: int, names: Sequence[str], separator: str) -> str:

@@ -99,10 +99,9 @@ def _of_day(match: re.Match[str]) -> float:
 
 
 def _offset(zone: str | None) -> float:
-    if zone is None or not zone[1:].replace(":", "").isdigit():
-        return 0.0
-    digits = zone[1:].replace(":", "")
-    return (-1.0 if zone[0] == "-" else 1.0) * (3600.0 * int(digits[:2]) + 60.0 * int(digits[2:]))
+    digits = re.sub(r"\D", "", zone or "")
+    seconds = 3600.0 * int(digits[:2] or 0) + 60.0 * int(digits[2:] or 0)
+    return -seconds if zone and zone[0] == "-" else seconds
 
 
 def _days(matches: Sequence[re.Match[str] | None]) -> Float | None:
