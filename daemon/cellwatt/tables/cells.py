@@ -134,7 +134,7 @@ def _times(column: Any) -> Cells | None:
         found = times.times_of(column)
     except ValueError as error:
         return Cells(None, fault=str(error))
-    return None if found is None else Cells(found.seconds, found.kind)
+    return None if found is None else Cells(*found)
 
 
 def _measures(column: Any) -> Cells | None:

@@ -207,7 +207,8 @@ def _placed(
     values: dict[str, NDArray[np.float64]] = {}
     unfit: dict[str, str] = {}
     texts: dict[str, NDArray[np.object_]] = {}
-    names = [name or _of_index(cells, written) for name, cells in zip(written, found, strict=True)]
+    index = "" if "time" in written else "time"  # pandas writes the times of an index without a name
+    names = [name or (index if cells.kind in CLOCKS else "") for name, cells in zip(written, found, strict=True)]
     letters = {} if numbers is None else dict(zip(names, map(letters_of, range(len(names))), strict=True))
     clocks = tuple(name for name, cells in zip(names, found, strict=True) if name and cells.kind in CLOCKS)
     table = Table(path, values, unfit, units, None if numbers is None else np.asarray(numbers), letters, clocks)
@@ -226,11 +227,6 @@ def _placed(
             if names_joints(name) and cells.fault == TEXT and (labels := labels_of(column)) is not None:
                 texts[name] = labels
     return _timed(replace(table, clocks=joined(values, clocks), texts=texts))
-
-
-def _of_index(cells: Cells, names: Sequence[str]) -> str:
-    """The name for a column without one: pandas writes the times of an index without a name."""
-    return "time" if cells.kind in CLOCKS and "time" not in names else ""
 
 
 def _timed(table: Table) -> Table:
@@ -263,11 +259,8 @@ def _without(table: Table, rows: NDArray[np.bool_], why: str) -> Table:
 
 def letters_of(column: int) -> str:
     """Letters of a column in a spreadsheet: A, B, …, Z, AA; ``column`` counts from 0."""
-    out = ""
-    while column >= 0:
-        out = chr(ord("A") + column % 26) + out
-        column = column // 26 - 1
-    return out
+    before = letters_of(column // 26 - 1) if column >= 26 else ""
+    return before + chr(ord("A") + column % 26)
 
 
 def _arrow(path: Path, table: pa.Table) -> Table:

@@ -154,16 +154,12 @@ def _names(record: str, separator: str, width: int) -> list[str]:
     if _filled(cells) > width:
         joined: list[str] = []
         for cell in cells:
-            if joined and _open(joined[-1]):
+            if joined and any(joined[-1].count(opens) > joined[-1].count(closes) for opens, closes in ("()", "[]")):
                 joined[-1] += separator + cell
             else:
                 joined.append(cell)
         cells = joined if _filled(joined) == width else cells
     return [cell.strip(' \t\xa0\ufeff"') for cell in cells]
-
-
-def _open(name: str) -> bool:
-    return name.count("(") > name.count(")") or name.count("[") > name.count("]")
 
 
 def _commented(comments: Sequence[str], records: Sequence[str], separator: str) -> tuple[str, list[str]]:

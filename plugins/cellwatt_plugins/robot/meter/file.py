@@ -57,10 +57,9 @@ def power_beside(path: Path, time: Float, position: Float) -> Float:
     ``RecordingError``.
     """
     readings = _read(path, float(np.median(np.diff(time))))
+    if _inside(readings.time, time).sum() < FEWEST:
+        readings = replace(readings, time=readings.time - _apart(path, readings.time, time))
     inside = _inside(readings.time, time)
-    if inside.sum() < FEWEST and (late := _apart(path, readings.time, time)):
-        readings = replace(readings, time=readings.time - late)
-        inside = _inside(readings.time, time)
     if inside.sum() < FEWEST or time[-1] - time[0] < SHORTEST:
         raise RecordingError(
             f"{path}: {int(inside.sum())} values within {FURTHEST:g} s of a recording of {time[-1] - time[0]:.0f} s: "
