@@ -84,7 +84,7 @@ def by_name(table: Table, joints: Sequence[str]) -> Table:
                 "in another order than the robot's joints: name the joints in all columns"
             )
     elif not in_order:
-        return replace(table, named=tuple(own))
+        return replace(table, named=tuple(written))
     number = {joint: i for i, joint in enumerate(own, start=1)}
     meant = {
         column: replace(name, family=name.quantity, number=number[name.joint]) if name.joint in number else None

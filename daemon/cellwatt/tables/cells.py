@@ -15,7 +15,7 @@ import numpy as np
 
 from cellwatt.arrays import Float
 from cellwatt.tables import times
-from cellwatt.tables.names import is_unit
+from cellwatt.tables.names import is_unit, understood
 
 TEXT: Final = "holds text"
 MISSING: Final = (
@@ -149,12 +149,18 @@ def _measures(column: Any) -> Cells | None:
 
 
 def listed(names: Sequence[str], columns: Sequence[Any]) -> tuple[list[str], list[Any]]:
-    """Add a column for each place in the cells of a text column that hold lists of one length, as ``[0.1, 0.2]``."""
+    """Add a column for each place in the cells of a text column that hold lists of one length, as ``[0.1, 0.2]``.
+
+    Lists are not read if columns of the file have the names that these would get.
+    """
     import pyarrow.compute as pc
 
     all_names, every = list(names), list(columns)
+    known = {(name.quantity, name.family) for name in map(understood, names) if name is not None}
     for name, column in zip(names, columns, strict=True):
-        if not _LIST.match(first_of(column) or ""):
+        meant = understood(f"{name}[0]")
+        there = meant is not None and (meant.quantity, meant.family) in known
+        if there or not _LIST.match(first_of(column) or ""):
             continue
         inner = pc.replace_substring_regex(column.combine_chunks(), rf"{_LIST.pattern}|[\])\s]+$", "")
         mark = next((each for each in ";," if pc.any(pc.match_substring(inner, each)).as_py()), r"\s")

@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from cellwatt.tables.names import understood
+
 SEPARATORS: Final = (";", "\t", "|", ",", " ")
 """In order of preference; a blank stands for any number of blanks."""
 ALONE: Final = "\x1f"
@@ -61,7 +63,7 @@ def rows_of(text: str) -> Rows:
         names = _names(records[first], separator, _width(records[first + 1 : first + 1 + _LOOKED_AT], separator))
         first += 1
     no_names = [name for name in names if _NUMBER.fullmatch(name)]
-    if len(no_names) == sum(map(bool, names)) or any(map(_DECIMAL.search, no_names)):
+    if len(no_names) == sum(map(bool, names)) or (_holds_numbers(names) and any(map(_DECIMAL.search, no_names))):
         raise ValueError("no names in its first row: write t, q_1, …, tau_1, … above the columns")
     again = records[first - 1] if first else None  # loggers that were started again append their names
     kept = [i for i in range(first, len(records)) if records[i] != again]
@@ -145,7 +147,8 @@ def _first_of_names(records: Sequence[str], separator: str) -> int:
 
 
 def _holds_numbers(cells: Sequence[str]) -> bool:
-    return any(_NUMBER.fullmatch(cell.strip(_BLANK)) for cell in cells)
+    """True for a row that holds numbers, and no name that is known: it is not the row of names."""
+    return any(_NUMBER.fullmatch(cell.strip(_BLANK)) for cell in cells) and not any(map(understood, cells))
 
 
 def _names(record: str, separator: str, width: int) -> list[str]:

@@ -83,9 +83,9 @@ def test_lists_of_names_in_parquet(tmp_path: Path) -> None:
 
 def test_without_a_robot_only_numbers_give_an_order(tmp_path: Path) -> None:
     assert read(tmp_path, "t,joint_2_pos,joint_1_pos\n0,2,1\n1,4,3\n", ()).needed("position", 2).tolist() == POSITION
-    named = read(tmp_path, "t,elbow_pos,shoulder_pos\n0,2,1\n1,4,3\n", ())
+    named = read(tmp_path, "t,shoulder_pos,elbow_pos\n0,1,2\n1,3,4\n", ())
     assert named.joints("position") is None
-    assert named.named == ("elbow", "shoulder")
+    assert named.named == ("shoulder", "elbow"), "as the columns are"
 
 
 def test_what_is_no_position_of_a_joint_stays_unknown(tmp_path: Path) -> None:

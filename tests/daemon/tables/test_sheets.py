@@ -38,6 +38,7 @@ def read(folder: Path, text: str | bytes):
         (",t,q_1\n0,0.5,1\n1,1.5,2\n", [0.5, 1.5], [1, 2]),
         ("t,remark,remark,q_1\n0,a,b,1\n1,,,2\n", [0, 1], [1, 2]),
         ("# made by x\n# t, q_1\n0.0 1\n0.1 2\n", [0, 0.1], [1, 2]),
+        ("# run of Monday\nt,q_1,0.5\n0,1,5\n1,2,5\n", [0, 1], [1, 2]),  # a column with a number as its name
         ("sep=;\r\nt;q_1\r\n0;1\r\n1;2\r\n", [0, 1], [1, 2]),
         ("Run of Monday\n\nt;q_1\n0;1\n1;2\n", [0, 1], [1, 2]),
         ("t;q_1\ns;rad\n0;1\n1;2\n", [0, 1], [1, 2]),
@@ -79,6 +80,7 @@ def read(folder: Path, text: str | bytes):
         ("t,q_1\n0,1000 mrad\n1,2000 mrad\n", [0, 1], [1, 2]),
         ("t,q_1,power\n0,1,----\n1,2,OR\n", [0, 1], [1, 2]),
         ("t,position\n0,[1. 9.]\n1,[2. 9.]\n", [0, 1], [1, 2]),
+        ('t,position,position_0\n0,"[9, 9]",1\n1,"[9, 9]",2\n', [0, 1], [1, 2]),
         ("t\tposition\n0\t[1,0; 9]\n1\t[2,0; 9]\n", [0, 1], [1, 2]),
         ("t,q_1\n40000.0001,1\n40000.0002,2\n", [40000.0001, 40000.0002], [1, 2]),  # 10 kHz, no date
         ("Uhrzeit;sec;q_1\n12:00:01;5;1\n12:00:02;5;2\n", [43201, 43202], [1, 2]),  # of each step
