@@ -55,7 +55,8 @@ def rows_of(text: str) -> Rows:
     stated, looked_at = directive[1] if directive else "", records[:_LOOKED_AT]
     separator, names = stated or _separator(looked_at), list[str]()
     first = _first_of_names(records, separator)
-    if _holds_numbers(cells_in(records[first], separator)):
+    words = filter(None, re.split(r'[;\t|, "]+', records[first]))  # whatever the separator is
+    if all(map(_NUMBER.fullmatch, words)) or _holds_numbers(cells_in(records[first], separator)):
         comments = [_COMMENT.sub("", record).strip(" #%/") for number, record in every if number < numbers[0]]
         commented, names = _commented(comments, looked_at, stated)
         first, separator = 0, commented if names else separator

@@ -81,8 +81,7 @@ def power_beside(path: Path, time: Float, position: Float) -> Float:
 
 
 def _inside(readings: Float, time: Float) -> NDArray[np.bool_]:
-    inside: NDArray[np.bool_] = (readings > time[0] - FURTHEST) & (readings < time[-1] + FURTHEST)
-    return inside
+    return np.asarray((readings > time[0] - FURTHEST) & (readings < time[-1] + FURTHEST))
 
 
 def _apart(path: Path, readings: Float, time: Float) -> float:
