@@ -9,7 +9,7 @@ import re
 import signal
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
@@ -21,6 +21,7 @@ from typing import Any, TypeVar, overload
 from cellwatt.child import end_with
 from cellwatt.errors import CellwattError, ConfigError
 from cellwatt.progress import Stage, stage
+from cellwatt.tables.names import called, names_called
 
 T = TypeVar("T")
 S = TypeVar("S")
@@ -43,7 +44,7 @@ class Pool:
         with tempfile.NamedTemporaryFile(prefix="cellwatt-shared-") as pickled:
             pickled.write(pickle.dumps(shared))
             pickled.flush()
-            call = partial(_call, function, Path.cwd(), None if shared is None else pickled.name)
+            call = partial(_call, function, Path.cwd(), names_called(), None if shared is None else pickled.name)
             try:
                 for answer in [self._pool.submit(call, item) for item in items]:
                     results.append(answer.result())
@@ -137,15 +138,16 @@ def _begin(parent: int) -> None:
     end_with(parent, signal.SIGKILL)
 
 
-def _call(function: Callable[..., Any], folder: Path, shared: str | None, item: Any) -> Any:
-    """Call the function in ``folder``, where the command runs, so that relative paths have the same meaning."""
+def _call(function: Callable[..., Any], folder: Path, columns: Mapping[str, str], shared: str | None, item: Any) -> Any:
+    """Call the function in ``folder`` and with the user's names of ``columns``, as the command runs, so that relative
+    paths and tables have the same meaning."""
     global _held  # one value per worker for all items
     with suppress(OSError):  # without the folder, the function reports which relative path is missing
         os.chdir(folder)
     if shared is not None and (_held is None or _held[0] != shared):
         _held = shared, pickle.loads(Path(shared).read_bytes())
     try:
-        with _one_thread():
+        with _one_thread(), called(columns):
             return function(item) if shared is None or _held is None else function(item, _held[1])
     except Exception as error:
         if _can_be_sent(error):

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
 from cellwatt.logs.log import COMMANDS, alike, natural, numbered, placed
-from cellwatt.tables.cells import TEXT, Cells
 from cellwatt.tables.names import JOINT, Name, parsed, understood, unit_in
 from cellwatt.tables.table import Table
 from cellwatt.units import kind_of
 
-LISTS: Final = ("name", "names", "joint_name", "joint_names")
-"""Names of columns that hold the names of joints, numbered like the columns of their quantities."""
 MOST_JOINTS: Final = 64
-"""Largest number of joints that the rows of a file may name."""
+"""Largest number of joints that a column of a file may name."""
 _STEMS: Final = {
     **{stem: quantity for quantity, stems in JOINT.items() for stem in stems},
     "pos": "position",
@@ -36,7 +35,12 @@ _OF_JOINT: Final = re.compile(
 _NUMBERED_JOINT: Final = re.compile(r".*(?:joint|axis|motor|(?<![a-z])[aj])[ _]?\d+(?:_joint)?", re.IGNORECASE)
 _OTHER: Final = (*COMMANDS, "error", "limit", "setpoint")
 """Words in the name of a column that is not measured."""
-_OF_LIST: Final = re.compile(rf"(?P<path>.*?)(?:{'|'.join(LISTS)})[_.]?\[?(?P<number>\d+)\]?", re.IGNORECASE)
+_LISTS: Final = "names?|joint_names?"
+_OF_LIST: Final = re.compile(rf"joint|{_LISTS}|(?P<path>.*?)(?:{_LISTS})[_.]?\[?(?P<number>\d+)\]?", re.IGNORECASE)
+"""Columns that hold the names of joints: one a row, or numbered like the columns of their quantities."""
+_MOTION: Final = frozenset(JOINT) - {"current", "temperature"}
+_NO_POWER: Final = (*_OTHER, "max", "min", "peak", "apparent", "reactive", "rated", "nominal")
+"""Words in the name of a column in W that is not the present power."""
 
 
 def by_name(table: Table, joints: Sequence[str]) -> Table:
@@ -45,30 +49,42 @@ def by_name(table: Table, joints: Sequence[str]) -> Table:
     A file whose joints are numbered is returned unchanged. Raises ``RecordingError`` if the file has only some of
     ``joints``, several for one of them, or joints that change from row to row.
     """
-    found = dict(_of_joints(table))
+    table = _widened(table)
+    known = {column: understood(column) for column in (*table.columns, *table.unfit)}
+    found = dict(_of_joints(table, known))
+    others = {column: name.quantity for column, name in known.items() if name is not None and column not in found}
+    by_number = [column for column, quantity in others.items() if quantity in _MOTION]
     paths: dict[str, list[str]] = {}
     for name in found.values():
         if name.quantity == "position":
             paths.setdefault(name.family, []).append(name.joint)
     if joints:  # other groups are other arms
         paths = {p: own for p, own in paths.items() if any(alike(a, b) for a in own for b in joints)} or paths
-    if not paths or (not table.texts and table.has("position")):
+    if not paths and not by_number and not {"supply.power", "bus.power"} & set(others.values()):
         return _metered(table)
+    if not paths or "position" in others.values():
+        return table
     if len(plain := [p for p in paths if p.endswith("/joint_states")]) == 1:  # beside /dynamic_joint_states
         paths = {plain[0]: paths[plain[0]]}
     if len(paths) > 1:
         raise RecordingError(f"{table.path}: positions of joints under {', '.join(paths)}: keep the columns of one")
-    ((path, own),) = paths.items()
-    own = sorted(own, key=natural)
+    ((path, written),) = paths.items()
+    own = sorted(written, key=natural)
     in_order = numbered(own)
     if len(own) < 2 or (in_order and not all(map(_NUMBERED_JOINT.fullmatch, own))):
         return table
-    if joints and not (in_order and not all(any(alike(a, b) for a in own) for b in joints)):
-        if not any(alike(a, b) for a in own for b in joints):
-            return table
+    matched = [any(alike(a, b) for a in own) for b in joints]
+    if joints and not in_order and not any(matched):
+        return table
+    if joints and (not in_order or all(matched)):
         own = [own[at] for at in placed(table.path, own, joints)]
+        if by_number and not in_order and own != (named := [joint for joint in written if joint in own]):
+            raise RecordingError(
+                f"{table.path}: column {by_number[0]} numbers its joint, while the positions of {', '.join(named)} are "
+                "in another order than the robot's joints: name the joints in all columns"
+            )
     elif not in_order:
-        return replace(table, named=tuple(own))
+        return replace(table, named=tuple(written))
     number = {joint: i for i, joint in enumerate(own, start=1)}
     meant = {
         column: replace(name, family=name.quantity, number=number[name.joint]) if name.joint in number else None
@@ -80,32 +96,30 @@ def by_name(table: Table, joints: Sequence[str]) -> Table:
 
 def _metered(table: Table) -> Table:
     """Understand the only column in W of a file without joints as the power of the supply, whatever its name."""
-    units = {column: table.units.get(column) or unit_in(column) or "" for column in table.columns}
-    powers = [(column, unit) for column, unit in units.items() if kind_of(unit) == "power"]
-    known = ("position", "target_position", "supply.power", "bus.power")
-    if len(powers) != 1 or any(map(table.has, known)):
+    units = {column: table.units.get(column) or unit_in(column) or "" for column in (*table.columns, *table.unfit)}
+    powers = [column for column, unit in units.items() if kind_of(unit) == "power"]
+    if len(powers) != 1 or any(word in powers[0].casefold() for word in _NO_POWER):
         return table
-    ((column, unit),) = powers
-    return replace(table, meant={column: Name("supply.power", "power", None, unit)})
+    return replace(table, meant={powers[0]: Name("supply.power", "power", None, units[powers[0]])})
 
 
-def _of_joints(table: Table) -> Iterator[tuple[str, Name]]:
+def _of_joints(table: Table, known: Mapping[str, Name | None]) -> Iterator[tuple[str, Name]]:
     """Columns that name a joint; the family of their name is the path before it."""
     listed = {}
-    for column, joint in table.texts.items():
-        if (match := _OF_LIST.fullmatch(column)) is not None:
-            listed[match["path"].casefold(), int(match["number"])] = joint
-    for column in (*table.columns, *table.unfit):
-        known = understood(column)
-        if known is not None and known.number is not None:
-            path = known.family.removesuffix(known.stem)
-            of_list = listed.get((path, known.number))
+    for column, labels in table.texts.items():
+        if (match := _OF_LIST.fullmatch(column)) is not None and match["number"]:
+            same = bool(np.all(labels == labels[0]))
+            listed[match["path"].casefold(), int(match["number"])] = str(labels[0]) if same else ""
+    for column, name in known.items():
+        if name is not None and name.number is not None:
+            path = name.family.removesuffix(name.stem)
+            of_list = listed.get((path, name.number))
             if of_list == "" and len(listed) > 1:
                 raise RecordingError(f"{table.path}: the joint of column {column} changes: write one column per joint")
             if of_list:
-                yield column, replace(known, family=path, joint=of_list)
-        elif known is None and (name := parsed(column, _of_joint)) is not None:
-            yield column, name
+                yield column, replace(name, family=path, joint=of_list)
+        elif name is None and (of_joint := parsed(column, _of_joint)) is not None:
+            yield column, of_joint
 
 
 def _of_joint(text: str, unit: str | None) -> Name | None:
@@ -118,45 +132,48 @@ def _of_joint(text: str, unit: str | None) -> Name | None:
     return Name(_STEMS[(match["stem"] or match["first"]).casefold()], path, None, unit, joint)
 
 
-def lists_joints(column: str) -> bool:
-    """True for a column whose name says that it holds the name of a numbered joint."""
+def names_joints(column: str) -> bool:
+    """True for a column whose name says that it holds names of joints."""
     return _OF_LIST.fullmatch(column) is not None
 
 
-def one_text(column: Any) -> str:
-    """The text that all cells of a column hold; "" if they differ."""
+def labels_of(column: Any) -> NDArray[np.object_] | None:
+    """The texts (N,) of a column; None if they are more than a robot has joints."""
     import pyarrow.compute as pc
 
-    texts = pc.unique(column).to_pylist()
-    return str(texts[0]) if len(texts) == 1 else ""
+    texts = pc.unique(column)
+    if len(texts) > MOST_JOINTS:
+        return None
+    labels: NDArray[np.object_] = np.asarray(texts.to_pylist(), object)[pc.index_in(column, value_set=texts)]
+    return labels
 
 
-def widened(
-    names: Sequence[str], found: Sequence[Cells], columns: Sequence[Any]
-) -> tuple[Sequence[str], Sequence[Cells], Sequence[Any], Any]:
-    """Columns per joint for rows that each hold one joint, named in a column; also the rows of the first joint.
+def _widened(table: Table) -> Table:
+    """One row for all joints and a column for each, if each row holds one joint, which a column names.
 
-    Names, contents and texts of the columns are returned unchanged, and None, if no column names joints, or the joints
-    do not have the same times.
+    The table is returned unchanged if no column names joints, or the joints do not have the same times.
     """
-    labels = [i for i, name in enumerate(names) if name.casefold() in ("joint", *LISTS) and found[i].fault == TEXT]
-    times = [i for i, name in enumerate(names) if (known := understood(name)) and known.quantity == "time"]
-    if len(labels) != 1 or not times:
-        return names, found, columns, None
-    label = np.asarray(columns[labels[0]].to_pylist(), object)
-    joints = list(dict.fromkeys(label.tolist()))
-    rows = [np.flatnonzero(label == joint) for joint in joints]
-    least = min(map(len, rows))
-    rows = [each[:least] for each in rows]
-    time = found[times[0]].values
-    if not 2 <= len(joints) <= MOST_JOINTS or time is None or any(np.any(time[r] != time[rows[0]]) for r in rows):
-        return names, found, columns, None
-    new: list[tuple[str, Cells, Any]] = []
-    for i, (name, cells, column) in enumerate(zip(names, found, columns, strict=True)):
-        values = cells.values
-        if i != labels[0] and (values is None or all(np.array_equal(values[r], values[rows[0]]) for r in rows)):
-            new.append((name, cells if values is None else replace(cells, values=values[rows[0]]), column))
-        elif values is not None:
-            of_joints = zip(joints, rows, strict=True)
-            new += [(f"{joint}/{name}", replace(cells, values=values[own]), column) for joint, own in of_joints]
-    return *map(list, zip(*new, strict=True)), rows[0]  # type: ignore[return-value]
+    labels = [labels for name, labels in table.texts.items() if not name.endswith((*"0123456789", "]"))]
+    if len(labels) != 1 or table.clock is None or table.clock not in table.columns:
+        return table
+    joints = list(dict.fromkeys(labels[0].tolist()))
+    rows = [np.flatnonzero(labels[0] == joint) for joint in joints]
+    rows = [each[: min(map(len, rows))] for each in rows]
+
+    def alike_in(values: Float) -> bool:
+        return all(np.array_equal(values[own], values[rows[0]], equal_nan=True) for own in rows)
+
+    if len(joints) < 2 or None in joints or not alike_in(table.columns[table.clock]):
+        return table
+    columns: dict[str, Float] = {}
+    for name, values in table.columns.items():
+        if parsed(f"{joints[0]}/{name}", _of_joint) is None and alike_in(values):
+            columns[name] = values[rows[0]]
+        else:
+            columns |= {f"{joint}/{name}": values[own] for joint, own in zip(joints, rows, strict=True)}
+    units, unfit = (
+        {**whole, **{f"{joint}/{name}": text for name, text in whole.items() for joint in joints}}
+        for whole in (table.units, table.unfit)
+    )
+    at = 1 + rows[0] if table.rows is None else table.rows[rows[0]]
+    return replace(table, columns=columns, unfit=unfit, units=units, rows=at, texts={})

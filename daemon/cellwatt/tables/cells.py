@@ -15,7 +15,7 @@ import numpy as np
 
 from cellwatt.arrays import Float
 from cellwatt.tables import times
-from cellwatt.tables.names import is_unit
+from cellwatt.tables.names import is_unit, understood
 
 TEXT: Final = "holds text"
 MISSING: Final = (
@@ -134,7 +134,7 @@ def _times(column: Any) -> Cells | None:
         found = times.times_of(column)
     except ValueError as error:
         return Cells(None, fault=str(error))
-    return None if found is None else Cells(found.seconds, found.kind)
+    return None if found is None else Cells(*found)
 
 
 def _measures(column: Any) -> Cells | None:
@@ -149,21 +149,36 @@ def _measures(column: Any) -> Cells | None:
 
 
 def listed(names: Sequence[str], columns: Sequence[Any]) -> tuple[list[str], list[Any]]:
-    """Add a column for each place in the cells of a text column that hold lists of one length, as ``[0.1, 0.2]``."""
+    """Add a column for each place in the cells of a text column that hold lists of one length, as ``[0.1, 0.2]``.
+
+    Lists are not read if columns of the file have the names that these would get.
+    """
     import pyarrow.compute as pc
 
     all_names, every = list(names), list(columns)
+    known = {(name.quantity, name.family) for name in map(understood, names) if name is not None}
     for name, column in zip(names, columns, strict=True):
-        if not _LIST.match(next((cell.as_py() for cell in column if cell.is_valid), "")):
+        meant = understood(f"{name}[0]")
+        there = meant is not None and (meant.quantity, meant.family) in known
+        if there or not _LIST.match(first_of(column) or ""):
             continue
         inner = pc.replace_substring_regex(column.combine_chunks(), rf"{_LIST.pattern}|[\])\s]+$", "")
-        parts = pc.split_pattern_regex(inner, r"[,;\s]+")
+        mark = next((each for each in ";," if pc.any(pc.match_substring(inner, each)).as_py()), r"\s")
+        parts = pc.split_pattern_regex(inner, rf"\s*{mark}\s*")
         widths = pc.unique(pc.list_value_length(parts)).to_pylist()
         if len(widths) == 1 and widths[0]:
             flat = pc.utf8_trim(parts.flatten(), characters=f"{_TRIMMED}'")
             all_names += [f"{name}[{i}]" for i in range(widths[0])]
             every += [flat[i :: widths[0]] for i in range(widths[0])]
     return all_names, every
+
+
+def first_of(column: Any) -> Any:
+    """The first cell of a column that is not empty, None if all are."""
+    import pyarrow.compute as pc
+
+    at = pc.index(pc.is_valid(column), True).as_py()
+    return None if at < 0 else column[at].as_py()
 
 
 def _text(column: Any) -> Cells:

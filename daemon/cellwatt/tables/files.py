@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError, why
 from cellwatt.files import COMPUTED, UnfitFileError, check_file, read_bytes
-from cellwatt.tables.by_name import by_name, lists_joints, one_text, widened
+from cellwatt.tables.by_name import by_name, labels_of, names_joints
 from cellwatt.tables.cells import TEXT, Cells, cells_of, grouped, listed
 from cellwatt.tables.encoding import text_of
-from cellwatt.tables.names import is_unit
+from cellwatt.tables.names import is_unit, scale, understood
 from cellwatt.tables.rows import Rows, cells_in, rows_of
 from cellwatt.tables.stamps import joined
 from cellwatt.tables.table import Table
@@ -59,7 +59,7 @@ def read_table(path: Path, joints: Sequence[str] = ()) -> Table:
     import pyarrow as pa
 
     try:
-        return by_name(_arrow(path, _parquet(path)) if path.suffix == ".parquet" else _csv(path), joints)
+        return _once(by_name(_arrow(path, _parquet(path)) if path.suffix == ".parquet" else _csv(path), joints))
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {_line(why(error))}") from error
     except (pa.ArrowException, ValueError) as error:  # ValueError: names that are not UTF-8
@@ -160,6 +160,7 @@ def _csv(path: Path) -> Table:
         raise ValueError(f"it has {len(records)} rows, but {columns.num_rows} were found: check its quotes")
     names, texts = listed(rows.names, columns.columns)
     found = [cells_of(pa.chunked_array(column), rows.separator) for column in texts]
+    found = [_agreed(cells, name, units.get(name)) for name, cells in zip(names, found, strict=True)]
     units = {**{name: cells.unit for name, cells in zip(names, found, strict=True) if cells.unit}, **units}
     return _placed(path, names, texts, _without_groups(found, texts), units, numbers)
 
@@ -173,6 +174,15 @@ def _units(rows: Rows) -> tuple[Mapping[str, str], Sequence[str], Sequence[int]]
         return {}, rows.records, rows.numbers
     below = [i for i, record in enumerate(rows.records) if record != rows.records[0]]  # loggers may append their head
     return written, [rows.records[i] for i in below], [rows.numbers[i] for i in below]
+
+
+def _agreed(cells: Cells, name: str, stated: str | None) -> Cells:
+    """Refuse a column whose numbers are followed by another unit than its name, or the row below it, says."""
+    known = understood(name) if cells.unit else None
+    if known is None or (unit := known.unit or stated) is None:
+        return cells
+    same = scale(known.quantity, unit) == scale(known.quantity, cells.unit)
+    return cells if same else Cells(None, fault=f"has values in {cells.unit}, while its unit is {unit}")
 
 
 def _without_groups(found: Sequence[Cells], columns: Sequence[Any]) -> Sequence[Cells]:
@@ -194,13 +204,11 @@ def _placed(
     numbers: Sequence[int] | None = None,
 ) -> Table:
     """Make a table of the named columns, without rows that lack a time; ``numbers``: row numbers in a text file."""
-    written, found, columns, rows = widened(written, found, columns)
-    if rows is not None and numbers is not None:
-        numbers = [numbers[row] for row in rows]
     values: dict[str, NDArray[np.float64]] = {}
     unfit: dict[str, str] = {}
-    texts: dict[str, str] = {}
-    names = [name or _of_index(cells, written) for name, cells in zip(written, found, strict=True)]
+    texts: dict[str, NDArray[np.object_]] = {}
+    index = "" if "time" in written else "time"  # pandas writes the times of an index without a name
+    names = [name or (index if cells.kind in CLOCKS else "") for name, cells in zip(written, found, strict=True)]
     letters = {} if numbers is None else dict(zip(names, map(letters_of, range(len(names))), strict=True))
     clocks = tuple(name for name, cells in zip(names, found, strict=True) if name and cells.kind in CLOCKS)
     table = Table(path, values, unfit, units, None if numbers is None else np.asarray(numbers), letters, clocks)
@@ -216,52 +224,43 @@ def _placed(
             word = str(column[cells.row])[:_LONGEST]
             wanted = ", expected numbers" if cells.fault == TEXT else ""
             unfit[name] = f"{cells.fault}, first {word!r} in {table.place(name, cells.row)}{wanted}"
-            if lists_joints(name):
-                texts[name] = one_text(column)
-    return _once(timed(replace(table, clocks=joined(values, clocks), texts=texts)))
+            if names_joints(name) and cells.fault == TEXT and (labels := labels_of(column)) is not None:
+                texts[name] = labels
+    return _timed(replace(table, clocks=joined(values, clocks), texts=texts))
 
 
-def _of_index(cells: Cells, names: Sequence[str]) -> str:
-    """The name for a column without one: pandas writes the times of an index without a name."""
-    return "time" if cells.kind in CLOCKS and "time" not in names else ""
-
-
-def timed(table: Table) -> Table:
-    """The rows that have a time; a warning counts the others. A table without times is returned unchanged."""
+def _timed(table: Table) -> Table:
+    """The rows that have a time. A table without times is returned unchanged."""
     time = None if table.clock is None else table.columns.get(table.clock)
-    if time is None or np.isfinite(time).all() or not np.isfinite(time).any():
-        return table
-    known = np.isfinite(time)
-    log.warning(
-        "%s: %d of %d rows have no time and are left out, first row %d",
-        *(table.path, np.sum(~known), len(time), table.row(int(np.argmin(known)))),
-    )
-    return table.at(known)
+    return table if time is None else _without(table, ~np.isfinite(time), "have no time")
 
 
 def _once(table: Table) -> Table:
-    """The rows that differ from the row before; a warning counts the others, which a program reads faster than new
-    values come. A table without times is returned unchanged."""
+    """The rows that differ from the row before: a program may read faster than new values come.
+
+    A table without times is returned unchanged.
+    """
     if table.clock is None or table.clock not in table.columns or len(table) < 2:
         return table
-    new = np.ones(len(table), np.bool_)
-    time = table.columns[table.clock]
-    new[1:] = np.diff(time) != 0
-    for values in () if new.all() else table.columns.values():
-        new[1:] |= (values[1:] != values[:-1]) & np.isfinite(values[1:])
-    if new.all():
+    same = np.diff(table.columns[table.clock], prepend=np.nan) == 0
+    for values in table.columns.values() if same.any() else ():
+        same[1:] &= (values[1:] == values[:-1]) | ~np.isfinite(values[1:])
+    return _without(table, same, "repeat the row before")
+
+
+def _without(table: Table, rows: NDArray[np.bool_], why: str) -> Table:
+    """The table without ``rows`` (N,), which a warning counts; unchanged if these are all rows."""
+    if rows.all() or not rows.any():
         return table
-    log.warning("%s: %d of %d rows repeat the row before and are left out", table.path, np.sum(~new), len(new))
-    return table.at(new)
+    counts = (table.path, np.sum(rows), len(rows), why, table.row(int(np.argmax(rows))))
+    log.warning("%s: %d of %d rows %s and are left out, first row %d", *counts)
+    return table.at(~rows)
 
 
 def letters_of(column: int) -> str:
     """Letters of a column in a spreadsheet: A, B, …, Z, AA; ``column`` counts from 0."""
-    out = ""
-    while column >= 0:
-        out = chr(ord("A") + column % 26) + out
-        column = column // 26 - 1
-    return out
+    before = letters_of(column // 26 - 1) if column >= 26 else ""
+    return before + chr(ord("A") + column % 26)
 
 
 def _arrow(path: Path, table: pa.Table) -> Table:
@@ -271,7 +270,13 @@ def _arrow(path: Path, table: pa.Table) -> Table:
         raise RecordingError(f"{path}: has no rows")
     units = {name: (field.metadata or {}).get(b"unit", b"") for name, field in zip(names, table.schema, strict=True)}
     stated = {name: unit.decode() for name, unit in units.items() if unit}
-    return _placed(path, names, table.columns, [_typed(column) for column in table.columns], stated)
+    return _placed(
+        path,
+        names,
+        table.columns,
+        [_typed(name, column) for name, column in zip(names, table.columns, strict=True)],
+        stated,
+    )
 
 
 def _flat(table: pa.Table) -> pa.Table:
@@ -293,37 +298,38 @@ def _flat(table: pa.Table) -> pa.Table:
 
 def _width(column: Any) -> int:
     """Length of the lists of numbers of a column; 0 if it has none, or of different lengths."""
-    import pyarrow as pa
     import pyarrow.compute as pc
 
-    if not any(of(column.type) for of in (pa.types.is_list, pa.types.is_large_list, pa.types.is_fixed_size_list)):
-        return 0
-    known = ("is_floating", "is_integer", "is_decimal", "is_string", "is_large_string")
-    if not any(getattr(pa.types, each)(column.type.value_type) for each in known):
+    lists = _is(column.type, "list", "large_list", "fixed_size_list")
+    if not lists or not _is(column.type.value_type, "floating", "integer", "decimal", "string", "large_string"):
         return 0
     lengths = pc.min_max(pc.list_value_length(column)).as_py()
     return lengths["min"] if lengths["min"] == lengths["max"] and not column.null_count and len(column) else 0
 
 
-def _typed(column: Any) -> Cells:
+def _is(kind: Any, *names: str) -> bool:
+    """True for one of the types of Arrow with these names."""
+    import pyarrow as pa
+
+    return any(getattr(pa.types, f"is_{name}")(kind) for name in names)
+
+
+def _typed(name: str, column: Any) -> Cells:
     """Content of a typed column; texts are read like those of a text table."""
     import pyarrow as pa
 
     kind = column.type
     if pa.types.is_dictionary(kind):
         column, kind = column.cast(kind.value_type), kind.value_type
-    if pa.types.is_timestamp(kind):
-        ns = column.cast(pa.timestamp("ns")).cast(pa.int64()).cast(pa.float64(), safe=False)
-        return Cells(1e-9 * np.asarray(ns.to_numpy(), np.float64), "moment")
-    if pa.types.is_duration(kind):
-        ns = column.cast(pa.duration("ns")).cast(pa.int64()).cast(pa.float64(), safe=False)
-        return Cells(1e-9 * np.asarray(ns.to_numpy(), np.float64))
-    if pa.types.is_string(kind) or pa.types.is_large_string(kind):
-        return cells_of(column.cast(pa.string()), "")
+    if (moments := _is(kind, "timestamp")) or _is(kind, "duration"):
+        unit = pa.timestamp("ns") if moments else pa.duration("ns")
+        ns = column.cast(unit).cast(pa.int64()).cast(pa.float64(), safe=False)
+        return Cells(1e-9 * np.asarray(ns.to_numpy(), np.float64), "moment" if moments else None)
+    if _is(kind, "string", "large_string"):
+        return Cells(None, fault=TEXT) if names_joints(name) else cells_of(column.cast(pa.string()), "")
     if pa.types.is_nested(kind):
         return Cells(None, fault="holds lists of text, or of different lengths")
-    numbers = ("is_floating", "is_integer", "is_null", "is_boolean", "is_decimal")
-    if not any(getattr(pa.types, each)(kind) for each in numbers):
+    if not _is(kind, "floating", "integer", "null", "boolean", "decimal"):
         return Cells(None, fault=TEXT)
     # Unsafe: counters of ns beyond 2⁵³ lose their last digits.
     return Cells(np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), np.float64))

@@ -12,7 +12,7 @@ linear axis, ``tau_1 (Nm)``, ``power_kW``; without one, values are in the SI uni
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -107,20 +107,14 @@ class Name:
     """Unit as written, None without one."""
     joint: str = ""
     """Name of the joint, for a column that names it."""
-
-    @property
-    def stem(self) -> str:
-        """The name of the quantity at the end of ``family``; "" for a channel."""
-        return max((stem for stem in _STEMS[self.quantity] if self.family.endswith(stem)), key=len, default="")
-
-    @property
-    def rank(self) -> int:
-        """Position among the names of its quantity; channels of a source come last."""
-        stems = _STEMS[self.quantity]
-        return stems.index(self.family) if self.family in stems else len(stems)
+    stem: str = ""
+    """Name of the quantity of a numbered joint, at the end of the column's name."""
 
 
-_OF_THE_USER: ContextVar[tuple[tuple[str, re.Pattern[str]], ...]] = ContextVar("of_the_user", default=())
+_OF_THE_USER: ContextVar[tuple[Mapping[str, str], Sequence[tuple[str, re.Pattern[str]]]]] = ContextVar(
+    "of_the_user", default=({}, ())
+)
+"""Names of columns as a user gives them, and as they are looked up."""
 
 
 @contextmanager
@@ -134,21 +128,27 @@ def called(names: Mapping[str, str]) -> Iterator[None]:
     for name, written in names.items():
         before, numbered, after = written.partition("{}")
         stem, bracket, unit = name.partition("[")
-        known = f"{stem.strip()}{'_{}' if numbered else ''} {bracket}{unit}"
-        if understood(known.format(1)) is None:
+        stem = re.sub(r"_?\{\}$", "", stem.strip())  # "q_{}" means "q"
+        known = f"{stem}{'_{}' if numbered else ''} {bracket}{unit}"
+        if re.search(r"[{}]", f"{stem}{unit}") or understood(known.format(1)) is None:
             raise ConfigError(f"--columns: {name!r} is no name of a quantity, such as q, q [deg], tau, t [ms] or power")
         number = r"(?P<number>\d+)" if numbered else ""
         patterns.append((known, re.compile(re.escape(before) + number + re.escape(after))))
-    before_it = _OF_THE_USER.set(tuple(patterns))
+    before_it = _OF_THE_USER.set((names, patterns))
     try:
         yield
     finally:
         _OF_THE_USER.reset(before_it)
 
 
+def names_called() -> Mapping[str, str]:
+    """The user's names of columns in the innermost ``called``."""
+    return _OF_THE_USER.get()[0]
+
+
 def understood(written: str) -> Name | None:
     """Parse a column's name; None if it is unknown."""
-    for known, pattern in _OF_THE_USER.get():
+    for known, pattern in _OF_THE_USER.get()[1]:
         if (match := pattern.fullmatch(written.strip())) is not None:
             return parsed(known.format(*match.groups()), _named)
     return parsed(written, _named)
@@ -165,7 +165,15 @@ def parsed(written: str, parse: Callable[[str, str | None], Name | None]) -> Nam
     text = written.strip()
     if (match := _BRACKETS.fullmatch(text)) is not None and not match["unit"].isdigit():
         return parse(match["name"], match["unit"] or None)
-    return parse(text, None) or next(_with_ending(text, parse), None)
+    if (name := parse(text, None)) is not None:
+        return name
+    for units in _UNITS.values():
+        for unit in units:  # at the end: ``q_1_deg``, ``velocity_2_deg_s``
+            ending = "_" + unit.replace("/", "_").replace("^", "")
+            name = parse(text[: -len(ending)], unit) if text.casefold().endswith(ending.casefold()) else None
+            if name is not None and unit in _UNITS[name.quantity]:
+                return name
+    return None
 
 
 def scale(quantity: str, unit: str | None) -> tuple[float, float] | None:
@@ -185,10 +193,9 @@ def scale(quantity: str, unit: str | None) -> tuple[float, float] | None:
 
 def along(unit: str | None) -> bool | None:
     """True for a unit of a linear axis, False for one of a revolute joint, None for other units."""
-    kind = None if unit is None else kind_of(unit)
-    if kind in ("length", "velocity", "force"):
-        return True
-    return False if kind in ("angle", "angular_velocity", "torque") else None
+    kind = kind_of(unit or "")
+    linear = kind in ("length", "velocity", "force")
+    return linear if linear or kind in ("angle", "angular_velocity", "torque") else None
 
 
 def units_of(quantity: str) -> tuple[str, ...]:
@@ -199,6 +206,12 @@ def units_of(quantity: str) -> tuple[str, ...]:
 def is_unit(text: str) -> bool:
     """True for a unit of any quantity, other than 1."""
     return text != "1" and any(scale(quantity, text) is not None for quantity in _UNITS)
+
+
+def rank(quantity: str, family: str) -> int:
+    """Position of a family among the names of its quantity; channels of a source come last."""
+    stems = _STEMS[quantity]
+    return stems.index(family) if family in stems else len(stems)
 
 
 def usual(quantity: str, joint: int | None = None) -> str:
@@ -223,17 +236,6 @@ def _named(text: str, unit: str | None) -> Name | None:
     else:
         return None
     stem = match["stem"]
+    unit = unit or ("%" if stem == "torque_percent" else None)
     found = (quantity for quantity, stems in JOINT.items() if stem in stems)
-    return next(
-        (Name(q, family, int(number), unit or ("%" if stem == "torque_percent" else None)) for q in found), None
-    )
-
-
-def _with_ending(text: str, parse: Callable[[str, str | None], Name | None]) -> Iterator[Name]:
-    """The names before the units that ``text`` may end with: ``q_1_deg``, ``velocity_2_deg_s``."""
-    for units in _UNITS.values():
-        for unit in units:
-            ending = "_" + unit.replace("/", "_").replace("^", "")
-            name = parse(text[: -len(ending)], unit) if text.casefold().endswith(ending.casefold()) else None
-            if name is not None and unit in _UNITS[name.quantity]:
-                yield name
+    return next((Name(each, family, int(number), unit, stem=stem) for each in found), None)

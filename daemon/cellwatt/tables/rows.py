@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from cellwatt.tables.names import understood
+
 SEPARATORS: Final = (";", "\t", "|", ",", " ")
 """In order of preference; a blank stands for any number of blanks."""
 ALONE: Final = "\x1f"
@@ -50,19 +52,19 @@ def rows_of(text: str) -> Rows:
     if not rows:
         raise ValueError("it holds comments alone" if every else "it is empty")
     numbers, records = [number for number, _ in rows], [record for _, record in rows]
-    first, separator = 0, directive[1] if directive else ""
-    names: list[str] = []
-    looked_at = records[:_LOOKED_AT]
-    comments = [_COMMENT.sub("", record).strip(" #%/") for number, record in every if number < numbers[0]]
-    own = separator or _separator(looked_at)
-    first = _first_of_names(records, own)
-    if _holds_numbers(cells_in(records[first], own)):
-        first, (separator, names) = 0, _commented(comments, looked_at, separator)
+    stated, looked_at = directive[1] if directive else "", records[:_LOOKED_AT]
+    separator, names = stated or _separator(looked_at), list[str]()
+    first = _first_of_names(records, separator)
+    words = filter(None, re.split(r'[;\t|, "]+', records[first]))  # whatever the separator is
+    if all(map(_NUMBER.fullmatch, words)) or _holds_numbers(cells_in(records[first], separator)):
+        comments = [_COMMENT.sub("", record).strip(" #%/") for number, record in every if number < numbers[0]]
+        commented, names = _commented(comments, looked_at, stated)
+        first, separator = 0, commented if names else separator
     if not names:
-        separator = own
         names = _names(records[first], separator, _width(records[first + 1 : first + 1 + _LOOKED_AT], separator))
         first += 1
-    if _all_numbers(names) or any(_NUMBER.fullmatch(name) and _DECIMAL.search(name) for name in names):
+    no_names = [name for name in names if _NUMBER.fullmatch(name)]
+    if len(no_names) == sum(map(bool, names)) or (_holds_numbers(names) and any(map(_DECIMAL.search, no_names))):
         raise ValueError("no names in its first row: write t, q_1, …, tau_1, … above the columns")
     again = records[first - 1] if first else None  # loggers that were started again append their names
     kept = [i for i in range(first, len(records)) if records[i] != again]
@@ -99,15 +101,12 @@ def _records(text: str) -> list[str]:
 
 def cells_in(record: str, separator: str) -> list[str]:
     """The cells of a row, without quotes. Raises ``ValueError``."""
-    try:
-        quoted = '"' in record
-        found = (
-            next(csv.reader([record], delimiter=separator, skipinitialspace=True), [])
-            if quoted
-            else record.split(separator)
-        )
-    except csv.Error as error:
-        raise ValueError(f"the row that begins with {record[:20]!r}: {error}") from error
+    found = record.split(separator)
+    if '"' in record:
+        try:
+            found = next(csv.reader([record], delimiter=separator, skipinitialspace=True), [])
+        except csv.Error as error:
+            raise ValueError(f"the row that begins with {record[:20]!r}: {error}") from error
     return list(filter(None, found)) if separator == " " else found
 
 
@@ -149,7 +148,8 @@ def _first_of_names(records: Sequence[str], separator: str) -> int:
 
 
 def _holds_numbers(cells: Sequence[str]) -> bool:
-    return any(_NUMBER.fullmatch(cell.strip(_BLANK)) for cell in cells)
+    """True for a row that holds numbers, and no name that is known: it is not the row of names."""
+    return any(_NUMBER.fullmatch(cell.strip(_BLANK)) for cell in cells) and not any(map(understood, cells))
 
 
 def _names(record: str, separator: str, width: int) -> list[str]:
@@ -158,16 +158,12 @@ def _names(record: str, separator: str, width: int) -> list[str]:
     if _filled(cells) > width:
         joined: list[str] = []
         for cell in cells:
-            if joined and _open(joined[-1]):
+            if joined and any(joined[-1].count(opens) > joined[-1].count(closes) for opens, closes in ("()", "[]")):
                 joined[-1] += separator + cell
             else:
                 joined.append(cell)
         cells = joined if _filled(joined) == width else cells
     return [cell.strip(' \t\xa0\ufeff"') for cell in cells]
-
-
-def _open(name: str) -> bool:
-    return name.count("(") > name.count(")") or name.count("[") > name.count("]")
 
 
 def _commented(comments: Sequence[str], records: Sequence[str], separator: str) -> tuple[str, list[str]]:
@@ -185,11 +181,6 @@ def _commented(comments: Sequence[str], records: Sequence[str], separator: str) 
 
 def _width(records: Sequence[str], separator: str) -> int:
     return max((_filled(cells_in(record, separator)) for record in records), default=0)
-
-
-def _all_numbers(words: Sequence[str]) -> bool:
-    """True if none of the words can be a name."""
-    return all(_NUMBER.fullmatch(word) for word in words if word)
 
 
 def _fitted(record: str, number: int, names: Sequence[str], separator: str) -> str:

@@ -24,12 +24,10 @@ def joined(values: dict[str, Float], clocks: Collection[str]) -> tuple[str, ...]
     """
     found = list(clocks)
     for name in list(values):
-        fraction = _FRACTION.fullmatch(name)
-        whole = None if fraction is None else _whole(fraction["before"], name, values, clocks)
-        if fraction is None or whole is None:
+        if (fraction := _FRACTION.fullmatch(name)) is None:
             continue
-        unit = _UNITS[fraction["unit"].casefold()]
-        if _counts(values[name], round(1 / unit)) and _counts(values[whole]):
+        whole, unit = _whole(fraction["before"], name, values, clocks), _UNITS[fraction["unit"].casefold()]
+        if whole is not None and _counts(values[name], round(1 / unit)) and _counts(values[whole]):
             values[whole] = values[whole] + unit * values.pop(name)
             found += [] if whole in found else [whole]
     return tuple(found)
@@ -41,8 +39,9 @@ def _whole(before: str, name: str, values: Collection[str], clocks: Collection[s
         seconds = _SECONDS.fullmatch(other)
         if other != name and seconds is not None and seconds["before"] == before:
             return other
-    own = [clock for clock in clocks if clock == before]
-    return own[0] if own else next(iter(clocks), None) if not before and len(clocks) == 1 else None
+    if before in clocks:
+        return before
+    return next(iter(clocks)) if not before and len(clocks) == 1 else None
 
 
 def _counts(values: Float, below: float = np.inf) -> bool:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from cellwatt.arrays import Float
 from cellwatt.config.wording import did_you_mean
 from cellwatt.errors import RecordingError
-from cellwatt.tables.names import Name, along, scale, understood, units_of, usual
+from cellwatt.tables.names import Name, along, rank, scale, understood, units_of, usual
 from cellwatt.tables.times import DAY
 from cellwatt.tables.unwrap import unwrapped, wraps
 from cellwatt.units import named
@@ -30,6 +30,10 @@ SHEET_DAYS: Final = (36_526.0, 73_050.0, 25_569.0)
 """Dates of spreadsheets as numbers, in days: of the years 2000 and 2100, and of 1970."""
 SHEET_STEP: Final = 2e-4
 """Largest time between rows that marks such dates: 17 s in days, and no step of a table of motion or power in s."""
+SHEET_PLACES: Final = 1e5
+"""Times that are all multiples of 1/``SHEET_PLACES`` are no such dates, but s of a fast logger."""
+WEAK: Final = ("elapsed_time", "seconds", "sec")
+"""Names of times that may also be parts of a time of day, or durations, beside a column of times of day."""
 MOST_NAMES: Final = 12
 """Largest number of columns that a message lists."""
 
@@ -53,8 +57,8 @@ class Table:
     """Columns that hold times of day."""
     named: tuple[str, ...] = ()
     """Names of the joints, in the order of the columns, if the file names them."""
-    texts: Mapping[str, str] = field(default_factory=dict)
-    """Names of joints in columns that hold these alone, by column; "" for a column that holds several."""
+    texts: Mapping[str, NDArray[np.object_]] = field(default_factory=dict)
+    """(N,) names of joints in the columns that hold these."""
     meant: Mapping[str, Name | None] = field(default_factory=dict)
     """Meaning of columns that name their joint; None for joints that are not the robot's."""
 
@@ -70,17 +74,15 @@ class Table:
     def clock(self) -> str | None:
         """Name of the time column, None if there is none; a single column of times of day may have any name."""
         only = self.clocks[0] if len(self.clocks) == 1 else None
-        return self._whole("time") or only
+        named = self._whole("time")
+        return only if named is None or (only and self._understood[named].family in WEAK) else named
 
     @cached_property
     def time(self) -> Float:
         """Time (N,) s, from the origin of the file. Raises ``RecordingError`` without a time column."""
-        return self._values(self._clock())
-
-    def _clock(self) -> str:
         if self.clock is None:
             raise RecordingError(f"{self.path}: no column t, timestamp or time for the time; {self.there()}")
-        return self.clock
+        return self._values(self.clock)
 
     def rising_time(self, least: int = 2) -> Float:
         """``time``. Raises ``RecordingError`` if it has fewer than ``least`` rows or does not rise with each row."""
@@ -91,7 +93,7 @@ class Table:
             row = int(np.argmin(rises))
             raise RecordingError(
                 f"{self.path}: column {self.clock} does not rise from {time[row]:g} to {time[row + 1]:g} s "
-                f"in {self.place(self._clock(), row + 1)}"
+                f"in {self.place(str(self.clock), row + 1)}"
             )
         return time
 
@@ -107,9 +109,9 @@ class Table:
     def at(self, rows: NDArray[np.bool_]) -> Table:
         """The table restricted to the rows where ``rows`` (N,) is true."""
         columns = {name: values[rows] for name, values in self.columns.items()}
-        return replace(
-            self, columns=columns, rows=np.arange(1, len(rows) + 1)[rows] if self.rows is None else self.rows[rows]
-        )
+        texts = {name: labels[rows] for name, labels in self.texts.items()}
+        numbers = np.arange(1, len(rows) + 1) if self.rows is None else self.rows
+        return replace(self, columns=columns, texts=texts, rows=numbers[rows])
 
     def joints(self, quantity: str) -> Float | None:
         """A quantity of ``JOINT`` for all n joints in the file, (N, n) in its SI unit; None if the file lacks it.
@@ -131,10 +133,6 @@ class Table:
             there = listed([family[number] for number in sorted(family)])
             raise RecordingError(f"{self.path}: no column {gone}; there are {there}")
         return tuple(family[number] for number in numbers)
-
-    def has(self, quantity: str) -> bool:
-        """True if the names of some columns are those of a quantity."""
-        return quantity in self._found
 
     def some_joint_names(self, quantity: str, joints: int, like: str) -> tuple[str, ...]:
         """Names of the columns of a quantity for ``joints`` joints: "" for joints without it; () if all lack it.
@@ -209,16 +207,8 @@ class Table:
         """Columns by quantity, family and joint number; 0 for quantities without a joint."""
         out: dict[str, dict[str, dict[int, str]]] = {}
         for written, name in self._understood.items():
-            out.setdefault(name.quantity, {}).setdefault(name.family, {}).setdefault(name.number or 0, written)
+            out.setdefault(name.quantity, {}).setdefault(name.family, {})[name.number or 0] = written
         return out
-
-    def _refuse_twins(self, family: Mapping[int, str]) -> None:
-        """Raise ``RecordingError`` if two columns of a family have the same number."""
-        same = {(name.quantity, name.family, name.number): written for written, name in self._understood.items()}
-        for written in family.values():
-            name = self._understood[written]
-            if (other := same[name.quantity, name.family, name.number]) != written:
-                raise RecordingError(f"{self.path}: two columns are called {written!r} and {other!r}: keep one")
 
     @cached_property
     def _understood(self) -> Mapping[str, Name]:
@@ -228,14 +218,17 @@ class Table:
     def _family(self, quantity: str) -> Mapping[int, str]:
         """The columns of the preferred family of a quantity, by joint number."""
         families = self._found.get(quantity, {})
-        if not families:
+        ranked = sorted(families, key=lambda family: rank(quantity, family))
+        if not ranked:
             return {}
-        ranked = sorted(families.values(), key=lambda each: self._understood[next(iter(each.values()))].rank)
-        first = [self._understood[next(iter(each.values()))].rank for each in ranked[:2]]
-        if len(first) > 1 and first[0] == first[1]:
-            raise self._several(quantity, [next(iter(each.values())) for each in ranked])
-        self._refuse_twins(ranked[0])
-        return ranked[0]
+        if len(ranked) > 1 and rank(quantity, ranked[0]) == rank(quantity, ranked[1]):
+            raise self._several(quantity, [next(iter(families[family].values())) for family in ranked])
+        family = families[ranked[0]]
+        for written, name in self._understood.items():
+            same = (name.quantity, name.family) == (quantity, ranked[0])
+            if same and (other := family[name.number or 0]) != written:
+                raise RecordingError(f"{self.path}: two columns are called {written!r} and {other!r}: keep one")
+        return family
 
     def _whole(self, quantity: str) -> str | None:
         return self._family(quantity).get(0)
@@ -244,10 +237,6 @@ class Table:
         return RecordingError(
             f"{self.path}: several sources give {wanted} ({listed(found)}): keep the columns of one arm"
         )
-
-    def refused(self, name: str) -> RecordingError:
-        """Return the error of a column in ``unfit``."""
-        return RecordingError(f"{self.path}: column {name} {self.unfit[name]}")
 
     def _values(self, name: str) -> Float:
         values = self._scaled(name)
@@ -266,7 +255,7 @@ class Table:
 
     def _scaled(self, name: str) -> Float:
         if name in self.unfit:
-            raise self.refused(name)
+            raise RecordingError(f"{self.path}: column {name} {self.unfit[name]}")
         known = self._understood.get(name)
         if known is None:
             return self.plain(name)
@@ -282,7 +271,8 @@ class Table:
         if known.quantity == "time" and unit is None:
             finite = values[np.isfinite(values)]
             middle = float(np.median(finite)) if len(finite) else 0.0
-            if SHEET_DAYS[0] < middle < SHEET_DAYS[1] and 0 < np.median(np.diff(finite)) < SHEET_STEP:
+            dated = SHEET_DAYS[0] < middle < SHEET_DAYS[1] and 0 < np.median(np.diff(finite)) < SHEET_STEP
+            if dated and not np.allclose(rounded := finite * SHEET_PLACES, np.round(rounded), rtol=0, atol=1e-3):
                 return DAY * (values - SHEET_DAYS[2])
             low, high = SINCE_1970
             return values * next((each for each in (1e-3, 1e-6, 1e-9) if low <= middle * each < high), 1.0)

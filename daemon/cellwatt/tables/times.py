@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from datetime import date
 from typing import Any, Final, Literal
 
@@ -22,7 +21,7 @@ EPOCH: Final = date(1970, 1, 1).toordinal()
 _TIME: Final = re.compile(
     r"(?:(?P<days>\d+) days?,? )?(?:(?P<date>\d{1,4}(?P<mark>[-./])\d{1,2}(?P=mark)\d{1,4})\.?)?"
     r"(?:(?:(?<=\d)[T ,]\s*|^|(?<=[sy,] ))(?P<hour>\d{1,2}):(?P<minute>\d{2})(?::(?P<second>\d{2}))?"
-    r"(?:[.,:](?P<fraction>\d{1,12}))?\s*(?P<half>[AaPp]\.?[Mm]\.?)?\s*(?P<zone>Z|UTC|[+-]\d{2}:?\d{2})?)?"
+    r"(?:(?:[.,]|:(?=\d{3}))(?P<fraction>\d{1,12}))?\s*(?P<half>[AaPp]\.?[Mm]\.?)?\s*(?P<zone>Z|UTC|[+-]\d{2}:?\d{2})?)?"
 )
 
 
@@ -30,17 +29,10 @@ _MONTHS: Final = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep",
 _IN_WORDS: Final = re.compile(rf"(\d{{1,2}})[-/ ]({'|'.join(_MONTHS)})[a-z]*[-/ ](\d{{4}})", re.IGNORECASE)
 
 
-@dataclass(frozen=True)
-class Times:
-    """Times (N,) in s since 1970 UTC (assumed for cells without a zone), or since midnight; NaN for empty cells."""
-
-    seconds: Float
-    kind: Kind
-
-
-def times_of(column: Any) -> Times | None:
+def times_of(column: Any) -> tuple[Float, Kind] | None:
     """Parse the times of a column of strings; None if a cell is not a time.
 
+    Times (N,) are in s since 1970 UTC (assumed for cells without a zone), or since midnight; NaN for empty cells.
     Raises ``ValueError`` if day and month cannot be distinguished.
     """
     import pyarrow as pa
@@ -56,7 +48,7 @@ def times_of(column: Any) -> Times | None:
         try:
             moments = column.cast(pa.timestamp("ns"))
             ns = np.asarray(moments.cast(pa.int64()).to_numpy(zero_copy_only=False), np.float64)
-            return Times(1e-9 * ns, "moment")
+            return 1e-9 * ns, "moment"
         except pa.ArrowInvalid:
             pass
     matches = [None if text is None else _TIME.fullmatch(text) for text in column.to_pylist()]
@@ -70,12 +62,12 @@ def times_of(column: Any) -> Times | None:
     if timed:
         seconds = seconds + np.array([np.nan if m is None else _of_day(m) for m in matches])
     if not dated:
-        return Times(unwrapped(seconds), "clock")
-    return Times(seconds, "moment" if timed else "date")
+        return unwrapped(seconds), "clock"
+    return seconds, "moment" if timed else "date"
 
 
 def _in_numbers(match: re.Match[str]) -> str:
-    return f"{match[1]}.{_MONTHS.index(match[2].casefold()) + 1}.{match[3]}"
+    return f"{match[3]}-{_MONTHS.index(match[2].casefold()) + 1:02}-{int(match[1]):02}"
 
 
 def unwrapped(seconds: Float) -> Float:
@@ -99,10 +91,9 @@ def _of_day(match: re.Match[str]) -> float:
 
 
 def _offset(zone: str | None) -> float:
-    if zone is None or not zone[1:].replace(":", "").isdigit():
-        return 0.0
-    digits = zone[1:].replace(":", "")
-    return (-1.0 if zone[0] == "-" else 1.0) * (3600.0 * int(digits[:2]) + 60.0 * int(digits[2:]))
+    digits = re.sub(r"\D", "", zone or "")
+    seconds = 3600.0 * int(digits[:2] or 0) + 60.0 * int(digits[2:] or 0)
+    return -seconds if zone and zone[0] == "-" else seconds
 
 
 def _days(matches: Sequence[re.Match[str] | None]) -> Float | None:

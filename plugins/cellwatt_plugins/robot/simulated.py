@@ -83,34 +83,30 @@ def _of_urdf(path: Path, joints: int | Sequence[str] | None) -> RobotDescription
     return RobotDescription(robot=root.get("name", path.stem), urdf=path, joints=tuple(found))
 
 
-def _known(above: Mapping[str, str | None], names: Sequence[str]) -> dict[str, str | None]:
-    """The joints with one of the names, if all joints between them and the base have one, too."""
-
-    def known(name: str | None) -> bool:
-        return name is None or (any(alike(name, each) for each in names) and known(above[name]))
-
-    return {name: before for name, before in above.items() if known(name)}
+def _row(above: Mapping[str, str | None], name: str) -> list[str]:
+    """The joints from the base to one of them."""
+    row = [name]
+    while (before := above[row[0]]) is not None:
+        row.insert(0, before)
+    return row
 
 
 def _chain(path: Path, above: Mapping[str, str | None], joints: int | Sequence[str] | None) -> list[str]:
     """The first ``joints`` of the longest chain of joints from the base; names: only joints of these."""
     if joints is not None and not isinstance(joints, int):
-        known = _known(above, joints)
+        there = {name for name in above if any(alike(name, each) for each in joints)}
+        known = {name: before for name, before in above.items() if there.issuperset(_row(above, name))}
         if not known:
             raise ConfigError(
                 f"{path} has the joints {', '.join(above)}, the recording {', '.join(joints)}: use the same names"
             )
         above, joints = known, None
-    rows = []
-    for name in above:
-        row, before = [name], above[name]
-        while before is not None:
-            row, before = [before, *row], above[before]
-        rows.append(row)
+    rows = [_row(above, name) for name in above]
     longest = max(rows, key=len, default=[])
-    ends = [row for row in rows if len(row) == len(longest)]  # of a gripper, one for each finger
-    arm = [names[0] for names in zip(*ends, strict=True) if len(set(names)) == 1]
-    if joints == len(above) and joints > len(longest) and list(above)[: len(arm)] == arm:
+    ends = [row for row in rows if row[-1] not in above.values()]  # of a gripper, one for each finger
+    arm = [name for name in longest if all(name in row for row in ends)]
+    of_hand = len(longest) - len(arm)  # a hand has fewer joints in a row than its arm; two arms have not
+    if joints == len(above) > len(longest) and of_hand < len(arm) and list(above)[: len(arm)] == arm:
         joints = len(arm)
     if not longest or (joints is not None and len(longest) < joints):
         raise ConfigError(

@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_info
 
 from cellwatt import ConfigError
 from cellwatt.scheduler import spread, workers
+from cellwatt.tables.names import understood
 
 
 class Item(NamedTuple):
@@ -25,6 +26,10 @@ class Item(NamedTuple):
 def spectrum(seed: int) -> tuple[int, bytes]:
     values = np.random.default_rng(seed).normal(size=(60, 60))
     return seed, np.linalg.svd(values @ values.T)[1].tobytes()
+
+
+def known(column: str) -> bool:
+    return understood(column) is not None
 
 
 def where(number: int) -> int:

@@ -17,6 +17,7 @@ from cellwatt import CellwattError, ConfigError
 from cellwatt.commands.options import with_scheduler
 from cellwatt.progress import Stage
 from cellwatt.scheduler import parse_place, scheduled, spread, workers
+from cellwatt.tables.names import called
 from tests.daemon.scheduler import parts
 from tests.daemon.scheduler.parts import Item
 from tests.left_behind import children
@@ -35,6 +36,11 @@ class TestOnWorkers:
     def test_results_are_those_of_serial_work_in_the_order_of_the_items(self) -> None:
         expected = [parts.spectrum(seed) for seed in range(30)]
         assert spread(parts.spectrum, range(30), "spectra") == expected
+
+    def test_a_users_names_of_columns_are_known_there(self) -> None:
+        with called({"tau": "Moment{}"}):
+            assert spread(parts.known, ["Moment1", "Moment2", "Other1"], "names") == [True, True, False]
+        assert spread(parts.known, ["Moment1", "Moment2"], "names") == [False, False]
 
     def test_several_processes_do_the_work(self) -> None:
         found = set(spread(parts.where, range(8), "where"))

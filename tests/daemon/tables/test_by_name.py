@@ -34,6 +34,8 @@ def read(folder: Path, text: str, joints: tuple[str, ...] = ROBOT) -> Table:
         "%time,field.name0,field.name1,field.position0,field.position1,field.effort0,field.effort1\n"
         "0,elbow_joint,shoulder_joint,2,1,6,5\n1000000000,elbow_joint,shoulder_joint,4,3,8,7\n",
         "time,joint,position,effort\n0,elbow_joint,2,6\n0,shoulder_joint,1,5\n1,elbow_joint,4,8\n1,shoulder_joint,3,7\n",
+        "sec,nanosec,joint,position,effort\ns,,,mrad,Nm\n0,1,elbow_joint,2000,6\n0,1,shoulder_joint,1000,5\n"
+        "0,2,elbow_joint,4000,8\n0,2,shoulder_joint,3000,7\n",
         "time,name,position,effort\n"
         "0,\"['elbow_joint', 'shoulder_joint']\",\"[2, 1]\",\"array('d', [6.0, 5.0])\"\n"
         "1,\"['elbow_joint', 'shoulder_joint']\",\"[4, 3]\",\"array('d', [8.0, 7.0])\"\n",
@@ -48,6 +50,18 @@ def test_joints_by_name(tmp_path: Path, text: str) -> None:
     np.testing.assert_allclose(table.needed("position", 2), POSITION)
     np.testing.assert_allclose(table.needed("torque", 2), EFFORT)
     assert len(table.rising_time()) == 2
+
+
+def test_joints_with_equal_values_stay_apart(tmp_path: Path) -> None:
+    text = "t,joint,position,torque\n0,elbow,2,0\n0,shoulder,2,0\n1,elbow,2,0\n1,shoulder,2,0\n"
+    table = read(tmp_path, text)
+    assert table.needed("position", 2).tolist() == [[2, 2], [2, 2]]
+    assert table.needed("torque", 2).tolist() == [[0, 0], [0, 0]]
+
+
+def test_a_column_of_many_names_names_no_joints(tmp_path: Path) -> None:
+    rows = "".join(f"{i},part {i},{i},{i}\n" for i in range(1000))
+    assert read(tmp_path, f"t,name,q_1,q_2\n{rows}").texts == {}
 
 
 def test_joint_states_are_preferred_to_other_topics(tmp_path: Path) -> None:
@@ -69,9 +83,9 @@ def test_lists_of_names_in_parquet(tmp_path: Path) -> None:
 
 def test_without_a_robot_only_numbers_give_an_order(tmp_path: Path) -> None:
     assert read(tmp_path, "t,joint_2_pos,joint_1_pos\n0,2,1\n1,4,3\n", ()).needed("position", 2).tolist() == POSITION
-    named = read(tmp_path, "t,elbow_pos,shoulder_pos\n0,2,1\n1,4,3\n", ())
+    named = read(tmp_path, "t,shoulder_pos,elbow_pos\n0,1,2\n1,3,4\n", ())
     assert named.joints("position") is None
-    assert named.named == ("elbow", "shoulder")
+    assert named.named == ("shoulder", "elbow"), "as the columns are"
 
 
 def test_what_is_no_position_of_a_joint_stays_unknown(tmp_path: Path) -> None:
@@ -84,13 +98,11 @@ def test_what_is_no_position_of_a_joint_stays_unknown(tmp_path: Path) -> None:
     [
         ("t,elbow_pos,wrist_pos\n0,1,2\n1,1,2\n", "joint shoulder_joint of the robot is not in the log"),
         ("t,a_elbow_pos,b_elbow_pos,shoulder_pos\n0,1,2,3\n1,1,2,3\n", "elbow_joint of the robot stands for several"),
+        ("t,/a/elbow/pos,/a/shoulder/pos,/b/elbow/pos,/b/shoulder/pos\n0,1,2,3,4\n", "under /a, /b"),
+        ("t,name_0,name_1,q_0,q_1\n0,a,elbow,1,2\n1,elbow,a,2,1\n", "the joint of column q_0 changes"),
         (
-            "t,/a/elbow/position,/a/shoulder/position,/b/elbow/position,/b/shoulder/position\n0,1,2,3,4\n",
-            "under /a, /b",
-        ),
-        (
-            "t,name_0,name_1,position_0,position_1\n0,a,elbow,1,2\n1,elbow,a,2,1\n",
-            "the joint of column position_0 changes",
+            "t,elbow_pos,shoulder_pos,tau_1,tau_2\n0,2,1,6,5\n",
+            "column tau_1 numbers its joint, while the positions of elb",
         ),
     ],
 )
@@ -106,6 +118,10 @@ def test_the_only_column_in_watt_of_a_meter_is_its_power(tmp_path: Path, name: s
     assert power.tolist() == [80, 90]
 
 
-def test_of_several_columns_in_watt_none_is_taken(tmp_path: Path) -> None:
-    assert read(tmp_path, "t,P1 (W),P2 (W)\n0,80,1\n1,90,1\n", ()).whole("supply.power") is None
-    assert read(tmp_path, "t,q_1,Heat (W)\n0,80,1\n1,90,1\n", ()).whole("supply.power") is None
+@pytest.mark.parametrize(
+    "others", ["P1 (W),P2", "P1 (W),P2 (W),P3", "q_1,Heat", "qd_1,Heat", "U (V),Apparent power", "U (V),Laser setpoint"]
+)
+@pytest.mark.parametrize("cell", ["1", "ERR"])
+def test_a_column_in_watt_that_may_be_another_power_is_not_taken(tmp_path: Path, others: str, cell: str) -> None:
+    row = ",".join("80" for _ in others.split(",")[1:])
+    assert read(tmp_path, f"t,{others} (W)\n0,{row},{cell}\n1,{row},1\n", ()).whole("supply.power") is None

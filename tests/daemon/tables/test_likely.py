@@ -53,15 +53,16 @@ def test_names_of_a_user_are_read_within_the_block() -> None:
     assert understood("Moment1") is None
 
 
-def test_a_users_name_may_have_a_unit() -> None:
-    with called({"q [deg]": "A{}.pos", "t [ms]": "zeit"}):
-        name, clock = understood("A2.pos"), understood("zeit")
-    assert name is not None
-    assert clock is not None
-    assert (name.quantity, name.number, name.unit) == ("position", 2, "deg")
-    assert (clock.quantity, clock.unit) == ("time", "ms")
+@pytest.mark.parametrize(
+    ("asked", "written", "known"),
+    [("q [deg]", "A{}.pos", "q_2 [deg]"), ("t [ms]", "zeit", "t [ms]"), ("q_{}", "A{}.pos", "q_2")],
+)
+def test_a_users_name_may_have_a_unit(asked: str, written: str, known: str) -> None:
+    with called({asked: written}):
+        assert understood(written.format(2)) == understood(known) is not None
 
 
 def test_a_quantity_that_nobody_knows_is_refused() -> None:
-    with pytest.raises(ConfigError, match="'moment' is no name"), called({"moment": "Moment{}"}):
-        pass
+    for name in ("moment", "{q}", "q [{}]"):
+        with pytest.raises(ConfigError, match=r"is no name of a quantity"), called({name: "Moment{}"}):
+            pass

@@ -38,6 +38,8 @@ def read(folder: Path, text: str | bytes):
         (",t,q_1\n0,0.5,1\n1,1.5,2\n", [0.5, 1.5], [1, 2]),
         ("t,remark,remark,q_1\n0,a,b,1\n1,,,2\n", [0, 1], [1, 2]),
         ("# made by x\n# t, q_1\n0.0 1\n0.1 2\n", [0, 0.1], [1, 2]),
+        ("# run of Monday\nt,q_1,0.5\n0,1,5\n1,2,5\n", [0, 1], [1, 2]),  # a column with a number as its name
+        ('# "t" "q_1" "q_2"\n"86398,5" "1,0000" "0"\n"86399" "0" "0,0000"', [86398.5, 86399], [1, 0]),
         ("sep=;\r\nt;q_1\r\n0;1\r\n1;2\r\n", [0, 1], [1, 2]),
         ("Run of Monday\n\nt;q_1\n0;1\n1;2\n", [0, 1], [1, 2]),
         ("t;q_1\ns;rad\n0;1\n1;2\n", [0, 1], [1, 2]),
@@ -59,16 +61,8 @@ def read(folder: Path, text: str | bytes):
         ("sec,nanosec,q_1\n7,500000000,1\n8,20000000,2\n", [7.5, 8.02], [1, 2]),
         ("stamp_secs,stamp_nsecs,q_1\n7,500000000,1\n8,20000000,2\n", [7.5, 8.02], [1, 2]),
         ("/js/header/stamp/sec,/js/header/stamp/nanosec,q_1\n7,5,1\n8,2,2\n", [7.000000005, 8.000000002], [1, 2]),
-        (
-            "Date,Time,Time(ms),Etime,Etime(ms),q_1\n2026/03/01,00:00:01,500,0:00:00,0,1\n2026/03/01,00:00:02,7,0:00:00,507,2\n",
-            [1772323201.5, 1772323202.007],
-            [1, 2],
-        ),
-        (
-            "Model,WT\nRate,50ms\n\nNo.,Date,Time,Millisecond,q_1\n1,2026/03/01,0:00:01,5,1\n2,2026/03/01,0:00:01,55,2\n",
-            [1772323201.005, 1772323201.055],
-            [1, 2],
-        ),
+        ("Time,Time(ms),Etime,Etime(ms),q_1\n0:00:01,500,0:00:00,0,1\n0:00:02,7,0:00:00,507,2\n", [1.5, 2.007], [1, 2]),
+        ("Model,WT\nRate,50ms\n\nNo.,Time,Millisecond,q_1\n1,0:00:01,5,1\n2,0:00:01,55,2\n", [1.005, 1.055], [1, 2]),
         ("Time,q_1\n46082.0,1\n46082.00001157407,2\n", [1772323200, 1772323201], [1, 2]),  # a spreadsheet's date
         ("t,q_1\ns,rad\n0,1\nt,q_1\ns,rad\n1,2\n", [0, 1], [1, 2]),
         ("time_s,time_ns,q_1\n7,500000000,1\n8,20000000,2\n", [7.5, 8.02], [1, 2]),
@@ -79,6 +73,10 @@ def read(folder: Path, text: str | bytes):
         ("t,q_1\n0,1000 mrad\n1,2000 mrad\n", [0, 1], [1, 2]),
         ("t,q_1,power\n0,1,----\n1,2,OR\n", [0, 1], [1, 2]),
         ("t,position\n0,[1. 9.]\n1,[2. 9.]\n", [0, 1], [1, 2]),
+        ('t,position,position_0\n0,"[9, 9]",1\n1,"[9, 9]",2\n', [0, 1], [1, 2]),
+        ("t\tposition\n0\t[1,0; 9]\n1\t[2,0; 9]\n", [0, 1], [1, 2]),
+        ("t,q_1\n40000.0001,1\n40000.0002,2\n", [40000.0001, 40000.0002], [1, 2]),  # 10 kHz, no date
+        ("Uhrzeit;sec;q_1\n12:00:01;5;1\n12:00:02;5;2\n", [43201, 43202], [1, 2]),  # of each step
         ("t,q_1\n0,1\nt,q_1\n1,2\n", [0, 1], [1, 2]),  # the logger was started again
         ("t,q_1\n0,1\n0,1\n1,2\n1,2\n", [0, 1], [1, 2]),  # polled faster than values came
         ("time,q_1\n2026-03-01T01:00:00.5+01:00,1\n2026-03-01T00:00:01Z,2\n", [1772323200.5, 1772323201], [1, 2]),
@@ -101,6 +99,12 @@ def test_ordinary_files(tmp_path: Path, text: str | bytes, time: list[float], q:
             "column q_1 may have decimal commas or digits in groups of three, first '1,234' in row 2",
         ),
         ("t;q_1;p\n0;1.234;0,5\n", "column q_1 may have decimal points or digits in groups of three, as other columns"),
+        ("t;position\n0;[1,5 9]\n1;[2,5 9]\n", "column position[1] holds text, first '5 9' in row 2"),
+        ("time,q_1\n12:00:00:9,1\n12:00:00:10,2\n", "column time holds text, first '12:00:00:9'"),
+        (
+            "t,q_1 [rad]\n0,90 deg\n",
+            "column q_1 [rad] has values in deg, while its unit is rad, first '90 deg' in row 2",
+        ),
         ("t;q_1;q_1\n0;1;2\n", "column q_1 is there 2 times, as columns B, C: keep one"),
         ('t;a;q_1\n\n0;x;1\n;;\n1;"a\nb";ERR\n', "column q_1 holds text, first 'ERR' in row 5, column C"),
         ("time,q_1\n3/1/2026 1:00:00,1\n3/2/2026 1:00:00,2\n", "column time holds dates with ambiguous day and month"),

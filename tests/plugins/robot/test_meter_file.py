@@ -62,17 +62,19 @@ def test_clocks_that_cannot_be_the_same_are_brought_together(tmp_path, meter, re
     assert np.mean(there != here) < 0.1, "values come at most some ms apart"
 
 
-def test_a_count_of_energy_is_no_power(tmp_path):
+@pytest.mark.parametrize(
+    ("name", "slope", "message"),
+    [
+        ("power", 0.01, "is it the count of an energy meter"),
+        ("power", 0.0, "does not follow the motion"),
+        ("volts", 0.0, r"no column power; there are: volts"),
+    ],
+)
+def test_what_is_no_power_is_refused(tmp_path, name, slope, message):
     path = tmp_path / "meter.csv"
-    np.savetxt(path, [[0.1 * i, 5000 + 0.01 * i] for i in range(900)], delimiter=",", header="t,power", comments="")
-    with pytest.raises(RecordingError, match="is it the count of an energy meter"):
-        power_beside(path, ARM.time, POSITION)
-
-
-def test_a_meter_that_shows_one_value_tells_nothing(tmp_path):
-    path = tmp_path / "meter.csv"
-    np.savetxt(path, [[0.1 * i, 300.0] for i in range(900)], delimiter=",", header="t,power", comments="")
-    with pytest.raises(RecordingError, match="does not follow the motion"):
+    rows = [[0.1 * i, 5000 + slope * i] for i in range(900)]
+    np.savetxt(path, rows, delimiter=",", header=f"t,{name}", comments="")
+    with pytest.raises(RecordingError, match=message):
         power_beside(path, ARM.time, POSITION)
 
 
@@ -84,10 +86,3 @@ def test_rows_without_a_position_tell_nothing_of_the_clocks(tmp_path):
     assert np.mean(wrong) < 0.1, "values come at most some ms earlier or later"
     with pytest.raises(RecordingError, match="does not follow the motion"):
         power_beside(log, ARM.time, np.full_like(POSITION, np.nan))
-
-
-def test_a_file_without_power_says_what_it_has(tmp_path):
-    path = tmp_path / "meter.csv"
-    path.write_text("t,volts\n0,1\n1,2\n2,3\n")
-    with pytest.raises(RecordingError, match=r"no column power; there are: volts"):
-        power_beside(path, ARM.time, POSITION)

@@ -62,20 +62,19 @@ def run(all_of: Frames, block: int = 25, **settings: object) -> list[Alarm]:
     return told
 
 
-def test_window_and_delay_are_told_while_the_arm_moves():
-    (alarm,) = run(frames(layout(declared=WINDOW), [Arm(60.0, 3)]), every="20 s")
-    assert (alarm.kind, alarm.severity, alarm.source) == ("meter_timing", "info", "mains")
+@pytest.mark.parametrize(
+    ("declared", "severity", "words"),
+    [(WINDOW, "info", "averaged over"), (0.05, "warning", "the declared window is 50 ms")],
+)
+def test_window_and_delay_are_told_while_the_arm_moves(declared, severity, words):
+    (alarm,) = run(frames(layout(declared=declared), [Arm(60.0, 3)]), every="20 s")
+    assert (alarm.kind, alarm.severity, alarm.source) == ("meter_timing", severity, "mains")
+    assert words in alarm.statement
     assert alarm.time < EPOCH + 21e9
     assert alarm.evidence["window_s"] == pytest.approx(WINDOW, abs=0.01)
     assert alarm.evidence["late_s"] == pytest.approx(LATE, abs=0.01)
     assert alarm.evidence["interval_s"] == pytest.approx(WINDOW, abs=0.005)
     assert "mains.supply.power is averaged over" in alarm.statement
-
-
-def test_a_window_that_is_not_as_declared_is_a_warning():
-    (alarm,) = run(frames(layout(declared=0.05), [Arm(60.0, 3)]))
-    assert alarm.severity == "warning"
-    assert "the declared window is 50 ms" in alarm.statement
 
 
 def test_of_two_arms_the_one_is_found_that_the_meter_supplies():
@@ -110,9 +109,10 @@ def test_a_block_of_frames_may_be_longer_than_what_is_kept():
 
 
 def test_a_cell_without_a_slow_meter_or_an_arm_is_told():
-    with pytest.raises(ConfigError, match="slower than the frames"):
-        MeterStage("meter", MeterSettings(), layout(method="average"), CELL)
-    with pytest.raises(ConfigError, match="no window to find"):
-        MeterStage("meter", MeterSettings(power="supply.power"), layout(method="average"), CELL)
-    with pytest.raises(ConfigError, match=r"joint_1\.position"):
-        MeterStage("meter", MeterSettings(), layout(arms=()), CELL)
+    for power, of, message in (
+        (None, layout(method="average"), "slower than the frames"),
+        ("supply.power", layout(method="average"), "no window to find"),
+        (None, layout(arms=()), r"joint_1\.position"),
+    ):
+        with pytest.raises(ConfigError, match=message):
+            MeterStage("meter", MeterSettings(power=power), of, CELL)

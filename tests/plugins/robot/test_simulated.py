@@ -90,6 +90,21 @@ def test_as_many_joints_as_the_file_has_are_those_of_the_arm_before_its_gripper(
     assert tuple(joint.name for joint in described(file, 5).joints) == NAMES
 
 
+def test_all_joints_of_two_arms_are_no_arm_and_its_gripper(tmp_path):
+    """Of one arm with seven joints and one with six, on a turning torso."""
+    path = tmp_path / "two.xml"
+    body = '<body pos="0.1 0 0"><joint name="{}" axis="0 1 0"/><geom size="0.05"/>{}</body>'
+    arms = [
+        "".join(body.split("{}")[0] + f"{side}{i}" + '" axis="0 1 0"/><geom size="0.05"/>' for i in range(count))
+        + count * "</body>"
+        for side, count in (("left", 7), ("right", 6))
+    ]
+    for torso, count in (("{}", 13), (body.format("torso", "{}"), 14)):
+        path.write_text(f"<mujoco><worldbody>{torso.format(''.join(arms))}</worldbody></mujoco>")
+        with pytest.raises(ConfigError, match="leave out the columns of other joints"):
+            described(path, count)
+
+
 def test_more_joints_than_the_file_has(file):
     with pytest.raises(ConfigError, match="chain of joints from the base is yaw, shoulder, lift, left, the recording"):
         described(file, 6)

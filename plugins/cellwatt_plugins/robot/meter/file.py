@@ -57,10 +57,9 @@ def power_beside(path: Path, time: Float, position: Float) -> Float:
     ``RecordingError``.
     """
     readings = _read(path, float(np.median(np.diff(time))))
+    if _inside(readings.time, time).sum() < FEWEST:
+        readings = replace(readings, time=readings.time - _apart(path, readings.time, time))
     inside = _inside(readings.time, time)
-    if inside.sum() < FEWEST and (late := _apart(path, readings.time, time)):
-        readings = replace(readings, time=readings.time - late)
-        inside = _inside(readings.time, time)
     if inside.sum() < FEWEST or time[-1] - time[0] < SHORTEST:
         raise RecordingError(
             f"{path}: {int(inside.sum())} values within {FURTHEST:g} s of a recording of {time[-1] - time[0]:.0f} s: "
@@ -82,8 +81,7 @@ def power_beside(path: Path, time: Float, position: Float) -> Float:
 
 
 def _inside(readings: Float, time: Float) -> NDArray[np.bool_]:
-    inside: NDArray[np.bool_] = (readings > time[0] - FURTHEST) & (readings < time[-1] + FURTHEST)
-    return inside
+    return np.asarray((readings > time[0] - FURTHEST) & (readings < time[-1] + FURTHEST))
 
 
 def _apart(path: Path, readings: Float, time: Float) -> float:
@@ -116,10 +114,8 @@ def _read(path: Path, step: float) -> Readings:
     interval = float(np.median(np.diff(time)))
     count = max(1, -(-round(1e6 * ROWS * step) // max(1, round(1e6 * interval))))
     rows = len(time) // count
-    if count > 1:
-        power = power[: rows * count].reshape(rows, count).mean(axis=1)
-        time = time[count - 1 : rows * count : count]
-    return Readings(time, power, interval * count)
+    means = power[: rows * count].reshape(rows, count).mean(axis=1)
+    return Readings(time[count - 1 : rows * count : count], means, interval * count)
 
 
 def _course(time: Float, known: Float, position: Float) -> Course:
