@@ -329,7 +329,7 @@ def _fail_at_once(client: Client) -> None:
 
     pymodbus would close the connection, and asyncio print a traceback; or wait for the answer until the timeout.
     """
-    from pymodbus.exceptions import ConnectionException, ModbusException, ModbusIOException
+    from pymodbus.exceptions import ConnectionException, ModbusIOException
 
     exchanges: Any = client.ctx
     take = exchanges.callback_data
