@@ -202,19 +202,26 @@ def test_rtu_answers_are_found_among_noise_and_echoes_and_in_pieces(noise, reque
 
 async def test_an_answer_that_outlives_its_connection_is_no_answer_to_the_next_request():
     """A device server passes on what comes from the line to whoever is connected then."""
-    requests, connected = count(), list[asyncio.StreamWriter]()
+    requests, connected, passed = count(), list[asyncio.StreamWriter](), asyncio.Event()
+
+    def pass_on() -> None:
+        for writer in connected:
+            writer.write(ANSWERS[0])
+        passed.set()
 
     async def device_server(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         connected.append(writer)
         while await reader.readexactly(8):
-            if next(requests) == 1:
+            if not next(requests):
                 connected.remove(writer)
-                asyncio.get_running_loop().call_later(0.02, lambda: [w.write(ANSWERS[0]) for w in connected])
+                asyncio.get_running_loop().call_later(0.02, pass_on)
                 return
+            await passed.wait()
             writer.write(ANSWERS[0x46])
 
     async with clients(device_server) as (place, _), line(TcpPlace(*_place(place), "rtu", ""), 0.2) as bus:
-        assert [await bus.read("input", 0x46, 2, 1) for _ in range(3)] == [[0x4248, 0]] * 3
+        await bus._open()
+        assert await bus.read("input", 0x46, 2, 1) == [0x4248, 0]
 
 
 def _place(text: str) -> tuple[str, int]:
