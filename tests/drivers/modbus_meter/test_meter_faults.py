@@ -16,10 +16,11 @@ from cellwatt.emulation import Fault
 from cellwatt.emulation.relay import clients
 from cellwatt.errors import ConnectError
 from cellwatt_drivers.modbus_meter import ModbusMeterDriver
-from cellwatt_drivers.shared.modbus import Checksums, TcpPlace, line
+from cellwatt_drivers.shared.modbus import Checksums, Numbering, TcpPlace, line
+from cellwatt_drivers.shared.polling import NoAnswerError
 
 from ..inlet import CollectingInlet
-from ..running import Run, strike
+from ..running import Run, endpoint, strike
 from .rig import emulated, running, settings
 
 PLACES = ["127.0.0.1:0", "pty"]
@@ -64,9 +65,10 @@ async def test_a_silent_meter_is_given_up():
 VOLTAGE = {"read": ["phase_1.voltage"], "mains_may_be_off": True}
 
 
-def answer(request: bytes, pdu: bytes | None = None, unit: int | None = None) -> bytes:
-    """A frame for a request: 230.1 V or 50 Hz, another unit's, or other bytes."""
+def answer(request: bytes, pdu: bytes | None = None, unit: int | None = None, other: int | None = None) -> bytes:
+    """A frame for a request: 230.1 V or 50 Hz, another unit's, with another number, or other bytes."""
     number, asked, address = struct.unpack_from(">H4xBxH", request)
+    number = number if other is None else other
     value = struct.pack(">BBf", 4, 4, 50.0 if address == 0x46 else 230.1)
     body = value if pdu is None else pdu
     return struct.pack(">HHHB", number, 0, 1 + len(body), asked if unit is None else unit) + body
@@ -162,6 +164,11 @@ RTU = {"framing": "rtu", "size": 8}
         (lambda r: answer(r, b"\x84\x0b", unit=255), {}, "refuses registers 0 to 1: the gateway got no answer from it"),
         (lambda r: answer(r, unit=0), {}, "answers as unit 0: write unit: 0"),
         (_late(), {}, "answers too late: write a longer timeout"),
+        (
+            lambda r: answer(r, other=65_535),
+            {},
+            "answers with another transaction number (65535, asked with 2): is the",
+        ),
         (lambda r: r, RTU, "gave no answer"),
         (lambda r: r + b"\xe0\x1c", RTU, "sends no valid answer (e0 1c): check speed, parity and wires"),
     ],
@@ -172,13 +179,59 @@ async def test_answers_that_do_not_count_are_told(reply, more, text):
     assert f"unit 1 at TCP 127.0.0.1:{run.driver.settings.port} {text}" in str(run.failures[0])
 
 
+async def test_answers_with_another_number_are_told_and_counted_apart():
+    async with asking(lambda r: answer(r, other=None if r[1] % 4 else 60_000), timeout="50 ms", retries=0) as (run, _):
+        await run.inlet.until(lambda o: o.account.received >= 8)
+    account = run.inlet.account
+    assert account.missed["other transaction number"] == account.counters["other transaction numbers"] >= 2
+    assert "timeouts" not in account.counters
+    assert "other transaction numbers" in account.anomalies
+    assert "device_error" in run.inlet.kinds()
+    assert not run.failures
+
+
+async def test_late_answers_before_the_answer_are_passed_over():
+    late = []
+
+    def reply(request: bytes) -> bytes:
+        late.append(answer(request, struct.pack(">BBf", 4, 4, 7.0) if request[1] % 4 == 0 else None))
+        return b"" if request[1] % 4 == 0 else b"".join(late[-2:])
+
+    async with asking(reply, timeout="200 ms", retries=0) as (run, _):
+        await run.inlet.until(lambda o: o.account.missed["timeout"] >= 2 and len(o.readings) >= 6)
+    assert not run.failures
+
+
+def test_a_late_answer_is_no_strange_one():
+    def told() -> str:
+        return str(numbers.of(NoAnswerError("unit 1 gave no answer")))
+
+    first, second, third = (struct.pack(">HHHBBHH", number, 0, 6, 1, 4, 0, 2) for number in (1, 2, 3))
+    numbers = Numbering()
+    numbers.trace(True, first)
+    numbers.trace(True, second)
+    assert numbers.trace(False, answer(first) + answer(second)[:5]) == answer(first) + answer(second)[:5]
+    assert told() == "unit 1 answers too late: write a longer timeout"
+    numbers.trace(False, answer(first))
+    assert told().startswith("unit 1 answers with another transaction number (1, asked with 2)"), "answered already"
+    numbers.trace(True, third)
+    assert told() == "unit 1 gave no answer"
+
+
 ANSWERS = {0: bytes.fromhex("01 04 04 43 66 19 9A 85 E4"), 0x46: bytes.fromhex("01 04 04 42 48 00 00 6F EA")}
 
 
-async def test_rtu_answers_are_read_in_pieces():
-    async with asking(lambda r: r + b"\xff" + ANSWERS[r[3]] + b"\0", retries=0, **RTU) as (run, _):
+async def test_an_rtu_exchange_byte_by_byte():
+    """The worked exchange of an SDM630: U1 = 230.10 V; through a serial device server with an echo."""
+    heard = []
+
+    def reply(request: bytes) -> bytes:
+        heard.append(request)
+        return request + b"\xff" + ANSWERS[request[3]] + b"\0"
+
+    async with asking(reply, retries=0, **RTU) as (run, _):
         await run.inlet.until(lambda o: len(o.readings) >= 4)
-    assert not run.failures
+    assert (heard[0], run.failures) == (SHORT[0], [])
 
 
 SHORT = bytes.fromhex("01 04 00 00 00 02 71 CB"), ANSWERS[0]
@@ -219,14 +272,12 @@ async def test_an_answer_that_outlives_its_connection_is_no_answer_to_the_next_r
             await passed.wait()
             writer.write(ANSWERS[0x46])
 
-    async with clients(device_server) as (place, _), line(TcpPlace(*_place(place), "rtu", ""), 0.2) as bus:
+    async with (
+        clients(device_server) as (place, _),
+        line(TcpPlace(**endpoint(place), framing="rtu", advice=""), 0.2) as bus,
+    ):
         await bus._open()
         assert await bus.read("input", 0x46, 2, 1) == [0x4248, 0]
-
-
-def _place(text: str) -> tuple[str, int]:
-    host, _, port = text.rpartition(":")
-    return host, int(port)
 
 
 async def test_a_pc_without_sockets_is_told_from_a_meter_that_is_off(monkeypatch):
