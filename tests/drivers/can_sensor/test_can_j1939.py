@@ -9,8 +9,6 @@ import pytest
 from cellwatt.channel import Quality
 from cellwatt.errors import ConfigError
 from cellwatt_drivers.can_sensor import CanSensorDriver
-from cellwatt_drivers.can_sensor.listening import BusPlace, open_listening
-from cellwatt_drivers.can_sensor.sensor_map import group_of
 
 from ..inlet import CollectingInlet
 from .rig import KERNEL, running, settings
@@ -83,23 +81,3 @@ async def test_values_that_are_not_available_are_none(bus, engine):
 def test_a_source_address_without_j1939_is_refused(engine):
     with pytest.raises(ConfigError, match="source_address: the DBC file of E declares no message as J1939"):
         CanSensorDriver("e", settings(KERNEL, map=engine(0x0CF00417), source_address=0x17), CollectingInlet())
-
-
-@pytest.mark.parametrize(("one", "other"), [(0x18FEF100, 0x0CFEF1FE), (0x0CEF1725, 0x18EF00FE)])
-def test_a_group_has_neither_priority_nor_addresses(one, other):
-    assert group_of(one) == group_of(other)
-    assert group_of(0x18FEF100) != group_of(0x18FEF200)
-
-
-async def test_frames_of_can_fd_are_asked_of_the_kernel(monkeypatch):
-    class Opened(Exception):
-        pass
-
-    def opening(**options: object) -> None:
-        assert options["fd"] is True
-        raise Opened
-
-    monkeypatch.setattr(can, "Bus", opening)
-    with pytest.raises(Opened):
-        async with open_listening(BusPlace("socketcan", "can0")):
-            pass
