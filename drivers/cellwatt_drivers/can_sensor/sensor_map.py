@@ -211,14 +211,10 @@ def load_map(path: Path) -> SensorMap:
 
 def load_decodings(sensor: SensorName | None, path: Path | None) -> tuple[SensorMap, dict[str, Decoding]]:
     """Read the packaged map, or the one at ``path``, with its DBC file. Raises ``ConfigError``."""
-    made = load_map(path or Path(__file__).parent / "sensors" / f"{sensor}.yaml")
-    return made, _decodings(made)
-
-
-def _decodings(made: SensorMap) -> dict[str, Decoding]:
     import cantools
     from cantools.database.errors import Error
 
+    made = load_map(path or Path(__file__).parent / "sensors" / f"{sensor}.yaml")
     try:
         text = text_of(read_bytes(made.dbc))
         database: Any = cantools.database.load_string(text, database_format="dbc", strict=False)
@@ -232,7 +228,7 @@ def _decodings(made: SensorMap) -> dict[str, Decoding]:
             hint = did_you_mean(wanted.message, messages)
             raise ConfigError(f"{made.dbc}: no message {wanted.message!r}{hint} (stream {name})")
         found[name] = _decoding(name, wanted, message)
-    return found
+    return made, found
 
 
 def _decoding(name: str, wanted: SensorStream, message: Message) -> Decoding:

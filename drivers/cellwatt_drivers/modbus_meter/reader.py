@@ -58,7 +58,7 @@ class Reader:
         """
         row = np.full(len(self._labels) + 1, np.nan)
         row[-1] = 0.0
-        pending, blocks = deque(self.blocks), []
+        pending, blocks = deque(self.blocks), list[Block]()
         while pending:
             block = pending.popleft()
             try:
