@@ -25,7 +25,7 @@ Take = Callable[[list[bytes], int], None]
 async def listening(host: str, bind: str, port: int, account: Account, take: Take) -> AsyncIterator[deque[str]]:
     """Pass packets that ``host`` sends to UDP ``bind``:``port`` to ``take``; other senders' count as ``strangers``.
 
-    Yields the newest address of the latter.
+    Yields the newest address of the latter, as long as the former sends nothing.
     Raises ``ConnectError`` if the port is in use or the host's name is unknown.
     """
     loop = asyncio.get_running_loop()
@@ -61,6 +61,7 @@ def _receive(opened: socket.socket, senders: set[str], strangers: deque[str], ac
         if sender[0] in senders:
             datagrams.append(datagram)
             waited = age
+            strangers.clear()
         else:
             account.anomaly("strangers")
             strangers.append(sender[0])

@@ -11,12 +11,19 @@ from pydantic import Field, FilePath, field_validator, model_validator
 
 from cellwatt.channel import Stream
 from cellwatt.driver import Driver, Identity, Inlet, SourceSettings
-from cellwatt.errors import ConnectError, SourceError, WrongDeviceError
+from cellwatt.errors import ConfigError, ConnectError, SourceError, WrongDeviceError
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt_drivers.can_sensor.bus_errors import BusState, decode_error
 from cellwatt_drivers.can_sensor.intake import Intake
 from cellwatt_drivers.can_sensor.listening import BusPlace, Interface, Listening, open_listening
-from cellwatt_drivers.can_sensor.sensor_map import ANY_SOURCE, SensorName, group_of, load_decodings
+from cellwatt_drivers.can_sensor.sensor_map import (
+    ANY_DESTINATION,
+    ANY_SOURCE,
+    SensorName,
+    group_of,
+    has_destination,
+    load_decodings,
+)
 from cellwatt_drivers.shared.choice import Chosen, among
 from cellwatt_drivers.shared.requirements import require
 
@@ -102,11 +109,17 @@ class CanSensorDriver(Driver[CanSensorSettings]):
             period = 1 / rate if rate else self._map.streams[stream].cycle
             self._intakes.append(Intake(name, decodings[stream], period, inlet))
         self._by_frame: dict[tuple[int, bool], list[Intake]] = {}
-        self._is_j1939 = all(decodings[i.stream.name].is_j1939 for i in self._intakes)
+        self._by_group: dict[int, list[Intake]] = {}
+        """Intakes of J1939's messages."""
         self._source: int | None = None
         """J1939: source address of the first node that sent, where settings and DBC file name none."""
         for intake in self._intakes:
-            self._by_frame.setdefault(self._key(*intake.identifier), []).append(intake)
+            if decodings[intake.stream.name].is_j1939:
+                self._by_group.setdefault(group_of(intake.identifier[0]), []).append(intake)
+            else:
+                self._by_frame.setdefault(intake.identifier, []).append(intake)
+        if settings.source_address is not None and not self._by_group:
+            raise ConfigError(f"source_address: the DBC file of {self._map.model} declares no message as J1939")
         self._state: BusState = "active"
         self._others: set[int] = set()
         self._errors = 0
@@ -174,23 +187,26 @@ class CanSensorDriver(Driver[CanSensorSettings]):
             return []
         if self._state == "off":  # restarted while the bus was closed: a controller that is off receives no frame
             self._enter("active")
-        found = self._by_frame.get(self._key(frame.arbitration_id, frame.is_extended_id), [])
-        intakes = [i for i in found if not frame.is_remote_frame and self._is_from(i, frame.arbitration_id & 0xFF)]
+        intakes: list[Intake] = []
+        if not frame.is_remote_frame:
+            number, extended = frame.arbitration_id, frame.is_extended_id
+            intakes += self._by_frame.get((number, extended), ())
+            group = self._by_group.get(group_of(number), ()) if extended else ()
+            intakes += [i for i in group if self._is_own(i.identifier[0], number)]
         if not intakes:
             self.inlet.account.count("other frames")
             if len(self._others) < _MOST_OTHERS:
                 self._others.add(frame.arbitration_id)
         return intakes
 
-    def _key(self, identifier: int, extended: bool) -> tuple[int, bool]:
-        return (group_of(identifier) if self._is_j1939 else identifier), extended
-
-    def _is_from(self, intake: Intake, source: int) -> bool:
-        """True if the frame is the sensor's: in J1939, other nodes may send the same messages."""
-        wanted, own = self.settings.source_address, intake.identifier[0] & 0xFF
-        if wanted is None and own == ANY_SOURCE:
+    def _is_own(self, declared: int, sent: int) -> bool:
+        """True if an identifier of the declared group is the sensor's: other nodes may send the same messages."""
+        if has_destination(declared) and declared >> 8 & 0xFF not in (*ANY_DESTINATION, sent >> 8 & 0xFF):
+            return False
+        source, wanted = sent & 0xFF, self.settings.source_address
+        if wanted is None and (wanted := declared & 0xFF) == ANY_SOURCE:
             self._source = wanted = source if self._source is None else self._source
-        return not self._is_j1939 or source == (own if wanted is None else wanted)
+        return source == wanted
 
     def _note_error(self, frame: Message) -> None:
         error = decode_error(frame.arbitration_id, bytes(frame.data))

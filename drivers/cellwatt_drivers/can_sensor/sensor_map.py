@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 ANY_SOURCE = 0xFE
 """Source address in a DBC file of J1939 whose messages any node may send."""
+ANY_DESTINATION = (0xFE, 0xFF)
+"""Destinations in a DBC file of J1939 that stand for any."""
 
 SensorName = Literal["ivt_s"]
 """Packaged maps."""
@@ -115,15 +117,17 @@ class Decoding:
 
     @property
     def is_j1939(self) -> bool:
-        """True for a message of J1939: by the DBC file, or by its source address, which only a placeholder has."""
+        """True for a message of J1939: by the DBC file, or if that does not say, by the placeholder of its source."""
         message = self.message
-        return message.protocol == "j1939" or (message.is_extended_frame and message.frame_id & 0xFF == ANY_SOURCE)
+        told = message.dbc is not None and "VFrameFormat" in message.dbc.attributes
+        placed = message.is_extended_frame and message.frame_id & 0xFF == ANY_SOURCE
+        return message.protocol == "j1939" or (placed and not told)
 
     @cached_property
-    def _absent(self) -> Mapping[str, float]:
-        """Smallest values, by signal, that mean "not available" or an error in J1939."""
+    def _absent(self) -> Mapping[str, int]:
+        """Smallest raw numbers, by signal, that mean "not available" or an error in J1939."""
         return {
-            name: float(signal.raw_to_scaled(0xFB << signal.length - 8 if signal.length >= 8 else 2**signal.length - 1))
+            name: 0xFB << signal.length - 8 if signal.length >= 8 else 2**signal.length - 1
             for name, signal in ((n, _signal(self.message, n)) for n in self.wanted.signals if self.is_j1939)
             if not signal.is_signed and not signal.conversion.is_float and signal.length > 1
         }
@@ -158,7 +162,8 @@ class Decoding:
         wanted = self.wanted
         if not found.keys() & wanted.signals.keys() or not wanted.needed - wanted.signals.keys() <= found.keys():
             raise self._short(data)
-        return found | {n: math.nan for n, least in self._absent.items() if found.get(n, math.nan) >= least}
+        raw = _numbers(self._flat, data, scaling=False) if self._absent else {}
+        return found | {n: math.nan for n, least in self._absent.items() if raw.get(n, 0) >= least}
 
     def _short(self, data: bytes) -> ValueError:
         return ValueError(f"{self.message.name}: a frame of {len(data)} bytes is too short for {self.name}")
@@ -172,7 +177,12 @@ def _numbers(message: Message, data: bytes, *, scaling: bool = True) -> dict[str
 
 def group_of(identifier: int) -> int:
     """Parameter group of a J1939 identifier: without priority and source, and without destination if it has one."""
-    return identifier & (0x3FF_0000 if identifier >> 16 & 0xFF < 0xF0 else 0x3FF_FF00)
+    return identifier & (0x3FF_0000 if has_destination(identifier) else 0x3FF_FF00)
+
+
+def has_destination(identifier: int) -> bool:
+    """True if the J1939 identifier contains a destination."""
+    return identifier >> 16 & 0xFF < 0xF0
 
 
 def _without_pages(message: Message, names: Iterable[str]) -> Message:
@@ -201,14 +211,10 @@ def load_map(path: Path) -> SensorMap:
 
 def load_decodings(sensor: SensorName | None, path: Path | None) -> tuple[SensorMap, dict[str, Decoding]]:
     """Read the packaged map, or the one at ``path``, with its DBC file. Raises ``ConfigError``."""
-    made = load_map(path or Path(__file__).parent / "sensors" / f"{sensor}.yaml")
-    return made, _decodings(made)
-
-
-def _decodings(made: SensorMap) -> dict[str, Decoding]:
     import cantools
     from cantools.database.errors import Error
 
+    made = load_map(path or Path(__file__).parent / "sensors" / f"{sensor}.yaml")
     try:
         text = text_of(read_bytes(made.dbc))
         database: Any = cantools.database.load_string(text, database_format="dbc", strict=False)
@@ -222,7 +228,7 @@ def _decodings(made: SensorMap) -> dict[str, Decoding]:
             hint = did_you_mean(wanted.message, messages)
             raise ConfigError(f"{made.dbc}: no message {wanted.message!r}{hint} (stream {name})")
         found[name] = _decoding(name, wanted, message)
-    return found
+    return made, found
 
 
 def _decoding(name: str, wanted: SensorStream, message: Message) -> Decoding:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from contextlib import AbstractAsyncContextManager
 
 from pydantic import Field, field_validator
@@ -106,13 +107,15 @@ class KinovaDriver(Driver[KinovaSettings]):
 
     async def _serve(self, modbus: Bus, read: Read, remaining: int) -> None:
         """Send one request; if it fails, the ``remaining`` requests of this slot are counted as missed."""
-        asked = self.inlet.now()
         try:
-            answer = await modbus.read("input", read.first, read.count, self.settings.unit)
+            async with modbus.turn:
+                answer = await modbus.read("input", read.first, read.count, self.settings.unit)
+                arrival = self.inlet.now()
+                asked = arrival - time.monotonic_ns() + modbus.asked
         except SourceError as error:
             self.inlet.account.lose(remaining, reason_of(error))
             raise
-        self._emit(read, answer, asked, self.inlet.now())
+        self._emit(read, answer, asked, arrival)
 
     def _emit(self, read: Read, answer: list[int], asked: int, arrival: int) -> None:
         name = read.stream.name

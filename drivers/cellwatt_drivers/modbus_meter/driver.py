@@ -201,9 +201,9 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
     async def _serve(self, bus: Bus) -> None:
         try:
             async with bus.turn:
-                asked = self.inlet.now()
                 raw = await self._reader.read(bus)
                 arrival = self.inlet.now()
+                asked = arrival - time.monotonic_ns() + self._reader.asked
         except SourceError as error:
             self.inlet.account.lose(1, reason_of(error))
             if isinstance(error, RefusedError | OtherNumberError) and str(error) != self._reported:

@@ -36,6 +36,8 @@ class Reader:
     ) -> None:
         self.names = tuple(names)
         self.left_out: set[str] = set()
+        self.asked = 0
+        """Time of the first answered request of the last read, ns, by ``time.monotonic_ns``."""
         exponents = {slot.address: slot for slot in meter.exponents(self.names)}
         slots = [*meter.slots(self.names), *exponents.values()]
         self.blocks = plan(slots, meter.longest_read, meter.gap, meter.word_order)
@@ -56,7 +58,7 @@ class Reader:
         """
         row = np.full(len(self._labels) + 1, np.nan)
         row[-1] = 0.0
-        pending, blocks = deque(self.blocks), []
+        pending, blocks = deque(self.blocks), list[Block]()
         while pending:
             block = pending.popleft()
             try:
@@ -66,6 +68,7 @@ class Reader:
                     raise
                 pending.extendleft(reversed(self._apart(block, error)))
                 continue
+            self.asked = self.asked if blocks else bus.asked
             blocks.append(block)
             row[block.columns] = numbers
         if not blocks:

@@ -9,6 +9,7 @@ import asyncio
 import logging
 import socket
 import termios
+import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -122,15 +123,21 @@ class Checksums(Numbering):
             self._request, self._ignored = data, None
             return data
         unit, function = self._request[:2]
-        for start in range(len(data) - 4):
-            size = 5 + (data[start + 2] if data[start + 1] == function else 0)
-            frame = data[start : start + size]
-            own = unit in (0, frame[0]) and frame[1] & 0x7F == function
-            if own and len(frame) == size and not FramerRTU.compute_CRC(frame):
+        due = 2 * self._request[5]
+        echo = len(self._request) if data.startswith(self._request) else 0
+        for start in range(echo, len(data) - 4):
+            count = data[start + 2] if data[start + 1] == function else 0
+            frame = data[start : start + 5 + count]
+            if unit not in (0, frame[0]) or frame[1] & 0x7F != function:
+                continue
+            if len(frame) < 5 + count:
+                if count == due:  # an answer that is not complete; its data may look like a shorter one
+                    break
+            elif not FramerRTU.compute_CRC(frame):
                 return frame
-        if rest := data.removeprefix(self._request):
-            text = f"sends no valid answer ({rest[:16].hex(' ')}): check speed, parity and wires"
-            self._ignored = NoAnswerError, text
+        rest = data.removeprefix(self._request)
+        text = f"sends no valid answer ({rest[:16].hex(' ')}): check speed, parity and wires"
+        self._ignored = (NoAnswerError, text) if rest else None
         return b""
 
 
@@ -175,6 +182,8 @@ class Bus:
         self.place = place
         self.turn = asyncio.Lock()
         self.users = 0
+        self.asked = 0
+        """Time of the newest request, ns, by ``time.monotonic_ns``."""
         self._timeout = timeout
         numbered = isinstance(place, TcpPlace) and place.framing == "tcp"
         self._numbering = Numbering() if numbered else Checksums()
@@ -214,13 +223,15 @@ class Bus:
         except ConnectError:
             if not rested:
                 raise
-            return await self._once(ask, unit)
+        await asyncio.sleep(self._settle)  # a device server may pass the first answer on to the next connection
+        return await self._exchange(ask, unit)
 
     async def _once(self, ask: Callable[[], Awaitable[Any]], unit: int) -> Any:
         from pymodbus.exceptions import ModbusException
 
         if not self._client.connected:
             await self._open()
+        self.asked = time.monotonic_ns()
         try:
             answer = await ask()
         except ModbusException as error:
@@ -233,13 +244,11 @@ class Bus:
         from pymodbus.exceptions import ConnectionException, ModbusIOException
 
         text = str(error)
-        if isinstance(error, ConnectionException) or not self._client.connected:
-            # pymodbus itself closes the connection after a few unanswered requests
-            closed = "it closed the connection in place of an answer; does another client use it?"
-            reason = "no answer any more" if "CLOSING" in text else closed
-            return ConnectError(f"unit {unit} at {self.place}: {reason}")
         if isinstance(error, ModbusIOException) and ("received" not in text or "No response" in text):
             return self._numbering.of(NoAnswerError(f"unit {unit} at {self.place} gave no answer"))
+        if isinstance(error, ConnectionException) or not self._client.connected:
+            reason = "it closed the connection in place of an answer; does another client use it?"
+            return ConnectError(f"unit {unit} at {self.place}: {reason}")
         return ProtocolError(f"{self.place}: the answer does not match the request: {text}")
 
     async def _open(self) -> None:
@@ -311,23 +320,31 @@ def _client(place: Place, timeout: float, numbering: Numbering) -> Client:
         client = AsyncModbusSerialClient(
             place.path, baudrate=place.baud, parity=parity, stopbits=place.stop_bits, **always
         )
-    _refuse_invalid(client)
+    _fail_at_once(client)
     return client
 
 
-def _refuse_invalid(client: Client) -> None:
-    """Let an invalid frame fail the request: pymodbus would close the connection, and asyncio print a traceback."""
-    from pymodbus.exceptions import ModbusIOException
+def _fail_at_once(client: Client) -> None:
+    """Let an invalid frame or a closed connection fail the request.
+
+    pymodbus would close the connection, and asyncio print a traceback; or wait for the answer until the timeout.
+    """
+    from pymodbus.exceptions import ConnectionException, ModbusIOException
 
     exchanges: Any = client.ctx
     take = exchanges.callback_data
+
+    def fail(error: ModbusException) -> None:
+        if not exchanges.response_future.done():
+            exchanges.response_future.set_exception(error)
+            exchanges.response_future.exception()  # asyncio reports errors that nobody has asked for
 
     def taken(data: bytes, addr: Any = None) -> int:
         try:
             return int(take(data, addr))
         except ModbusIOException:
-            if not exchanges.response_future.done():
-                exchanges.response_future.set_exception(ModbusIOException(f"received {data[:16].hex(' ')}"))
+            fail(ModbusIOException(f"received {data[:16].hex(' ')}"))
             return len(data)
 
     exchanges.callback_data = taken
+    exchanges.callback_disconnected = lambda exc: fail(ConnectionException("closed"))

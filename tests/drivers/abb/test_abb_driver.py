@@ -151,6 +151,12 @@ async def test_an_outage_ends_the_source_and_a_new_start_counts_what_was_lost():
         driver = AbbDriver("arm", AbbSettings.model_validate(place | {"web": [], "timeout": "500 ms"}), inlet)
         first = asyncio.create_task(driver.run())
         await inlet.until(lambda o: o.account.received > 10)
+        with socket.socket(type=socket.SOCK_DGRAM) as stranger:  # of whom nothing is told: the address is right
+            stranger.setblocking(False)
+            stranger.bind(("127.0.0.2", 0))
+            stranger.sendto(b"?", ("127.0.0.1", int(str(place["egm_port"]))))
+        heard = inlet.account.received
+        await inlet.until(lambda o: o.account.counters["strangers"] and o.account.received > heard + 50)
         emulator.inject(Fault("loss"))
         with pytest.raises(ConnectError, match=r"no EGM packet .* EGMStreamStart"):
             await asyncio.wait_for(first, PATIENCE)

@@ -1,13 +1,13 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Mapping
 
 import numpy as np
 import pytest
 from pymodbus.simulator import DataType, SimData
 
 from cellwatt.channel import Quality
-from cellwatt.emulation.relay import clients
 from cellwatt.errors import ConnectError, WrongDeviceError
 from cellwatt_drivers.modbus_meter import ModbusMeterDriver
 from cellwatt_drivers.modbus_meter.meter_map import METERS
@@ -41,22 +41,6 @@ async def test_every_meter_in_si_units(meter, address):
     assert not run.failures
     assert all(r.asked <= r.arrival for r in run.inlet.readings)
     assert all(r.quality.tolist() == [Quality.GOOD] for r in run.inlet.readings)
-
-
-async def test_an_rtu_exchange_byte_by_byte():
-    """The worked exchange of an SDM630: U1 = 230.10 V; through a serial device server."""
-    heard = asyncio.Queue()
-
-    async def meter(reader, writer):
-        while len(request := await reader.read(8)) == 8:
-            heard.put_nowait(request)
-            frequency = request[3] == 0x46  # asked for once, to know the meter
-            writer.write(bytes.fromhex("01 04 04 42 48 00 00 6F EA" if frequency else "01 04 04 43 66 19 9A 85 E4"))
-
-    async with clients(meter) as (place, _), running(settings(place, framing="rtu", read=["phase_1.voltage"])) as run:
-        await run.inlet.until(lambda o: len(o.readings) >= 2)
-    assert heard.get_nowait() == bytes.fromhex("01 04 00 00 00 02 71 CB")
-    assert run.inlet.values[:, 0] == pytest.approx([230.10] * len(run.inlet.readings), abs=1e-4)
 
 
 async def test_against_a_server_that_we_did_not_write():
@@ -145,41 +129,43 @@ async def test_counters_that_wrap_are_reset_and_misread(tmp_path):
     assert run.inlet.account.counters["counter misread"] == 2
 
 
-async def test_overload_and_no_value(tmp_path):
-    file = tmp_path / "limits.yaml"
-    file.write_text(
-        "maker: Acme\nmodel: A1\nfunction: holding\ntype: int32\nword_order: little\nvalues:\n"
-        "  phase_1.voltage: {address: 0, unit: V, scale: 0.1, largest: 0x7FFEFFFF}\n"
-        "  phase_1.current: {address: 2, unit: A, missing: [-2147483648]}\n"
-        "  phase_2.current: {address: 4, unit: A, scale: 0.1, type: uint16}\n"
-        "  phase_1.power: {address: 5, unit: W}\n"
-    )
-    words = [0x0000, 0x7FFF, 0x0000, 0x8000, 0xFFFF, 0x0000, 0x8000]
+async def mapped(file, kind: str, values: Mapping[str, str], words: list[int]) -> CollectingInlet:
+    """A driver with its own map, after three samples of these registers."""
+    listed = "".join(f"  {name}: {{{value}}}\n" for name, value in values.items())
+    file.write_text(f"maker: Acme\nmodel: A1\nfunction: holding\n{kind}\nvalues:\n{listed}")
     registers = SimData(0, values=words, datatype=DataType.REGISTERS)
     async with answering(registers) as place, running(settings(place, map=str(file))) as run:
         await run.inlet.until(lambda o: len(o.readings) >= 3)
-    assert np.isnan(run.inlet.values).all()
-    assert run.inlet.readings[0].quality.tolist() == [Quality.CLIPPED]
-    assert run.inlet.account.counters["overloads"] == len(run.inlet.readings)
-    assert run.inlet.kinds().count("overload") == 1
+    return run.inlet
+
+
+async def test_overload_and_no_value(tmp_path):
+    values = {
+        "phase_1.voltage": "address: 0, unit: V, scale: 0.1, largest: 0x7FFEFFFF",
+        "phase_1.current": "address: 2, unit: A, missing: [-2147483648]",
+        "phase_2.current": "address: 4, unit: A, scale: 0.1, type: uint16",
+        "phase_1.power": "address: 5, unit: W",
+    }
+    words = [0x0000, 0x7FFF, 0x0000, 0x8000, 0xFFFF, 0x0000, 0x8000]
+    inlet = await mapped(tmp_path / "limits.yaml", "type: int32\nword_order: little", values, words)
+    assert np.isnan(inlet.values).all()
+    assert inlet.readings[0].quality.tolist() == [Quality.CLIPPED]
+    assert inlet.account.counters["overloads"] == len(inlet.readings)
+    assert inlet.kinds().count("overload") == 1
 
 
 async def test_powers_of_ten_that_the_meter_sets_itself(tmp_path):
-    """As SunSpec's meters: one register scales several values, and may change; -32768 is none."""
-    file = tmp_path / "sunspec.yaml"
-    file.write_text(
-        "maker: Acme\nmodel: A1\nfunction: holding\ntype: int16\nvalues:\n"
-        "  phase_1.power: {address: 0, unit: W, scale_register: 2}\n"
-        "  supply.power: {address: 1, unit: W, scale_register: 2}\n"
-        "  supply.frequency: {address: 3, unit: Hz, scale_register: 4, between: [10, 500]}\n"
-        "  phase_1.current: {address: 5, unit: A, scale_register: 6}\n"
-        "  phase_1.voltage: {address: 7, unit: V, scale: 0.1}\n"
-    )
+    """As SunSpec's meters: one register scales several values; -32768 is none."""
+    values = {
+        "phase_1.power": "address: 0, unit: W, scale_register: 2",
+        "supply.power": "address: 1, unit: W, scale_register: 2",
+        "supply.frequency": "address: 3, unit: Hz, scale_register: 4, between: [10, 500]",
+        "phase_1.current": "address: 5, unit: A, scale_register: 6",
+        "phase_1.voltage": "address: 7, unit: V, scale: 0.1",
+    }
     words = [0x8000, 0xFF38, 1, 5002, 0xFFFE, 77, 0x8000, 2301]
-    registers = SimData(0, values=words, datatype=DataType.REGISTERS)
-    async with answering(registers) as place, running(settings(place, map=str(file))) as run:
-        await run.inlet.until(lambda o: len(o.readings) >= 2)
-    assert run.inlet.values[0] == pytest.approx([np.nan, -2000.0, 50.02, np.nan, 230.1], nan_ok=True)
+    inlet = await mapped(tmp_path / "sunspec.yaml", "type: int16", values, words)
+    assert inlet.values[0] == pytest.approx([np.nan, -2000.0, 50.02, np.nan, 230.1], nan_ok=True)
 
 
 async def test_a_line_that_is_not_there_is_said():

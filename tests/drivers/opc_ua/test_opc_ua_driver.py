@@ -151,16 +151,17 @@ async def test_a_certificate_that_the_server_does_not_trust_is_refused(files):
             await driver(place, **files["client"], **pinned).identify()
 
 
-async def test_a_server_without_security_is_not_read_with_it(files):
-    async with emulated() as (_, place):
-        with pytest.raises(DeviceError, match=r"offers no Basic256Sha256 Sign; it offers: None None"):
-            await driver(place, security="sign", **files["client"]).identify()
-
-
-async def test_a_server_that_encrypts_only_is_told_from_one_that_fails(files):
-    async with emulated(security="encrypt", **files["server"]) as (_, place):
-        with pytest.raises(DeviceError, match=r"does not offer this 'security': write another"):
-            await driver(place).identify()
+@pytest.mark.parametrize(
+    ("its", "mine", "text"),
+    [
+        ("none", "sign", "offers no Basic256Sha256 Sign; it offers: None None"),
+        ("encrypt", "none", "does not offer this 'security': write another"),
+    ],
+)
+async def test_a_server_without_this_security_is_not_read(files, its, mine, text):
+    async with emulated(security=its, **files["server"]) as (_, place):
+        with pytest.raises(DeviceError, match=text):
+            await driver(place, security=mine, **files["client"] if mine == "sign" else {}).identify()
 
 
 async def test_files_that_are_no_certificates_are_told(files, tmp_path):

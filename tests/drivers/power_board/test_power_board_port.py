@@ -37,8 +37,8 @@ def driver(port: str, **settings) -> PowerBoardDriver:
     return PowerBoardDriver("board", PowerBoardSettings(port=port, **settings), Inlet())
 
 
-async def failure(running_driver: PowerBoardDriver) -> SourceError:
-    with pytest.raises(SourceError) as caught:
+async def failure(running_driver: PowerBoardDriver, kind: type[SourceError] = ConnectError) -> SourceError:
+    with pytest.raises(kind) as caught:
         await asyncio.wait_for(running_driver.run(), PATIENCE)
     return caught.value
 
@@ -61,24 +61,13 @@ async def test_missing_port_names_those_that_are_there(tmp_path: Path, monkeypat
     assert str(await failure(driver(gone))) == f"{gone}: no such port (in {tmp_path / 'by-id'}: usb-FTDI_A1-if00)"
 
 
-async def test_file_is_not_a_serial_port(tmp_path: Path) -> None:
+async def test_a_port_without_a_board_says_why(line: VirtualPort, tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    error = await failure(driver(str(tmp_path / "file")))
-    assert isinstance(error, ConnectError)
-    assert "is not a serial port" in str(error)
-
-
-async def test_port_in_use(line: VirtualPort) -> None:
+    assert "is not a serial port" in str(await failure(driver(str(tmp_path / "file"))))
     with serial.Serial(line.path, exclusive=True):
-        error = await failure(driver(line.path))
-    assert isinstance(error, ConnectError)
-    assert str(error) == f"{line.path}: in use by another program"
-
-
-async def test_silent_port(line: VirtualPort) -> None:
-    error = await failure(driver(line.path, silence="50 ms"))
-    assert isinstance(error, ConnectError)
-    assert f"{line.path}: in 0.05 s not one byte at 115200 baud" in str(error)
+        assert str(await failure(driver(line.path))) == f"{line.path}: in use by another program"
+    silent = f"{line.path}: in 0.05 s not one byte at 115200 baud"
+    assert silent in str(await failure(driver(line.path, silence="50 ms")))
 
 
 async def feed(line: VirtualPort, until: Callable[[], bool], data: Callable[[int], bytes], first: int = 1) -> int:
@@ -92,30 +81,27 @@ async def feed(line: VirtualPort, until: Callable[[], bool], data: Callable[[int
     return first
 
 
-async def feed_until_failure(line: VirtualPort, data: bytes, **settings) -> SourceError:
-    failing = asyncio.create_task(failure(driver(line.path, silence="300 ms", **settings)))
+async def feed_until_failure(line: VirtualPort, data: bytes, kind: type[SourceError], **settings) -> SourceError:
+    failing = asyncio.create_task(failure(driver(line.path, silence="300 ms", **settings), kind))
     await feed(line, failing.done, lambda _: data)
     return await failing
 
 
 async def test_wrong_baud_rate(line: VirtualPort) -> None:
-    error = await feed_until_failure(line, bytes(range(256)), baud=57600)
-    assert isinstance(error, ProtocolError)
+    error, again = [await feed_until_failure(line, bytes(range(n)), ProtocolError, baud=57600) for n in (256, 99)]
     assert "bytes but no valid frame at 57600 baud: wrong baud rate or mode?" in str(error)
-    again = await feed_until_failure(line, bytes(range(99)), baud=57600)
     assert str(again) == str(error), "else each attempt is an event of its own"
 
 
-async def test_other_board_is_the_wrong_device(line: VirtualPort) -> None:
-    error = await feed_until_failure(line, frame(1, board=9) + frame(1, board=8), boards=[7])
-    assert isinstance(error, WrongDeviceError)
-    assert "only board 8, 9 is received, but not the wanted board 7" in str(error)
-
-
-async def test_board_with_other_phases_is_the_wrong_device(line: VirtualPort) -> None:
-    error = await feed_until_failure(line, frame(1, phases=1))
-    assert isinstance(error, WrongDeviceError)
-    assert "board 7 measures 1 phases, but phases: 3 is configured" in str(error)
+@pytest.mark.parametrize(
+    ("data", "settings", "why"),
+    [
+        (frame(1, board=9) + frame(1, board=8), {"boards": [7]}, "only board 8, 9 is received, but not the wanted"),
+        (frame(1, phases=1), {}, "board 7 measures 1 phases, but phases: 3 is configured"),
+    ],
+)
+async def test_another_board_is_the_wrong_device(line: VirtualPort, data, settings, why) -> None:
+    assert why in str(await feed_until_failure(line, data, WrongDeviceError, **settings))
 
 
 async def test_first_board_heard_is_the_one(line: VirtualPort) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cellwatt.demo.cells import free_endpoint
 from cellwatt.emulation import ArmSignals, Fault, load_signals
 from cellwatt.emulation.relay import clients
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError, WrongDeviceError
@@ -188,45 +189,29 @@ async def test_fields_that_the_controller_lacks_are_named():
     assert not arm.inlet.identities
 
 
-@asynccontextmanager
-async def somebody(banner: bytes, answer: bytes | None, refuse: bool = False):
-    """Something else that listens: says a banner, answers each chunk, or closes."""
+@pytest.mark.parametrize(
+    ("banner", "answer", "error", "match"),
+    [
+        (b"", b"HTTP/1.1 400 Bad Request\r\n\r\n", WrongDeviceError, "does not speak RTDE"),
+        (b"SSH-2.0-OpenSSH_9.6\r\n", b"", WrongDeviceError, "does not speak RTDE"),
+        (b"", b"\x00\x04V\x00", DeviceError, "update PolyScope"),
+        (b"", b"", ConnectError, "does not answer within"),
+        (b"", None, ConnectError, r"closed|broke"),
+    ],
+)
+async def test_somebody_else_on_the_port_is_named(banner, answer, error, match):
+    """Something else that listens: it says a banner, answers each chunk, or closes."""
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         writer.write(banner)
-        while not refuse and await reader.read(1000):
-            if answer is not None:
-                writer.write(answer)
+        while answer is not None and await reader.read(1000):
+            writer.write(answer)
 
     async with clients(serve) as (address, _), asyncio.timeout(PATIENCE):
-        yield address
+        with pytest.raises(error, match=match):
+            await driver(address, timeout=0.2 if answer == b"" else 1.0).run()
 
 
-@pytest.mark.parametrize(
-    ("banner", "answer"),
-    [
-        (b"", b"HTTP/1.1 400 Bad Request\r\n\r\n"),
-        (b"SSH-2.0-OpenSSH_9.6\r\n", None),
-    ],
-)
-async def test_somebody_else_on_the_port_is_the_wrong_device(banner, answer):
-    async with somebody(banner, answer) as address:
-        with pytest.raises(WrongDeviceError, match="does not speak RTDE"):
-            await driver(address).run()
-
-
-async def test_an_old_controller_is_named():
-    async with somebody(b"", b"\x00\x04V\x00") as address:
-        with pytest.raises(DeviceError, match="update PolyScope"):
-            await driver(address).run()
-
-
-async def test_silence_and_a_closed_door_are_connection_errors():
-    async with somebody(b"", None) as address:
-        with pytest.raises(ConnectError, match="does not answer within"):
-            await driver(address, timeout=0.2).run()
-    async with somebody(b"", None, refuse=True) as address:
-        with pytest.raises(ConnectError, match=r"closed|broke"):
-            await driver(address).run()
+async def test_a_robot_that_is_off_is_a_connection_error():
     with pytest.raises(ConnectError, match="is the robot on"):
-        await driver(address).run()
+        await driver(free_endpoint()).run()
