@@ -96,8 +96,7 @@ class Explained:
         if self.runs[0].drive is not None:
             from cellwatt_plugins.explain.report import motion
 
-            joints = [joint.name for joint in self.model.robot.joints]
-            moved = [motion.section(self.runs, joints, self.model.robot.urdf, mended)]
+            moved = [motion.section(self.runs, self.model.robot.names, self.model.robot.urdf, mended)]
         report(self.findings, traces, self.model.robot.robot, floors, made_from, moved).write(Path(path))
 
 

@@ -152,7 +152,7 @@ def save_model(model: Model, path: Path) -> None:
     """Write ``model.yaml`` and the URDF beside it. Raises ``CellwattError`` if they cannot be written."""
     urdf = path.with_name("robot.urdf")
     if urdf.resolve() != model.robot.urdf.resolve():
-        write_file(urdf, urdf_bytes(model.robot.urdf, [joint.name for joint in model.robot.joints]))
+        write_file(urdf, urdf_bytes(model.robot.urdf, model.robot.names))
     robot = model.robot.model_dump(mode="json", exclude_none=True) | {"urdf": urdf.name}
     retuned = {name: np.asarray(value).tolist() for name, value in vars(model.retuned).items()}
     terms = [_term(fitted) for fitted in model.terms]

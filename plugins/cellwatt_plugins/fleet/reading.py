@@ -51,7 +51,7 @@ class Stretch:
 
 def read_stretches(path: Path, robot: RobotDescription) -> list[Stretch]:
     """Read a recording. Raises ``RecordingError``, or ``ConfigError`` if the robot's description lacks a key."""
-    table = read_table(path, [joint.name for joint in robot.joints])
+    table = read_table(path, robot.names)
     position, torque = table.needed("position", len(robot.joints)), torque_in(table, robot)
     time = table.rising_time()
     step = float(np.median(np.diff(time)))

@@ -56,7 +56,7 @@ class Arm:
         Raises ``ConfigError`` if the URDF cannot be read, has other joints, joints of other kinds, or, if ``weighed``,
         links without mass.
         """
-        body = Body(description.urdf, tuple(joint.name for joint in description.joints))
+        body = Body(description.urdf, description.names)
         body = body.with_gravity(np.array(description.gravity))
         if weighed and (missing := body.without_mass()):
             raise ConfigError(

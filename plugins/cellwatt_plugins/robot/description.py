@@ -150,6 +150,11 @@ class RobotDescription(_Keys):
         return unit_at(self.joints[joint].kind, unit)
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Name of each joint in the URDF."""
+        return tuple(joint.name for joint in self.joints)
+
+    @property
     def limits(self) -> NDArray[np.float64]:
         """Lowest and highest position (n, 2) rad of each joint; NaN where only the URDF states it."""
         return np.column_stack([self.column("lower_limit"), self.column("upper_limit")])

@@ -66,7 +66,7 @@ def _loaded(simulator: Path | None, robot: RobotDescription) -> tuple[Simulator 
     """The arm in a simulator's file, and the torque (n,) Nm per unit of its controls."""
     if simulator is None:
         return None, None
-    loaded = load_simulator(simulator, [joint.name for joint in robot.joints])
+    loaded = load_simulator(simulator, robot.names)
     return loaded, loaded.control_gains()
 
 

@@ -131,7 +131,7 @@ class Signals:
 
 def read_signals(path: Path, robot: RobotDescription) -> Signals:
     """Read a file. Raises ``RecordingError``, which reports what is wrong with the file."""
-    table = read_table(path, [joint.name for joint in robot.joints])
+    table = read_table(path, robot.names)
     time = table.time
     names, joints = _joints(table, robot)
     power = table.whole("supply.power")
@@ -190,7 +190,7 @@ def _joints(table: Table, robot: RobotDescription) -> tuple[dict[str, tuple[str,
             many = f"{first} … {rest[-1]}" if rest else first
             raise RecordingError(
                 f"{table.path}: {len(own)} joints in the columns {many}, but the robot's description has "
-                f"{expected} ({listed([joint.name for joint in robot.joints])})"
+                f"{expected} ({listed(robot.names)})"
             )
         for name, joint in zip(own, robot.joints, strict=True):
             if table.along(name) not in (None, joint.kind == "prismatic"):
@@ -203,7 +203,7 @@ def _joints(table: Table, robot: RobotDescription) -> tuple[dict[str, tuple[str,
 def _all_of(robot: RobotDescription, count: int) -> bool:
     """True if the robot's file has ``count`` joints, of which the robot's are the first; others are a gripper's."""
     every = joints_in(robot.urdf)
-    return len(every) == count and every[: len(robot.joints)] == [joint.name for joint in robot.joints]
+    return len(every) == count and tuple(every[: len(robot.joints)]) == robot.names
 
 
 def _turned(place: str, table: Table, names: Mapping[str, tuple[str, ...]]) -> Iterator[str]:

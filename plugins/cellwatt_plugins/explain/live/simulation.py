@@ -103,13 +103,12 @@ def servos(robot: Place | None, model: Model) -> tuple[Path, Servo]:
     Raises ``ConfigError`` if neither ``robot`` nor the model's own file is an MJCF with a servo for each joint.
     """
     files = [*([] if robot is None else [Path(robot)]), model.robot.urdf]
-    names = [joint.name for joint in model.robot.joints]
     for file in filter(is_mjcf, files):
-        if servo := servo_of(file, names):
+        if servo := servo_of(file, model.robot.names):
             return file.absolute(), servo
     raise ConfigError(
         "an arm without torque and current is compared by the law of its servos: set `robot` to an MJCF with a "
-        f"<position> actuator for each of {', '.join(names)}"
+        f"<position> actuator for each of {', '.join(model.robot.names)}"
     )
 
 

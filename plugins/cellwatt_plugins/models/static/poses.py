@@ -75,7 +75,7 @@ def read_poses(paths: Sequence[Path], robot: RobotDescription) -> Poses:
 
 
 def _read(path: Path, robot: RobotDescription) -> Poses:
-    table = read_table(path, [joint.name for joint in robot.joints])
+    table = read_table(path, robot.names)
     q = table.needed("position", len(robot.joints))
     torque = torque_in(table, robot)
     known = np.isfinite(q) & np.isfinite(torque)
