@@ -176,13 +176,15 @@ def _joints(table: Table, robot: RobotDescription) -> tuple[dict[str, tuple[str,
     """
     names: dict[str, tuple[str, ...]] = {}
     joints, expected = {}, len(robot.joints)
+    count = len(table.joint_names("position"))
+    has_gripper = count > expected and _all_of(robot, count)
     for quantity in (*NEEDED, *OPTIONAL):
         lossy = quantity in LOSSY
         own = table.some_joint_names(quantity, expected, "position") if lossy else table.joint_names(quantity)
         found = [np.full(len(table), np.nan) if (one := table.channel(name)) is None else one for name in own]
         if not found or (quantity in OPTIONAL and not np.isfinite(found).any()):
             continue
-        if len(own) > expected and _all_of(robot, len(table.joint_names("position"))):
+        if has_gripper:
             own, found = own[:expected], found[:expected]
         names[quantity], joints[quantity] = own, np.column_stack(found)
         if len(own) != expected:
