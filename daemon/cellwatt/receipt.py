@@ -20,19 +20,27 @@ class _WallClock:
     """The wall clock, which stamps the data, and when it was set: stamps from before then tell no waiting time."""
 
     def __init__(self) -> None:
-        self._lead = time.time_ns() - time.monotonic_ns()
+        wall, now = _clocks()
+        self._lead = wall - now
         self._set_at = 0
         """Time of CLOCK_MONOTONIC, ns, before which it was set last."""
 
     def since(self, stamp: int) -> int:
         """Time since a stamp, ns; 0 if it is unknown."""
-        begun, wall, now = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
-        if now - begun < _STEP:  # else this process was interrupted in between, and the difference says nothing
-            before, self._lead = self._lead, wall - now
-            if abs(self._lead - before) > _STEP:
-                self._set_at = now
+        wall, now = _clocks()
+        before, self._lead = self._lead, wall - now
+        if abs(self._lead - before) > _STEP:
+            self._set_at = now
         waited = wall - stamp
         return waited if 0 < waited <= now - self._set_at else 0
+
+
+def _clocks() -> tuple[int, int]:
+    """Read the wall clock and CLOCK_MONOTONIC, ns, again if this process was interrupted in between."""
+    while True:
+        begun, wall, now = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
+        if now - begun < _STEP:
+            return wall, now
 
 
 _clock: Final = _WallClock()

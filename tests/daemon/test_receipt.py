@@ -78,3 +78,20 @@ def test_what_arrives_after_the_wall_clock_was_set_is_stamped_right_again(monkey
     wall, elapsed = wall + 2 * WAIT, elapsed + 2 * WAIT
     assert clock.since(wall - WAIT) == WAIT
     assert clock.since(wall - 3 * WAIT) == 0, "it was stamped before"
+
+
+def test_a_process_that_was_interrupted_between_its_clocks_reads_them_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    wall, elapsed, interruptions = 1_790_000_000 * 10**9, 10**9, [0, WAIT, WAIT]
+
+    def read_wall() -> int:
+        nonlocal wall, elapsed
+        before, interruption = wall, interruptions.pop() if interruptions else 0
+        wall, elapsed = wall + interruption, elapsed + interruption
+        return before
+
+    monkeypatch.setattr(receipt.time, "time_ns", read_wall)
+    monkeypatch.setattr(receipt.time, "monotonic_ns", lambda: elapsed)
+    clock = receipt._WallClock()
+    interruptions.append(WAIT)
+    arrived, wall, elapsed = wall, wall + WAIT, elapsed + WAIT
+    assert clock.since(arrived) == 2 * WAIT

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ from cellwatt_plugins.models import Input
 from cellwatt_plugins.models.power.moves import read_moves
 from cellwatt_plugins.models.predict import inputs_of
 from cellwatt_plugins.models.static.poses import read_poses
+from cellwatt_plugins.robot import Joint, RobotDescription
 from cellwatt_plugins.robot.meter.file import _read as read_meter
 from tests.plugins.models.making import metadata
 
@@ -46,9 +46,7 @@ TABLE = {
     "pose": POSE,
     "operator": ["Ann"] * COUNT,
 }
-ROBOT: Any = SimpleNamespace(
-    joints=[SimpleNamespace(name=f"joint_{i}", kind="revolute", rated_torque=0.0) for i in (1, 2)]
-)
+ROBOT = RobotDescription(robot="arm", urdf=Path("arm.urdf"), joints=(Joint(name="joint_1"), Joint(name="joint_2")))
 
 
 @pytest.fixture(scope="module")
