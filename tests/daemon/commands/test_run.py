@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from threading import Thread
 
 import pytest
 
@@ -19,24 +20,37 @@ from tests.patience import PATIENCE
 __all__ = ["cell"]
 
 
+class Systemd:
+    """Takes what it is told at once, as systemd does: the kernel keeps ten messages."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = str(path)
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._socket.bind(self._path)
+        self._fields: list[str] = []
+        self._listening = Thread(target=self._listen)
+        self._listening.start()
+
+    def _listen(self) -> None:
+        with self._socket:
+            while message := self._socket.recv(4096):
+                self._fields.append(message.decode().split("\n")[0])
+
+    def heard(self) -> list[str]:
+        """First fields of what it was told until now, in order, without the signs of life."""
+        if self._listening.is_alive():
+            with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as end:
+                end.sendto(b"", self._path)
+            self._listening.join()
+        return [field for field in self._fields if field != "WATCHDOG=1"]
+
+
 @pytest.fixture
-def systemd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[socket.socket]:
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) as listening:
-        listening.bind(str(tmp_path / "notify"))
-        monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
-        yield listening
-
-
-def heard(systemd: socket.socket) -> list[str]:
-    """First fields of what systemd was told, in order, without the signs of life."""
-    found: list[str] = []
-    while True:
-        try:
-            field = systemd.recv(4096).decode().split("\n")[0]
-        except BlockingIOError:
-            return found
-        if field != "WATCHDOG=1":
-            found.append(field)
+def systemd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Systemd]:
+    monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
+    listening = Systemd(tmp_path / "notify")
+    yield listening
+    listening.heard()
 
 
 def run(scenario: str, cell: Path) -> Ended:
@@ -62,31 +76,31 @@ def values(cell: Path, source: str) -> list[int]:
 
 
 @pytest.mark.parametrize("signal", ["SIGTERM", "SIGINT"])
-def test_a_signal_ends_it_in_order(cell: Path, systemd: socket.socket, signal: str) -> None:
+def test_a_signal_ends_it_in_order(cell: Path, systemd: Systemd, signal: str) -> None:
     ended = run(signal, cell)
     assert (ended.code, ended.out) == (0, "")
     assert values(cell, "arm") == [0, 1, 2, 3, 4]
-    assert heard(systemd) == ["READY=1", "STOPPING=1"]
+    assert systemd.heard() == ["READY=1", "STOPPING=1"]
     assert not list((cell.parent / "kept").glob("*.part"))
     assert "WARNING" not in ended.err
     assert "ERROR" not in ended.err
 
 
-def test_a_hangup_applies_what_changed(cell: Path, systemd: socket.socket) -> None:
+def test_a_hangup_applies_what_changed(cell: Path, systemd: Systemd) -> None:
     ended = run("one source more", cell)
     assert ended.code == 0
     assert ended.err.count("arm: Maker Model 2.3 answers") == 1
     assert values(cell, "board") == [0, 1]
-    assert heard(systemd) == ["READY=1", "RELOADING=1", "READY=1", "STOPPING=1"]
+    assert systemd.heard() == ["READY=1", "RELOADING=1", "READY=1", "STOPPING=1"]
     kinds = [event.kind for event in Recording.open(cell.parent / "kept").events()]
     assert kinds == ["connected", "reloaded", "connected"] or kinds == ["connected", "connected", "reloaded"]
 
 
-def test_hangups_during_a_reload_are_one_more_and_the_last_file_wins(cell: Path, systemd: socket.socket) -> None:
+def test_hangups_during_a_reload_are_one_more_and_the_last_file_wins(cell: Path, systemd: Systemd) -> None:
     ended = run("a hundred hangups", cell)
     assert ended.code == 0
     assert values(cell, "board") == [0, 1]
-    told = heard(systemd)
+    told = systemd.heard()
     assert told.count("RELOADING=1") == told.count("READY=1") - 1 < 100
 
 
@@ -98,7 +112,7 @@ def test_hangups_during_a_reload_are_one_more_and_the_last_file_wins(cell: Path,
         ("new stage aborts", "the process judge abort ended by signal SIGABRT; nothing was changed"),
     ],
 )
-def test_a_hangup_with_a_mistake_changes_nothing(cell: Path, systemd: socket.socket, scenario: str, words: str) -> None:
+def test_a_hangup_with_a_mistake_changes_nothing(cell: Path, systemd: Systemd, scenario: str, words: str) -> None:
     ended = run(scenario, cell)
     assert ended.code == 0
     assert words in ended.err
@@ -106,7 +120,7 @@ def test_a_hangup_with_a_mistake_changes_nothing(cell: Path, systemd: socket.soc
     assert ended.err.count("arm: Maker Model 2.3 answers") == 1
     assert values(cell, "arm") == [0, 1, 2]
     assert "Traceback" not in ended.err
-    assert heard(systemd) == ["READY=1", "RELOADING=1", "READY=1", "STOPPING=1"]
+    assert systemd.heard() == ["READY=1", "RELOADING=1", "READY=1", "STOPPING=1"]
 
 
 def test_a_stage_that_does_not_fit_is_told_before_anything_is_opened(cell: Path) -> None:

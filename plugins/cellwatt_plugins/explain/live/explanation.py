@@ -73,6 +73,8 @@ class Explanation:
         code = self._process.poll()
         if code is None:
             return self._too_much()
+        if code == -signal.SIGXCPU:
+            return Outcome(self.folder, None, self._late())
         if code != 0:
             return Outcome(self.folder, None, self._last_words(code))
         try:
@@ -87,13 +89,16 @@ class Explanation:
 
     def _too_much(self) -> Outcome | None:
         if time.monotonic() > self._deadline:
-            reason = f"it took longer than {self._limit:.0f} s (explain.limit)"
+            reason = self._late()
         elif _resident(self._process.pid) > self._memory:
             reason = f"it needed more than {self._memory * 1e-6:.0f} MB (explain.memory)"
         else:
             return None
         self.stop()
         return Outcome(self.folder, None, reason)
+
+    def _late(self) -> str:
+        return f"it took longer than {self._limit:.0f} s (explain.limit)"
 
     def _last_words(self, code: int) -> str:
         how = f"exit code {code}" if code > 0 else f"signal {-code}"
@@ -128,7 +133,8 @@ def _restrain(process: int, limit: float) -> bool:
     permitted."""
     seconds = int(limit) + 1
     try:
-        resource.prlimit(process, resource.RLIMIT_CPU, (seconds, seconds))
+        resource.prlimit(process, resource.RLIMIT_CPU, (seconds, seconds + 1))  # SIGXCPU, then SIGKILL
+        resource.prlimit(process, resource.RLIMIT_CORE, (0, 0))
         setpriority(PRIO_PROCESS, process, NICENESS)
     except PermissionError:
         return False

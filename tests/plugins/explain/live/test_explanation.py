@@ -142,6 +142,15 @@ def test_it_may_not_take_more_than_allowed(watch, takes, reason):
     assert not psutil.Process().children()
 
 
+def test_it_ends_by_itself_where_no_frames_come_to_stop_it(watch):
+    watched = watch(limit=0.01)
+    assert watched.until(22) == []
+    assert psutil.Process().children()
+    children_done()
+    (alarm,) = watched.until(31)
+    assert "took longer than" in alarm.statement
+
+
 def test_it_is_not_tried_more_often_than_allowed(watch, tmp_path):
     watched = watch(limit=0.01, every=5.0)
     alarms = watched.until(39)
@@ -156,7 +165,7 @@ def test_it_gives_way_and_ends_by_itself(watch):
     watched.until(33)
     (child,) = psutil.Process().children()
     assert child.nice() == 19
-    assert child.rlimit(psutil.RLIMIT_CPU) == (46, 46)
+    assert child.rlimit(psutil.RLIMIT_CPU) == (46, 47)
 
 
 def test_the_newest_stay_and_the_new_one_whatever_the_clock_says(tmp_path):
