@@ -11,6 +11,7 @@ from scipy.ndimage import median_filter
 
 from cellwatt.arrays import Bool, Float
 from cellwatt.errors import RecordingError
+from cellwatt_plugins.explain.input.stamps import sampled
 from cellwatt_plugins.robot.meter.held import onto
 from cellwatt_plugins.robot.samples import most_points
 from cellwatt_plugins.robot.stretches import stretches
@@ -96,11 +97,18 @@ def even(
         if wrong.any() and name not in slow:
             first = time[wrong][0]
             notes.append(f"{place}: {int(wrong.sum())} unusable values of {name} filled in, first at t = {first:.3f} s")
+    curved = [name for name in positions if np.isfinite(filled[name]).all()]
+    stamps, time = time, time if _is_even(time) else sampled(time, [filled[name] for name in curved])
+    if time is not stamps:
+        late = 1e3 * float(np.max(np.abs(stamps - time)))
+        notes.append(
+            f"{place}: rows were sampled evenly and stamped up to {late:.1f} ms off, as the positions show: even times "
+            "are used"
+        )
     grid = _grid(place, time)
     if grid is time:
         return Even(_line(time), filled, bad, tuple(notes))
     gaps = _holes(time, grid) | (np.interp(grid, time, bad) > 0)
-    curved = [name for name in positions if np.isfinite(filled[name]).all()]
     columns = {
         name: onto(grid, time, values)
         if name == power
@@ -196,10 +204,13 @@ def _line(time: Float) -> Float:
     return np.linspace(time[0], time[-1], len(time))
 
 
+def _is_even(time: Float) -> bool:
+    return bool(np.max(np.abs(time - _line(time))) <= EVEN * (time[-1] - time[0]) / (len(time) - 1))
+
+
 def _grid(place: str, time: Float) -> Float:
     """``time`` itself where it is even, else a grid at its median rate."""
-    step = (time[-1] - time[0]) / (len(time) - 1)
-    if np.max(np.abs(time - _line(time))) <= EVEN * step:
+    if _is_even(time):
         return time
     middle = float(np.median(np.diff(time)))
     count = int((time[-1] - time[0]) / middle + 1e-6) + 1
