@@ -43,6 +43,15 @@ def test_a_slow_log_is_taken_as_it_is(rate, tmp_path, described, arm):
     assert "elasticity, backlash, delays, contacts" in notes
 
 
+def test_rows_that_a_busy_logger_stamped_late_get_their_own_times(tmp_path, described, arm):
+    run = recorded(described, excitation(1))
+    late = np.random.default_rng(1).uniform(0, 0.4 * run.step, len(run.time))
+    read = read_runs([logged(tmp_path, replace(run, time=run.time + late))], [], arm.description)[0]
+    (note,) = [note for note in examine([read], arm)[1] if "stamped" in note]
+    assert "up to 2.0 ms off, as the positions show" in note
+    np.testing.assert_array_equal(read.position, run.position)
+
+
 def jittering(size, share=0.05):
     """A joint at rest at 0.4 rad whose encoder now and then shows one step more."""
     random = np.random.default_rng(5)
