@@ -11,7 +11,7 @@ from scipy.ndimage import median_filter
 
 from cellwatt.arrays import Bool, Float
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.explain.input.stamps import sampled
+from cellwatt_plugins.explain.input.stamps import repeats, sampled
 from cellwatt_plugins.robot.meter.held import onto
 from cellwatt_plugins.robot.samples import most_points
 from cellwatt_plugins.robot.stretches import stretches
@@ -66,13 +66,19 @@ def even(
 
     Holes in time and single missing values are filled in and marked as gaps. Missing values of ``slow`` columns, which
     change over minutes, are filled in without a mark; a ``slow`` column without any value is omitted. Glitches of
-    ``positions`` are replaced. If more than a few values are missing, ``lossy`` columns stay NaN there, and ``spare``
-    columns are omitted. ``power`` of a slow meter is held. Raises ``RecordingError`` if too much is missing, or if the
-    time does not rise or jumps.
+    ``positions`` are replaced, rows that repeat them left out, and stamps corrected by them. If more than a few values
+    are missing, ``lossy`` columns stay NaN there, and ``spare`` columns are omitted. ``power`` of a slow meter is held.
+    Raises ``RecordingError`` if too much is missing, or if the time does not rise or jumps.
     """
     valid, notes = _rising(place, time)
     time, columns = time[valid], {name: values[valid] for name, values in columns.items()}
     _in_seconds(place, time)
+    if (repeated := repeats([columns[name] for name in positions])).any():
+        time, columns = time[~repeated], {name: values[~repeated] for name, values in columns.items()}
+        notes.append(
+            f"{place}: {int(repeated.sum())} of {len(repeated)} rows left out, which repeat the positions of the row "
+            "before: the log is faster than the controller's samples"
+        )
     bad = np.zeros(len(time), bool)
     filled: dict[str, Float] = {}
     for name, values in columns.items():
@@ -98,11 +104,11 @@ def even(
             first = time[wrong][0]
             notes.append(f"{place}: {int(wrong.sum())} unusable values of {name} filled in, first at t = {first:.3f} s")
     curved = [name for name in positions if np.isfinite(filled[name]).all()]
-    stamps, time = time, time if _is_even(time) else sampled(time, [filled[name] for name in curved])
+    stamps, time = time, sampled(time, [filled[name] for name in curved])
     if time is not stamps:
         late = 1e3 * float(np.max(np.abs(stamps - time)))
         notes.append(
-            f"{place}: rows were sampled evenly and stamped up to {late:.1f} ms off, as the positions show: even times "
+            f"{place}: rows were sampled up to {late:.1f} ms from their stamps, as the positions show: their own times "
             "are used"
         )
     grid = _grid(place, time)

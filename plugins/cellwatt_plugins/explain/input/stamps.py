@@ -1,69 +1,194 @@
-"""Times at which rows were sampled: a logger may stamp unevenly what a controller sampled evenly."""
+"""Times at which rows were sampled: a logger may repeat rows, and stamp them at other times than their samples have."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from scipy.linalg import solveh_banded
 from scipy.signal import savgol_filter
 
-from cellwatt.arrays import Float
+from cellwatt.arrays import Bool, Float
 
+MOST_REPEATED = 8
+"""Distance, in rows, of two samples above which the arm stands still: rows in between are no repetitions."""
+REPEATED = 0.1
+"""Repetitions per sample of a moving arm above which the logger is faster than what it logs."""
+COUNTS = 8.0
+"""Step of a position, in its smallest steps, before which a sample would have shown some of the motion."""
 HOLE = 4.5
 """Step, in median steps, across which positions are not compared: the motion in between is unknown."""
 FARTHEST = 4.0
-"""Largest distance, in steps, of a stamp from the even time that replaces it."""
+"""Largest distance, in steps, of a stamp from the time that replaces it."""
 SMOOTHED = 9
 """Rows over which a velocity is fitted, so that it does not follow the noise of a row."""
 SURE = 5.0
 """Standard errors between what the positions show and the middle of both answers."""
+ROUNDS = 3
+"""Estimates of the rows' own times: the weights of each depend on the times before."""
+TOGETHER = 10.0
+"""Least mean square that a row's time takes off, in variances of noise, and in those that it leaves."""
+ALONG = 0.3
+"""Share of the fastest joint's speed from which a joint tells the time of a row."""
+LEAST = 0.01
+"""Standard deviation of the rows' own times about the stamps, in steps, below which the stamps are right."""
+FINEST = 1e-7
+"""Least noise of a position, rad or m: rounding to single precision."""
+SLOWEST = 0.1
+"""Step, s, above which rows do not resolve the motion, so that it looks like wrong times where joints move alike."""
+ALTERNATE = -0.6
+"""Correlation of the deviations of neighbouring rows, below which single rows are late: -0.8 for white noise. Where all
+joints turn or brake at once, the motion itself deviates alike, from row to row with less change of sign."""
+NEIGHBOURS = (0, 1, 3, 4)
+"""Rows, of five, from whose cubic the one in the middle deviates."""
+
+
+def repeats(positions: Sequence[Float]) -> Bool:
+    """True (N,) at rows that repeat the ``positions``, each (N,), of the row before, as the logger is the faster one.
+
+    At rest, where samples are alike, as many rows as in motion count as repetitions.
+    """
+    steps = np.abs(np.diff(np.column_stack(positions), axis=0))
+    least = np.min(steps, axis=0, where=steps > 0, initial=np.inf)
+    fresh = np.flatnonzero((steps > 0).any(axis=1)) + 1
+    apart = np.diff(fresh, prepend=0)
+    fast = (apart <= MOST_REPEATED) & (steps[fresh - 1] >= COUNTS * least).any(axis=1)
+    out = np.zeros(len(steps) + 1, np.bool_)
+    if fast.sum() >= SMOOTHED and (every := float(apart[fast].mean())) > 1 + REPEATED:
+        out[:] = True
+        out[[0, *fresh]] = False
+        for first, rows in zip(fresh - apart, apart, strict=True):
+            if rows > MOST_REPEATED:
+                out[first : first + rows : round(every)] = False
+    return out
 
 
 def sampled(time: Float, positions: Sequence[Float]) -> Float:
-    """Even times (N,) s in place of the stamps ``time`` (N,) s, if ``positions``, each (N,), show them.
+    """Times (N,) s of the samples of ``positions``, each (N,), that a logger stamped at ``time`` (N,) s.
 
-    Missing rows stay missing. Without even times that positions show, ``time`` itself.
+    Even times if the positions show them; then the times of single rows that joints moving together show, as a row that
+    was sampled late shows each joint ahead by its velocity times the delay. Missing rows stay missing. ``time`` itself
+    if the positions do not show that it is wrong.
     """
     if len(time) < SMOOTHED or not positions:
         return time
+    values = np.column_stack(positions)
     near = np.convolve(np.diff(time) < HOLE * np.median(np.diff(time)), np.ones(4), "valid") > 3.5
+    found = _own(_evenly(time, values, near), values, near)
+    step = float(np.median(np.diff(found)))
+    return found if np.all(np.diff(found) > 0) and np.abs(found - time).max() < FARTHEST * step else time
+
+
+def _evenly(time: Float, values: Float, near: Bool) -> Float:
+    """Even times in place of ``time`` (N,) s if ``values`` (N, n), in the stencils ``near`` (N - 4,), show them."""
     best, least = time, np.inf
     for even, step in _even(time):
-        off = [_deviation(even, values)[near] for values in positions]
+        off = _deviation(_cubic(even), values)[near]
         if np.abs(even - time).max() < FARTHEST * step and (rough := float(np.sum(np.square(off)))) < least:
-            moved = _deviation(even, time - even)
-            slopes = [savgol_filter(values, SMOOTHED, 2, deriv=1, delta=step)[2:-2] for values in positions]
-            best = even if _shows(off, [(slope * moved)[near] for slope in slopes]) else time
-            least = rough
+            stamped = _deviation(_cubic(even), (time - even)[:, None]) * _speed(values, step)
+            best, least = even if _shows(off, stamped[near]) else time, rough
     return best
 
 
 def _even(time: Float) -> Iterator[tuple[Float, float]]:
     """Candidates (N,) s and their step, s: rows numbered one by one, and by their stamps to the nearest step."""
     steps = np.diff(time)
-    numbers = np.maximum(np.round(steps / np.median(steps)), 1.0)
+    usual = steps[steps < HOLE * np.median(steps)].mean()
+    numbers = np.maximum(np.round(steps / usual), 1.0)
     for counted in (np.ones(len(steps)), numbers):
         number = np.concatenate([[0.0], np.cumsum(counted)])
         step, start = np.polyfit(number, time, 1)
         yield start + step * number, float(step)
 
 
-def _deviation(time: Float, values: Float) -> Float:
-    """Deviation (N - 4,) of values (N,) at ``time`` (N,) s from the cubic through the two rows on either side."""
-    rows = (0, 1, 3, 4)
-    offsets = [time[k : len(time) - 4 + k] - time[2:-2] for k in rows]
-    out = values[2:-2].copy()
-    for k, own in zip(rows, offsets, strict=True):
-        others = [other / (other - own) for other in offsets if other is not own]
-        out -= np.prod(others, axis=0) * values[k : len(values) - 4 + k]
-    return out
-
-
-def _shows(off: Sequence[Float], stamped: Sequence[Float]) -> bool:
+def _shows(off: Float, stamped: Float) -> bool:
     """True if the deviations ``off`` at even times are not those, ``stamped``, of rows sampled at their stamps."""
-    seen, expected = np.concatenate(off), np.concatenate(stamped)
-    if not (size := float(expected @ expected)):
+    if not (size := float(np.sum(np.square(stamped)))):
         return False
-    share = float(seen @ expected) / size
-    error = float(np.sqrt(np.mean(np.square(seen - share * expected)) / size))
+    share = float(np.sum(off * stamped)) / size
+    error = float(np.sqrt(np.mean(np.square(off - share * stamped)) / size))
     return share + SURE * error < 0.5
+
+
+def _own(time: Float, values: Float, near: Bool) -> Float:
+    """Times (N,) s of single rows that the joints of ``values`` (N, n) show together, about ``time`` (N,) s.
+
+    The most probable times, if they deviate from ``time`` by white noise, and positions by that of each joint.
+    """
+    noise: Float | None = None
+    for _ in range(ROUNDS):
+        weights, step = _cubic(time), float(np.median(np.diff(time)))
+        off, speed = _deviation(weights, values), _speed(values, step)
+        several = np.sqrt(1 + np.sum(np.square(weights), axis=1))[:, None]
+        noise = _noise(off / several, speed, near) if noise is None else noise
+        off, speed = off / (several * noise), speed / (several * noise)
+        sure = np.where(near, np.sum(np.square(speed), axis=1), 0.0)
+        late = np.sum(off * speed, axis=1) / np.where(sure > 0, sure, np.inf)
+        known, size = _common(off, speed, near)
+        spread, again = _spread(late, sure * known, several[:, 0])
+        if step > SLOWEST or size < TOGETHER or spread < (LEAST * step) ** 2 or again > ALTERNATE:
+            break
+        time = time + _delays(weights, sure, late, spread)
+    return time
+
+
+def _spread(late: Float, sure: Float, several: Float) -> tuple[float, float]:
+    """Variance of the rows' times, s², by the deviations ``late`` (N - 4,) s from ``several`` rows each, and the
+    correlation of neighbouring deviations; ``sure`` (N - 4,) are their weights."""
+    pairs = np.sqrt(sure[1:] * sure[:-1]) * late[1:] * late[:-1]
+    size, total = float(np.sum(sure * np.square(late))), max(float(np.sum(sure)), 1e-30)
+    return float(np.sum(sure * np.square(late / several))) / total, float(np.sum(pairs)) / max(size, 1e-30)
+
+
+def _noise(off: Float, speed: Float, near: Bool) -> Float:
+    """Standard deviation (n,) of each position, from its deviations (N - 4, n) where the joint is slow."""
+    slow = near[:, None] & (np.abs(speed) <= np.quantile(np.abs(speed[near]), 0.25, axis=0))
+    return np.asarray(np.maximum(np.sqrt(np.mean(np.square(off), axis=0, where=slow)), FINEST))
+
+
+def _common(off: Float, speed: Float, near: Bool) -> tuple[Bool, float]:
+    """True (N - 4,) at rows with several moving joints; and the mean square, in those of noise and of what is left,
+    that one time per row takes off their deviations ``off`` (N - 4, n) in units of noise."""
+    moving = np.abs(speed) >= ALONG * np.max(np.abs(speed), axis=1, keepdims=True)
+    rows: Bool = near & (moving.sum(axis=1) > 1) & (np.max(np.abs(speed), axis=1) > 0)
+    if not rows.any():
+        return rows, 0.0
+    off, speed, others = (off * moving)[rows], (speed * moving)[rows], moving[rows].sum(axis=1) - 1
+    taken = np.sum(off * speed, axis=1) ** 2 / np.sum(np.square(speed), axis=1)
+    left = np.sum((np.sum(np.square(off), axis=1) - taken) / others)
+    return rows, float(min(taken.mean(), taken.sum() / max(float(left), 1e-30)))
+
+
+def _delays(weights: Float, sure: Float, late: Float, spread: float) -> Float:
+    """Most probable delays (N,) s of rows with the variance ``spread`` s², of which the cubics of ``weights`` show
+    ``late`` (N - 4,) s with the inverse variances ``sure`` (N - 4,)."""
+    count = len(sure)
+    full = np.insert(-weights, 2, 1.0, axis=1)
+    banded, right = np.zeros((5, count + 4)), np.zeros(count + 4)
+    banded[0] = 1 / spread
+    for k in range(5):
+        right[k : k + count] += sure * full[:, k] * late
+        for other in range(k, 5):
+            banded[other - k, k : k + count] += sure * full[:, k] * full[:, other]
+    return np.asarray(solveh_banded(banded, right, lower=True))
+
+
+def _speed(values: Float, step: float) -> Float:
+    """Velocities (N - 4, n) of values (N, n)."""
+    return np.asarray(savgol_filter(values, SMOOTHED, 2, deriv=1, delta=step, axis=0)[2:-2])
+
+
+def _cubic(time: Float) -> Float:
+    """Weights (N - 4, 4) of the ``NEIGHBOURS`` of each row in the cubic through them at its ``time`` (N,) s."""
+    offsets = [time[k : len(time) - 4 + k] - time[2:-2] for k in NEIGHBOURS]
+    return np.column_stack(
+        [np.prod([other / (other - own) for other in offsets if other is not own], axis=0) for own in offsets]
+    )
+
+
+def _deviation(weights: Float, values: Float) -> Float:
+    """Deviations (N - 4, n) of values (N, n) from the cubics of their neighbours."""
+    out = values[2:-2].copy()
+    for k, weight in zip(NEIGHBOURS, weights.T, strict=True):
+        out -= weight[:, None] * values[k : len(values) - 4 + k]
+    return out

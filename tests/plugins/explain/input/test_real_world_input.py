@@ -47,8 +47,19 @@ def test_rows_that_a_busy_logger_stamped_late_get_their_own_times(tmp_path, desc
     run = recorded(described, excitation(1))
     late = np.random.default_rng(1).uniform(0, 0.4 * run.step, len(run.time))
     read = read_runs([logged(tmp_path, replace(run, time=run.time + late))], [], arm.description)[0]
-    (note,) = [note for note in examine([read], arm)[1] if "stamped" in note]
-    assert "up to 2.0 ms off, as the positions show" in note
+    (note,) = [note for note in examine([read], arm)[1] if "stamps" in note]
+    assert "rows were sampled up to 2.0 ms from their stamps, as the positions show" in note
+    np.testing.assert_array_equal(read.position, run.position)
+
+
+def test_rows_that_a_fast_logger_repeated_are_left_out(tmp_path, described, arm):
+    run = recorded(described, excitation(1))
+    rows = np.repeat(np.arange(len(run.time)), 2)
+    twice = {name: getattr(run, name)[rows] for name in ("position", "velocity", "torque")}
+    half = run.time[0] + 0.5 * run.step * np.arange(len(rows))
+    read = read_runs([logged(tmp_path, replace(run, time=half, **twice))], [], arm.description)[0]
+    (note,) = [note for note in examine([read], arm)[1] if "repeat" in note]
+    assert f"{len(run.time)} of {len(rows)} rows left out" in note
     np.testing.assert_array_equal(read.position, run.position)
 
 

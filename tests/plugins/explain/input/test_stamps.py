@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cellwatt_plugins.explain.input.stamps import sampled
+from cellwatt_plugins.explain.input.stamps import repeats, sampled
 
 STEP, ROWS = 0.008, 2500
 EVEN = 100.0 + STEP * np.arange(ROWS)
@@ -51,6 +51,52 @@ def test_rows_sampled_evenly_get_even_times_again(how, noise):
 def test_rows_sampled_unevenly_keep_their_stamps(spread, noise):
     time = EVEN[0] + np.cumsum(STEP + np.random.default_rng(4).exponential(spread * STEP, ROWS))
     assert sampled(time, positions(time, noise)) is time
+
+
+@pytest.mark.parametrize("noise", [1e-6, 1e-5, 1e-4])
+@pytest.mark.parametrize("period", [0.0022, 0.0065])
+def test_rows_with_the_newest_sample_of_a_faster_controller_get_its_times(period, noise):
+    loop = 100.0 + np.cumsum(STEP + np.random.default_rng(6).exponential(0.03 * STEP, ROWS))
+    for stamps in (loop, EVEN + 0.0011):
+        truth = np.floor(stamps / period) * period
+        found = sampled(stamps, positions(truth, noise))
+        before, after = (np.std(np.diff(times) - np.diff(truth)) for times in (stamps, found))
+        assert after < 0.2 * before
+
+
+def test_one_joint_shows_no_time_of_a_row_as_it_may_shake():
+    stamps, truth = EVEN, EVEN + np.random.default_rng(7).uniform(-0.2, 0.2, ROWS) * STEP
+    assert sampled(stamps, positions(truth, 1e-5)[:1]) is stamps
+    shaken = [values + 1e-3 * np.sin(70 * k * EVEN) for k, values in enumerate(positions(EVEN, 1e-5), start=1)]
+    assert sampled(stamps, shaken) is stamps
+
+
+@pytest.mark.parametrize("rate", [2, 10, 15, 50, 250])
+def test_joints_that_start_and_stop_together_are_no_wrong_times(rate):
+    time = np.arange(0, 60, 1 / rate)
+    course = np.clip((time % 1.7) / 1.2, 0, 1)
+    share = 10 * course**3 - 15 * course**4 + 6 * course**5
+    share = np.where(time % 3.4 < 1.7, share, 1 - share)
+    together = [size * share for size in (1.0, -0.7, 0.4, 1.3, -1.1, 0.2)]
+    assert sampled(time, together) is time
+
+
+@pytest.mark.parametrize("faster", [1.3, 2.0, 5.0])
+def test_repeated_rows_are_found(faster):
+    rest = EVEN + np.where(np.abs(np.arange(ROWS) - 1000) < 200, EVEN[1000] - EVEN, 0)
+    time = np.arange(EVEN[0], EVEN[-1], STEP / faster)
+    held = np.searchsorted(EVEN, time + 1e-9, side="right") - 1
+    left = ~repeats([values[held] for values in positions(rest, 0.0)])
+    moving = np.abs(held - 1000) > 220
+    np.testing.assert_array_equal(held[left & moving], np.unique(held[moving]))
+    assert np.sum(left) == pytest.approx(ROWS, rel=0.05), "at rest as many rows remain as in motion"
+
+
+def test_coarse_encoders_repeat_no_row():
+    slow = [np.round(values * 1000 / 6.28) for values in positions(100 + 0.02 * (EVEN - 100), 0.0)]
+    assert np.mean(np.all(np.diff(np.column_stack(slow), axis=0) == 0, axis=1)) > 0.1
+    assert not repeats(slow).any()
+    assert not repeats(positions(EVEN, 1e-5)).any()
 
 
 def test_what_does_not_move_shows_nothing():
