@@ -74,6 +74,8 @@ def sampled(time: Float, positions: Sequence[Float]) -> Float:
         return time
     values = np.column_stack(positions)
     near = np.convolve(np.diff(time) < HOLE * np.median(np.diff(time)), np.ones(4), "valid") > 3.5
+    if near.sum() < SMOOTHED:
+        return time
     found = _own(_evenly(time, values, near), values, near)
     step = float(np.median(np.diff(found)))
     return found if np.all(np.diff(found) > 0) and np.abs(found - time).max() < FARTHEST * step else time
