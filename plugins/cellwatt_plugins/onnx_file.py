@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -52,6 +53,8 @@ class OnnxFile:
 
     def __init__(self, model: Path | bytes) -> None:
         self.path = model if isinstance(model, Path) else None
+        # Before the import, which else writes a device ID into the home folder, and reports to its maker.
+        os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
         try:
             import onnxruntime
         except ImportError as error:

@@ -19,6 +19,7 @@ import contextlib
 import mmap
 import os
 import struct
+import weakref
 import zlib
 from typing import Final, NamedTuple
 
@@ -62,6 +63,7 @@ class Ring:
         self._declarations = view[_START : _START + DECLARATIONS]
         self._data = view[_START + DECLARATIONS :]
         self._bells = tuple(os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC) for _ in range(readers))
+        self._silence = weakref.finalize(self, _close, self._bells)
 
     @property
     def largest(self) -> int:
@@ -231,5 +233,9 @@ class Ring:
         for view in (self._words, self._declarations, self._data):
             view.release()
         self._memory.close()
-        for bell in self._bells:
-            os.close(bell)
+        self._silence()
+
+
+def _close(descriptors: tuple[int, ...]) -> None:
+    for descriptor in descriptors:
+        os.close(descriptor)

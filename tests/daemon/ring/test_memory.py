@@ -188,3 +188,12 @@ def test_only_readers_that_listen_are_rung(ring):
     ring.listen(0)
     put(ring, 1)
     assert os.eventfd_read(ring.bell(0)) == 1
+
+
+def test_a_ring_that_nobody_has_any_more_leaves_no_descriptor_open():
+    ring = Ring(4096, readers=2)
+    bell = ring.bell(1)
+    os.fstat(bell)
+    del ring
+    with pytest.raises(OSError, match="Bad file descriptor"):
+        os.fstat(bell)

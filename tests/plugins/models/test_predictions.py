@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 
@@ -64,6 +65,16 @@ def test_other_blocks_give_the_same(tmp_path, seed, window, edges, holes):
     scale = np.nanmax(np.abs(whole), initial=0.0)
     np.testing.assert_allclose(outputs(live), whole, rtol=1e-6, atol=1e-6 * scale)
     assert alarms(live) == alarms(offline)
+
+
+def test_a_model_tells_nobody_of_itself(tmp_path):
+    path = Mlp.random(1).save(tmp_path / "m.onnx", metadata())
+    home = tmp_path / "home"
+    home.mkdir()
+    code = f"from pathlib import Path; from cellwatt_plugins.onnx_file import OnnxFile; OnnxFile(Path({str(path)!r}))"
+    where = {"HOME": str(home), "XDG_CACHE_HOME": str(home), "PYTHONPATH": os.pathsep.join(sys.path)}
+    subprocess.run([sys.executable, "-c", code], env=where, check=True)
+    assert list(home.rglob("*")) == [], "onnxruntime writes the PC's number there, for its reports"
 
 
 def test_the_import_waits_for_a_model():
