@@ -30,6 +30,8 @@ ABSURD = 1e9
 """No quantity of a robot is that large in any unit: the bytes were damaged."""
 EVEN = 0.02
 """Share of a step by which the times of an evenly sampled file may deviate."""
+ALIKE, NEARLY_ALL = 0.1, 0.9
+"""Share of a step by which steps of one rate differ, and share of the steps of a file that are nearly all."""
 HOLE = 2.5
 """Distance of two rows, in steps, above which samples are missing between them."""
 GLITCH = 10.0
@@ -62,7 +64,7 @@ def even(
     spare: Collection[str] = (),
     power: str | None = None,
 ) -> Even:
-    """Resample columns (R,) at ``time`` (R,) s to an even grid of their median rate.
+    """Resample columns (R,) at ``time`` (R,) s to an even grid of their rate.
 
     Holes in time and single missing values are filled in and marked as gaps. Missing values of ``slow`` columns, which
     change over minutes, are filled in without a mark; a ``slow`` column without any value is omitted. Glitches of
@@ -215,13 +217,15 @@ def _is_even(time: Float) -> bool:
 
 
 def _grid(place: str, time: Float) -> Float:
-    """``time`` itself where it is even, else a grid at its median rate."""
+    """``time`` itself where it is even, else a grid at the rate of nearly all of its rows, or at their mean rate."""
     if _is_even(time):
         return time
-    middle = float(np.median(np.diff(time)))
+    steps, middle = np.diff(time), float(np.median(np.diff(time)))
+    if np.mean(np.abs(steps - middle) < ALIKE * middle) < NEARLY_ALL:
+        middle = float(np.mean(steps[steps < HOLE * middle]))
     count = int((time[-1] - time[0]) / middle + 1e-6) + 1
     if count > most_points(len(time)):
-        i = int(np.argmax(np.diff(time)))
+        i = int(np.argmax(steps))
         raise RecordingError(
             f"{place}: the time jumps from {time[i]:.3f} to {time[i + 1]:.3f} s in row {i + 2}: was the clock set? "
             "Give the recordings before and after the jump as separate files, or leave out the shorter one"

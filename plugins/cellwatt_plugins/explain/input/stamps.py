@@ -86,7 +86,7 @@ def _evenly(time: Float, values: Float, near: Bool) -> Float:
     best, least = time, np.inf
     for even, step in _even(time):
         off = _deviation(_cubic(even), values)[near]
-        if np.abs(even - time).max() < FARTHEST * step and (rough := float(np.sum(np.square(off)))) < least:
+        if LEAST * step < np.abs(even - time).max() < FARTHEST * step and (rough := float(np.sum(np.square(off)))) < least:
             stamped = _deviation(_cubic(even), (time - even)[:, None]) * _speed(values, step)
             best, least = even if _shows(off, stamped[near]) else time, rough
     return best

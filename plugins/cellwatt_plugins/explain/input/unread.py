@@ -1,4 +1,4 @@
-"""Torque channels without information on the arm: not recorded, or not read while the joint moved."""
+"""Torques without information on the arm: not recorded, not read while the joint moved, or of drives that were off."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from cellwatt.arrays import Bool, Float
 from cellwatt_plugins.explain.input.factors import MOVES, joints_text, usable
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.robot.motion import rates
+from cellwatt_plugins.robot.stretches import stretches
 
 SAMPLES = 2000
 """Samples of a run that are examined."""
@@ -25,11 +27,29 @@ TURNED = 0.02
 ROWS_EACH = 10
 """Rows per term that a regression needs to distinguish relation from chance."""
 
+STILL = 0.01
+"""rad/s below which a joint rests."""
+NO_TORQUE = 0.02
+"""Share of a joint's largest torque below which it has none …"""
+CHANCE = 4.0
+"""… and the same in standard deviations of the mean noise at rest."""
+AVERAGED, SHORTEST = 0.5, 1.0
+"""Time, s, over which torques are averaged, and shortest time without torque after which drives count as off."""
+
 
 def without_unread(run: Run) -> Run:
-    """The run with NaN for the torque of each joint whose channel is constant, or noise unrelated to the motion."""
+    """The run with NaN for the torque of each joint whose channel is constant, or noise unrelated to the motion; and
+    for all torques while the drives are off."""
     dead = _dead(run)
-    return replace(run, torque=np.where(dead, np.nan, run.torque)) if dead.any() else run
+    run = replace(run, torque=np.where(dead, np.nan, run.torque)) if dead.any() else run
+    off = _off(run)
+    if not off.any():
+        return run
+    note = (
+        f"{run.name}: {run.step * np.count_nonzero(off):.2g} s at rest without torque at any joint, first at "
+        f"{run.time[np.argmax(off)]:.2f} s: the drives were off. These rows are not used"
+    )
+    return replace(run, torque=np.where(off[:, None], np.nan, run.torque), notes=(*run.notes, note))
 
 
 def unread(run: Run) -> Bool:
@@ -70,6 +90,23 @@ def _dead(run: Run) -> Bool:
         terms = _terms(run)[rows]
         dead[suspect] = [_related(terms, torque[:, i]) < RELATED for i in np.flatnonzero(suspect)]
     return dead
+
+
+def _off(run: Run) -> Bool:
+    """(N,) true at rests in which no joint has torque: brakes hold the arm, and drives or their sensors are off."""
+    torque = np.nan_to_num(run.torque[:, ~unread(run)])
+    still = np.all(np.abs(rates(run.position, run.step)[1]) < STILL, axis=1)
+    if not torque.size or run.step * still.sum() < SHORTEST:
+        return np.zeros(len(still), np.bool_)
+    window = max(1, round(AVERAGED / run.step))
+    mean = np.abs(uniform_filter1d(torque, window, axis=0, mode="nearest"))
+    noise = np.std(np.diff(torque, axis=0)[still[1:]], axis=0) / np.sqrt(2 * window)
+    idle = still & np.all(mean < np.maximum(NO_TORQUE * np.max(np.abs(torque), axis=0), CHANCE * noise), axis=1)
+    off = np.zeros(len(still), np.bool_)
+    for first, end in stretches(idle):
+        if (end - first) * run.step >= SHORTEST:
+            off[max(first - window // 2, 0) : end + window // 2] = True
+    return np.asarray(off & still, np.bool_)
 
 
 def _terms(run: Run) -> Float:
