@@ -63,6 +63,8 @@ def rejection(before: Solution, after: Solution, thresholds: Thresholds, gain: f
         return "its shape runs to the limit of its range"
     if not term.effect.resolved(after.problem.states, term.joint, tuple(BARELY * x for x in term.shape)):
         return "is too small to distinguish from the sampling of the motion"
+    if not sound(after, term):
+        return "takes off more friction than the joint has"
     if term.effect.acceptance.several_channels and not seen_by_several(before, after.block(term)[0]):
         return "only one channel supports it"
     if after.problem.side == "supply":
@@ -189,6 +191,18 @@ def physical(term: Term, coefficients: Float, robot: RobotDescription) -> bool:
         return first + effect.described(robot, term.joint) > 0
     above = effect.acceptance.above
     return above is None or first > above
+
+
+def sound(solution: Solution, term: Term) -> bool:
+    """True if a fitted term is ``physical``, and what it lessens, if its first coefficient is negative, is there."""
+    robot, coefficients = solution.problem.states[0].robot, solution.coefficients(term)
+    lessened = term.effect.relations.lessens
+    if not physical(term, coefficients, robot):
+        return False
+    if not lessened or term.joint is None or coefficients[0] > 0:
+        return True
+    found = {t.effect.name for t in solution.terms if t.joint == term.joint}
+    return any(name in found or robot.column(name)[term.joint] > 0 for name in lessened)
 
 
 def within_prior(term: Term, coefficients: Float, prior: Prior) -> bool:

@@ -83,6 +83,9 @@ class Relations:
     """The one state that its torque is a law of, if so: a free curve of that state must not fit much better."""
     upon: tuple[str, ...] = ()
     """Effects that are present wherever it is: with evidence of their own, they remain although it can replace them."""
+    lessens: tuple[str, ...] = ()
+    """Parameters of robot.yaml and effects of that name, of which its joint has one where the first coefficient is
+    negative."""
     beats: tuple[str, ...] = ()
     """Plainer effects: compared with each of them, it must lower the error on data left out."""
 

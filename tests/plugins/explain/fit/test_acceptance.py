@@ -1,9 +1,11 @@
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from cellwatt_plugins.explain.fit.acceptance import unconfirmed
+from cellwatt_plugins.explain.fit.acceptance import sound, unconfirmed
 from cellwatt_plugins.explain.fit.problem import Problem, Term
 from cellwatt_plugins.explain.fit.sides import torque_problem
 from cellwatt_plugins.explain.fit.solution import Solution
@@ -44,10 +46,27 @@ def test_a_ripple_that_is_not_there_does_not(problem, ripple):
     assert judged(problem, OFFSET, ripple) is not None
 
 
-@pytest.mark.parametrize(("centre", "sound"), [(0.3, True), (1.8, False)])
-def test_a_load_far_from_the_flange_is_none(problem, centre, sound):
+@pytest.mark.parametrize(("centre", "right"), [(0.3, True), (1.8, False)])
+def test_a_load_far_from_the_flange_is_none(problem, centre, right):
     coefficients = np.array([2.0, 0.0, 0.0, 2.0 * centre, *np.zeros(6)])
-    assert BY_NAME["payload"].sensible(coefficients, (), problem.states[0].robot, None) == sound
+    assert BY_NAME["payload"].sensible(coefficients, (), problem.states[0].robot, None) == right
+
+
+@pytest.mark.parametrize(
+    ("size", "described", "found", "right"),
+    [(0.5, 0.0, False, True), (-0.5, 0.0, False, False), (-0.5, 2.0, False, True), (-0.5, 0.0, True, True)],
+)
+def test_friction_grows_less_than_speed_only_where_some_grows_with_it(problem, size, described, found, right):
+    slower, viscous = Term(BY_NAME["nonlinear_viscous_friction"], 0, (2.0,)), Term(BY_NAME["viscous_friction"], 0, ())
+    robot = problem.states[0].robot
+    joints = (robot.joints[0].model_copy(update={"viscous_friction": described}), *robot.joints[1:])
+    states = SimpleNamespace(robot=robot.model_copy(update={"joints": joints}))
+    solution: Any = SimpleNamespace(
+        problem=SimpleNamespace(states=[states]),
+        terms=[slower, viscous] if found else [slower],
+        coefficients=lambda term: np.array([size]),
+    )
+    assert sound(solution, slower) == right
 
 
 def test_samples_that_tell_little_do_not_hide_what_is_left(problem):

@@ -7,10 +7,10 @@ import numpy as np
 from cellwatt_plugins.explain.fit.acceptance import (
     felt,
     held,
-    physical,
     relieves_tension,
     required_gain,
     seen_by_several,
+    sound,
     stands_out,
     tension,
     unconfirmed,
@@ -76,7 +76,7 @@ def drop_for_plainer(state: SearchState, now: Solution) -> Solution:
             if state.powered and term.effect.acts_on == "friction" and effects[name].acts_on == "reading":
                 continue
             plain = solve(state, [*rest.terms, Term(effects[name], term.joint, ())])
-            if not physical(plain.terms[-1], plain.coefficients(plain.terms[-1]), state.robot):
+            if not sound(plain, plain.terms[-1]):
                 continue
             # A plainer name may fit only because nominal parameters are stretched for it.
             if np.sum(tension(plain)) - np.sum(tension(now)) > 2 * STRETCHED:
@@ -123,7 +123,7 @@ def drop_unconfirmed(state: SearchState, now: Solution) -> Solution:
         rest = without(state, now, term)
         gain = rest.fit.gain(rest.problem.block(term))[0]
         why = unconfirmed(rest, now, term, state.thresholds, gain)
-        if not physical(term, now.coefficients(term), state.robot):
+        if not sound(now, term):
             why = "has a value that is not physical"
         several = not term.effect.acceptance.several_channels or relieves_tension(rest, now, state.thresholds)
         if why is None and not several and not seen_by_several(rest, now.block(term)[0]):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from cellwatt_plugins.explain.fit.acceptance import physical
+from cellwatt_plugins.explain.fit.acceptance import sound
 from cellwatt_plugins.explain.fit.problem import Term
 from cellwatt_plugins.explain.fit.search.solve import reweigh, solve, without
 from cellwatt_plugins.explain.fit.search.state import SearchState
@@ -28,7 +28,7 @@ def plain_terms(state: SearchState, now: Solution) -> Solution:
         return now
     now = reweigh(state, solve(state, [*now.terms, *plain]))
     for term in sorted(plain, key=lambda t: now.fit.added(now.block(t)[1])):
-        if not physical(term, now.coefficients(term), state.robot):
+        if not sound(now, term):
             state.refuse(term, now.fit.added(now.block(term)[1]), "has a sign that is not physical")
             now = without(state, now, term)
     return reweigh(state, now)

@@ -20,7 +20,9 @@ class NonlinearViscousFriction(Friction):
 
     name = "nonlinear_viscous_friction"
     acts_on = "friction"
-    relations = Relations(along="velocity", beats=("viscous_friction", "coulomb_friction"))
+    relations = Relations(
+        along="velocity", lessens=("viscous_friction",), beats=("viscous_friction", "coulomb_friction")
+    )
     acceptance = Acceptance(inside_bounds=True)
     trained = MappingProxyType({"quadratic viscous friction": (2.0,), "cubic viscous friction": (3.0,)})
     split = 0.5, (2.0,)
@@ -39,8 +41,8 @@ class NonlinearViscousFriction(Friction):
         return [(0.15, 0.85)] if shape[0] < 1 else [(1.2, 5.0)]
 
     def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
-        grows = "faster" if parameters["exponent"].value > 1 else "slower"
+        size, exponent = parameters["coefficient"].value, parameters["exponent"].value
+        grows = "faster" if (exponent > 1) == (size > 0) else "slower"
         return (
-            f"Friction of {who.lower()} grows {grows} than speed: a term "
-            f"{parameters['coefficient'].value:.3g} Nm · w^{parameters['exponent'].value:.2f} is missing."
+            f"Friction of {who.lower()} grows {grows} than speed: a term {size:.3g} Nm · w^{exponent:.2f} is missing."
         )
