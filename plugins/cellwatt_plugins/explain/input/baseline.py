@@ -78,7 +78,17 @@ class Baseline:
     def along(self, run: Run, index: int, motion: Moved, torque: Float | None, power: Float | None) -> States:
         """``states`` for a known motion and the known torque and power ``beyond`` the law."""
         beyond = torque, power
-        return States(run.name, index, run.time, motion, self.recorded, run.temperature, *beyond, drive=run.drive)
+        return States(
+            run.name,
+            index,
+            run.time,
+            motion,
+            self.recorded,
+            run.temperature,
+            *beyond,
+            exact_times=run.exact_times,
+            drive=run.drive,
+        )
 
     def beyond(self, run: Run) -> tuple[Float | None, Float | None]:
         """Torque (N, n) Nm and power (N,) W of a run's simulation beyond the law; None if the simulation has none."""

@@ -51,6 +51,8 @@ class Even:
     columns: Mapping[str, Float]
     gaps: Bool
     """(N,) true where values were filled in."""
+    exact_times: bool
+    """False if the times of single rows were estimated from the positions."""
     notes: tuple[str, ...]
 
 
@@ -106,16 +108,17 @@ def even(
             first = time[wrong][0]
             notes.append(f"{place}: {int(wrong.sum())} unusable values of {name} filled in, first at t = {first:.3f} s")
     curved = [name for name in positions if np.isfinite(filled[name]).all()]
-    stamps, time = time, sampled(time, [filled[name] for name in curved])
+    stamps, (time, exact) = time, sampled(time, [filled[name] for name in curved])
     if time is not stamps:
         late = 1e3 * float(np.max(np.abs(stamps - time)))
+        less = "" if exact else "; elasticity, backlash, delays and contacts, which need exact times, cannot be found"
         notes.append(
             f"{place}: rows were sampled up to {late:.1f} ms from their stamps, as the positions show: their own times "
-            "are used"
+            f"are used{less}"
         )
     grid = _grid(place, time)
     if grid is time:
-        return Even(_line(time), filled, bad, tuple(notes))
+        return Even(_line(time), filled, bad, exact, tuple(notes))
     gaps = _holes(time, grid) | (np.interp(grid, time, bad) > 0)
     columns = {
         name: onto(grid, time, values)
@@ -126,7 +129,7 @@ def even(
         else np.interp(grid, time, values)
         for name, values in filled.items()
     }
-    return Even(grid, columns, gaps, tuple(notes))
+    return Even(grid, columns, gaps, exact, tuple(notes))
 
 
 def _rising(place: str, time: Float) -> tuple[Bool, list[str]]:

@@ -87,6 +87,7 @@ def _prepared(entry: tuple[Source, Signals], known: tuple[RobotDescription, Floa
             power=signals.power,
             temperature=signals.joints.get("temperature"),
             command=signals.joints.get("command"),
+            exact_times=signals.exact_times,
             gaps=signals.gaps,
             torque_from="current" if "current" in signals.joints and "torque" not in signals.joints else "torque",
             notes=signals.notes,

@@ -51,6 +51,8 @@ class Run:
     plan: Plan | None = None
     simulated: Simulated | None = None
     """Simulation that the recording is compared with; None: the law in robot.yaml."""
+    exact_times: bool = True
+    """False if the times of samples were estimated from the positions."""
     gaps: Bool | None = None
     """(N,) true where samples were missing and values were filled in."""
     torque_from: Literal["torque", "current"] = "torque"

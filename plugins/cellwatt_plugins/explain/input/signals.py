@@ -47,6 +47,8 @@ class Signals:
     """(N,) W."""
     gaps: Bool
     """(N,) true where values were filled in."""
+    exact_times: bool
+    """False if the times were estimated from the positions."""
     notes: tuple[str, ...]
     columns: tuple[str, ...]
     """Names of all columns except the time, for messages."""
@@ -163,6 +165,7 @@ def read_signals(path: Path, robot: RobotDescription) -> Signals:
         joints=found,
         power=grid.columns.get(POWER),
         gaps=grid.gaps,
+        exact_times=grid.exact_times,
         notes=(*_turned(path.name, table, names), *grid.notes),
         columns=table.names,
         hint="" if {"torque", "current", "control", "command"} & joints.keys() else hint(table),

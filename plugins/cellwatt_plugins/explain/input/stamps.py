@@ -63,22 +63,24 @@ def repeats(positions: Sequence[Float]) -> Bool:
     return out
 
 
-def sampled(time: Float, positions: Sequence[Float]) -> Float:
+def sampled(time: Float, positions: Sequence[Float]) -> tuple[Float, bool]:
     """Times (N,) s of the samples of ``positions``, each (N,), that a logger stamped at ``time`` (N,) s.
 
     Even times if the positions show them; then the times of single rows that joints moving together show, as a row that
     was sampled late shows each joint ahead by its velocity times the delay. Missing rows stay missing. ``time`` itself
-    if the positions do not show that it is wrong.
+    if the positions do not show that it is wrong. The flag is false if times of single rows were estimated.
     """
     if len(time) < SMOOTHED or not positions:
-        return time
+        return time, True
     values = np.column_stack(positions)
     near = np.convolve(np.diff(time) < HOLE * np.median(np.diff(time)), np.ones(4), "valid") > 3.5
     if near.sum() < SMOOTHED:
-        return time
-    found = _own(_evenly(time, values, near), values, near)
-    step = float(np.median(np.diff(found)))
-    return found if np.all(np.diff(found) > 0) and np.abs(found - time).max() < FARTHEST * step else time
+        return time, True
+    even = _evenly(time, values, near)
+    found = _own(even, values, near)
+    if np.any(np.diff(found) <= 0) or np.abs(found - time).max() > FARTHEST * float(np.median(np.diff(found))):
+        return time, True
+    return found, found is even
 
 
 def _evenly(time: Float, values: Float, near: Bool) -> Float:

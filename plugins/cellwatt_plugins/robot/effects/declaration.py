@@ -61,6 +61,8 @@ class Acceptance:
     """Duration in s that the longest run must have to show it."""
     least_rate: float = 0.0
     """Sampling rate in Hz that recordings must have to show it."""
+    exact_times: bool = False
+    """Samples must have exact times to show it."""
     usual: bool = False
     """Most arms have it: data left out are enough to confirm it, where much else is unexplained."""
     by_evidence: float = float("inf")

@@ -48,6 +48,8 @@ class States:
     """Motor torque (N, n) Nm of the current model; None before the first fit."""
     carried: Float | None = None
     """Torque (N, n) Nm that the links need beyond the nominal, in the current model."""
+    exact_times: bool = True
+    """False if the times of samples were estimated."""
     drive: Drive | None = None
     """The servos, if their law replaces a measured torque."""
 

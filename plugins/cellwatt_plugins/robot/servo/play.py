@@ -30,7 +30,7 @@ class Play(Effect):
 
     name = "backlash"
     form = Form(sample_by_sample=True)
-    acceptance = Acceptance(least_rate=FAST, above=SMALL, by_evidence=80.0)
+    acceptance = Acceptance(least_rate=FAST, exact_times=True, above=SMALL, by_evidence=80.0)
     """The law does not follow single rebounds of a link in the gap, in data left out as little as in others."""
     confusions = (
         Confusion("presliding_hysteresis", "reverse slowly where gravity loads the joint: a gap then stays closed"),

@@ -80,6 +80,8 @@ def _places(state: SearchState, effect: Effect) -> list[int | None]:
     states = state.problem.states
     if min(1 / s.step for s in states) < effect.acceptance.least_rate:
         return []
+    if effect.acceptance.exact_times and not all(s.exact_times for s in states):
+        return []
     if max(float(s.time[-1] - s.time[0]) for s in states) < effect.acceptance.longest_run:
         return []
     places: list[int | None] = list(state.moving) if effect.place == "joint" else [None]

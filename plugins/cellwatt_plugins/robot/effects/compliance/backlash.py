@@ -27,7 +27,7 @@ class Backlash(TwoMass):
     name = "backlash"
     depends_on = "load"
     form = Form(sample_by_sample=True)
-    acceptance = Acceptance(least_rate=FAST, above=0.05)
+    acceptance = Acceptance(least_rate=FAST, exact_times=True, above=0.05)
     """Rebounds that the model does not follow reduce the coefficient; below this, it follows none."""
     uncertainty = Uncertainty({"gap": 0.15})
     """The model does not follow single rebounds in the gap."""

@@ -25,7 +25,7 @@ class JointElasticity(TwoMass):
 
     name = "joint_elasticity"
     form = Form(to_scale=True, sample_by_sample=True)
-    acceptance = Acceptance(least_rate=FAST)
+    acceptance = Acceptance(least_rate=FAST, exact_times=True)
     uncertainty = Uncertainty({"stiffness": 0.03, "damping": 0.1})
     """The motion shows only stiffness / inertia: stiffness is as uncertain as the links' inertia."""
     confusions = (

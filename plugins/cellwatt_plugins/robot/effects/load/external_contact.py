@@ -35,7 +35,7 @@ class ExternalContact(Effect):
     name = "external_contact"
     depends_on = "residual"
     form = Form(intermittent=True)
-    acceptance = Acceptance(least_rate=FAST, inside_bounds=True)
+    acceptance = Acceptance(least_rate=FAST, exact_times=True, inside_bounds=True)
     uncertainty = Uncertainty(inherited={"torque": 0.03, "width": 0.08})
     confusions = (
         Confusion("unknown", "repeat the same program: a contact does not repeat"),

@@ -33,7 +33,7 @@ class Lateness(Effect):
     form = Form(to_scale=True)
     # A delay and a drift together fit any signal that is early in one half of a run and late in the other.
     relations = Relations(family="lateness")
-    acceptance = Acceptance(least_rate=FAST, several_channels=True)
+    acceptance = Acceptance(least_rate=FAST, exact_times=True, several_channels=True)
 
 
 class TimeDelay(Lateness):
