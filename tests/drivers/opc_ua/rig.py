@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
-from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from contextlib import AbstractAsyncContextManager
 from pathlib import Path
 
 from cellwatt_drivers.opc_ua import OpcUaDriver, OpcUaSettings
@@ -11,7 +10,7 @@ from cellwatt_drivers.opc_ua.emulator import OpcUaEmulator
 
 from ..certificates import self_signed
 from ..inlet import CollectingInlet
-from ..running import Run, Steady, endpoint, repeated, served
+from ..running import Run, Served, Steady, endpoint, repeated, with_address
 
 STILL = Steady({"joint_1.position": 0.5, "joint_1.current": 2.5, "supply.power": 500.0})
 TAGS = {
@@ -29,12 +28,9 @@ def options(**changes: str) -> dict[str, str]:
     return OpcUaEmulator.options_for([made]) | changes
 
 
-@asynccontextmanager
-async def emulated(signals=STILL, **changes: str) -> AsyncIterator[tuple[OpcUaEmulator, str]]:
+def emulated(signals=STILL, **changes: str) -> Served[OpcUaEmulator]:
     """An emulator and where it listens."""
-    emulator = OpcUaEmulator(signals, "127.0.0.1:0", seed=3, options=options(**changes))
-    async with served(emulator) as address:
-        yield emulator, address
+    return with_address(OpcUaEmulator(signals, "127.0.0.1:0", seed=3, options=options(**changes)))
 
 
 def settings(place: str, **changes: object) -> OpcUaSettings:
