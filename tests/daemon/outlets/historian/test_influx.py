@@ -41,11 +41,8 @@ from tests.patience import eventually
 
 
 class View(FakeView):
-    site, cell = SITE, CELL
-
     def __init__(self, record: Path | None) -> None:
         super().__init__(SESSION)
-        self.folder = Path("/")
         self.record_folder = record
 
     def config(self) -> Any:

@@ -199,12 +199,6 @@ def wills(rule: Callable[[Packet], Any]) -> Callable[[Scene], bool]:
     return lambda s: all(p.will and rule(p) for p in s.connects)
 
 
-def first_of_each(scene: Scene, rule: Callable[[list[Packet]], Any]) -> bool:
-    """A rule on the publications of each connection in which there were any."""
-    published = [[p for p in c if p.kind == PUBLISH] for c in scene.connections]
-    return all(rule(packets) for packets in published if packets)
-
-
 def birth_order(scene: Scene) -> bool:
     """After each NBIRTH, before other data, come the births of all devices that were alive just before."""
     said, alive = [p for p in scene.all if p.kind == PUBLISH and p.verb], set()
@@ -302,7 +296,7 @@ RULES: list[Rule] = [
     ("payloads-propertyset-keys-array-size payloads-propertyset-values-array-size", "as many keys as values", lambda s: any(m.get("properties") for _, m in s.metrics)),
     ("payloads-metric-propertyvalue-type-req", "births say the type of a property", lambda s: {t for p, m in s.metrics for t, _ in m.get("properties", {}).values()} == {12}),
     ("principles-persistence-clean-session-50", "a clean start, and no session that outlives it", lambda s: all(p.clean and p.expiry == 0 for p in s.connects)),
-    ("principles-birth-certificates-order message-flow-device-birth-publish-nbirth-wait", "a birth is the first message", lambda s: first_of_each(s, lambda packets: packets[0].verb == "NBIRTH")),
+    ("principles-birth-certificates-order message-flow-device-birth-publish-nbirth-wait", "a birth is the first message", lambda s: all(p.verb == "NBIRTH" for c in s.connections for p in [p for p in c if p.kind == PUBLISH][:1])),
     ("principles-rbe-recommended", "what did not change is not sent", lambda s: all(m["value"] != 0.0 for p, m in s.metrics if p.verb == "DDATA" and "value" in m and not m.get("is_historical"))),
     ("message-flow-edge-node-ncmd-subscribe message-flow-edge-node-birth-publish-phid-wait-id", "commands, and the state of its host, are listened to with quality of service 1", lambda s: all({(NCMD, 1), (STATE, 1)} <= {f for p in c if p.kind == SUBSCRIBE for f in p.filters} for c in s.connections)),
     ("message-flow-edge-node-birth-publish-connect", "births come after the connection", lambda s: all(c[0].kind == CONNECT for c in s.connections)),
