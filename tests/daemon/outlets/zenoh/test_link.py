@@ -12,7 +12,10 @@ from cellwatt.config import load
 from cellwatt.errors import ConfigError
 from cellwatt.outlets.zenoh.link import LinkSettings, TlsSettings, open_session, session_config
 from cellwatt.outlets.zenoh.reach import link_to
+from tests.daemon.conftest import certificates
 from tests.daemon.outlets.zenoh.processes import free_port
+
+__all__ = ["certificates"]
 
 HOST = "127.0.0.1"
 
