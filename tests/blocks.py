@@ -1,4 +1,4 @@
-"""Layouts of channels by their units, and frames of which nothing is unsure."""
+"""Layouts of channels by their units, and frames whose times are known exactly."""
 
 from __future__ import annotations
 
@@ -15,10 +15,15 @@ def layout_of(units: Mapping[str, str], rate: float = 50.0) -> Layout:
     return Layout(tuple(FrameChannel(name, unit, "continuous", "linear") for name, unit in units.items()), rate)
 
 
-def frames_of(layout: Layout, sequence: int, time: ArrayLike, values: np.ndarray, quality: int = 0) -> Frames:
-    """Frames at times, UTC ns, that are known exactly; all values have the same quality."""
+def frames_of(layout: Layout, sequence: int, time: ArrayLike, values: np.ndarray, quality: ArrayLike = 0) -> Frames:
+    """Frames at times, UTC ns, that are known exactly; ``quality`` is of all values, or of each."""
     times, bound = np.asarray(time, np.int64), np.zeros(values.shape, np.int64)
     return Frames(layout, sequence, times, values, np.full(values.shape, quality, np.uint8), bound)
+
+
+def marked(values: np.ndarray) -> np.ndarray:
+    """The quality of values of which those that are NaN are missing."""
+    return np.where(np.isnan(values), 4, 0)
 
 
 def same_frames(a: Frames, b: Frames) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ssl
 from pathlib import Path
 
 import pytest
@@ -17,3 +18,19 @@ def keys(tmp_path: Path) -> Path:
         (tmp_path / f"{name}.key").write_bytes(private)
         (tmp_path / f"{name}.pub").write_bytes(public)
     return tmp_path
+
+
+@pytest.fixture(scope="session")
+def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with an authority's certificate ``ca``, and ``cell`` and ``cell.key`` for this PC."""
+    from tests.daemon.door.made import write_certificates
+
+    return write_certificates(tmp_path_factory.mktemp("certificates"))
+
+
+@pytest.fixture(scope="session")
+def tls(certificates: Path) -> ssl.SSLContext:
+    """A server's side of TLS by these certificates."""
+    context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+    context.load_cert_chain(certificates / "cell", certificates / "cell.key")
+    return context

@@ -161,21 +161,11 @@ def test_off_the_shelf_an_alarm_is_told_as_it_is(shelved: AlarmBook) -> None:
         shelved.unshelve("hot", 5)
 
 
-def before_a_restart() -> list[Any]:
+def test_an_alarm_of_another_book_is_adopted_as_it_stands(shelved: AlarmBook) -> None:
     book = AlarmBook()
-    book.raise_(hot(1))
-    book.raise_(hot(1, name="loud"))
-    book.raise_(hot(1, name="calm"))
-    book.acknowledge("hot", "Ines", "a new gear is ordered", 2)
-    book.shelve("loud", 50 * SECOND, "Ines", "", 2)
-    return json.loads(json.dumps(book.words()))
-
-
-def test_an_alarm_of_another_book_is_adopted_as_it_stands() -> None:
-    book = AlarmBook()
-    book.raise_(hot(5, name="loud"))
-    book.adopt(word for word in before_a_restart() if word["shelf"])
-    assert book["loud"].shelf is not None and book.look(9) == []
+    book.raise_(hot(5))
+    book.adopt(json.loads(json.dumps(shelved.words())))
+    assert book["hot"].shelf is not None and book.look(9) == []
 
 
 def test_only_an_alarm_that_is_up_is_acknowledged_or_shelved() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Mapping
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
@@ -19,6 +19,9 @@ from tests.patience import eventually
 from .inlet import CollectingInlet
 
 D = TypeVar("D", bound=Driver[Any])
+E = TypeVar("E", bound=Emulator)
+Served = AbstractAsyncContextManager[tuple[E, str]]
+"""Of an emulator and its address."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +46,13 @@ async def served(emulator: Emulator) -> AsyncIterator[str]:
         if serving.done():
             serving.result()
         yield await ready
+
+
+@asynccontextmanager
+async def with_address(emulator: E) -> AsyncIterator[tuple[E, str]]:
+    """An emulator that serves, and its address."""
+    async with served(emulator) as address:
+        yield emulator, address
 
 
 def endpoint(address: str) -> dict[str, Any]:

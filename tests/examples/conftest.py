@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cellwatt import Batch, FrameChannel, Frames, Interval, Layout
+from cellwatt import Batch, FrameChannel, Interval, Layout
+from tests.blocks import frames_of
 from tests.daemon.record.making import SESSION, batch_of, write_chunks
 from tests.daemon.record.test_roundtrip import RESULTS
 
@@ -21,14 +22,7 @@ def workspace(tmp_path, monkeypatch):
     channels.append(FrameChannel("board.supply.power", "W", "continuous", "average"))
     t = np.arange(200) * 0.02
     values = np.column_stack([*(np.sin(t + i) for i in range(3)), 100 + 10 * np.cos(t)])
-    frames = Frames(
-        layout=Layout(tuple(channels), 50.0),
-        sequence=0,
-        time=SESSION + np.arange(200) * 20_000_000,
-        values=values,
-        quality=np.zeros(values.shape, np.uint8),
-        bound=np.zeros(values.shape, np.int64),
-    )
+    frames = frames_of(Layout(tuple(channels), 50.0), 0, SESSION + np.arange(200) * 20_000_000, values)
     raw: Batch = batch_of(0, 100)
     results = [replace(r, closed=True) if isinstance(r, Interval) else r for r in RESULTS]
     write_chunks(tmp_path / "rec", [[raw, frames], results])

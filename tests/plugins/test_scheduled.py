@@ -16,12 +16,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from click.testing import CliRunner
 
 from cellwatt_plugins.energy.command import disaggregate
 from cellwatt_plugins.faults import train_command
 from cellwatt_plugins.faults.command import faults, reference
 from cellwatt_plugins.models.command import predict, train
+from tests.calling import called
 from tests.plugins.faults.cycles.arm_of_points import Cycle, describe, run, write_table
 from tests.plugins.models.making import Mlp, metadata
 from tests.plugins.models.power.emulated_arm import write_case
@@ -34,12 +34,6 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 def workers() -> str:
     """Two processes of this machine."""
     return "local:2"
-
-
-def called(command: click.Command, *words: object) -> str:
-    done = CliRunner().invoke(command, [str(word) for word in words], catch_exceptions=False)
-    assert done.exit_code == 0, done.output
-    return done.stdout
 
 
 @pytest.fixture

@@ -15,6 +15,7 @@ from cellwatt.commands import export, plot
 from cellwatt.errors import RecordingError
 from cellwatt.logs.opening import read_log
 from cellwatt.tables import read_table
+from tests.calling import called
 from tests.daemon.logs.making import (
     COMMAND,
     EFFORT,
@@ -64,10 +65,7 @@ def test_joints_in_another_order_give_the_same_table_and_export_byte_for_byte(tm
     assert first.joints("position") is None  # nothing says which joint is the first
     np.testing.assert_array_equal(first.columns["q_elbow_joint"], POSITION[:, 2])
     for path in (one, other):
-        done = CliRunner().invoke(
-            export.command, [str(path), "--out", str(path.parent / "out")], catch_exceptions=False
-        )
-        assert done.exit_code == 0, done.output
+        called(export.command, path, "--out", path.parent / "out")
     files = sorted(each.name for each in (one.parent / "out").iterdir())
     assert files == ["frames.parquet", "log.log.parquet"]
     assert all((one.parent / "out" / n).read_bytes() == (other.parent / "out" / n).read_bytes() for n in files)
@@ -87,9 +85,9 @@ def test_a_bag_opens_as_a_recording_with_its_own_time_and_is_drawn_and_exported(
     del recording
     assert not folder.exists()
     drawn = [str(path), "--out", str(tmp_path / "plot.html"), "--channel"]
-    assert CliRunner().invoke(plot.command, [*drawn, "log.wrist_1_joint.position"]).exit_code == 0
+    called(plot.command, *drawn, "log.wrist_1_joint.position")
     assert "no such channels" in str(CliRunner().invoke(plot.command, [*drawn, "wrist_2_joint"]).exception)
-    assert CliRunner().invoke(export.command, [str(path), "--out", str(tmp_path / "out")]).exit_code == 0
+    called(export.command, path, "--out", tmp_path / "out")
     exported = pq.read_table(tmp_path / "out" / "log.log.parquet")
     np.testing.assert_array_equal(exported["elbow_joint.position"], POSITION[:, 2])
 
@@ -101,8 +99,7 @@ def test_several_topics_are_listed_with_how_to_choose_one(tmp_path):
     with pytest.raises(RecordingError, match=r"/left/joint_states, /right/joint_states; choose one as '.*#/left"):
         read_log(path)
     assert read_log(path.with_name("bag#") / "left" / "joint_states").joints == tuple(sorted(JOINTS[:2]))
-    done = CliRunner().invoke(export.command, [f"{path}#/right/joint_states", "--out", str(tmp_path / "out")])
-    assert done.exit_code == 0, done.output
+    called(export.command, f"{path}#/right/joint_states", "--out", tmp_path / "out")
     with pytest.raises(RecordingError, match=r"no joints under /other; it has /left/joint_states"):
         read_log(tmp_path / "bag#" / "other")
 

@@ -6,6 +6,8 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
 
+import psutil
+
 from cellwatt import OutletError
 from cellwatt.outlets.apart.outlet import Apart
 from tests.doing import doing
@@ -20,3 +22,8 @@ async def serving(outlet: Apart[Any]) -> AsyncIterator[str]:
         if running.done():
             running.result()
         yield str(outlet.url).rstrip("/")
+
+
+def children(module: str) -> list[psutil.Process]:
+    """Processes of this one that run a module."""
+    return [child for child in psutil.Process().children() if module in child.cmdline()]

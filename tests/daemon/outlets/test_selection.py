@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from cellwatt.channel import Quality
-from cellwatt.frames import FrameChannel, Frames, Layout
+from cellwatt.frames import FrameChannel, Layout
 from cellwatt.outlets.selection import Picker, Row, Selection
 from cellwatt.units import Units
+from tests.blocks import frames_of
 
 EPOCH = 1_800_000_000_000_000_000
 NAN = math.nan
@@ -27,18 +28,11 @@ LAYOUT = Layout(CHANNELS, 50.0)
 SI = [c.name for c in CHANNELS]
 
 
-def frames(values, *, first=0, quality=None, layout=LAYOUT, at=None, sequence=None):
-    """Frames ``first`` … of the grid with ``values`` (n, channels)."""
-    table = np.asarray(values, float).reshape(-1, len(layout.channels))
-    numbers = np.arange(first, first + len(table)) if at is None else np.asarray(at)
-    return Frames(
-        layout=layout,
-        sequence=first if sequence is None else sequence,
-        time=EPOCH + numbers * layout.step,
-        values=table,
-        quality=np.zeros(table.shape, np.uint8) if quality is None else np.asarray(quality, np.uint8),
-        bound=np.zeros(table.shape, np.int64),
-    )
+def frames(values, *, first=0, quality=0, at=None):
+    """Frames ``first`` … of the grid, or those ``at`` places of it, with ``values`` (n, channels)."""
+    table = np.asarray(values, float).reshape(-1, len(CHANNELS))
+    numbers = np.arange(first, first + len(table)) if at is None else at
+    return frames_of(LAYOUT, first, EPOCH + numbers * LAYOUT.step, table, quality)
 
 
 def rows(selection, *blocks):
@@ -110,7 +104,7 @@ def _courses(draw):
 
 
 def _blocks(at, values, quality, cuts):
-    return [frames(values[a:b], at=at[a:b], quality=quality[a:b], sequence=a) for a, b in pairwise(cuts)]
+    return [frames(values[a:b], at=at[a:b], quality=quality[a:b], first=a) for a, b in pairwise(cuts)]
 
 
 def _key(row: Row):

@@ -3,12 +3,12 @@ import json
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from click.testing import CliRunner
 
 from cellwatt import Event, RecordingError, Tick
 from cellwatt.commands.export import command
 from cellwatt.emulation import load_signals
 from cellwatt.tables import read_table
+from tests.calling import called
 
 from .making import METER, SESSION, batch_of, frames_of, name_of, write_chunks
 from .test_roundtrip import RESULTS
@@ -24,14 +24,8 @@ def folder(tmp_path):
     return tmp_path / "rec"
 
 
-def run(*arguments):
-    return CliRunner().invoke(command, list(map(str, arguments)), catch_exceptions=False)
-
-
 def test_parquet_has_the_recorded_values_names_and_units(folder, tmp_path):
-    done = run(folder, "--out", tmp_path / "out", "--json")
-    assert done.exit_code == 0
-    report = json.loads(done.stdout)
+    report = json.loads(called(command, folder, "--out", tmp_path / "out", "--json"))
     assert {f["file"]: f["rows"] for f in report["files"]} == {
         "arm.rtde.parquet": 40,
         "supply.meter.parquet": 40,
@@ -56,7 +50,7 @@ def test_parquet_has_the_recorded_values_names_and_units(folder, tmp_path):
 
 
 def test_frames_carry_quality_and_bound_of_each_channel(folder, tmp_path):
-    assert run(folder, "--out", tmp_path / "out", "--frames").exit_code == 0
+    called(command, folder, "--out", tmp_path / "out", "--frames")
     assert [p.name for p in (tmp_path / "out").iterdir()] == ["frames.parquet"]
     table = pq.read_table(tmp_path / "out" / "frames.parquet")
     truth = [frames_of(0, 10), frames_of(20, 10)]
@@ -68,7 +62,7 @@ def test_frames_carry_quality_and_bound_of_each_channel(folder, tmp_path):
 
 
 def test_csv_has_the_same_digits_and_its_units_beside_it(folder, tmp_path):
-    assert run(folder, "--out", tmp_path / "out", "--format", "csv", "--raw").exit_code == 0
+    called(command, folder, "--out", tmp_path / "out", "--format", "csv", "--raw")
     names = sorted(p.name for p in (tmp_path / "out").iterdir())
     assert names == ["arm.rtde.csv", "arm.rtde.json", "supply.meter.csv", "supply.meter.json"]
     signals = load_signals(tmp_path / "out" / "arm.rtde.csv")
@@ -78,24 +72,23 @@ def test_csv_has_the_same_digits_and_its_units_beside_it(folder, tmp_path):
 
 
 def test_results_and_events_are_json_lines(folder, tmp_path):
-    done = run(folder / name_of(1), "--out", tmp_path / "out")
-    assert "results.jsonl: 5 rows" in done.output
+    assert "results.jsonl: 5 rows" in called(command, folder / name_of(1), "--out", tmp_path / "out")
     lines = [json.loads(line) for line in (tmp_path / "out" / "results.jsonl").read_text().splitlines()]
     assert [line["type"] for line in lines] == ["interval", "task", "energy", "prediction", "alarm"]
     assert lines[4]["kind"] == "joint_fault" and lines[4]["evidence"] == {"power_W": 12.5}
 
 
 def test_nothing_is_overwritten_unless_told(folder, tmp_path):
-    assert run(folder, "--out", tmp_path / "out").exit_code == 0
+    called(command, folder, "--out", tmp_path / "out")
     with pytest.raises(RecordingError, match=r"arm\.rtde\.parquet already exists: choose another folder"):
-        run(folder, "--out", tmp_path / "out")
-    assert run(folder, "--out", tmp_path / "out", "--force").exit_code == 0
+        called(command, folder, "--out", tmp_path / "out")
+    called(command, folder, "--out", tmp_path / "out", "--force")
 
 
 @pytest.mark.parametrize("form", ["parquet", "csv"])
 def test_units_asked_for_are_named_and_read_back_by_the_reader_of_tables(folder, tmp_path, form):
     out = tmp_path / "out"
-    assert run(folder, "--out", out, "--format", form, "--raw", "--units", "deg").exit_code == 0
+    called(command, folder, "--out", out, "--format", form, "--raw", "--units", "deg")
     radians = batch_of(0, 35).values[:, 0]
     file = out / f"arm.rtde.{form}"
     name = "joint_1.position" if form == "parquet" else "joint_1.position [deg]"

@@ -11,10 +11,10 @@ from cellwatt.record import History, Recording, RecordSettings
 from cellwatt.record.header import PART
 from cellwatt.record.survey import survey
 from cellwatt.record.upkeep import Upkeep
-from cellwatt.results import Prediction, Task
+from cellwatt.results import Prediction
 from tests.patience import PATIENCE, eventually
 
-from ..outlets.zenoh.fake_cell import alarm
+from ..outlets.zenoh.fake_cell import alarm, task
 from .making import HEADER, METER, SESSION, batch_of, bits, frames_of, name_of, same_batch, started, write_chunks
 
 
@@ -123,10 +123,6 @@ async def test_just_the_frames_that_were_asked_for(recorder, tmp_path):
         for name in ("time", "values", "quality", "bound"):
             assert bits(getattr(frames, name)) == bits(getattr(truth, name))
     assert await asyncio.to_thread(history.frames, SESSION, 300, 10) == []
-
-
-def task(number: int) -> Task:
-    return Task("arm", "task_1", "aa", "speed=1.00", 1.0, number, SESSION + number * 10**9, (number,), number)
 
 
 def prediction(number: int, model: str) -> Prediction:

@@ -11,6 +11,7 @@ import pytest
 
 from cellwatt import Energy, FrameChannel, Frames, Layout
 from cellwatt.runtime.consumption import FILE, Consumption
+from tests.blocks import frames_of
 
 STEP = 20_000_000
 NOON = 1_790_000_000_000_000_000 // 86_400_000_000_000 * 86_400_000_000_000 + 43_200_000_000_000
@@ -21,10 +22,7 @@ def layout(*names: str) -> Layout:
 
 
 def block(columns: Layout, values: list[list[float]], start: int = NOON, sequence: int = 0) -> Frames:
-    array = np.array(values, float)
-    zeros = np.zeros(array.shape, np.int64)
-    time_ = start + STEP * np.arange(len(array))
-    return Frames(columns, sequence, time_, array, zeros.astype(np.uint8), zeros)
+    return frames_of(columns, sequence, start + STEP * np.arange(len(values)), np.array(values, float))
 
 
 @pytest.fixture(autouse=True)

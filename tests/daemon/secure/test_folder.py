@@ -8,18 +8,17 @@ from datetime import timedelta
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
 from cellwatt import ConfigError
 from cellwatt.commands.secure import command
 from cellwatt.door import certificates
 from cellwatt.door.certificates import MEMBER_DAYS
 from cellwatt.secure.folder import Folder, Member
+from tests.calling import called
 
 
 def secure(folder: Path, *arguments: str) -> str:
-    words = [*arguments, "--in", str(folder)]
-    return CliRunner().invoke(command, words, catch_exceptions=False, standalone_mode=False).stdout
+    return called(command, *arguments, "--in", folder)
 
 
 @pytest.fixture
@@ -42,8 +41,7 @@ def folder(tmp_path: Path) -> Folder:
 @pytest.mark.usefixtures("open_umask")
 def test_private_keys_are_their_owners_alone_and_never_shown(tmp_path: Path) -> None:
     at = tmp_path / "secure"
-    runner = CliRunner()
-    said = runner.invoke(command, ["init", str(at), "--site", "plant-1"], catch_exceptions=False).output
+    said = called(command, "init", at, "--site", "plant-1")
     for line in (["cell", "weld-3", "--host", "192.0.2.1"], ["viewer", "anna"], ["renew", "anna"], ["list"]):
         said += secure(at, *line)
     said += secure(at, "remove", "anna")

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import asyncio
 import socket
-import subprocess
 
 import numpy as np
 import pytest
@@ -16,6 +15,7 @@ from cellwatt_drivers.abb.rws import MODE
 from cellwatt_drivers.abb.web import session
 from tests.patience import PATIENCE
 
+from ..certificates import self_signed
 from ..inlet import CollectingInlet
 from ..running import once
 from .rig import ANGLES, emulated, running
@@ -197,18 +197,11 @@ async def test_who_is_there():
 
 
 async def test_pages_over_https(tmp_path):
+    own, key = await asyncio.to_thread(self_signed, tmp_path, "controller", subjectAltName="IP:127.0.0.1")
     pem = tmp_path / "pair.pem"
-    made = await asyncio.to_thread(
-        subprocess.run,
-        ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-subj", "/CN=127.0.0.1", "-days", "2", "-addext",
-         "subjectAltName=IP:127.0.0.1", "-keyout", str(tmp_path / "key"), "-out", str(tmp_path / "cert")],
-        capture_output=True, check=False,
-    )  # fmt: skip
-    if made.returncode:
-        pytest.skip("openssl made no certificate")
-    pem.write_text((tmp_path / "key").read_text() + (tmp_path / "cert").read_text())
+    pem.write_text(key.read_text() + own.read_text())
     async with emulated(certificate=str(pem)) as (_, place):
-        for certificate in (None, str(tmp_path / "cert")):
+        for certificate in (None, str(own)):
             changes = {"tls": None, "certificate": certificate}
             arm = AbbDriver("arm", AbbSettings.model_validate(place | changes), CollectingInlet())
             assert (await arm.identify()).model == "OmniCore"

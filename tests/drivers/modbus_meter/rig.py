@@ -13,17 +13,14 @@ from cellwatt_drivers.modbus_meter import ModbusMeterDriver, ModbusMeterSettings
 from cellwatt_drivers.modbus_meter.emulator import ModbusMeterEmulator
 
 from ..inlet import CollectingInlet
-from ..running import Run, Steady, endpoint, repeated, served
+from ..running import Run, Served, Steady, endpoint, repeated, with_address
 
 STILL = Steady({"supply.voltage": 230.0, "supply.current": 2.5, "supply.power": 500.0})
 
 
-@asynccontextmanager
-async def emulated(address: str = "127.0.0.1:0", **options: str) -> AsyncIterator[tuple[ModbusMeterEmulator, str]]:
+def emulated(address: str = "127.0.0.1:0", **options: str) -> Served[ModbusMeterEmulator]:
     """An emulator and where it listens."""
-    emulator = ModbusMeterEmulator(STILL, address, seed=3, options=options)
-    async with served(emulator) as address:
-        yield emulator, address
+    return with_address(ModbusMeterEmulator(STILL, address, seed=3, options=options))
 
 
 @asynccontextmanager

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from itertools import pairwise
 
@@ -13,7 +12,7 @@ from cellwatt_drivers.power_board import PowerBoardDriver, PowerBoardSettings
 from cellwatt_drivers.power_board.emulator import PowerBoardEmulator
 from tests.drivers.inlet import CollectingInlet
 from tests.drivers.power_board.samples import Slope
-from tests.drivers.running import repeated, served
+from tests.drivers.running import Served, repeated, with_address
 from tests.patience import eventually
 
 
@@ -47,12 +46,9 @@ class Inlet(CollectingInlet):
         return np.concatenate([r.values[:, r.stream.names.index(channel)] for r in self.readings])
 
 
-@asynccontextmanager
-async def emulated(**options: str) -> AsyncIterator[tuple[PowerBoardEmulator, str]]:
+def emulated(**options: str) -> Served[PowerBoardEmulator]:
     """An emulator that serves, and its port."""
-    emulator = PowerBoardEmulator(Slope(), "pty", seed=3, options=options)
-    async with served(emulator) as port:
-        yield emulator, port
+    return with_address(PowerBoardEmulator(Slope(), "pty", seed=3, options=options))
 
 
 @asynccontextmanager

@@ -2,10 +2,10 @@ import json
 import shutil
 
 import pytest
-from click.testing import CliRunner
 
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.energy.command import disaggregate
+from tests.calling import called
 from tests.plugins.energy.running import STATES
 
 
@@ -17,9 +17,7 @@ def words(folder, out, *more):
 @pytest.fixture(scope="module")
 def written(measured, tmp_path_factory):
     out = tmp_path_factory.mktemp("out")
-    done = CliRunner().invoke(disaggregate, words(measured[1], out), catch_exceptions=False)
-    assert done.exit_code == 0
-    return out, done.stdout
+    return out, called(disaggregate, *words(measured[1], out))
 
 
 def test_energy_json_keeps_the_contract(written, measured):
@@ -38,7 +36,7 @@ def test_energy_json_keeps_the_contract(written, measured):
 
 def fails(folder, tmp_path, error):
     with pytest.raises(error) as caught:
-        CliRunner().invoke(disaggregate, words(folder, tmp_path / "out"), catch_exceptions=False)
+        called(disaggregate, *words(folder, tmp_path / "out"))
     return str(caught.value)
 
 
@@ -65,10 +63,7 @@ def test_a_controller_that_was_not_measured(copy, tmp_path):
     (copy / "robot.yaml").write_text(text)
     for path in (copy / "runs").glob("150_*"):
         path.unlink()  # two speeds say as much of this
-    given = words(copy, tmp_path / "out", "--json", "--no-report")
-    done = CliRunner().invoke(disaggregate, given, catch_exceptions=False)
-    assert done.exit_code == 0
-    found = json.loads(done.stdout)
+    found = json.loads(called(disaggregate, *words(copy, tmp_path / "out", "--json", "--no-report")))
     assert found["fixed"]["robot_electronics"] == 0
     assert found == json.loads((tmp_path / "out" / "energy.json").read_text())
     assert not (tmp_path / "out" / "report.html").exists()

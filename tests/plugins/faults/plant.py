@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cellwatt.frames import FrameChannel, Frames, Layout
+from cellwatt.frames import FrameChannel, Frames, Layout, cut
+from tests.blocks import frames_of, marked
 
 JOINTS = 3
 HOME = np.array([0.2, -0.8, 0.5])
@@ -152,13 +153,10 @@ def frames(
     positions: np.ndarray, power: np.ndarray, *, rate: float = 50.0, block: int = 5, start: int = START
 ) -> list[Frames]:
     """The run as blocks of frames from ``start`` ns on."""
-    lay = layout(rate, positions.shape[1])
     values = np.column_stack([positions, power])
-    quality = np.where(np.isnan(values), 4, 0).astype(np.uint8)
-    time = start + np.round(np.arange(len(power)) * 1e9 / rate).astype(np.int64)
-    bound = np.zeros(values.shape, np.int64)
-    parts = [slice(i, i + block) for i in range(0, len(time), block)]
-    return [Frames(lay, p.start, time[p], values[p], quality[p], bound[p]) for p in parts]
+    time = start + np.round(np.arange(len(power)) * 1e9 / rate)
+    whole = frames_of(layout(rate, positions.shape[1]), 0, time, values, marked(values))
+    return [cut(whole, i, i + block) for i in range(0, len(time), block)]
 
 
 def recorded(cycles: Sequence[Cycle], *, seed: int = 0, block: int = 5) -> list[Frames]:

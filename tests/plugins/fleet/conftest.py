@@ -2,7 +2,8 @@ import json
 from dataclasses import replace
 
 import pytest
-from click.testing import CliRunner
+
+from tests.calling import called
 
 WEEKS = 12
 
@@ -34,6 +35,5 @@ def written(lake, tmp_path_factory):
     from cellwatt_plugins.fleet.command import fleet
 
     out = tmp_path_factory.mktemp("out")
-    done = CliRunner().invoke(fleet, [str(lake), "--out", str(out), "--quiet"], catch_exceptions=False)
-    assert done.exit_code == 0
-    return out, json.loads((out / "fleet.json").read_text()), done.stdout
+    told = called(fleet, lake, "--out", out, "--quiet")
+    return out, json.loads((out / "fleet.json").read_text()), told

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
@@ -17,6 +17,7 @@ from onnx import TensorProto, helper, numpy_helper
 from onnxruntime import InferenceSession
 
 from cellwatt import Alarm, CellInfo, Frames, Layout, Prediction, Result
+from cellwatt.frames import cut
 from cellwatt_plugins.models import Input, Metadata, ModelSettings, ModelStage, Output, Training
 from cellwatt_plugins.models.graph import Graph
 from cellwatt_plugins.models.metadata import KEY, encode
@@ -46,12 +47,9 @@ def frames(values: NDArray[np.float64], grid: Layout | None = None) -> Frames:
     return frames_of(grid, 0, START + grid.step * np.arange(len(values)), values)
 
 
-def cut(block: Frames, at: Sequence[int]) -> Iterator[Frames]:
+def split(block: Frames, at: Sequence[int]) -> list[Frames]:
     """The same frames in other blocks."""
-    edges = [0, *sorted(at), len(block)]
-    for a, b in pairwise(edges):
-        parts = {n: getattr(block, n)[a:b] for n in ("time", "values", "quality", "bound")}
-        yield replace(block, sequence=block.sequence + a, **parts)
+    return [cut(block, a, b) for a, b in pairwise([0, *sorted(at), len(block)])]
 
 
 def metadata(**changes: Any) -> Metadata:
@@ -142,7 +140,7 @@ def run_graph(graph: Graph, output: str, columns: int, values: NDArray[np.float6
     return np.asarray(session.run(None, {"input": values})[0])
 
 
-def run(made: ModelStage, blocks: Sequence[Frames] | Iterator[Frames]) -> list[Result]:
+def run(made: ModelStage, blocks: Iterable[Frames]) -> list[Result]:
     return [result for block in blocks for result in made.process(block, ())]
 
 

@@ -10,7 +10,7 @@ import pytest
 from cellwatt import Prediction
 from cellwatt_plugins.models import Input
 from cellwatt_plugins.models.predict import predict_file
-from tests.plugins.models.making import COLUMNS, Mlp, cut, frames, metadata, outputs, run, stage
+from tests.plugins.models.making import COLUMNS, Mlp, frames, metadata, outputs, run, split, stage
 
 WINDOW, DELAY = 5, 2
 
@@ -21,7 +21,7 @@ def test_predictions_carry_the_times_of_the_frames_they_are_for(tmp_path, values
     network = Mlp.random(3, window=WINDOW)
     made = stage(network.save(tmp_path / "m.onnx", metadata(window=WINDOW, delay=delay)))
     block = frames(values)
-    results = run(made, cut(block, edges))
+    results = run(made, split(block, edges))
     predictions = [result for result in results if isinstance(result, Prediction)]
     assert sum((p.time for p in predictions), ()) == tuple(block.time[: 40 - delay].tolist())
     assert [p.sequence for p in predictions] == np.cumsum([0, *(len(p.time) for p in predictions[:-1])]).tolist()
@@ -34,7 +34,7 @@ def test_predictions_carry_the_times_of_the_frames_they_are_for(tmp_path, values
 
 def test_predictions_around_skipped_frames_carry_their_own_sequence(tmp_path, values):
     made = stage(Mlp.random(3, window=WINDOW).save(tmp_path / "m.onnx", metadata(window=WINDOW, delay=DELAY)))
-    blocks = list(cut(frames(values), [10, 30]))
+    blocks = split(frames(values), [10, 30])
     results = run(made, [blocks[0], blocks[2]])
     predictions = [result for result in results if isinstance(result, Prediction)]
     told = [(p.sequence + i, time) for p in predictions for i, time in enumerate(p.time)]

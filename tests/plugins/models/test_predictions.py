@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from tests.plugins.models.making import COLUMNS, Mlp, alarms, cut, frames, layout, metadata, outputs, run, stage
+from tests.plugins.models.making import COLUMNS, Mlp, alarms, frames, layout, metadata, outputs, run, split, stage
 
 
 @pytest.mark.parametrize(("dtype", "within"), [(np.float32, 1e-5), (np.float64, 1e-12)])
@@ -60,7 +60,7 @@ def test_other_blocks_give_the_same(tmp_path, seed, window, edges, holes):
     for hole in holes:
         block.time[hole:] += layout().step
     path = Mlp.random(seed, hidden=100, window=window).save(tmp_path / "m.onnx", metadata(window=window))
-    offline, live = run(stage(path), [block]), run(stage(path), cut(block, edges))
+    offline, live = run(stage(path), [block]), run(stage(path), split(block, edges))
     whole = outputs(offline)
     scale = np.nanmax(np.abs(whole), initial=0.0)
     np.testing.assert_allclose(outputs(live), whole, rtol=1e-6, atol=1e-6 * scale)

@@ -9,8 +9,10 @@ import pytest
 
 from cellwatt import Alarm, ConfigError, FrameChannel, Frames, Layout
 from cellwatt.channel import Quality
+from cellwatt.frames import cut
 from cellwatt.stage import CellInfo
 from cellwatt_plugins.robot.meter.stage import MeterSettings, MeterStage
+from tests.blocks import frames_of
 from tests.plugins.robot.slow_meter import measured
 from tests.plugins.robot.test_meter import Arm
 
@@ -54,9 +56,7 @@ def run(all_of: Frames, block: int = 25, **settings: object) -> list[Alarm]:
     stage = MeterStage("meter", MeterSettings.model_validate(settings), all_of.layout, CELL)
     told = []
     for first in range(0, len(all_of), block):
-        rows = slice(first, first + block)
-        part = (getattr(all_of, name)[rows] for name in ("time", "values", "quality", "bound"))
-        told += stage.process(Frames(all_of.layout, first, *part), ())
+        told += stage.process(cut(all_of, first, first + block), ())
     told += stage.close()
     assert all(isinstance(each, Alarm) for each in told)
     return told
@@ -103,8 +103,7 @@ def test_a_block_of_frames_may_be_longer_than_what_is_kept():
     count, columns = 200, len(of.channels)
     at = EPOCH + 10**9 * np.arange(count, dtype=np.int64)
     stage = MeterStage("meter", MeterSettings(), of, CELL)
-    missing = np.full((count, columns), Quality.MISSING, np.uint8)
-    block = Frames(of, 0, at, np.full((count, columns), np.nan), missing, np.zeros((count, columns), np.int64))
+    block = frames_of(of, 0, at, np.full((count, columns), np.nan), Quality.MISSING)
     assert [*stage.process(block, ()), *stage.close()] == []
 
 

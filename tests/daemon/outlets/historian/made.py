@@ -10,6 +10,7 @@ import numpy as np
 
 from cellwatt import FrameChannel, Frames, Layout
 from cellwatt.results import Alarm, Energy, Task
+from tests.blocks import frames_of, marked
 from tests.daemon.outlets.page.recorded import CELL, Written
 
 S = 10**9
@@ -34,9 +35,7 @@ def frames(first: int, count: int, session: int = SESSION, layout: Layout = LAYO
     n = np.arange(first, first + count)
     power = np.where((n // 50) % 10 == 9, np.nan, 100.0 + n)
     values = np.column_stack([n / 7, power, n // 30, 2.0 * n][: len(layout.channels)])
-    quality = np.where(np.isnan(values), 4, 0).astype(np.uint8)
-    time = session + (n + 1) * layout.step
-    return Frames(layout, first, time, values, quality, np.zeros(values.shape, np.int64))
+    return frames_of(layout, first, session + (n + 1) * layout.step, values, marked(values))
 
 
 def row_truth(second: int, session: int = SESSION) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import ssl
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from datetime import UTC, datetime
@@ -34,18 +35,14 @@ from tests.daemon.outlets.historian.made import (
 )
 from tests.daemon.outlets.historian.parsing import parse
 from tests.daemon.outlets.historian.server import Fake
-from tests.daemon.outlets.notify.servers import certificates
 from tests.daemon.outlets.zenoh.fake_cell import FakeView
 from tests.doing import doing
 from tests.patience import eventually
 
 
 class View(FakeView):
-    site, cell = SITE, CELL
-
     def __init__(self, record: Path | None) -> None:
         super().__init__(SESSION)
-        self.folder = Path("/")
         self.record_folder = record
 
     def config(self) -> Any:
@@ -224,8 +221,8 @@ async def test_a_server_that_asks_to_wait_is_waited_for() -> None:
         await eventually(lambda: str(outlet.trouble()).endswith(told), "the trouble")
 
 
-async def test_a_certificate_that_is_not_trusted_is_told(tmp_path: Path) -> None:
-    async with Fake().open(certificates(tmp_path).context) as server, running(outlet_of(server.url, None)) as outlet:
+async def test_a_certificate_that_is_not_trusted_is_told(tls: ssl.SSLContext) -> None:
+    async with Fake().open(tls) as server, running(outlet_of(server.url, None)) as outlet:
         outlet.offer(frames(0, 50))
         await eventually(lambda: outlet.trouble(), "the trouble")
         assert "its certificate is not trusted" in str(outlet.trouble())

@@ -8,7 +8,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-import psutil
 import pyarrow.parquet as pq
 import pytest
 
@@ -20,6 +19,7 @@ from tests.daemon.outlets.historian.bucket import Bucket
 from tests.daemon.outlets.historian.made import CELL, DAY, SITE, START, Recorded, S
 from tests.daemon.outlets.historian.test_influx import View, running
 from tests.daemon.outlets.historian.test_lake import check, check_results
+from tests.daemon.outlets.serving import children
 from tests.patience import eventually
 
 
@@ -49,17 +49,13 @@ async def test_a_process_that_is_killed_is_told_and_begun_again(record: Path, tm
     growing = Recorded(record)
     await asyncio.to_thread(growing.seconds, 5)
     async with running(outlet_of(record, "lake")) as outlet:
-        (child,) = await eventually(children, "the process")
+        (child,) = await eventually(lambda: children(MODULE), "the process")
         child.kill()
         await eventually(lambda: outlet.account.counters["lake: runs failed"], "the failure")
         await eventually(lambda: outlet.account.received == 5 + 3, "the rows")
         await eventually(lambda: outlet.trouble() is None, "the end of the trouble")
     growing.close()
     check(tmp_path / "lake", range(5))
-
-
-def children() -> list[psutil.Process]:
-    return [child for child in psutil.Process().children() if MODULE in child.cmdline()]
 
 
 async def test_without_a_record_there_is_no_lake(tmp_path: Path) -> None:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import re
-import ssl
 from collections.abc import AsyncIterator, Mapping
-from pathlib import Path
 from typing import Any
 
 import aiohttp
@@ -14,15 +12,11 @@ import pytest
 from prometheus_client.openmetrics.parser import text_string_to_metric_families
 from prometheus_client.parser import text_string_to_metric_families as plain_families
 
-from cellwatt import OutletError
 from cellwatt.outlets.metrics import MetricsSettings, serving
 from cellwatt.outlets.metrics import outlet as outlet_module
 from cellwatt.outlets.metrics.catalogue import CATALOGUE
 from tests.daemon.outlets.metrics import cell
 from tests.daemon.outlets.metrics.cell import health, outlet_of, tell_everything
-from tests.daemon.outlets.zenoh.test_link import certificates
-
-__all__ = ["certificates"]
 
 OPEN = {"Accept": "application/openmetrics-text;version=1.0.0,text/plain;version=0.0.4;q=0.5"}
 UNITS = ("seconds", "bytes", "watts", "joules", "hertz")
@@ -123,23 +117,6 @@ async def test_who_may_read(auth: dict[str, str], code: int) -> None:
         status, text, _ = await answer_of(f"{url}/readyz", headers=auth)
         assert (status, "secret reason" in text) == (503, code == 200)
         assert (await answer_of(f"{url}/healthz"))[0] == 200
-
-
-async def test_served_with_a_certificate(certificates: Path) -> None:
-    outlet = outlet_of(certificate=certificates / "cell", key=certificates / "cell.key", token="t0p")
-    context = ssl.create_default_context()
-    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
-    async with cell.serving(outlet) as url:
-        assert url.startswith("https://")
-        assert (await answer_of(f"{url}/healthz", ssl=context))[0] == 200
-
-
-async def test_a_port_in_use_is_told() -> None:
-    outlet = outlet_of()
-    async with cell.serving(outlet) as url:
-        other = outlet_of(listen=url.removeprefix("http://"))
-        with pytest.raises(OutletError, match="is in use"):
-            await other.run()
 
 
 def test_a_short_token_is_warned_of() -> None:

@@ -15,6 +15,7 @@ from cellwatt import Alarm, FrameChannel, Frames, Layout
 from cellwatt.errors import OutletError
 from cellwatt.outlets.mqtt.outlet import MqttOutlet
 from cellwatt.outlets.mqtt.settings import MqttSettings
+from tests.blocks import frames_of, marked
 from tests.daemon.outlets.mqtt.broker import Broker, Ears, ears
 from tests.daemon.outlets.page.recorded import Written
 from tests.daemon.outlets.zenoh import fake_cell
@@ -56,9 +57,7 @@ class Cell(FakeView):
         for i, name in enumerate(LAYOUT.names):
             if name.split(".")[0] in missing:
                 values[:, i] = np.nan
-        quality = np.where(np.isfinite(values), 0, 4).astype(np.uint8)
-        bound = np.zeros(values.shape, np.int64)
-        made = Frames(LAYOUT, int(numbers[0]), self.start + numbers * STEP, values, quality, bound)
+        made = frames_of(LAYOUT, int(numbers[0]), self.start + numbers * STEP, values, marked(values))
         if self.record is not None:
             self.record.chunk(made)
         return made

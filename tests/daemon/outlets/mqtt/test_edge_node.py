@@ -252,10 +252,16 @@ class Sessions(RuleBasedStateMachine):
         assert not self.born or self.host.online
 
 
-def test_a_channel_that_is_gone_keeps_its_unit_and_value_when_its_past_is_filled_in() -> None:
+def born() -> tuple[EdgeNode, Host]:
+    """A node whose birth its host has heard."""
     node, host = EdgeNode(SparkplugSettings(group="g", node="n"), "site", "cell", AlarmBook()), Host()
     host.connected(node.connect())
     host.hear(node.birth(T))
+    return node, host
+
+
+def test_a_channel_that_is_gone_keeps_its_unit_and_value_when_its_past_is_filled_in() -> None:
+    node, host = born()
     node.label(units(CHANNELS), T)
     host.hear(node.row(row(1, {"arm.supply.power": 5.0, "arm.joint_1.position": 1.0}), False, T))
     node.label(units(["meter.count", "arm.joint_1.position"]), T)
@@ -266,9 +272,7 @@ def test_a_channel_that_is_gone_keeps_its_unit_and_value_when_its_past_is_filled
 
 
 def test_a_source_that_a_reload_removed_is_dead_and_its_last_row_is_history() -> None:
-    node, host = EdgeNode(SparkplugSettings(group="g", node="n"), "site", "cell", AlarmBook()), Host()
-    host.connected(node.connect())
-    host.hear(node.birth(T))
+    node, host = born()
     node.label(units(CHANNELS), T)
     host.hear(node.row(row(1, {"arm.supply.power": 5.0, "meter.count": 1.0}), False, T))
     host.hear(node.label(units(["meter.count"]), T))
@@ -307,9 +311,7 @@ def test_names_that_topics_cannot_hold_are_escaped() -> None:
 
 
 def test_results_have_units_and_their_own_time() -> None:
-    node, host = EdgeNode(SparkplugSettings(group="g", node="n"), "site", "cell", AlarmBook()), Host()
-    host.connected(node.connect())
-    host.hear(node.birth(T))
+    node, host = born()
     host.hear(node.result(Task("arm", "task_2", "s", "v", 0.5, T, T + 10**9, (1, 2), 8), False, T + 2 * 10**9))
     assert host.values["", "arm/task/repetition"] == 8
     assert host.values["", "arm/task/end"] == (T + 10**9) // MS

@@ -5,14 +5,13 @@ from __future__ import annotations
 import ssl
 import subprocess
 from collections.abc import Iterator
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
 
-from cellwatt.door.certificates import issue, new_authority
 from cellwatt.errors import OutletError
+from tests.daemon.door.made import write_certificates
 from tests.daemon.outlets.mqtt.broker import PROGRAM, Broker, ears, needs_mosquitto
 from tests.daemon.outlets.mqtt.cell import ROOT, Cell, outlet_of, serving
 
@@ -29,22 +28,12 @@ class Secured(NamedTuple):
 
     def told(self, **more: Any) -> dict[str, Any]:
         """Settings of an outlet that is let in."""
-        names = {"ca": "ca.pem", "certificate": "cell.pem", "key": "cell.key"}
+        names = {"ca": "ca", "certificate": "cell", "key": "cell.key"}
         return {k: str(self.folder / v) for k, v in names.items()} | {"user": "cell", "password": "hush"} | more
 
 
 @pytest.fixture
-def secured(tmp_path: Path) -> Iterator[Secured]:
-    now = datetime.now(UTC)
-    authority, other = new_authority("plant-1", now), new_authority("elsewhere", now)
-    for name, pair in {
-        "ca": authority,
-        "other": other,
-        "broker": issue(authority, "broker", ["127.0.0.1"], now),
-        "cell": issue(authority, "weld-3", [], now),
-    }.items():
-        (tmp_path / f"{name}.pem").write_bytes(pair.certificate)
-        (tmp_path / f"{name}.key").write_bytes(pair.key)
+def secured(tmp_path: Path, certificates: Path) -> Iterator[Secured]:
     passwords = tmp_path / "passwords"
     passwords.write_text("")
     tool = Path(PROGRAM or "").parent.parent / "bin" / "mosquitto_passwd"
@@ -53,23 +42,23 @@ def secured(tmp_path: Path) -> Iterator[Secured]:
     subprocess.run([tool, "-b", passwords, "cell", "hush"], check=True, capture_output=True)
     broker = Broker(
         tmp_path,
-        f"cafile {tmp_path}/ca.pem",
-        f"certfile {tmp_path}/broker.pem",
-        f"keyfile {tmp_path}/broker.key",
+        f"cafile {certificates}/ca",
+        f"certfile {certificates}/cell",
+        f"keyfile {certificates}/cell.key",
         "require_certificate true",
         "allow_anonymous false",
         f"password_file {passwords}",
     )
     broker.start()
-    yield Secured(broker, tmp_path)
+    yield Secured(broker, certificates)
     broker.kill()
 
 
 async def test_rows_arrive_through_tls_with_certificate_and_password(secured: Secured) -> None:
     cell = Cell()
     outlet = outlet_of(cell, secured.url, **secured.told())
-    context = ssl.create_default_context(cafile=secured.folder / "ca.pem")
-    context.load_cert_chain(secured.folder / "cell.pem", secured.folder / "cell.key")
+    context = ssl.create_default_context(cafile=secured.folder / "ca")
+    context.load_cert_chain(secured.folder / "cell", secured.folder / "cell.key")
     async with (
         ears(secured.broker, f"{ROOT}/#", username="cell", password="hush", tls_context=context) as heard,
         serving(outlet, cell),
@@ -83,16 +72,17 @@ async def test_rows_arrive_through_tls_with_certificate_and_password(secured: Se
     ("more", "words"),
     [
         ({"password": "wrong"}, "the broker reports: not authorized; check user and password"),
-        ({"ca": "other.pem"}, "its certificate is not trusted: .*"),
+        ({"ca": "ca"}, "its certificate is not trusted: .*"),
         ({"ca": "none.pem"}, "ca: .*none.pem cannot be read: No such file"),
         ({"certificate": None, "key": None}, "the broker closed the connection"),
     ],
 )
 async def test_whom_the_broker_or_we_do_not_trust_is_told_why(
-    secured: Secured, more: dict[str, Any], words: str, monkeypatch: pytest.MonkeyPatch
+    secured: Secured, tmp_path: Path, more: dict[str, Any], words: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    write_certificates(tmp_path)  # of another authority
     monkeypatch.setattr("cellwatt.outlets.mqtt.link.ANSWER", 1.0)
-    told = {k: str(secured.folder / v) if v and v.endswith(".pem") else v for k, v in more.items()}
+    told = {k: str(tmp_path / v) if k == "ca" else v for k, v in more.items()}
     told = {k: v for k, v in secured.told(**told).items() if v is not None}
     with pytest.raises(OutletError, match=words):
         await outlet_of(Cell(), secured.url, **told).run()

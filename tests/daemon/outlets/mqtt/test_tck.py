@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import Callable, Iterable
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -182,12 +183,6 @@ def sequences(scene: Scene) -> bool:
     return all(follows(packets) for packets in live if packets)
 
 
-def topics(verb: str, *devices: str) -> Callable[[Scene], bool]:
-    """All topics of a message type are of the right form, and there are some."""
-    wanted = {NODE.format(verb)} if not devices else {f"{NODE.format(verb)}/{d}" for d in devices}
-    return lambda s: {p.topic for p in s.of(verb)} == wanted
-
-
 def plainly(*verbs: str) -> Callable[[Scene], bool]:
     return lambda s: all((p.qos, p.retain) == (0, False) for p in s.of(*verbs)) and all(s.of(v) for v in verbs)
 
@@ -202,12 +197,6 @@ def every(verb: str, rule: Callable[[Packet], Any]) -> Callable[[Scene], bool]:
 
 def wills(rule: Callable[[Packet], Any]) -> Callable[[Scene], bool]:
     return lambda s: all(p.will and rule(p) for p in s.connects)
-
-
-def first_of_each(scene: Scene, rule: Callable[[list[Packet]], Any]) -> bool:
-    """A rule on the publications of each connection in which there were any."""
-    published = [[p for p in c if p.kind == PUBLISH] for c in scene.connections]
-    return all(rule(packets) for packets in published if packets)
 
 
 def birth_order(scene: Scene) -> bool:
@@ -271,48 +260,34 @@ def historical(scene: Scene) -> bool:
 
 
 TYPES = {4: "long", 8: "long", 10: "double", 11: "boolean", 12: "string", 13: "long"}
+OF_DEVICES = [*product(("DBIRTH", "DDATA"), ("arm", "meter")), ("DDEATH", "meter")]
+TOPICS = {NODE.format(v) for v in ("NBIRTH", "NDATA", "NDEATH")} | {f"{NODE.format(v)}/{d}" for v, d in OF_DEVICES}
 _BD = "bdSeq"
 _RE = "Node Control/Rebirth"
 
 # fmt: off
 RULES: list[Rule] = [
-    ("topic-structure", "topics are namespace/group/type/node[/device]", lambda s: all(p.verb for p in s.all if p.kind == PUBLISH)),
-    ("topic-structure-namespace-a", "the namespace is spBv1.0", lambda s: all(p.topic.startswith("spBv1.0/") for p in s.all if p.topic)),
-    ("topic-structure-namespace-valid-group-id", "no reserved character in the group", lambda s: {p.topic.split("/")[1] for p in s.all if p.topic} == {"plant-1"}),
-    ("topic-structure-namespace-valid-edge-node-id", "no reserved character in the node", lambda s: {p.topic.split("/")[3] for p in s.all if p.topic} == {"weld-3"}),
-    ("topic-structure-namespace-valid-device-id topics-dbirth-topic message-flow-device-birth-publish-dbirth-topic message-flow-device-birth-publish-dbirth-match-edge-node-topic", "no reserved character in the device", topics("DBIRTH", "arm", "meter")),
-    ("topic-structure-namespace-unique-device-id topics-ddata-topic", "a device has an id of its own", topics("DDATA", "arm", "meter")),
-    ("topic-structure-namespace-device-id-associated-message-types", "device messages name the device", lambda s: all(p.topic.count("/") == 4 for p in s.of("DBIRTH", "DDATA", "DDEATH"))),
-    ("topic-structure-namespace-device-id-non-associated-message-types", "node messages name no device", lambda s: all(p.topic.count("/") == 3 for p in s.of("NBIRTH", "NDATA", "NDEATH"))),
-    ("topics-nbirth-topic message-flow-edge-node-birth-publish-nbirth-topic", "form of the topic", topics("NBIRTH")),
-    ("topics-ndata-topic", "form of the topic", topics("NDATA")),
-    ("topics-ndeath-topic", "form of the topic", topics("NDEATH")),
-    ("topics-ddeath-topic", "form of the topic", topics("DDEATH", "meter")),
-    ("topics-nbirth-mqtt payloads-nbirth-qos payloads-nbirth-retain message-flow-edge-node-birth-publish-nbirth-qos message-flow-edge-node-birth-publish-nbirth-retained topics-ndata-mqtt payloads-ndata-qos payloads-ndata-retain topics-dbirth-mqtt payloads-dbirth-qos payloads-dbirth-retain message-flow-device-birth-publish-dbirth-qos message-flow-device-birth-publish-dbirth-retained topics-ddata-mqtt payloads-ddata-qos payloads-ddata-retain", "quality of service 0, not retained", plainly(*BIRTHS, *DATA)),
+    ("topic-structure topic-structure-namespace-a topic-structure-namespace-valid-group-id topic-structure-namespace-valid-edge-node-id topic-structure-namespace-valid-device-id topics-dbirth-topic message-flow-device-birth-publish-dbirth-topic message-flow-device-birth-publish-dbirth-match-edge-node-topic topic-structure-namespace-unique-device-id topics-ddata-topic topic-structure-namespace-device-id-associated-message-types topic-structure-namespace-device-id-non-associated-message-types topics-nbirth-topic message-flow-edge-node-birth-publish-nbirth-topic topics-ndata-topic topics-ndeath-topic topics-ddeath-topic", "topics are spBv1.0/group/type/node, and /device where a device speaks", lambda s: {p.topic for p in s.all if p.kind == PUBLISH} == TOPICS),
+    ("topics-nbirth-mqtt payloads-nbirth-qos payloads-nbirth-retain message-flow-edge-node-birth-publish-nbirth-qos message-flow-edge-node-birth-publish-nbirth-retained topics-ndata-mqtt payloads-ndata-qos payloads-ndata-retain topics-dbirth-mqtt payloads-dbirth-qos payloads-dbirth-retain message-flow-device-birth-publish-dbirth-qos message-flow-device-birth-publish-dbirth-retained topics-ddata-mqtt payloads-ddata-qos payloads-ddata-retain topics-ddeath-mqtt", "quality of service 0, not retained", plainly(*BIRTHS, *DATA, "DDEATH")),
     ("topics-nbirth-seq-num payloads-nbirth-seq payloads-sequence-num-req-nbirth message-flow-edge-node-birth-publish-nbirth-payload-seq", "its number is 0", every("NBIRTH", lambda p: p.body["seq"] == 0)),
-    ("topics-nbirth-metric-reqs topics-dbirth-metric-reqs operational-behavior-data-publish-nbirth operational-behavior-data-publish-dbirth payloads-alias-data-cmd-requirement", "has every metric that data will have; data have aliases and no names", known_aliases),
+    ("topics-nbirth-metric-reqs topics-dbirth-metric-reqs operational-behavior-data-publish-nbirth operational-behavior-data-publish-dbirth payloads-alias-data-cmd-requirement payloads-name-requirement", "has every metric that data will have; data have aliases and no names", known_aliases),
     ("topics-nbirth-metrics topics-dbirth-metrics operational-behavior-data-publish-nbirth-values operational-behavior-data-publish-dbirth-values payloads-alias-birth-requirement payloads-metric-datatype-req", "name, datatype and value of each", complete),
     ("topics-nbirth-bdseq-matching", "bdSeq is that of the will", lambda s: all(named(p, _BD)["value"] == named(c[0], _BD)["value"] for c in s.connections for p in c if p.verb == "NBIRTH" and p.kind == PUBLISH)),
     ("topics-nbirth-bdseq-increment", "bdSeq is 0 at first and one more at each connection", lambda s: [named(p, _BD)["value"] for p in s.connects] == list(range(len(s.connects)))),
-    ("topics-nbirth-rebirth-metric operational-behavior-data-commands-rebirth-value operational-behavior-data-commands-rebirth-name", "has the command for a rebirth, which is false", every("NBIRTH", lambda p: named(p, _RE)["value"] is False)),
+    ("topics-nbirth-rebirth-metric operational-behavior-data-commands-rebirth-value operational-behavior-data-commands-rebirth-name payloads-nbirth-rebirth-req operational-behavior-data-commands-rebirth-datatype operational-behavior-data-commands-rebirth-name-aliases", "has the command for a rebirth: a Boolean, false, without an alias", every("NBIRTH", lambda p: [named(p, _RE).get(what) for what in ("value", "datatype", "alias")] == [False, 11, None])),
     ("payloads-nbirth-bdseq-repeat", "a rebirth has the same bdSeq", lambda s: len({named(p, _BD)["value"] for p in s.connections[0] if p.kind == PUBLISH and p.verb == "NBIRTH"}) == 1 < len([p for p in s.connections[0] if p.verb == "NBIRTH"])),
-    ("payloads-nbirth-rebirth-req operational-behavior-data-commands-rebirth-datatype", "the command for a rebirth", every("NBIRTH", lambda p: named(p, _RE)["datatype"] == 11)),
-    ("topics-ndata-payload", "has the metrics that changed", every("NDATA", lambda p: p.body["metrics"])),
+    ("topics-ndata-payload topics-ddata-payload message-flow-device-birth-publish-dbirth-payload", "births and data have metrics", lambda s: all(p.body["metrics"] for p in s.of("DBIRTH", *DATA))),
     ("payloads-ndata-order payloads-dbirth-order payloads-ddata-order", "after all births", birth_order),
     ("topics-ndeath-payload", "bdSeq and nothing else", every("NDEATH", lambda p: [m["name"] for m in p.body["metrics"]] == [_BD])),
     ("topics-ndeath-seq", "no number", every("NDEATH", lambda p: "seq" not in p.body)),
     ("payloads-ndeath-seq", "no number in the will either", wills(lambda p: "seq" not in p.body)),
-    ("payloads-ndeath-will-message-qos message-flow-edge-node-birth-publish-will-message-qos", "quality of service 1", wills(lambda p: p.qos == 1)),
-    ("payloads-ndeath-will-message-retain message-flow-edge-node-birth-publish-will-message-will-retained", "not retained", wills(lambda p: not p.retain)),
+    ("payloads-ndeath-will-message-qos message-flow-edge-node-birth-publish-will-message-qos payloads-ndeath-will-message-retain message-flow-edge-node-birth-publish-will-message-will-retained", "quality of service 1, not retained", wills(lambda p: (p.qos, p.retain) == (1, False))),
     ("payloads-ndeath-bdseq", "bdSeq of the birth", lambda s: all(named(p, _BD)["value"] == named(c[0], _BD)["value"] for c in s.connections for p in c if p.verb == "NDEATH")),
-    ("payloads-ndeath-will-message-publisher", "published before we leave on purpose", lambda s: s.of("NDEATH") == [p for c in s.connections for p in c[-2:-1] if c[-1].kind == DISCONNECT and p.verb == "NDEATH"] and len(s.of("NDEATH")) == 2),
+    ("payloads-ndeath-will-message-publisher operational-behavior-edge-node-intentional-disconnect-ndeath", "published before we leave on purpose", lambda s: s.of("NDEATH") == [p for c in s.connections for p in c[-2:-1] if c[-1].kind == DISCONNECT and p.verb == "NDEATH"] and len(s.of("NDEATH")) == 2),
     ("payloads-ndeath-will-message-publisher-disconnect-mqtt50", "the good-bye asks for the will", lambda s: all(p.reason == 4 for p in s.all if p.kind == DISCONNECT)),
-    ("topics-ddata-payload", "has the metrics that changed", every("DDATA", lambda p: p.body["metrics"])),
-    ("topics-ddeath-mqtt", "quality of service 0, not retained", plainly("DDEATH")),
     ("operational-behavior-device-ddeath", "a source without values dies, once", lambda s: [p.topic[-5:] for p in s.of("DDEATH")] == ["meter"]),
     ("payloads-timestamp-in-UTC topics-nbirth-timestamp payloads-nbirth-timestamp topics-ndata-timestamp payloads-ndata-timestamp topics-dbirth-timestamp payloads-dbirth-timestamp topics-ddata-timestamp payloads-ddata-timestamp payloads-ddeath-timestamp", "ms of UTC", stamped(*BIRTHS, *DATA, "DDEATH")),
     ("payloads-sequence-num-incrementing topics-ndata-seq-num payloads-ndata-seq-inc topics-dbirth-seq payloads-dbirth-seq-inc topics-ddata-seq-num payloads-ddata-seq-inc topics-ddeath-seq-num payloads-ddeath-seq-inc message-flow-device-birth-publish-dbirth-payload-seq payloads-sequence-num-always-included payloads-ndata-seq payloads-dbirth-seq payloads-ddata-seq payloads-ddeath-seq payloads-ddeath-seq-number", "all but deaths of nodes have a number, one more than the message before, 0 after 255", lambda s: sequences(s) and {p.body["seq"] for p in s.of("DDATA")} == set(range(256))),
-    ("payloads-name-requirement", "a name, or the alias of one", lambda s: all("name" in m or "alias" in m for _, m in s.metrics)),
     ("payloads-alias-uniqueness", "an alias is that of one metric of the whole node", unique_aliases),
     ("payloads-metric-timestamp-in-UTC payloads-name-birth-data-requirement", "each metric has its time, in ms of UTC", lambda s: all(1.7e12 < m["timestamp"] < 3e12 for _, m in s.metrics)),
     ("payloads-metric-datatype-value-type", "a datatype is a small number", lambda s: all(0 < m["datatype"] < 2**32 for _, m in s.metrics if "datatype" in m)),
@@ -321,19 +296,15 @@ RULES: list[Rule] = [
     ("payloads-propertyset-keys-array-size payloads-propertyset-values-array-size", "as many keys as values", lambda s: any(m.get("properties") for _, m in s.metrics)),
     ("payloads-metric-propertyvalue-type-req", "births say the type of a property", lambda s: {t for p, m in s.metrics for t, _ in m.get("properties", {}).values()} == {12}),
     ("principles-persistence-clean-session-50", "a clean start, and no session that outlives it", lambda s: all(p.clean and p.expiry == 0 for p in s.connects)),
-    ("principles-birth-certificates-order", "a birth is the first message", lambda s: first_of_each(s, lambda packets: packets[0].verb == "NBIRTH")),
+    ("principles-birth-certificates-order message-flow-device-birth-publish-nbirth-wait", "a birth is the first message", lambda s: all(p.verb == "NBIRTH" for c in s.connections for p in [p for p in c if p.kind == PUBLISH][:1])),
     ("principles-rbe-recommended", "what did not change is not sent", lambda s: all(m["value"] != 0.0 for p, m in s.metrics if p.verb == "DDATA" and "value" in m and not m.get("is_historical"))),
-    ("message-flow-edge-node-ncmd-subscribe", "commands are listened to with quality of service 1", lambda s: all((NCMD, 1) in [f for p in c if p.kind == SUBSCRIBE for f in p.filters] for c in s.connections)),
+    ("message-flow-edge-node-ncmd-subscribe message-flow-edge-node-birth-publish-phid-wait-id", "commands, and the state of its host, are listened to with quality of service 1", lambda s: all({(NCMD, 1), (STATE, 1)} <= {f for p in c if p.kind == SUBSCRIBE for f in p.filters} for c in s.connections)),
     ("message-flow-edge-node-birth-publish-connect", "births come after the connection", lambda s: all(c[0].kind == CONNECT for c in s.connections)),
     ("message-flow-edge-node-birth-publish-will-message-topic message-flow-edge-node-birth-publish-will-message payloads-ndeath-will-message", "there is a will, an NDEATH, with its topic", wills(lambda p: p.topic == NODE.format("NDEATH"))),
     ("message-flow-edge-node-birth-publish-will-message-payload-bdSeq message-flow-edge-node-birth-publish-will-message-payload", "bdSeq as Int64, one more at each connection", wills(lambda p: named(p, _BD)["datatype"] == 4)),
     ("message-flow-edge-node-birth-publish-nbirth-payload-bdSeq topics-nbirth-bdseq-included payloads-nbirth-bdseq message-flow-edge-node-birth-publish-nbirth-payload", "bdSeq as Int64", every("NBIRTH", lambda p: named(p, _BD)["datatype"] == 4)),
-    ("message-flow-device-birth-publish-nbirth-wait", "a device is born after its node", lambda s: first_of_each(s, lambda packets: next(i for i, p in enumerate(packets) if p.verb == "DBIRTH") > 0)),
-    ("message-flow-device-birth-publish-dbirth-payload", "payload of Sparkplug", every("DBIRTH", lambda p: p.body["metrics"])),
-    ("operational-behavior-edge-node-intentional-disconnect-ndeath", "NDEATH before we leave on purpose", lambda s: all(c[-2].verb == "NDEATH" for c in s.connections if c[-1].kind == DISCONNECT)),
     ("operational-behavior-edge-node-intentional-disconnect-packet", "then the good-bye", lambda s: sum(p.kind == DISCONNECT for p in s.all) == 2),
     ("message-flow-edge-node-birth-publish-phid-wait", "nothing before the primary host is online", lambda s: s.marks["births without a state"] == 0),
-    ("message-flow-edge-node-birth-publish-phid-wait-id", "it listens to the state of that host", lambda s: all((STATE, 1) in [f for p in c if p.kind == SUBSCRIBE for f in p.filters] for c in s.connections)),
     ("message-flow-edge-node-birth-publish-phid-wait-online", "offline is not online", lambda s: s.marks["births with the host offline"] == 0),
     ("message-flow-edge-node-birth-publish-phid-wait-timestamp", "an older state does not count", lambda s: s.marks["births after an old online"] == 0),
     ("message-flow-edge-node-birth-publish-phid-offline operational-behavior-edge-node-termination-host-offline", "it dies when the host goes offline, and leaves", lambda s: [p.verb or p.kind for p in s.connections[0][-2:]] == ["NDEATH", DISCONNECT]),
@@ -342,7 +313,6 @@ RULES: list[Rule] = [
     ("operational-behavior-edge-node-birth-sequence-wait", "the new connection waits for the host as well", lambda s: s.marks["births of the second connection without the host"] == sum(p.verb == "NBIRTH" for p in s.connections[0])),
     ("operational-behavior-data-publish-nbirth-order operational-behavior-data-publish-dbirth-order", "in order of time", chronological),
     ("store-and-forward", "what nobody heard is historical", historical),
-    ("operational-behavior-data-commands-rebirth-name-aliases", "it has no alias", every("NBIRTH", lambda p: "alias" not in named(p, _RE))),
     ("operational-behavior-data-commands-ncmd-rebirth-name operational-behavior-data-commands-ncmd-rebirth-value", "only that command counts", lambda s: s.marks["births without a request"] == 0),
     ("operational-behavior-data-commands-rebirth-action-2 operational-behavior-data-commands-rebirth-action-1", "data stop, all births follow", lambda s: [p.verb for p in rebirth(s)[:3]] == ["NBIRTH", "DBIRTH", "DBIRTH"]),
     ("operational-behavior-data-commands-rebirth-action-3", "with the same bdSeq", lambda s: named(rebirth(s)[0], _BD)["value"] == 0),

@@ -12,13 +12,11 @@ from dataclasses import dataclass, field
 from email import message_from_bytes
 from email.message import EmailMessage
 from email.policy import default
-from pathlib import Path
 from typing import Any
 
 from aiohttp import web
 from aiosmtpd.smtp import SMTP, AuthResult, Envelope, LoginPassword, Session
 
-from tests.daemon.door.made import write_certificates
 from tests.daemon.outlets.historian.loopback import Loopback
 
 Answer = Callable[[web.BaseRequest], Awaitable[web.StreamResponse]]
@@ -135,17 +133,3 @@ async def mail_server(
             if session.transport is not None:
                 session.transport.close()
         await server.wait_closed()
-
-
-@dataclass(frozen=True)
-class Certificates:
-    ca: Path
-    context: ssl.SSLContext
-
-
-def certificates(folder: Path) -> Certificates:
-    """An authority of its own, and a server's side of TLS by it."""
-    write_certificates(folder)
-    context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
-    context.load_cert_chain(folder / "cell", folder / "cell.key")
-    return Certificates(folder / "ca", context)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import ssl
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,13 +14,8 @@ import pytest
 from cellwatt.outlets.notify import courier as module
 from cellwatt.outlets.notify.courier import UNDELIVERED
 from tests.daemon.outlets.notify.cell import View, alarm, offered, running
-from tests.daemon.outlets.notify.servers import Certificates, Mailbox, certificates, mail_server
+from tests.daemon.outlets.notify.servers import Mailbox, mail_server
 from tests.patience import eventually
-
-
-@pytest.fixture(scope="module")
-def pki(tmp_path_factory: pytest.TempPathFactory) -> Certificates:
-    return certificates(tmp_path_factory.mktemp("pki"))
 
 
 @pytest.fixture(autouse=True)
@@ -32,10 +28,10 @@ def to(box: Mailbox, **more: Any) -> dict[str, Any]:
     return {"shift": {"mail": {**values, **more}}}
 
 
-async def test_starttls_login_and_the_mail_itself(tmp_path: Path, pki: Certificates) -> None:
+async def test_starttls_login_and_the_mail_itself(tmp_path: Path, certificates: Path, tls: ssl.SSLContext) -> None:
     async with (
-        mail_server(starttls=pki.context, login=True) as box,
-        running(View(tmp_path), to(box, ca=str(pki.ca), user="cell", password="right-password")) as made,
+        mail_server(starttls=tls, login=True) as box,
+        running(View(tmp_path), to(box, ca=certificates / "ca", user="cell", password="right-password")) as made,
     ):
         await offered(made, alarm(3, statement="Gelenk 3 ist um 12 Nm zu schwer — prüfen"), "shift: sent")
     assert (box.encrypted, box.login) == ([True], "cell")
@@ -58,9 +54,9 @@ async def test_a_server_without_starttls_gets_nothing(tmp_path: Path) -> None:
     assert box.mails == []
 
 
-async def test_a_server_that_nobody_vouches_for_gets_nothing(tmp_path: Path, pki: Certificates) -> None:
+async def test_a_server_that_nobody_vouches_for_gets_nothing(tmp_path: Path, tls: ssl.SSLContext) -> None:
     for settings in ({"tls": "tls"}, {}):
-        server = mail_server(tls=pki.context) if settings else mail_server(starttls=pki.context)
+        server = mail_server(tls=tls) if settings else mail_server(starttls=tls)
         async with server as box, running(View(tmp_path), to(box, **settings)) as made:
             made.offer(alarm(1))
             await eventually(lambda: made.trouble())
@@ -69,14 +65,17 @@ async def test_a_server_that_nobody_vouches_for_gets_nothing(tmp_path: Path, pki
         (tmp_path / "notify.jsonl").unlink()
 
 
-async def test_a_wrong_password_is_tried_again_and_not_told(tmp_path: Path, pki: Certificates) -> None:
-    async with mail_server(starttls=pki.context, login=True) as box:
-        async with running(View(tmp_path), to(box, ca=str(pki.ca), user="cell", password="wrong-password")) as made:
+async def test_a_wrong_password_is_tried_again_and_not_told(
+    tmp_path: Path, certificates: Path, tls: ssl.SSLContext
+) -> None:
+    known = {"ca": certificates / "ca", "user": "cell"}
+    async with mail_server(starttls=tls, login=True) as box:
+        async with running(View(tmp_path), to(box, **known, password="wrong-password")) as made:
             await offered(made, alarm(1), "shift: retried", 2)
             trouble = str(made.trouble())
         assert "the login as cell is refused: 535" in trouble
         assert "wrong-password" not in trouble
-        async with running(View(tmp_path), to(box, ca=str(pki.ca), user="cell", password="right-password")) as after:
+        async with running(View(tmp_path), to(box, **known, password="right-password")) as after:
             await eventually(lambda: box.mails)
             await eventually(lambda: after.account.counters["shift: sent"])
 

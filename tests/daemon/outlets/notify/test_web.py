@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import ssl
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from cellwatt.outlets.notify import courier as module
 from cellwatt.outlets.notify.courier import UNDELIVERED
 from cellwatt.outlets.notify.web import sign
 from tests.daemon.outlets.notify.cell import View, alarm, offered, running
-from tests.daemon.outlets.notify.servers import certificates, hook, web_server
+from tests.daemon.outlets.notify.servers import hook, web_server
 from tests.patience import eventually
 
 SECRET = "a secret of the plant"
@@ -118,11 +119,10 @@ async def test_home_assistant(tmp_path: Path) -> None:
         assert set(call.json) == {"title", "message", "data"}
 
 
-async def test_https_by_an_authority_of_the_plant(tmp_path: Path) -> None:
-    pki = certificates(tmp_path)
-    async with web_server(pki.context) as server:
+async def test_https_by_an_authority_of_the_plant(tmp_path: Path, certificates: Path, tls: ssl.SSLContext) -> None:
+    async with web_server(tls) as server:
         to: dict[str, Any] = {
-            "trusted": {"webhook": {"url": server.url, "ca": str(pki.ca)}},
+            "trusted": {"webhook": {"url": server.url, "ca": certificates / "ca"}},
             "distrusted": {"webhook": {"url": server.url}},
         }
         async with running(View(tmp_path), to) as made:

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import psutil
 import pytest
 from asyncua import Client, ua
 from asyncua.common.utils import Buffer, NotEnoughData
@@ -27,7 +26,7 @@ from cellwatt.results import Energy, Event
 from cellwatt_drivers.opc_ua import OpcUaDriver, OpcUaSettings
 from tests.blocks import frames_of, layout_of
 from tests.daemon.outlets.page.cell import View
-from tests.daemon.outlets.serving import serving
+from tests.daemon.outlets.serving import children, serving
 from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, alarm
 from tests.drivers.inlet import CollectingInlet
 from tests.drivers.opc_ua.rig import certificate
@@ -238,10 +237,6 @@ async def one_that_comes_later_asks_for_what_stands(outlet: OpcUaOutlet) -> None
         assert listener.events[0].ConditionName == "joint_fault"
 
 
-def servers() -> list[psutil.Process]:
-    return [child for child in psutil.Process().children() if OpcUaOutlet.module in child.cmdline()]
-
-
 async def nobody_acknowledges_without_a_name(outlet: OpcUaOutlet) -> None:
     async with client(outlet) as there:
         listener, _ = await listening(there)
@@ -259,7 +254,7 @@ async def too_much_is_refused_before_it_is_done(outlet: OpcUaOutlet) -> None:
         for name, limit in LIMITS.items():
             node = there.get_node(getattr(ua.ObjectIds, f"Server_ServerCapabilities_{name}"))
             assert await node.read_value() == limit, name
-        (server,) = servers()
+        (server,) = children(OpcUaOutlet.module)
         before = server.memory_info().rss
         names = [ua.ReadValueId(ua.NodeId(ua.ObjectIds.Server), ua.AttributeIds.DisplayName)]
         ask = there.uaclient.read
@@ -346,7 +341,7 @@ def test_what_is_left_open_on_purpose_is_warned_of_once_and_shows_no_password():
 
 async def a_server_that_dies_is_told_and_the_queue_stays_bounded(outlet: OpcUaOutlet) -> None:
     running = next(t for t in asyncio.all_tasks() if t.get_coro().__name__ == "run")
-    for server in servers():
+    for server in children(OpcUaOutlet.module):
         server.kill()
     await eventually(running.done)
     with pytest.raises(OutletError, match="the OPC UA server ended"):

@@ -30,9 +30,6 @@ from tests.daemon.outlets.page.cell import (
     served,
     status,
 )
-from tests.daemon.outlets.zenoh.test_link import certificates
-
-__all__ = ["certificates"]
 
 LOCKED = [
     f"{API}/state",

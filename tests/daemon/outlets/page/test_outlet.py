@@ -40,7 +40,7 @@ from tests.daemon.outlets.page.cell import (
     shelved,
     status,
 )
-from tests.daemon.outlets.serving import serving
+from tests.daemon.outlets.serving import children, serving
 from tests.daemon.outlets.zenoh.fake_cell import batch
 from tests.daemon.outlets.zenoh.processes import free_port
 from tests.doing import doing
@@ -54,11 +54,6 @@ def view(tmp_path: Path) -> View:
 
 def outlet_of(view: View, **settings: Any) -> PageOutlet:
     return PageOutlet("page", PageSettings(**{"listen": "127.0.0.1:0", **settings}), view)
-
-
-def serving_process() -> psutil.Process:
-    (child,) = (p for p in psutil.Process().children() if "cellwatt.outlets.page.serving" in p.cmdline())
-    return child
 
 
 async def test_what_the_cell_tells_reaches_a_browser(view: View) -> None:
@@ -134,7 +129,7 @@ async def test_logins_survive_a_restart_and_secrets_are_nowhere_to_be_seen(view:
     outlet = outlet_of(view, users=USERS, listen=f"127.0.0.1:{free_port()}")
     async with client() as browser:
         async with serving(outlet) as url:
-            child = await asyncio.to_thread(serving_process)
+            (child,) = await asyncio.to_thread(children, PageOutlet.module)
             command, environment = child.cmdline(), await asyncio.to_thread(child.environ)
             assert HASH not in " ".join([*command, *environment.values()])
             assert await asyncio.to_thread(child.nice) == max(10, os.nice(0))
@@ -159,7 +154,8 @@ async def test_a_process_that_is_killed_is_started_again(view: View, monkeypatch
     async with doing(delivery.run()):
         await eventually(lambda: outlet.url, "the page")
         assert delivery.status()["state"] == "ok"
-        (await asyncio.to_thread(serving_process)).kill()
+        (child,) = await asyncio.to_thread(children, PageOutlet.module)
+        child.kill()
         await eventually(lambda: delivery.status()["error"], "its end")
         told = delivery.status()
         assert (told["state"], told["error"]) == ("down", "the process that serves the page ended (by SIGKILL)")
@@ -176,7 +172,7 @@ async def test_a_process_that_hangs_is_told_and_holds_up_nobody(view: View, monk
     monkeypatch.setattr("cellwatt.outlets.apart.wire.END", 0.1)
     outlet = outlet_of(view)
     async with serving(outlet):
-        child = await asyncio.to_thread(serving_process)
+        (child,) = await asyncio.to_thread(children, PageOutlet.module)
         assert outlet.trouble() is None
         child.send_signal(signal.SIGSTOP)
         offered = 0

@@ -13,9 +13,6 @@ from cellwatt.outlet import revealed
 from cellwatt.outlets.page.outlet import PageSettings
 from cellwatt.outlets.page.sessions import hash_of, parse
 from tests.daemon.outlets.page.cell import HASH, PASSWORD, USERS
-from tests.daemon.outlets.zenoh.test_link import certificates
-
-__all__ = ["certificates"]
 
 
 @pytest.mark.parametrize("listen", ["127.0.0.1:8480", "localhost:80", "[::1]:8480"])

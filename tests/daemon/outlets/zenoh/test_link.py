@@ -12,8 +12,10 @@ from cellwatt.config import load
 from cellwatt.errors import ConfigError
 from cellwatt.outlets.zenoh.link import LinkSettings, TlsSettings, open_session, session_config
 from cellwatt.outlets.zenoh.reach import link_to
-from tests.daemon.door.made import write_certificates
+from tests.daemon.conftest import certificates
 from tests.daemon.outlets.zenoh.processes import free_port
+
+__all__ = ["certificates"]
 
 HOST = "127.0.0.1"
 
@@ -100,12 +102,6 @@ def test_user_and_password(tmp_path: Path, user: str | None, password: str | Non
             return
         with pytest.raises(OutletError, match="refuses the session: check user and password"):
             open_session(client, patience=0.5)
-
-
-@pytest.fixture(scope="module")
-def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """An authority's certificate, and a certificate for localhost with its key."""
-    return write_certificates(tmp_path_factory.mktemp("certificates"))
 
 
 GONE = "missing.pem"

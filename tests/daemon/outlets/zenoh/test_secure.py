@@ -16,7 +16,6 @@ from typing import Any
 import pytest
 import yaml
 import zenoh
-from click.testing import CliRunner
 
 from cellwatt import OutletError
 from cellwatt.commands.secure import command
@@ -24,6 +23,7 @@ from cellwatt.door.certificates import Pair, issue, new_authority
 from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
 from cellwatt.outlets.zenoh.link import LinkSettings, TlsSettings, open_session
 from cellwatt.subscriber import Subscriber
+from tests.calling import called
 from tests.daemon.outlets.zenoh.fake_cell import CELL, SITE, FakeView, alarm, batch
 from tests.daemon.outlets.zenoh.processes import ROOT, free_port
 from tests.daemon.outlets.zenoh.serving import serving
@@ -41,8 +41,7 @@ FORGED = f"cellwatt/{SITE}/{CELL}/alarm/error/joint_fault"
 
 def secure(*arguments: str, folder: Path | None = None) -> str:
     """Calls ``cellwatt secure``; what goes wrong is raised."""
-    at = ["--in", str(folder)] if folder is not None else []
-    return CliRunner().invoke(command, [*arguments, *at], catch_exceptions=False, standalone_mode=False).stdout
+    return called(command, *arguments, *(["--in", folder] if folder else []))
 
 
 class Site:

@@ -14,6 +14,7 @@ from cellwatt.ring import ItemReader, ItemWriter, Mark, Status
 from cellwatt.runtime.assemble import declared
 from cellwatt.runtime.processes.judge import QUEUED_FRAMES, judge
 from cellwatt.runtime.processes.shared import OTHERS, TELL, Assignment, Shared
+from tests.blocks import frames_of
 from tests.daemon.runtime.fakes import JUDGES, alarm, config_of, prediction, stages
 from tests.patience import PATIENCE
 
@@ -21,10 +22,8 @@ CONFIG = config_of(stages=stages("heat"))
 STEP = 20_000_000
 
 
-def frames_of(layout, first: int, n: int) -> Frames:
-    time = np.arange(first, first + n, dtype=np.int64) * STEP
-    shape = (n, len(layout.channels))
-    return Frames(layout, first, time, np.zeros(shape), np.zeros(shape, np.uint8), np.zeros(shape, np.int64))
+def zeros(layout, first: int, n: int) -> Frames:
+    return frames_of(layout, first, np.arange(first, first + n) * STEP, np.zeros((n, len(layout.channels))))
 
 
 def said_by_a_judge(*, held: bool = False, replaced: bool = False, blocks: int = 1) -> list[Any]:
@@ -35,7 +34,7 @@ def said_by_a_judge(*, held: bool = False, replaced: bool = False, blocks: int =
     frames = ItemWriter(shared.frames)
     for block in range(blocks):
         frames.put(Mark(1))
-        frames.put(frames_of(layout, 10 * block, 10))
+        frames.put(zeros(layout, 10 * block, 10))
     if replaced:
         frames.put(Mark(2))
     shared.frames.end()

@@ -17,7 +17,7 @@ from cellwatt_plugins.models.power.moves import read_moves
 from cellwatt_plugins.models.power.terms import EFFECTS
 from cellwatt_plugins.models.power.training import estimate
 from cellwatt_plugins.models.predict import predict_file
-from tests.plugins.models.making import cut, frames, layout, run, stage
+from tests.plugins.models.making import frames, layout, run, split, stage
 from tests.plugins.models.power.cases import six_axes_recorded, tuning_of
 
 CREATED = datetime(2026, 5, 4, tzinfo=UTC)
@@ -77,7 +77,7 @@ def test_live_it_says_the_same_as_offline(arm, tmp_path):
     units = {"position": "rad", "velocity": "rad/s"}
     grid = layout({f"arm.joint_{i}.{what}": unit for what, unit in units.items() for i in range(1, 7)}, 125.0)
     block = frames(np.concatenate([moves.q, moves.qd], axis=1)[first:end], grid)
-    results = run(stage(tmp_path / "model.onnx", grid, robot="arm"), cut(block, [1, 50, 51]))
+    results = run(stage(tmp_path / "model.onnx", grid, robot="arm"), split(block, [1, 50, 51]))
     live = np.concatenate([result.outputs["power"] for result in results if hasattr(result, "outputs")])
     predict_file(tmp_path / "model.onnx", arm[1], tmp_path / "said.parquet")
     offline = pq.read_table(tmp_path / "said.parquet")["power"].to_numpy()[first:end]

@@ -6,15 +6,16 @@ import json
 
 import pyarrow.parquet as pq
 import pytest
-from click.testing import CliRunner
 
 from cellwatt.errors import CellwattError
 from cellwatt_plugins.models.command import predict, train
 from cellwatt_plugins.models.power import scg_network
+from tests.calling import called
 from tests.daemon.report.reading import check, numbers, read
 from tests.plugins.models.making import undated
 from tests.plugins.models.power.emulated_arm import write_case
 
+POWER = train, "power"
 RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 
 
@@ -43,19 +44,13 @@ def check_page(page, report):
     assert standby[0] == pytest.approx(parameters["standby_watt"], abs=standby[1])
 
 
-def called(*words):
-    return CliRunner().invoke(train, ["power", *map(str, words)], catch_exceptions=False)
-
-
 @pytest.mark.slow
 @pytest.mark.timeout(300)  # 20 s of an idle core
 def test_a_model_its_report_and_its_predictions(case, tmp_path, monkeypatch):
     monkeypatch.setattr(scg_network, "ITERATIONS", 10)
     robot, table, unseen = case
     page = tmp_path / "page.html"
-    done = called(table, "--robot", robot, "--out", tmp_path, "--json", "--report", page)
-    assert done.exit_code == 0, done.output
-    report = json.loads(done.stdout)
+    report = json.loads(called(*POWER, table, "--robot", robot, "--out", tmp_path, "--json", "--report", page))
     check_page(read(page), report)
     assert report == json.loads((tmp_path / "power.json").read_text())
     assert set(report["held_out"]) == {"NLS", "SCG", "best"}
@@ -63,8 +58,7 @@ def test_a_model_its_report_and_its_predictions(case, tmp_path, monkeypatch):
     assert [len(report["tables"]["best"]["errors_percent"][0])] == [3]
     assert report["nls"]["power"]["P_c"][0] == pytest.approx(80, rel=0.1)
     assert report["held_out"]["NLS"]["energy_error_mean_percent"] < 8
-    words = ["--model", tmp_path / "model.onnx", unseen, "--out", tmp_path / "said.parquet"]
-    assert CliRunner().invoke(predict, list(map(str, words)), catch_exceptions=False).exit_code == 0
+    called(predict, "--model", tmp_path / "model.onnx", unseen, "--out", tmp_path / "said.parquet")
     said = pq.read_table(tmp_path / "said.parquet")
     assert said.column_names == ["t", "move", "power", *(f"current_{i}" for i in range(1, 7))]
     assert said.num_rows == pq.read_table(unseen).num_rows
@@ -77,14 +71,14 @@ def test_a_robot_without_torque_constants_is_refused(case, tmp_path):
     (tmp_path / "robot.yaml").write_text(text)
     (tmp_path / "robot.urdf").write_text((robot.parent / "robot.urdf").read_text())
     with pytest.raises(CellwattError, match="torque_constant of joint_1"):
-        called(table, "--robot", tmp_path, "--out", tmp_path)
+        called(*POWER, table, "--robot", tmp_path, "--out", tmp_path)
 
 
 def test_too_few_rows_for_a_model_are_refused(case, tmp_path):
     robot, table, _ = case
     pq.write_table(pq.read_table(table)[:12], tmp_path / "few.parquet")
     with pytest.raises(CellwattError, match="12 rows do not determine a model"):
-        called(tmp_path / "few.parquet", "--robot", robot, "--out", tmp_path)
+        called(*POWER, tmp_path / "few.parquet", "--robot", robot, "--out", tmp_path)
 
 
 @pytest.mark.slow
@@ -94,8 +88,8 @@ def test_the_same_recording_and_seed_give_the_same_model(case, tmp_path, monkeyp
     robot, table, _ = case
     reports, models = [], []
     for name in ("one", "other"):
-        done = called(table, "--robot", robot, "--out", tmp_path / name, "--seed", 3, "--json")
-        reports.append(json.loads(done.stdout))
+        words = ("--robot", robot, "--out", tmp_path / name, "--seed", 3, "--json")
+        reports.append(json.loads(called(*POWER, table, *words)))
         models.append(undated(tmp_path / name / "model.onnx"))
     assert models[0] == models[1]
     assert reports[0]["held_out"] == reports[1]["held_out"]

@@ -10,7 +10,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from click.testing import CliRunner
 
 from cellwatt.errors import CellwattError
 from cellwatt_plugins.models import read_metadata
@@ -18,6 +17,7 @@ from cellwatt_plugins.models.command import predict, train
 from cellwatt_plugins.models.static import identify, learning, paper
 from cellwatt_plugins.models.static.learning import Curve, Point
 from cellwatt_plugins.models.static.training import Scores, half_width
+from tests.calling import called
 from tests.daemon.report.reading import check, numbers, read
 from tests.plugins.models.making import undated
 from tests.plugins.models.static import arms
@@ -34,15 +34,9 @@ def case(tmp_path_factory):
         patch.setattr(identify, "FOLDS", 3)
         patch.setattr(learning, "REPEATS", 1)
         given = ("static", folder / "samples.parquet", "--robot", robot, "--out")
-        report = json.loads(call(train, *given, folder / "a", "--json", "--report", folder / "page.html"))
-        text = call(train, *given, folder / "b")
+        report = json.loads(called(train, *given, folder / "a", "--json", "--report", folder / "page.html"))
+        text = called(train, *given, folder / "b")
     return folder, unseen, report, text
-
-
-def call(command, *words):
-    done = CliRunner().invoke(command, [str(word) for word in words], catch_exceptions=False)
-    assert done.exit_code == 0, done.output
-    return done.stdout
 
 
 @pytest.mark.slow
@@ -77,7 +71,7 @@ def test_poses_never_collected_are_predicted(case, tmp_path):
     columns = {f"q_{j + 1}": q[:, j] for j in range(6)} | {f"q_from_{j + 1}": came[:, j] for j in range(6)}
     pq.write_table(pa.table({"pose": np.arange(len(q)), **columns}), tmp_path / "poses.parquet")
     given = ("--model", folder / "a" / "model.onnx", tmp_path / "poses.parquet", "--out", tmp_path / "said.parquet")
-    said = json.loads(call(predict, *given, "--json"))
+    said = json.loads(called(predict, *given, "--json"))
     assert (said["rows"], said["missing"], said["begun"]) == (400, 0, 0)
     table = pq.read_table(tmp_path / "said.parquet")
     assert table.column_names[0] == "pose"
@@ -104,7 +98,7 @@ def test_a_missing_library_is_named(case, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "optuna", None)
     given = ("static", case[0] / "samples.parquet", "--robot", case[0] / "robot.yaml", "--out", tmp_path)
     with pytest.raises(CellwattError, match=r"training needs optuna: install it with pip install 'cellwatt\[train\]'"):
-        call(train, *given)
+        called(train, *given)
 
 
 def test_a_dozen_poses_in_newton_metres_are_a_beginning(tmp_path, monkeypatch):
@@ -117,7 +111,7 @@ def test_a_dozen_poses_in_newton_metres_are_a_beginning(tmp_path, monkeypatch):
         f"{name}_{j + 1}": values[:, j] for name, values in (("q", q), ("torque", arms.Arm().load(q))) for j in range(6)
     }
     pq.write_table(pa.table({"pose": np.arange(12), **columns}), tmp_path / "poses.parquet")
-    text = call(train, "static", tmp_path / "poses.parquet", "--robot", robot, "--out", tmp_path)
+    text = called(train, "static", tmp_path / "poses.parquet", "--robot", robot, "--out", tmp_path)
     assert "More poses would still help: with 12" in text
 
 

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 import zenoh
-from click.testing import CliRunner
 
 from cellwatt.commands.secure import command
+from tests.calling import called
 from tests.daemon.outlets.zenoh.plants import site
 from tests.daemon.outlets.zenoh.plants.network import hq_address
 
@@ -31,7 +31,7 @@ def made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
             if words[0] == "cd":
                 monkeypatch.chdir(tmp_path / words[1])
             elif words[0] == "cellwatt":
-                CliRunner().invoke(command, words[2:], catch_exceptions=False, standalone_mode=False)
+                called(command, *words[2:])
             else:
                 subprocess.run(line, shell=True, check=True)
     shutil.copy(site.ROOT / "examples" / "plants" / "hq.json5", tmp_path / "hq")
