@@ -21,6 +21,7 @@ from cellwatt_plugins.explain.report.terminal import in_words
 from cellwatt_plugins.explain.simulators.mend import mend, to_mend
 from cellwatt_plugins.explain.simulators.mend_drives import mend_driven
 from cellwatt_plugins.explain.simulators.wording import mended_in_words
+from cellwatt_plugins.robot_option import ROBOT
 
 OUTPUT = click.Path(file_okay=False, writable=True, path_type=Path)
 METER = "Power (t, power) logged by a meter on its own clock, one file per recording."
@@ -50,9 +51,7 @@ class _Explain(click.Command):
     "--simulation", "simulations", multiple=True, type=INPUT, help="Simulation of each recording, or a simulator file."
 )
 @click.option("--meter", "meters", multiple=True, type=INPUT, help=METER)
-@click.option(
-    "--robot", type=INPUT, help="robot.yaml, or its folder; if omitted, the simulator's file describes the arm."
-)
+@click.option("--robot", type=ROBOT, help="robot.yaml, its folder, or a packaged robot; omitted: the simulator's file.")
 @click.option("--out", required=True, type=OUTPUT, help="Folder to write.")
 @click.option("--json", "as_json", is_flag=True, help="Print findings.json.")
 @click.option(

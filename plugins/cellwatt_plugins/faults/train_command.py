@@ -21,6 +21,7 @@ from cellwatt_plugins.faults.paper.training import Sources, train_codes
 from cellwatt_plugins.faults.recordings import frames_of_files
 from cellwatt_plugins.faults.reference import load
 from cellwatt_plugins.faults.trace import one_layout
+from cellwatt_plugins.robot_option import ROBOT
 
 
 @click.command("train")
@@ -28,7 +29,7 @@ from cellwatt_plugins.faults.trace import one_layout
 @click.option("--reference", "file", required=True, type=INPUT, help="File made by `cellwatt reference`.")
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder to write to.")
 @click.option("--fault", "faulty", multiple=True, metavar="JOINT=RECORDING", help="A fault of a joint, recorded.")
-@click.option("--robot", type=INPUT, help="The robot's description, to simulate faults that were not recorded.")
+@click.option("--robot", type=ROBOT, help="The robot's description, to simulate faults that were not recorded.")
 @click.option("--arm", help="Source with the joints; default: that of the reference.")
 @click.option("--power", help="Channel of the power; default: that of the reference.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Start of the random numbers.")

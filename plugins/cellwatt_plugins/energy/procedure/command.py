@@ -10,10 +10,13 @@ from typing import Any
 import click
 
 from cellwatt.commands.options import FiniteRange, with_progress
+from cellwatt_plugins.robot_option import ROBOT
 
 FILE = click.Path(exists=True, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)
-_robot = click.option("--robot", required=True, type=FILE, help="The robot's YAML description, or its folder.")
+_robot = click.option(
+    "--robot", required=True, type=ROBOT, help="The robot's description, its folder, or a packaged robot."
+)
 _json = click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
 SPEEDS = (50, 100, 150, 200, 250)
 """Speeds of the paper, mm/s, means over a repetition."""

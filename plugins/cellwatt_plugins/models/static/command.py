@@ -11,13 +11,14 @@ import click
 from cellwatt.commands.options import INPUT, FiniteRange, with_columns, with_progress, with_scheduler
 from cellwatt.progress import stage
 from cellwatt.report.page import PAGE
+from cellwatt_plugins.robot_option import ROBOT
 
 FILE = click.Path(exists=True, path_type=Path)
 
 
 @click.command("static")
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=INPUT)
-@click.option("--robot", required=True, type=INPUT, help="The robot's YAML description, or the folder that holds it.")
+@click.option("--robot", required=True, type=ROBOT, help="The robot's description, its folder, or a packaged robot.")
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder for the models.")
 @click.option("--report", "page", type=click.Path(dir_okay=False, path_type=Path), help=PAGE)
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
@@ -46,7 +47,7 @@ def train_static(recordings: tuple[Path, ...], robot: Path, out: Path, page: Pat
 
 
 @click.command("plan-poses")
-@click.option("--robot", type=FILE, help="The robot's YAML description or its folder (default: a Yaskawa MH12).")
+@click.option("--robot", type=ROBOT, help="The robot's YAML description or its folder (default: a Yaskawa MH12).")
 @click.option(
     "--count", default=532, show_default=True, type=click.IntRange(2, 20_000), help="Number of poses; 40 may be enough."
 )
