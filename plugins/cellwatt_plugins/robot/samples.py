@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from cellwatt.arrays import Float
+from cellwatt.arrays import Bool, Float
 from cellwatt.errors import ConfigError
 from cellwatt.tables import Table
 from cellwatt_plugins.robot.description import RobotDescription
@@ -14,6 +14,8 @@ from cellwatt_plugins.robot.description import RobotDescription
 EFFORTS: Final = {"torque": "", "torque_ratio": "rated_torque", "current": "torque_constant"}
 """Quantities that give a joint's torque, the best first, and the key of the description that each is multiplied by."""
 
+NO_TORQUE: Final = 0.02
+"""Share of a joint's largest torque up to which it has none."""
 LARGEST, SPARSE = 2_000_000, 20
 """Most points of an even grid: this number, or this multiple of the table's rows if that is more."""
 
@@ -35,6 +37,15 @@ def torque_in(table: Table, robot: RobotDescription) -> Float:
             raise ConfigError(f"{robot.robot}: {lacking} has no {key}, which {name} of {table.path} needs: add it")
         return found[:, :joints] * unit
     return table.needed("torque", joints)
+
+
+def unpowered(torque: Float, least: Float | float = 0.0) -> Bool:
+    """True (N,) where no joint of ``torque`` (N, n) Nm has more than a small share of its largest, or than ``least``.
+
+    At rest, brakes then hold the arm, and its drives or sensors are off.
+    """
+    size = np.abs(torque)
+    return np.asarray(np.all(size <= np.maximum(NO_TORQUE * np.max(size, axis=0), least), axis=1), np.bool_)
 
 
 def most_points(rows: int) -> int:

@@ -12,6 +12,7 @@ from cellwatt.arrays import Bool, Float
 from cellwatt_plugins.explain.input.factors import MOVES, joints_text, usable
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.robot.motion import rates
+from cellwatt_plugins.robot.samples import unpowered
 from cellwatt_plugins.robot.stretches import stretches
 
 SAMPLES = 2000
@@ -29,10 +30,8 @@ ROWS_EACH = 10
 
 STILL = 0.01
 """rad/s below which a joint rests."""
-NO_TORQUE = 0.02
-"""Share of a joint's largest torque below which it has none …"""
 CHANCE = 4.0
-"""… and the same in standard deviations of the mean noise at rest."""
+"""Standard deviations of the mean noise at rest below which a joint has no torque."""
 AVERAGED, SHORTEST = 0.5, 1.0
 """Time, s, over which torques are averaged, and shortest time without torque after which drives count as off."""
 
@@ -99,9 +98,9 @@ def _off(run: Run) -> Bool:
     if not torque.size or run.step * still.sum() < SHORTEST:
         return np.zeros(len(still), np.bool_)
     window = max(1, round(AVERAGED / run.step))
-    mean = np.abs(uniform_filter1d(torque, window, axis=0, mode="nearest"))
+    mean = uniform_filter1d(torque, window, axis=0, mode="nearest")
     noise = np.std(np.diff(torque, axis=0)[still[1:]], axis=0) / np.sqrt(2 * window)
-    idle = still & np.all(mean < np.maximum(NO_TORQUE * np.max(np.abs(torque), axis=0), CHANCE * noise), axis=1)
+    idle = still & unpowered(mean, CHANCE * noise)
     off = np.zeros(len(still), np.bool_)
     for first, end in stretches(idle):
         if (end - first) * run.step >= SHORTEST:

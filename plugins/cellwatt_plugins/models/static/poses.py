@@ -16,7 +16,7 @@ from cellwatt.scheduler import spread
 from cellwatt.tables import read_table
 from cellwatt_plugins.models.static.held import held, turned
 from cellwatt_plugins.robot import RobotDescription
-from cellwatt_plugins.robot.samples import torque_in
+from cellwatt_plugins.robot.samples import torque_in, unpowered
 
 FEWEST: Final = 12
 """Fewest poses for a training."""
@@ -133,6 +133,10 @@ def _joined(parts: Sequence[Poses], paths: Sequence[Path]) -> Poses:
     columns: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS}
     poses = Poses(**columns, notes=tuple(note for part in parts for note in part.notes))
     where = ", ".join(map(str, paths))
+    if (off := unpowered(poses.torque)).any() and not off.all():
+        note = f"{int(off.sum())} poses without torque at any joint are left out: the drives were off"
+        powered = {name: getattr(poses, name)[~off] for name in COLUMNS}
+        poses = replace(poses, **powered, notes=(*poses.notes, note))
     if len(poses) < FEWEST:
         left_out = "".join(f"; {note}" for note in poses.notes)
         raise RecordingError(

@@ -38,6 +38,18 @@ def test_samples_become_means_in_newton_metres(tmp_path, robot):
     np.testing.assert_allclose(poses.torque[:, 1], 4.6 * percent.mean(axis=1))
 
 
+def test_poses_of_drives_that_were_off_are_left_out(tmp_path, robot):
+    table = samples(20)
+    off = (table["pose"] == 3) | (table["pose"] == 9)
+    for j in range(6):
+        noise = np.random.default_rng(j).normal(0, 0.1, off.sum())
+        table[f"torque_percent_{j + 1}"] = table[f"torque_percent_{j + 1}"].copy()
+        table[f"torque_percent_{j + 1}"][off] = noise
+    poses = read_poses([save(tmp_path, table)], robot)
+    assert len(poses) == 18
+    assert poses.notes == ("2 poses without torque at any joint are left out: the drives were off",)
+
+
 @pytest.mark.parametrize("rows", [1, 100])
 def test_a_joint_is_held_from_the_side_of_its_last_movement(tmp_path, robot, rows):
     table = {name: values.reshape(-1, 100)[:15, :rows].ravel() for name, values in samples(20).items()}
