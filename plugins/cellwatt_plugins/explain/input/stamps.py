@@ -24,8 +24,8 @@ SMOOTHED = 9
 """Rows over which a velocity is fitted, so that it does not follow the noise of a row."""
 SURE = 5.0
 """Standard errors between what the positions show and the middle of both answers."""
-ROUNDS = 3
-"""Estimates of the rows' own times: the weights of each depend on the times before."""
+STRIDES = (1, 3)
+"""Rows between those that are compared: neighbours show fast changes of the delay, others slower ones."""
 TOGETHER = 10.0
 """Least mean square that a row's time takes off, in variances of noise, and in those that it leaves."""
 ALONG = 0.3
@@ -34,13 +34,14 @@ LEAST = 0.01
 """Standard deviation of the rows' own times about the stamps, in steps, below which the stamps are right."""
 FINEST = 1e-7
 """Least noise of a position, rad or m: rounding to single precision."""
-SLOWEST = 0.1
-"""Step, s, above which rows do not resolve the motion, so that it looks like wrong times where joints move alike."""
-ALTERNATE = -0.6
-"""Correlation of the deviations of neighbouring rows, below which single rows are late: -0.8 for white noise. Where all
+SLOWEST = 0.065
+"""Time, s, between compared rows above which they do not resolve the motion: where joints move alike, it looks like
+wrong times."""
+ALTERNATE = -0.55
+"""Correlation of the deviations of compared rows, below which single rows are late: -0.8 for white noise. Where all
 joints turn or brake at once, the motion itself deviates alike, from row to row with less change of sign."""
 NEIGHBOURS = (0, 1, 3, 4)
-"""Rows, of five, from whose cubic the one in the middle deviates."""
+"""Rows, of five a stride apart, from whose cubic the one in the middle deviates."""
 
 
 def repeats(positions: Sequence[Float]) -> Bool:
@@ -120,26 +121,27 @@ def _own(time: Float, values: Float, near: Bool) -> Float:
     The most probable times, if they deviate from ``time`` by white noise, and positions by that of each joint.
     """
     noise: Float | None = None
-    for _ in range(ROUNDS):
-        weights, step = _cubic(time), float(np.median(np.diff(time)))
-        off, speed = _deviation(weights, values), _speed(values, step)
+    for stride in STRIDES:
+        weights, step = _cubic(time, stride), float(np.median(np.diff(time)))
+        off, speed = _deviation(weights, values, stride), _speed(values, step, stride)
+        whole = np.convolve(near, np.ones(4 * stride - 3), "valid") > 4 * stride - 3.5
         several = np.sqrt(1 + np.sum(np.square(weights), axis=1))[:, None]
-        noise = _noise(off / several, speed, near) if noise is None else noise
+        noise = _noise(off / several, speed, whole) if noise is None else noise
         off, speed = off / (several * noise), speed / (several * noise)
-        sure = np.where(near, np.sum(np.square(speed), axis=1), 0.0)
+        sure = np.where(whole, np.sum(np.square(speed), axis=1), 0.0)
         late = np.sum(off * speed, axis=1) / np.where(sure > 0, sure, np.inf)
-        known, size = _common(off, speed, near)
-        spread, again = _spread(late, sure * known, several[:, 0])
-        if step > SLOWEST or size < TOGETHER or spread < (LEAST * step) ** 2 or again > ALTERNATE:
+        known, size = _common(off, speed, whole)
+        spread, again = _spread(late, sure * known, several[:, 0], stride)
+        if stride * step > SLOWEST or size < TOGETHER or spread < (LEAST * step) ** 2 or again > ALTERNATE:
             break
-        time = time + _delays(weights, sure, late, spread)
+        time = time + _delays(weights, sure, late, spread, stride)
     return time
 
 
-def _spread(late: Float, sure: Float, several: Float) -> tuple[float, float]:
-    """Variance of the rows' times, s², by the deviations ``late`` (N - 4,) s from ``several`` rows each, and the
-    correlation of neighbouring deviations; ``sure`` (N - 4,) are their weights."""
-    pairs = np.sqrt(sure[1:] * sure[:-1]) * late[1:] * late[:-1]
+def _spread(late: Float, sure: Float, several: Float, stride: int) -> tuple[float, float]:
+    """Variance of the rows' times, s², by the deviations ``late`` (M,) s of ``several`` rows each, with the weights
+    ``sure`` (M,); and the correlation of deviations a ``stride`` apart."""
+    pairs = np.sqrt(sure[stride:] * sure[:-stride]) * late[stride:] * late[:-stride]
     size, total = float(np.sum(sure * np.square(late))), max(float(np.sum(sure)), 1e-30)
     return float(np.sum(sure * np.square(late / several))) / total, float(np.sum(pairs)) / max(size, 1e-30)
 
@@ -163,36 +165,38 @@ def _common(off: Float, speed: Float, near: Bool) -> tuple[Bool, float]:
     return rows, float(min(taken.mean(), taken.sum() / max(float(left), 1e-30)))
 
 
-def _delays(weights: Float, sure: Float, late: Float, spread: float) -> Float:
+def _delays(weights: Float, sure: Float, late: Float, spread: float, stride: int) -> Float:
     """Most probable delays (N,) s of rows with the variance ``spread`` s², of which the cubics of ``weights`` show
-    ``late`` (N - 4,) s with the inverse variances ``sure`` (N - 4,)."""
+    ``late`` (M,) s with the inverse variances ``sure`` (M,)."""
     count = len(sure)
     full = np.insert(-weights, 2, 1.0, axis=1)
-    banded, right = np.zeros((5, count + 4)), np.zeros(count + 4)
+    banded, right = np.zeros((4 * stride + 1, count + 4 * stride)), np.zeros(count + 4 * stride)
     banded[0] = 1 / spread
     for k in range(5):
-        right[k : k + count] += sure * full[:, k] * late
+        rows = slice(k * stride, k * stride + count)
+        right[rows] += sure * full[:, k] * late
         for other in range(k, 5):
-            banded[other - k, k : k + count] += sure * full[:, k] * full[:, other]
+            banded[(other - k) * stride, rows] += sure * full[:, k] * full[:, other]
     return np.asarray(solveh_banded(banded, right, lower=True))
 
 
-def _speed(values: Float, step: float) -> Float:
-    """Velocities (N - 4, n) of values (N, n)."""
-    return np.asarray(savgol_filter(values, SMOOTHED, 2, deriv=1, delta=step, axis=0)[2:-2])
+def _speed(values: Float, step: float, stride: int = 1) -> Float:
+    """Velocities (N - 4 stride, n) of values (N, n)."""
+    return np.asarray(savgol_filter(values, SMOOTHED, 2, deriv=1, delta=step, axis=0)[2 * stride : -2 * stride])
 
 
-def _cubic(time: Float) -> Float:
-    """Weights (N - 4, 4) of the ``NEIGHBOURS`` of each row in the cubic through them at its ``time`` (N,) s."""
-    offsets = [time[k : len(time) - 4 + k] - time[2:-2] for k in NEIGHBOURS]
+def _cubic(time: Float, stride: int = 1) -> Float:
+    """Weights (N - 4 stride, 4) of the ``NEIGHBOURS`` of each row in the cubic through them at its ``time`` (N,) s."""
+    count = len(time) - 4 * stride
+    offsets = [time[k * stride : k * stride + count] - time[2 * stride : -2 * stride] for k in NEIGHBOURS]
     return np.column_stack(
         [np.prod([other / (other - own) for other in offsets if other is not own], axis=0) for own in offsets]
     )
 
 
-def _deviation(weights: Float, values: Float) -> Float:
-    """Deviations (N - 4, n) of values (N, n) from the cubics of their neighbours."""
-    out = values[2:-2].copy()
+def _deviation(weights: Float, values: Float, stride: int = 1) -> Float:
+    """Deviations (N - 4 stride, n) of values (N, n) from the cubics of their neighbours."""
+    out = values[2 * stride : -2 * stride].copy()
     for k, weight in zip(NEIGHBOURS, weights.T, strict=True):
-        out -= weight[:, None] * values[k : len(values) - 4 + k]
+        out -= weight[:, None] * values[k * stride : k * stride + len(weight)]
     return out
