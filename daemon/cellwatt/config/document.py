@@ -220,6 +220,8 @@ class _Builder:
             return self._mistake(path, mark_of(node), "the character U+0000 cannot be part of a name or path")
         if isinstance(value, str):
             self.secrets.update(dict.fromkeys(secrets_of(value), HIDDEN))
+        if isinstance(value, str) and value[:1] == "$" and value[1:] in self.environ:
+            return self._mistake(path, mark_of(node), f"'{value}' is not replaced; write '${{{value[1:]}}}'")
         if not isinstance(value, str) or "${" not in value:
             return value
         expansion = expand(value, self.environ)

@@ -72,6 +72,7 @@ def test_environment(load_text):
     text = SMALL.replace("host: h", "host: '${HOST}', port: '${PORT:-30003}', note: 'a ${A}-${B:-x} $${C} $5'")
     settings = load_text(text, HOST="10.0.0.1", A="1", B="").sources["arm"].settings
     assert (settings.host, settings.port, settings.note) == ("10.0.0.1", 30003, "a 1-x ${C} $5")
+    assert load_text(SMALL.replace("host: h", "host: $HOST"), PORT="1").sources["arm"].settings.host == "$HOST"
 
 
 def test_public_config_hides_what_came_from_the_environment(load_text):

@@ -105,6 +105,7 @@ MISTAKES = {
     "either of two": (arm("box: red"), "7:10", "found 'red', expected a whole number or true or false"),
     "number as a key": (arm("5: x"), "7:5", "the key 5 must be text"),
     # the environment
+    "variable without braces": (arm("note: $PORT"), "7:11", "'$PORT' is not replaced; write '${PORT}'"),
     "variable not set": (arm("note: ${NOWHERE}"), "7:11", "environment variable NOWHERE is not set"),
     "variable not closed": (arm("note: ${NOWHERE"), "7:11", "'${' is never closed"),
     "variable in braces": (arm("zones: {left: ${NOWHERE}}"), "7:20", 'within { }, ${NAME} needs quotes: "${NAME}"'),
