@@ -3,13 +3,8 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
-from contextlib import suppress
 from datetime import datetime, tzinfo
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 import click
 import numpy as np
@@ -125,24 +120,3 @@ def test_train_power(workers: str, one_moment: None, tmp_path: Path) -> None:
     robot, table, _ = write_case(tmp_path, "six axes", 3, moves=3, unseen=1)
     told, folder = both(workers, tmp_path, train, "power", table, "--robot", robot, "--json")
     assert (folder / "scg.onnx").exists(), told
-
-
-def test_a_training_survives_a_worker_that_is_killed(cell: Path, tmp_path: Path) -> None:
-    """A process that trains networks is killed once, in the middle of the work."""
-    mark = tmp_path / "killed"
-    given = ["train", "--reference", cell / "reference.yaml", "--robot", cell]
-    here = called(faults, *given, "--out", tmp_path / "a")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(train_command, "train_codes", partial(killed_once, mark))
-        there = called(faults, *given, "--out", tmp_path / "b", "--scheduler", "local:2")
-    assert mark.exists()
-    assert there.replace(str(tmp_path / "b"), str(tmp_path / "a")) == here
-    assert contents(tmp_path / "a") == contents(tmp_path / "b") != {}
-
-
-def killed_once(mark: Path, *given: Any) -> Any:
-    """Train one network, where this is not the first call of all, which kills its process."""
-    with suppress(FileExistsError):
-        mark.touch(exist_ok=False)
-        os.kill(os.getpid(), signal.SIGKILL)
-    return codes_of(*given)

@@ -148,7 +148,7 @@ SCENARIOS: dict[str, Callable[[Path], None]] = {
     "another site": mistake(CELL.replace("site: plant", "site: other")),
     "stage does not fit": stage_does_not_fit,
     "stage aborts": bad_stage(aborts, "ended by signal SIGABRT"),
-    "stage grows": bad_stage(grows, "stage judge broke"),
+    "stage grows": bad_stage(grows, "stage judge failed"),
     "stage holds the interpreter": bad_stage(holds_the_interpreter, "held for 1 s"),
 }
 

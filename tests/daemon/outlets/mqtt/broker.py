@@ -30,32 +30,47 @@ class Broker:
     """Mosquitto on a port of its own; ``settings`` are further lines of its file."""
 
     def __init__(self, folder: Path, *settings: str) -> None:
-        self.port = free_port()
         self._file = folder / "mosquitto.conf"
-        lines = [
-            f"listener {self.port} 127.0.0.1",
+        self._lines = [
             f"user {getpass.getuser()}",
             "max_queued_messages 0",
             "set_tcp_nodelay true",
             *(d for d in _DEFAULTS if not any(s.startswith(d.split()[0]) for s in settings)),
             *settings,
         ]
-        self._file.write_text("\n".join(lines) + "\n")
         self._process: subprocess.Popen[bytes] | None = None
+        self._known = False
+        """True once others may know the port."""
+        self._listen()
+
+    def _listen(self) -> None:
+        self.port = free_port()
+        self._file.write_text("\n".join([f"listener {self.port} 127.0.0.1", *self._lines]) + "\n")
 
     @property
     def url(self) -> str:
         return f"mqtt://127.0.0.1:{self.port}"
 
     def start(self) -> None:
+        self._launch()
+        if self._ended and not self._known:  # another process took the port meanwhile
+            self._listen()
+            self._launch()
+        assert not self._ended, "Mosquitto ended"
+        self._known = True
+
+    def _launch(self) -> None:
         assert PROGRAM is not None
         self._process = subprocess.Popen(
             [PROGRAM, "-c", str(self._file)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         )
-        wait_until(self._listens, "Mosquitto listens")
+        wait_until(lambda: self._ended or self._listens(), "Mosquitto listens")
+
+    @property
+    def _ended(self) -> bool:
+        return self._process is None or self._process.poll() is not None
 
     def _listens(self) -> bool:
-        assert self._process is not None and self._process.poll() is None, "Mosquitto ended"
         with suppress(OSError), socket.create_connection(("127.0.0.1", self.port), timeout=1):
             return True
         return False
