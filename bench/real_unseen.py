@@ -2,6 +2,7 @@
 
     python bench/real_unseen.py
     python bench/real_unseen.py --case ur10e-urdf --json
+    python bench/real_unseen.py --logger loop
 
 Prints, per arm, the error of the simulation, of the explained model and of the regression on the unseen motion (root
 mean square over joints, each in units of its torque's spread), the names and the seconds; of the UR3e, the error of its
@@ -17,6 +18,7 @@ import tempfile
 from pathlib import Path
 
 from real import supply
+from real.logged import LOGGERS
 from real.product import ExplainError
 from real.unseen import CASES, judged
 from real_recordings import DATA, MORE, holding
@@ -31,6 +33,7 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=DATA)
     parser.add_argument("--more", type=Path, default=os.environ.get(MORE), help="another folder with recordings")
     parser.add_argument("--time", type=float, default=50.0, help="seconds that explain may compute")
+    parser.add_argument("--logger", choices=LOGGERS, default="source", help="how the seen recordings were logged")
     parser.add_argument("--work", type=Path, help="keep robots, recordings and models here")
     options = parser.parse_args()
     folders = [options.data] if options.more is None else [options.data, options.more]
@@ -44,7 +47,9 @@ def main() -> None:
             else:
                 try:
                     result |= (
-                        supply.supply(data, work) if name == POWER else judged(CASES[name][1](data, work), options.time)
+                        supply.supply(data, work)
+                        if name == POWER
+                        else judged(CASES[name][1](data, work), options.time, options.logger)
                     )
                 except ExplainError as error:
                     result |= {"failed": str(error)}

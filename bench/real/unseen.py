@@ -14,6 +14,7 @@ from cellwatt_plugins.robot import Arm
 from real import kr300, kuka, panda, shanghai, ur10e
 from real.describe import Drives, nothing, write_robot
 from real.identify import BAND, RATE, even_time, identify, low_pass, resampled
+from real.logged import LOGGERS
 from real.product import explain, simulate
 from real.recording import Float, Recording
 from real.regression import Grid, predicted
@@ -31,17 +32,17 @@ class Case:
     unseen: Recording
 
 
-def judged(case: Case, seconds: float) -> dict[str, Any]:
+def judged(case: Case, seconds: float, logger: str = "source") -> dict[str, Any]:
     """Errors (n,) Nm of simulation, model and regression on the unseen motion, the names, and how long it took.
 
-    ``explain`` may compute for ``seconds``.
+    ``explain`` may compute for ``seconds``, and gets the recordings as the ``logger`` would have written them.
     """
     arm = Arm.load(case.robot)
     folder = case.robot.parent
     time = even_time(case.unseen)
     measured = low_pass(resampled(time, case.unseen.time, case.unseen.effort(arm.column("torque_constant"))), BAND)
     options = ("--no-report", "-q", "--time", str(seconds))
-    said = explain([r.save(folder) for r in case.seen], case.robot, folder / "out", *options)
+    said = explain([LOGGERS[logger](r).save(folder) for r in case.seen], case.robot, folder / "out", *options)
     motion = folder / "motion.parquet"
     table = pq.read_table(case.unseen.save(folder))
     pq.write_table(table.select([c for c in table.column_names if not c.startswith(("tau", "current"))]), motion)

@@ -74,7 +74,7 @@ def check(said: str, folder: Path) -> None:
     """The page's promises, in order."""
     promised = (
         "cell.yaml: configuration is valid",
-        r"arm +Universal Robots.* 500 Hz +\d+\.\d Hz .* (ok|warning)",
+        r"arm +Universal Robots.* 500 Hz +\d+\.\d+ Hz .* (ok|warning)",
         r"task_1: 8 moves, \d+ cycles at speed 1\.00",
         r"error: Joint 3 draws \d+ W (more|less) than in healthy cycles",
         "plot.html",

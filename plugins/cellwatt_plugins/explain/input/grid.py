@@ -30,8 +30,6 @@ ABSURD = 1e9
 """No quantity of a robot is that large in any unit: the bytes were damaged."""
 EVEN = 0.02
 """Share of a step by which the times of an evenly sampled file may deviate."""
-ALIKE, NEARLY_ALL = 0.1, 0.9
-"""Share of a step by which steps of one rate differ, and share of the steps of a file that are nearly all."""
 HOLE = 2.5
 """Distance of two rows, in steps, above which samples are missing between them."""
 GLITCH = 10.0
@@ -116,7 +114,7 @@ def even(
             f"{place}: rows were sampled up to {late:.1f} ms from their stamps, as the positions show: their own times "
             f"are used{less}"
         )
-    grid = _grid(place, time)
+    grid = _grid(place, time, exact)
     if grid is time:
         return Even(_line(time), filled, bad, exact, tuple(notes))
     gaps = _holes(time, grid) | (np.interp(grid, time, bad) > 0)
@@ -219,12 +217,12 @@ def _is_even(time: Float) -> bool:
     return bool(np.max(np.abs(time - _line(time))) <= EVEN * (time[-1] - time[0]) / (len(time) - 1))
 
 
-def _grid(place: str, time: Float) -> Float:
-    """``time`` itself where it is even, else a grid at the rate of nearly all of its rows, or at their mean rate."""
+def _grid(place: str, time: Float, exact: bool) -> Float:
+    """``time`` itself where it is even, else a grid at its median rate, or at its mean rate if it is not ``exact``."""
     if _is_even(time):
         return time
     steps, middle = np.diff(time), float(np.median(np.diff(time)))
-    if np.mean(np.abs(steps - middle) < ALIKE * middle) < NEARLY_ALL:
+    if not exact:  # of a logger at another rate than the controller's
         middle = float(np.mean(steps[steps < HOLE * middle]))
     count = int((time[-1] - time[0]) / middle + 1e-6) + 1
     if count > most_points(len(time)):
