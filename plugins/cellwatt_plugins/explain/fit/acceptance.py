@@ -64,7 +64,7 @@ def rejection(before: Solution, after: Solution, thresholds: Thresholds, gain: f
     if not term.effect.resolved(after.problem.states, term.joint, tuple(BARELY * x for x in term.shape)):
         return "is too small to distinguish from the sampling of the motion"
     if not sound(after, term):
-        return "takes off more friction than the joint has"
+        return "has a value or a shape that is not physical"
     if term.effect.acceptance.several_channels and not seen_by_several(before, after.block(term)[0]):
         return "only one channel supports it"
     if after.problem.side == "supply":
@@ -194,10 +194,11 @@ def physical(term: Term, coefficients: Float, robot: RobotDescription) -> bool:
 
 
 def sound(solution: Solution, term: Term) -> bool:
-    """True if a fitted term is ``physical``, and what it lessens, if its first coefficient is negative, is there."""
+    """True if a fitted term is ``physical``, its shape is ``closed``, and what it lessens, if its first coefficient is
+    negative, is there."""
     robot, coefficients = solution.problem.states[0].robot, solution.coefficients(term)
     lessened = term.effect.relations.lessens
-    if not physical(term, coefficients, robot):
+    if not physical(term, coefficients, robot) or not term.effect.closed(term.shape):
         return False
     if not lessened or term.joint is None or coefficients[0] > 0:
         return True

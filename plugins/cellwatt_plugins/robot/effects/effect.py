@@ -143,6 +143,10 @@ class Effect(ABC):
         number, low, high = self.plausible
         return low <= number(coefficients) <= high
 
+    def closed(self, shape: Shape) -> bool:
+        """True if a shape, refined without this condition, is one that a real arm can have."""
+        return True
+
     def possible(self, robot: RobotDescription, joint: int | None) -> bool:
         """True if the simulation can lack it (0-based joint)."""
         return True

@@ -69,6 +69,11 @@ def test_friction_grows_less_than_speed_only_where_some_grows_with_it(problem, s
     assert sound(solution, slower) == right
 
 
+@pytest.mark.parametrize(("cycles", "right"), [(3.1, True), (4.3, False), (8.0, True), (23.4, True)])
+def test_few_ripples_a_turn_are_a_whole_number_of_them(cycles, right):
+    assert BY_NAME["position_periodic_torque"].closed((cycles,)) == right
+
+
 def test_samples_that_tell_little_do_not_hide_what_is_left(problem):
     """Half of the samples near stops, where friction may pull either way and 100 times the noise would be none."""
     unsure = tuple(np.where(np.arange(len(v))[:, None] % 2, 1e4, 1.0) * problem.floor**2 for v in problem.variance)

@@ -14,6 +14,9 @@ from cellwatt_plugins.robot.effects.states import States
 
 LEAST = 3
 """Fewest cycles per turn: fewer are gravity or a spring."""
+FEW, WHOLE = 6, 0.2
+"""Cycles per turn below which they belong to the joint, not to its motor: only whole numbers, within ``WHOLE``, close
+over a turn. What else looks like them is an error of the links."""
 MOST = 60
 """Most cycles per turn that are tried, beside those of the gear."""
 SECOND = 2.0
@@ -48,6 +51,9 @@ class PositionPeriodicTorque(Effect):
         apart = APART * 2 * np.pi / span
         others = np.arange(1.0, max(shape[0] + 3 * apart, 12.0), max(0.5, apart / 3))
         return [(float(n), *shape[1:]) for n in others if abs(n - shape[0]) > apart]
+
+    def closed(self, shape: Shape) -> bool:
+        return shape[0] > FEW or abs(shape[0] - round(shape[0])) < WHOLE
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
         angles = [shape[0] * order * run.q[:, joint] for order in (1.0, *shape[1:])]
