@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.arrays import rows_of
 from real.recording import Float, Recording
 
 
@@ -36,8 +37,7 @@ def _loop(recording: Recording) -> Recording:
 def _newest(recording: Recording, time: Float) -> Recording:
     """The newest sample at each ``time`` (M,) s."""
     rows: NDArray[np.intp] = np.searchsorted(recording.time, time + 1e-9, side="right") - 1
-    held = {f.name: v[rows] for f in fields(recording) if isinstance(v := getattr(recording, f.name), np.ndarray)}
-    return replace(recording, **held | {"time": time})
+    return replace(rows_of(recording, rows), time=time)
 
 
 LOGGERS: Mapping[str, Callable[[Recording], Recording]] = {

@@ -1,4 +1,4 @@
-"""Type of the option ``--robot`` of commands, which loads the arm's libraries when it is used."""
+"""The option ``--robot`` of commands, and its type, which loads the arm's libraries when it is used."""
 
 from __future__ import annotations
 
@@ -29,3 +29,6 @@ class _Robot(Input):
 
 ROBOT: Final = _Robot(exists=True, path_type=Path)
 """The path or URL of a description or of its folder, or the name of a packaged robot; all are converted to a path."""
+with_robot: Final = click.option(
+    "--robot", required=True, type=ROBOT, help="The robot's description, its folder, or a packaged robot."
+)

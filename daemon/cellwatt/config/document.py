@@ -216,13 +216,14 @@ class _Builder:
 
     def _scalar(self, node: yaml.ScalarNode, path: KeyPath) -> Any:
         value = self._plain(node, path)
-        if isinstance(value, str) and "\0" in value:
+        if not isinstance(value, str):
+            return value
+        if "\0" in value:
             return self._mistake(path, mark_of(node), "the character U+0000 cannot be part of a name or path")
-        if isinstance(value, str):
-            self.secrets.update(dict.fromkeys(secrets_of(value), HIDDEN))
-        if isinstance(value, str) and value[:1] == "$" and value[1:] in self.environ:
+        self.secrets.update(dict.fromkeys(secrets_of(value), HIDDEN))
+        if value[:1] == "$" and value[1:] in self.environ:
             return self._mistake(path, mark_of(node), f"'{value}' is not replaced; write '${{{value[1:]}}}'")
-        if not isinstance(value, str) or "${" not in value:
+        if "${" not in value:
             return value
         expansion = expand(value, self.environ)
         for mistake in expansion.mistakes:

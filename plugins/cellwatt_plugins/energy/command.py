@@ -19,14 +19,14 @@ from cellwatt.report.blocks import Table
 from cellwatt.units import Units
 from cellwatt_plugins.energy.findings import Findings, RunEnergy
 from cellwatt_plugins.energy.wording import amount
-from cellwatt_plugins.robot_option import ROBOT
+from cellwatt_plugins.robot_option import with_robot
 
 SHOWN = ("electronics", "brakes", "mechanical", "electrical", "chopper")
 """Names of the groups on the terminal."""
 
 
 @click.command(short_help="Split a robot's energy by consumer.")
-@click.option("--robot", required=True, type=ROBOT, help="The robot's description, its folder, or a packaged robot.")
+@with_robot
 @click.option(
     "--controller",
     type=Input(path_type=Path),

@@ -21,7 +21,7 @@ from cellwatt.report.page import PAGE
 from cellwatt_plugins.faults import api
 from cellwatt_plugins.faults.train_command import train
 from cellwatt_plugins.robot.description import packaged
-from cellwatt_plugins.robot_option import ROBOT
+from cellwatt_plugins.robot_option import with_robot
 
 if TYPE_CHECKING:
     from cellwatt_plugins.faults.cycles.findings import CycleFinding
@@ -77,7 +77,7 @@ def faults() -> None:
 @faults.command(JUDGE)
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=INPUT)
 @click.option("--reference", required=True, type=INPUT, help="File made by `cellwatt reference`.")
-@click.option("--robot", required=True, type=ROBOT, help="The robot's description, its folder, or a packaged robot.")
+@with_robot
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="findings.json to write.")
 @click.option("--meter", multiple=True, type=INPUT, help=METER)
 @click.option("--arm", help="Source with the joints; default: that of the reference.")

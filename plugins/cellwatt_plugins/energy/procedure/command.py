@@ -10,13 +10,10 @@ from typing import Any
 import click
 
 from cellwatt.commands.options import FiniteRange, with_progress
-from cellwatt_plugins.robot_option import ROBOT
+from cellwatt_plugins.robot_option import with_robot
 
 FILE = click.Path(exists=True, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)
-_robot = click.option(
-    "--robot", required=True, type=ROBOT, help="The robot's description, its folder, or a packaged robot."
-)
 _json = click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
 SPEEDS = (50, 100, 150, 200, 250)
 """Speeds of the paper, mm/s, means over a repetition."""
@@ -46,7 +43,7 @@ def campaign() -> None:
 
 
 @campaign.command("rest-pose")
-@_robot
+@with_robot
 @click.option("--starts", default=32, show_default=True, type=click.IntRange(1, 4096), help="Number of start poses.")
 @_json
 @with_progress
@@ -80,7 +77,7 @@ def rest_pose(robot: Path, starts: int, as_json: bool) -> None:
 
 @campaign.command("cut")
 @click.argument("recording", type=FILE)
-@_robot
+@with_robot
 @click.option("--state", type=click.Choice(STATES), help="RECORDING holds the power at rest in this state.")
 @click.option("--payload", type=FiniteRange(0), help="RECORDING holds a program with this payload, kg.")
 @click.option("--out", required=True, type=FOLDER, help="Folder of the campaign.")

@@ -77,10 +77,7 @@ def even(
     _in_seconds(place, time)
     if (repeated := repeats([columns[name] for name in positions])).any():
         time, columns = time[~repeated], {name: values[~repeated] for name, values in columns.items()}
-        notes.append(
-            f"{place}: {int(repeated.sum())} of {len(repeated)} rows left out, which repeat the positions of the row "
-            "before: the log is faster than the controller's samples"
-        )
+        notes.append(_repetitions(place, repeated))
     bad = np.zeros(len(time), bool)
     filled: dict[str, Float] = {}
     for name, values in columns.items():
@@ -108,12 +105,7 @@ def even(
     curved = [name for name in positions if np.isfinite(filled[name]).all()]
     stamps, (time, exact) = time, sampled(time, [filled[name] for name in curved])
     if time is not stamps:
-        late = 1e3 * float(np.max(np.abs(stamps - time)))
-        less = "" if exact else "; elasticity, backlash, delays and contacts, which need exact times, cannot be found"
-        notes.append(
-            f"{place}: rows were sampled up to {late:.1f} ms from their stamps, as the positions show: their own times "
-            f"are used{less}"
-        )
+        notes.append(_restamped(place, float(np.max(np.abs(stamps - time))), exact))
     grid = _grid(place, time, exact)
     if grid is time:
         return Even(_line(time), filled, bad, exact, tuple(notes))
@@ -128,6 +120,22 @@ def even(
         for name, values in filled.items()
     }
     return Even(grid, columns, gaps, exact, tuple(notes))
+
+
+def _repetitions(place: str, repeated: Bool) -> str:
+    return (
+        f"{place}: {int(repeated.sum())} of {len(repeated)} rows left out, which repeat the positions of the row "
+        "before: the log is faster than the controller's samples"
+    )
+
+
+def _restamped(place: str, most: float, exact: bool) -> str:
+    """Note on rows whose stamps are up to ``most`` s from the times of their samples."""
+    less = "" if exact else "; elasticity, backlash, delays and contacts, which need exact times, cannot be found"
+    return (
+        f"{place}: rows were sampled up to {1e3 * most:.1f} ms from their stamps, as the positions show: their own "
+        f"times are used{less}"
+    )
 
 
 def _rising(place: str, time: Float) -> tuple[Bool, list[str]]:

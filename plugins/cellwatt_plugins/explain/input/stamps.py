@@ -88,9 +88,10 @@ def _evenly(time: Float, values: Float, near: Bool) -> Float:
     """Even times in place of ``time`` (N,) s if ``values`` (N, n), in the stencils ``near`` (N - 4,), show them."""
     best, least = time, np.inf
     for even, step in _even(time):
-        off, apart = _deviation(_cubic(even), values)[near], float(np.max(np.abs(even - time)))
+        weights, apart = _cubic(even), float(np.max(np.abs(even - time)))
+        off = _deviation(weights, values)[near]
         if LEAST * step < apart < FARTHEST * step and (rough := float(np.sum(np.square(off)))) < least:
-            stamped = _deviation(_cubic(even), (time - even)[:, None]) * _speed(values, step)
+            stamped = _deviation(weights, (time - even)[:, None]) * _speed(values, step)
             best, least = even if _shows(off, stamped[near]) else time, rough
     return best
 

@@ -11,12 +11,12 @@ import click
 from cellwatt.commands.options import INPUT, with_columns, with_progress, with_scheduler
 from cellwatt.progress import stage
 from cellwatt.report.page import PAGE
-from cellwatt_plugins.robot_option import ROBOT
+from cellwatt_plugins.robot_option import with_robot
 
 
 @click.command("power")
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=INPUT)
-@click.option("--robot", required=True, type=ROBOT, help="The robot's description, its folder, or a packaged robot.")
+@with_robot
 @click.option(
     "--meter", multiple=True, type=INPUT, help="Power (t, power) on the meter's own clock, one file per RECORDING."
 )

@@ -11,14 +11,14 @@ import click
 from cellwatt.commands.options import INPUT, FiniteRange, with_columns, with_progress, with_scheduler
 from cellwatt.progress import stage
 from cellwatt.report.page import PAGE
-from cellwatt_plugins.robot_option import ROBOT
+from cellwatt_plugins.robot_option import ROBOT, with_robot
 
 FILE = click.Path(exists=True, path_type=Path)
 
 
 @click.command("static")
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=INPUT)
-@click.option("--robot", required=True, type=ROBOT, help="The robot's description, its folder, or a packaged robot.")
+@with_robot
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder for the models.")
 @click.option("--report", "page", type=click.Path(dir_okay=False, path_type=Path), help=PAGE)
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
