@@ -80,6 +80,8 @@ class EmulatedDevice:
         await asyncio.to_thread(thread.join, self._rig.patience)
         if thread.is_alive():
             raise NotConformingError("the emulator's serve() does not end when it is cancelled")
+        if self.address.startswith("/"):  # or it would lead to the next pseudo-terminal with this number
+            (self._folder / "device").unlink(missing_ok=True)
         if self._failure is not None:
             raise self._failure
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
+import os
 import termios
+from glob import iglob
 from pathlib import Path
 
 import serial
@@ -18,10 +21,10 @@ def open_port(path: str, baud: int) -> serial.Serial:
     try:
         return serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
     except (OSError, ValueError, termios.error) as error:
-        raise ConnectError(f"{path}: {_why(error, baud)}") from error
+        raise ConnectError(f"{path}: {_why(error, path, baud)}") from error
 
 
-def _why(error: Exception, baud: int) -> str:
+def _why(error: Exception, path: str, baud: int) -> str:
     # pyserial sets errno only for a failed open; after a failed lock or set-up the text contains it.
     number = getattr(error, "errno", None)
     text = str(error)
@@ -30,12 +33,23 @@ def _why(error: Exception, baud: int) -> str:
     if number == errno.EACCES:
         return "permission denied: the user that runs cellwatt must be in the port's group (dialout)"
     if number == errno.EBUSY or "exclusively lock" in text:
-        return "in use by another program"
+        return f"in use by {_holder(path)}"
     if number == errno.ENOTTY or "Inappropriate ioctl" in text:
         return "is not a serial port"
     if isinstance(error, ValueError):
         return f"does not know {baud} baud"
     return f"cannot be opened: {text}"
+
+
+def _holder(path: str) -> str:
+    """The program that has the port open, if the kernel shows it to this user."""
+    device = os.path.realpath(path)
+    for descriptor in iglob("/proc/[0-9]*/fd/*"):  # noqa: PTH207 - Path.glob fails where a process ends meanwhile
+        with contextlib.suppress(OSError):  # of another user, or ended meanwhile
+            if os.readlink(descriptor) == device:  # noqa: PTH115
+                process = Path(descriptor).parents[1]
+                return f"{(process / 'comm').read_text().strip()} (process {process.name})"
+    return "another program"
 
 
 def _present() -> str:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import os
 from collections.abc import Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
 
+import psutil
 import pytest
 import serial
 
@@ -61,10 +63,13 @@ async def test_missing_port_names_those_that_are_there(tmp_path: Path, monkeypat
     assert str(await failure(driver(gone))) == f"{gone}: no such port (in {tmp_path / 'by-id'}: usb-FTDI_A1-if00)"
 
 
-async def test_a_port_without_a_board_says_why(line: VirtualPort, tmp_path: Path) -> None:
+async def test_a_port_without_a_board_says_why(line: VirtualPort, tmp_path: Path, monkeypatch) -> None:
     (tmp_path / "file").touch()
     assert "is not a serial port" in str(await failure(driver(str(tmp_path / "file"))))
     with serial.Serial(line.path, exclusive=True):
+        program = psutil.Process().name()
+        assert str(await failure(driver(line.path))) == f"{line.path}: in use by {program} (process {os.getpid()})"
+        monkeypatch.setattr(serial_port, "iglob", lambda _: ["/proc/0/fd/0"])  # of other users nothing is shown
         assert str(await failure(driver(line.path))) == f"{line.path}: in use by another program"
     silent = f"{line.path}: in 0.05 s not one byte at 115200 baud"
     assert silent in str(await failure(driver(line.path, silence="50 ms")))
