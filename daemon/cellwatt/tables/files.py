@@ -20,9 +20,9 @@ from cellwatt.files import COMPUTED, UnfitFileError, check_file, read_bytes
 from cellwatt.tables.by_name import by_name, labels_of, names_joints
 from cellwatt.tables.cells import TEXT, Cells, cells_of, grouped, listed
 from cellwatt.tables.encoding import text_of
+from cellwatt.tables.fractions import joined
 from cellwatt.tables.names import is_unit, scale, understood
 from cellwatt.tables.rows import Rows, cells_in, rows_of
-from cellwatt.tables.stamps import joined
 from cellwatt.tables.table import Table
 from cellwatt.tables.times import CLOCKS, DAY
 

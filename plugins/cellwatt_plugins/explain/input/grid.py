@@ -78,30 +78,7 @@ def even(
     if (repeated := repeats([columns[name] for name in positions])).any():
         time, columns = time[~repeated], {name: values[~repeated] for name, values in columns.items()}
         notes.append(_repetitions(place, repeated))
-    bad = np.zeros(len(time), bool)
-    filled: dict[str, Float] = {}
-    for name, values in columns.items():
-        wrong = ~(np.abs(values) < ABSURD)
-        if name in positions and not wrong.all():
-            wrong |= _glitches(time, np.where(wrong, np.nan, values))
-        if name in lossy and not _few(time, wrong):
-            filled[name] = np.where(wrong, np.nan, values)
-            if not wrong.all():
-                notes.append(_lost(place, name, time, wrong))
-            continue
-        if name in spare and not _few(time, wrong):
-            notes.append(f"{place}: {_unusable(name, time, wrong)}. It is not used")
-            continue
-        if name in slow and wrong.all():
-            notes.append(f"{place}: {name} has no usable number: no temperature is used")
-            continue
-        if name not in slow:
-            _few_enough(place, name, time, wrong)
-            bad |= wrong
-        filled[name] = np.interp(time, time[~wrong], values[~wrong]) if wrong.any() else values
-        if wrong.any() and name not in slow:
-            first = time[wrong][0]
-            notes.append(f"{place}: {int(wrong.sum())} unusable values of {name} filled in, first at t = {first:.3f} s")
+    filled, bad = _filled(place, time, columns, slow, positions, lossy, spare, notes)
     curved = [name for name in positions if np.isfinite(filled[name]).all()]
     stamps, (time, exact) = time, sampled(time, [filled[name] for name in curved])
     if time is not stamps:
@@ -120,6 +97,45 @@ def even(
         for name, values in filled.items()
     }
     return Even(grid, columns, gaps, exact, tuple(notes))
+
+
+def _filled(
+    place: str,
+    time: Float,
+    columns: Mapping[str, Float],
+    slow: Collection[str],
+    positions: Collection[str],
+    lossy: Collection[str],
+    spare: Collection[str],
+    notes: list[str],
+) -> tuple[dict[str, Float], Bool]:
+    """Columns (R,) without unusable values, as ``even`` describes, and the rows (R,) filled in; adds to ``notes``."""
+    filled, bad = dict[str, Float](), np.zeros(len(time), np.bool_)
+    for name, values in columns.items():
+        wrong = ~(np.abs(values) < ABSURD)
+        if name in positions and not wrong.all():
+            wrong |= _glitches(time, np.where(wrong, np.nan, values))
+        if name in lossy and not _few(time, wrong):
+            filled[name] = np.where(wrong, np.nan, values)
+            if not wrong.all():
+                notes.append(_lost(place, name, time, wrong))
+        elif name in spare and not _few(time, wrong):
+            notes.append(f"{place}: {_unusable(name, time, wrong)}. It is not used")
+        elif name in slow:
+            if wrong.all():
+                notes.append(f"{place}: {name} has no usable number: no temperature is used")
+            else:
+                filled[name] = np.interp(time, time[~wrong], values[~wrong])
+        else:
+            _few_enough(place, name, time, wrong)
+            bad |= wrong
+            filled[name] = np.interp(time, time[~wrong], values[~wrong]) if wrong.any() else values
+            if wrong.any():
+                first = time[wrong][0]
+                notes.append(
+                    f"{place}: {int(wrong.sum())} unusable values of {name} filled in, first at t = {first:.3f} s"
+                )
+    return filled, bad
 
 
 def _repetitions(place: str, repeated: Bool) -> str:
@@ -221,13 +237,9 @@ def _line(time: Float) -> Float:
     return np.linspace(time[0], time[-1], len(time))
 
 
-def _is_even(time: Float) -> bool:
-    return bool(np.max(np.abs(time - _line(time))) <= EVEN * (time[-1] - time[0]) / (len(time) - 1))
-
-
 def _grid(place: str, time: Float, exact: bool) -> Float:
     """``time`` itself where it is even, else a grid at its median rate, or at its mean rate if it is not ``exact``."""
-    if _is_even(time):
+    if np.max(np.abs(time - _line(time))) <= EVEN * (time[-1] - time[0]) / (len(time) - 1):
         return time
     steps, middle = np.diff(time), float(np.median(np.diff(time)))
     if not exact:  # of a logger at another rate than the controller's
