@@ -125,7 +125,7 @@ async def test_the_stamps_are_those_of_the_request_that_was_answered():
     assert not [r for r in run.inlet.readings if any(r.asked <= lost <= r.arrival for lost in unanswered)]
 
 
-SLOW = {"rate": "10 Hz", "silence": "20 ms", "timeout": "40 ms", "retries": 0}
+SLOW = {"rate": "4 Hz", "silence": "100 ms", "timeout": "200 ms", "retries": 0}
 
 
 @pytest.mark.parametrize(
