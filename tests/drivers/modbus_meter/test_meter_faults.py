@@ -175,13 +175,13 @@ RTU = {"framing": "rtu", "size": 8}
     ],
 )
 async def test_answers_that_do_not_count_are_told(reply, more, text):
-    async with asking(reply, **{"timeout": "50 ms", **more}) as (run, _):
+    async with asking(reply, **{"timeout": "250 ms", **more}) as (run, _):
         await run.inlet.until(lambda _: run.failures)
     assert f"unit 1 at TCP 127.0.0.1:{run.driver.settings.port} {text}" in str(run.failures[0])
 
 
 async def test_answers_with_another_number_are_told_and_counted_apart():
-    async with asking(lambda r: answer(r, other=None if r[1] % 4 else 60_000), timeout="50 ms", retries=0) as (run, _):
+    async with asking(lambda r: answer(r, other=None if r[1] % 4 else 60_000), timeout="250 ms", retries=0) as (run, _):
         await run.inlet.until(lambda o: o.account.received >= 8)
     account = run.inlet.account
     assert account.missed["other transaction number"] == account.counters["other transaction numbers"] >= 2
