@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import os
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +15,7 @@ from cellwatt.config.cell import CellName
 from cellwatt.config.document import read
 from cellwatt.config.installed import Installed, installed
 from cellwatt.config.loading import NAME, load_document
-from cellwatt.config.reference import Field, reference
+from cellwatt.config.reference import Field, in_yaml, reference
 from cellwatt.config.wording import first_sentence
 from cellwatt.driver import SourceSettings
 from cellwatt.errors import CellwattError, ConfigError, why
@@ -32,8 +30,6 @@ LISTEN = "tcp/127.0.0.1:7447"
 RECORD = "recordings"
 """Folder of the recordings, beside the settings file."""
 
-_PLAIN = re.compile(r"[A-Za-z/][A-Za-z0-9_./+-]*(?: [A-Za-z0-9_./+-]+)*|[0-9]+(?:\.[0-9]+){3}")
-_WORDS = ("true", "false", "null")
 _COMMENT = 40
 """Column at which comments begin, unless the setting before them is longer."""
 _WIDTH = 120
@@ -70,13 +66,6 @@ def address_settings(model: type[SourceSettings], address: str) -> dict[str, str
     if key == "host" and colon and alone and port.isdigit() and "port" in model.model_fields:
         return {key: in_yaml(host.strip("[]")), "port": port}
     return {key: in_yaml(address)}
-
-
-def in_yaml(value: str) -> str:
-    """A text as YAML, in quotes if it would otherwise be read as something else."""
-    if _PLAIN.fullmatch(value) and value.lower() not in _WORDS:
-        return value
-    return json.dumps(value, ensure_ascii=False)
 
 
 def write_cell(
@@ -169,6 +158,8 @@ def _default(field: Field) -> str | None:
     """The default as YAML; ``""`` if the user must choose a value, ``None`` for nested settings."""
     if field.type == "settings" or field.default.startswith("{"):
         return None
+    if field.type.startswith("NAME: "):
+        return "" if field.required else "{}"
     return "" if field.default.startswith(_HIDDEN) else field.default
 
 
