@@ -79,6 +79,11 @@ def test_a_section_without_required_keys_may_be_switched_on_as_it_stands(name, t
     prepare(load_document(read(file, {})))
 
 
+def test_what_a_driver_needs_besides_its_address_is_asked_for(tmp_path):
+    with pytest.raises(ConfigError, match=r"pulses_per_degree needs .*; give it as --set NAME\.KEY=VALUE"):
+        write_cell(tmp_path / "cell.yaml", "plant", "weld", [parse_source("arm=yaskawa:192.0.2.10")])
+
+
 def test_an_arm_has_segments_and_a_meter_has_none(tmp_path):
     file = tmp_path / "cell.yaml"
     write_cell(file, "plant", "weld", [source("ur")])

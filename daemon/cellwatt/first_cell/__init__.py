@@ -90,7 +90,9 @@ def write_cell(
         _checked(path, text)
     except ConfigError as error:  # line numbers are useless: the file does not exist yet
         texts = [f"{p.path}: {p.message}" if p.path else p.message for p in error.problems]
-        raise ConfigError(f"{path} is not written: {'; '.join(texts)}") from error
+        more = any(str(p.path).startswith("sources.") for p in error.problems)
+        advice = "; give it as --set NAME.KEY=VALUE" if more else ""
+        raise ConfigError(f"{path} is not written: {'; '.join(texts)}{advice}") from error
     try:
         replace_text(path, text)
     except OSError as error:

@@ -47,9 +47,10 @@ class _Explain(click.Command):
         try:
             return super().parse_args(ctx, spread)
         except click.MissingParameter as error:
-            if error.param is not None and error.param.name == "recordings" and "--simulation" in args:
-                error.message = "Give the recordings before --simulation, which takes the files after it."
-            raise
+            if error.param is None or error.param.name != "recordings" or "--simulation" not in args:
+                raise
+            message = "Give the recordings before --simulation, which takes the files after it."
+            raise click.UsageError(message, ctx) from error
 
 
 @click.command(cls=_Explain, short_help="Name the physics that a simulation leaves out.")
