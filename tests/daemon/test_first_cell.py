@@ -8,9 +8,13 @@ import pytest
 import yaml
 
 from cellwatt.config import load
+from cellwatt.config.document import read
 from cellwatt.config.installed import installed
+from cellwatt.config.loading import load_document
+from cellwatt.config.reference import in_yaml
 from cellwatt.errors import ConfigError
-from cellwatt.first_cell import SourcePlan, in_yaml, parse_source, write_cell
+from cellwatt.first_cell import SourcePlan, parse_source, write_cell
+from cellwatt.runtime.assemble import prepare
 
 GIVEN = {
     "abb": {},
@@ -62,6 +66,22 @@ def test_a_section_is_switched_on_by_taking_its_marks_away(tmp_path):
     file.write_text(text.replace(section[0], on))
     config = load(file)
     assert config.record is not None and config.record.folder == tmp_path / "there" and config.record.keep == 20e9
+
+
+@pytest.mark.parametrize("name", ["frames", "mqtt", "metrics", "opc_ua", "page", "units"])
+def test_a_section_without_required_keys_may_be_switched_on_as_it_stands(name, tmp_path):
+    file = tmp_path / "cell.yaml"
+    write_cell(file, "plant", "weld", [source("ur")])
+    text = file.read_text()
+    section = re.search(rf"^# {name}:.*\n(?:#.*\n)+", text, re.MULTILINE)
+    assert section is not None
+    file.write_text(text.replace(section[0], re.sub(r"^# ", "", section[0], flags=re.MULTILINE)))
+    prepare(load_document(read(file, {})))
+
+
+def test_what_a_driver_needs_besides_its_address_is_asked_for(tmp_path):
+    with pytest.raises(ConfigError, match=r"pulses_per_degree needs .*; give it as --set NAME\.KEY=VALUE"):
+        write_cell(tmp_path / "cell.yaml", "plant", "weld", [parse_source("arm=yaskawa:192.0.2.10")])
 
 
 def test_an_arm_has_segments_and_a_meter_has_none(tmp_path):

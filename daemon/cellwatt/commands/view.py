@@ -59,7 +59,7 @@ def command(
     if hash_password:
         click.echo(str(hash_of(click.prompt("Password", hide_input=True, confirmation_prompt=True, err=True))))
         return
-    config = None if where.file is None else load(where.file)
+    config = None if where.file is None else _loaded(where.file)
     if layout is not None:
         _write_layout(layout, config)
         return
@@ -87,6 +87,16 @@ def command(
         at: dict[str, Any] = {} if listen is None else {"host": settings.host, "port": settings.port}
         with contextlib.suppress(KeyboardInterrupt):
             serve(link, site, cell, seconds=seconds, verify=where.verify, tell=click.echo, **at)
+
+
+def _loaded(file: Path) -> CellConfig:
+    try:
+        return load(file)
+    except ConfigError:
+        if file.suffix.lower() in (".yaml", ".yml", ""):
+            raise
+        message = f"{file} is no settings file: draw it with cellwatt plot, or drop it on the page of cellwatt view"
+        raise ConfigError(message) from None
 
 
 def _write_layout(out: Path, config: CellConfig | None) -> None:

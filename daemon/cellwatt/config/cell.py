@@ -42,8 +42,8 @@ class CellName(Section):
     """Robot in the cell: its name, which must match the name in models and references; or the path of its
     ``robot.yaml`` or of the folder that contains it."""
     latency: Latency = "normal"
-    """``normal``: samples are sent in blocks of 10 ms (at most half a frame) and reach a subscriber within 25 ms;
-    without a subscriber the blocks are longer. ``low``: each sample is sent as soon as it arrives, which takes several
+    """How soon samples are sent: ``normal`` in blocks of 10 ms (at most half a frame), which reach a subscriber within
+    25 ms; without a subscriber the blocks are longer. ``low``: each sample as soon as it arrives, which takes several
     times the processor time."""
 
 

@@ -126,19 +126,26 @@ _ADVICE = (
     ("but found another document", "a second document ('---'); expected one cell a file"),
     ("expected <block end>", "check the indentation of this line"),
     ("cannot start any token", "a value that starts with this character needs quotes"),
+    ("expected alphabetic or numeric character", "a value with * or & needs quotes, like '*'"),
     ("found undefined alias", "an alias (*name) needs its anchor (&name) further up"),
     ("found unknown escape character", "write a backslash in 'single quotes'"),
 )
 
 
+def _character(file: Path, text: str, at: int, why: str) -> Problem:
+    before = text[:at]
+    mark = Mark(before.count("\n") + 1, at - before.rfind("\n"))
+    return problem(file, mark, f"not valid YAML: character U+{ord(text[at]):04X} {why}")
+
+
 def _syntax(file: Path, text: str, error: yaml.YAMLError) -> Problem:
     if isinstance(error, yaml.reader.ReaderError):
-        before = text[: error.position]
-        mark = Mark(before.count("\n") + 1, error.position - before.rfind("\n"))
-        message = f"not valid YAML: character U+{ord(text[error.position]):04X} is not allowed"
-        return problem(file, mark, message)
+        return _character(file, text, error.position, "is not allowed")
     if not isinstance(error, yaml.MarkedYAMLError) or error.problem_mark is None:
         return problem(file, Mark(1, 1), f"not valid YAML: {' '.join(str(error).split())}")
+    end = error.problem_mark.index
+    if (at := text.rfind("\u00a0", text.rfind("\n", 0, max(0, text.rfind("\n", 0, end))) + 1, end + 1)) >= 0:
+        return _character(file, text, at, "is no space to YAML: write a plain one")
     mark = Mark(error.problem_mark.line + 1, error.problem_mark.column + 1)
     if isinstance(error, TooMuchError):
         return problem(file, mark, f"{error.problem}: this is no settings file")

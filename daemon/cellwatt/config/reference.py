@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -19,6 +21,8 @@ _LADDERS: tuple[dict[str, float], ...] = (
     {"%": 0.01},
     {"kW": 1e3, "W": 1.0, "mW": 1e-3},
 )
+_PLAIN = re.compile(r"[A-Za-z/][A-Za-z0-9_./+-]*(?: [A-Za-z0-9_./+-]+)*|[0-9]+(?:\.[0-9]+){3}")
+_WORDS = ("true", "false", "null")
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +42,13 @@ def reference(model: type[BaseModel]) -> list[Field]:
     return list(_fields(schema, schema.get("$defs", {}), "", ()))
 
 
+def in_yaml(value: str) -> str:
+    """A text as YAML, in quotes if it would otherwise be read as something else."""
+    if _PLAIN.fullmatch(value) and value.lower() not in _WORDS:
+        return value
+    return json.dumps(value, ensure_ascii=False)
+
+
 def written(value: object, schema: Mapping[str, Any]) -> str:
     """A default as text for a settings file: the duration ``0.1`` becomes ``100 ms``."""
     if value is None:
@@ -48,7 +59,7 @@ def written(value: object, schema: Mapping[str, Any]) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, list):
-        return f"[{', '.join(written(v, {}) for v in value)}]"
+        return f"[{', '.join(in_yaml(v) if isinstance(v, str) else written(v, {}) for v in value)}]"
     if isinstance(value, dict):
         return f"{{{', '.join(f'{k}: {written(v, {})}' for k, v in value.items())}}}"
     return f"{value:g}" if isinstance(value, float) else str(value)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import os
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +15,7 @@ from cellwatt.config.cell import CellName
 from cellwatt.config.document import read
 from cellwatt.config.installed import Installed, installed
 from cellwatt.config.loading import NAME, load_document
-from cellwatt.config.reference import Field, reference
+from cellwatt.config.reference import Field, in_yaml, reference
 from cellwatt.config.wording import first_sentence
 from cellwatt.driver import SourceSettings
 from cellwatt.errors import CellwattError, ConfigError, why
@@ -32,8 +30,6 @@ LISTEN = "tcp/127.0.0.1:7447"
 RECORD = "recordings"
 """Folder of the recordings, beside the settings file."""
 
-_PLAIN = re.compile(r"[A-Za-z/][A-Za-z0-9_./+-]*(?: [A-Za-z0-9_./+-]+)*|[0-9]+(?:\.[0-9]+){3}")
-_WORDS = ("true", "false", "null")
 _COMMENT = 40
 """Column at which comments begin, unless the setting before them is longer."""
 _WIDTH = 120
@@ -72,13 +68,6 @@ def address_settings(model: type[SourceSettings], address: str) -> dict[str, str
     return {key: in_yaml(address)}
 
 
-def in_yaml(value: str) -> str:
-    """A text as YAML, in quotes if it would otherwise be read as something else."""
-    if _PLAIN.fullmatch(value) and value.lower() not in _WORDS:
-        return value
-    return json.dumps(value, ensure_ascii=False)
-
-
 def write_cell(
     path: Path,
     site: str,
@@ -101,7 +90,9 @@ def write_cell(
         _checked(path, text)
     except ConfigError as error:  # line numbers are useless: the file does not exist yet
         texts = [f"{p.path}: {p.message}" if p.path else p.message for p in error.problems]
-        raise ConfigError(f"{path} is not written: {'; '.join(texts)}") from error
+        more = any(str(p.path).startswith("sources.") for p in error.problems)
+        advice = "; give it as --set NAME.KEY=VALUE" if more else ""
+        raise ConfigError(f"{path} is not written: {'; '.join(texts)}{advice}") from error
     try:
         replace_text(path, text)
     except OSError as error:
@@ -169,6 +160,8 @@ def _default(field: Field) -> str | None:
     """The default as YAML; ``""`` if the user must choose a value, ``None`` for nested settings."""
     if field.type == "settings" or field.default.startswith("{"):
         return None
+    if field.type.startswith("NAME: "):
+        return "" if field.required else "{}"
     return "" if field.default.startswith(_HIDDEN) else field.default
 
 

@@ -25,7 +25,7 @@ class EvidenceSettings(Section):
     keep: Bytes = 2e9
     """Disk budget of the packs, in addition to that of the record; the oldest packs are removed first."""
     age: Seconds = 365 * 86400.0
-    """Remove packs older than this; with 0 only the budget limits them."""
+    """Age above which packs are removed, 0 for none; the budget limits them too."""
 
 
 ROOTS: Final = Path("/var/lib/cellwatt")
@@ -62,7 +62,7 @@ class RecordSettings(Section):
     keep: Bytes = 20e9
     """Disk budget of the folder; the oldest closed files are removed first."""
     age: Seconds = 0.0
-    """Remove closed files older than this; with 0 only the budget limits them."""
+    """Age above which closed files are removed, 0 for none; the budget limits them too."""
     file_size: Bytes = 256e6
     """A file is closed at this size, or at a quarter of ``keep`` if that is less …"""
     file_age: Seconds = 600.0

@@ -12,11 +12,12 @@ linear axis, ``tau_1 (Nm)``, ``power_kW``; without one, values are in the SI uni
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from cellwatt.errors import ConfigError
 from cellwatt.units import TABLE, Unit, kind_of
@@ -79,13 +80,15 @@ _UNITS: Final[Mapping[str, Mapping[str, Unit]]] = {
     "control": {"1": _ONE},
     "time": {
         name: Unit(name, factor)
-        for name, factor in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("µs", 1e-6), ("ns", 1e-9), ("sec", 1.0))
+        for factor, names in ((1.0, "s sec seconds"), (1e-3, "ms"), (1e-6, "us µs"), (1e-9, "ns"))
+        for name in names.split()
     },
     **dict.fromkeys(("supply.power", "bus.power"), TABLE["power"]),
     "tool.payload": TABLE["mass"],
 }
 """Units of each quantity by their spellings, the SI unit first."""
 
+_DEGREES = re.compile("degrees?", re.IGNORECASE)
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*[\[(]\s*(?P<unit>[^\[\]()]*?)\s*[\])]")
 _CHANNEL = re.compile(r"(?:(?P<source>.+)\.)?joint_?(?P<number>\d+)[._](?P<stem>\w+)")
 _NUMBERED = re.compile(
@@ -111,20 +114,27 @@ class Name:
     """Name of the quantity of a numbered joint, at the end of the column's name."""
 
 
-_OF_THE_USER: ContextVar[tuple[Mapping[str, str], Sequence[tuple[str, re.Pattern[str]]]]] = ContextVar(
-    "of_the_user", default=({}, ())
-)
-"""Names of columns as a user gives them, and as they are looked up."""
+class _Called(NamedTuple):
+    """Names of columns as a user gives them, and as they are looked up."""
+
+    names: Mapping[str, str]
+    patterns: Sequence[tuple[str, str, re.Pattern[str]]]
+    found: Counter[str]
+    """How often each was a column's name; ``""``: columns looked up."""
+
+
+_OF_THE_USER: ContextVar[_Called | None] = ContextVar("of_the_user", default=None)
 
 
 @contextmanager
-def called(names: Mapping[str, str]) -> Iterator[None]:
+def called(names: Mapping[str, str]) -> Iterator[Callable[[], list[str]]]:
     """Within the context also accept a user's names of columns: ``{"tau": "Moment{}"}`` reads ``Moment1`` as ``tau_1``,
     ``{"q [deg]": "A{}"}`` reads ``A1`` as ``q_1`` in degrees.
 
+    Yields a function that lists the user's names that no column had so far, none before a column was looked up.
     Raises ``ConfigError`` if a key is not a known name.
     """
-    patterns = []
+    patterns, found = [], Counter[str]()
     for name, written in names.items():
         before, numbered, after = written.partition("{}")
         stem, bracket, unit = name.partition("[")
@@ -133,24 +143,28 @@ def called(names: Mapping[str, str]) -> Iterator[None]:
         if re.search(r"[{}]", f"{stem}{unit}") or understood(known.format(1)) is None:
             raise ConfigError(f"--columns: {name!r} is no name of a quantity, such as q, q [deg], tau, t [ms] or power")
         number = r"(?P<number>\d+)" if numbered else ""
-        patterns.append((known, re.compile(re.escape(before) + number + re.escape(after))))
-    before_it = _OF_THE_USER.set((names, patterns))
+        patterns.append((written, known, re.compile(re.escape(before) + number + re.escape(after))))
+    before_it = _OF_THE_USER.set(_Called(names, patterns, found))
     try:
-        yield
+        yield lambda: [own for own in names.values() if found and not found[own]]
     finally:
         _OF_THE_USER.reset(before_it)
 
 
 def names_called() -> Mapping[str, str]:
     """The user's names of columns in the innermost ``called``."""
-    return _OF_THE_USER.get()[0]
+    user = _OF_THE_USER.get()
+    return {} if user is None else user.names
 
 
 def understood(written: str) -> Name | None:
     """Parse a column's name; None if it is unknown."""
-    for known, pattern in _OF_THE_USER.get()[1]:
-        if (match := pattern.fullmatch(written.strip())) is not None:
-            return parsed(known.format(*match.groups()), _named)
+    if (user := _OF_THE_USER.get()) is not None:
+        user.found[""] += 1
+        for own, known, pattern in user.patterns:
+            if (match := pattern.fullmatch(written.strip())) is not None:
+                user.found[own] += 1
+                return parsed(known.format(*match.groups()), _named)
     return parsed(written, _named)
 
 
@@ -183,7 +197,8 @@ def scale(quantity: str, unit: str | None) -> tuple[float, float] | None:
     """
     if unit is None:
         return 1.0, 0.0
-    plain = unit.replace(" ", "").replace("·", "").replace("²", "^2").replace("**2", "^2").replace("s2", "s^2")
+    plain = re.sub(r"[ ·.]", "", _DEGREES.sub("deg", unit))
+    plain = plain.replace("²", "^2").replace("**2", "^2").replace("s2", "s^2")
     known = {each.casefold(): each for each in _UNITS[quantity]}
     found = plain if plain in _UNITS[quantity] else known.get(plain.casefold())
     if found is None:

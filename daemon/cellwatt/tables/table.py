@@ -81,7 +81,10 @@ class Table:
     def time(self) -> Float:
         """Time (N,) s, from the origin of the file. Raises ``RecordingError`` without a time column."""
         if self.clock is None:
-            raise RecordingError(f"{self.path}: no column t, timestamp or time for the time; {self.there()}")
+            raise RecordingError(
+                f"{self.path}: no column t, timestamp or time for the time; {self.there()}; "
+                "--columns 't=YOURS' names yours"
+            )
         return self._values(self.clock)
 
     def rising_time(self, least: int = 2) -> Float:
@@ -263,10 +266,7 @@ class Table:
         scaled = scale(known.quantity, unit)
         if scaled is None:
             units = units_of(known.quantity)
-            raise RecordingError(
-                f"{self.path}: column {name}: unknown unit {unit!r}{did_you_mean(unit, units)} "
-                f"(expected {', '.join(units)})"
-            )
+            raise RecordingError(f"{self.path}: column {name}: unknown unit {unit!r} (expected {', '.join(units)})")
         values, (factor, offset) = self.columns[name], scaled
         if known.quantity == "time" and unit is None:
             finite = values[np.isfinite(values)]

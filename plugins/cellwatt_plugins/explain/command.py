@@ -21,6 +21,7 @@ from cellwatt_plugins.explain.report.terminal import in_words
 from cellwatt_plugins.explain.simulators.mend import mend, to_mend
 from cellwatt_plugins.explain.simulators.mend_drives import mend_driven
 from cellwatt_plugins.explain.simulators.wording import mended_in_words
+from cellwatt_plugins.robot.simulated import is_simulator
 from cellwatt_plugins.robot_option import ROBOT
 
 OUTPUT = click.Path(file_okay=False, writable=True, path_type=Path)
@@ -28,7 +29,7 @@ METER = "Power (t, power) logged by a meter on its own clock, one file per recor
 
 
 class _Explain(click.Command):
-    """Accept several values after one ``--simulation``, up to the next option."""
+    """Accept several values after one ``--simulation``, up to the next option or a simulator's own file."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         spread: list[str] = []
@@ -40,9 +41,16 @@ class _Explain(click.Command):
             else:
                 # The first value follows the option itself.
                 spread += ["--simulation", word] if following and spread[-1] != "--simulation" else [word]
+                following = following and not is_simulator(Path(word))
         if any(word == "--simulation" and after.startswith("-") for word, after in pairwise([*spread, "-"])):
             raise click.BadOptionUsage("--simulation", "Option '--simulation' requires an argument.", ctx)
-        return super().parse_args(ctx, spread)
+        try:
+            return super().parse_args(ctx, spread)
+        except click.MissingParameter as error:
+            if error.param is None or error.param.name != "recordings" or "--simulation" not in args:
+                raise
+            message = "Give the recordings before --simulation, which takes the files after it."
+            raise click.UsageError(message, ctx) from error
 
 
 @click.command(cls=_Explain, short_help="Name the physics that a simulation leaves out.")

@@ -108,12 +108,12 @@ def _chain(path: Path, above: Mapping[str, str | None], joints: int | Sequence[s
     of_hand = len(longest) - len(arm)  # a hand has fewer joints in a row than its arm; two arms have not
     if joints == len(above) > len(longest) and of_hand < len(arm) and list(above)[: len(arm)] == arm:
         joints = len(arm)
-    if not longest or (joints is not None and len(longest) < joints):
+    if not longest:
+        raise ConfigError(f"{path}: no joint with a name moves: give each hinge and slide a name")
+    if joints is not None and len(longest) < joints:
         raise ConfigError(
-            f"{path}: its longest chain of joints from the base is {', '.join(longest) or 'empty'}, the recording has "
-            f"{joints} joints: leave out the columns of other joints, as of a gripper"
-            if joints is not None
-            else f"{path}: no joint moves"
+            f"{path}: its longest chain of joints from the base is {', '.join(longest)}, the recording has {joints} "
+            "joints: leave out the columns of other joints, as of a gripper"
         )
     count = len(longest) if joints is None else joints
     if others := {tuple(row[:count]) for row in rows if len(row) >= count} - {tuple(longest[:count])}:

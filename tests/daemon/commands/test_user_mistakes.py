@@ -90,6 +90,7 @@ MISTAKES = [
         "empty/access.yaml: No such file or directory; begin with: cellwatt secure init",
     ),
     (("plot", "recordings", "--channel", "torque"), ERROR, "nothing to draw: no such channels"),
+    (("view", "untimed.csv"), USAGE, "untimed.csv is no settings file: draw it with cellwatt plot, or drop it on"),
     (("watch", "off.yaml"), USAGE, "zenoh has neither listen nor connect; or use --connect"),
     (("watch", *CONNECT, "192.0.2.1"), USAGE, "'192.0.2.1' is not an endpoint; expected protocol/host:port, like"),
     (("watch", *CONNECT, "tls/192.0.2.1:7447"), USAGE, "tls/192.0.2.1:7447 needs --ca FILE, and --certificate and"),

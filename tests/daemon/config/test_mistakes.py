@@ -58,6 +58,8 @@ MISTAKES = {
         "2:7",
         "_.-]*$ (Name of the cell within the site, second element of every Zenoh key: letters, digits, _, -, .)",
     ),
+    "space of a web page": (arm("note:\u00a0x"), "7:10", "character U+00A0 is no space to YAML"),
+    "a star": (arm("note: *"), "7:12", "a value with * or & needs quotes, like '*'"),
     "bool as a key": (f"{SMALL}true: x\n", "7:1", 'expected a name; write it in quotes: "true"'),
     "list as a key": (f"{SMALL}? [a]\n: x\n", "7:3", "found a list or mapping as a key"),
     "same key twice": (f"site: z\n{SMALL}", "2:1", "'site' is given twice, first at line 1 column 1"),

@@ -62,6 +62,13 @@ def test_a_users_name_may_have_a_unit(asked: str, written: str, known: str) -> N
         assert understood(written.format(2)) == understood(known) is not None
 
 
+def test_a_users_name_that_no_column_has_is_listed() -> None:
+    with called({"tau": "Moment{}", "q": "Winkel{}"}) as idle:
+        assert idle() == [], "nothing was looked up"
+        assert table("Angle", "Rate", "Moment").joints("torque") is not None
+        assert idle() == ["Winkel{}"]
+
+
 def test_a_quantity_that_nobody_knows_is_refused() -> None:
     for name in ("moment", "{q}", "q [{}]"):
         with pytest.raises(ConfigError, match=r"is no name of a quantity"), called({name: "Moment{}"}):

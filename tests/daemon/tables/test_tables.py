@@ -48,6 +48,9 @@ def test_names_of_the_supplys_power() -> None:
     ("name", "quantity", "value"),
     [
         ("q_1 [deg]", "position", np.pi / 180),
+        ("q_1 (Degrees)", "position", np.pi / 180),
+        ("qd_1 [degree/s]", "velocity", np.pi / 180),
+        ("tau_1 [N.m]", "torque", 1.0),
         ("q_1 [mm]", "position", 1e-3),
         ("qdd_1 [mm/s²]", "acceleration", 1e-3),
         ("velocity_1_deg_s", "velocity", np.pi / 180),
@@ -101,12 +104,12 @@ def test_a_channel_of_no_joint_is_found_with_its_source() -> None:
         ({"q_1": ONE, "q1": ONE}, "two columns are called 'q_1' and 'q1': keep one"),
         ({"q_1": ONE, "q_4": ONE}, "no column q_2, q_3; there are q_1, q_4"),
         (
-            {"q_1 [grad]": ONE},
-            "column q_1 [grad]: unknown unit 'grad'; did you mean 'rad'? (expected rad, mrad, deg, °, m, mm)",
+            {"q_1 [grad]": ONE},  # German for degree
+            "column q_1 [grad]: unknown unit 'grad' (expected rad, mrad, deg, °, m, mm)",
         ),
         (
             {"q_1 [Nm]": ONE},
-            "column q_1 [Nm]: unknown unit 'Nm'; did you mean 'm'? (expected rad, mrad, deg, °, m, mm)",
+            "column q_1 [Nm]: unknown unit 'Nm' (expected rad, mrad, deg, °, m, mm)",
         ),
         ({"qq_1": ONE, "t": ONE}, "no column q_1; did you mean 'qq_1'?; there are: qq_1"),
     ],

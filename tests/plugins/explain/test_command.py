@@ -8,6 +8,7 @@ import pytest
 from cellwatt.commands import EXIT_ERROR, EXIT_USAGE
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.explain import api
+from cellwatt_plugins.explain.command import explain
 from cellwatt_plugins.explain.model import load_model
 from tests.plugins.explain import plant
 from tests.plugins.explain.calling import call
@@ -130,6 +131,23 @@ def test_an_option_without_its_file_is_no_comparison_with_the_robot(cell, tmp_pa
     code, said, errors = call("explain", first, "--simulation", "--robot", cell, "--out", tmp_path)
     assert (code, said) == (EXIT_USAGE, "")
     assert "Option '--simulation' requires an argument." in errors
+
+
+@pytest.mark.parametrize("at", [0, 1])
+def test_recordings_may_follow_a_simulators_file(cell, tmp_path, at):
+    simulator = tmp_path / "arm.urdf"
+    simulator.touch()
+    words = [*files(cell, "recording"), "--out", tmp_path]
+    words[at:at] = ["--simulation", simulator]
+    given = explain.make_context("explain", [str(word) for word in words]).params
+    assert (given["recordings"], given["simulations"]) == (tuple(files(cell, "recording")), (simulator,))
+
+
+def test_recordings_behind_tables_of_simulations_are_told_from_none(cell, tmp_path):
+    words = ["--simulation", *files(cell, "simulation"), *files(cell, "recording"), "--out", tmp_path]
+    code, _, errors = call("explain", *words)
+    assert code == EXIT_USAGE
+    assert "Give the recordings before --simulation" in errors
 
 
 def test_simulate_refuses_what_is_no_model(cell, tmp_path):

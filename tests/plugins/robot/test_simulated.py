@@ -1,5 +1,7 @@
 """Arms that a simulator's file describes alone, against MuJoCo's own inverse dynamics."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -108,6 +110,12 @@ def test_all_joints_of_two_arms_are_no_arm_and_its_gripper(tmp_path):
 def test_more_joints_than_the_file_has(file):
     with pytest.raises(ConfigError, match="chain of joints from the base is yaw, shoulder, lift, left, the recording"):
         described(file, 6)
+
+
+def test_joints_without_names_are_asked_for_them(file):
+    file.write_text(re.sub(r"<joint name=\"\w+\"", "<joint", ARM))
+    with pytest.raises(ConfigError, match="no joint with a name moves: give each hinge and slide a name"):
+        described(file, 3)
 
 
 def test_a_urdf_stands_for_robot_yaml(tmp_path):

@@ -35,7 +35,9 @@ ROOT: Final = "/api/recordings"
 DROP: Final = f"{ROOT}/{{name:\\d+}}"
 AT_ONCE: Final = 2
 """Number of commands that run concurrently; further ones wait."""
-_TABLES: Final = (".csv", ".tsv", ".txt", ".dat", ".parquet", ".mcap", ".db3")
+_SIMULATORS: Final = (".xml", ".mjcf", ".urdf")
+_TABLES: Final = (".csv", ".tsv", ".txt", ".dat", ".log", ".parquet", ".mcap", ".db3", ".gz", ".xls", ".xlsx", ".ods")
+"""Endings of recordings, and of what is refused as one with advice."""
 _HEAD: Final = 65_536
 
 Kind = Literal["recording", "simulation", "robot", "other"]
@@ -230,7 +232,7 @@ class Drops:
         words = ["explain", *(f"./{path}" for path in recordings), "--out", str(drop.result)]
         words += ["--simulation", *(f"./{path}" for path in simulations)] if simulations else []
         words += ["--robot", f"./{robot}"] if robot else []
-        own = [path for path in simulations if Path(path).suffix in (".xml", ".urdf")]
+        own = [path for path in simulations if Path(path).suffix.lower() in _SIMULATORS]
         words += ["--mend", f"./{own[0]}"] if own else []
         drop.answer = explanation = Explanation()
         self._tasks[drop.name] = asyncio.create_task(self._explained(drop, explanation, words))
@@ -285,13 +287,14 @@ def items(folder: Path) -> list[Path]:
 
 def kind_of(path: Path) -> Kind:
     """Likely kind of a dropped file."""
-    if path.suffix in (".xml", ".urdf"):
+    ending = path.suffix.lower()
+    if ending in _SIMULATORS:
         with path.open("rb") as file:
             head = file.read(_HEAD)
         return "simulation" if b"<mujoco" in head.replace(b"<mujocoinclude", b"") or b"<robot" in head else "other"
     if path.name == "robot.yaml":
         return "robot"
-    if path.is_dir() or path.suffix in _TABLES or ".mcap" in path.suffixes:
+    if path.is_dir() or ending in _TABLES or ".mcap" in path.suffixes:
         return "simulation" if path.name.startswith("sim") else "recording"
     return "other"
 

@@ -179,7 +179,7 @@ def _in_seconds(place: str, time: Float) -> None:
     if step > COUNTED and np.all(time == np.round(time)):
         raise RecordingError(
             f"{place}: the time rises by {step:.6g} from row to row, in whole numbers: is it in milliseconds, or a row "
-            "number? It must be in seconds, or have its unit in its name, as t [ms], or in --columns 't [ms]=t'"
+            "number? It must be in seconds, or have its unit in its name, as t [ms], or in --columns 't [ms]=YOURS'"
         )
     if step > SLOWEST:
         raise RecordingError(

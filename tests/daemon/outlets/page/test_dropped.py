@@ -207,8 +207,15 @@ async def test_others_than_this_pc_and_this_page_drop_nothing(tmp_path: Path) ->
 
 
 def test_what_files_are(tmp_path: Path) -> None:
-    simulated, beside = {"arm.urdf": b"<robot>", "arm.xml": b"<mujoco model='a'>"}, {"robot.yaml": b"", "mesh.stl": b""}
-    recorded = {"runs/real_1.csv": b"t\n", "runs/sim_1.csv": b"t\n", "weld_3.mcap.zst": b""}
+    simulated, beside = {"ARM.URDF": b"<robot>", "arm.xml": b"<mujoco model='a'>"}, {"robot.yaml": b"", "mesh.stl": b""}
+    recorded = {
+        "RUN.CSV": b"t\n",
+        "arm.mjcf": b"<mujoco>",
+        "run.xlsx": b"",
+        "runs/real_1.csv": b"t\n",
+        "runs/sim_1.csv": b"t\n",
+        "weld_3.mcap.zst": b"",
+    }
     bag = {"bag/metadata.yaml": b"rosbag2_bagfile_information:\n", "bag/bag_0.mcap": b""}
     lerobot = {"set/meta/info.json": b"{}", "set/data/part.parquet": b""}
     for path, content in {**simulated, **beside, **recorded, **bag, **lerobot, "part.xml": b"<mujocoinclude>"}.items():
@@ -218,8 +225,8 @@ def test_what_files_are(tmp_path: Path) -> None:
     for path in items(tmp_path):
         found.setdefault(kind_of(path), []).append(str(path.relative_to(tmp_path)))
     assert found == {
-        "simulation": ["arm.urdf", "arm.xml", "runs/sim_1.csv"],
-        "recording": ["bag", "runs/real_1.csv", "set", "weld_3.mcap.zst"],
+        "simulation": ["ARM.URDF", "arm.mjcf", "arm.xml", "runs/sim_1.csv"],
+        "recording": ["RUN.CSV", "bag", "run.xlsx", "runs/real_1.csv", "set", "weld_3.mcap.zst"],
         "other": ["mesh.stl", "part.xml"],
         "robot": ["robot.yaml"],
     }

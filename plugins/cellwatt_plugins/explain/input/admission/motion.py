@@ -102,7 +102,7 @@ def check_limits(run: Run, arm: Arm) -> None:
         raise RecordingError(
             f"{run.name}: joint {worst + 1} reaches {reached[worst]:.1f} and {speed[worst]:.1f} per second, beyond "
             "what an arm does: positions must be in rad and times in s; are they in degrees? Write the unit into "
-            "the names, as q_1 [deg], or give --columns 'q [deg]=q_{}'"
+            "the names, as q_1 [deg], or name yours by --columns 'q [deg]=YOURS{}'"
         )
 
 

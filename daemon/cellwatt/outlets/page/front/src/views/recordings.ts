@@ -124,7 +124,7 @@ class Opened extends Asking {
 
   protected override into(files: Files): string | null {
     const names = [...files.keys()].map((path) => path.split('/').at(-1) ?? path);
-    return names.some((name) => /\.(csv|tsv|parquet|mcap|db3)$/.test(name)) ? null : this.name;
+    return names.some((name) => /\.(csv|tsv|parquet|mcap|db3)$/i.test(name)) ? null : this.name;
   }
 
   protected override show(): void {
@@ -133,12 +133,13 @@ class Opened extends Asking {
   }
 
   private fill(drop: Drop): void {
-    drop.items.forEach(({ path, kind }) => this.kinds.set(path, kind));
-    const drawable = drop.items.filter(({ kind, path }) => kind === 'recording' || (kind === 'simulation' && !simulator(path)));
+    const kindOf = ({ path, kind }: Drop['items'][number]): DropKind => this.kinds.get(path) ?? kind;
+    drop.items.forEach((item) => this.kinds.set(item.path, kindOf(item)));
+    const drawable = drop.items.filter((item) => kindOf(item) === 'recording' || (kindOf(item) === 'simulation' && !simulator(item.path)));
     const pick = choice(t('drop.curves'), drawable.map(({ path }) => [path, path] as const), (path) => void this.draw(path, pick.set));
     this.started = button(t('drop.explain'), () => void this.begin(), { class: 'primary' });
-    const rows = drop.items.map(({ path, kind }) => h('tr', {}, h('th', { scope: 'row' }, path), h('td', {}, this.select(path, kind))));
-    const lacking = drop.items.some(({ kind }) => kind === 'simulation') ? null : h('p', {}, t('drop.simulation_needed'));
+    const rows = drop.items.map((item) => h('tr', {}, h('th', { scope: 'row' }, item.path), h('td', {}, this.select(item.path, kindOf(item), drawable.length ? null : drop))));
+    const lacking = drop.items.some((item) => kindOf(item) === 'simulation') ? null : h('p', {}, t('drop.simulation_needed'));
     put(
       this.root,
       h('h1', {}, t('drop.title')),
@@ -159,10 +160,16 @@ class Opened extends Asking {
     );
     this.tell(drop);
     if (drawable[0]) void this.draw(drawable[0].path, pick.set);
+    else put(this.curves, h('p', { class: 'quiet' }, t('drop.none')));
   }
 
-  private select(path: string, kind: DropKind): HTMLElement {
-    const found = h('select', { 'aria-label': path, onchange: () => this.kinds.set(path, found.value as DropKind) });
+  /** What a file is; `drop` is shown again after a choice. */
+  private select(path: string, kind: DropKind, drop: Drop | null): HTMLElement {
+    const choose = (): void => {
+      this.kinds.set(path, found.value as DropKind);
+      if (drop) this.fill(drop);
+    };
+    const found = h('select', { 'aria-label': path, onchange: choose });
     found.append(...Object.entries(KINDS).map(([value, key]) => h('option', { value, selected: value === kind }, t(key))));
     return found;
   }
@@ -215,7 +222,7 @@ class Opened extends Asking {
 
 /** True of a file that a simulator runs, not a table of what it said. */
 function simulator(path: string): boolean {
-  return /\.(xml|urdf)$/.test(path);
+  return /\.(xml|mjcf|urdf)$/i.test(path);
 }
 
 function sizes(files: Files): Record<string, number> {
