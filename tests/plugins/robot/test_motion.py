@@ -72,8 +72,8 @@ def test_positions_that_were_filled_in_show_no_encoder_noise():
     filled = (t > 0.2 * t[-1]) & (t < 0.8 * t[-1])
     motion = np.sin(t)[:, None] + np.where(filled, 0.0, 1e-4 * np.random.default_rng(2).standard_normal(5000))[:, None]
     swung = Plan(*(course[:, None] for course in (np.sin(t), np.cos(t), -np.sin(t))))
-    for moved in (from_encoders(motion, STEP, filled=filled), about_plan(motion, swung, STEP, filled)):
-        assert moved.resolution == pytest.approx([1e-4], rel=0.08)
+    for found in (from_encoders(motion, STEP, filled=filled), about_plan(motion, swung, STEP, filled)):
+        assert found.resolution == pytest.approx([1e-4], rel=0.08)
 
 
 def test_rests_are_no_sample_of_a_coarse_encoders_noise():
