@@ -38,7 +38,7 @@ AVERAGED, SHORTEST = 0.5, 1.0
 
 def without_unread(run: Run) -> Run:
     """The run with NaN for the torque of each joint whose channel is constant, or noise unrelated to the motion; and
-    for all torques while the drives are off."""
+    for all torques while the drives are off. Before and after all motion, such rows then count as filled in."""
     dead = _dead(run)
     run = replace(run, torque=np.where(dead, np.nan, run.torque)) if dead.any() else run
     off = _off(run)
@@ -46,9 +46,12 @@ def without_unread(run: Run) -> Run:
         return run
     note = (
         f"{run.name}: {run.step * np.count_nonzero(off):.2g} s at rest without torque at any joint, first at "
-        f"{run.time[np.argmax(off)]:.2f} s: the drives were off. These rows are not used"
+        f"{run.time[np.argmax(off)]:.2f} s: the drives were off. Their torque is not used, nor "
+        "their power before the first and after the last motion"
     )
-    return replace(run, torque=np.where(off[:, None], np.nan, run.torque), notes=(*run.notes, note))
+    torque = np.where(off[:, None], np.nan, run.torque)
+    # Between two motions, the power of braked joints is that without their brakes.
+    return replace(run, torque=torque, gaps=run.filled | (off & ~_amid_motion(run)), notes=(*run.notes, note))
 
 
 def unread(run: Run) -> Bool:
@@ -106,6 +109,13 @@ def _off(run: Run) -> Bool:
         if (end - first) * run.step >= SHORTEST:
             off[max(first - window // 2, 0) : end + window // 2] = True
     return np.asarray(off & still, np.bool_)
+
+
+def _amid_motion(run: Run) -> Bool:
+    """(N,) true from the first to the last motion."""
+    away = [np.any(np.abs(q - q[0]) > MOVES, axis=1) for q in (run.position, run.position[::-1])]
+    begun, unfinished = (np.logical_or.accumulate(one) for one in away)
+    return np.asarray(begun & unfinished[::-1], np.bool_)
 
 
 def _terms(run: Run) -> Float:

@@ -7,8 +7,10 @@ import pytest
 
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.explain.input.baseline import baseline
+from cellwatt_plugins.explain.input.run import Run
+from cellwatt_plugins.explain.input.unread import without_unread
 from tests.plugins.explain.input.reading import examine, read_runs
-from tests.plugins.explain.logs import logged
+from tests.plugins.explain.logs import logged, measured, off_before, parquet
 from tests.plugins.explain.recorded_arm import (
     COULOMB,
     JOINTS,
@@ -159,3 +161,24 @@ def test_drives_that_are_off_at_rest_say_nothing_of_the_arm(tmp_path, run, arm):
         assert np.mean(heard[rows:]) > 0.99
         assert np.sum(heard[:rows]) == pytest.approx(counted, abs=0.1 / run.step)
         assert any("without torque at any joint" in note for note in found.notes) == (counted == 0)
+
+
+def test_power_is_checked_although_the_drives_are_off_for_a_while(tmp_path, described, arm):
+    run = without_plan(recorded(described, points(seed=3)))
+    columns = measured(replace(run, power=1e-3 * run.power))
+    for table in (columns, off_before(columns, 4.0, power=0.05)):
+        with pytest.raises(RecordingError, match=r"is it in kW\? It must be in W"):
+            examine(read_runs([parquet(tmp_path / "log.parquet", table)], [], arm.description), arm)
+
+
+def test_power_of_braked_joints_between_two_motions_is_used(run):
+    """Power before and after all motion is that of drives that are off, which the simulation does not have."""
+    rest, half = round(4 / run.step), len(run.time) // 2
+    rows = np.repeat(np.arange(len(run.time)), np.where(np.isin(np.arange(len(run.time)), [0, half]), rest, 1))
+    braked = np.append(False, np.diff(rows) == 0)
+    torque = np.where(braked[:, None], np.random.default_rng(3).normal(0, 0.05, (len(rows), JOINTS)), run.torque[rows])
+    found = without_unread(Run("run", run.step * np.arange(len(rows)), run.position[rows], None, torque))
+    off = np.isnan(found.torque).all(axis=1)
+    half = rest + len(run.time) // 4
+    np.testing.assert_array_equal(found.filled, off & (np.arange(len(off)) < half))
+    assert [np.sum(off[:half]), np.sum(off[half:])] == pytest.approx([rest, rest], abs=0.2 / run.step)

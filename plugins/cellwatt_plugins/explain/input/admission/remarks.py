@@ -46,10 +46,9 @@ def remarks(runs: Sequence[Run], robot: RobotDescription) -> list[str]:
     notes += unread_remarks(runs)
     notes += _slow(runs)
     for run in runs:
-        if run.filled.any():
-            notes.append(
-                f"{run.name}: {100 * float(np.mean(run.filled)):.2g} % of the samples were filled in and do not count"
-            )
+        # Without any torque the drives were off, which has a note of its own.
+        if (filled := run.filled & ~np.isnan(run.torque).all(axis=1)).any():
+            notes.append(f"{run.name}: {100 * np.mean(filled):.2g} % of the samples were filled in and do not count")
         notes += _cut_off(run, robot)
         notes += _coarse(run, robot)
         notes += _frozen(run, robot)
