@@ -20,6 +20,10 @@ HOLE = 4.5
 """Step, in median steps, across which positions are not compared: the motion in between is unknown."""
 FARTHEST = 4.0
 """Largest distance, in steps, of a stamp from the time that replaces it."""
+STALLED = 0.99
+"""Share of the rows that must have stamps no farther: a logger that stalls stamps rows far too late."""
+ROUNDING = 1e-6
+"""Relative difference of two sums up to which they are equal."""
 SMOOTHED = 9
 """Rows over which a velocity is fitted, so that it does not follow the noise of a row."""
 SURE = 5.0
@@ -79,7 +83,7 @@ def sampled(time: Float, positions: Sequence[Float]) -> tuple[Float, bool]:
         return time, True
     even = _evenly(time, values, near)
     found = _own(even, values, near)
-    if np.any(np.diff(found) <= 0) or np.abs(found - time).max() > FARTHEST * float(np.median(np.diff(found))):
+    if np.any(np.diff(found) <= 0) or np.abs(found - even).max() > FARTHEST * float(np.median(np.diff(found))):
         return time, True
     return found, found is even
 
@@ -87,13 +91,21 @@ def sampled(time: Float, positions: Sequence[Float]) -> tuple[Float, bool]:
 def _evenly(time: Float, values: Float, near: Bool) -> Float:
     """Even times in place of ``time`` (N,) s if ``values`` (N, n), in the stencils ``near`` (N - 4,), show them."""
     best, least = time, np.inf
-    for even, step in _even(time):
-        weights, apart = _cubic(even), float(np.max(np.abs(even - time)))
+    # Across a hole, positions do not show which numbers are right: the stamps do.
+    for even, step in sorted(_even(time), key=lambda numbered: float(np.sum(np.square(numbered[0] - time)))):
+        weights, late = _cubic(even), time - even
         off = _deviation(weights, values)[near]
-        if LEAST * step < apart < FARTHEST * step and (rough := float(np.sum(np.square(off)))) < least:
-            stamped = _deviation(weights, (time - even)[:, None]) * _speed(values, step)
+        if _near(late / step) and (rough := float(np.sum(np.square(off)))) < least * (1 - ROUNDING):
+            stamped = _deviation(weights, late[:, None]) * _speed(values, step)
             best, least = even if _shows(off, stamped[near]) else time, rough
     return best
+
+
+def _near(late: Float) -> bool:
+    """True if rows ``late`` (N,) steps can be those of a logger: not all are exact, and few have far later stamps, none
+    of them at the beginning or the end, where it would be rows that are missing."""
+    far = max(float(np.quantile(late, STALLED)), late[0], late[-1], -np.min(late))
+    return bool(np.max(np.abs(late)) > LEAST and far < FARTHEST)
 
 
 def _even(time: Float) -> Iterator[tuple[Float, float]]:
