@@ -16,6 +16,8 @@ REPEATED = 0.1
 """Repetitions per sample of a moving arm above which the logger is faster than what it logs."""
 COUNTS = 8.0
 """Step of a position, in its smallest steps, before which a sample would have shown some of the motion."""
+AMID = 0.5
+"""Step of a joint, in its largest ones, that it takes amid a move."""
 HOLE = 4.5
 """Step, in median steps, across which positions are not compared: the motion in between is unknown."""
 FARTHEST = 4.0
@@ -57,7 +59,12 @@ def repeats(positions: Sequence[Float]) -> Bool:
     least = np.min(steps, axis=0, where=steps > 0, initial=np.inf)
     fresh = np.flatnonzero((steps > 0).any(axis=1)) + 1
     apart = np.diff(fresh, prepend=0)
-    fast = (apart <= MOST_REPEATED) & (steps[fresh - 1] >= COUNTS * least).any(axis=1)
+    moved = steps[fresh - 1]
+    fast = (apart <= MOST_REPEATED) & (moved >= COUNTS * least).any(axis=1)
+    if fast.any():
+        # A short rest lasts longer than repetitions do, or the step after it is that of a joint that gathers speed.
+        amid = (moved >= AMID * np.quantile(moved[fast], 0.9, axis=0)).any(axis=1)
+        fast &= amid & (apart <= 2 * np.median(apart[fast]))
     out = np.zeros(len(steps) + 1, np.bool_)
     if fast.sum() >= SMOOTHED and (every := float(apart[fast].mean())) > 1 + REPEATED:
         out[:] = True

@@ -136,6 +136,19 @@ def test_coarse_encoders_repeat_no_row():
     assert not repeats(positions(EVEN, 1e-5)).any()
 
 
+@pytest.mark.parametrize(("rate", "move", "rest"), [(2, 2.0, 1.5), (5, 1.0, 0.2), (10, 1.0, 0.3), (25, 1.0, 0.28)])
+def test_short_exact_rests_are_no_repetitions(rate, move, rest):
+    """From point to point, in the thousandths of a degree that a controller gives."""
+    time = np.arange(0, 120, 1 / rate)
+    number = (time // (move + rest)).astype(int)
+    share = np.clip((time - number * (move + rest)) / move, 0, 1)
+    points = np.random.default_rng(8).uniform(-60, 60, (number[-1] + 2, 6))
+    way = (10 * share**3 - 15 * share**4 + 6 * share**5)[:, None]
+    degrees = np.round(points[number] + way * (points[number + 1] - points[number]), 3)
+    assert np.any(np.all(np.diff(degrees, axis=0) == 0, axis=1))
+    assert not repeats(list(np.radians(degrees).T)).any()
+
+
 def test_what_does_not_move_shows_nothing():
     stamps, truth = stamped("by a busy PC", np.random.default_rng(3))
     assert sampled(stamps, [np.full(len(truth), 0.3)]) == (stamps, True)
