@@ -34,6 +34,8 @@ CHANCE = 4.0
 """Standard deviations of the mean noise at rest below which a joint has no torque."""
 AVERAGED, SHORTEST = 0.5, 1.0
 """Time, s, over which torques are averaged, and shortest time without torque after which drives count as off."""
+SELDOM = 3.0
+"""Rows without torque, in the usual distance of rows that have some, above which none was read."""
 
 
 def without_unread(run: Run) -> Run:
@@ -96,7 +98,7 @@ def _dead(run: Run) -> Bool:
 
 def _off(run: Run) -> Bool:
     """(N,) true at rests in which no joint has torque: brakes hold the arm, and drives or their sensors are off."""
-    torque = np.nan_to_num(run.torque[:, ~unread(run)])
+    torque = _between(run.torque[:, ~unread(run)], run.step)
     still = np.all(np.abs(rates(run.position, run.step)[1]) < STILL, axis=1)
     if not torque.size or run.step * still.sum() < SHORTEST:
         return np.zeros(len(still), np.bool_)
@@ -109,6 +111,20 @@ def _off(run: Run) -> Bool:
         if (end - first) * run.step >= SHORTEST:
             off[max(first - window // 2, 0) : end + window // 2] = True
     return np.asarray(off & still, np.bool_)
+
+
+def _between(torque: Float, step: float) -> Float:
+    """Torques (N, n) Nm, interpolated between those that were read; 0 where none was for long, as drives were off."""
+    out = torque.copy()
+    for column in out.T:
+        missing = np.isnan(column)
+        read = np.flatnonzero(~missing)
+        longest = max(SHORTEST / step, SELDOM * float(np.median(np.diff(read, prepend=read[0] - 1))))
+        column[missing] = np.interp(np.flatnonzero(missing), read, column[read])
+        for first, end in stretches(missing):
+            if end - first > longest:
+                column[first:end] = 0.0
+    return out
 
 
 def _amid_motion(run: Run) -> Bool:
