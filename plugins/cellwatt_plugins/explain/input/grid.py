@@ -11,9 +11,9 @@ from scipy.ndimage import median_filter
 
 from cellwatt.arrays import Bool, Float
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.explain.input.stamps import repeats, sampled
+from cellwatt_plugins.explain.input.stamps import in_bursts, repeats, sampled
 from cellwatt_plugins.robot.meter.held import onto
-from cellwatt_plugins.robot.samples import most_points
+from cellwatt_plugins.robot.samples import SPARSE, most_points
 from cellwatt_plugins.robot.stretches import stretches
 
 LEAST_ROWS = 16
@@ -245,6 +245,11 @@ def _grid(place: str, time: Float, exact: bool) -> Float:
     if not exact:  # of a logger at another rate than the controller's
         middle = float(np.mean(steps[steps < HOLE * middle]))
     count = int((time[-1] - time[0]) / middle + 1e-6) + 1
+    if count > SPARSE * len(time) and in_bursts(time):
+        raise RecordingError(
+            f"{place}: rows come several at once, {1e3 * middle:.2g} ms apart, and their positions do not show when "
+            "they were sampled: record with the controller's time of each row"
+        )
     if count > most_points(len(time)):
         i = int(np.argmax(steps))
         raise RecordingError(

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from scipy.linalg import solveh_banded
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 from scipy.signal import savgol_filter
 
 from cellwatt.arrays import Bool, Float
@@ -20,6 +21,8 @@ AMID = 0.5
 """Step of a joint, in its largest ones, that it takes amid a move."""
 HOLE = 4.5
 """Step, in median steps, across which positions are not compared: the motion in between is unknown."""
+BURST, SEVERAL = 60, 2.0
+"""Rows over which steps are averaged, and their mean, in median steps, above which rows come several at once."""
 FARTHEST = 4.0
 """Largest distance, in steps, of a stamp from the time that replaces it."""
 STALLED = 0.99
@@ -75,6 +78,12 @@ def repeats(positions: Sequence[Float]) -> Bool:
     return out
 
 
+def in_bursts(time: Float) -> bool:
+    """True if rows come several at once throughout: most steps of ``time`` (N,) s are far shorter than their mean."""
+    steps = np.diff(time)
+    return float(np.median(uniform_filter1d(steps, BURST))) > SEVERAL * float(np.median(steps))
+
+
 def sampled(time: Float, positions: Sequence[Float]) -> tuple[Float, bool]:
     """Times (N,) s of the samples of ``positions``, each (N,), that a logger stamped at ``time`` (N,) s.
 
@@ -85,19 +94,34 @@ def sampled(time: Float, positions: Sequence[Float]) -> tuple[Float, bool]:
     if len(time) < SMOOTHED or not positions:
         return time, True
     values = np.column_stack(positions)
-    near = np.convolve(np.diff(time) < HOLE * np.median(np.diff(time)), np.ones(4), "valid") > 3.5
-    if near.sum() < SMOOTHED:
+    if (near := _close(time, _longest(time))).sum() < SMOOTHED:
         return time, True
     even = _evenly(time, values, near)
+    # The motion between bursts is unknown if the stamps are right.
+    if even is time and (near := _close(time, float(np.median(np.diff(time))))).sum() < SMOOTHED:
+        return time, True
     found = _own(even, values, near)
     if np.any(np.diff(found) <= 0) or np.abs(found - even).max() > FARTHEST * float(np.median(np.diff(found))):
         return time, True
     return found, found is even
 
 
+def _close(time: Float, usual: float) -> Bool:
+    """True (N - 4,) at the middle of five rows without a hole, compared with the ``usual`` step, s, between them."""
+    return np.asarray(np.convolve(np.diff(time) < HOLE * usual, np.ones(4), "valid") > 3.5)
+
+
+def _longest(time: Float) -> float:
+    """The longest usual step, s: the median one, or that between bursts."""
+    steps = np.diff(time)
+    return float(np.median(maximum_filter1d(steps, BURST) if in_bursts(time) else steps))
+
+
 def _evenly(time: Float, values: Float, near: Bool) -> Float:
     """Even times in place of ``time`` (N,) s if ``values`` (N, n), in the stencils ``near`` (N - 4,), show them."""
     best, least = time, np.inf
+    if in_bursts(time):  # Long steps hide a part of the motion: what even times leave is compared with what stamps do.
+        least = float(np.sum(np.square(_deviation(_cubic(time), values)[near])))
     # Across a hole, positions do not show which numbers are right: the stamps do.
     for even, step in sorted(_even(time), key=lambda numbered: float(np.sum(np.square(numbered[0] - time)))):
         weights, late = _cubic(even), time - even
@@ -118,7 +142,7 @@ def _near(late: Float) -> bool:
 def _even(time: Float) -> Iterator[tuple[Float, float]]:
     """Candidates (N,) s and their step, s: rows numbered one by one, and by their stamps to the nearest step."""
     steps = np.diff(time)
-    usual = steps[steps < HOLE * np.median(steps)].mean()
+    usual = steps[steps < HOLE * _longest(time)].mean()
     numbers = np.maximum(np.round(steps / usual), 1.0)
     for counted in (np.ones(len(steps)), numbers):
         number = np.concatenate([[0.0], np.cumsum(counted)])

@@ -272,6 +272,10 @@ TAU = tuple(f"tau_{i + 1}" for i in range(JOINTS))
         (changed(t=lambda c: np.minimum(c["t"], 5.0)), "374 of 1000 rows have no new time"),
         (changed(t=lambda c: c["t"] % 4.0), "the time goes back from 3.992 to 0.000 s in row 501"),
         (changed(t=lambda c: c["t"] + 1.7e9 * (c["t"] > 1)), "jumps from 1.000 to 1700000001.008 s in row 127: was"),
+        (
+            changed(t=lambda c: 0.096 * (np.arange(len(c["t"])) // 12) + 5e-5 * (np.arange(len(c["t"])) % 12)),
+            "rows come several at once, 0.05 ms apart, and their positions do not show when they were sampled",
+        ),
         (changed(t=lambda c: 1000 * c["t"]), "rises by 8 from row to row, in whole numbers: is it in milliseconds"),
     ],
 )

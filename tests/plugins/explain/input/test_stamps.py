@@ -149,6 +149,29 @@ def test_short_exact_rests_are_no_repetitions(rate, move, rest):
     assert not repeats(list(np.radians(degrees).T)).any()
 
 
+def in_bursts(sizes, apart):
+    """Stamps ``apart`` s of rows that come several at once throughout, each burst with its newest row in time."""
+    counts = np.tile(sizes, ROWS)
+    last = np.repeat(np.cumsum(counts) - 1, counts)[:ROWS]
+    return EVEN[0] + STEP * last - apart * (last - np.arange(ROWS))
+
+
+@pytest.mark.parametrize("apart", [5e-5, 2e-3])
+@pytest.mark.parametrize("sizes", [(2,), (3,), (4,), (5,), (6,), (7,), (8,), (3, 6)])
+def test_rows_that_come_several_at_once_throughout_get_even_times(sizes, apart):
+    for noise in (0.0, 1e-5, 1e-3):
+        found, exact = sampled(in_bursts(sizes, apart), positions(EVEN, noise))
+        assert exact
+        np.testing.assert_allclose(np.diff(found), np.diff(EVEN), rtol=1e-3)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-5, 1e-3])
+@pytest.mark.parametrize("sizes", [(2,), (4,), (8,), (12,)])
+def test_rows_that_were_sampled_in_bursts_keep_their_stamps(sizes, noise):
+    stamps = in_bursts(sizes, 2e-3)
+    assert sampled(stamps, positions(stamps, noise)) == (stamps, True)
+
+
 def test_what_does_not_move_shows_nothing():
     stamps, truth = stamped("by a busy PC", np.random.default_rng(3))
     assert sampled(stamps, [np.full(len(truth), 0.3)]) == (stamps, True)
