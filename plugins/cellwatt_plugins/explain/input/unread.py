@@ -77,12 +77,12 @@ def unread_remarks(runs: Sequence[Run]) -> Iterator[str]:
 
 def _dead(run: Run) -> Bool:
     rows = usable(run, SAMPLES)
-    torque = run.torque[rows]
-    moves = np.ptp(run.position[rows], axis=0) > MOVES
     dead = unread(run)
     recorded = np.flatnonzero(~dead)
-    if not len(recorded):
+    if not len(recorded) or not len(rows):
         return dead
+    torque = run.torque[rows]
+    moves = np.ptp(run.position[rows], axis=0) > MOVES
     size = np.zeros(run.joints)
     size[recorded] = np.nanstd(run.torque[:, recorded], axis=0)
     constant = np.zeros(run.joints, bool)

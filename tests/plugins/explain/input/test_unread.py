@@ -101,6 +101,17 @@ def test_no_torque_at_all_is_refused(tmp_path, run, arm):
         examine([read(tmp_path, run, arm, **nothing)], arm)
 
 
+def test_means_that_all_hold_a_filled_in_sample_are_too_few(tmp_path, described, arm):
+    """Three rows of a millisecond in ten, of which means of four are taken."""
+    run = without_plan(recorded(described, points(seed=3)))
+    rows = np.arange(len(run.time))
+    time = 1e-2 * (rows // 3) + 1e-3 * (rows % 3)
+    position = np.column_stack([np.interp(time, run.time, one) for one in run.position.T])
+    found = read(tmp_path, replace(run, time=time, position=position, velocity=None, power=None), arm)
+    with pytest.raises(RecordingError, match="0 usable samples in 0.00 s are too few"):
+        examine([found], arm)
+
+
 def test_a_run_whose_drives_nobody_read_is_named_among_others(run, arm):
     silent = replace(run, name="silent", torque=np.full_like(run.torque, np.nan))
     with pytest.raises(RecordingError, match=r"silent: no torque is related to the motion: .*were the drives read"):
