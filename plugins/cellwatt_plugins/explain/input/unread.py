@@ -9,7 +9,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from cellwatt.arrays import Bool, Float
-from cellwatt_plugins.explain.input.factors import MOVES, joints_text, usable
+from cellwatt_plugins.explain.input.factors import MOVES, joints_text, times_text, usable
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.robot.motion import rates
 from cellwatt_plugins.robot.samples import unpowered
@@ -47,8 +47,8 @@ def without_unread(run: Run) -> Run:
     if not off.any():
         return run
     note = (
-        f"{run.name}: {run.step * np.count_nonzero(off):.2g} s at rest without torque at any joint, first at "
-        f"{run.time[np.argmax(off)]:.2f} s: the drives were off. Their torque is not used, nor "
+        f"{run.name}: {times_text(run.step * np.count_nonzero(off), 2)} s at rest without torque at any joint, first "
+        f"at {run.time[np.argmax(off)]:.2f} s: the drives were off. Their torque is not used, nor "
         "their power before the first and after the last motion"
     )
     torque = np.where(off[:, None], np.nan, run.torque)

@@ -285,6 +285,20 @@ def test_what_is_wrong_with_a_table_is_said_in_one_line(tmp_path, arm, change, m
     assert message in refused(parquet(tmp_path / "a.parquet", columns), arm)
 
 
+@pytest.mark.parametrize(("seconds", "message"), [(-0.5, "the time goes back"), (1e6, "the time jumps")])
+def test_a_wrong_time_is_named_by_its_row_in_the_spreadsheet(seconds, message, tmp_path, arm):
+    """Below the row of names, with a row above it that has no position and is left out."""
+    columns = recording(times())
+    columns["t"][100:] += seconds
+    for i in range(JOINTS):
+        columns[f"q_{i + 1}"][50] = np.nan
+    path = csv(tmp_path / "a.csv", columns)
+    assert path.read_text().splitlines()[101].startswith(f"{columns['t'][100]:.10g},")
+    text = refused(path, arm)
+    assert message in text
+    assert "s in row 102: " in text
+
+
 def test_simulations_are_matched_by_name_or_by_place(tmp_path, arm):
     t = times()
     later = {name: values + (name[0] == "q" and name[1] == "_") for name, values in recording(t).items()}

@@ -108,7 +108,7 @@ def test_means_that_all_hold_a_filled_in_sample_are_too_few(tmp_path, described,
     time = 1e-2 * (rows // 3) + 1e-3 * (rows % 3)
     position = np.column_stack([np.interp(time, run.time, one) for one in run.position.T])
     found = read(tmp_path, replace(run, time=time, position=position, velocity=None, power=None), arm)
-    with pytest.raises(RecordingError, match="0 usable samples in 0.00 s are too few"):
+    with pytest.raises(RecordingError, match="0 usable samples"):
         examine([found], arm)
 
 
@@ -188,12 +188,13 @@ def test_power_is_checked_although_the_drives_are_off_for_a_while(tmp_path, desc
 
 def test_power_of_braked_joints_between_two_motions_is_used(run):
     """Power before and after all motion is that of drives that are off, which the simulation does not have."""
-    rest, half = round(4 / run.step), len(run.time) // 2
+    rest, half = round(60 / run.step), len(run.time) // 2
     rows = np.repeat(np.arange(len(run.time)), np.where(np.isin(np.arange(len(run.time)), [0, half]), rest, 1))
     braked = np.append(False, np.diff(rows) == 0)
     torque = np.where(braked[:, None], np.random.default_rng(3).normal(0, 0.05, (len(rows), JOINTS)), run.torque[rows])
     found = without_unread(Run("run", run.step * np.arange(len(rows)), run.position[rows], None, torque))
     off = np.isnan(found.torque).all(axis=1)
     half = rest + len(run.time) // 4
+    assert "run: 120 s at rest without torque at any joint, first at 0.00 s" in found.notes[0]
     np.testing.assert_array_equal(found.filled, off & (np.arange(len(off)) < half))
     assert [np.sum(off[:half]), np.sum(off[half:])] == pytest.approx([rest, rest], abs=0.2 / run.step)

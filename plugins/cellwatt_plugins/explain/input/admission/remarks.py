@@ -8,7 +8,7 @@ import numpy as np
 
 from cellwatt.arrays import Float
 from cellwatt_plugins.explain.input.admission.motion import AT_REST, travel
-from cellwatt_plugins.explain.input.factors import MOVES, joints_text, levers, usable
+from cellwatt_plugins.explain.input.factors import MOVES, joints_text, levers, times_text, usable
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.explain.input.unread import unread_remarks
 from cellwatt_plugins.robot import RobotDescription
@@ -50,7 +50,8 @@ def remarks(runs: Sequence[Run], robot: RobotDescription) -> list[str]:
     for run in runs:
         # Without any torque the drives were off, which has a note of its own.
         if (filled := run.filled & ~np.isnan(run.torque).all(axis=1)).any():
-            notes.append(f"{run.name}: {100 * np.mean(filled):.2g} % of the samples were filled in and do not count")
+            share = times_text(100 * float(np.mean(filled)), 2)
+            notes.append(f"{run.name}: {share} % of the samples were filled in and do not count")
             if run.averaged > 1 and np.mean(filled) > PAUSED:
                 notes[-1] += (
                     f"; they make the recording so long that it was averaged to {1 / run.step:.3g} Hz: give the "
@@ -72,8 +73,8 @@ def rough(states: Sequence[States]) -> Iterator[str]:
         seconds = sum(b - a for a, b in inner) * run.step
         if seconds > SHORT:
             yield (
-                f"{run.name}: {seconds:.2g} s follow no smooth motion (a stop, a shock) and have little weight, first "
-                f"at {run.time[inner[0][0]]:.2f} s"
+                f"{run.name}: {times_text(seconds, 2)} s follow no smooth motion (a stop, a shock) and have little "
+                f"weight, first at {run.time[inner[0][0]]:.2f} s"
             )
 
 
