@@ -40,7 +40,8 @@ SELDOM = 3.0
 
 def without_unread(run: Run) -> Run:
     """The run with NaN for the torque of each joint whose channel is constant, or noise unrelated to the motion; and
-    for all torques while the drives are off. Before and after all motion, such rows then count as filled in."""
+    for all torques while the drives are off. Where power was recorded, such rows before and after all motion count as
+    filled in."""
     dead = _dead(run)
     run = replace(run, torque=np.where(dead, np.nan, run.torque)) if dead.any() else run
     off = _off(run)
@@ -48,12 +49,14 @@ def without_unread(run: Run) -> Run:
         return run
     note = (
         f"{run.name}: {times_text(run.step * np.count_nonzero(off), 2)} s at rest without torque at any joint, first "
-        f"at {run.time[np.argmax(off)]:.2f} s: the drives were off. Their torque is not used, nor "
-        "their power before the first and after the last motion"
+        f"at {run.time[np.argmax(off)]:.2f} s: the drives were off. Their torque is not used"
     )
-    torque = np.where(off[:, None], np.nan, run.torque)
-    # Between two motions, the power of braked joints is that without their brakes.
-    return replace(run, torque=torque, gaps=run.filled | (off & ~_amid_motion(run)), notes=(*run.notes, note))
+    gaps = run.gaps
+    if run.power is not None:
+        # Between two motions, the power of braked joints is that without their brakes.
+        gaps = run.filled | (off & ~_amid_motion(run))
+        note += ", nor their power before the first and after the last motion"
+    return replace(run, torque=np.where(off[:, None], np.nan, run.torque), gaps=gaps, notes=(*run.notes, note))
 
 
 def unread(run: Run) -> Bool:

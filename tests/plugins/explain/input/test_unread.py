@@ -192,7 +192,9 @@ def test_power_of_braked_joints_between_two_motions_is_used(run):
     rows = np.repeat(np.arange(len(run.time)), np.where(np.isin(np.arange(len(run.time)), [0, half]), rest, 1))
     braked = np.append(False, np.diff(rows) == 0)
     torque = np.where(braked[:, None], np.random.default_rng(3).normal(0, 0.05, (len(rows), JOINTS)), run.torque[rows])
-    found = without_unread(Run("run", run.step * np.arange(len(rows)), run.position[rows], None, torque))
+    braked_run = Run("run", run.step * np.arange(len(rows)), run.position[rows], None, torque, power=0.0 * rows)
+    found = without_unread(braked_run)
+    assert without_unread(replace(braked_run, power=None)).gaps is None
     off = np.isnan(found.torque).all(axis=1)
     half = rest + len(run.time) // 4
     assert "run: 120 s at rest without torque at any joint, first at 0.00 s" in found.notes[0]
