@@ -41,7 +41,8 @@ def unwrapped(angles: Float) -> Float:
     at = wraps(angles)
     if not len(at):
         return angles
-    before = np.array([angles[:row][np.isfinite(angles[:row])][-1] for row in at])
+    rows = np.flatnonzero(np.isfinite(angles))
+    before = angles[rows[np.searchsorted(rows, at) - 1]]
     turns = np.zeros(len(angles))
     turns[at] = -np.sign(angles[at] - before)
     out = angles + TURN * np.cumsum(turns)

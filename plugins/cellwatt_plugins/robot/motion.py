@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import solveh_banded
 from scipy.ndimage import uniform_filter1d
 
-from cellwatt.arrays import Float
+from cellwatt.arrays import Bool, Float
 from cellwatt_plugins.noise import white_noise
 
 SIGN_WIDTH = 0.004
@@ -129,23 +129,25 @@ class Moved(Plan):
         return Turning(sign, doubt, np.exp(-0.5 * np.square(velocity) / (SIGN_WIDTH**2 + np.square(spread))))
 
 
-def about_plan(position: Float, plan: Plan, step: float) -> Moved:
+def about_plan(position: Float, plan: Plan, step: float, filled: Bool | None = None) -> Moved:
     """Return the motion of encoders ``position`` (N, n) rad, every ``step`` s, that follow a ``plan``.
 
     It is the plan plus the tracking error; each octave of that error is reduced to the share that exceeds the encoders'
-    noise (Wiener's filter).
+    noise (Wiener's filter). Positions ``filled`` in (N,) show no noise.
     """
-    noise = encoder_noise(position, plan.position)
+    noise = encoder_noise(position, plan.position, filled)
     smoothed = _in_octaves(position - plan.position, noise, step, _octaves(step, ERROR_OCTAVES), BESIDE_PLAN)
     return _moved(plan, smoothed, noise, step, True)
 
 
-def from_encoders(encoders: Float, step: float, octaves: Sequence[float] = OWN_OCTAVES) -> Moved:
-    """Return the motion of ``encoders`` (N, n) rad alone, every ``step`` s.
+def from_encoders(
+    encoders: Float, step: float, octaves: Sequence[float] = OWN_OCTAVES, filled: Bool | None = None
+) -> Moved:
+    """Return the motion of ``encoders`` (N, n) rad alone, every ``step`` s; values ``filled`` in (N,) show no noise.
 
     Each of the ``octaves`` (Hz) is reduced to the share that exceeds the encoders' noise; the last one counts as doubt.
     """
-    noise, octaves = encoder_noise(encoders), _octaves(step, octaves)
+    noise, octaves = encoder_noise(encoders, filled=filled), _octaves(step, octaves)
     base = smooth(encoders, step, octaves[0])
     smoothed = _in_octaves(encoders, noise, step, octaves, ALONE, base)
     return _moved(Plan(base, *differentiate(base, step)), smoothed, noise, step, False)
@@ -182,16 +184,18 @@ def _by_nodes(velocity: Float, spread: Float) -> tuple[Float, Float]:
     return mean, square
 
 
-def encoder_noise(position: Float, plan: Float | float = 0.0) -> Float:
+def encoder_noise(position: Float, plan: Float | float = 0.0, filled: Bool | None = None) -> Float:
     """Return the white noise (n,) of positions (N, n) about a ``plan``; at least a rounding error.
 
-    Repeated positions are left out: a joint at rest repeats its position if its encoder is coarse.
+    Positions ``filled`` in (N,) and repeated ones are left out: a joint at rest repeats that of a coarse encoder.
     """
     course = position - plan
     rms = np.sqrt(np.mean(np.square(np.diff(course, n=3, axis=0)), axis=0)) / np.sqrt(20.0)
     same = np.diff(position, axis=0) == 0
     known = course.copy()
     known[1:-1][same[1:] & same[:-1]] = np.nan
+    if filled is not None:
+        known[filled] = np.nan
     middle = white_noise(known)
     return np.asarray(np.maximum(np.where(middle > 0, middle, rms), 1e-9))
 

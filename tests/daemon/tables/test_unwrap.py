@@ -37,6 +37,24 @@ def test_missing_values_stay_missing_and_hide_no_turn():
     np.testing.assert_allclose(turns, np.round(turns[0]), atol=1e-9)
 
 
+class Counted(np.ndarray):
+    """Angles that count the values taken from them."""
+
+    taken = 0
+
+    def __getitem__(self, key):
+        found = super().__getitem__(key)
+        Counted.taken += np.size(found)
+        return found
+
+
+def test_angles_that_flicker_across_the_jump_are_unwrapped_in_one_pass():
+    angles = np.mod(np.random.default_rng(0).normal(0, 1e-5, 10_000), 2 * np.pi)
+    angles[:10] += 1e-3 * np.arange(10)
+    assert np.ptp(unwrapped(angles.view(Counted))) < 0.02
+    assert Counted.taken < 10 * len(angles)
+
+
 @pytest.mark.parametrize(
     "angles",
     [

@@ -34,3 +34,24 @@ def logged(folder: Path, run: Run, first: int = 1, **changes: np.ndarray | None)
     """The recording of a run as a file; ``changes`` are other columns, None leaves one out."""
     columns = (measured(run, first) | changes).items()
     return parquet(folder / "log.parquet", {name: values for name, values in columns if values is not None})
+
+
+def paused(columns: Mapping[str, np.ndarray], seconds: float) -> dict[str, np.ndarray]:
+    """Columns of a logger that paused for some seconds, half-way."""
+    time = columns["t"]
+    return {**columns, "t": time + seconds * (np.arange(len(time)) >= len(time) // 2)}
+
+
+def off_before(columns: Mapping[str, np.ndarray], seconds: float, power: float = 60.0) -> dict[str, np.ndarray]:
+    """Columns with some seconds before them in which brakes hold the arm and its drives are off, at ``power`` W."""
+    time = columns["t"]
+    step, random = float(time[1] - time[0]), np.random.default_rng(3)
+    rows = round(seconds / step)
+    noise = {"q": 2e-5, "qd": 2e-3, "tau": 0.02, "power": 1.5}
+    longer = {"t": time[0] + step * np.arange(rows + len(time))}
+    for name, values in columns.items():
+        if name != "t":
+            kind = name.partition("_")[0]
+            level = {"q": values[0], "power": power}.get(kind, 0.0)
+            longer[name] = np.append(level + noise[kind] * random.standard_normal(rows), values)
+    return longer

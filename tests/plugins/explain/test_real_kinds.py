@@ -13,6 +13,8 @@ from cellwatt_plugins.explain.model import load_model, save_model
 from cellwatt_plugins.robot import Arm
 from tests.plugins.explain import plant
 from tests.plugins.explain.calling import explained
+from tests.plugins.explain.input.reading import examine, read_runs
+from tests.plugins.explain.logs import measured, off_before, parquet
 from tests.plugins.explain.plant import REAL, Course, Missing, column, loaded, turned
 from tests.plugins.robot import scara
 
@@ -215,3 +217,13 @@ def test_the_force_of_a_slide_is_told_in_newtons(tmp_path):
     assert "N·s/m" in viscous.statement
     assert [fit.unit for fit in found.findings.fit] == ["N*m", "N*m", "N"]
     assert offset.improvement.unit == "N"
+
+
+def test_power_while_the_drives_are_off_is_not_that_of_brakes_or_standby(arm, tmp_path):
+    tables = [off_before(measured(plant.record(f"run_{seed}", seed, plan=False)), 30.0) for seed in (1, 2)]
+    files = [parquet(tmp_path / f"run_{i}.parquet", table) for i, table in enumerate(tables)]
+    runs = read_runs(files, [], arm.description)
+    notes = examine(runs, arm)[1]
+    assert sum("the drives were off" in note for note in notes) == 2
+    assert not any("filled in" in note for note in notes)
+    assert named(explained(arm, runs)) == set()

@@ -10,6 +10,7 @@ from cellwatt_plugins.robot.motion import (
     encoder_noise,
     exact,
     expected_sign,
+    from_encoders,
     smooth,
 )
 from tests.plugins.explain import plant
@@ -64,6 +65,15 @@ def test_encoder_noise_is_found_beneath_the_motion(sigma):
     motion = np.column_stack([np.sin(t), 2 * np.cos(0.7 * t)])
     noise = sigma * np.random.default_rng(2).standard_normal(motion.shape)
     assert encoder_noise(motion + noise) == pytest.approx([sigma, sigma], rel=0.08)
+
+
+def test_positions_that_were_filled_in_show_no_encoder_noise():
+    t = np.arange(5000) * STEP
+    filled = (t > 0.2 * t[-1]) & (t < 0.8 * t[-1])
+    motion = np.sin(t)[:, None] + np.where(filled, 0.0, 1e-4 * np.random.default_rng(2).standard_normal(5000))[:, None]
+    swung = Plan(*(course[:, None] for course in (np.sin(t), np.cos(t), -np.sin(t))))
+    for found in (from_encoders(motion, STEP, filled=filled), about_plan(motion, swung, STEP, filled)):
+        assert found.resolution == pytest.approx([1e-4], rel=0.08)
 
 
 def test_rests_are_no_sample_of_a_coarse_encoders_noise():

@@ -52,7 +52,8 @@ def torque_problem(
     spread = np.where(silent, 1.0, np.nanstd(measured, axis=0))
     drive = states[0].drive
     finest = np.maximum((FINEST if drive is None else LAWS) * spread, step_noise(measured))
-    quiet = floor(target, [run.step for run in runs]) if drive is None else encoder_floor(states)
+    counted = [own & ~run.filled[:, None] for run, own in zip(runs, known, strict=True)]
+    quiet = floor(target, [run.step for run in runs], counted) if drive is None else encoder_floor(states)
     noise = np.where(silent, 1.0, np.maximum(quiet, finest))
     least = 0.03 * spread
     coulomb = np.maximum(robot.column("coulomb_friction"), least) + (0.0 if turning is None else turning)
@@ -135,7 +136,7 @@ def supply_problem(
     if meter is None:
         rows, shown = thinned([runs[i] for i, _ in powered]), [power for _, power in powered]
         target = [(power - s.nominal_power)[:, None] for power, s in zip(shown, chosen, strict=True)]
-        noise = floor(target, [runs[i].step for i, _ in powered])
+        noise = floor(target, [runs[i].step for i, _ in powered], [~runs[i].filled[:, None] for i, _ in powered])
         target = [r.of(part) for r, part in zip(rows, target, strict=True)]
     else:
         rows, shown = meter.rows, meter.values

@@ -32,7 +32,7 @@ def recognised(factor: float, known: Mapping[str, float], within: float = 1.25) 
 
 
 def times_text(factor: float, digits: int = 3) -> str:
-    """A factor in a few digits: ``57.3``, ``1000``, ``0.001``."""
+    """A factor or another number in a few digits: ``57.3``, ``1000``, ``0.001``."""
     return f"{float(f'{factor:.{digits}g}'):g}"
 
 

@@ -6,14 +6,15 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import Akima1DInterpolator
 from scipy.ndimage import median_filter
 
 from cellwatt.arrays import Bool, Float
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.explain.input.stamps import repeats, sampled
+from cellwatt_plugins.explain.input.stamps import in_bursts, repeats, sampled
 from cellwatt_plugins.robot.meter.held import onto
-from cellwatt_plugins.robot.samples import most_points
+from cellwatt_plugins.robot.samples import SPARSE, most_points
 from cellwatt_plugins.robot.stretches import stretches
 
 LEAST_ROWS = 16
@@ -58,13 +59,14 @@ def even(
     place: str,
     time: Float,
     columns: Mapping[str, Float],
+    rows: NDArray[np.int64],
     slow: Collection[str] = (),
     positions: Collection[str] = (),
     lossy: Collection[str] = (),
     spare: Collection[str] = (),
     power: str | None = None,
 ) -> Even:
-    """Resample columns (R,) at ``time`` (R,) s to an even grid of their rate.
+    """Resample columns (R,) at ``time`` (R,) s to an even grid of their rate; ``rows`` (R,): row numbers for messages.
 
     Holes in time and single missing values are filled in and marked as gaps. Missing values of ``slow`` columns, which
     change over minutes, are filled in without a mark; a ``slow`` column without any value is omitted. Glitches of
@@ -72,18 +74,19 @@ def even(
     are missing, ``lossy`` columns stay NaN there, and ``spare`` columns are omitted. ``power`` of a slow meter is held.
     Raises ``RecordingError`` if too much is missing, or if the time does not rise or jumps.
     """
-    valid, notes = _rising(place, time)
-    time, columns = time[valid], {name: values[valid] for name, values in columns.items()}
+    valid, notes = _rising(place, time, rows)
+    time, rows, columns = time[valid], rows[valid], {name: values[valid] for name, values in columns.items()}
     _in_seconds(place, time)
     if (repeated := repeats([columns[name] for name in positions])).any():
-        time, columns = time[~repeated], {name: values[~repeated] for name, values in columns.items()}
+        time, rows = time[~repeated], rows[~repeated]
+        columns = {name: values[~repeated] for name, values in columns.items()}
         notes.append(_repetitions(place, repeated))
     filled, bad = _filled(place, time, columns, slow, positions, lossy, spare, notes)
     curved = [name for name in positions if np.isfinite(filled[name]).all()]
     stamps, (time, exact) = time, sampled(time, [filled[name] for name in curved])
     if time is not stamps:
         notes.append(_restamped(place, float(np.max(np.abs(stamps - time))), exact))
-    grid = _grid(place, time, exact)
+    grid = _grid(place, time, exact, rows)
     if grid is time:
         return Even(_line(time), filled, bad, exact, tuple(notes))
     gaps = _holes(time, grid) | (np.interp(grid, time, bad) > 0)
@@ -154,7 +157,7 @@ def _restamped(place: str, most: float, exact: bool) -> str:
     )
 
 
-def _rising(place: str, time: Float) -> tuple[Bool, list[str]]:
+def _rising(place: str, time: Float, rows: NDArray[np.int64]) -> tuple[Bool, list[str]]:
     """Mask (R,) of the rows that have a time of their own, and notes."""
     valid = np.isfinite(time)
     valid[valid] = np.diff(time[valid], prepend=-np.inf) != 0
@@ -167,7 +170,7 @@ def _rising(place: str, time: Float) -> tuple[Bool, list[str]]:
         i = int(np.argmax(steps < 0))
         before, after = time[valid][i], time[valid][i + 1]
         raise RecordingError(
-            f"{place}: the time goes back from {before:.3f} to {after:.3f} s in row {i + 2}: "
+            f"{place}: the time goes back from {before:.3f} to {after:.3f} s in row {rows[valid][i + 1]}: "
             "give consecutive recordings as separate files"
         )
     return valid, [f"{place}: {lost} rows without a time of their own left out"] if lost else []
@@ -237,7 +240,7 @@ def _line(time: Float) -> Float:
     return np.linspace(time[0], time[-1], len(time))
 
 
-def _grid(place: str, time: Float, exact: bool) -> Float:
+def _grid(place: str, time: Float, exact: bool, rows: NDArray[np.int64]) -> Float:
     """``time`` itself where it is even, else a grid at its median rate, or at its mean rate if it is not ``exact``."""
     if np.max(np.abs(time - _line(time))) <= EVEN * (time[-1] - time[0]) / (len(time) - 1):
         return time
@@ -245,11 +248,16 @@ def _grid(place: str, time: Float, exact: bool) -> Float:
     if not exact:  # of a logger at another rate than the controller's
         middle = float(np.mean(steps[steps < HOLE * middle]))
     count = int((time[-1] - time[0]) / middle + 1e-6) + 1
+    if count > SPARSE * len(time) and in_bursts(time):
+        raise RecordingError(
+            f"{place}: rows come several at once, {1e3 * middle:.2g} ms apart, and their positions do not show when "
+            "they were sampled: record with the controller's time of each row"
+        )
     if count > most_points(len(time)):
         i = int(np.argmax(steps))
         raise RecordingError(
-            f"{place}: the time jumps from {time[i]:.3f} to {time[i + 1]:.3f} s in row {i + 2}: was the clock set? "
-            "Give the recordings before and after the jump as separate files, or leave out the shorter one"
+            f"{place}: the time jumps from {time[i]:.3f} to {time[i + 1]:.3f} s in row {rows[i + 1]}: was the clock "
+            "set? Give the recordings before and after the jump as separate files, or leave out the shorter one"
         )
     return np.asarray(time[0] + middle * np.arange(count), np.float64)
 

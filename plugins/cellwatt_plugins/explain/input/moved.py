@@ -22,8 +22,8 @@ def moved(run: Run, octaves: Sequence[float] = OWN_OCTAVES) -> Moved:
     if run.drive is not None:
         return run.drive.moved
     if run.plan is None:
-        return from_encoders(run.position, run.step, octaves)
-    return about_plan(run.position, _followed(run), run.step)
+        return from_encoders(run.position, run.step, octaves, run.gaps)
+    return about_plan(run.position, _followed(run), run.step, run.gaps)
 
 
 def _followed(run: Run) -> Plan:

@@ -89,6 +89,7 @@ def _prepared(entry: tuple[Source, Signals], known: tuple[RobotDescription, Floa
             command=signals.joints.get("command"),
             exact_times=signals.exact_times,
             gaps=signals.gaps,
+            averaged=signals.averaged,
             torque_from="current" if "current" in signals.joints and "torque" not in signals.joints else "torque",
             notes=signals.notes,
         )

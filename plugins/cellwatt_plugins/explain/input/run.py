@@ -55,6 +55,8 @@ class Run:
     """False if the times of samples were estimated from the positions."""
     gaps: Bool | None = None
     """(N,) true where samples were missing and values were filled in."""
+    averaged: int = 1
+    """Number of recorded samples of which each sample is the mean."""
     torque_from: Literal["torque", "current"] = "torque"
     """Recorded quantity; current is multiplied by the torque constants of the description."""
     notes: tuple[str, ...] = ()

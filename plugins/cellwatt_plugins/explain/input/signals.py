@@ -54,6 +54,8 @@ class Signals:
     """Names of all columns except the time, for messages."""
     hint: str = ""
     """Likely meaning of the columns with unknown names, for messages."""
+    averaged: int = 1
+    """Number of recorded samples of which each sample is the mean."""
 
     @property
     def step(self) -> float:
@@ -111,6 +113,7 @@ class Signals:
             joints={quantity: mean(values) for quantity, values in self.joints.items()},
             power=None if self.power is None else self._slower_power(mean),
             gaps=np.any(self.gaps[: rows * count].reshape(rows, count), axis=1),
+            averaged=count,
         )
 
     def _slower_power(self, mean: Callable[[Float], Float]) -> Float:
@@ -150,6 +153,7 @@ def read_signals(path: Path, robot: RobotDescription) -> Signals:
         path.name,
         time[recorded],
         {name: column[recorded] for name, column in (columns if power is None else columns | {POWER: power}).items()},
+        rows=(1 + np.arange(len(table)) if table.rows is None else table.rows)[recorded],
         slow=names.get(SLOW, ()),
         positions=names[positions],
         lossy=[name for q in LOSSY for name in names.get(q, ())],

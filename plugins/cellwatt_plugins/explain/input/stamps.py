@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from scipy.linalg import solveh_banded
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 from scipy.signal import savgol_filter
 
 from cellwatt.arrays import Bool, Float
@@ -16,10 +17,18 @@ REPEATED = 0.1
 """Repetitions per sample of a moving arm above which the logger is faster than what it logs."""
 COUNTS = 8.0
 """Step of a position, in its smallest steps, before which a sample would have shown some of the motion."""
+AMID = 0.5
+"""Step of a joint, in its largest ones, that it takes amid a move."""
 HOLE = 4.5
 """Step, in median steps, across which positions are not compared: the motion in between is unknown."""
+BURST, SEVERAL = 60, 2.0
+"""Rows over which steps are averaged, and their mean, in median steps, above which rows come several at once."""
 FARTHEST = 4.0
 """Largest distance, in steps, of a stamp from the time that replaces it."""
+STALLED = 0.99
+"""Share of the rows that must have stamps no farther: a logger that stalls stamps rows far too late."""
+ROUNDING = 1e-6
+"""Relative difference of two sums up to which they are equal."""
 SMOOTHED = 9
 """Rows over which a velocity is fitted, so that it does not follow the noise of a row."""
 SURE = 5.0
@@ -53,7 +62,12 @@ def repeats(positions: Sequence[Float]) -> Bool:
     least = np.min(steps, axis=0, where=steps > 0, initial=np.inf)
     fresh = np.flatnonzero((steps > 0).any(axis=1)) + 1
     apart = np.diff(fresh, prepend=0)
-    fast = (apart <= MOST_REPEATED) & (steps[fresh - 1] >= COUNTS * least).any(axis=1)
+    moved = steps[fresh - 1]
+    fast = (apart <= MOST_REPEATED) & (moved >= COUNTS * least).any(axis=1)
+    if fast.any():
+        # A short rest lasts longer than repetitions do, or the step after it is that of a joint that gathers speed.
+        amid = (moved >= AMID * np.quantile(moved[fast], 0.9, axis=0)).any(axis=1)
+        fast &= amid & (apart <= 2 * np.median(apart[fast]))
     out = np.zeros(len(steps) + 1, np.bool_)
     if fast.sum() >= SMOOTHED and (every := float(apart[fast].mean())) > 1 + REPEATED:
         out[:] = True
@@ -62,6 +76,12 @@ def repeats(positions: Sequence[Float]) -> Bool:
             if rows > MOST_REPEATED:
                 out[first : first + rows : round(every)] = False
     return out
+
+
+def in_bursts(time: Float) -> bool:
+    """True if rows come several at once throughout: most steps of ``time`` (N,) s are far shorter than their mean."""
+    steps = np.diff(time)
+    return float(np.median(uniform_filter1d(steps, BURST))) > SEVERAL * float(np.median(steps))
 
 
 def sampled(time: Float, positions: Sequence[Float]) -> tuple[Float, bool]:
@@ -74,32 +94,55 @@ def sampled(time: Float, positions: Sequence[Float]) -> tuple[Float, bool]:
     if len(time) < SMOOTHED or not positions:
         return time, True
     values = np.column_stack(positions)
-    near = np.convolve(np.diff(time) < HOLE * np.median(np.diff(time)), np.ones(4), "valid") > 3.5
-    if near.sum() < SMOOTHED:
+    if (near := _close(time, _longest(time))).sum() < SMOOTHED:
         return time, True
     even = _evenly(time, values, near)
+    # The motion between bursts is unknown if the stamps are right.
+    if even is time and (near := _close(time, float(np.median(np.diff(time))))).sum() < SMOOTHED:
+        return time, True
     found = _own(even, values, near)
-    if np.any(np.diff(found) <= 0) or np.abs(found - time).max() > FARTHEST * float(np.median(np.diff(found))):
+    if np.any(np.diff(found) <= 0) or np.abs(found - even).max() > FARTHEST * float(np.median(np.diff(found))):
         return time, True
     return found, found is even
+
+
+def _close(time: Float, usual: float) -> Bool:
+    """True (N - 4,) at the middle of five rows without a hole, compared with the ``usual`` step, s, between them."""
+    return np.asarray(np.convolve(np.diff(time) < HOLE * usual, np.ones(4), "valid") > 3.5)
+
+
+def _longest(time: Float) -> float:
+    """The longest usual step, s: the median one, or that between bursts."""
+    steps = np.diff(time)
+    return float(np.median(maximum_filter1d(steps, BURST) if in_bursts(time) else steps))
 
 
 def _evenly(time: Float, values: Float, near: Bool) -> Float:
     """Even times in place of ``time`` (N,) s if ``values`` (N, n), in the stencils ``near`` (N - 4,), show them."""
     best, least = time, np.inf
-    for even, step in _even(time):
-        weights, apart = _cubic(even), float(np.max(np.abs(even - time)))
+    if in_bursts(time):  # Long steps hide a part of the motion: what even times leave is compared with what stamps do.
+        least = float(np.sum(np.square(_deviation(_cubic(time), values)[near])))
+    # Across a hole, positions do not show which numbers are right: the stamps do.
+    for even, step in sorted(_even(time), key=lambda numbered: float(np.sum(np.square(numbered[0] - time)))):
+        weights, late = _cubic(even), time - even
         off = _deviation(weights, values)[near]
-        if LEAST * step < apart < FARTHEST * step and (rough := float(np.sum(np.square(off)))) < least:
-            stamped = _deviation(weights, (time - even)[:, None]) * _speed(values, step)
+        if _near(late / step) and (rough := float(np.sum(np.square(off)))) < least * (1 - ROUNDING):
+            stamped = _deviation(weights, late[:, None]) * _speed(values, step)
             best, least = even if _shows(off, stamped[near]) else time, rough
     return best
+
+
+def _near(late: Float) -> bool:
+    """True if rows ``late`` (N,) steps can be those of a logger: not all are exact, and few have far later stamps, none
+    of them at the beginning or the end, where it would be rows that are missing."""
+    far = max(float(np.quantile(late, STALLED)), late[0], late[-1], -np.min(late))
+    return bool(np.max(np.abs(late)) > LEAST and far < FARTHEST)
 
 
 def _even(time: Float) -> Iterator[tuple[Float, float]]:
     """Candidates (N,) s and their step, s: rows numbered one by one, and by their stamps to the nearest step."""
     steps = np.diff(time)
-    usual = steps[steps < HOLE * np.median(steps)].mean()
+    usual = steps[steps < HOLE * _longest(time)].mean()
     numbers = np.maximum(np.round(steps / usual), 1.0)
     for counted in (np.ones(len(steps)), numbers):
         number = np.concatenate([[0.0], np.cumsum(counted)])

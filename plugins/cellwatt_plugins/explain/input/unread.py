@@ -9,7 +9,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from cellwatt.arrays import Bool, Float
-from cellwatt_plugins.explain.input.factors import MOVES, joints_text, usable
+from cellwatt_plugins.explain.input.factors import MOVES, joints_text, times_text, usable
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.robot.motion import rates
 from cellwatt_plugins.robot.samples import unpowered
@@ -34,21 +34,29 @@ CHANCE = 4.0
 """Standard deviations of the mean noise at rest below which a joint has no torque."""
 AVERAGED, SHORTEST = 0.5, 1.0
 """Time, s, over which torques are averaged, and shortest time without torque after which drives count as off."""
+SELDOM = 3.0
+"""Rows without torque, in the usual distance of rows that have some, above which none was read."""
 
 
 def without_unread(run: Run) -> Run:
     """The run with NaN for the torque of each joint whose channel is constant, or noise unrelated to the motion; and
-    for all torques while the drives are off."""
+    for all torques while the drives are off. Where power was recorded, such rows before and after all motion count as
+    filled in."""
     dead = _dead(run)
     run = replace(run, torque=np.where(dead, np.nan, run.torque)) if dead.any() else run
     off = _off(run)
     if not off.any():
         return run
     note = (
-        f"{run.name}: {run.step * np.count_nonzero(off):.2g} s at rest without torque at any joint, first at "
-        f"{run.time[np.argmax(off)]:.2f} s: the drives were off. These rows are not used"
+        f"{run.name}: {times_text(run.step * np.count_nonzero(off), 2)} s at rest without torque at any joint, first "
+        f"at {run.time[np.argmax(off)]:.2f} s: the drives were off. Their torque is not used"
     )
-    return replace(run, torque=np.where(off[:, None], np.nan, run.torque), notes=(*run.notes, note))
+    gaps = run.gaps
+    if run.power is not None:
+        # Between two motions, the power of braked joints is that without their brakes.
+        gaps = run.filled | (off & ~_amid_motion(run))
+        note += ", nor their power before the first and after the last motion"
+    return replace(run, torque=np.where(off[:, None], np.nan, run.torque), gaps=gaps, notes=(*run.notes, note))
 
 
 def unread(run: Run) -> Bool:
@@ -72,12 +80,12 @@ def unread_remarks(runs: Sequence[Run]) -> Iterator[str]:
 
 def _dead(run: Run) -> Bool:
     rows = usable(run, SAMPLES)
-    torque = run.torque[rows]
-    moves = np.ptp(run.position[rows], axis=0) > MOVES
     dead = unread(run)
     recorded = np.flatnonzero(~dead)
-    if not len(recorded):
+    if not len(recorded) or not len(rows):
         return dead
+    torque = run.torque[rows]
+    moves = np.ptp(run.position[rows], axis=0) > MOVES
     size = np.zeros(run.joints)
     size[recorded] = np.nanstd(run.torque[:, recorded], axis=0)
     constant = np.zeros(run.joints, bool)
@@ -93,7 +101,7 @@ def _dead(run: Run) -> Bool:
 
 def _off(run: Run) -> Bool:
     """(N,) true at rests in which no joint has torque: brakes hold the arm, and drives or their sensors are off."""
-    torque = np.nan_to_num(run.torque[:, ~unread(run)])
+    torque = _between(run.torque[:, ~unread(run)], run.step)
     still = np.all(np.abs(rates(run.position, run.step)[1]) < STILL, axis=1)
     if not torque.size or run.step * still.sum() < SHORTEST:
         return np.zeros(len(still), np.bool_)
@@ -106,6 +114,27 @@ def _off(run: Run) -> Bool:
         if (end - first) * run.step >= SHORTEST:
             off[max(first - window // 2, 0) : end + window // 2] = True
     return np.asarray(off & still, np.bool_)
+
+
+def _between(torque: Float, step: float) -> Float:
+    """Torques (N, n) Nm, interpolated between those that were read; 0 where none was for long, as drives were off."""
+    out = torque.copy()
+    for column in out.T:
+        missing = np.isnan(column)
+        read = np.flatnonzero(~missing)
+        longest = max(SHORTEST / step, SELDOM * float(np.median(np.diff(read, prepend=read[0] - 1))))
+        column[missing] = np.interp(np.flatnonzero(missing), read, column[read])
+        for first, end in stretches(missing):
+            if end - first > longest:
+                column[first:end] = 0.0
+    return out
+
+
+def _amid_motion(run: Run) -> Bool:
+    """(N,) true from the first to the last motion."""
+    away = [np.any(np.abs(q - q[0]) > MOVES, axis=1) for q in (run.position, run.position[::-1])]
+    begun, unfinished = (np.logical_or.accumulate(one) for one in away)
+    return np.asarray(begun & unfinished[::-1], np.bool_)
 
 
 def _terms(run: Run) -> Float:

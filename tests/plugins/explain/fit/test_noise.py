@@ -58,3 +58,16 @@ def test_a_hum_that_never_stops_is_no_noise(frequency):
     residual = noise + np.column_stack([np.sin(2 * np.pi * frequency * time), np.zeros(6000)])
     assert floor([residual], [0.01]) == pytest.approx(0.3, rel=0.2)
     assert hum([residual[:, :1]], [0.01]) == pytest.approx(frequency, abs=0.7)
+
+
+def test_what_was_not_measured_is_no_quiet_noise():
+    """Half of a channel is filled in; of another, every second sample is unknown, so that no window is whole."""
+    time = np.arange(6000) * 0.01
+    residual = white(6) + np.sin(2 * np.pi * 7.3 * time)[:, None]
+    known = np.ones(residual.shape, bool)
+    known[1000:4000, 0] = known[::2, 1] = False
+    filled = np.where(known, residual, 0.0)
+    found = floor([filled, filled], [0.01, 0.01], [known, known])
+    assert found[0] == pytest.approx(1.0, rel=0.1)
+    assert found[1] == floor([filled, filled], [0.01, 0.01])[1]
+    assert tones([filled], [0.01], [known])[0] == pytest.approx(tones([residual], [0.01])[0], rel=0.1)

@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 
 from cellwatt_plugins.explain.fit.rows import Filtered
-from cellwatt_plugins.explain.fit.sides import _until, rattling, torque_problem
+from cellwatt_plugins.explain.fit.sides import _until, rattling, supply_problem, torque_problem
 from cellwatt_plugins.explain.input.admission import admit
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.robot import Arm
+from tests.plugins.explain import plant
+from tests.plugins.explain.input.reading import read_runs
+from tests.plugins.explain.logs import measured, off_before, parquet, paused
 from tests.plugins.robot import scara
 
 
@@ -37,3 +40,17 @@ def test_the_short_stroke_of_a_slide_is_compared(tmp_path):
     admitted = admit([run], Arm.load(scara.write(tmp_path)))
     assert list(admitted.notes) == ["no power recorded: the supply cannot be examined"]
     assert torque_problem([run], admitted.states).observed == [0, 1, 2]
+
+
+@pytest.mark.parametrize("change", [paused, off_before])
+def test_rows_that_do_not_count_are_no_quiet_noise(change, tmp_path, arm):
+    columns = measured(plant.record("run", 1, plan=False))
+
+    def floors(columns):
+        runs = read_runs([parquet(tmp_path / "run.parquet", columns)], [], arm.description)
+        states = admit(runs, arm).states
+        supply = supply_problem(runs, states, [np.zeros_like(run.position) for run in runs])
+        return np.append(torque_problem(runs, states).floor, supply.floor)
+
+    assert floors(columns)[:3] == pytest.approx(plant.TORQUE_NOISE, rel=0.1)
+    assert floors(change(columns, 30)) == pytest.approx(floors(columns), rel=0.1)

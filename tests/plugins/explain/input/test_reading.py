@@ -272,6 +272,10 @@ TAU = tuple(f"tau_{i + 1}" for i in range(JOINTS))
         (changed(t=lambda c: np.minimum(c["t"], 5.0)), "374 of 1000 rows have no new time"),
         (changed(t=lambda c: c["t"] % 4.0), "the time goes back from 3.992 to 0.000 s in row 501"),
         (changed(t=lambda c: c["t"] + 1.7e9 * (c["t"] > 1)), "jumps from 1.000 to 1700000001.008 s in row 127: was"),
+        (
+            changed(t=lambda c: 0.096 * (np.arange(len(c["t"])) // 12) + 5e-5 * (np.arange(len(c["t"])) % 12)),
+            "rows come several at once, 0.05 ms apart, and their positions do not show when they were sampled",
+        ),
         (changed(t=lambda c: 1000 * c["t"]), "rises by 8 from row to row, in whole numbers: is it in milliseconds"),
     ],
 )
@@ -279,6 +283,20 @@ def test_what_is_wrong_with_a_table_is_said_in_one_line(tmp_path, arm, change, m
     columns = recording(times())
     change(columns)
     assert message in refused(parquet(tmp_path / "a.parquet", columns), arm)
+
+
+@pytest.mark.parametrize(("seconds", "message"), [(-0.5, "the time goes back"), (1e6, "the time jumps")])
+def test_a_wrong_time_is_named_by_its_row_in_the_spreadsheet(seconds, message, tmp_path, arm):
+    """Below the row of names, with a row above it that has no position and is left out."""
+    columns = recording(times())
+    columns["t"][100:] += seconds
+    for i in range(JOINTS):
+        columns[f"q_{i + 1}"][50] = np.nan
+    path = csv(tmp_path / "a.csv", columns)
+    assert path.read_text().splitlines()[101].startswith(f"{columns['t'][100]:.10g},")
+    text = refused(path, arm)
+    assert message in text
+    assert "s in row 102: " in text
 
 
 def test_simulations_are_matched_by_name_or_by_place(tmp_path, arm):

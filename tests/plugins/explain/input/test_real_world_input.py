@@ -8,10 +8,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from cellwatt.errors import RecordingError
+from cellwatt_plugins.explain.input import reading
 from cellwatt_plugins.robot import Arm
 from tests.plugins.explain import recorded_arm
 from tests.plugins.explain.input.reading import examine, read_runs
-from tests.plugins.explain.logs import logged
+from tests.plugins.explain.logs import logged, measured, parquet, paused
 from tests.plugins.explain.recorded_arm import JOINTS, excitation, without_plan
 from tests.plugins.robot import scara
 
@@ -41,6 +42,23 @@ def test_a_slow_log_is_taken_as_it_is(rate, tmp_path, described, arm):
     notes = "\n".join(examine([run], arm)[1])
     assert f"recorded at {1 / run.step:.2g} Hz" in notes
     assert "elasticity, backlash, delays, contacts" in notes
+
+
+def test_a_long_recording_was_not_recorded_as_slowly_as_it_is_examined(tmp_path, described, arm, monkeypatch):
+    columns = measured(recorded(described, excitation(1)))
+    seconds = columns["t"][-1] - columns["t"][0]
+
+    def noted(samples, columns):
+        monkeypatch.setattr(reading, "SAMPLES", samples)
+        return "\n".join(admitted(parquet(tmp_path / "log.parquet", columns), arm=arm))
+
+    notes = noted(20 * seconds, columns)
+    assert "averaged, as the recordings are long, to 20 Hz, which" in notes
+    assert "recorded at" not in notes
+    assert "a pause" not in notes
+    notes = noted(25 * (seconds + 60), paused(columns, 60))
+    assert "it was averaged to 25 Hz: give the recordings before and after a pause as separate files" in notes
+    assert "a pause" not in noted(250 * (seconds + 60), paused(columns, 60))
 
 
 def test_rows_that_a_busy_logger_stamped_late_get_their_own_times(tmp_path, described, arm):

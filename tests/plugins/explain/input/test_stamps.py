@@ -28,17 +28,35 @@ def stamped(how, rng):
             for first in rng.integers(0, ROWS - 4, 25):
                 stamps[first : first + 4] = EVEN[first + 3]
             return np.maximum.accumulate(stamps) + 1e-7 * np.arange(ROWS), EVEN
+        case "in a stall":
+            stamps = stamped("by a busy PC", rng)[0]
+            stamps[1000:1012] = EVEN[1012]
+            return np.maximum.accumulate(stamps) + 1e-7 * np.arange(ROWS), EVEN
         case "with rows lost":
             there = rng.random(ROWS) > 0.03
             return (EVEN + rng.uniform(-0.2, 0.2, ROWS) * STEP)[there], EVEN[there]
         case "with a pause":
             there = np.abs(np.arange(ROWS) - 1000) > 300
             return (EVEN + rng.uniform(-0.2, 0.2, ROWS) * STEP)[there], EVEN[there]
+        case "with a pause at the beginning" | "with a pause at the end":
+            there = np.abs(np.arange(ROWS) - (2480 if "end" in how else 20)) > 5
+            return (EVEN + rng.uniform(-0.2, 0.2, ROWS) * STEP)[there], EVEN[there]
     raise AssertionError(how)
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-5, 1e-3])
-@pytest.mark.parametrize("how", ["by a busy PC", "four at once", "with rows lost", "with a pause"])
+@pytest.mark.parametrize(
+    "how",
+    [
+        "by a busy PC",
+        "four at once",
+        "in a stall",
+        "with rows lost",
+        "with a pause",
+        "with a pause at the beginning",
+        "with a pause at the end",
+    ],
+)
 def test_rows_sampled_evenly_get_even_times_again(how, noise):
     stamps, truth = stamped(how, np.random.default_rng(3))
     found, exact = sampled(stamps, positions(truth, noise))
@@ -52,6 +70,23 @@ def test_rows_sampled_evenly_get_even_times_again(how, noise):
 def test_rows_sampled_unevenly_keep_their_stamps(spread, noise):
     time = EVEN[0] + np.cumsum(STEP + np.random.default_rng(4).exponential(spread * STEP, ROWS))
     assert sampled(time, positions(time, noise)) == (time, True)
+
+
+@pytest.mark.parametrize("middle", [600, 1000, 1250, 1500, 1900])
+def test_some_missing_rows_stay_missing(middle):
+    there = np.abs(np.arange(ROWS) - middle) > 3
+    stamps = (EVEN + np.random.default_rng(3).uniform(-0.2, 0.2, ROWS) * STEP)[there]
+    found, _ = sampled(stamps, positions(EVEN[there], 0.0))
+    np.testing.assert_allclose(np.diff(found), np.diff(EVEN[there]), rtol=1e-3)
+
+
+@pytest.mark.parametrize("spread", [0.2, 0.4])
+def test_one_stall_shows_nothing_of_other_rows_that_were_sampled_unevenly(spread):
+    truth = EVEN + np.random.default_rng(4).uniform(-spread, spread, ROWS) * STEP
+    stamps = truth.copy()
+    stamps[1000:1025] = truth[1025] - 1e-5 * np.arange(25, 0, -1)
+    found, _ = sampled(stamps, positions(truth, 1e-5))
+    assert np.std(np.diff(found)[:900] - np.diff(truth)[:900]) < 0.01 * STEP
 
 
 @pytest.mark.parametrize("noise", [1e-6, 1e-5, 1e-4])
@@ -99,6 +134,42 @@ def test_coarse_encoders_repeat_no_row():
     assert np.mean(np.all(np.diff(np.column_stack(slow), axis=0) == 0, axis=1)) > 0.1
     assert not repeats(slow).any()
     assert not repeats(positions(EVEN, 1e-5)).any()
+
+
+@pytest.mark.parametrize(("rate", "move", "rest"), [(2, 2.0, 1.5), (5, 1.0, 0.2), (10, 1.0, 0.3), (25, 1.0, 0.28)])
+def test_short_exact_rests_are_no_repetitions(rate, move, rest):
+    """From point to point, in the thousandths of a degree that a controller gives."""
+    time = np.arange(0, 120, 1 / rate)
+    number = (time // (move + rest)).astype(int)
+    share = np.clip((time - number * (move + rest)) / move, 0, 1)
+    points = np.random.default_rng(8).uniform(-60, 60, (number[-1] + 2, 6))
+    way = (10 * share**3 - 15 * share**4 + 6 * share**5)[:, None]
+    degrees = np.round(points[number] + way * (points[number + 1] - points[number]), 3)
+    assert np.any(np.all(np.diff(degrees, axis=0) == 0, axis=1))
+    assert not repeats(list(np.radians(degrees).T)).any()
+
+
+def in_bursts(sizes, apart):
+    """Stamps ``apart`` s of rows that come several at once throughout, each burst with its newest row in time."""
+    counts = np.tile(sizes, ROWS)
+    last = np.repeat(np.cumsum(counts) - 1, counts)[:ROWS]
+    return EVEN[0] + STEP * last - apart * (last - np.arange(ROWS))
+
+
+@pytest.mark.parametrize("apart", [5e-5, 2e-3])
+@pytest.mark.parametrize("sizes", [(2,), (3,), (4,), (5,), (6,), (7,), (8,), (3, 6)])
+def test_rows_that_come_several_at_once_throughout_get_even_times(sizes, apart):
+    for noise in (0.0, 1e-5, 1e-3):
+        found, exact = sampled(in_bursts(sizes, apart), positions(EVEN, noise))
+        assert exact
+        np.testing.assert_allclose(np.diff(found), np.diff(EVEN), rtol=1e-3)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-5, 1e-3])
+@pytest.mark.parametrize("sizes", [(2,), (4,), (8,), (12,)])
+def test_rows_that_were_sampled_in_bursts_keep_their_stamps(sizes, noise):
+    stamps = in_bursts(sizes, 2e-3)
+    assert sampled(stamps, positions(stamps, noise)) == (stamps, True)
 
 
 def test_what_does_not_move_shows_nothing():

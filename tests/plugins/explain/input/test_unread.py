@@ -7,8 +7,10 @@ import pytest
 
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.explain.input.baseline import baseline
+from cellwatt_plugins.explain.input.run import Run
+from cellwatt_plugins.explain.input.unread import without_unread
 from tests.plugins.explain.input.reading import examine, read_runs
-from tests.plugins.explain.logs import logged
+from tests.plugins.explain.logs import logged, measured, off_before, parquet
 from tests.plugins.explain.recorded_arm import (
     COULOMB,
     JOINTS,
@@ -99,6 +101,17 @@ def test_no_torque_at_all_is_refused(tmp_path, run, arm):
         examine([read(tmp_path, run, arm, **nothing)], arm)
 
 
+def test_means_that_all_hold_a_filled_in_sample_are_too_few(tmp_path, described, arm):
+    """Three rows of a millisecond in ten, of which means of four are taken."""
+    run = without_plan(recorded(described, points(seed=3)))
+    rows = np.arange(len(run.time))
+    time = 1e-2 * (rows // 3) + 1e-3 * (rows % 3)
+    position = np.column_stack([np.interp(time, run.time, one) for one in run.position.T])
+    found = read(tmp_path, replace(run, time=time, position=position, velocity=None, power=None), arm)
+    with pytest.raises(RecordingError, match="0 usable samples"):
+        examine([found], arm)
+
+
 def test_a_run_whose_drives_nobody_read_is_named_among_others(run, arm):
     silent = replace(run, name="silent", torque=np.full_like(run.torque, np.nan))
     with pytest.raises(RecordingError, match=r"silent: no torque is related to the motion: .*were the drives read"):
@@ -147,15 +160,43 @@ def test_numbers_of_a_joint_that_never_moves_are_not_found_from_a_simulation(des
         assert getattr(law.description.joints[5], name) == getattr(arm.description.joints[5], name)
 
 
-def test_drives_that_are_off_at_rest_say_nothing_of_the_arm(tmp_path, run, arm):
+@pytest.mark.parametrize("every", [1, 10])
+def test_drives_that_are_off_at_rest_say_nothing_of_the_arm(every, tmp_path, run, arm):
+    """Also if torque is read in every tenth row only; while drives are off, it may not be read at all."""
     rows = round(4 / run.step)
     before = {name: np.repeat(getattr(run, name)[:1], rows, axis=0) for name in ("position", "torque")}
     noise = np.random.default_rng(3).normal(0, 0.05, before["torque"].shape)
     time = run.time[0] + run.step * np.arange(rows + len(run.time))
-    for torque, counted in ((noise, 0), (before["torque"] + noise, rows)):
-        longer = {"position": np.vstack([before["position"], run.position]), "torque": np.vstack([torque, run.torque])}
-        found = read(tmp_path, replace(run, time=time, **longer), arm)
+    there = np.arange(len(time)) % every == 0
+    for torque, counted in ((noise, 0), (np.nan * noise, 0), (before["torque"] + noise, rows)):
+        position, torque = np.vstack([before["position"], run.position]), np.vstack([torque, run.torque])
+        torque = np.where(there[:, None], torque, np.nan)
+        found = read(tmp_path, replace(run, time=time, position=position, torque=torque), arm)
         heard = np.isfinite(found.torque).all(axis=1)
-        assert np.mean(heard[rows:]) > 0.99
-        assert np.sum(heard[:rows]) == pytest.approx(counted, abs=0.1 / run.step)
+        assert np.mean(heard[rows:]) > 0.99 / every
+        assert np.sum(heard[:rows]) == pytest.approx(counted / every, abs=0.1 / run.step)
         assert any("without torque at any joint" in note for note in found.notes) == (counted == 0)
+
+
+def test_power_is_checked_although_the_drives_are_off_for_a_while(tmp_path, described, arm):
+    run = without_plan(recorded(described, points(seed=3)))
+    columns = measured(replace(run, power=1e-3 * run.power))
+    for table in (columns, off_before(columns, 4.0, power=0.05)):
+        with pytest.raises(RecordingError, match=r"is it in kW\? It must be in W"):
+            examine(read_runs([parquet(tmp_path / "log.parquet", table)], [], arm.description), arm)
+
+
+def test_power_of_braked_joints_between_two_motions_is_used(run):
+    """Power before and after all motion is that of drives that are off, which the simulation does not have."""
+    rest, half = round(60 / run.step), len(run.time) // 2
+    rows = np.repeat(np.arange(len(run.time)), np.where(np.isin(np.arange(len(run.time)), [0, half]), rest, 1))
+    braked = np.append(False, np.diff(rows) == 0)
+    torque = np.where(braked[:, None], np.random.default_rng(3).normal(0, 0.05, (len(rows), JOINTS)), run.torque[rows])
+    braked_run = Run("run", run.step * np.arange(len(rows)), run.position[rows], None, torque, power=0.0 * rows)
+    found = without_unread(braked_run)
+    assert without_unread(replace(braked_run, power=None)).gaps is None
+    off = np.isnan(found.torque).all(axis=1)
+    half = rest + len(run.time) // 4
+    assert "run: 120 s at rest without torque at any joint, first at 0.00 s" in found.notes[0]
+    np.testing.assert_array_equal(found.filled, off & (np.arange(len(off)) < half))
+    assert [np.sum(off[:half]), np.sum(off[half:])] == pytest.approx([rest, rest], abs=0.2 / run.step)

@@ -24,7 +24,7 @@ ALIKE = 0.5
 def check_power(run: Run, motion: Moved) -> None:
     """Raises ``RecordingError`` if the power cannot be in W, compared with the mechanical power of the joints."""
     rows = usable(run, SAMPLES)
-    if run.power is not None and np.isfinite(run.torque).all():
+    if run.power is not None and np.isfinite(run.torque[rows]).all():
         _check(run.name, run.power[rows], np.sum(run.torque[rows] * motion.velocity[rows], axis=1))
 
 

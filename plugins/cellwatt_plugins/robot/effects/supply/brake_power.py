@@ -31,7 +31,7 @@ class BrakePower(Effect):
     """The time at which the arm came to rest is known to some samples."""
     confusions = (
         Confusion("iron_loss", "hold the arm with the brakes released: brakes draw power at rest, iron does not"),
-        Confusion("standby_power", "record some minutes at rest with the brakes closed"),
+        Confusion("standby_power", "record some minutes at rest, between two motions, with the brakes closed"),
     )
     coefficients_are = (("power", "W"),)
     shape_is = (("delay", "s"),)

@@ -19,7 +19,7 @@ class StandbyPower(Effect):
     relations = Relations(plainer=6.0)
     uncertainty = Uncertainty({"power": 0.002})
     """Measured at rest, where no other power is drawn."""
-    confusions = (Confusion("brake_power", "record some minutes at rest with the brakes closed"),)
+    confusions = (Confusion("brake_power", "record some minutes at rest, between two motions, with the brakes closed"),)
     coefficients_are = (("power", "W"),)
     sentence = "The supply draws {power} at all times: standby power is missing."
 
