@@ -154,7 +154,14 @@ def _recording(recorder: Mapping[str, Any], before: Mapping[str, Any]) -> Iterat
         text = f"Samples cannot be recorded, {recorder['state']}: {recorder.get('problem', '')}".rstrip(": ")
         yield Trouble("recorder", "error", "recorder", text, {"refused": dict(recorder.get("drops", {}))})
     displaced, earlier = recorder.get("displaced", {}), before.get("displaced", {})
-    if displaced.get("files", 0) > earlier.get("files", 0):
+    moved = displaced.get("files", 0) > earlier.get("files", 0)
+    lost = {} if moved else _more(recorder["drops"], before.get("drops", {}))
+    if recorder["state"] == "ok" and (lost or recorder["overdue"] > SPAN):  # a disk that hangs reports no error
+        what = f"{sum(lost.values())} messages were not recorded in the last {SPAN:.0f} s"
+        text = what if lost else f"nothing was written for {recorder['overdue']:.0f} s"
+        text = f"Recording is disturbed: {text}. The disk is too slow or does not respond, or the log says why."
+        yield Trouble("recorder", "error", "recorder", text, {"refused": lost})
+    if moved:
         text = f"{displaced['reason']}; recording continues in a new file."
         yield Trouble("record_displaced", "error", "recorder", text, {"lacking": displaced["messages"]})
     if short := recorder.get("short"):
