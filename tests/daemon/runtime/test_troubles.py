@@ -225,6 +225,22 @@ def test_a_file_that_was_moved_away_is_no_slow_disk() -> None:
         assert colour(status(), watch.troubles) == ("red" if kinds == {"recorder"} else "amber")
 
 
+def test_an_alarm_of_a_part_that_a_reload_removed_is_withdrawn_not_resolved() -> None:
+    def at(second: int) -> dict[str, Any]:
+        parts = {
+            "sinks": {"mqtt": {"state": "down", "error": "no broker"}},
+            "stages": {"power": {"state": "broken", "error": "KeyError: 1"}},
+        }
+        return status(**DOWN) | (parts if second < 10 else {"sources": {}})
+
+    over = {a.id: a.statement for a in looks(Monitor(), range(40), at) if not a.active}
+    assert over == {
+        "source_down:arm": f"Withdrawn, as arm is no longer part of the cell: Source arm is down: {DOWN['error']}",
+        "sink_down:mqtt": "Withdrawn, as mqtt is no longer part of the cell: Outlet mqtt is down: no broker",
+        "stage_broken:power": "Withdrawn, as power is no longer part of the cell: Stage power failed: KeyError: 1",
+    }
+
+
 def test_processes_that_the_pc_does_not_let_run_are_one_warning_not_down() -> None:
     def waiting(*names: str) -> dict[str, Any]:
         usual = {"down": False, "restarts": 0, "silent_s": 5.2}
