@@ -110,8 +110,8 @@ def results_after(folder: Path, cell: str, kind: type[T], positions: Positions) 
             yield end, None
 
 
-VALUES: Final = 4_000_000
-"""Most values of a file."""
+VALUES: Final = 1_000_000
+"""Most values of a file: its rows take about 100 MB of memory."""
 RESULTS: Final = 50_000
 """Most results of a file."""
 _DAY: Final = 86_400 * 10**9  # ns

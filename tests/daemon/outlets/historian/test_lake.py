@@ -7,15 +7,17 @@ import json
 import os
 import subprocess
 import sys
+import tracemalloc
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from cellwatt import OutletError
+from cellwatt import FrameChannel, Layout, OutletError
 from cellwatt.outlets.historian import exporting, pieces
 from cellwatt.outlets.historian.exporting import FILE, LOCK, Export, Progress
 from cellwatt.outlets.historian.settings import LakeSettings
@@ -23,6 +25,7 @@ from cellwatt.outlets.historian.store import Store
 from cellwatt.outlets.past import opened
 from cellwatt.outlets.selection import Picker
 from cellwatt.units import Units
+from tests.blocks import frames_of, marked
 from tests.daemon.outlets.historian.made import ANOTHER, CELL, DAY, SESSION, SITE, START, Recorded, S, row_truth
 from tests.patience import PATIENCE
 
@@ -96,6 +99,25 @@ def test_results_tell_what_they_told(record: Path, lake: Path) -> None:
     assert json.loads(alarm["evidence"]) == {"residual_W": "NaN", "n": 2}  # as the record has it
     assert (task["task"], task["start"].value, task["speed"]) == ("task_1", at - 7 * S, 1.0)
     assert (energy["total"], dict(energy["groups"])) == (102.0, {"motion": 62.0, "rest": 40.0})
+
+
+def test_the_rows_of_the_largest_file_take_little_memory() -> None:
+    """The process shares the memory that the service is allowed, and the first run writes a file of this size."""
+    channels = (FrameChannel(f"arm.joint_{n}.position", "rad", "continuous", "linear") for n in range(60))
+    layout, settings = Layout(tuple(channels), 50.0), LakeSettings(folder="lake", rate=50.0)
+    values = np.random.default_rng(0).standard_normal((500, 60))
+    given = frames_of(layout, 0, START + np.arange(500) * layout.step, values, marked(values))
+
+    def table() -> Any:
+        picker = Picker(settings, layout)
+        return pieces.frame_table(list(picker.rows(given)), picker.units, SESSION)
+
+    table()  # imports what it needs
+    tracemalloc.start()
+    made = table()
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak / made.num_rows / made.num_columns * pieces.VALUES < 150e6
 
 
 def test_a_run_ends_though_the_record_grows(record: Path, lake: Path) -> None:
