@@ -76,12 +76,16 @@ class SourceConfig:
 
 @dataclass(frozen=True, slots=True)
 class StageConfig:
-    """One stage; ``place`` is ``file:line:column`` of its name."""
+    """One stage; ``place`` is ``file:line:column`` of its name.
+
+    ``written``: modification times, ns, of the files that it reads, so that a reload applies a model learned again.
+    """
 
     name: str
     kind: str
     settings: StageSettings
     place: str = field(default="", compare=False)
+    written: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from math import isfinite
 from pathlib import Path
+from stat import S_ISREG
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
@@ -252,12 +254,27 @@ def _stages(check: _Check, top: Mapping[Any, Any]) -> Iterator[tuple[str, StageC
         found_class, settings = check.part(stage, kind, place, path, values, hint)
         needs[name] = tuple(getattr(found_class, "needs", ()))
         if settings is not None:
-            yield name, StageConfig(name, kind, settings, check.document.place(path))
+            written = _written(check.folder, [*dict(settings).values(), top.get("robot")])
+            yield name, StageConfig(name, kind, settings, check.document.place(path), written)
     for name, wanted in needs.items():
         for kind in wanted:
             if kind not in kinds:
                 message = f"needs a stage of the kind {kind!r}: add '{kind}: {{}}' to stages"
                 check.complain(("stages", name), message, at_key=True)
+
+
+def _written(folder: Path, values: Iterable[object]) -> tuple[int, ...]:
+    """Modification times, ns, of the files among ``values``, and of the robots and models in the folders among them.
+
+    Files that cannot be read here are reported when they are needed.
+    """
+    found: list[int] = []
+    for value in values:
+        for name in ("", "robot.yaml", "model.yaml") if value and isinstance(value, str | Path) else ():
+            with contextlib.suppress(OSError, ValueError):  # a text that is no path
+                if S_ISREG((known := (folder / str(value) / name).stat()).st_mode):
+                    found.append(known.st_mtime_ns)
+    return tuple(found)
 
 
 def _outlets(check: _Check, top: Mapping[Any, Any], names: list[str]) -> Iterator[tuple[str, OutletConfig]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
@@ -14,7 +15,7 @@ from cellwatt.errors import RecordingError
 from cellwatt.frames import cut
 from cellwatt.outlets.selection import Picker, Row, Selection
 from cellwatt.record import Recording
-from cellwatt.record.folder import files_of
+from cellwatt.record.folder import RecordFile, files_of
 from cellwatt.record.survey import survey
 from cellwatt.results import Alarm, Energy, Task
 
@@ -25,6 +26,8 @@ LATE: Final = 3600 * 10**9
 """Largest step back, ns, of the cell's clock between two recordings."""
 BEYOND: Final = 2_000_000_000
 """A frame within this time, ns, after a span shows that the record of the span is complete."""
+DELAY: Final = 300 * 10**9
+"""Longest time, ns, from the end of what a result is about until the result is recorded."""
 PATIENCE: Final = 30_000_000_000
 """Time after the end of a span, ns, from which the record of the span counts as complete."""
 WRITTEN: Final = 60.0
@@ -92,16 +95,35 @@ def _rows(recordings: list[Recording], selection: Selection, after: int, until: 
 
 def _recordings(folder: Path, cell: str, after: int, until: int) -> Iterator[Recording]:
     """Recordings that may overlap the span, the newest first."""
-    for file in reversed(files_of(folder, cell)):
-        if file.name.session > until:
-            continue
-        recording = opened(file.path)
+    files = [file for file in files_of(folder, cell) if file.name.session <= until]
+    for file, before in reversed([*zip(files, files[:1] + files, strict=False)]):
+        follows = before.closed and before.name.session == file.name.session
+        if not file.closed and follows and reach(before)[1] > until + DELAY:
+            continue  # it begins after the span; all of it would be scanned to find its start
+        recording = None if file.closed else opened(file.path)
         if recording is None and not file.closed and time.time() - file.modified < WRITTEN:
             raise RecordingError(f"{file.path} is being written, and cannot be read yet")
-        if recording is not None and recording.start <= until + BEYOND and recording.end > after:
-            yield recording
-        if recording is not None and recording.start <= after - LATE:
+        start, end = reach(file) if recording is None else (recording.start, recording.end)
+        if end > after and start <= until + BEYOND:
+            recording = opened(file.path) if recording is None else recording
+            if recording is not None:
+                yield recording
+        if end and start <= after - LATE:
             return
+
+
+def reach(file: RecordFile) -> tuple[int, int]:
+    """Start and end of a closed recording, UTC ns; 0 if nothing in it can be read now."""
+    try:
+        return _reach(file)
+    except (RecordingError, FileNotFoundError):
+        return 0, 0
+
+
+@lru_cache(maxsize=16_384)  # weeks of files are looked through for each part of a back-fill
+def _reach(file: RecordFile) -> tuple[int, int]:
+    contents = survey(file.path, chunks=False).contents
+    return contents.start, contents.end
 
 
 def opened(path: Path) -> Recording | None:

@@ -125,8 +125,12 @@ class Recorder:
         return None if file is None else (file.part, file.contents)
 
     def stats(self) -> dict[str, Any]:
-        """Figures for health messages; ages in s, sizes in bytes."""
+        """Figures for health messages; ages in s, sizes in bytes.
+
+        ``overdue``: time beyond ``flush``, s, for which nothing was written although items wait.
+        """
         files = self._files
+        waiting, age = self._accepted - self._settled, time.monotonic() - files.flushed_at
         open_file = files.open
         return {
             "state": files.state,
@@ -134,8 +138,9 @@ class Recorder:
             "file": open_file.part.name if open_file else None,
             "files": files.count,
             "bytes": files.bytes,
-            "queue": {"items": self._accepted - self._settled, "bytes": self._bytes},
-            "flush_age": round(time.monotonic() - files.flushed_at, 3),
+            "queue": {"items": waiting, "bytes": self._bytes},
+            "flush_age": round(age, 3),
+            "overdue": round(max(0.0, age - self.settings.flush), 3) if waiting else 0.0,
             "samples": dict(files.samples),
             "drops": dict(self._drops + files.refused),
             "displaced": files.displaced,

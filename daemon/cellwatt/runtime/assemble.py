@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NoReturn, TypeVar, cast
 
 from pydantic import ValidationError
@@ -29,7 +30,6 @@ TYPICAL = {"host": "192.0.2.10", "port": "/dev/ttyUSB0"}
 
 T = TypeVar("T")
 Made = TypeVar("Made")
-StageMaker = Callable[[], Stage[Any]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,23 +120,15 @@ def make_chain(config: CellConfig, layout: Layout, names: Sequence[str]) -> Chai
 
     Raises ``ConfigError`` with every stage whose settings do not fit the layout.
     """
-    known = stage_makers(config, layout)
-    makers = {name: known[name] for name in names}
+    cell = CellInfo(config.site, config.cell, config.robot, config.folder)
+    makers = {name: partial(_made, config.stages[name], layout, cell) for name in names}
     return Chain(makers, _each(lambda make: make(), makers))
 
 
-def stage_makers(config: CellConfig, layout: Layout) -> dict[str, StageMaker]:
-    """A function for each stage that creates it; each raises ``ConfigError`` with the stage's position in the file."""
-    cell = CellInfo(config.site, config.cell, config.robot, config.folder)
-
-    def maker(stage: StageConfig) -> StageMaker:
-        def make() -> Stage[Any]:
-            with _placed(stage.place, f"stages.{stage.name}"):
-                return find_stage(stage.kind)(stage.name, stage.settings, layout, cell)
-
-        return make
-
-    return {name: maker(stage) for name, stage in config.stages.items()}
+def _made(stage: StageConfig, layout: Layout, cell: CellInfo) -> Stage[Any]:
+    """Create a stage. Raises ``ConfigError`` with its position in the file."""
+    with _placed(stage.place, f"stages.{stage.name}"):
+        return find_stage(stage.kind)(stage.name, stage.settings, layout, cell)
 
 
 @contextmanager

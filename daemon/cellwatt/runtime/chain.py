@@ -35,7 +35,6 @@ class _Slot:
     results: int = 0
     busy: float = 0.0
     slowest: float = 0.0
-    needs: Sequence[str] = field(default_factory=tuple)
     alarms: AlarmBook = field(default_factory=AlarmBook)
 
     def named(self, results: Sequence[Result]) -> Sequence[Result]:
@@ -87,7 +86,7 @@ class Chain:
     """
 
     def __init__(self, makers: Mapping[str, Callable[[], Stage[Any]]], stages: Mapping[str, Stage[Any]]) -> None:
-        self._slots = [_Slot(n, makers[n], s, needs=s.needs) for n, s in stages.items()]
+        self._slots = [_Slot(n, makers[n], s) for n, s in stages.items()]
         self.names = tuple(stages)
 
     @property
@@ -123,7 +122,7 @@ class Chain:
             return ()
         start = time.perf_counter()
         try:
-            given = slot.named(slot.stage.process(frames, upstream if slot.needs else ()))
+            given = slot.named(slot.stage.process(frames, upstream if slot.stage.needs else ()))
         except Exception as error:
             log.exception("stage %s failed; it is created again", slot.name)
             self._fail(slot, error, now)

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from cellwatt.errors import OutletError
 from cellwatt.host import blank
-from cellwatt.outlet import Item, Outlet
+from cellwatt.outlet import CellView, Item, Outlet, OutletSettings
 from cellwatt.runtime.allowance import one_line
 from cellwatt.runtime.tasks import end_of
 
@@ -21,6 +21,25 @@ T = TypeVar("T")
 FIRST_PAUSE, LONGEST_PAUSE = 0.5, 30.0  # s
 STEADY = 15.0
 """A run that lasted this long, s, counts as working: a peer may take 10 s to refuse a session."""
+
+
+class Unmade(Outlet[OutletSettings]):
+    """Stands for an outlet that could not be created; ``make`` tries again. Items are lost, and counted."""
+
+    def __init__(self, name: str, settings: OutletSettings, view: CellView, make: Callable[[], Outlet[Any]]) -> None:
+        super().__init__(name, settings, view)
+        self.make = make
+
+    def offer(self, item: Item) -> None:
+        """Count an item as lost."""
+        self.account.count("items lost")
+
+    def health(self, status: Mapping[str, Any]) -> None:
+        """Nobody receives it."""
+
+    async def run(self) -> None:
+        """``Delivery`` runs the created outlet in its place."""
+        raise NotImplementedError
 
 
 class Delivery:
@@ -69,7 +88,7 @@ class Delivery:
         while True:
             began = time.monotonic()
             self._serves_from = began + STEADY
-            end = await end_of(self._outlet.run, OutletError, f"outlet {self.name} failed")
+            end = await end_of(self._run, OutletError, f"outlet {self.name} failed")
             error = OutletError("it ended without being stopped") if end is None else end
             if time.monotonic() - began > STEADY:
                 pause = FIRST_PAUSE / 2
@@ -79,6 +98,11 @@ class Delivery:
             self._serves_from = float("inf")
             log.warning("outlet %s: %s; trying again in %.1f s", self.name, self._ended, pause)
             await asyncio.sleep(pause)
+
+    async def _run(self) -> None:
+        if isinstance(self._outlet, Unmade):
+            self._outlet = self._outlet.make()
+        await self._outlet.run()
 
     def status(self) -> dict[str, Any]:
         """Figures for health, JSON-ready; each call resets the failure noted since the last call."""

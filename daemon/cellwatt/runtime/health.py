@@ -28,7 +28,6 @@ def describe(layout: Layout, streams: Mapping[str, tuple[Stream, ...]]) -> dict[
 def colour(status: Mapping[str, Any], troubles: Sequence[Trouble]) -> str:
     """``green``: no troubles; ``amber``: some; ``red``: no source delivers, or samples cannot be recorded."""
     sources = [s["state"] for s in status["sources"].values()]
-    recorder = status["recorder"]
-    if (sources and all(s == "retrying" for s in sources)) or (recorder and recorder["state"] != "ok"):
+    if (sources and all(s == "retrying" for s in sources)) or any(t.kind == "recorder" for t in troubles):
         return "red"
     return "amber" if troubles or any(s != "ok" for s in sources) else "green"

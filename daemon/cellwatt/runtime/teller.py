@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from cellwatt.registry import outlet as find_outlet
 from cellwatt.results import Alarm, Energy, Event, Result, series_of
 from cellwatt.runtime.acknowledgements import Acknowledgements
 from cellwatt.runtime.consumption import Consumption
-from cellwatt.runtime.delivery import Delivery
+from cellwatt.runtime.delivery import Delivery, Unmade
 from cellwatt.runtime.evidence import Keeper
 from cellwatt.runtime.health import colour, describe
 from cellwatt.runtime.tasks import Tasks
@@ -90,7 +91,7 @@ class Teller:
             self.evidence = Keeper(self._config.record, self.cell, self._now, self.take, known)
             tasks.spawn("evidence", self.evidence.run())
         for outlet in self._config.outlets.values():
-            self._start_outlet(tasks, outlet)
+            self._start_outlet(tasks, outlet, required=not self.behind)
 
     async def stop(self, tasks: Tasks, names: Iterable[str]) -> None:
         """Stop the outlets ``names``."""
@@ -142,8 +143,16 @@ class Teller:
             reported = problem
             await self._words.changed.wait()
 
-    def _start_outlet(self, tasks: Tasks, config: OutletConfig, before: Delivery | None = None) -> None:
-        outlet = find_outlet(config.name)(config.name, config.settings, self)
+    def _start_outlet(
+        self, tasks: Tasks, config: OutletConfig, before: Delivery | None = None, *, required: bool = False
+    ) -> None:
+        make = partial(find_outlet(config.name), config.name, config.settings, self)
+        try:
+            outlet = make()
+        except Exception:
+            if required:
+                raise
+            outlet = Unmade(config.name, config.settings, self, make)  # its delivery tries again, and reports why
         delivery = self.outlets[config.name] = Delivery(config.name, outlet)
         if before is not None:
             delivery.succeed(before)

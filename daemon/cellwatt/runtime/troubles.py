@@ -70,6 +70,12 @@ KINDS: Final = {
     "door_flooded": "no more floods of connections at {part}",
 }
 """Kinds of alarms about the daemon itself, and what the statement of their clears says."""
+SECTIONS: Final = {
+    **dict.fromkeys(("source", "clock", "accounting"), "sources"),
+    **dict.fromkeys(("sink", "door"), "sinks"),
+    "stage": "stages",
+}
+"""Sections of the health in which the part of an alarm is listed, by the first word of its kind."""
 REASONED: Final = frozenset(("source_down", "sink_down", "recorder", "settings_refused"))
 """Kinds whose statement is a reason; the statement of an active alarm follows it, at most every ``RENEW_EVERY`` s."""
 RENEW_EVERY: Final = 60.0
@@ -154,7 +160,14 @@ def _recording(recorder: Mapping[str, Any], before: Mapping[str, Any]) -> Iterat
         text = f"Samples cannot be recorded, {recorder['state']}: {recorder.get('problem', '')}".rstrip(": ")
         yield Trouble("recorder", "error", "recorder", text, {"refused": dict(recorder.get("drops", {}))})
     displaced, earlier = recorder.get("displaced", {}), before.get("displaced", {})
-    if displaced.get("files", 0) > earlier.get("files", 0):
+    moved = displaced.get("files", 0) > earlier.get("files", 0)
+    lost = {} if moved else _more(recorder["drops"], before.get("drops", {}))
+    if recorder["state"] == "ok" and (lost or recorder["overdue"] > SPAN):  # a disk that hangs reports no error
+        what = f"{sum(lost.values())} messages were not recorded in the last {SPAN:.0f} s"
+        text = what if lost else f"nothing was written for {recorder['overdue']:.0f} s"
+        text = f"Recording is disturbed: {text}. The disk is too slow or does not respond, or the log says why."
+        yield Trouble("recorder", "error", "recorder", text, {"refused": lost})
+    if moved:
         text = f"{displaced['reason']}; recording continues in a new file."
         yield Trouble("record_displaced", "error", "recorder", text, {"lacking": displaced["messages"]})
     if short := recorder.get("short"):
@@ -328,9 +341,12 @@ class Monitor:
         for name in self._book:
             if name not in found:
                 kind, _, part = name.partition(":")
-                what = KINDS[kind].format(part=_task(part) if kind.startswith("process_") else part)
+                text = f"Resolved: {KINDS[kind].format(part=_task(part) if kind.startswith('process_') else part)}."
+                section = SECTIONS.get(kind.partition("_")[0])
+                if section is not None and part not in status[section]:
+                    text = f"Withdrawn, as {part} is no longer part of the cell: {self._book[name].alarm.statement}"
                 after = STEADY if kind == "source_down" else AGREED
-                alarms += self._book.clear(name, now, f"Resolved: {what}.", after=after)
+                alarms += self._book.clear(name, now, text, after=after)
         return alarms
 
     def _outdated(self, alarm: Alarm) -> bool:

@@ -2,11 +2,13 @@ from __future__ import annotations
 
 import json
 import math
+import os
 
 import pytest
 
 from cellwatt.config import FrameSettings, load, public_config
 from cellwatt.errors import ConfigError
+from cellwatt.runtime.change import Change
 from tests.daemon.config.conftest import VALID
 from tests.daemon.config.fakes import ArmSettings, BusSettings, CutSettings, WatchSettings
 
@@ -42,6 +44,24 @@ def test_relative_paths_start_at_the_file(cell_file):
     assert config.record.folder == cell_file.parent / "recordings"
     assert config.stages["power"].settings.file == cell_file.parent / "model.txt"
     assert config.folder == cell_file.parent
+
+
+def test_a_file_that_a_stage_names_and_that_was_written_again_is_a_change(cell_file):
+    """A reference or model learned again under its name: a reload applies it."""
+
+    def written(file, second):
+        os.utime(file, (second, second))
+        return load(cell_file)
+
+    robot, model = cell_file.parent / "testarm" / "robot.yaml", cell_file.parent / "model.txt"
+    first = written(model, 1)
+    assert not Change.between(first, load(cell_file))
+    change = Change.between(first, second := written(model, 2))
+    assert (change.stages, change.sources, change.outlets, change.frames) == (["power"], [], [], True)
+    robot.parent.mkdir()
+    robot.write_text("joints: []\n")
+    assert Change.between(written(robot, 1), third := written(robot, 2)).stages == ["cut", "power", "watch"]
+    assert not Change.between(third, load(cell_file)) and Change.between(second, third)
 
 
 def test_anchors_and_merge_keys(load_text):

@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import shutil
 import time
+from collections import Counter
 from itertools import pairwise
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from cellwatt.errors import RecordingError
 from cellwatt.outlets import past
 from cellwatt.outlets.past import read
 from cellwatt.outlets.selection import Picker, Selection
+from cellwatt.record.survey import Survey, survey
 from cellwatt.results import Alarm
 from tests.daemon.outlets.page.recorded import CELL, Written, frames, recording
 
@@ -122,3 +125,44 @@ def test_one_that_is_being_written_and_cannot_be_read_is_not_taken_for_empty(tmp
     assert read(tmp_path, CELL, SELECTION, start, start + 2 * SPAN, 9).whole, "nobody writes it any more"
     part.write_bytes(content)
     assert len(read(tmp_path, CELL, SELECTION, start, start + 2 * SPAN, 9).rows) == 2
+
+
+def test_recordings_that_do_not_belong_to_the_span_are_opened_once_at_most(
+    tmp_path: Path, start: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A back-fill after days reads small parts, each of which lies in one of many recordings."""
+    for number in range(1, 9):
+        recording(tmp_path, [[block(start + (number - 1) * 600 * 10**9, 300, 300)]], number, session=start - 1)
+    live = Written(tmp_path, 9, session=start - 1).chunk(block(start + 4800 * 10**9, 300, 50))
+    looked: list[str] = []
+
+    def noted(path: Path, **how: bool) -> Survey:
+        looked.append(path.name)
+        return survey(path, **how)
+
+    monkeypatch.setattr(past, "survey", noted)
+    after, until, reads = start + 60 * SPAN, start + 90 * SPAN, 0
+    while not (part := read(tmp_path, CELL, SELECTION, after, until, 5)).whole:
+        assert len(part.rows) == 5
+        after, reads = part.until, reads + 1
+    assert reads > 5 and not any(name.endswith(".part") for name in looked)
+    assert all(times == 1 for name, times in Counter(looked).items() if "_000001" not in name)
+    live.crash()
+
+
+def test_a_recording_that_has_just_begun_hides_none_of_those_before(tmp_path: Path, start: int) -> None:
+    recording(tmp_path, [[block(start, 1, 30)]], 1, session=start - 1)
+    live = Written(tmp_path, 2, session=start - 1)
+    part = read(tmp_path, CELL, SELECTION, start, start + 4 * SPAN, 100)
+    assert [row.time for row in part.rows] == [start + n * SPAN for n in (1, 2, 3, 4)]
+    live.crash()
+
+
+def test_a_recording_that_could_not_be_opened_once_is_read_later(
+    tmp_path: Path, start: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recording(tmp_path, [[block(start, 1, 30)]], session=start - 1)
+    with monkeypatch.context() as patched:
+        patched.setattr(past, "survey", Mock(side_effect=RecordingError("Too many open files")))
+        assert read(tmp_path, CELL, SELECTION, start, start + 4 * SPAN, 100).rows == []
+    assert len(read(tmp_path, CELL, SELECTION, start, start + 4 * SPAN, 100).rows) == 4

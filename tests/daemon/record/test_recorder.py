@@ -70,7 +70,9 @@ async def test_a_full_queue_refuses_and_counts(tmp_path, monkeypatch):
         assert taken[0] and not taken[-1]
         assert recorder.stats()["drops"] == {"/raw/arm/rtde": 100 * taken.count(False)}
         assert recorder.stats()["queue"]["bytes"] <= 100e3
+        await eventually(lambda: recorder.stats()["overdue"] > 0)
         blocked.set()
+        await eventually(lambda: recorder.stats()["overdue"] == 0)
     assert len(Recording.open(tmp_path).batches("arm", "rtde")) == 100 * taken.count(True)
 
 

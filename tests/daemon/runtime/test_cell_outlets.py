@@ -133,3 +133,41 @@ async def test_an_outlet_that_breaks_at_health_does_not_keep_it_from_others():
         status = await look(cell, 2)
         assert status["sinks"]["bus"]["error"] == "ValueError: not JSON"
         assert RECEIVERS["other"].health
+
+
+@at_once
+async def test_an_outlet_that_cannot_be_made_at_a_reload_is_down_until_it_can(monkeypatch):
+    make = FakeOutlet.__init__
+
+    def broken(self, name, settings, view):
+        if settings.note == "bad":
+            raise KeyError("token")
+        make(self, name, settings, view)
+
+    monkeypatch.setattr(FakeOutlet, "__init__", broken)
+    DEVICES["arm"].tell(answer)
+    async with running(config_of(outlets=outlets("bus", "other"))) as cell:
+        await cell.reload(config_of(outlets=outlets("bus", "other", bus="bad")))
+        DEVICES["arm"].tell(give(20))
+        await DEVICES["arm"].done()
+        status = await look(cell, 2)
+        bus = status["sinks"]["bus"]
+        assert (bus["state"], bus["error"]) == ("down", "KeyError: 'token'")
+        assert RECEIVERS["other"].values == list(range(20))
+        assert bus["counters"]["items lost"] >= 20
+        monkeypatch.setattr(FakeOutlet, "__init__", make)
+        await until(lambda: len(RECEIVERS["bus"].runs) == 2)
+        DEVICES["arm"].tell(give(20))
+        await DEVICES["arm"].done()
+        await until(lambda: RECEIVERS["bus"].values == list(range(20, 40)))
+
+
+@at_once
+async def test_an_outlet_that_cannot_be_made_at_the_start_ends_the_start(monkeypatch):
+    def broken(self, name, settings, view):
+        raise OutletError("no key")
+
+    monkeypatch.setattr(FakeOutlet, "__init__", broken)
+    with pytest.raises(OutletError, match="no key"):
+        async with running(config_of()):
+            pass

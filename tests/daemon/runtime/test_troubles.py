@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from cellwatt.results import Alarm
+from cellwatt.runtime.health import colour
 from cellwatt.runtime.troubles import PATIENCE, Monitor
 
 
@@ -28,7 +29,11 @@ def status(**source: Any) -> dict[str, Any]:
         "anomalies": [],
         "forgeries": [],
     }
-    return {"sources": {"arm": healthy | source}, "stages": {}, "sinks": {}, "recorder": {"state": "ok"}}
+    return {"sources": {"arm": healthy | source}, "stages": {}, "sinks": {}, "recorder": recorder()}
+
+
+def recorder(**figures: Any) -> dict[str, Any]:
+    return {"state": "ok", "problem": "", "overdue": 0.0, "drops": {}, **figures}
 
 
 def looked_at(watch: Monitor, seconds: int, source: Callable[[int], dict[str, Any]]) -> list[Alarm]:
@@ -80,7 +85,7 @@ def test_other_parts() -> None:
     sick = status() | {
         "stages": {"power": {"state": "broken", "error": "KeyError: 1"}},
         "sinks": {"zenoh": {"state": "down", "error": "no route"}, "page": {"state": "starting", "error": None}},
-        "recorder": {"state": "disk full", "problem": "no space left", "drops": {"/raw/arm/rtde": 7}},
+        "recorder": {"state": "disk full", "problem": "no space left", "drops": {"/raw/arm/rtde": 7}, "overdue": 0.0},
     }
     kinds = [a.kind for now in range(PATIENCE) for a in watch.look(sick, now)]
     assert sorted(kinds) == ["recorder", "sink_down", "stage_broken"], "an outlet that still starts is no trouble"
@@ -174,6 +179,16 @@ def blank(second: int) -> dict[str, Any]:
     return status(since_s=100.0 + second, streams={"tags": tags})
 
 
+def slow_disk(second: int) -> dict[str, Any]:
+    """It takes a share of what is given, without an error."""
+    return {"recorder": recorder(drops={"/raw/arm/rtde": 30 * min(second, 5), "/frame": 3})}
+
+
+def hung_disk(second: int) -> dict[str, Any]:
+    """A write that does not return: nothing is refused before the queue is full."""
+    return {"recorder": recorder(overdue=second - 2.0 if second < 20 else 0.0)}
+
+
 @pytest.mark.parametrize(
     ("kind", "severity", "figures", "says"),
     [
@@ -185,6 +200,8 @@ def blank(second: int) -> dict[str, Any]:
         ),
         ("pc_clock", "warning", early("utc_error_ms", 3_600_000.0, 0.5), "3600.0 s ahead of this PC's"),
         ("pc_clock", "warning", early("utc_error_ms", -1500.0, 0.5), "1.5 s behind"),
+        ("recorder", "error", slow_disk, "90 messages were not recorded in the last 10 s. The disk"),
+        ("recorder", "error", hung_disk, "nothing was written for 13 s. The disk"),
         ("stage_slow", "warning", slow_stage, "Stage power is too slow: "),
         ("process_slow", "error", slow_process, "missing in the record"),
         ("source_blank", "warning", blank, "sends no values for arm.joint_1.torque"),
@@ -196,6 +213,32 @@ def test_a_condition_is_told_once_and_over_when_it_is(
     alarms = looks(Monitor(), range(40), lambda second: status() | figures(second))
     assert [(a.kind, a.severity, a.active) for a in alarms] == [(kind, severity, active) for active in (True, False)]
     assert says in alarms[0].statement and alarms[1].statement.startswith("Resolved: ")
+
+
+def test_a_file_that_was_moved_away_is_no_slow_disk() -> None:
+    moved = {"files": 1, "messages": 500, "reason": "the file was moved away"}
+    for displaced, kinds in ((moved, {"record_displaced"}), ({}, {"recorder"})):
+        figures = recorder(drops={"/frame": 500}, displaced=displaced)
+        watch = Monitor()
+        said = looks(watch, range(6), lambda s, after=figures: status() | {"recorder": after if s else recorder()})
+        assert {a.kind for a in said} == kinds
+        assert colour(status(), watch.troubles) == ("red" if kinds == {"recorder"} else "amber")
+
+
+def test_an_alarm_of_a_part_that_a_reload_removed_is_withdrawn_not_resolved() -> None:
+    def at(second: int) -> dict[str, Any]:
+        parts = {
+            "sinks": {"mqtt": {"state": "down", "error": "no broker"}},
+            "stages": {"power": {"state": "broken", "error": "KeyError: 1"}},
+        }
+        return status(**DOWN) | (parts if second < 10 else {"sources": {}})
+
+    over = {a.id: a.statement for a in looks(Monitor(), range(40), at) if not a.active}
+    assert over == {
+        "source_down:arm": f"Withdrawn, as arm is no longer part of the cell: Source arm is down: {DOWN['error']}",
+        "sink_down:mqtt": "Withdrawn, as mqtt is no longer part of the cell: Outlet mqtt is down: no broker",
+        "stage_broken:power": "Withdrawn, as power is no longer part of the cell: Stage power failed: KeyError: 1",
+    }
 
 
 def test_processes_that_the_pc_does_not_let_run_are_one_warning_not_down() -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import math
+import time
 from collections.abc import Mapping
 from importlib.util import find_spec
 from typing import Any, ClassVar, Final
@@ -22,6 +24,8 @@ from cellwatt.outlets.together import until_one_ends
 MODULE: Final = "cellwatt.outlets.historian.exporting"
 LONGEST, NICENESS = 86400.0, 5
 """Longest time, s, of a run (the first exports the whole record), and its niceness."""
+SILENT: Final = 600.0
+"""Time, s, after which a run that reports no file seems to hang: its folder is on a share that does not respond."""
 PAUSE: Final = 30.0
 """Longest pause, s, after a failed run."""
 
@@ -34,13 +38,17 @@ class Lake:
         self._order = {**order, "settings": revealed(settings)}
         self.problem: str | None = None
         """Reason why the last run failed, or ``None``."""
+        self._heard_at = math.inf
+        """Monotonic s at which the present run began or reported a file; infinite between two runs."""
 
     async def run(self) -> None:
         """Export until cancelled. Raises ``OutletError`` if pyarrow is missing."""
         if find_spec("pyarrow") is None:
             raise OutletError("lake: pyarrow is missing: pip install pyarrow")
         while True:
+            self._heard_at = time.monotonic()
             self.problem = await self.once()
+            self._heard_at = math.inf
             if self.problem is not None:
                 self._account.count("lake: runs failed")
             await asyncio.sleep(self._settings.every if self.problem is None else min(PAUSE, self._settings.every))
@@ -53,8 +61,14 @@ class Lake:
             return f"lake: {str(error).removeprefix('lake: ')}"
         return None
 
+    def trouble(self) -> str | None:
+        """Reason why the last run failed, or that the present one seems to hang; else ``None``."""
+        hangs = time.monotonic() - self._heard_at > SILENT
+        return f"lake: no file was written for {SILENT / 60:.0f} min" if hangs else self.problem
+
     def _heard(self, line: str) -> None:
         """Count a file that the process reports."""
+        self._heard_at = time.monotonic()
         with contextlib.suppress(ValueError, TypeError, KeyError):  # the error message at its end
             report = json.loads(line)
             rows, lost, table = report["rows"], report["lost"], report["table"]
@@ -106,7 +120,7 @@ class HistorianOutlet(Outlet[HistorianSettings]):
     def trouble(self) -> str | None:
         """Reason why InfluxDB or the lake accepts nothing, or ``None``."""
         troubles = [] if self._influx is None else list(self._influx.troubles)
-        troubles += [] if self._lake is None else [self._lake.problem]
+        troubles += [] if self._lake is None else [self._lake.trouble()]
         return "; ".join(filter(None, troubles)) or None
 
     async def run(self) -> None:

@@ -9,7 +9,8 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from itertools import chain, groupby, islice
+from functools import partial
+from itertools import chain, groupby, islice, takewhile
 from pathlib import Path
 from typing import Any, Final, TypeVar
 from urllib.parse import quote
@@ -18,7 +19,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from cellwatt.frames import Frames, cut
-from cellwatt.outlets.past import ARCHIVED, Archived, opened
+from cellwatt.outlets.past import ARCHIVED, Archived, opened, reach
 from cellwatt.outlets.selection import Picker, Row, Selection
 from cellwatt.outlets.zenoh.messages import encode_json
 from cellwatt.record.folder import RecordFile, files_of
@@ -80,10 +81,23 @@ def _incomplete(
             yield [file for file in files if file.name.number > complete], after, end
 
 
+def _passed(time: int, file: RecordFile) -> bool:
+    """True if a file is closed and holds nothing after a time, UTC ns."""
+    return file.closed and 0 < reach(file)[1] <= time
+
+
 def frames_after(folder: Path, cell: str, positions: Positions) -> Iterator[tuple[int, Frames | Reached]]:
-    """Blocks of frames after the position in their session, each with its session; the end of each ended session."""
+    """Blocks of frames after the position in their session, each with its session; the end of each ended session.
+
+    Before these, the position with the files that it leaves behind, so that later searches do not open them.
+    """
     for files, after, end in _incomplete(folder, cell, positions):
         session = files[0].name.session
+        if after is not None:
+            passed = list(takewhile(partial(_passed, after.time), files))
+            if passed and end is None:
+                yield session, replace(after, complete=passed[-1].name.number)
+            del files[: len(passed)]
         for recording in map(opened, (file.path for file in files)):
             if recording is None or (after is not None and recording.end <= after.time):
                 continue
@@ -96,22 +110,29 @@ def frames_after(folder: Path, cell: str, positions: Positions) -> Iterator[tupl
 
 
 def results_after(folder: Path, cell: str, kind: type[T], positions: Positions) -> Iterator[tuple[Reached, T | None]]:
-    """Results of a kind after the position in their session, each with its own position; ``None`` ends a session."""
+    """Results of a kind after the position in their session, each with its own position.
+
+    With ``None``: the end of a session, or the last file that was searched.
+    """
     for files, after, end in _incomplete(folder, cell, positions):
+        unread = False
         for file in files:
             if after is not None and file.name.number < after.number:
                 continue
             recording = opened(file.path)
+            unread |= recording is None and file is not files[-1]
             known = after.count if after is not None and file.name.number == after.number else 0
             for number, result in enumerate(recording.results(kind) if recording is not None else (), 1):
                 if number > known:
                     yield Reached(file.name.session, file.name.number, number), result
         if end is not None:
             yield end, None
+        elif not unread and (after is None or after.number < files[-1].name.number):
+            yield Reached(files[-1].name.session, files[-1].name.number), None
 
 
-VALUES: Final = 4_000_000
-"""Most values of a file."""
+VALUES: Final = 1_000_000
+"""Most values of a file: its rows take about 100 MB of memory."""
 RESULTS: Final = 50_000
 """Most results of a file."""
 _DAY: Final = 86_400 * 10**9  # ns
@@ -162,7 +183,7 @@ def next_frames(
         if isinstance(block, Reached) or at != session or block.layout != picker.layout:
             over = True
             rows += picker.rest()
-            seen = replace(seen, complete=block.complete) if isinstance(block, Reached) else seen
+            seen = replace(seen, complete=block.complete) if isinstance(block, Reached) and at == session else seen
             break
         gaps.append((block.sequence, block.sequence - seen.number - 1))
         seen = Reached(session, block.sequence + len(block) - 1, time=int(block.time[-1]))

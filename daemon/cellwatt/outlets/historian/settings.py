@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final
 
-from pydantic import Field, PositiveInt, SecretStr, field_validator
+from pydantic import AfterValidator, Field, PositiveInt, SecretStr
 from pydantic import model_validator as model_check
 
 from cellwatt.files import unreadable
@@ -29,10 +29,13 @@ def _web(url: str) -> str:
     return url.rstrip("/")
 
 
+_Web = Annotated[str, AfterValidator(_web)]
+
+
 class InfluxSettings(Flow, Certified):
     """InfluxDB by line protocol over HTTP: ``database`` for version 1, ``org`` and ``bucket`` for 2."""
 
-    url: str
+    url: _Web
     """Address of the server, like ``https://influx.plant.example:8086``."""
     database: str | None = Field(default=None, pattern=_NAME)
     """Database (version 1)."""
@@ -59,11 +62,6 @@ class InfluxSettings(Flow, Certified):
     open: bool = False
     """Allow http without TLS to other PCs: anyone on the network path can read everything, including the token."""
 
-    @field_validator("url")
-    @classmethod
-    def _address(cls, url: str) -> str:
-        return _web(url)
-
     @model_check(mode="after")
     def _whole(self) -> InfluxSettings:
         if (self.database is None) == (self.bucket is None):
@@ -88,7 +86,7 @@ class LakeSettings(Selection, Certified):
     """Time between two files."""
     results: bool = True
     """Also write alarms, tasks and energies."""
-    endpoint: str | None = None
+    endpoint: _Web | None = None
     """Address of an S3-compatible store, like ``https://minio.plant.example:9000``; default: Amazon S3."""
     region: str | None = None
     """Region of the bucket."""
@@ -100,11 +98,6 @@ class LakeSettings(Selection, Certified):
     """Certificate authority (PEM) to trust instead of those of the system."""
     open: bool = False
     """Allow an ``endpoint`` with http, without TLS, on another PC."""
-
-    @field_validator("endpoint")
-    @classmethod
-    def _address(cls, endpoint: str | None) -> str | None:
-        return None if endpoint is None else _web(endpoint)
 
     @model_check(mode="after")
     def _whole(self) -> LakeSettings:

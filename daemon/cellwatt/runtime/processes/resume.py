@@ -8,6 +8,7 @@ from collections.abc import Collection, Container, Iterable, Iterator, Mapping, 
 from dataclasses import dataclass, field
 from io import FileIO
 from pathlib import Path
+from typing import Final
 
 from cellwatt.batch import Batch
 from cellwatt.errors import RecordingError
@@ -24,8 +25,8 @@ from cellwatt.results import Event, Result, series_of
 
 log = logging.getLogger(__name__)
 
-LAST = 8
-"""Number of chunks at the end of a file that may hold items still in a ring."""
+RECENT: Final = 5 * 10**9
+"""Time before the end of a file, ns, in which it may hold items still in a ring: *tell* settles them each second."""
 
 
 @dataclass(slots=True)
@@ -54,7 +55,7 @@ class Resume:
         found = cls()
         files = [f for f in listing(folder, cell) if f.name.session == session and f.closed]
         for file, contents, tracks in _readable(files[-2:]):
-            for chunk in contents.chunks[-LAST:]:
+            for chunk in (c for c in contents.chunks if c.end > contents.end - RECENT):
                 found._note(item for _, item in _items(file, chunk, tracks, tracks))
         found.ends = _ends(files, series)
         return found

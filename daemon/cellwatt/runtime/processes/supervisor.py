@@ -60,6 +60,8 @@ LOOK: Final = 1.0
 """Longest time, s, between two checks of the clock."""
 AGAIN: Final = 5.0
 """s until another attempt to start a process, if the PC had no memory, processes or files left."""
+START: Final = 60.0
+"""Longest time, s, for the processes of a reload to start: one that hangs must not block the next reload."""
 END: Final = 12.0
 """Longest time, s, for one process to end."""
 
@@ -73,6 +75,8 @@ class _Reload:
     generation: int
     judges: dict[int, SupervisedProcess] = field(default_factory=dict)
     sent: bool = False
+    until: float = field(default_factory=lambda: time.monotonic() + START)
+    """Monotonic s at which it is refused if a process has not started."""
 
 
 class Supervisor:
@@ -338,8 +342,12 @@ class Supervisor:
             if self._reload_asked and self._slots_freed():
                 self._reload_asked = False
                 self._begin_reload()
-        elif not reload.sent and all(p.ready or not p.alive for p in (self._tell, *reload.judges.values())):
-            self._send(reload)  # not while *tell* starts with the old settings: it would confirm each message later
+        elif not reload.sent:
+            starting = [p.name for p in (self._tell, *reload.judges.values()) if p.alive and not p.ready]
+            if not starting:
+                self._send(reload)  # not while *tell* starts with the old settings: it would confirm each message later
+            elif time.monotonic() >= reload.until:
+                self._give_up_reload(CellwattError(f"{', '.join(starting)} did not start within {START:.0f} s"))
 
     def _slots_freed(self) -> bool:
         """Kill judges of the reload before that still compute ``END`` s after it; return True if all have ended.

@@ -7,22 +7,27 @@ import json
 import os
 import subprocess
 import sys
+import tracemalloc
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from cellwatt import OutletError
+from cellwatt import FrameChannel, Layout, OutletError
+from cellwatt.outlets import past
 from cellwatt.outlets.historian import exporting, pieces
 from cellwatt.outlets.historian.exporting import FILE, LOCK, Export, Progress
 from cellwatt.outlets.historian.settings import LakeSettings
 from cellwatt.outlets.historian.store import Store
 from cellwatt.outlets.past import opened
 from cellwatt.outlets.selection import Picker
+from cellwatt.record.survey import Survey, survey
 from cellwatt.units import Units
+from tests.blocks import frames_of, marked
 from tests.daemon.outlets.historian.made import ANOTHER, CELL, DAY, SESSION, SITE, START, Recorded, S, row_truth
 from tests.patience import PATIENCE
 
@@ -98,6 +103,25 @@ def test_results_tell_what_they_told(record: Path, lake: Path) -> None:
     assert (energy["total"], dict(energy["groups"])) == (102.0, {"motion": 62.0, "rest": 40.0})
 
 
+def test_the_rows_of_the_largest_file_take_little_memory() -> None:
+    """The process shares the memory that the service is allowed, and the first run writes a file of this size."""
+    channels = (FrameChannel(f"arm.joint_{n}.position", "rad", "continuous", "linear") for n in range(60))
+    layout, settings = Layout(tuple(channels), 50.0), LakeSettings(folder="lake", rate=50.0)
+    values = np.random.default_rng(0).standard_normal((500, 60))
+    given = frames_of(layout, 0, START + np.arange(500) * layout.step, values, marked(values))
+
+    def table() -> Any:
+        picker = Picker(settings, layout)
+        return pieces.frame_table(list(picker.rows(given)), picker.units, SESSION)
+
+    table()  # imports what it needs
+    tracemalloc.start()
+    made = table()
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak / made.num_rows / made.num_columns * pieces.VALUES < 150e6
+
+
 def test_a_run_ends_though_the_record_grows(record: Path, lake: Path) -> None:
     growing = Recorded(record).seconds(3)
 
@@ -111,6 +135,47 @@ def test_a_run_ends_though_the_record_grows(record: Path, lake: Path) -> None:
     growing.close()
     export(record, lake, results=False)
     check(lake, range(4))
+
+
+def test_what_is_exported_of_a_running_session_is_not_opened_again(
+    record: Path, lake: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A session may last for months: hundreds of files, and tables that none of them has a result for."""
+    looked: list[str] = []
+
+    def noted(path: Path, **how: bool) -> Survey:
+        looked.append(path.name)
+        return survey(path, **how)
+
+    monkeypatch.setattr(past, "survey", noted)
+    growing = Recorded(record)
+    for seconds in range(3, 15, 3):
+        growing.seconds(3, results=seconds == 6).rotate()
+        for table in export(record, lake):
+            assert table.lost == 0
+    growing.seconds(3, results=False)
+    for _ in range(2):
+        past._reach.cache_clear()  # each run is a process of its own
+        looked.clear()
+        export(record, lake)
+    assert {name.rpartition("_")[2] for name in looked} == {"000005.mcap.part"} and len(looked) <= 5
+    growing.seconds(3, results=True).close()
+    export(record, lake)
+    check(lake, range(18))
+    assert [row["joint"] for row in table_of(lake, "alarms")] == [17]
+
+
+def test_a_file_of_a_running_session_that_cannot_be_opened_now_is_exported_later(record: Path, lake: Path) -> None:
+    growing = Recorded(record).seconds(3).rotate()
+    growing.seconds(3, results=False)
+    (closed,) = record.glob("*.mcap")
+    away = closed.rename(record / "away")
+    closed.write_bytes(b"")
+    export(record, lake)
+    away.rename(closed)
+    export(record, lake)
+    growing.close()
+    check_results(lake, range(3))
 
 
 def test_a_session_whose_clock_was_set_back_is_exported_too(record: Path, lake: Path) -> None:
@@ -167,7 +232,7 @@ def test_files_of_ended_sessions_are_read_once(record: Path, lake: Path, monkeyp
     read: list[Path] = []
     monkeypatch.setattr(pieces, "opened", lambda path: read.append(path) or opened(path))
     assert export(record, lake) == []
-    assert set(read) == set(sorted(record.glob("*.mcap"))[-2:])
+    assert set(read) == {max(record.glob("*.mcap"))}
 
 
 def test_a_file_holds_one_day(record: Path, lake: Path) -> None:

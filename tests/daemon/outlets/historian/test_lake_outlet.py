@@ -5,7 +5,9 @@ from __future__ import annotations
 import asyncio
 import io
 import json
+from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pyarrow.parquet as pq
@@ -13,6 +15,7 @@ import pytest
 
 from cellwatt import OutletError
 from cellwatt.outlets.historian import HistorianSettings
+from cellwatt.outlets.historian import outlet as outlet_module
 from cellwatt.outlets.historian.exporting import FILE, work
 from cellwatt.outlets.historian.outlet import MODULE, HistorianOutlet
 from tests.daemon.outlets.historian.bucket import Bucket
@@ -20,6 +23,7 @@ from tests.daemon.outlets.historian.made import CELL, DAY, SITE, START, Recorded
 from tests.daemon.outlets.historian.test_influx import View, running
 from tests.daemon.outlets.historian.test_lake import check, check_results
 from tests.daemon.outlets.serving import children
+from tests.doing import doing
 from tests.patience import eventually
 
 
@@ -56,6 +60,36 @@ async def test_a_process_that_is_killed_is_told_and_begun_again(record: Path, tm
         await eventually(lambda: outlet.trouble() is None, "the end of the trouble")
     growing.close()
     check(tmp_path / "lake", range(5))
+
+
+async def test_a_run_that_hangs_is_told_before_it_ends(record: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its folder is on a share that does not respond."""
+    heard: list[Callable[[str], None]] = []
+    end = asyncio.Event()
+
+    async def hangs(*_: object, **given: Any) -> None:
+        heard.append(given["heard"])
+        await end.wait()
+
+    monkeypatch.setattr(outlet_module, "output", hangs)
+    clock = 0.0
+    monkeypatch.setattr(outlet_module, "time", SimpleNamespace(monotonic=lambda: clock), raising=False)
+    outlet = outlet_of(record, "lake", every=1.0)
+    assert outlet._lake is not None
+    clock = 1e6
+    assert outlet.trouble() is None, "no run is under way"
+    async with doing(outlet._lake.run()):
+        await eventually(lambda: heard, "the run")
+        clock += 601.0
+        assert outlet.trouble() == "lake: no file was written for 10 min"
+        heard[0]('{"table": "frames", "rows": 5, "lost": 0}')
+        assert outlet.trouble() is None
+        clock += 599.0
+        assert outlet.trouble() is None
+        clock += 2.0
+        assert outlet.trouble() is not None
+        end.set()
+        await eventually(lambda: outlet.trouble() is None, "the end of the run")
 
 
 async def test_without_a_record_there_is_no_lake(tmp_path: Path) -> None:

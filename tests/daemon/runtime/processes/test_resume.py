@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from cellwatt import Alarm
 from cellwatt.record.openfile import OpenFile
 from cellwatt.runtime.processes.resume import Resume
-from tests.daemon.record.making import CELL, SESSION, batch_of, frames_of, write_chunks
+from tests.daemon.record.making import CELL, METER, SESSION, batch_of, frames_of, write_chunks
 
 
 def resume(folder: Path) -> Resume:
@@ -27,6 +28,16 @@ def test_it_goes_on_behind_the_last_of_each_stream(tmp_path: Path) -> None:
     rest = found.fresh(batch_of(13, 5))
     assert rest is not None
     assert (rest.sequence, len(rest)) == (15, 3)
+
+
+def test_a_slow_stream_goes_on_behind_its_last_sample(tmp_path: Path) -> None:
+    """An arm with 500 samples a second in chunks of 40 ms, and a meter with a sample each second."""
+    raised = Alarm("a", "heat", "warning", True, SESSION, SESSION, "Joint 2 is hot.")
+    first = [batch_of(0, 1, stream=METER, source="supply"), raised, batch_of(0, 20)]
+    write_chunks(tmp_path, [first, *([batch_of(20 * n, 20)] for n in range(1, 25))])
+    found = resume(tmp_path)
+    assert found.following == {("supply", "meter"): 1, ("arm", "rtde"): 500}
+    assert not found.lacks(raised)
 
 
 @pytest.mark.parametrize("offset", [60, 200])

@@ -119,6 +119,30 @@ def test_new_settings_do_not_wait_for_a_tell_that_cannot_start() -> None:
     assert daemon._reload.sent
 
 
+def _hangs(assignment: Assignment) -> None:
+    assignment.control.poll(None)
+
+
+def test_a_judge_that_does_not_start_is_refused_and_the_next_reload_goes_on() -> None:
+    """It reads its model from a share that does not respond."""
+    config = config_of(stages=stages("heat"))
+    read: list[str] = []
+    daemon = Supervisor(config_of(), lambda: read.append("the corrected file") or config_of())  # type: ignore[func-returns-value]
+    judges = {0: SupervisedProcess("judge heat", _hangs, daemon._assign)}
+    with daemon._signals() as daemon._selector:
+        daemon._reload = _Reload(config, Change.between(daemon._config, config), 2, judges)
+        daemon._start(judges[0])
+        daemon._reload_asked = True
+        daemon._go_on_reloading()
+        assert judges[0].alive and not daemon._refused and not read
+        daemon._reload.until = 0.0
+        daemon._go_on_reloading()
+        assert not judges[0].alive and daemon._reload is None and not daemon._ending
+        assert daemon._refused == "judge heat did not start within 60 s"
+        daemon._go_on_reloading()
+        assert read == ["the corrected file"] and not daemon._refused
+
+
 def test_a_stop_amid_a_reload_is_no_failed_reload(caplog: pytest.LogCaptureFixture) -> None:
     daemon, config = Supervisor(config_of()), config_of(stages=stages("heat", "wear"))
     judges = {n: SupervisedProcess(f"judge {n}", _serves, daemon._assign) for n in (0, 1)}

@@ -17,7 +17,7 @@ from cellwatt.record import Recorder, Recording, RecordSettings
 from cellwatt.ring import ItemWriter, Status
 from cellwatt.runtime.assemble import declared
 from cellwatt.runtime.processes import tell
-from cellwatt.runtime.processes.resume import LAST, Resume
+from cellwatt.runtime.processes.resume import Resume
 from cellwatt.runtime.processes.shared import Assignment, Shared
 from cellwatt.runtime.processes.tell import _Telling
 from tests.daemon.outlets.zenoh.fake_cell import task
@@ -124,8 +124,8 @@ async def test_a_series_is_gone_on_with_though_its_last_message_is_long_ago(tmp_
     kept = await first.recording(tmp_path)
     judge.put(task(0))
     first.left()
-    for n in range(3 * LAST):
-        kept.put(batch_of(n, 1))
+    for n in range(10):  # 2 s each
+        kept.put(batch_of(1000 * n, 1))
         await asyncio.to_thread(kept.flush, PATIENCE)
     await kept.close()
     again = await Telling(shared, restarts=1).recording(tmp_path)
