@@ -122,7 +122,8 @@ def _findings_in_words(found: Sequence[CycleFinding], out: Path | None) -> str:
         lines.append(f"{cycle.start:9.2f} … {cycle.end:.2f} s  {cycle.task}{speed}  {cycle.status}{note}")
         lines += [f"{'':12}{fault.statement}" for fault in cycle.faults]
     count = Counter(cycle.status for cycle in found)
-    lines.append(f"{len(found)} cycles: " + ", ".join(f"{n} {status}" for status, n in sorted(count.items())))
+    counts = ", ".join(f"{n} {status}" for status, n in sorted(count.items()))
+    lines.append(f"{len(found)} cycles: {counts}" if found else "no cycle was judged: no task is complete in RECORDING")
     return "\n".join([*lines, f"written to {out}"] if out else lines)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,10 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.faults.cycles.runs import Run
+from cellwatt_plugins.faults.cycles.runs import SAME_POSE, Run
 
-SAME_POSE = math.radians(0.8)
-"""Largest difference between equal rest poses, per joint, rad."""
 LONGEST = 80
 """Most moves in a task."""
 FEWEST = 3

@@ -120,7 +120,8 @@ LEAST_SHARE, MOST_SHARE = 0.5, 1.6
 EVEN = 0.03
 """Largest timing error of an uninterrupted move, s."""
 EVEN_ALONE = 0.01
-"""Largest timing error of a move shown only by joints off their path, s; above it the move counts as unseen."""
+"""Largest timing error of a short move, or of one shown only by joints off their path, s; above it the move counts as
+unseen."""
 SLOWEST, FASTEST = 0.2, 2.5
 """Range of the pace, relative to the pattern, of a move that matches the pattern."""
 
@@ -249,17 +250,18 @@ def _walk(runs: Sequence[Run], pattern: Pattern, at: int, odd: Sequence[int], *,
         begins = at < len(runs) and _is(runs[at].before[keep], before[move], limit)
         begins = begins and (leads[move] or _is_uncut(runs[at], pattern, move, 0))
         still = begins and _is(runs[at].before[keep], runs[at].after[keep], limit)
-        if not shown[move]:
+        end = _end(runs, at, keep, after[move], limit) if begins and not still else None
+        # A short move is seen in some cycles, and in one run.
+        if end is not None and (leads[move] or _is_uncut(runs[end], pattern, move, 1)) and (shown[move] or end == at):
+            steps.append(_Step(move, (at, end), on_path))
+            at = end + 1
+        elif shown[move]:
+            return None
+        else:
             still = still and _is_uncut(runs[at], pattern, move, 1)
             alone = _alone(runs[at], pattern, move, shares) if still else ()
             steps.append(_Step(move, (at, at) if alone else None, alone))
             at += still and _stirs(runs[at], pattern, move, odd)
-            continue
-        end = _end(runs, at, keep, after[move], limit)
-        if not begins or still or end is None or not (leads[move] or _is_uncut(runs[end], pattern, move, 1)):
-            return None
-        steps.append(_Step(move, (at, end), on_path))
-        at = end + 1
     steps = _without(steps, {joint for joint, of in shares.items() if of and max(of) - min(of) > ALIKE})
     fewest = max(2, FEWEST_SEEN * len(steps)) if whole else FEWEST_BEGUN
     return steps if sum(s.runs is not None for s in steps) >= fewest else None
@@ -327,7 +329,8 @@ def _timed(
             continue
         first, last = step.runs
         found = timing(pattern, step.move, recording, (runs[first].first, runs[last].last), step.joints)
-        if found.error > EVEN_ALONE and set(step.joints) <= set(odd):
+        short = pattern.ways[step.move, list(step.joints)].max() <= WAY
+        if found.error > EVEN_ALONE and (short or set(step.joints) <= set(odd)):
             unseen.append(step.move)
             continue
         if last > first or found.error > EVEN:

@@ -52,6 +52,15 @@ def test_the_pair_of_commands(folder, tmp_path):
     assert "2 cycles: 1 fault, 1 healthy" in result.output
 
 
+def test_a_recording_without_a_cycle_is_named_so(folder, tmp_path):
+    measured = run([Cycle("A")], seed=5)
+    rest = slice(0, 80)
+    measured.time, measured.position, measured.power = measured.time[rest], measured.position[rest], measured.power[rest]
+    still = write_table(tmp_path / "still.parquet", measured)
+    known = ("--reference", folder / "reference.yaml", "--robot", folder / "robot.yaml")
+    assert called(faults, still, *known).stdout == "no cycle was judged: no task is complete in RECORDING\n"
+
+
 def test_the_page_has_the_pictures_and_the_numbers_of_the_findings(folder, tmp_path):
     cycles = json.loads(judge(folder, "--json", "--report", tmp_path / "page.html").stdout)["cycles"]
     page = read(tmp_path / "page.html")
