@@ -7,7 +7,7 @@ from cellwatt_plugins.faults import api
 from cellwatt_plugins.faults.command import faults, reference
 from tests.daemon.report.reading import check, read
 from tests.docs.pages import blocks
-from tests.plugins.faults.cycles.arm_of_points import Cycle, Fault, describe, run, write_table
+from tests.plugins.faults.cycles.arm_of_points import Cycle, Fault, Run, describe, run, write_table
 from tests.plugins.faults.cycles.conftest import HEALTHY
 from tests.plugins.faults.watching import beside_another_arm, called
 
@@ -54,9 +54,8 @@ def test_the_pair_of_commands(folder, tmp_path):
 
 def test_a_recording_without_a_cycle_is_named_so(folder, tmp_path):
     measured = run([Cycle("A")], seed=5)
-    rest = slice(0, 80)
-    measured.time, measured.position, measured.power = measured.time[rest], measured.position[rest], measured.power[rest]
-    still = write_table(tmp_path / "still.parquet", measured)
+    at_rest = Run(measured.time[:80], measured.position[:80], measured.power[:80], [])
+    still = write_table(tmp_path / "still.parquet", at_rest)
     known = ("--reference", folder / "reference.yaml", "--robot", folder / "robot.yaml")
     assert called(faults, still, *known).stdout == "no cycle was judged: no task is complete in RECORDING\n"
 

@@ -1,3 +1,5 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -5,7 +7,7 @@ from cellwatt_plugins.faults.cycles.learn import learn_patterns
 from cellwatt_plugins.faults.cycles.match import begun_cycle, find_cycles
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import find_runs
-from tests.plugins.faults.cycles.arm_of_points import HOME_A, TASKS, Cycle, Fault, run
+from tests.plugins.faults.cycles.arm_of_points import HOME_A, RATE, TASKS, Cycle, Fault, move, run
 from tests.plugins.faults.cycles.conftest import recorded
 
 
@@ -47,3 +49,29 @@ def test_a_task_with_a_short_move_is_learned_and_found(monkeypatch, degrees, pla
     assert [(len(pattern.moves), pattern.cycles) for pattern in patterns] == [(4 if degrees < 0.8 else 5, 4)]
     found = find_cycles(recording, find_runs(recording), patterns)
     assert [(match.odd, match.broken) for match in found] == [((), ())] * 5 + [((1,), ()), ((), ())]
+
+
+@pytest.mark.parametrize(
+    "stops, broken",
+    [
+        ([], [()]),
+        ([(0.4, 0.0)], [(1,)]),
+        ([(0.3, 0.0), (0.7, 0.0)], [(1,)]),
+        ([(0.25, 0.0), (0.5, 0.0), (0.75, 0.0)], [(1,)]),
+        ([(0.7, 0.0), (0.3, 0.0)], []),
+        ([(0.3, 0.0), (0.7, 0.1)], []),
+        ([(0.3, 0.1), (0.7, 0.0)], []),
+    ],
+)
+def test_a_move_with_several_stops_on_its_path_is_a_move(known, stops, broken):
+    """``stops`` in the second move of task A: share of the way, and distance of joint 1 from the path, rad."""
+    poses = list(np.cumsum([HOME_A, *([by.get(j, 0.0) for j in range(4)] for by in TASKS["A"][1])], axis=0))
+    way = poses[2] - poses[1]
+    poses[2:2] = [poses[1] + share * way + [aside, 0.0, 0.0, 0.0] for share, aside in stops]
+    parts = [np.repeat(HOME_A[None], 80, axis=0)]
+    for start, end in pairwise(poses):
+        parts += [move(start, end, 0.55 + 0.4 * np.abs(end - start).max()), np.repeat(end[None], 40, axis=0)]
+    position = np.concatenate(parts)
+    recording = Recording(np.arange(len(position)) / RATE, position, np.zeros(len(position)))
+    found = find_cycles(recording, find_runs(recording), known.patterns)
+    assert [match.broken for match in found] == broken
