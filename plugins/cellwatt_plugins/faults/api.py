@@ -51,6 +51,10 @@ class Learned:
                 for task in self.reference.tasks
             ],
             "cycles_left_out": len(self.tasks) - cycles,
+            "whole_cycles": [
+                {"task": p.task, "moves": len(p.moves), "speed": p.speed, "cycles": p.cycles}
+                for p in self.reference.cycles
+            ],
         }
 
     def save(self, path: Place) -> None:

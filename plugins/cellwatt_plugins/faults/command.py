@@ -134,4 +134,8 @@ def _in_words(report: dict[str, Any]) -> str:
         lines.append(f"{task['name']}: {task['variants'][0]['intervals']} moves, {variants}")
     if report["cycles_left_out"]:
         lines.append(f"{report['cycles_left_out']} cycles not used: too few at their speed")
+    lines += [
+        f"whole cycles of {p['task']}: {p['moves']} moves, {p['cycles']} cycles at speed {p['speed']:.2f}"
+        for p in report["whole_cycles"]
+    ]
     return "\n".join([*lines, f"written to {report['file']}"])

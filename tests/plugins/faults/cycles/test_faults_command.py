@@ -22,6 +22,7 @@ def folder(tmp_path_factory):
     words = ("--robot", where / "robot.yaml", "--out", where / "reference.yaml")
     learned = called(reference, where / "reference.parquet", *words)
     assert learned.exit_code == 0, learned.output
+    (where / "learned.txt").write_text(learned.stdout)
     return where
 
 
@@ -39,6 +40,16 @@ def test_the_program_of_the_page_draws_the_reference(folder, tmp_path, monkeypat
     names: dict[str, object] = {}
     exec(compile(block.text, block.page, "exec"), names)
     assert len(names["figure"].data) > 1 and (tmp_path / "reference.html").is_file()
+
+
+def test_the_whole_cycles_learned_are_reported(folder):
+    lines = (folder / "learned.txt").read_text().splitlines()
+    assert [line for line in lines if line.startswith("whole cycles")] == [
+        "whole cycles of task_1: 5 moves, 4 cycles at speed 1.00",
+        "whole cycles of task_1: 5 moves, 2 cycles at speed 0.60",
+        "whole cycles of task_2: 4 moves, 4 cycles at speed 1.00",
+        "whole cycles of task_2: 4 moves, 2 cycles at speed 0.60",
+    ]
 
 
 def test_the_pair_of_commands(folder, tmp_path):
