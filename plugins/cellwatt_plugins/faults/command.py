@@ -37,7 +37,7 @@ METER = "Table of power (t, power) from a meter with its own clock, one per reco
 @click.option(
     "--robot",
     shell_complete=lambda ctx, parameter, incomplete: or_files(packaged(), incomplete),
-    help="Name of the robot, or its YAML description (or its folder).",
+    help="Name of the robot, or its description, its folder, or a packaged robot.",
 )
 @click.option("--meter", multiple=True, type=INPUT, help=METER)
 @click.option("--arm", help="Source with the joints, if several have joints.")

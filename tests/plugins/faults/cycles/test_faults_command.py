@@ -111,6 +111,14 @@ def test_another_robot_is_refused(folder, tmp_path, its, other, told):
     assert told in str(result.exception)
 
 
+def test_a_packaged_robot_is_known_by_its_name(folder, monkeypatch):
+    monkeypatch.setattr("cellwatt_plugins.robot.description.PACKAGED", folder.parent)
+    found = api.faults(folder / "test.parquet", reference=folder / "reference.yaml", robot=folder.name)
+    assert [cycle.status for cycle in found.cycles] == ["healthy", "fault"]
+    learned = api.reference(folder / "reference.parquet", robot=folder.name)
+    assert (learned.reference.robot, len(learned.reference.cycles)) == ("points", 4)
+
+
 def test_of_two_arms_the_one_of_the_reference_is_judged_by_a_channel_in_watts(folder, monkeypatch):
     (frames,) = api.frames_of_files([folder / "test.parquet"])
     monkeypatch.setattr(api, "frames_of_files", lambda *_: [beside_another_arm(frames)])
