@@ -104,7 +104,8 @@ def reference(
     recurs.
     """
     name, described = _known(robot)
-    blocks = list(frames_of_files(paths_of(recordings), paths_of(meter)))
+    names = () if described is None else described.description.names
+    blocks = list(frames_of_files(paths_of(recordings), paths_of(meter), names))
     if described is not None:
         return _learned_with_cycles(blocks, described, arm, power)
     found, tasks = learn_from(blocks, name, arm, power)
@@ -128,18 +129,18 @@ def faults(
     is the accepted share of healthy intervals with a false alarm. Raises ``RecordingError``, ``ConfigError`` and
     ``ModelError``.
     """
-    file = Path(reference)
-    learnt = load(file)
-    blocks = list(frames_of_files(paths_of(recordings), paths_of(meter)))
-    recording = recording_of(blocks, learnt.source(one_layout(blocks), arm), power or learnt.power)
-    if recording.joints != learnt.joints:
-        raise RecordingError(f"the recording has {recording.joints} joints, reference {file} {learnt.joints}")
     from cellwatt_plugins.faults.cycles.findings import judge_recording
     from cellwatt_plugins.faults.cycles.known import known_of
 
+    file, described = Path(reference), robot_file(robot)
+    learnt = load(file)
+    known = known_of(learnt, file, described, false_alarms)
+    blocks = list(frames_of_files(paths_of(recordings), paths_of(meter), learnt.names))
+    recording = recording_of(blocks, learnt.source(one_layout(blocks), arm), power or learnt.power)
+    if recording.joints != learnt.joints:
+        raise RecordingError(f"the recording has {recording.joints} joints, reference {file} {learnt.joints}")
     evidence: list[Evidence] = []
-    described = robot_file(robot)
-    found = judge_recording(recording, known_of(learnt, file, described, false_alarms), evidence)
+    found = judge_recording(recording, known, evidence)
     inputs = (*paths_of(recordings), *paths_of(meter), file, described)
     return Judged(tuple(found), recording, tuple(evidence), inputs)
 

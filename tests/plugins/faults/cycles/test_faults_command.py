@@ -1,5 +1,7 @@
 import json
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from cellwatt.errors import ConfigError, ModelError
@@ -109,6 +111,23 @@ def test_another_robot_is_refused(folder, tmp_path, its, other, told):
     result = judge(folder, "--robot", tmp_path / "robot.yaml")
     assert isinstance(result.exception, ModelError)
     assert told in str(result.exception)
+
+
+def test_a_table_that_names_the_joints_is_read_by_the_names_of_the_robot(folder, tmp_path):
+    names = ("waist", "shoulder", "elbow", "wrist")
+    for file in ("robot.yaml", "robot.urdf"):
+        text = (folder / file).read_text()
+        for number, name in enumerate(names, start=1):
+            text = text.replace(f"joint_{number}", f"{name}_joint")
+        (tmp_path / file).write_text(text)
+    for file in ("reference.parquet", "test.parquet"):
+        told = pq.read_table(folder / file)
+        columns = {f"{name}_joint_position": told[f"q_{names.index(name) + 1}"] for name in sorted(names)}
+        pq.write_table(pa.table({"t": told["t"], **columns, "power": told["power"]}), tmp_path / file)
+    robot = tmp_path / "robot.yaml"
+    api.reference(tmp_path / "reference.parquet", robot=robot).save(tmp_path / "reference.yaml")
+    found = api.faults(tmp_path / "test.parquet", reference=tmp_path / "reference.yaml", robot=robot)
+    assert [[fault.joint for fault in cycle.faults] for cycle in found.cycles] == [[], [1]]
 
 
 def test_a_packaged_robot_is_known_by_its_name(folder, monkeypatch):
