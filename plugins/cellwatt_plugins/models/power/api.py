@@ -68,6 +68,7 @@ def _about(arm: Arm, name: str, moves: Moves, smoother: Smoother, power: bool, b
     return {
         "name": f"{arm.name}-power{name}",
         "robot": arm.name,
+        "joints": arm.description.names,
         "outputs": (*outputs, *(Output(f"current_{i + 1}", "A") for i in range(moves.joints))),
         "rate_hz": round(1 / moves.step, 3),
         "window": smoother.window + 2 * beside,
