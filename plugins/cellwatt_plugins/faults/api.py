@@ -40,6 +40,7 @@ class Learned:
     def as_json(self) -> dict[str, Any]:
         """The report of ``cellwatt reference --json``, without the name of the file."""
         cycles = sum(v.cycles for t in self.reference.tasks for v in t.variants)
+        meter = self.reference.power_model and self.reference.power_model.meter
         return {
             "robot": self.reference.robot,
             "tasks": [
@@ -57,6 +58,7 @@ class Learned:
                 {"task": p.task, "moves": len(p.moves), "speed": p.speed, "cycles": p.cycles}
                 for p in self.reference.cycles
             ],
+            "meter": meter and meter.description,
         }
 
     def save(self, path: Place) -> None:

@@ -138,4 +138,6 @@ def _in_words(report: dict[str, Any]) -> str:
         f"whole cycles of {p['task']}: {p['moves']} moves, {p['cycles']} cycles at speed {p['speed']:.2f}"
         for p in report["whole_cycles"]
     ]
+    if report["meter"]:
+        lines.append(f"power is from a slow meter ({report['meter']}): compared with means over the same times")
     return "\n".join([*lines, f"written to {report['file']}"])
