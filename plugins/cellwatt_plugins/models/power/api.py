@@ -120,7 +120,7 @@ def train_power(recordings: Places, *, robot: Place, meter: Places = (), seed: i
     """
     arm = Arm.load(robot)
     recorded, metered = paths_of(recordings), paths_of(meter)
-    moves = read_moves(recorded, arm.joints, metered, arm.description.names)
+    moves = read_moves(recorded, arm.description.names, metered)
     try:
         with threadpool_limits(1):
             trained = train(moves, arm, seed)

@@ -40,7 +40,7 @@ def arm(tmp_path_factory):
 
 def made(arm, folder, structure, plain=False):
     described, table = arm
-    moves = read_moves([table], 6)
+    moves = read_moves([table], described.description.names)
     if plain:
         moves = replace(moves, payload=None, temperature=None)
     fitted = fit(moves, described, tuning_of(moves), structure)
