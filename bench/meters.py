@@ -150,7 +150,7 @@ def energy(window: float) -> Score:
     with tempfile.TemporaryDirectory() as folder:
         robot, table, unseen = write_case(Path(folder), "six axes", 11, moves=40, unseen=20)
         arm = Arm.load(robot)
-        known, judged = read_moves([table], arm.joints), read_moves([unseen], arm.joints)
+        known, judged = read_moves([table], arm.description.names), read_moves([unseen], arm.description.names)
     power = known.power.copy()
     for number, (a, b) in enumerate(known.bounds()):
         power[a:b] = metered(known.time[a:b], power[a:b], window, number * 0.37 % 1)

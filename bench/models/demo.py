@@ -92,7 +92,7 @@ def train_demo(recording: Path, robot: Path, out: Path) -> Metadata:
     Takes seconds, as held-out errors are not computed. Raises as ``cellwatt train power`` does.
     """
     arm = Arm.load(robot)
-    moves = read_moves([recording], arm.joints)
+    moves = read_moves([recording], arm.description.names)
     return write(out, model_of(moves, arm), moves, arm)
 
 

@@ -143,7 +143,7 @@ def learning_curve(work: Path, kind: str = "six axes", seeds: Sequence[int] = SE
 def trained_ur3e(data: Path, work: Path) -> tuple[Trained, Moves]:
     """The UR3e's training and its moves."""
     arm = Arm.load(ur3e.write_robot(work))
-    moves = read_moves(ur3e.write_moves(data, work), 6)
+    moves = read_moves(ur3e.write_moves(data, work), arm.description.names)
     with threadpool_limits(1):
         return train(moves, arm), moves
 

@@ -51,7 +51,8 @@ def currents(data: Path, work: Path) -> tuple[Currents, ...]:
     arm = Arm.load(write_robot(data, work))
 
     def moves(names: Sequence[str], payload: float = 0.0) -> Moves:
-        return read_moves([_write(ur10e.read(data, name).moving(), work, payload) for name in names], 6)
+        tables = [_write(ur10e.read(data, name).moving(), work, payload) for name in names]
+        return read_moves(tables, arm.description.names)
 
     bare = moves(TRAINED)
     model = model_of(bare, arm)

@@ -19,7 +19,7 @@ from cellwatt_drivers.modbus_meter.meter_map import load_map as load_meter
 from cellwatt_plugins.energy.known import load_known
 from cellwatt_plugins.explain.model import load_model
 from cellwatt_plugins.faults import reference
-from cellwatt_plugins.faults.api import _described
+from cellwatt_plugins.faults.api import _known
 from cellwatt_plugins.faults.paper import equation
 from cellwatt_plugins.robot.description import load_robot
 
@@ -33,7 +33,7 @@ CASES: dict[str, tuple[str, Callable[[Path], object], str, str]] = {
     "tolerances": ("robot.yaml", load_robot, f"{ROBOT}tolerances: {{link: -1}}\n", "5:20: tolerances.link: found -1, expected a value above 0"),
     "supply": ("robot.yaml", lambda path: load_robot(path, ["winding_resistance"]), f"{ROBOT}  torque_constant: 1\n", "4:3: joints[0].winding_resistance: j1 has no winding_resistance: add it"),
     "outline": ("robot.yaml", load_robot, f"{ROBOT}capsules:\n- {{link: 1, from: [0, 0, 0], to: [0, 0, 1], radius: 0}}\n", "6:53: capsules[0].radius: found 0, expected a value above 0"),
-    "--robot": ("arm.yaml", lambda path: _described(str(path)), "robot: 7\n", "1:8: robot: found 7, expected text; write it in quotes"),
+    "--robot": ("arm.yaml", lambda path: _known(str(path)), "robot: 7\n", "1:8: robot: found 7, expected text; write it in quotes"),
     "energy.json": ("energy.json", lambda path: load_known(path, ARM), '{"robot": "a",\n "fixed": 5}', "1:1: the key 'runs' is missing (and 9 more); if it is of an earlier cellwatt, run `cellwatt disaggregate`"),
     "reference": ("reference.yaml", reference.load, "cellwatt_reference: 1\nrobot: a\narm: a\npower: p\njoints: 0\ntasks: []\n", "5:9: joints: found 0, expected at least 1"),
     "equation": ("equation.yaml", equation.load, "cellwatt_power_equation: 1\npower: p\norder: 2\nduration: 1\nrms: []\nK: 1\np: []\nr: []\n", "3:8: order: order 2 needs as many p and r"),

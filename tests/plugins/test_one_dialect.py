@@ -70,12 +70,12 @@ def faults(path: Path) -> list[Any]:
 
 
 def disaggregate(path: Path) -> list[Any]:
-    motion, reading = read_motion(path, 2), read_reading(path)
+    motion, reading = read_motion(path, ROBOT.names), read_reading(path)
     return [motion.time, motion.position, motion.velocity, motion.torque, reading.power]
 
 
 def train_power(path: Path) -> list[Any]:
-    moves = read_moves([path], 2)
+    moves = read_moves([path], ROBOT.names)
     return [moves.time, moves.q, moves.qd, 10 * moves.current, moves.power]
 
 

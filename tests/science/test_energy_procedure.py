@@ -48,7 +48,7 @@ def disaggregated(arm, folder):
     controller = folder / "controller.parquet"
     alone = steady_power(read_reading(controller)) if controller.exists() else states["connected"]
     rest = AtRest(alone, states["connected"], states["released"])
-    return disaggregate(arm, rest, read_runs(folder / "runs", arm.joints)).findings
+    return disaggregate(arm, rest, read_runs(folder / "runs", arm.description.names)).findings
 
 
 @pytest.mark.slow

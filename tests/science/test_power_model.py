@@ -89,7 +89,7 @@ def test_five_short_moves_of_a_real_ur3e(tmp_path):
     from models import ur3e
 
     arm = Arm.load(ur3e.write_robot(tmp_path))
-    trained = train(read_moves(ur3e.write_moves(DATA, tmp_path), 6), arm)
+    trained = train(read_moves(ur3e.write_moves(DATA, tmp_path), arm.description.names), arm)
     best = trained.scores["best"]
     assert best.power <= 3.0
     assert best.energy_mean <= 2.5

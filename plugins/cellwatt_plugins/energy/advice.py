@@ -58,13 +58,18 @@ class Cycle:
         """True if the arm already waits with its brakes on."""
         return self.rest is not None and float(np.median(self.rest.power)) < known.drive.fixed - known.brakes / 2
 
+    def resting(self, arm: Arm, known: Known) -> float:
+        """Power, W, while the arm waits."""
+        held = known.drive.fixed + resting_power(arm, known, self.holding)
+        return known.drive.fixed - known.brakes if self.braked(known) else held
+
 
 def advise(arm: Arm, known: Known, cycle: Cycle, brake_time: float) -> list[Advice]:
     """Return the advice, largest saving first; applying and releasing the brakes takes ``brake_time`` s."""
     found = [speed_advice(arm, known, cycle)]
     if not cycle.braked(known):
         found.append(brake_advice(arm, known, cycle, brake_time))
-    whole = float(cycle.motion.power.sum()) * cycle.motion.step + cycle.waiting * known.drive.fixed
+    whole = float(cycle.motion.power.sum()) * cycle.motion.step + cycle.waiting * cycle.resting(arm, known)
     worthwhile = [a for a in found if a is not None and a.saving > max(WORTH * whole, SURE * a.uncertainty)]
     return sorted(worthwhile, key=lambda advice: -advice.saving)
 
@@ -94,7 +99,7 @@ def speed_advice(arm: Arm, known: Known, cycle: Cycle) -> Advice | None:
     """
     motion = cycle.motion
     seconds = motion.step * len(motion.power)
-    rest = known.drive.fixed + resting_power(arm, known, cycle.holding)
+    rest = cycle.resting(arm, known)
     limits = np.where(arm.velocity_limits > 0, arm.velocity_limits, np.inf)
     fastest = max(float((np.abs(motion.velocity).max(axis=0) / limits).max()), float(SCALES[0]))
     slowest = 1 + cycle.waiting / seconds if cycle.waiting > 0 else float(SCALES[-1])

@@ -35,7 +35,7 @@ def disaggregate(
     arm = Arm.load(robot, MOTOR)
     alone = None if controller is None else Path(controller)
     rest = _at_rest(arm, alone, Path(connected), Path(released))
-    recorded = read_runs(Path(runs), arm.joints, arm.description.names)
+    recorded = read_runs(Path(runs), arm.description.names)
     with threadpool_limits(1):
         outcome = run_campaign(arm, rest, recorded)
     given = (robot_file(robot), alone, Path(connected), Path(released), Path(runs))

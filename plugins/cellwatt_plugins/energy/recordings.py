@@ -84,10 +84,13 @@ def read_reading(path: Path) -> PowerTrace:
     return PowerTrace(str(path), _check(table, {"power": power}), power)
 
 
-def read_motion(path: Path, joints: int, names: Sequence[str] = ()) -> RobotTrace:
-    """Read time, positions, velocities and torques of a table. Raises ``RecordingError``."""
-    table = read_table(path, names)
-    columns = {quantity: table.needed(quantity, joints) for quantity in ("position", "velocity", "torque")}
+def read_motion(path: Path, joints: Sequence[str]) -> RobotTrace:
+    """Read time, positions, velocities and torques of a table; ``joints`` are the joints' names.
+
+    Raises ``RecordingError``.
+    """
+    table = read_table(path, joints)
+    columns = {quantity: table.needed(quantity, len(joints)) for quantity in ("position", "velocity", "torque")}
     time = _check(table, columns)
     position, velocity, torque = columns.values()
     steps = np.diff(time)
@@ -101,7 +104,7 @@ def read_motion(path: Path, joints: int, names: Sequence[str] = ()) -> RobotTrac
     return RobotTrace(str(path), time, position, velocity, torque)
 
 
-def read_runs(folder: Path, joints: int, names: Sequence[str] = ()) -> list[Recorded]:
+def read_runs(folder: Path, joints: Sequence[str]) -> list[Recorded]:
     """Read all runs of a folder, by payload and speed. Raises ``RecordingError`` if a file of a pair is missing."""
     files = sorted(p for p in folder.iterdir() if p.suffix in _ENDINGS) if folder.is_dir() else []
     pairs = [_pair(p) for p in files if p.name.removesuffix(p.suffix).endswith(".robot")]
@@ -110,7 +113,7 @@ def read_runs(folder: Path, joints: int, names: Sequence[str] = ()) -> list[Reco
     for (name, *_, one, _), (other, *_, two, _) in pairwise(pairs):
         if name == other:
             raise RecordingError(f"{two}: the same run as {one.name}: keep one of them")
-    runs = spread(_read, pairs, "reading runs", shared=(joints, names))
+    runs = spread(_read, pairs, "reading runs", shared=tuple(joints))
     return sorted(runs, key=lambda run: (run.payload, run.speed))
 
 
@@ -129,9 +132,9 @@ def _pair(path: Path) -> _Pair:
     return name, float(match["speed"]), float(match["payload"]), path, other
 
 
-def _read(pair: _Pair, known: tuple[int, Sequence[str]]) -> Recorded:
+def _read(pair: _Pair, joints: Sequence[str]) -> Recorded:
     name, speed, payload, robot, analyzer = pair
-    return Recorded(name, speed, payload, read_motion(robot, *known), read_reading(analyzer))
+    return Recorded(name, speed, payload, read_motion(robot, joints), read_reading(analyzer))
 
 
 def _check(table: Table, columns: Mapping[str, Float]) -> Float:

@@ -318,8 +318,10 @@ class EnergyStage(Stage[EnergySettings]):
 
         rests = sorted(map(self._rest_after, earlier), key=lambda rest: rest[1] - rest[0])
         waiting = (rests[0][1] - rests[0][0]) * 1e-9
-        # Frames of the shortest rest may be discarded already: another one shows as well what the arm draws at rest.
-        held = (rest for rest in (self._stretch(*each) for each in rests) if not isinstance(rest, str))
+        # Frames of the shortest rest, and of the first part of a long one, may be discarded already: other frames show
+        # as well what the arm draws at rest.
+        stored = (self._stretch(max(start, self._newest - LONGEST), end) for start, end in rests)
+        held = (rest for rest in stored if not isinstance(rest, str))
         cycle = Cycle(stretch, waiting, next(held, None))
         # The power of the electronics is the present one, as in the split.
         drive = replace(self._known.drive, fixed=self._known.drive.fixed + self._level.drift)

@@ -20,10 +20,12 @@ from cellwatt_plugins.faults.learn import learn
 from cellwatt_plugins.faults.recordings import frames_of_files
 from cellwatt_plugins.faults.reference import Reference, load, save
 from cellwatt_plugins.faults.trace import Trace, one_layout, segmented
-from cellwatt_plugins.robot.description import robot_file
+from cellwatt_plugins.robot.description import packaged, robot_file
+from cellwatt_plugins.robot.simulated import is_simulator
 
 if TYPE_CHECKING:
     from cellwatt_plugins.faults.cycles.findings import CycleFinding, Evidence
+    from cellwatt_plugins.robot import Arm
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,7 @@ class Learned:
     def as_json(self) -> dict[str, Any]:
         """The report of ``cellwatt reference --json``, without the name of the file."""
         cycles = sum(v.cycles for t in self.reference.tasks for v in t.variants)
+        meter = self.reference.power_model and self.reference.power_model.meter
         return {
             "robot": self.reference.robot,
             "tasks": [
@@ -51,6 +54,11 @@ class Learned:
                 for task in self.reference.tasks
             ],
             "cycles_left_out": len(self.tasks) - cycles,
+            "whole_cycles": [
+                {"task": p.task, "moves": len(p.moves), "speed": p.speed, "cycles": p.cycles}
+                for p in self.reference.cycles
+            ],
+            "meter": meter and meter.description,
         }
 
     def save(self, path: Place) -> None:
@@ -91,18 +99,18 @@ def reference(
     """Learn a reference from recordings of a healthy robot: tasks, intervals and their power (W).
 
     ``recordings`` are cellwatt's own or tables with t (s), q_i (rad) and power (W); each task must occur three times
-    or more at each speed. ``robot`` is the robot's name, or robot.yaml (or its folder): if it has ``urdf`` and
+    or more at each speed. ``robot`` is the robot's name, or as for ``Arm.load``: if the description has ``urdf`` and
     ``joints``, whole cycles and the parameters of the arm are learnt too. ``meter`` are tables of power on a clock of
     their own, one per table of ``recordings``. ``arm`` is the source with the joints, needed if several sources have
     joints; ``power`` is the power channel. Raises ``RecordingError``, ``ConfigError``, and ``ModelError`` if no task
     recurs.
     """
-    described = _described(robot)
-    blocks = list(frames_of_files(paths_of(recordings), paths_of(meter)))
-    if robot is not None and described is not None and described.urdf and described.joints:
-        return _learned_with_cycles(blocks, Path(robot), arm, power)
-    name = robot if described is None else described.robot
-    found, tasks = learn_from(blocks, None if name is None else str(name), arm, power)
+    name, described = _known(robot)
+    names = () if described is None else described.description.names
+    blocks = list(frames_of_files(paths_of(recordings), paths_of(meter), names))
+    if described is not None:
+        return _learned_with_cycles(blocks, described, arm, power)
+    found, tasks = learn_from(blocks, name, arm, power)
     return Learned(found, tuple(tasks))
 
 
@@ -118,32 +126,31 @@ def faults(
 ) -> Judged:
     """Compare every cycle of ``recordings`` with healthy ones: report harmless changes and faulty joints or encoders.
 
-    ``reference`` is a file written by ``Learned.save`` or ``cellwatt reference``, ``robot`` robot.yaml or its folder.
+    ``reference`` is a file written by ``Learned.save`` or ``cellwatt reference``, ``robot`` as for ``Arm.load``.
     ``meter`` is as for ``reference``; ``arm`` and ``power`` are those of the reference unless given. ``false_alarms``
     is the accepted share of healthy intervals with a false alarm. Raises ``RecordingError``, ``ConfigError`` and
     ``ModelError``.
     """
-    file = Path(reference)
-    learnt = load(file)
-    blocks = list(frames_of_files(paths_of(recordings), paths_of(meter)))
-    recording = recording_of(blocks, learnt.source(one_layout(blocks), arm), power or learnt.power)
-    if recording.joints != learnt.joints:
-        raise RecordingError(f"the recording has {recording.joints} joints, reference {file} {learnt.joints}")
     from cellwatt_plugins.faults.cycles.findings import judge_recording
     from cellwatt_plugins.faults.cycles.known import known_of
 
+    file, described = Path(reference), robot_file(robot)
+    learnt = load(file)
+    known = known_of(learnt, file, described, false_alarms)
+    blocks = list(frames_of_files(paths_of(recordings), paths_of(meter), learnt.names))
+    recording = recording_of(blocks, learnt.source(one_layout(blocks), arm), power or learnt.power)
+    if recording.joints != learnt.joints:
+        raise RecordingError(f"the recording has {recording.joints} joints, reference {file} {learnt.joints}")
     evidence: list[Evidence] = []
-    found = judge_recording(recording, known_of(learnt, file, Path(robot), false_alarms), evidence)
-    inputs = (*paths_of(recordings), *paths_of(meter), file, Path(robot))
+    found = judge_recording(recording, known, evidence)
+    inputs = (*paths_of(recordings), *paths_of(meter), file, described)
     return Judged(tuple(found), recording, tuple(evidence), inputs)
 
 
-def _learned_with_cycles(blocks: Sequence[Frames], robot: Path, arm: str | None, power: str) -> Learned:
+def _learned_with_cycles(blocks: Sequence[Frames], described: Arm, arm: str | None, power: str) -> Learned:
     """Learn whole cycles and the arm's parameters from their power, and intervals if they recur often enough."""
     from cellwatt_plugins.faults.cycles.known import learn_known, stored
-    from cellwatt_plugins.robot import Arm
 
-    described = Arm.load(robot)
     model, cycles = stored(learn_known(recording_of(blocks, arm, power), described), described)
     tasks: list[Task] = []
     note = None
@@ -181,8 +188,21 @@ class _Described(BaseModel):
     joints: tuple[Any, ...] = ()
 
 
-def _described(robot: Place | None) -> _Described | None:
-    """Read the YAML description, or the one in a folder; None if ``robot`` is only a name. Raises ``ConfigError``."""
-    if robot is None or not (Path(robot).is_dir() or Path(robot).suffix in (".yaml", ".yml")):
-        return None
-    return read_settings(robot_file(Path(robot)), _Described)
+def _known(robot: Place | None) -> tuple[str | None, Arm | None]:
+    """Name of a robot, and its arm if it is described so far that whole cycles can be learnt.
+
+    A word that names neither a file or folder nor a packaged robot is only a name. Raises ``ConfigError``.
+    """
+    if robot is None:
+        return None, None
+    path = Path(robot)
+    if robot == path.stem and robot not in packaged() and not path.exists():
+        return robot, None
+    if not is_simulator(path):
+        described = read_settings(robot_file(robot), _Described)
+        if not (described.urdf and described.joints):
+            return described.robot, None
+    from cellwatt_plugins.robot import Arm
+
+    arm = Arm.load(robot)
+    return arm.name, arm

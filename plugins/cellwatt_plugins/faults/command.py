@@ -37,7 +37,7 @@ METER = "Table of power (t, power) from a meter with its own clock, one per reco
 @click.option(
     "--robot",
     shell_complete=lambda ctx, parameter, incomplete: or_files(packaged(), incomplete),
-    help="Name of the robot, or its YAML description (or its folder).",
+    help="Name of the robot, or its description, its folder, or a packaged robot.",
 )
 @click.option("--meter", multiple=True, type=INPUT, help=METER)
 @click.option("--arm", help="Source with the joints, if several have joints.")
@@ -122,7 +122,8 @@ def _findings_in_words(found: Sequence[CycleFinding], out: Path | None) -> str:
         lines.append(f"{cycle.start:9.2f} … {cycle.end:.2f} s  {cycle.task}{speed}  {cycle.status}{note}")
         lines += [f"{'':12}{fault.statement}" for fault in cycle.faults]
     count = Counter(cycle.status for cycle in found)
-    lines.append(f"{len(found)} cycles: " + ", ".join(f"{n} {status}" for status, n in sorted(count.items())))
+    counts = ", ".join(f"{n} {status}" for status, n in sorted(count.items()))
+    lines.append(f"{len(found)} cycles: {counts}" if found else "no cycle was judged: no task is complete in RECORDING")
     return "\n".join([*lines, f"written to {out}"] if out else lines)
 
 
@@ -133,4 +134,10 @@ def _in_words(report: dict[str, Any]) -> str:
         lines.append(f"{task['name']}: {task['variants'][0]['intervals']} moves, {variants}")
     if report["cycles_left_out"]:
         lines.append(f"{report['cycles_left_out']} cycles not used: too few at their speed")
+    lines += [
+        f"whole cycles of {p['task']}: {p['moves']} moves, {p['cycles']} cycles at speed {p['speed']:.2f}"
+        for p in report["whole_cycles"]
+    ]
+    if report["meter"]:
+        lines.append(f"power is from a slow meter ({report['meter']}): compared with means over the same times")
     return "\n".join([*lines, f"written to {report['file']}"])

@@ -13,6 +13,7 @@ from cellwatt.arrays import Float
 from cellwatt.channel import Quality
 from cellwatt.errors import RecordingError
 from cellwatt.frames import FrameChannel, Frames, Layout
+from cellwatt.logs.opening import is_log
 from cellwatt.record.reader import Recording
 from cellwatt.scheduler import spread
 from cellwatt.tables import read_table
@@ -32,12 +33,13 @@ SAME_RATE = 0.02
 """Largest relative difference of the rates of tables that are read at the rate of the first: time stamps jitter."""
 
 
-def frames_of_files(paths: Sequence[Path], meters: Sequence[Path] = ()) -> Iterator[Frames]:
+def frames_of_files(paths: Sequence[Path], meters: Sequence[Path] = (), joints: Sequence[str] = ()) -> Iterator[Frames]:
     """Frames of several files in the order given; ``meters[i]`` holds the power that belongs to table ``paths[i]``.
 
-    Raises ``RecordingError``.
+    ``joints`` are the robot's joint names in order, for tables and logs that name their joints. Raises
+    ``RecordingError``.
     """
-    recordings = [path for path in paths if path.is_dir() or ".mcap" in path.suffixes]
+    recordings = [path for path in paths if (path.is_dir() or ".mcap" in path.suffixes) and not is_log(path)]
     if len(recordings) == len(paths):
         if meters:
             raise RecordingError(f"{meters[0]}: a meter's table goes with a table: a recording holds its own power")
@@ -46,17 +48,17 @@ def frames_of_files(paths: Sequence[Path], meters: Sequence[Path] = ()) -> Itera
     if recordings:
         raise RecordingError("recordings and tables cannot be mixed: give only .mcap files, or only .parquet and .csv")
     start, rate = 0, None
-    columns = spread(_columns, with_meters(paths, meters), "reading tables")
+    columns = spread(_columns, with_meters(paths, meters), "reading tables", shared=tuple(joints))
     for path, each in zip(paths, columns, strict=True):
         frames = _from(frames_of_table(*each, str(path), rate), start)
         start, rate = int(frames.time[-1]) + APART, rate or frames.layout.rate
         yield frames
 
 
-def _columns(files: tuple[Path, Path | None]) -> tuple[Float, Float, Float]:
+def _columns(files: tuple[Path, Path | None], joints: Sequence[str]) -> tuple[Float, Float, Float]:
     """Time, positions and power of a table; the power is that of its meter's table if one is given."""
     path, meter = files
-    table = read_table(path)
+    table = read_table(path, joints)
     time = table.rising_time()
     if (step := float(np.median(np.diff(time)))) > 1.5 * SLOWEST:
         raise RecordingError(

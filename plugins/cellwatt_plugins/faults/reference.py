@@ -175,6 +175,11 @@ class Reference(_Strict):
     power_model: StoredModel | None = None
     cycles: tuple[CyclePattern, ...] = ()
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The joints' names in the robot's description; () if the reference was learnt without one."""
+        return () if self.power_model is None else tuple(joint.name for joint in self.power_model.joints)
+
     def source(self, layout: Layout, asked: str | None) -> str | None:
         """Source of the joints: ``asked``, else that of the reference; None if these frames have no such source."""
         return asked or (self.arm if any(channel.source == self.arm for channel in layout.channels) else None)

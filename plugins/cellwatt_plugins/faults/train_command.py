@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from cellwatt.commands.options import INPUT, with_progress, with_scheduler
+from cellwatt.commands.options import INPUT, with_columns, with_progress, with_scheduler
 from cellwatt.errors import ConfigError, ModelError
 from cellwatt.files import write_file
 from cellwatt.scheduler import spread
@@ -21,7 +21,11 @@ from cellwatt_plugins.faults.paper.training import Sources, train_codes
 from cellwatt_plugins.faults.recordings import frames_of_files
 from cellwatt_plugins.faults.reference import load
 from cellwatt_plugins.faults.trace import one_layout
+from cellwatt_plugins.robot.meter.file import with_meters
 from cellwatt_plugins.robot_option import ROBOT
+
+_Files = tuple[Path, Path | None]
+"""A recording and the table of its meter, None if the recording holds its own power."""
 
 
 @click.command("train")
@@ -30,10 +34,14 @@ from cellwatt_plugins.robot_option import ROBOT
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder to write to.")
 @click.option("--fault", "faulty", multiple=True, metavar="JOINT=RECORDING", help="A fault of a joint, recorded.")
 @click.option("--robot", type=ROBOT, help="The robot's description, to simulate faults that were not recorded.")
+@click.option(
+    "--meter", multiple=True, type=INPUT, help="As for `cellwatt reference`: of each RECORDING, then --fault."
+)
 @click.option("--arm", help="Source with the joints; default: that of the reference.")
 @click.option("--power", help="Channel of the power; default: that of the reference.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Start of the random numbers.")
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
+@with_columns
 @with_progress
 @with_scheduler
 def train(
@@ -42,6 +50,7 @@ def train(
     out: Path,
     faulty: tuple[str, ...],
     robot: Path | None,
+    meter: tuple[Path, ...],
     arm: str | None,
     power: str | None,
     seed: int,
@@ -60,11 +69,18 @@ def train(
     if not courses:
         raise ModelError("the reference has whole cycles only, and no intervals, which a fault table needs")
 
-    def codes_in(paths: Sequence[Path]) -> dict[Key, list[Codes]]:
-        blocks = list(frames_of_files(paths))
+    def codes_in(files: Sequence[_Files]) -> dict[Key, list[Codes]]:
+        paths, meters = zip(*files, strict=True)
+        blocks = list(frames_of_files(paths, [each for each in meters if each is not None], reference.names))
         return recorded(blocks, courses, tolerance, reference.source(one_layout(blocks), arm), power or reference.power)
 
-    faulty_codes = {joint: codes_in(paths) for joint, paths in _by_joint(faulty, reference.joints).items()}
+    known = _by_joint(faulty, reference.joints)
+    files = with_meters([*recordings, *(path for _, path in known)], meter)
+    healthy = files[: len(recordings)]
+    of_joint: defaultdict[int, list[_Files]] = defaultdict(list)
+    for (joint, _), each in zip(known, files[len(recordings) :], strict=True):
+        of_joint[joint].append(each)
+    faulty_codes = {joint: codes_in(each) for joint, each in of_joint.items()}
     for joint, found in faulty_codes.items():
         if not found:
             raise ModelError(f"--fault {joint}: no whole cycle of a task of the reference in these recordings")
@@ -73,7 +89,7 @@ def train(
         from cellwatt_plugins.faults.cycles.known import known_of
 
         fitted = known_of(reference, file, robot).arm
-    sources = Sources(faulty_codes, fitted, codes_in(recordings) if recordings else {}, tolerance, seed)
+    sources = Sources(faulty_codes, fitted, codes_in(healthy) if healthy else {}, tolerance, seed)
     names = Counter(f"{course.task}-{course.speed:.2f}" for course in courses)
     report = []
     for about, content in spread(train_codes, courses, "networks of codes", shared=sources):
@@ -86,16 +102,16 @@ def train(
     click.echo(json.dumps({"networks": report}) if as_json else "\n".join(map(_in_words, report)))
 
 
-def _by_joint(faulty: Sequence[str], joints: int) -> Mapping[int, list[Path]]:
-    """Recordings by the faulty joint (1-based). Raises ``ConfigError``."""
-    out: defaultdict[int, list[Path]] = defaultdict(list)
+def _by_joint(faulty: Sequence[str], joints: int) -> list[tuple[int, Path]]:
+    """Each faulty joint (1-based) with a recording. Raises ``ConfigError``."""
+    out = []
     for given in faulty:
         joint, _, name = given.partition("=")
         if not joint.isdecimal() or not 1 <= int(joint) <= joints or not name:
             raise ConfigError(f"--fault {given}: expected JOINT=RECORDING with a joint from 1 to {joints}")
         if not Path(name).exists():
             raise ConfigError(f"--fault {given}: there is no {name}")
-        out[int(joint)].append(Path(name))
+        out.append((int(joint), Path(name)))
     return out
 
 

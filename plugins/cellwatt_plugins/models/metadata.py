@@ -107,14 +107,15 @@ class Training:
 class Metadata:
     """Identity of a model and its inputs; raises ``pydantic.ValidationError`` if they contradict each other.
 
-    ``robot`` and ``rate_hz`` (of the frames) are ``None`` for a model that fits any. ``window`` is the number of
-    frames,
-    the newest last, that the model sees at once; its outputs are those of the frame ``delay`` frames before the newest.
+    ``robot`` and ``rate_hz`` (of the frames) are ``None`` for a model that fits any. ``joints`` are the robot's joint
+    names in order, for tables that name their joints. ``window`` is the number of frames, the newest last, that the
+    model sees at once; its outputs are those of the frame ``delay`` frames before the newest.
     """
 
     version: Literal[1] = VERSION
     name: Name
     robot: Name | None
+    joints: tuple[Name, ...] = ()
     inputs: Annotated[tuple[Input, ...], Field(min_length=1)]
     outputs: Annotated[tuple[Output, ...], Field(min_length=1)]
     rate_hz: Annotated[FiniteFloat, Field(gt=0)] | None

@@ -112,7 +112,7 @@ def _check_apart(files: Sequence[Path], tables: Sequence[Path]) -> None:
 def _predicted(table: Path, model: Path) -> Report:
     network = open_network(model)
     with stage("reading"):
-        rows = read_table(table)
+        rows = read_table(table, network.metadata.joints)
     values = inputs_of(network.metadata, rows)
     starts = starts_of(rows) if network.metadata.window > 1 else np.arange(len(rows)) == 0
     if network.metadata.rate_hz is not None:

@@ -14,7 +14,7 @@ MEASURED = (*GROUPS, "total")
 def run_on(folder):
     arm = Arm.load(folder / "robot.yaml")
     rest = AtRest(*(steady_power(read_reading(folder / f"{state}.parquet")) for state in STATES))
-    return disaggregate(arm, rest, read_runs(folder / "runs", arm.joints))
+    return disaggregate(arm, rest, read_runs(folder / "runs", arm.description.names))
 
 
 def with_truth(key, findings):

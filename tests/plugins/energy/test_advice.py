@@ -79,6 +79,23 @@ def test_an_arm_that_waits_with_its_brakes_on_is_not_told_to(measured, arm_and_k
     assert "brakes" not in {a.kind for a in advise(*arm_and_known, Cycle(fast, 60.0, braked), brake_time=2.0)}
 
 
+def test_slower_saves_less_where_the_arm_waits_with_its_brakes_on(measured, arm_and_known):
+    """The saving of a waiting arm whose brakes are on is that of its motion less the power at rest with brakes on."""
+    arm, known = arm_and_known
+    whole = produced(measured, 1400.0)
+    fast, rest = moving(whole), part_of(whole, 0, round(1.5 * RATE))
+    fixed = measured[2]["fixed"]
+    watts = fixed["controller"] + fixed["robot_electronics"]
+    braked = replace(rest, torque=0 * rest.torque, power=np.full_like(rest.power, watts))
+    seconds = len(fast.power) / RATE
+    for cycle, power in ((Cycle(fast, 3.0, braked), watts), (Cycle(fast, 3.0, rest), float(rest.power.mean()))):
+        advice = speed_advice(arm, known, cycle)
+        longer = advice.setting["motion_s"]
+        now = motion_energy(arm, known, fast, 1.0) + 3.0 * power
+        then = motion_energy(arm, known, fast, longer / seconds) + (3.0 + seconds - longer) * power
+        assert advice.saving == pytest.approx(now - then, abs=1.0)
+
+
 def test_an_open_path_stores_what_it_lifts(measured, arm_and_known):
     arm, _ = arm_and_known
     whole = moving(produced(measured, 400.0))

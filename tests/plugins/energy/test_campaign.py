@@ -75,7 +75,7 @@ def test_an_arm_without_brakes_that_cannot_be_unplugged(variant):
 
 def test_a_repetition_in_which_the_analyzer_fell_silent_is_left_out(measured):
     arm = Arm.load(measured[1])
-    run = read_runs(measured[1] / "runs", arm.joints)[0]
+    run = read_runs(measured[1] / "runs", arm.description.names)[0]
     whole = observed(run, (arm, begin(arm, 50.0)))
     (*_, last) = whole.repetitions
     early = run.reading.time - whole.offset.seconds < (last.start + last.end) / 2

@@ -209,6 +209,21 @@ def test_the_arm_at_rest_is_seen_in_a_rest_whose_frames_are_stored(outcome, fed,
     assert waited(fed(more=less, brake_time=0.5), changed) == advised
 
 
+@pytest.mark.parametrize("braked", [True, False])
+def test_the_arm_at_rest_is_seen_at_the_end_of_rests_longer_than_the_frames_stored(
+    outcome, folder, produced, results, monkeypatch, braked
+):
+    """When advice is due, the frames of a task and of the last second of the rest before it are stored."""
+    second, third = of(results, Task)[1:3]
+    assert second.end + 1.5e9 < third.start
+    monkeypatch.setattr("cellwatt_plugins.energy.stage.LONGEST", third.end - third.start + 1_100_000_000)
+    waits = braked & (np.abs(produced[0]["velocity"]).max(axis=1) < 0.02)
+    less = np.where(waits, outcome.findings.fixed.electronics - produced[1], 0.0)
+    told = run_stages(frames_of(produced[0], produced[1] + less), folder, brake_time=0.5)
+    assert len(of(told, Energy)) >= 5
+    assert ("energy_advice_brakes" in {alarm.kind for alarm in advised(told)}) is not braked
+
+
 def test_electronics_are_followed_at_the_end_of_a_rest_longer_than_the_frames_stored(folder, produced, results):
     """A fan takes 4 W more from the lunch break on."""
     seen, power, _ = produced

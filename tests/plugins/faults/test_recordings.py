@@ -2,7 +2,9 @@ import numpy as np
 import pytest
 
 from cellwatt.errors import RecordingError
+from cellwatt_plugins.faults import recordings
 from cellwatt_plugins.faults.recordings import APART, frames_of_files, frames_of_table
+from tests.daemon.logs.making import JOINTS, POSITION, TIME, bag, store, usual
 from tests.plugins.faults.watching import write_recording
 
 
@@ -45,6 +47,17 @@ def test_tables_with_time_stamps_that_jitter_have_one_rate(tmp_path):
 def test_a_meter_beside_a_recording_is_refused(tmp_path):
     with pytest.raises(RecordingError, match=r"meter.csv: a meter's table goes with a table"):
         list(frames_of_files([tmp_path / "today.mcap"], [tmp_path / "meter.csv"]))
+
+
+def test_a_bag_is_a_table_and_may_have_a_meter(tmp_path, monkeypatch):
+    types = store()
+    path = bag(tmp_path / "bag", usual(types, JOINTS[::-1]), types)
+    with pytest.raises(RecordingError, match="no column power"):
+        list(frames_of_files([path], joints=JOINTS))
+    monkeypatch.setattr(recordings, "power_beside", lambda _, time, __: 90 + time)
+    (frames,) = frames_of_files([path], [tmp_path / "meter.csv"], JOINTS)
+    position = np.column_stack([np.interp(frames.time * 1e-9, TIME, column) for column in POSITION.T])
+    assert frames.values[1:-1, :-1] == pytest.approx(position[1:-1], abs=1e-3)
 
 
 @pytest.mark.parametrize("seconds", [50_000.0, 1e9])

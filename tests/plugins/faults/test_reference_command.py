@@ -3,8 +3,11 @@ import json
 import numpy as np
 import pytest
 
+from cellwatt.errors import ConfigError, ModelError
+from cellwatt_plugins.faults import api
 from cellwatt_plugins.faults.command import reference
 from cellwatt_plugins.faults.reference import load
+from cellwatt_plugins.robot.description import PACKAGED
 from tests.plugins.faults.plant import Cycle, run
 from tests.plugins.faults.watching import called, write_recording
 
@@ -34,3 +37,16 @@ def test_it_reports_as_json_and_the_robot_may_be_a_description(healthy, tmp_path
     assert (report["robot"], report["cycles_left_out"]) == ("irb1200", 1)
     assert [v["cycles"] for v in report["tasks"][0]["variants"]] == [5, 3]
     assert load(tmp_path / "ref.yaml").robot == "irb1200"
+
+
+def test_a_packaged_robot_is_no_mere_name(healthy):
+    for robot in ("mh12", PACKAGED / "mh12"):
+        with pytest.raises(ModelError, match=r"the recording has 3 joints, robot mh12 has 6"):
+            api.reference(healthy, robot=robot)
+
+
+@pytest.mark.parametrize("missing", ["robots/my-arm", "my-arm.xml", "my-arm.urdf", "my-arm.yaml", "./my-arm"])
+def test_a_file_or_folder_that_is_not_there_is_no_mere_name(healthy, tmp_path, monkeypatch, missing):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ConfigError, match="my-arm"):
+        api.reference(healthy, robot=missing)

@@ -5,10 +5,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from cellwatt.emulation import ArmSignals
 from cellwatt.errors import ModelError
+from cellwatt.tables import write_table
 from cellwatt_plugins.faults import train_command
 from cellwatt_plugins.faults.command import faults, reference
 from cellwatt_plugins.faults.paper.columns import column_of
@@ -32,6 +34,7 @@ def folder(tmp_path_factory):
     where = tmp_path_factory.mktemp("train")
     healthy = table(where / "healthy.parquet", seed=1, cycles=4)
     assert called(reference, healthy, "--out", where / "reference.yaml").exit_code == 0
+    table(where / "calm.parquet", seed=3)
     for joint in range(1, 7):
         table(where / f"rubs_{joint}.parquet", Fault("friction", joint, 25.0), seed=20 + joint)
     return where
@@ -46,8 +49,7 @@ def recorded(folder):
 
 
 def test_a_table_is_learnt_from_recorded_faults_and_its_network_knows_others_like_them(folder):
-    calm = table(folder / "calm.parquet", seed=3)
-    done = train(folder, *recorded(folder), calm, "--json")
+    done = train(folder, *recorded(folder), folder / "calm.parquet", "--json")
     assert done.exit_code == 0, done.exception
     (network,) = json.loads(done.stdout)["networks"]
     assert all(column == {"origin": "recorded", "cycles": 3} for column in network["columns"])
@@ -61,12 +63,30 @@ def test_a_table_is_learnt_from_recorded_faults_and_its_network_knows_others_lik
     assert (learnt.table[:, 4] == np.array([1, 0, 0, 0, 0, 0, 0, 0])).all()
 
 
+def test_tables_with_columns_of_other_names_and_the_power_of_a_meter(folder, tmp_path):
+    """Each --meter goes with a RECORDING or, after these, with a --fault."""
+    words, meters = [], []
+    for name in ["calm", *(f"rubs_{j}" for j in range(1, 7))]:
+        told = pq.read_table(folder / f"{name}.parquet")
+        write_table(tmp_path / f"{name}.csv", {"t": told["t"], **{f"Achse{j}": told[f"q_{j}"] for j in range(1, 7)}})
+        write_table(tmp_path / f"{name}-meter.csv", {"t": told["t"], "power": told["power"]})
+        words += [tmp_path / f"{name}.csv"] if name == "calm" else ["--fault", f"{name[-1]}={tmp_path / name}.csv"]
+        meters += ["--meter", tmp_path / f"{name}-meter.csv"]
+    done = train(folder, *words, *meters, "--columns", "q=Achse{}", "--json")
+    assert done.exit_code == 0, done.exception
+    (network,) = json.loads(done.stdout)["networks"]
+    assert all(column == {"origin": "recorded", "cycles": 3} for column in network["columns"])
+    assert network["healthy_cycles"] == 3
+    done = train(folder, *words, *meters[:-2], "--columns", "q=Achse{}")
+    assert "7 recordings but 6 meters" in str(done.exception)
+
+
 @pytest.mark.parametrize("arms", [1, 2])
 def test_a_joint_without_a_fault_is_told_in_one_line(folder, monkeypatch, arms):
     """Of two arms, that of the reference counts."""
     if arms == 2:
         read = train_command.frames_of_files
-        monkeypatch.setattr(train_command, "frames_of_files", lambda paths: map(beside_another_arm, read(paths)))
+        monkeypatch.setattr(train_command, "frames_of_files", lambda *given: map(beside_another_arm, read(*given)))
     done = train(folder, *recorded(folder)[:-2])
     assert isinstance(done.exception, ModelError)
     assert "no cycle with a fault of joint 6: give --fault 6=RECORDING" in str(done.exception)

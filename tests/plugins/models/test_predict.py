@@ -59,6 +59,18 @@ def test_columns_become_channels_and_what_numbers_the_rows_is_kept(tmp_path, suf
     assert (report.rows, report.begun, report.missing) == (60, 0, 0)
 
 
+def test_a_table_that_names_the_joints_is_read_in_the_order_of_the_model(tmp_path):
+    model, rng = Mlp.random(1, inputs=2, outputs=2), np.random.default_rng(2)
+    inputs = (Input("joint_1.position", "rad"), Input("joint_2.position", "rad"))
+    model.save(tmp_path / "model.onnx", metadata(inputs=inputs, joints=("shoulder_joint", "elbow_joint")))
+    table = {"t": 0.02 * np.arange(60)}
+    table |= {f"{name}_joint_position": rng.normal(size=60) for name in ("elbow", "shoulder")}
+    pq.write_table(pa.table(table), tmp_path / "named.parquet")
+    _, given = said(tmp_path, tmp_path / "named.parquet")
+    wanted = model.truth(np.column_stack([table["shoulder_joint_position"], table["elbow_joint_position"]]))
+    np.testing.assert_allclose(np.column_stack([given["power"], given["heat"]]), wanted, atol=1e-5)
+
+
 def test_windows_begin_with_each_motion_and_hold_its_first_row(tmp_path):
     model, table = Mlp.random(1, inputs=3, outputs=2, window=4), columns()
     report, given = said(tmp_path, save(tmp_path, model, table))

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.faults.cycles.runs import Run
+from cellwatt_plugins.faults.cycles.runs import SAME_POSE, Run
 
-SAME_POSE = math.radians(0.8)
-"""Largest difference between equal rest poses, per joint, rad."""
 LONGEST = 80
 """Most moves in a task."""
 FEWEST = 3
@@ -94,10 +92,17 @@ def _best(tokens: Sequence[Token], free: NDArray[np.bool_], runs: Sequence[Run])
 
 
 def _compound(loop: Loop, starts: Mapping[tuple[Token, ...], Sequence[int]]) -> bool:
-    """True if a loop contains a shorter one that also occurs alone: it is then several tasks in sequence."""
-    n = len(loop.moves)
-    inner = Counter(loop.moves[a:b] for a in range(n) for b in range(a + 2, n + 1) if b - a < n)
-    return any(len(starts.get(part, ())) - times * len(loop.starts) >= FEWEST for part, times in inner.items())
+    """True if a loop is several tasks in sequence: a shorter one within it also occurs alone, or those between its
+    passages of the start pose also occur in another order."""
+    moves, n = loop.moves, len(loop.moves)
+    inner = Counter(moves[a:b] for a in range(n) for b in range(a + 2, n + 1) if b - a < n)
+    if any(len(starts.get(part, ())) - times * len(loop.starts) >= FEWEST for part, times in inner.items()):
+        return True
+    home = [k for k in range(n) if moves[k][0] == moves[0][0]]
+    parts = [moves[a:b] for a, b in pairwise([*home, n])]
+    orders = {*product(parts, repeat=2)} - {*pairwise([*parts, parts[0]])}
+    learnt = all(len(part) > 1 and len(starts.get(part, ())) >= FEWEST for part in parts)
+    return learnt and any(starts.get(one + next_, ()) for one, next_ in orders)
 
 
 def _primitive(moves: tuple[Token, ...]) -> bool:

@@ -120,7 +120,10 @@ LEAST_SHARE, MOST_SHARE = 0.5, 1.6
 EVEN = 0.03
 """Largest timing error of an uninterrupted move, s."""
 EVEN_ALONE = 0.01
-"""Largest timing error of a move shown only by joints off their path, s; above it the move counts as unseen."""
+"""Largest timing error of a short move, or of one shown only by joints off their path, s; above it the move counts as
+unseen."""
+POINTS = 500
+"""Number of points of a move's path that are compared with the poses of stops."""
 SLOWEST, FASTEST = 0.2, 2.5
 """Range of the pace, relative to the pattern, of a move that matches the pattern."""
 
@@ -236,7 +239,7 @@ def _walk(runs: Sequence[Run], pattern: Pattern, at: int, odd: Sequence[int], *,
     keep = np.array([j for j in range(len(pattern.repeat)) if j not in odd])
     on_path = tuple(keep.tolist())
     limit = pattern.limits[keep]
-    before, after = pattern.poses[0][:, keep], pattern.poses[1][:, keep]
+    before = pattern.poses[0][:, keep]
     shown: list[bool] = np.any(pattern.ways[:, keep] > WAY, axis=1).tolist()
     # Joints on their path that go at least as far as the odd ones show whether a run is the whole move.
     most, most_odd = (pattern.ways[:, part].max(axis=1, initial=0.0) for part in (keep, list(odd)))
@@ -249,17 +252,18 @@ def _walk(runs: Sequence[Run], pattern: Pattern, at: int, odd: Sequence[int], *,
         begins = at < len(runs) and _is(runs[at].before[keep], before[move], limit)
         begins = begins and (leads[move] or _is_uncut(runs[at], pattern, move, 0))
         still = begins and _is(runs[at].before[keep], runs[at].after[keep], limit)
-        if not shown[move]:
+        end = _end(runs, at, keep, pattern, move) if begins and not still else None
+        # A short move is seen in some cycles, and in one run.
+        if end is not None and (leads[move] or _is_uncut(runs[end], pattern, move, 1)) and (shown[move] or end == at):
+            steps.append(_Step(move, (at, end), on_path))
+            at = end + 1
+        elif shown[move]:
+            return None
+        else:
             still = still and _is_uncut(runs[at], pattern, move, 1)
             alone = _alone(runs[at], pattern, move, shares) if still else ()
             steps.append(_Step(move, (at, at) if alone else None, alone))
             at += still and _stirs(runs[at], pattern, move, odd)
-            continue
-        end = _end(runs, at, keep, after[move], limit)
-        if not begins or still or end is None or not (leads[move] or _is_uncut(runs[end], pattern, move, 1)):
-            return None
-        steps.append(_Step(move, (at, end), on_path))
-        at = end + 1
     steps = _without(steps, {joint for joint, of in shares.items() if of and max(of) - min(of) > ALIKE})
     fewest = max(2, FEWEST_SEEN * len(steps)) if whole else FEWEST_BEGUN
     return steps if sum(s.runs is not None for s in steps) >= fewest else None
@@ -291,15 +295,28 @@ def _alone(run: Run, pattern: Pattern, move: int, shares: Mapping[int, list[floa
     return tuple(out)
 
 
-def _end(runs: Sequence[Run], at: int, keep: NDArray[np.intp], after: Float, limit: Float) -> int | None:
-    """The run that ends a move begun with run ``at``: the same one, or the next if the move was interrupted."""
-    if at < len(runs) and _is(runs[at].after[keep], after, limit):
-        return at
-    if at + 1 >= len(runs):
-        return None
-    on = runs[at + 1]
-    goes_on = _is(runs[at].after[keep], on.before[keep], limit) and not _is(on.before[keep], on.after[keep], limit)
-    return at + 1 if goes_on and _is(on.after[keep], after, limit) else None
+def _end(runs: Sequence[Run], at: int, keep: NDArray[np.intp], pattern: Pattern, move: int) -> int | None:
+    """The run that ends a move begun with run ``at``: the same one, or a later one if the move was interrupted.
+
+    A move with several stops must come further along its path with each, so that a detour is no interrupted move.
+    """
+    after, limit = pattern.poses[1][move, keep], pattern.limits[keep]
+    for last in range(at, len(runs)):
+        here, on = runs[last].after[keep], runs[min(last + 1, len(runs) - 1)]
+        if _is(here, after, limit):
+            return last
+        stops = [run.after[keep] for run in runs[at : last + 1]]
+        goes_on = _is(here, on.before[keep], limit) and not _is(on.before[keep], on.after[keep], limit)
+        if not goes_on or (len(stops) > 1 and not _is_on_path(stops, pattern, move, keep)):
+            return None
+    return None
+
+
+def _is_on_path(stops: Sequence[Float], pattern: Pattern, move: int, keep: NDArray[np.intp]) -> bool:
+    """True if a move of the pattern passes ``stops``, poses (k,) rad of the joints ``keep``, in their order."""
+    path = pattern.position_at(np.linspace(*pattern.moves[move], POINTS))[:, keep]
+    far = np.abs(path[:, None] - np.array(stops)).max(axis=2)
+    return bool((far.min(axis=0) < WAY).all() and (np.diff(far.argmin(axis=0)) > 0).all())
 
 
 def _is_uncut(run: Run, pattern: Pattern, move: int, end: int) -> bool:
@@ -327,7 +344,8 @@ def _timed(
             continue
         first, last = step.runs
         found = timing(pattern, step.move, recording, (runs[first].first, runs[last].last), step.joints)
-        if found.error > EVEN_ALONE and set(step.joints) <= set(odd):
+        short = pattern.ways[step.move, list(step.joints)].max() <= WAY
+        if found.error > EVEN_ALONE and (short or set(step.joints) <= set(odd)):
             unseen.append(step.move)
             continue
         if last > first or found.error > EVEN:

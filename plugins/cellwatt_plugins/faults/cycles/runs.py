@@ -23,8 +23,8 @@ NOISE = 8.0
 SHORTEST_REST = 0.06
 SHORTEST_RUN = 0.12
 """Shortest rest and shortest run, s."""
-LEAST_WAY = math.radians(1.0)
-"""A run in which no joint moves by more than this, rad, is ignored."""
+SAME_POSE = math.radians(0.8)
+"""Largest difference between equal rest poses, per joint, rad; a run in which no joint moves further is ignored."""
 SETTLED = 0.1
 """Time over which the poses before and after a run are averaged (median), s."""
 JUMP = math.radians(0.5)
@@ -70,7 +70,7 @@ def find_runs(recording: Recording) -> list[Run]:
         before = np.median(recording.position[low : max(low, first) + 1], axis=0)
         after = np.median(recording.position[min(last, high) : high + 1], axis=0)
         way = np.ptp(smooth[first : last + 1], axis=0).max()
-        if (last - first) * step >= SHORTEST_RUN and way > LEAST_WAY:
+        if (last - first) * step >= SHORTEST_RUN and way > SAME_POSE:
             whole = bool(measured[first - 1] and measured[last + 1])
             out.append(Run(first, last, before, after, (jumped[min(first + half + 1, last)], jumped[last]), whole))
     begins, ends = [run.jumped[0] for run in out], [run.jumped[1] for run in out]

@@ -68,6 +68,7 @@ def _about(arm: Arm, name: str, moves: Moves, smoother: Smoother, power: bool, b
     return {
         "name": f"{arm.name}-power{name}",
         "robot": arm.name,
+        "joints": arm.description.names,
         "outputs": (*outputs, *(Output(f"current_{i + 1}", "A") for i in range(moves.joints))),
         "rate_hz": round(1 / moves.step, 3),
         "window": smoother.window + 2 * beside,
@@ -119,7 +120,7 @@ def train_power(recordings: Places, *, robot: Place, meter: Places = (), seed: i
     """
     arm = Arm.load(robot)
     recorded, metered = paths_of(recordings), paths_of(meter)
-    moves = read_moves(recorded, arm.joints, metered, arm.description.names)
+    moves = read_moves(recorded, arm.description.names, metered)
     try:
         with threadpool_limits(1):
             trained = train(moves, arm, seed)

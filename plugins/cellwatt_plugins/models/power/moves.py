@@ -92,13 +92,13 @@ class Moves:
         return self.where(np.isin(self.move, list(moves)))
 
 
-def read_moves(paths: Sequence[Path], joints: int, meters: Sequence[Path] = (), names: Sequence[str] = ()) -> Moves:
-    """Moves of one or several tables: Parquet, CSV, or recordings of cellwatt; ``names`` are those of the joints.
+def read_moves(paths: Sequence[Path], joints: Sequence[str], meters: Sequence[Path] = ()) -> Moves:
+    """Moves of one or several tables: Parquet, CSV, or recordings of cellwatt; ``joints`` are the joints' names.
 
     A move ends where ``move`` changes, time jumps, or a position or velocity is missing. ``meters`` are the files with
     the power of the tables, in the same order. Raises ``RecordingError`` if a column is missing, or no move remains.
     """
-    found = spread(_parts, with_meters(paths, meters), "reading recordings", shared=(joints, names))
+    found = spread(_parts, with_meters(paths, meters), "reading recordings", shared=tuple(joints))
     parts = [part for of_file in found for part in of_file]
     if not parts:
         raise RecordingError(f"{paths[0]}: no {SHORTEST} consecutive rows with position and velocity of all joints")
@@ -114,11 +114,10 @@ def read_moves(paths: Sequence[Path], joints: int, meters: Sequence[Path] = (), 
     return Moves(**whole)
 
 
-def _parts(file: tuple[Path, Path | None], known: tuple[int, Sequence[str]]) -> list[Moves]:
+def _parts(file: tuple[Path, Path | None], names: Sequence[str]) -> list[Moves]:
     """The moves of a file and its meter's file, each numbered 0."""
     path, meter = file
-    joints, names = known
-    table = read_table(path, names)
+    table, joints = read_table(path, names), len(names)
     time = table.time
     metered = None if meter is None else power_beside(meter, table.rising_time(), table.needed("position", joints))
     found = _quantities(table, joints, metered)

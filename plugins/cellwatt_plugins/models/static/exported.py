@@ -91,9 +91,9 @@ def write_paper(path: Path, network: Sigmoids | None, arm: HeldArm, poses: Poses
 
 def _about(arm: HeldArm, name: str, poses: Poses, ranges: Sequence[tuple[float, float]]) -> dict[str, Any]:
     """Metadata of all files: the robot, and the poses that the model is of."""
-    robot = arm.arm.name
+    robot, joints = arm.arm.name, arm.arm.description.names
     training = Training(data=poses.digest, range=tuple(ranges), created=datetime.now(UTC), rows=len(poses))
-    return {"name": f"{robot}-static{name}", "robot": robot, "rate_hz": None, "training": training}
+    return {"name": f"{robot}-static{name}", "robot": robot, "joints": joints, "rate_hz": None, "training": training}
 
 
 _DOUBLE: Final = 11  # onnx.TensorProto.DOUBLE

@@ -47,7 +47,7 @@ def test_all_repetitions_of_all_speeds(cut, programme, plant, arm, tmp_path):
     for speed in SPEEDS:
         found = runs[f"{speed:g}_0kg"]
         assert (found.repetitions, found.refused, found.written) == (3, (), True)
-        motion = read_motion(tmp_path / "runs" / f"{found.run}.robot.parquet", arm.joints)
+        motion = read_motion(tmp_path / "runs" / f"{found.run}.robot.parquet", arm.description.names)
         assert motion.step == pytest.approx(0.01)
         kept, notes = find_repetitions(motion)
         assert notes == []

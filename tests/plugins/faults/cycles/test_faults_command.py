@@ -1,5 +1,7 @@
 import json
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from cellwatt.errors import ConfigError, ModelError
@@ -7,7 +9,7 @@ from cellwatt_plugins.faults import api
 from cellwatt_plugins.faults.command import faults, reference
 from tests.daemon.report.reading import check, read
 from tests.docs.pages import blocks
-from tests.plugins.faults.cycles.arm_of_points import Cycle, Fault, describe, run, write_table
+from tests.plugins.faults.cycles.arm_of_points import Cycle, Fault, Run, describe, run, write_table
 from tests.plugins.faults.cycles.conftest import HEALTHY
 from tests.plugins.faults.watching import beside_another_arm, called
 
@@ -22,6 +24,7 @@ def folder(tmp_path_factory):
     words = ("--robot", where / "robot.yaml", "--out", where / "reference.yaml")
     learned = called(reference, where / "reference.parquet", *words)
     assert learned.exit_code == 0, learned.output
+    (where / "learned.txt").write_text(learned.stdout)
     return where
 
 
@@ -41,6 +44,16 @@ def test_the_program_of_the_page_draws_the_reference(folder, tmp_path, monkeypat
     assert len(names["figure"].data) > 1 and (tmp_path / "reference.html").is_file()
 
 
+def test_the_whole_cycles_learned_are_reported(folder):
+    lines = (folder / "learned.txt").read_text().splitlines()
+    assert [line for line in lines if line.startswith("whole cycles")] == [
+        "whole cycles of task_1: 5 moves, 4 cycles at speed 1.00",
+        "whole cycles of task_1: 5 moves, 2 cycles at speed 0.60",
+        "whole cycles of task_2: 4 moves, 4 cycles at speed 1.00",
+        "whole cycles of task_2: 4 moves, 2 cycles at speed 0.60",
+    ]
+
+
 def test_the_pair_of_commands(folder, tmp_path):
     result = judge(folder, "--out", tmp_path / "findings.json")
     assert result.exit_code == 0, result.output
@@ -50,6 +63,14 @@ def test_the_pair_of_commands(folder, tmp_path):
     keys = "joint kind intervals size_watt confidence alternatives statement or_kind"
     assert " ".join(second["faults"][0]) == keys
     assert "2 cycles: 1 fault, 1 healthy" in result.output
+
+
+def test_a_recording_without_a_cycle_is_named_so(folder, tmp_path):
+    measured = run([Cycle("A")], seed=5)
+    at_rest = Run(measured.time[:80], measured.position[:80], measured.power[:80], [])
+    still = write_table(tmp_path / "still.parquet", at_rest)
+    known = ("--reference", folder / "reference.yaml", "--robot", folder / "robot.yaml")
+    assert called(faults, still, *known).stdout == "no cycle was judged: no task is complete in RECORDING\n"
 
 
 def test_the_page_has_the_pictures_and_the_numbers_of_the_findings(folder, tmp_path):
@@ -90,6 +111,31 @@ def test_another_robot_is_refused(folder, tmp_path, its, other, told):
     result = judge(folder, "--robot", tmp_path / "robot.yaml")
     assert isinstance(result.exception, ModelError)
     assert told in str(result.exception)
+
+
+def test_a_table_that_names_the_joints_is_read_by_the_names_of_the_robot(folder, tmp_path):
+    names = ("waist", "shoulder", "elbow", "wrist")
+    for file in ("robot.yaml", "robot.urdf"):
+        text = (folder / file).read_text()
+        for number, name in enumerate(names, start=1):
+            text = text.replace(f"joint_{number}", f"{name}_joint")
+        (tmp_path / file).write_text(text)
+    for file in ("reference.parquet", "test.parquet"):
+        told = pq.read_table(folder / file)
+        columns = {f"{name}_joint_position": told[f"q_{names.index(name) + 1}"] for name in sorted(names)}
+        pq.write_table(pa.table({"t": told["t"], **columns, "power": told["power"]}), tmp_path / file)
+    robot = tmp_path / "robot.yaml"
+    api.reference(tmp_path / "reference.parquet", robot=robot).save(tmp_path / "reference.yaml")
+    found = api.faults(tmp_path / "test.parquet", reference=tmp_path / "reference.yaml", robot=robot)
+    assert [[fault.joint for fault in cycle.faults] for cycle in found.cycles] == [[], [1]]
+
+
+def test_a_packaged_robot_is_known_by_its_name(folder, monkeypatch):
+    monkeypatch.setattr("cellwatt_plugins.robot.description.PACKAGED", folder.parent)
+    found = api.faults(folder / "test.parquet", reference=folder / "reference.yaml", robot=folder.name)
+    assert [cycle.status for cycle in found.cycles] == ["healthy", "fault"]
+    learned = api.reference(folder / "reference.parquet", robot=folder.name)
+    assert (learned.reference.robot, len(learned.reference.cycles)) == ("points", 4)
 
 
 def test_of_two_arms_the_one_of_the_reference_is_judged_by_a_channel_in_watts(folder, monkeypatch):

@@ -7,9 +7,10 @@ from cellwatt.errors import ModelError
 from cellwatt_plugins.faults.cycles.findings import judge_recording
 from cellwatt_plugins.faults.cycles.known import learn_known
 from cellwatt_plugins.faults.cycles.recording import Recording, recording_of
+from cellwatt_plugins.faults.cycles.runs import find_runs
 from cellwatt_plugins.faults.recordings import frames_of_table
 from tests.plugins.faults.cycles.arm_of_points import RATE, Cycle, Fault, run
-from tests.plugins.faults.cycles.conftest import judged, names
+from tests.plugins.faults.cycles.conftest import judged, names, recorded
 
 
 def of_cycles(known, *cycles):
@@ -116,6 +117,20 @@ def test_a_move_that_stops_on_its_way_is_no_fault(known, seconds):
     assert found[1].note == f"paused for {seconds:.1f} s"
     (start, end), later = measured.spans[1], measured.spans[2][0] + seconds
     assert start < found[1].start < start + 0.2 and end < found[1].end + 0.4 < found[2].start < later + 0.2
+
+
+@pytest.mark.parametrize("shares", [(0.3, 0.65), (0.25, 0.45, 0.7)])
+def test_a_move_with_several_stops_is_a_pause(known, shares):
+    """The stops of 1.5 s are in the second move; joint 4 turns harder in the third."""
+    measured = run([Cycle("A"), Cycle("A", faults=(Fault("friction", 3, 2.0),)), Cycle("B")], seed=26)
+    second = [r for r in find_runs(recorded(measured)) if measured.time[r.first] > measured.spans[1][0]][1]
+    stops = [round(second.first + share * (second.last - second.first)) for share in shares]
+    number = np.arange(len(measured.time))
+    rows = np.repeat(number, np.where(np.isin(number, stops), round(1.5 * RATE), 1))
+    power = np.where(np.isin(rows, stops), measured.power[0], measured.power[rows])
+    found = judge_recording(Recording(np.arange(len(rows)) / RATE, measured.position[rows], power), known)
+    assert names(found) == [[], [(4, "joint")], []]
+    assert found[1].note == f"paused for {1.5 * len(shares):.1f} s"
 
 
 def test_a_task_that_was_never_learned_is_new(known):

@@ -2,6 +2,7 @@ import tracemalloc
 from itertools import pairwise
 
 import numpy as np
+import pytest
 
 from cellwatt_plugins.faults.cycles.loops import closed_spans, find_loops
 from cellwatt_plugins.faults.cycles.runs import Run
@@ -21,6 +22,29 @@ def test_tasks_are_found_among_moves_between_them():
     found = find_loops(runs_of(*order))
     assert {loop.moves for loop in found} == {((0, 1), (1, 2), (2, 3), (3, 0)), ((4, 5), (5, 6), (6, 4))}
     assert [len(loop.starts) for loop in found] == [4, 4]
+
+
+def in_order(order):
+    """Number of moves and of cycles of each loop found in tasks from pose 0 that run in an ``order``."""
+    poses = {"A": [0, 1, 2], "F": [0, 5, 6, 7], "K": [0, 9]}
+    found = find_loops(runs_of(*(pose for task in order for pose in poses[task]), 0))
+    return sorted((len(loop.moves), len(loop.starts)) for loop in found)
+
+
+@pytest.mark.parametrize(
+    "order, learnt",
+    [
+        ("AFFAAFAFFA", [(3, 5), (4, 5)]),
+        ("FAAAFFAFAFF", [(3, 5), (4, 6)]),
+        ("AFAFAFA", [(7, 3)]),
+        ("FAFAFAFA", [(7, 4)]),
+        ("AKFAKFAKFAK", [(9, 3)]),
+        ("AAFAAFAAFAA", [(10, 3)]),
+    ],
+)
+def test_tasks_from_one_pose_are_told_apart_by_their_order(order, learnt):
+    """A task that passes its start pose is one task, even if the recording ends in it."""
+    assert in_order(order) == learnt
 
 
 def test_loops_of_an_unknown_task_are_cut_into_turns():

@@ -1,10 +1,13 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
-from cellwatt_plugins.faults.cycles.match import begun_cycle
+from cellwatt_plugins.faults.cycles.learn import learn_patterns
+from cellwatt_plugins.faults.cycles.match import begun_cycle, find_cycles
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import find_runs
-from tests.plugins.faults.cycles.arm_of_points import Cycle, Fault, run
+from tests.plugins.faults.cycles.arm_of_points import HOME_A, RATE, TASKS, Cycle, Fault, move, run
 from tests.plugins.faults.cycles.conftest import recorded
 
 
@@ -26,3 +29,49 @@ def test_a_cycle_under_way_is_known_by_the_joints_that_keep_to_their_path(known)
     assert 0.0 < odds[0] < odds[1] < odds[2]
     # By chance a joint ends within 0.4 degrees on either side of a place in a range of one radian.
     assert odds[0] == pytest.approx(np.log(1.0 / 0.014), abs=0.5)
+
+
+@pytest.mark.parametrize("degrees", [0.7, 0.9, 1.1, 1.5, 1.9, 2.1])
+@pytest.mark.parametrize("place", [0, 2, 4])
+def test_a_task_with_a_short_move_is_learned_and_found(monkeypatch, degrees, place):
+    """The short move, first, in the middle or last, is of one joint; joint 2 is stuck in the last cycle."""
+    short = {3: np.radians(degrees)}
+    moves = [{0: 0.9}, {1: 0.6, 2: -0.7}, {0: -0.9, 3: -short[3]}, {1: -0.6, 2: 0.7}]
+    if place == 4:
+        moves[2], short = {0: -0.9, 3: short[3]}, {3: -short[3]}
+    moves.insert(place, short)
+    monkeypatch.setitem(TASKS, "short", (HOME_A, moves))
+    stuck = Cycle("short", faults=(Fault("encoder_stuck", 1),))
+    measured = run([Cycle("short")] * 4 + [Cycle("short", 0.98), stuck, Cycle("short")], seed=3)
+    learned = recorded(run([Cycle("short")] * 4, seed=4))
+    recording = recorded(measured)
+    patterns = learn_patterns(learned)
+    assert [(len(pattern.moves), pattern.cycles) for pattern in patterns] == [(4 if degrees < 0.8 else 5, 4)]
+    found = find_cycles(recording, find_runs(recording), patterns)
+    assert [(match.odd, match.broken) for match in found] == [((), ())] * 5 + [((1,), ()), ((), ())]
+
+
+@pytest.mark.parametrize(
+    "stops, broken",
+    [
+        ([], [()]),
+        ([(0.4, 0.0)], [(1,)]),
+        ([(0.3, 0.0), (0.7, 0.0)], [(1,)]),
+        ([(0.25, 0.0), (0.5, 0.0), (0.75, 0.0)], [(1,)]),
+        ([(0.7, 0.0), (0.3, 0.0)], []),
+        ([(0.3, 0.0), (0.7, 0.1)], []),
+        ([(0.3, 0.1), (0.7, 0.0)], []),
+    ],
+)
+def test_a_move_with_several_stops_on_its_path_is_a_move(known, stops, broken):
+    """``stops`` in the second move of task A: share of the way, and distance of joint 1 from the path, rad."""
+    poses = list(np.cumsum([HOME_A, *([by.get(j, 0.0) for j in range(4)] for by in TASKS["A"][1])], axis=0))
+    way = poses[2] - poses[1]
+    poses[2:2] = [poses[1] + share * way + [aside, 0.0, 0.0, 0.0] for share, aside in stops]
+    parts = [np.repeat(HOME_A[None], 80, axis=0)]
+    for start, end in pairwise(poses):
+        parts += [move(start, end, 0.55 + 0.4 * np.abs(end - start).max()), np.repeat(end[None], 40, axis=0)]
+    position = np.concatenate(parts)
+    recording = Recording(np.arange(len(position)) / RATE, position, np.zeros(len(position)))
+    found = find_cycles(recording, find_runs(recording), known.patterns)
+    assert [match.broken for match in found] == broken

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import pytest
 
+from cellwatt_plugins.faults.command import reference
 from cellwatt_plugins.faults.cycles.findings import TOO_SLOW, judge_recording
 from cellwatt_plugins.faults.cycles.known import learn_known, restored, stored
 from cellwatt_plugins.faults.cycles.live import CycleWatch
 from cellwatt_plugins.faults.cycles.recording import Recording
-from tests.plugins.faults.cycles.arm_of_points import Cycle, Fault, run
+from tests.plugins.faults.cycles.arm_of_points import Cycle, Fault, describe, run
 from tests.plugins.faults.cycles.conftest import HEALTHY, fed, names
+from tests.plugins.faults.watching import called, write_recording
 from tests.plugins.robot.slow_meter import shown
 
 WINDOW, LATE = 0.1, 0.15
@@ -46,6 +49,17 @@ def test_the_meter_is_found(known):
     assert known.meter is not None
     assert known.meter.window == pytest.approx(WINDOW, abs=0.01)
     assert known.meter.late == pytest.approx(LATE, abs=0.01)
+
+
+def test_the_meter_is_reported(tmp_path):
+    healthy = through(run(HEALTHY, seed=1), 0.4)
+    table = write_recording(tmp_path / "healthy.parquet", healthy.time, healthy.position, healthy.power)
+    said = called(reference, table, "--robot", describe(tmp_path), "--out", tmp_path / "reference.yaml").stdout
+    of_meter = (
+        r"^power is from a slow meter \(averaged over (\d+) ± \d+ ms and delayed by (\d+) ± \d+ ms\): compared with"
+    )
+    window, late = map(int, re.search(of_meter, said, re.MULTILINE).groups())
+    assert (window, late) == (pytest.approx(1000 * WINDOW, abs=10), pytest.approx(1000 * LATE, abs=10))
 
 
 def test_the_reference_file_keeps_the_meter(known, recording, robot):

@@ -18,7 +18,7 @@ def read_case(folder: Path, kind: str, seed: int, **counts: int) -> tuple[Arm, M
     """The arm of a written case, its moves for the training, and unseen ones."""
     robot, *tables = write_case(folder, kind, seed, **counts)
     arm = Arm.load(robot)
-    known, unseen = (read_moves([table], arm.joints) for table in tables)
+    known, unseen = (read_moves([table], arm.description.names) for table in tables)
     return arm, known, unseen
 
 

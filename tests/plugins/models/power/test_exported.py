@@ -40,7 +40,7 @@ def arm(tmp_path_factory):
 
 def made(arm, folder, structure, plain=False):
     described, table = arm
-    moves = read_moves([table], 6)
+    moves = read_moves([table], described.description.names)
     if plain:
         moves = replace(moves, payload=None, temperature=None)
     fitted = fit(moves, described, tuning_of(moves), structure)
@@ -60,6 +60,7 @@ def test_the_file_says_what_the_model_says(arm, tmp_path, structure, plain):
         assert np.abs(said[f"current_{i + 1}"].to_numpy() - current[:, i]).max() < 1e-6
     assert read_metadata(tmp_path / "model.onnx") == metadata
     assert (metadata.window, metadata.rate_hz, metadata.robot) == (11, 125.0, "arm")
+    assert metadata.joints == described.description.names
     assert [i.channel for i in metadata.inputs[12:]] == (
         [] if plain else ["tool.payload", *(f"joint_{i}.temperature" for i in range(1, 7))]
     )

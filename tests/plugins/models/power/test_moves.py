@@ -11,6 +11,8 @@ import pytest
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.models.power.moves import read_moves
 
+JOINTS = ("joint_1", "joint_2")
+
 
 def columns(rows=40, step=0.01):
     t = np.arange(rows) * step
@@ -28,7 +30,7 @@ def written(tmp_path, table, name="train.parquet"):
 
 def test_a_table_with_several_moves(tmp_path):
     path = written(tmp_path, columns() | {"move": np.repeat([7, 9], 20)})
-    moves = read_moves([path], 2)
+    moves = read_moves([path], JOINTS)
     assert (moves.count, len(moves), moves.joints, moves.bounds()) == (2, 40, 2, [(0, 20), (20, 40)])
     assert moves.step == pytest.approx(0.01)
     assert np.array_equal(moves.power, columns()["power"])
@@ -39,7 +41,7 @@ def test_holes_and_missing_positions_end_a_move_unless_they_are_short(tmp_path, 
     table = columns(100)
     table["t"][30:] += 1.0
     table["q_1"][[*range(45, 49), 60, 93]] = np.nan
-    moves = read_moves([written(tmp_path, {name: np.delete(column, 75) for name, column in table.items()})], 2)
+    moves = read_moves([written(tmp_path, {name: np.delete(column, 75) for name, column in table.items()})], JOINTS)
     assert moves.bounds() == [(0, 30), (30, 45), (45, 96)]
     last = slice(*moves.bounds()[-1])
     assert np.abs(np.diff(moves.time[last]) - 0.01).max() < 1e-9
@@ -49,7 +51,7 @@ def test_holes_and_missing_positions_end_a_move_unless_they_are_short(tmp_path, 
 
 def test_moves_at_several_rates_are_put_on_the_grid_of_most_rows(tmp_path):
     files = [written(tmp_path, columns(*shape), f"{i}.parquet") for i, shape in enumerate([(200, 0.01), (50, 0.02)])]
-    assert read_moves(files, 2).step == pytest.approx(0.01)
+    assert read_moves(files, JOINTS).step == pytest.approx(0.01)
 
 
 def test_an_uneven_clock_is_put_on_a_grid(tmp_path):
@@ -57,7 +59,7 @@ def test_an_uneven_clock_is_put_on_a_grid(tmp_path):
     jitter = np.random.default_rng(0).uniform(-0.002, 0.002, 200)
     t = table["t"] + jitter
     uneven = {"t": t} | {f"q_{i}": np.sin(i * t) for i in (1, 2)} | {f"qd_{i}": i * np.cos(i * t) for i in (1, 2)}
-    moves = read_moves([written(tmp_path, uneven | {"power": t})], 2)
+    moves = read_moves([written(tmp_path, uneven | {"power": t})], JOINTS)
     assert np.ptp(np.diff(moves.time)) < 1e-9
     assert np.abs(moves.q[:, 0] - np.sin(moves.time)).max() < 1e-4
     assert np.isnan(moves.current).all()
@@ -65,7 +67,7 @@ def test_an_uneven_clock_is_put_on_a_grid(tmp_path):
 
 @pytest.mark.parametrize("dead", [np.nan, 0.3])
 def test_a_current_without_numbers_or_of_one_value_is_not_used(tmp_path, caplog, dead):
-    current = read_moves([written(tmp_path, columns() | {"current_2": np.full(40, dead)})], 2).current
+    current = read_moves([written(tmp_path, columns() | {"current_2": np.full(40, dead)})], JOINTS).current
     assert np.isfinite(current).all(axis=0).tolist() == [True, False]
     assert "current_2: no number, or always the same: not used" in caplog.text
 
@@ -73,12 +75,12 @@ def test_a_current_without_numbers_or_of_one_value_is_not_used(tmp_path, caplog,
 def test_a_blank_of_a_slow_channel_repeats_the_value_before(tmp_path):
     slow = np.where(np.arange(40) % 15 == 4, np.arange(40.0), np.nan)
     table = columns() | {"payload": slow, "temperature_1": slow, "temperature_2": slow + 1}
-    moves = read_moves([written(tmp_path, table)], 2)
+    moves = read_moves([written(tmp_path, table)], JOINTS)
     held = np.repeat([4.0, 19.0, 34.0], [19, 15, 6])
     assert np.array_equal(moves.payload, held)
     assert np.array_equal(moves.temperature, np.column_stack([held, held + 1]))
     blank = columns() | dict.fromkeys(("payload", "temperature_1", "temperature_2"), np.full(40, np.nan))
-    moves = read_moves([written(tmp_path, blank)], 2)
+    moves = read_moves([written(tmp_path, blank)], JOINTS)
     assert (moves.payload, moves.temperature) == (None, None)
 
 
@@ -98,14 +100,14 @@ def test_a_blank_of_a_slow_channel_repeats_the_value_before(tmp_path):
 def test_what_is_missing_is_said(tmp_path, change, words):
     table = {name: values for name, values in (columns() | change).items() if values is not None}
     with pytest.raises(RecordingError, match=words):
-        read_moves([written(tmp_path, table)], 2)
+        read_moves([written(tmp_path, table)], JOINTS)
 
 
 @pytest.mark.parametrize("dead", [np.nan, 231.0])
 def test_power_is_the_first_channel_that_varies(tmp_path, caplog, dead):
     bus = np.arange(40.0)
     table = columns() | {"power": np.full(40, dead)}
-    assert np.array_equal(read_moves([written(tmp_path, table | {"bus.power": bus})], 2).power, bus)
+    assert np.array_equal(read_moves([written(tmp_path, table | {"bus.power": bus})], JOINTS).power, bus)
     assert not caplog.text
-    assert np.isnan(read_moves([written(tmp_path, table)], 2).power).all()
+    assert np.isnan(read_moves([written(tmp_path, table)], JOINTS).power).all()
     assert "power: no number, or always the same: not used" in caplog.text

@@ -23,7 +23,7 @@ def trained(tmp_path_factory):
     folder = tmp_path_factory.mktemp("arm")
     arm, table = six_axes_recorded(folder, 8, 6, (0.6, 1.6))
     pq.write_table(table, folder / "moves.parquet")
-    moves = read_moves([folder / "moves.parquet"], 6)
+    moves = read_moves([folder / "moves.parquet"], arm.description.names)
     seen = Seen.of(moves, arm, tuning_of(moves))
     models = {"nls": Nls.fit(moves, seen, arm.description), "scg": Scg.fit(moves, seen, 0)}
     return arm, moves, seen, models, folder / "moves.parquet"

@@ -97,8 +97,8 @@ def test_a_payload_that_was_recorded_is_an_input(tmp_path):
     for file in files:
         table = recorded(replace(arm, payload=float(file.stem)), draw, 3, (0.6, 1.4))
         pq.write_table(table.append_column("payload", pa.array([float(file.stem)] * table.num_rows)), file)
-    unseen = read_moves(files[2:], 6)
-    fitted = model_of(read_moves(files[:2], 6), described)
+    unseen = read_moves(files[2:], described.description.names)
+    fitted = model_of(read_moves(files[:2], described.description.names), described)
     told = Score.of(unseen, *estimate(fitted, unseen, described))
     ignored = Score.of(unseen, *estimate(fitted, replace(unseen, payload=np.zeros(len(unseen))), described))
     assert told.power < 0.5 * ignored.power

@@ -60,7 +60,9 @@ def test_the_graph_is_the_formula(tmp_path, fitted):
 
 def test_power_that_holds_a_pose_where_the_motors_are_known(tmp_path, fitted):
     model, arm, poses = fitted
-    assert len(read_metadata(save(tmp_path, fitted)).outputs) == 9  # nothing is known of the MH12's motors
+    metadata = read_metadata(save(tmp_path, fitted))
+    assert len(metadata.outputs) == 9  # nothing is known of the MH12's motors
+    assert metadata.joints == tuple(f"joint_{i}" for i in range(1, 7))
     constant, resistance = np.linspace(20, 8, 6), np.linspace(0.4, 2.1, 6)
     joints = tuple(
         joint.model_copy(update={"torque_constant": k, "winding_resistance": r})
