@@ -165,12 +165,11 @@ def find_cycles(recording: Recording, runs: Sequence[Run], patterns: Sequence[Pa
     recording = replace(recording, position=without_jumps(recording.position))
     at = 0
     while at < len(runs):
-        match = _match_at(recording, runs, patterns, at)
-        if match is None:
-            at += 1
-        else:
-            found.append(match)
-            at = match.last + 1
+        # With the fewest joints off their path, then the best of these.
+        by_number = (_options(recording, runs, patterns, at, number, whole=True) for number in range(MOST_ODD + 1))
+        options = next(filter(None, by_number), [])
+        found += [_best(options)] if options else []
+        at = found[-1].last + 1 if options else at + 1
     return found
 
 
@@ -185,14 +184,6 @@ def begun_cycle(recording: Recording, runs: Sequence[Run], patterns: Sequence[Pa
             if options := _options(recording, runs, patterns, at, number, whole=False):
                 one_task = len({patterns[match.pattern].task for match in options}) == 1
                 return _best(options) if one_task else None
-    return None
-
-
-def _match_at(recording: Recording, runs: Sequence[Run], patterns: Sequence[Pattern], at: int) -> Match | None:
-    """The cycle that begins with run ``at``: with the fewest joints off their path, then the best of these."""
-    for number in range(MOST_ODD + 1):
-        if options := _options(recording, runs, patterns, at, number, whole=True):
-            return _best(options)
     return None
 
 
