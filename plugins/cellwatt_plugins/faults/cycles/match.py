@@ -268,7 +268,7 @@ def _without(steps: Sequence[_Step], joints: Collection[int]) -> list[_Step]:
 
 def _stirs(run: Run, pattern: Pattern, move: int, odd: Sequence[int]) -> bool:
     """True if a run moves an ``odd`` joint that this move should move; if not, the run belongs to a later move."""
-    due = pattern.ways[move, list(odd)] > WAY
+    due = pattern.ways[move, list(odd)] > POSE
     return bool(np.any((np.abs(run.after - run.before)[list(odd)] > POSE) & due))
 
 
