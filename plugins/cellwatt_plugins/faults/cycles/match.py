@@ -197,7 +197,8 @@ def _options(
     """Whole or running cycles that begin with run ``at`` while ``number`` joints are off their path."""
     out: list[Match] = []
     for index, pattern in enumerate(patterns):
-        far = _far(runs[at], pattern)
+        # Too far from the pattern's start pose, even if the first move is unseen.
+        far = np.flatnonzero(np.abs(runs[at].before - pattern.poses[0][0]) > pattern.limits + WAY).tolist()
         others = [joint for joint in range(recording.joints) if joint not in far]
         for more in combinations(others, number - len(far)) if len(far) <= number else ():
             odd = tuple(sorted((*far, *more)))
@@ -213,13 +214,6 @@ def _options(
 def _reach(steps: Sequence[_Step], last: int, unseen: Sequence[int] = ()) -> bool:
     """True if a move, other than those ``unseen``, ends with run ``last``."""
     return any(step.runs is not None and step.runs[1] == last and step.move not in unseen for step in steps)
-
-
-def _far(run: Run, pattern: Pattern) -> list[int]:
-    """Joints (0-based) too far from the pattern's start pose, even if the first move is unseen."""
-    limit = pattern.limits + WAY
-    far: list[int] = np.flatnonzero(np.abs(run.before - pattern.poses[0][0]) > limit).tolist()
-    return far
 
 
 def _walk(runs: Sequence[Run], pattern: Pattern, at: int, odd: Sequence[int], *, whole: bool) -> list[_Step] | None:
