@@ -280,6 +280,8 @@ class EnergyStage(Stage[EnergySettings]):
         return self._book.clear(self._id("energy_not_split", task), task.end, text, evidence=evidence)
 
     def _energy(self, task: Task, energy: TaskEnergy) -> Energy:
+        from cellwatt_plugins.energy.spread import deviations
+
         parts = self.settings.parts
         return Energy(
             source=task.source,
@@ -294,7 +296,7 @@ class EnergyStage(Stage[EnergySettings]):
             positive_mechanical=energy.positive_mechanical,
             motion_efficiency_percent=energy.motion_efficiency_percent,
             total_per_part=None if parts is None else energy.total / parts,
-            group_uncertainty=energy.group_uncertainty(),
+            group_uncertainty=deviations(energy.covariance),
         )
 
     def _balance(self, task: Task, energy: TaskEnergy) -> list[Alarm]:

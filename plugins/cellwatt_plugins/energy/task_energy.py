@@ -19,7 +19,6 @@ from cellwatt_plugins.energy.spread import (
     STORED,
     TOTAL,
     UNEXPLAINED,
-    deviations,
     group_covariance,
 )
 from cellwatt_plugins.robot import Arm
@@ -55,10 +54,6 @@ class TaskEnergy:
     positive_mechanical: float
     motion_efficiency_percent: float
     covariance: Float
-
-    def group_uncertainty(self) -> dict[str, float]:
-        """One standard deviation of each group, J."""
-        return deviations(self.covariance)
 
     @property
     def uncertainty(self) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -76,13 +76,11 @@ def train(
 
     known = _by_joint(faulty, reference.joints)
     files = with_meters([*recordings, *(path for _, path in known)], meter)
-    healthy = files[: len(recordings)]
-    of_joint: defaultdict[int, list[_Files]] = defaultdict(list)
-    for (joint, _), each in zip(known, files[len(recordings) :], strict=True):
-        of_joint[joint].append(each)
-    faulty_codes = {joint: codes_in(each) for joint, each in of_joint.items()}
-    for joint, found in faulty_codes.items():
-        if not found:
+    healthy, of_faults = files[: len(recordings)], files[len(recordings) :]
+    faulty_codes = {}
+    for joint in dict.fromkeys(joint for joint, _ in known):
+        faulty_codes[joint] = codes_in([each for (j, _), each in zip(known, of_faults, strict=True) if j == joint])
+        if not faulty_codes[joint]:
             raise ModelError(f"--fault {joint}: no whole cycle of a task of the reference in these recordings")
     fitted = None
     if robot is not None:

@@ -12,7 +12,7 @@ from cellwatt.errors import ModelError
 from cellwatt_plugins.energy.drive import features
 from cellwatt_plugins.energy.electronics import at_campaign, followed
 from cellwatt_plugins.energy.known import load_known
-from cellwatt_plugins.energy.spread import GROUPS, group_slopes
+from cellwatt_plugins.energy.spread import GROUPS, deviations, group_slopes
 from cellwatt_plugins.energy.task_energy import Stretch, task_energy
 from cellwatt_plugins.robot import Arm
 
@@ -63,7 +63,7 @@ def test_errors_of_all_groups_together_are_those_of_the_measured_total(arm_and_k
     energy = task_energy(arm, known, stretch, edge=2.0, meter=0.001)
     of_total = np.linalg.norm([2.0, 0.003 * energy.total, 0.001 * energy.total])
     assert np.sqrt(energy.covariance.sum()) == pytest.approx(of_total, rel=1e-9)
-    said = energy.group_uncertainty()
+    said = deviations(energy.covariance)
     assert said["unexplained"] == energy.uncertainty
     apart = np.linalg.norm([said[name] for name in GROUPS])
     assert apart > 1.05 * of_total

@@ -51,7 +51,7 @@ def stored(known: Known, arm: Arm) -> tuple[StoredModel, tuple[Pattern, ...]]:
     each = (p.rotor, p.coulomb, p.viscous, p.copper)
     rows = zip(arm.body.names, *(values.tolist() for values in each), p.link.reshape(-1, 10).tolist(), strict=True)
     joints = tuple(StoredJoint(name, r, c, v, loss, tuple(link)) for name, r, c, v, loss, link in rows)
-    return StoredModel(p.standby, p.drive, p.regenerate, joints, known.meter), tuple(map(_rounded, known.patterns))
+    return StoredModel(p.standby, p.drive, p.regenerate, joints, known.meter), known.patterns
 
 
 def restored(model: StoredModel, cycles: tuple[Pattern, ...], arm: Arm) -> Known:
@@ -82,13 +82,3 @@ def known_of(reference: Reference, path: Path, robot: Path, false_alarms: float 
         raise ModelError(f"reference {path}: has no cycles; learn it again with --robot {robot}")
     known = restored(reference.power_model, reference.cycles, arm)
     return replace(known, false_alarms=false_alarms)
-
-
-def _rounded(pattern: Pattern) -> Pattern:
-    return replace(
-        pattern,
-        moves=tuple((round(a, 4), round(b, 4)) for a, b in pattern.moves),
-        position=np.round(pattern.position, 6),
-        power=np.round(pattern.power, 2),
-        spread=np.round(pattern.spread, 2),
-    )

@@ -171,6 +171,8 @@ class CycleWatch:
         recording, runs = self._seen, find_runs(self._seen)
         matches = find_cycles(recording, runs, self._known.patterns)
         over = list(takewhile(lambda match: ended or self._is_over(match, runs), matches))
+        if len(over) < len(matches) and not self._may_go_on(matches[len(over)]):
+            self._due = min(self._due, self._settled(matches[len(over)]))
         last = len(runs) - 1 if ended else over[-1].last if over else -1
         if not over and len(runs) and recording.time[-1] - recording.time[runs[0].first] > self._keep:
             # These runs belong to no known cycle: report the older half as unknown tasks and discard it.
@@ -188,10 +190,16 @@ class CycleWatch:
 
     def _is_over(self, match: Match, runs: list[Run]) -> bool:
         """True if a cycle is complete; a last move that the encoders do not show may still follow."""
-        pattern = self._known.patterns[match.pattern]
-        if len(pattern.moves) - 1 in match.unseen:
+        if self._may_go_on(match):
             return match.last + 1 < len(runs)
-        return float(self._seen.time[-1]) > float(match.warp.t[-1]) + SETTLED + self.behind
+        return float(self._seen.time[-1]) > self._settled(match)
+
+    def _may_go_on(self, match: Match) -> bool:
+        return len(self._known.patterns[match.pattern].moves) - 1 in match.unseen
+
+    def _settled(self, match: Match) -> float:
+        """Time after which a cycle is over and all its power has arrived, s."""
+        return float(match.warp.t[-1]) + SETTLED + self.behind
 
     def _rest(self, begin: int, end: int) -> int:
         """First sample to keep of a rest: a jump of an encoder shows that it has hidden a move."""

@@ -165,12 +165,11 @@ def find_cycles(recording: Recording, runs: Sequence[Run], patterns: Sequence[Pa
     recording = replace(recording, position=without_jumps(recording.position))
     at = 0
     while at < len(runs):
-        match = _match_at(recording, runs, patterns, at)
-        if match is None:
-            at += 1
-        else:
-            found.append(match)
-            at = match.last + 1
+        # With the fewest joints off their path, then the best of these.
+        by_number = (_options(recording, runs, patterns, at, number, whole=True) for number in range(MOST_ODD + 1))
+        options = next(filter(None, by_number), [])
+        found += [_best(options)] if options else []
+        at = found[-1].last + 1 if options else at + 1
     return found
 
 
@@ -188,14 +187,6 @@ def begun_cycle(recording: Recording, runs: Sequence[Run], patterns: Sequence[Pa
     return None
 
 
-def _match_at(recording: Recording, runs: Sequence[Run], patterns: Sequence[Pattern], at: int) -> Match | None:
-    """The cycle that begins with run ``at``: with the fewest joints off their path, then the best of these."""
-    for number in range(MOST_ODD + 1):
-        if options := _options(recording, runs, patterns, at, number, whole=True):
-            return _best(options)
-    return None
-
-
 def _best(options: Iterable[Match]) -> Match:
     return max(options, key=lambda m: (-len(m.broken), m.last - m.first, -abs(math.log(m.pace))))
 
@@ -206,7 +197,8 @@ def _options(
     """Whole or running cycles that begin with run ``at`` while ``number`` joints are off their path."""
     out: list[Match] = []
     for index, pattern in enumerate(patterns):
-        far = _far(runs[at], pattern)
+        # Too far from the pattern's start pose, even if the first move is unseen.
+        far = np.flatnonzero(np.abs(runs[at].before - pattern.poses[0][0]) > pattern.limits + WAY).tolist()
         others = [joint for joint in range(recording.joints) if joint not in far]
         for more in combinations(others, number - len(far)) if len(far) <= number else ():
             odd = tuple(sorted((*far, *more)))
@@ -222,13 +214,6 @@ def _options(
 def _reach(steps: Sequence[_Step], last: int, unseen: Sequence[int] = ()) -> bool:
     """True if a move, other than those ``unseen``, ends with run ``last``."""
     return any(step.runs is not None and step.runs[1] == last and step.move not in unseen for step in steps)
-
-
-def _far(run: Run, pattern: Pattern) -> list[int]:
-    """Joints (0-based) too far from the pattern's start pose, even if the first move is unseen."""
-    limit = pattern.limits + WAY
-    far: list[int] = np.flatnonzero(np.abs(run.before - pattern.poses[0][0]) > limit).tolist()
-    return far
 
 
 def _walk(runs: Sequence[Run], pattern: Pattern, at: int, odd: Sequence[int], *, whole: bool) -> list[_Step] | None:
@@ -277,7 +262,7 @@ def _without(steps: Sequence[_Step], joints: Collection[int]) -> list[_Step]:
 
 def _stirs(run: Run, pattern: Pattern, move: int, odd: Sequence[int]) -> bool:
     """True if a run moves an ``odd`` joint that this move should move; if not, the run belongs to a later move."""
-    due = pattern.ways[move, list(odd)] > WAY
+    due = pattern.ways[move, list(odd)] > POSE
     return bool(np.any((np.abs(run.after - run.before)[list(odd)] > POSE) & due))
 
 

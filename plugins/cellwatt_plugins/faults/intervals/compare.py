@@ -76,7 +76,7 @@ def compare(reference: ReferenceInterval, onset: int, trace: Trace, tolerance: T
     near = wide.between(onset - round(LEAD * 1e9), onset + round(longest * 1e9))
     t = near.since(onset)
     expected = reference.power.at(t)
-    limit = np.maximum(tolerance.watts(expected), SPREADS * reference.power.spread_at(t))
+    limit = np.maximum(tolerance.watts(expected), SPREADS * np.interp(t, reference.power.time, reference.power.spread))
     low, high = reference.power.envelope(t, reach)
     base = base_level(t, near.power - expected)
     calm = (np.abs(t) > reach) & (t < reference.duration - reach)

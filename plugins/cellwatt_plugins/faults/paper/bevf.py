@@ -10,7 +10,6 @@ The paper prints the magnitude as eq. (17), a sum of moduli, which is not the mo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import islice
 
@@ -84,12 +83,6 @@ def bode_response(power: Float) -> Complex:
 def rms(power: Float, estimate: Float) -> float:
     """Root mean square error, eq. (19), in the unit of its arguments (n,)."""
     return float(np.sqrt(np.mean((power - estimate) ** 2)))
-
-
-def pattern(cycles: Sequence[Float]) -> Float:
-    """Mean power (n,) W of several healthy cycles (each (m,) W from the same onset), of the length of the shortest."""
-    length = min(len(cycle) for cycle in cycles)
-    return np.asarray(np.mean([cycle[:length] for cycle in cycles], axis=0), dtype=np.float64)
 
 
 def _axis(t: Float) -> Complex:

@@ -69,14 +69,8 @@ def train(
     if not groups:
         raise ModelError("fault table: no joint has a code in any interval, there is nothing to learn")
     columns = np.stack([table[:, joints[0] - 1] for joints in groups])
-    inputs = np.vstack([columns, np.zeros(table.shape[0], np.int8)]).astype(np.float64)
-    layers = _trained(inputs, np.eye(len(inputs)), seed)
-    sure = np.diag(_forward(layers, inputs))
-    if sure.min() < SURE:
-        raise ModelError(
-            f"the network did not learn the fault table: its output for column {int(sure.argmin()) + 1} "
-            f"is {sure.min():.2f}, expected {SURE:g} or more"
-        )
+    inputs = np.vstack([columns, np.zeros(table.shape[0], np.int8)])
+    layers = _trained(inputs.astype(np.float64), np.eye(len(inputs)), seed)
     about = {
         "version": VERSION,
         "task": None if task is None else asdict(task),
@@ -85,7 +79,14 @@ def train(
         "outputs": [*("joint_" + "_".join(map(str, group)) for group in groups), "free"],
         "made": {**{name: version(name) for name in MADE_BY}, **(made or {})},
     }
-    return _written(layers, {KEY: table.tolist(), MADE: about})
+    content = _written(layers, {KEY: table.tolist(), MADE: about})
+    sure = np.diag(FaultNetwork(content).outputs(inputs))
+    if sure.min() < SURE:
+        raise ModelError(
+            f"the network did not learn the fault table: its output for column {int(sure.argmin()) + 1} "
+            f"is {sure.min():.2f}, expected {SURE:g} or more"
+        )
+    return content
 
 
 class FaultNetwork:
@@ -166,11 +167,6 @@ def _trained(inputs: Float, targets: Float, seed: int) -> list[tuple[Float, Floa
         warnings.simplefilter("ignore", ConvergenceWarning)  # train() checks the outputs
         network.fit(inputs, targets.astype(np.int64))
     return list(zip(network.coefs_, network.intercepts_, strict=True))
-
-
-def _forward(layers: list[tuple[Float, Float]], inputs: Float) -> Float:
-    (first, bias), (second, offset) = layers
-    return np.asarray(1 / (1 + np.exp(-(np.tanh(inputs @ first + bias) @ second + offset))))
 
 
 def _written(layers: list[tuple[Float, Float]], properties: Mapping[str, Any]) -> bytes:

@@ -51,13 +51,14 @@ def by_equations(courses: Sequence[Course], folder: Path) -> list[Course]:
     out = []
     for course in courses:
         each, end = found.get(course.key), course.intervals[-1].end
-        words = f"{course.task} at speed {course.speed:g}"
         if each is None:
-            raise ModelError(f"power equations {folder}: none is of {words}; make them with `cellwatt train pattern`")
+            raise ModelError(
+                f"power equations {folder}: none is of {course.words}; make them with `cellwatt train pattern`"
+            )
         if abs(each.duration - end) > OFF:
             raise ModelError(
-                f"power equations {folder}: that of {words} is {each.duration:.2f} s long, the task {end:.2f} s: "
-                "it is of another reference; make it anew with `cellwatt train pattern`"
+                f"power equations {folder}: that of {course.words} is {each.duration:.2f} s long, the task {end:.2f} "
+                "s: it is of another reference; make it anew with `cellwatt train pattern`"
             )
         intervals = [replace(i, readings=replace(i.readings, power=each.power(i.readings.t))) for i in course.intervals]
         out.append(replace(course, intervals=tuple(intervals)))

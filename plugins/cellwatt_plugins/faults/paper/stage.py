@@ -54,8 +54,8 @@ def networks_of(path: Path, courses: Sequence[Course], where: Path) -> dict[Key,
         if not fits:
             course = next((c for c in courses if c.key == (task.task, task.speed)), courses[0])
             raise ModelError(
-                f"fault network {file}: was trained for {task.words}, which is none of reference {where}: its "
-                f"{course.words} has {task.differs(course)}; {TRAIN}"
+                f"fault network {file}: was trained for {task.task} at speed {task.speed:.2f}, which is none of "
+                f"reference {where}: its {course.words} has {task.differs(course)}; {TRAIN}"
             )
         for course in fits:
             if other := by_task.get(course.key):

@@ -45,11 +45,6 @@ class TrainedFor:
             seconds=tuple(round(interval.end - interval.start, 3) for interval in course.intervals),
         )
 
-    @property
-    def words(self) -> str:
-        """``task_1 at speed 0.50``."""
-        return f"{self.task} at speed {self.speed:.2f}"
-
     def differs(self, course: Course) -> str:
         """Describe the first difference between a course and the task; empty if there is none."""
         other = TrainedFor.of(course)

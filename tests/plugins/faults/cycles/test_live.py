@@ -8,12 +8,24 @@ import pytest
 from cellwatt.stage import CellInfo
 from cellwatt_plugins.faults import FaultsSettings, FaultsStage
 from cellwatt_plugins.faults.cycles.findings import judge_recording
-from cellwatt_plugins.faults.cycles.known import stored
+from cellwatt_plugins.faults.cycles.known import learn_known, stored
+from cellwatt_plugins.faults.cycles.live import CycleWatch
 from cellwatt_plugins.faults.cycles.recording import recording_of
 from cellwatt_plugins.faults.recordings import frames_of_table
 from cellwatt_plugins.faults.reference import Reference, save
-from tests.plugins.faults.cycles.arm_of_points import RATE, TASKS, Cycle, Fault, Run, at_rest, describe, move, run
-from tests.plugins.faults.cycles.conftest import fed, judged, names
+from tests.plugins.faults.cycles.arm_of_points import (
+    HOME_A,
+    RATE,
+    TASKS,
+    Cycle,
+    Fault,
+    Run,
+    at_rest,
+    describe,
+    move,
+    run,
+)
+from tests.plugins.faults.cycles.conftest import fed, judged, names, recorded
 from tests.plugins.faults.plant import START, frames, layout
 
 SPRING = (Fault("spring", 0, 50.0),)
@@ -54,6 +66,22 @@ def test_live_says_what_a_recording_says(known, cycles):
     assert names(live) == names(offline)
     assert [c.start for c in live] == pytest.approx([c.start for c in offline], abs=0.02)
     assert [c.end for c in live] == pytest.approx([c.end for c in offline], abs=0.02)
+
+
+def test_a_cycle_that_ends_with_a_short_move_is_over_before_the_next_begins(robot, monkeypatch):
+    short = np.radians(1.9)
+    monkeypatch.setitem(
+        TASKS, "short", (HOME_A, [{0: 0.9}, {1: 0.6, 2: -0.7}, {0: -0.9, 1: -0.6, 2: 0.7, 3: short}, {3: -short}])
+    )
+    known = learn_known(recorded(run([Cycle("short")] * 5, seed=2)), robot)
+    measured = run([Cycle("short")] * 4, seed=8)
+    watch, told = CycleWatch(known, 1 / RATE), []
+    for k, time in enumerate(measured.time):
+        now = slice(k, k + 1)
+        told += [time for _ in watch.feed(measured.time[now], measured.position[now], measured.power[now])]
+    ends = [end for _, end in measured.spans]
+    assert len(told) >= 3
+    assert all(end < time < end + 0.6 for end, time in zip(ends, told, strict=False))
 
 
 def test_the_size_of_blocks_makes_no_difference(known):

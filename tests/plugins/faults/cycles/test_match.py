@@ -34,7 +34,10 @@ def test_a_cycle_under_way_is_known_by_the_joints_that_keep_to_their_path(known)
 @pytest.mark.parametrize("degrees", [0.7, 0.9, 1.1, 1.5, 1.9, 2.1])
 @pytest.mark.parametrize("place", [0, 2, 4])
 def test_a_task_with_a_short_move_is_learned_and_found(monkeypatch, degrees, place):
-    """The short move, first, in the middle or last, is of one joint; joint 2 is stuck in the last cycle."""
+    """The short move, first, in the middle or last, is of joint 4, whose encoder is off in the last cycle.
+
+    Joint 2 is stuck in an earlier one.
+    """
     short = {3: np.radians(degrees)}
     moves = [{0: 0.9}, {1: 0.6, 2: -0.7}, {0: -0.9, 3: -short[3]}, {1: -0.6, 2: 0.7}]
     if place == 4:
@@ -42,13 +45,14 @@ def test_a_task_with_a_short_move_is_learned_and_found(monkeypatch, degrees, pla
     moves.insert(place, short)
     monkeypatch.setitem(TASKS, "short", (HOME_A, moves))
     stuck = Cycle("short", faults=(Fault("encoder_stuck", 1),))
-    measured = run([Cycle("short")] * 4 + [Cycle("short", 0.98), stuck, Cycle("short")], seed=3)
+    off = Cycle("short", faults=(Fault("encoder_offset", 3, 0.05),))
+    measured = run([Cycle("short")] * 4 + [Cycle("short", 0.98), stuck, Cycle("short"), off], seed=3)
     learned = recorded(run([Cycle("short")] * 4, seed=4))
     recording = recorded(measured)
     patterns = learn_patterns(learned)
     assert [(len(pattern.moves), pattern.cycles) for pattern in patterns] == [(4 if degrees < 0.8 else 5, 4)]
     found = find_cycles(recording, find_runs(recording), patterns)
-    assert [(match.odd, match.broken) for match in found] == [((), ())] * 5 + [((1,), ()), ((), ())]
+    assert [(match.odd, match.broken) for match in found] == [((), ())] * 5 + [((1,), ()), ((), ()), ((3,), ())]
 
 
 @pytest.mark.parametrize(

@@ -82,7 +82,7 @@ def test_it_is_the_equation_that_power_is_compared_with(reference, tmp_path):
 @pytest.mark.parametrize(
     ("change", "problem"),
     [
-        ({"task": "task_9"}, "none is of task_1 at speed 1; make them with `cellwatt train pattern`"),
+        ({"task": "task_9"}, "none is of task_1 at speed 1.00; make them with `cellwatt train pattern`"),
         ({"duration": 3.0}, "is 3.00 s long, the task .* s: it is of another reference"),
         ({"task": None}, "names no task"),
     ],
