@@ -84,6 +84,8 @@ async def test_a_fault_is_seen_acknowledged_and_remembered(tmp_path: Path) -> No
         card = page.locator("li[data-alarm*=_fault]").first
         await expect(card).to_contain_text("Acknowledged by Ines", timeout=WAIT)
         assert await barriers(page) == []
+        age = card.locator(".about")
+        await expect(age).not_to_have_text(await age.inner_text(), timeout=WAIT)
         history = page.get_by_role("group", name="History").get_by_role("table")
         await expect(history).to_contain_text("acknowledged by Ines", timeout=WAIT)
         await expect(page.get_by_text(NOTE).first).to_be_visible(timeout=WAIT)

@@ -41,6 +41,7 @@ class Page {
   private view: View | null = null;
   private before = '/';
   private dropped: Files | null = null;
+  private asking: ReturnType<typeof setTimeout> | undefined;
   private shell: Shell;
   private readonly router = new Router((place) => this.show(place));
 
@@ -111,7 +112,7 @@ class Page {
       if (place.part !== 'overview') this.cell.follow([], 1);
       return VIEWS[place.part](main, this.cell, around);
     }
-    if (place.view === 'plant') return plantView(main, around, (live) => this.shell.connection(live));
+    if (place.view === 'plant') return plantView(main, around, (live) => this.connected(live));
     if (place.view === 'recordings') {
       const files = this.dropped;
       this.dropped = null;
@@ -128,7 +129,7 @@ class Page {
     if (wanted && this.cell?.site === wanted.site && this.cell.name === wanted.cell) return;
     this.cell?.close();
     this.cell = null;
-    this.shell.connection(true);
+    this.connected(true);
     if (!wanted) return;
     const cell = (this.cell = new Cell(wanted.site, wanted.cell));
     const shown = (): void => this.shell.state(cell);
@@ -138,10 +139,7 @@ class Page {
       shown();
       if (isNew) this.shell.announce(t('alarm.new', { severity: severityWord(alarm.severity), statement: alarm.statement }), alarm.severity === 'error');
     });
-    cell.on('connection', (state) => {
-      this.shell.connection(state !== 'lost');
-      if (state === 'lost') void this.still();
-    });
+    cell.on('connection', (state) => this.connected(state !== 'lost'));
     cell.on('refused', (error) => {
       if (error.status === 401) void this.enter();
       else if (error.status === 404) this.lack(cell, error.message);
@@ -158,8 +156,15 @@ class Page {
     put(this.shell.main, h('h1', {}, t('page.no_cell')), h('p', {}, why), h('p', {}, h('a', { href: '/' }, t('page.home'))));
   }
 
-  /** A stream that ended may mean that the login did. */
+  private connected(live: boolean): void {
+    this.shell.connection(live);
+    clearTimeout(this.asking);
+    if (!live) void this.still();
+  }
+
+  /** A stream that ended may mean that the login did: ask, until the stream is back. */
   private async still(): Promise<void> {
+    this.asking = setTimeout(() => void this.still(), AGAIN);
     const found = await readSite().catch(() => null);
     if (found?.login_needed && !this.site?.login_needed) await this.enter();
     else if (found) this.site = found;

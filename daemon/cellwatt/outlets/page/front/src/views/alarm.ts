@@ -20,12 +20,12 @@ const SAID: Readonly<Record<string, Key>> = {
 };
 
 /** An active alarm with all that is known of it; `acts` where the person may do something. */
-export function alarmCard(alarm: Alarm, clock: Clock, now: number, acts: Acts | null): HTMLElement {
+export function alarmCard(alarm: Alarm, clock: Clock, acts: Acts | null): HTMLElement {
   const table = evidenceTable(alarm.evidence);
   return h(
     'li',
     { class: `card alarm ${alarm.severity}${alarm.acknowledged ? ' acknowledged' : ''}`, 'data-alarm': alarm.id },
-    h('div', { class: 'alarm-head' }, severityTag(alarm.severity), meta(alarm, clock, now)),
+    h('div', { class: 'alarm-head' }, severityTag(alarm.severity), h('span', { class: 'quiet about' })),
     h('h3', {}, alarm.statement),
     others(alarm),
     word(alarm, clock),
@@ -86,7 +86,8 @@ function evidenceLink(alarm: Alarm): HTMLElement | null {
   return h('a', { class: 'button', href: alarm.evidence_page, target: '_blank', rel: 'noopener' }, t('alarm.page'));
 }
 
-function meta(alarm: Alarm, clock: Clock, now: number): HTMLElement {
+/** Age and origin of an active alarm. */
+export function about(alarm: Alarm, clock: Clock, now: number): string {
   const facts = [
     t('alarm.since', { at: clock.moment(alarm.since), span: span(now - alarm.since) }),
     alarm.source,
@@ -94,7 +95,7 @@ function meta(alarm: Alarm, clock: Clock, now: number): HTMLElement {
     alarm.interval === null ? null : t('alarm.interval', { n: alarm.interval }),
     alarm.stage ? t('alarm.stage', { stage: alarm.stage }) : t('alarm.daemon'),
   ];
-  return h('span', { class: 'quiet' }, facts.filter(Boolean).join('  ·  '));
+  return facts.filter(Boolean).join('  ·  ');
 }
 
 function others(alarm: Alarm): HTMLElement | null {

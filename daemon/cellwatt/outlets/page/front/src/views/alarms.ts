@@ -5,7 +5,7 @@ import { choice, h, put, reorder, say } from '../dom';
 import type { Alarm, PastAlarm } from '../shapes';
 import { t } from '../texts';
 import { Ends, type CellView } from '../view';
-import { alarmCard, historyRow, shelvedCard, type Acts } from './alarm';
+import { about, alarmCard, historyRow, shelvedCard, type Acts } from './alarm';
 import { ask } from './dialogs';
 
 const MINUTE = 60_000;
@@ -31,25 +31,30 @@ export const alarmsView: CellView = (root, cell, around) => {
     return { acknowledge: open('acknowledge'), shelve: open('shelve'), unshelve: open('unshelve') };
   };
   const made = new Map<string, { key: string; element: HTMLElement }>();
-  /** The card of an alarm: the one there is, while nothing of it has changed. */
-  const card = (alarm: Alarm, now: number): HTMLElement => {
-    const key = JSON.stringify([{ ...alarm, time: 0 }, around.clock().utc, acts() !== null, Math.round(now / MINUTE)]);
+  /** The card of an alarm: the one there is, while nothing of it but its age has changed. */
+  const card = (alarm: Alarm): HTMLElement => {
+    const key = JSON.stringify([{ ...alarm, time: 0 }, around.clock().utc, acts() !== null]);
     const before = made.get(alarm.id);
     if (before?.key === key) return before.element;
-    const element = alarmCard(alarm, around.clock(), now, acts());
+    const element = alarmCard(alarm, around.clock(), acts());
     const open = before?.element.querySelector('details')?.open;
     const details = element.querySelector('details');
     if (details && open !== undefined) details.open = open;
     made.set(alarm.id, { key, element });
     return element;
   };
+  const showAges = (): void => {
+    for (const alarm of cell.alarms.values()) {
+      const line = made.get(alarm.id)?.element.querySelector('.about');
+      if (line) say(line, about(alarm, around.clock(), cell.now));
+    }
+  };
   const showActive = (): void => {
-    const found = cell.ranked();
-    const now = cell.now;
-    const cards = found.map((alarm) => card(alarm, now));
+    const cards = cell.ranked().map(card);
     for (const id of [...made.keys()]) if (!cell.alarms.has(id)) made.delete(id);
     if (cards.length) reorder(active, cards);
     else put(active, h('li', { class: 'card empty good' }, t('alarms.none')));
+    showAges();
     const kept = cell.state?.shelved ?? [];
     shelfSection.hidden = !kept.length;
     put(shelf, ...kept.map((alarm) => shelvedCard(alarm, around.clock(), acts())));
@@ -104,6 +109,7 @@ export const alarmsView: CellView = (root, cell, around) => {
   ends.add(
     cell.on('state', () => (showActive(), void read())),
     cell.on('shelved', showActive),
+    cell.on('health', showAges),
     cell.on('alarm', ({ alarm }: { alarm: Alarm }) => {
       showActive();
       if (!alarm.active) void read();
