@@ -204,7 +204,7 @@ async def test_new_lines_wait_for_the_next_attempt_or_for_a_whole_batch(
                 f"{waiting} wait after row {second}",
             )
         now[0] += 0.02
-        await settled(server, 5)
+        await eventually(lambda: outlet.account.snapshot()["received"] == 5, "the last answer")
     assert [len(lines) for lines in server.batches] == [1, 3, 1]
 
 
