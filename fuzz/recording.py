@@ -60,8 +60,9 @@ def _read(path: Path) -> None:
         recording.frames_table()
     for source, streams in recording.streams.items():
         for stream in streams:
-            samples = recording.batches(source, stream.name)
-            assert samples.values.shape == (len(samples), len(samples.stream.channels))
+            with suppress(RecordingError):  # channels that change
+                samples = recording.batches(source, stream.name)
+                assert samples.values.shape == (len(samples), len(samples.stream.channels))
 
 
 def _ask(path: Path) -> None:

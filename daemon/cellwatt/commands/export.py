@@ -19,6 +19,7 @@ from cellwatt.files import make_folder
 from cellwatt.logs.recorded import open_recording
 from cellwatt.record import Recording, messages
 from cellwatt.record.header import recorded_section
+from cellwatt.record.samples import unchanged
 from cellwatt.record.tables import Table, write_lines
 from cellwatt.scheduler import spread
 from cellwatt.units import Units
@@ -87,7 +88,7 @@ class Export:
         """Write the raw samples, one table per stream, in a single pass over the recording."""
         tables: dict[tuple[str, str], Table] = {}
         with ExitStack() as stack:
-            for batch in recording.entries():
+            for batch in unchanged(recording.entries(), recording.streams, "export them one by one"):
                 if not isinstance(batch, Batch):
                     continue
                 key = (batch.source, batch.stream.name)

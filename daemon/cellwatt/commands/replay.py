@@ -22,6 +22,7 @@ from cellwatt.outlets.zenoh.messages import encode_json
 from cellwatt.progress import aside
 from cellwatt.record import Recording
 from cellwatt.record.header import recorded_section
+from cellwatt.record.samples import unchanged
 from cellwatt.results import Alarm, Result
 from cellwatt.runtime.assemble import layout_of, make_chains
 from cellwatt.runtime.replaying import Comparison, compare, replay_frames, run_stages
@@ -44,7 +45,8 @@ def command(recording: tuple[Path, ...], settings: Path | None, verify: bool, as
     if not opened.has_samples:
         raise opened.lacks_frames()
     _check_sources(opened)
-    frames = replay_frames(opened.entries(), opened.header.streams, _grid(opened, config))
+    entries = unchanged(opened.entries(), opened.header.streams, "replay them one by one")
+    frames = replay_frames(entries, opened.header.streams, _grid(opened, config))
     chains = [] if config is None else make_chains(config, layout_of(opened.header.streams, config.frames))
     counts = Counter[str]()
     made = _shown(run_stages(frames, chains), counts, as_json)

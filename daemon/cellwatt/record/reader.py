@@ -25,7 +25,7 @@ from cellwatt.record.encoder import FRAME_TOPIC, Item, topic_of
 from cellwatt.record.header import PART, Header
 from cellwatt.record.messages import TOPICS, Health, time_of
 from cellwatt.record.rows import FrameRows, SampleRows
-from cellwatt.record.samples import Samples, join
+from cellwatt.record.samples import Samples, join, unchanged
 from cellwatt.record.scan import Damage
 from cellwatt.record.survey import (
     Survey,
@@ -146,13 +146,14 @@ class Recording:
                 yield file.header, item
 
     def batches(self, source: str, stream: str) -> Samples:
-        """All samples of one stream. Raises ``RecordingError`` for an unknown stream."""
+        """All samples of one stream. Raises ``RecordingError`` for an unknown stream, or if its channels change."""
         declared = next((s for s in self.streams.get(source, ()) if s.name == stream), None)
         if declared is None:
             there = ", ".join(f"{name}/{s.name}" for name, streams in self.streams.items() for s in streams)
             raise RecordingError(f"no stream {source}/{stream} in this recording; there are: {there}")
         topic = topic_of(source, stream)
-        return join(source, declared, list(self._of((Batch,), lambda t: t.topic == topic)))
+        batches = self._of((Batch,), lambda t: t.topic == topic)
+        return join(source, declared, list(unchanged(batches, self.streams, "read them one by one")))
 
     def frames(self) -> Iterator[Frames]:
         """Frames in the blocks in which they were recorded."""
@@ -258,7 +259,7 @@ class Recording:
     ) -> Any:
         """Samples of a stream (``source/stream``) as a data frame, with the columns of ``cellwatt export``.
 
-        ``start``, ``end`` and ``library`` as for ``frame``. Raises ``RecordingError`` for an unknown stream.
+        ``start``, ``end`` and ``library`` as for ``frame``. Raises ``RecordingError`` as ``batches``.
         """
         from cellwatt.record.tables import data_frame, sample_rows
 

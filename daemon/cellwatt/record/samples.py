@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.arrays import Float, Nanoseconds, Qualities
-from cellwatt.batch import Batch
+from cellwatt.batch import Batch, Tick
 from cellwatt.channel import Stream
+from cellwatt.errors import RecordingError
+
+Entry = TypeVar("Entry", bound=Batch | Tick)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,3 +53,23 @@ def join(source: str, stream: Stream, batches: Sequence[Batch]) -> Samples:
         quality=np.concatenate([np.empty(0, np.uint8), *(b.quality for b in batches)]),
         device_time=np.concatenate(times) if times and len(times) == len(batches) else None,
     )
+
+
+def unchanged(entries: Iterable[Entry], streams: Mapping[str, Iterable[Stream]], advice: str) -> Iterator[Entry]:
+    """Yield ``entries`` whose channels have the names and units declared in ``streams``, by source.
+
+    Raises ``RecordingError`` with ``advice`` at the first batch with other channels.
+    """
+    declared = {(source, stream.name): stream for source, its in streams.items() for stream in its}
+    for entry in entries:
+        if isinstance(entry, Batch):
+            key = entry.source, entry.stream.name
+            if entry.stream is not declared[key]:  # usually the same object as in the batch before
+                if _columns(entry.stream) != _columns(declared[key]):
+                    raise RecordingError(f"the channels of {'/'.join(key)} change within these recordings: {advice}")
+                declared[key] = entry.stream
+        yield entry
+
+
+def _columns(stream: Stream) -> list[tuple[str, str]]:
+    return [(channel.name, channel.unit) for channel in stream.channels]

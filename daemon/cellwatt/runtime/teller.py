@@ -7,7 +7,7 @@ import logging
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from cellwatt.alarms import AlarmBook, Damping, withdrawn
 from cellwatt.batch import Batch, Tick
@@ -29,6 +29,8 @@ from cellwatt.runtime.troubles import Monitor
 log = logging.getLogger(__name__)
 
 Item = Batch | Tick | Event | Frames | Result
+RECHECK: Final = 3600.0
+"""Time, s, after which warnings are computed again: certificates expire while the daemon runs."""
 
 
 class Teller:
@@ -90,6 +92,7 @@ class Teller:
             known = [standing.alarm for standing in self.alarms.raised]
             self.evidence = Keeper(self._config.record, self.cell, self._now, self.take, known)
             tasks.spawn("evidence", self.evidence.run())
+        tasks.spawn("warnings", self._keep_warnings())
         for outlet in self._config.outlets.values():
             self._start_outlet(tasks, outlet, required=not self.behind)
 
@@ -116,7 +119,7 @@ class Teller:
     async def close(self, tasks: Tasks) -> None:
         """Let outlets and the record finish what is queued."""
         await self.stop(tasks, self.outlets)
-        await tasks.end(["evidence", "words", "energy"])
+        await tasks.end(["evidence", "words", "energy", "warnings"])
         if self._config.record is not None:
             await self._words.keep(self._config.record.folder)
             await self._consumption.write(self._config.record.folder)
@@ -142,6 +145,14 @@ class Teller:
                 log.warning("acknowledgements and shelves cannot be saved for a restart: %s", problem)
             reported = problem
             await self._words.changed.wait()
+
+    async def _keep_warnings(self) -> None:
+        while True:
+            await asyncio.sleep(RECHECK)
+            config = self._config
+            found = await asyncio.to_thread(getattr, config, "warnings")
+            if config is self._config:
+                self._warnings = found
 
     def _start_outlet(
         self, tasks: Tasks, config: OutletConfig, before: Delivery | None = None, *, required: bool = False

@@ -5,6 +5,7 @@ from __future__ import annotations
 import resource
 import tempfile
 from collections.abc import Iterator
+from dataclasses import replace
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from unittest.mock import Mock
@@ -13,6 +14,8 @@ import pytest
 
 from cellwatt import registry
 from cellwatt.channel import Channel, Stream
+from cellwatt.errors import RecordingError
+from cellwatt.record import Recording
 from cellwatt.results import Interval
 from tests.daemon.commands.calling import CELL, Call, call, cell, points_with
 from tests.daemon.record import making
@@ -216,6 +219,20 @@ def test_sources_that_change_within_a_session(call: Call, tmp_path: Path) -> Non
     assert ended.code == ERROR
     assert "the sources change within these recordings (board.power): replay them one by one" in ended.err
     assert call("replay", sorted(tmp_path.glob("*.mcap"))[1]).code == 0
+
+
+def test_channels_that_change_within_recordings(call: Call, tmp_path: Path) -> None:
+    torque = replace(making.ARM, channels=(*making.ARM.channels[:5], Channel("joint_6.torque", "Nm")))
+    for number, stream in ((1, making.ARM), (2, torque)):
+        batch = making.batch_of(15 * number, 15, stream=stream)
+        making.write_chunks(tmp_path, [[batch]], number=number, header=making.weld("", arm=(stream,)))
+    changed = "the channels of arm/rtde change within these recordings: {} them one by one"
+    for name, more in (("export", ("--out", tmp_path / "out")), ("replay", ())):
+        ended = call(name, tmp_path, *more)
+        assert ended.code == ERROR and changed.format(name) in ended.err
+    with pytest.raises(RecordingError, match=changed.format("read")):
+        Recording.open(tmp_path).raw("arm/rtde")
+    assert len(Recording.open(sorted(tmp_path.glob("*.mcap"))[1]).raw("arm/rtde")) == 15
 
 
 def test_the_traceback_of_a_mistake_of_ours_on_request(call: Call, cell: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -89,6 +89,7 @@ class Cell:
             prepared = await asyncio.to_thread(prepare, self._config)
             load_libraries(self._config)
             await self.view.start(self._tasks, prepared.streams, prepared.layout)
+            await self._tasks.end(["warnings"])  # a loop that skips waits would skip its hour before the heart beats
             self._collector.start(self._tasks)
             self._begin_frames(prepared)
             heart = group.create_task(self._heart(), name="heart")

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import asyncio
 from dataclasses import replace
 from typing import Any
 
 import pytest
 
-from cellwatt import Alarm, Event, Task
+from cellwatt import Alarm, Event, Layout, Task
 from cellwatt.config import CellConfig
 from cellwatt.ring import Ring, RingJournal
+from cellwatt.runtime.tasks import Tasks
 from cellwatt.runtime.teller import Teller
 from tests.daemon.outlets.zenoh.fake_cell import task
+from tests.daemon.runtime.at_once import at_once
 from tests.daemon.runtime.fakes import alarm, config_of, outlets, stages
 
 SECOND = 10**9
@@ -113,3 +116,16 @@ def test_an_alarm_is_in_the_journal_though_no_outlet_puts_it_there() -> None:
     journal = RingJournal(Ring(1 << 16, 1), Ring(1 << 16, 1))
     Teller(CONFIG, 1, lambda: 0, journal).take(alarm("a"))
     assert Told(journal=journal).looked_at() == ["a"]
+
+
+@at_once
+async def test_a_warning_that_time_brings_is_in_health(monkeypatch: pytest.MonkeyPatch) -> None:
+    teller = Told()
+    async with asyncio.TaskGroup() as group:
+        tasks = Tasks(group)
+        await teller.start(tasks, {}, Layout((), 50.0))
+        monkeypatch.setattr(CellConfig, "warnings", ("page: certificate: cert.pem ended",))
+        await asyncio.sleep(2 * 3600)
+        teller.looked_at()
+        assert teller.status()["warnings"] == CellConfig.warnings
+        await teller.close(tasks)

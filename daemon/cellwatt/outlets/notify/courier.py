@@ -88,6 +88,10 @@ class Courier:
     def heed(self, unattended: Collection[str], shelved: Collection[str]) -> None:
         """Set the active, unacknowledged alarms, which may be repeated; discard the waiting items of shelved ones."""
         self._open = unattended
+        for alarm_id in shelved:  # after a restart nothing is published of an alarm that is raised again on its shelf
+            episode = self._state.episodes.get(alarm_id)
+            if episode is not None and episode.session != self._session:
+                self._state.see(episode.alarm, self._session)
         repeated = [alarm_id for (alarm_id, _), item in self._state.due.items() if item.what == "repeated"]
         for alarm_id in (*shelved, *(known for known in repeated if known not in unattended)):
             silence(self._state, alarm_id)

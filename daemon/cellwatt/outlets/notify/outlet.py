@@ -89,6 +89,7 @@ class NotifyOutlet(Outlet[NotifySettings]):
         for alarm in self._missed():
             for courier in self._couriers.values():
                 courier.take(alarm)
+        self._fresh.set()  # the alarm book is read before a courier withdraws alarms
         async with asyncio.TaskGroup() as group:
             group.create_task(self._look())
             for name, courier in self._couriers.items():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Final, Literal
 from urllib.parse import SplitResult
 
 from pydantic import AfterValidator, Field, PositiveInt, SecretStr, field_validator
@@ -209,7 +209,8 @@ class RecipientSettings(Section):
     @property
     def secrets(self) -> tuple[str, ...]:
         """Secrets of the channel, which no text may contain; the longest first."""
-        found = list(_secrets(self.channel))
+        values = (getattr(self.channel, name) for name in type(self.channel).model_fields)
+        found = (value.get_secret_value() for value in values if isinstance(value, SecretStr))
         return tuple(sorted(filter(None, found), key=len, reverse=True))
 
 
@@ -251,13 +252,6 @@ class NotifySettings(OutletSettings):
     def warnings(self) -> tuple[str, ...]:
         """Recipients without encryption, and certificate authorities that cannot be read."""
         return tuple(f"to.{name}: {text}" for name, to in self.to.items() for text in _doubts(to.channel))
-
-
-def _secrets(channel: Channel) -> Iterator[str]:
-    for name in type(channel).model_fields:
-        value: Any = getattr(channel, name)
-        if isinstance(value, SecretStr):
-            yield value.get_secret_value()
 
 
 def _doubts(channel: Channel) -> Iterator[str]:

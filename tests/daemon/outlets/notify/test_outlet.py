@@ -103,6 +103,22 @@ async def test_what_is_shelved_before_it_is_told_is_told_after_the_shelf(tmp_pat
         await eventually(lambda: told(server) == [("raised", 2), ("raised", 1)])
 
 
+async def test_an_alarm_on_the_shelf_is_not_over_because_the_daemon_restarted(tmp_path: Path) -> None:
+    async with web_server() as server:
+        async with running(View(tmp_path), {"desk": hook(server)}) as before:
+            await offered(before, alarm(1), "desk: sent")
+        view = View(tmp_path, session=1)  # long ago: alarms that were not raised again are over
+        stand(view, 1, shelved=(1,))
+        async with running(view, {"desk": hook(server)}) as after:
+            await offered(after, alarm(2), "desk: sent")
+            stand(view, 1)
+            await offered(after, alarm(3), "desk: sent", 2)
+            stand(view)
+            after.offer(alarm(1, active=False))
+            await eventually(lambda: ("cleared", 1) in told(server))
+    assert told(server) == [("raised", 1), ("raised", 2), ("raised", 3), ("cleared", 1)]
+
+
 @pytest.mark.parametrize("record", [True, False])
 async def test_new_settings_go_on_where_the_old_ones_were(tmp_path: Path, record: bool) -> None:
     view = View(tmp_path, record=record)
