@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Final
@@ -36,8 +37,9 @@ def warnings(certificate: Path | None, key: Path | None, authority: Path | None 
                     found.append(f"key: {key} is not the key of {file}")
             except (ValueError, TypeError):
                 found.append(f"key: {key} is not a private key that is readable without a password")
-            if key.stat().st_mode & 0o007:
-                found.append(f"key: {key} is readable by every user of this PC: chmod 600")
+            with contextlib.suppress(OSError):  # removed meanwhile
+                if key.stat().st_mode & 0o007:
+                    found.append(f"key: {key} is readable by every user of this PC: chmod 600")
     return tuple(found)
 
 
