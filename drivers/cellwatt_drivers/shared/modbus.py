@@ -274,10 +274,10 @@ class Bus:
             if isinstance(place, SerialPlace):
                 open_port(place.path, place.baud).close()
             socket.socket().close()
+        except ConnectError as error:  # an OSError too
+            return str(error)
         except OSError as error:
             return f"no socket can be opened: {why(error)}"
-        except ConnectError as error:
-            return str(error)
         return f"{place} cannot be opened within {self._timeout:g} s; {place.advice}"
 
     def close(self) -> None:
