@@ -170,5 +170,5 @@ async def test_powers_of_ten_that_the_meter_sets_itself(tmp_path):
 
 async def test_a_line_that_is_not_there_is_said():
     driver = ModbusMeterDriver("m", settings("/dev/nonexistent"), CollectingInlet())
-    with pytest.raises(ConnectError, match="^/dev/nonexistent: no such port"):
+    with pytest.raises(ConnectError, match=r"^/dev/nonexistent: no such port"):
         await driver.run()
