@@ -169,7 +169,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
 
     async def _greet(self, bus: Bus) -> Identity:
         unit, meter = self.settings.unit, self._map
-        async with bus.turn:
+        async with bus.turn(self.settings.timeout):
             try:
                 raw = await self._reader.read(bus)
                 arrival = self.inlet.now()
@@ -202,7 +202,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
 
     async def _serve(self, bus: Bus) -> None:
         try:
-            async with bus.turn:
+            async with bus.turn(self.settings.timeout):
                 raw = await self._reader.read(bus, anew=False)
                 arrival = self.inlet.now()
                 asked = arrival - time.monotonic_ns() + self._reader.asked

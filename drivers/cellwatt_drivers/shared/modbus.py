@@ -172,7 +172,7 @@ Place = TcpPlace | SerialPlace
 
 
 class Bus:
-    """A line that opens itself for a request; the holder of ``turn`` uses it alone.
+    """A line that opens itself for a request; who takes a ``turn`` uses it alone, with a timeout of its own in s.
 
     Meters and gateways close connections that rest between two polls: the request opens the line again, also if
     the closing shows only then.
@@ -180,16 +180,25 @@ class Bus:
 
     def __init__(self, place: Place, timeout: float) -> None:
         self.place = place
-        self.turn = asyncio.Lock()
         self.users = 0
         self.asked = 0
         """Time of the newest request, ns, by ``time.monotonic_ns``."""
-        self._timeout = timeout
-        numbered = isinstance(place, TcpPlace) and place.framing == "tcp"
-        self._numbering = Numbering() if numbered else Checksums()
-        # Answers on RTU carry no number: a late answer must not be mistaken for that of the next request.
-        self._settle = 0.0 if numbered else timeout
+        self._numbering = Numbering() if isinstance(place, TcpPlace) and place.framing == "tcp" else Checksums()
         self._client = _client(place, timeout, self._numbering)
+        self._lock = asyncio.Lock()
+        self._wait(timeout)
+
+    @asynccontextmanager
+    async def turn(self, timeout: float) -> AsyncIterator[None]:
+        """Use the line alone; each request waits ``timeout`` s at most for its answer."""
+        async with self._lock:
+            self._wait(timeout)
+            yield
+
+    def _wait(self, timeout: float) -> None:
+        self._timeout = self._client.ctx.comm_params.timeout_connect = timeout
+        # Answers on RTU carry no number: a late answer must not be mistaken for that of the next request.
+        self._settle = timeout if isinstance(self._numbering, Checksums) else 0.0
 
     async def read(self, function: Function, address: int, count: int, unit: int) -> list[int]:
         """Read ``count`` registers of a unit, from ``address`` on.

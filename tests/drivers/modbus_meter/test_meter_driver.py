@@ -8,9 +8,12 @@ import pytest
 from pymodbus.simulator import DataType, SimData
 
 from cellwatt.channel import Quality
+from cellwatt.driver import Identity
+from cellwatt.emulation import Fault
 from cellwatt.errors import ConnectError, WrongDeviceError
 from cellwatt_drivers.modbus_meter import ModbusMeterDriver
 from cellwatt_drivers.modbus_meter.meter_map import METERS
+from tests.patience import PATIENCE
 
 from ..inlet import CollectingInlet
 from .rig import answering, emulated, running, settings
@@ -103,6 +106,15 @@ async def test_meters_on_one_serial_line_take_turns():
     column = drivers[0].streams[0].names.index("supply.energy_imported")
     for number, inlet in enumerate(inlets, start=1):
         assert inlet.values[0, column] == pytest.approx(number * 3.6e6, rel=1e-3)
+
+
+async def test_each_meter_on_a_line_has_its_own_timeout():
+    async with emulated(unit="1,2") as (emulator, place):
+        emulator.inject(Fault("delay", seconds=0.2))
+        waits = [settings(place, unit=1, timeout="50 ms"), settings(place, unit=2, timeout=f"{PATIENCE} s")]
+        fast, slow = (ModbusMeterDriver("m", wanted, CollectingInlet()).identify() for wanted in waits)
+        too_late, meter = await asyncio.gather(fast, slow, return_exceptions=True)
+    assert isinstance(too_late, ConnectError) and isinstance(meter, Identity), (too_late, meter)
 
 
 async def test_counters_that_wrap_are_reset_and_misread(tmp_path):
