@@ -42,11 +42,11 @@ class Lane:
         self.track = Track(len(stream.channels))
         self.start = NEVER
         """Time from which the stream could have delivered, ns."""
-        self._period, self._gap, self._slack = period, gap, latency if self.held else 0
-        self._limits = self._limits_at(period)
+        slack = latency if self.held else 0
+        self._limits = Limits(_PLAIN * period + slack, gap * period + slack)
         if not stream.rate:
             self._limits = Limits(hold * _SECOND, hold * _SECOND)
-        self._shortest, self._steps = -NEVER, 0
+        self._period, self._gap, self._shortest, self._steps = period, gap, -NEVER, 0
         self._step = step
         self._overdue = latency if self.held else 0
         self._patience = max(_PATIENCE, _PATIENCE_PERIODS * period)
@@ -76,12 +76,9 @@ class Lane:
         self._shortest = min([self._shortest, *(step for step in steps if step > 0)])
         self._steps += len(time)
         if self._steps >= _STEPS:
-            slower = self._shortest > _PLAIN * self._period
-            self._limits = self._limits_at(self._shortest if slower else self._period)
+            period = self._shortest if self._shortest > _PLAIN * self._period else self._period
+            self._limits = Limits(_PLAIN * period, self._gap * period)
             self._shortest, self._steps = -NEVER, 0
-
-    def _limits_at(self, period: float) -> Limits:
-        return Limits(_PLAIN * period + self._slack, self._gap * period + self._slack)
 
     def fill(
         self, grid: NDArray[np.int64], values: NDArray[np.float64], quality: NDArray[np.uint8], bound: NDArray[np.int64]

@@ -89,7 +89,7 @@ class KinovaDriver(Driver[KinovaSettings]):
         await keep_conversing(self, self._converse)
 
     def _open(self) -> AbstractAsyncContextManager[Bus]:
-        return line(TcpPlace(self.settings.host, self.settings.port, "tcp", _ADVICE), self.settings.timeout)
+        return line(TcpPlace(self.settings.host, self.settings.port, "tcp", _ADVICE))
 
     async def _greet(self, modbus: Bus) -> Identity:
         async with modbus.turn(self.settings.timeout):

@@ -165,7 +165,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
     def _open(self) -> AbstractAsyncContextManager[Bus]:
         s = self.settings
         serial = SerialPlace(s.line or "", s.baud, s.parity, s.stop_bits)
-        return line(serial if s.host is None else TcpPlace(s.host, s.port, s.framing, _ADVICE), s.timeout)
+        return line(serial if s.host is None else TcpPlace(s.host, s.port, s.framing, _ADVICE))
 
     async def _greet(self, bus: Bus) -> Identity:
         unit, meter = self.settings.unit, self._map

@@ -172,33 +172,29 @@ Place = TcpPlace | SerialPlace
 
 
 class Bus:
-    """A line that opens itself for a request; who takes a ``turn`` uses it alone, with a timeout of its own in s.
+    """A line that opens itself for a request; requests are sent within a ``turn``.
 
     Meters and gateways close connections that rest between two polls: the request opens the line again, also if
     the closing shows only then.
     """
 
-    def __init__(self, place: Place, timeout: float) -> None:
+    def __init__(self, place: Place) -> None:
         self.place = place
         self.users = 0
         self.asked = 0
         """Time of the newest request, ns, by ``time.monotonic_ns``."""
         self._numbering = Numbering() if isinstance(place, TcpPlace) and place.framing == "tcp" else Checksums()
-        self._client = _client(place, timeout, self._numbering)
+        self._client = _client(place, self._numbering)
         self._lock = asyncio.Lock()
-        self._wait(timeout)
 
     @asynccontextmanager
     async def turn(self, timeout: float) -> AsyncIterator[None]:
         """Use the line alone; each request waits ``timeout`` s at most for its answer."""
         async with self._lock:
-            self._wait(timeout)
+            self._timeout = self._client.ctx.comm_params.timeout_connect = timeout
+            # Answers on RTU carry no number: a late answer must not be mistaken for that of the next request.
+            self._settle = timeout if isinstance(self._numbering, Checksums) else 0.0
             yield
-
-    def _wait(self, timeout: float) -> None:
-        self._timeout = self._client.ctx.comm_params.timeout_connect = timeout
-        # Answers on RTU carry no number: a late answer must not be mistaken for that of the next request.
-        self._settle = timeout if isinstance(self._numbering, Checksums) else 0.0
 
     async def read(self, function: Function, address: int, count: int, unit: int) -> list[int]:
         """Read ``count`` registers of a unit, from ``address`` on.
@@ -299,7 +295,7 @@ _LINES: dict[tuple[asyncio.AbstractEventLoop, Place], Bus] = {}
 
 
 @asynccontextmanager
-async def line(place: Place, timeout: float) -> AsyncIterator[Bus]:
+async def line(place: Place) -> AsyncIterator[Bus]:
     """Use the line at a place, which all its users share. Raises ``ConnectError`` if others set it differently."""
     key = (asyncio.get_running_loop(), place)
     if key not in _LINES:
@@ -307,7 +303,7 @@ async def line(place: Place, timeout: float) -> AsyncIterator[Bus]:
             if isinstance(place, SerialPlace) and used.path == place.path:
                 other = f"another source of this cell opens the line as {used}"
                 raise ConnectError(f"{place}: {other}: write the same baud, parity and stop_bits")
-        _LINES[key] = Bus(place, timeout)
+        _LINES[key] = Bus(place)
     bus = _LINES[key]
     bus.users += 1
     try:
@@ -319,12 +315,12 @@ async def line(place: Place, timeout: float) -> AsyncIterator[Bus]:
             del _LINES[key]
 
 
-def _client(place: Place, timeout: float, numbering: Numbering) -> Client:
+def _client(place: Place, numbering: Numbering) -> Client:
     from pymodbus import FramerType
     from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
 
     client: Client
-    always: dict[str, Any] = {"timeout": timeout, "retries": 0, "reconnect_delay": 0, "trace_packet": numbering.trace}
+    always: dict[str, Any] = {"retries": 0, "reconnect_delay": 0, "trace_packet": numbering.trace}
     if isinstance(place, TcpPlace):
         framer = FramerType.SOCKET if place.framing == "tcp" else FramerType.RTU
         client = AsyncModbusTcpClient(place.host, port=place.port, framer=framer, **always)

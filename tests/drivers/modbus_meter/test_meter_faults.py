@@ -293,7 +293,8 @@ async def test_an_answer_that_outlives_its_connection_is_no_answer_to_the_next_r
 
     async with (
         clients(device_server) as (place, _),
-        line(TcpPlace(**endpoint(place), framing="rtu", advice=""), 0.2) as bus,
+        line(TcpPlace(**endpoint(place), framing="rtu", advice="")) as bus,
+        bus.turn(0.2),
     ):
         await bus._open()
         assert await bus.read("input", 0x46, 2, 1) == [0x4248, 0]
