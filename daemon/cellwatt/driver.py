@@ -93,6 +93,8 @@ class Driver(ABC, Generic[S]):
 
     left_out: frozenset[str] = frozenset()
     """Channels that the device reported as missing when it responded: their values are NaN, which is no fault."""
+    rates: Mapping[str, float] = {}
+    """Rates, Hz, by stream, at which the device announced to send, if not the declared ones."""
 
     def __init__(self, name: str, settings: S, inlet: Inlet) -> None:
         self.name = name

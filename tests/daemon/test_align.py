@@ -129,6 +129,14 @@ def test_gaps_are_marked_and_never_filled_in_silence(channel, missing, quality):
     assert np.all(found[away] == GOOD)
 
 
+@pytest.mark.parametrize(("every", "quality"), [(8, GOOD), (2, MISSING)])
+def test_a_device_that_sends_less_often_than_declared_is_in_the_frames_and_losses_are_not(every, quality):
+    aligner, arm = one(POSITION)
+    times = [t for t in range(0, 2000, every) if every > 2 or t % 100 < 20]
+    found = joined(play(aligner, [batch(arm, [t], [1.0]) for t in times], flush=False))[2][30:, 0]
+    assert (found == quality).mean() > 0.7
+
+
 def test_quality_of_the_samples_used_is_merged_by_maximum():
     for channel in (POSITION, POWER):
         aligner, of = one(channel)

@@ -17,13 +17,16 @@ _PATIENCE = 1 * _SECOND
 """Frames wait, within the latency, for a stream whose last batch arrived within this time …"""
 _PATIENCE_PERIODS = 3
 """… or within this many periods."""
+_STEPS = 50
+"""Number of steps whose shortest one is the period of a device that sends less often than declared."""
 
 
 class Lane:
     """Aligns one stream; ``first`` is its first column in the frames.
 
     ``step`` and ``latency`` ns are those of the frames. ``gap`` is the longest gap that is interpolated, in
-    nominal periods, ``hold`` the longest time in s for which a value of a stream without a rate is held.
+    nominal periods, ``hold`` the longest time in s for which a value of a stream without a rate is held. The period
+    of a stream that is not held is that of its samples if these come less often than declared.
     """
 
     def __init__(self, stream: Stream, first: int, step: int, latency: int, gap: float, hold: float) -> None:
@@ -43,6 +46,7 @@ class Lane:
         self._limits = Limits(_PLAIN * period + slack, gap * period + slack)
         if not stream.rate:
             self._limits = Limits(hold * _SECOND, hold * _SECOND)
+        self._period, self._gap, self._shortest, self._steps = period, gap, -NEVER, 0
         self._step = step
         self._overdue = latency if self.held else 0
         self._patience = max(_PATIENCE, _PATIENCE_PERIODS * period)
@@ -62,7 +66,19 @@ class Lane:
     def hear(self, batch: Batch, given_out: int, horizon: int) -> None:
         """Add a batch. Frames up to ``given_out`` ns were emitted; samples after ``horizon`` ns are refused."""
         self._heard = batch.arrival
+        if not self.held:
+            self._learn(batch.time)
         self.track.append(batch, given_out + self.reach - self._overdue, horizon)
+
+    def _learn(self, time: NDArray[np.int64]) -> None:
+        """Take the period from the next samples (n,) ns: of many steps, the shortest has no lost sample within."""
+        steps = [int(time[0]) - self.track.newest, int((time[1:] - time[:-1]).min(initial=-NEVER))]
+        self._shortest = min([self._shortest, *(step for step in steps if step > 0)])
+        self._steps += len(time)
+        if self._steps >= _STEPS:
+            period = self._shortest if self._shortest > _PLAIN * self._period else self._period
+            self._limits = Limits(_PLAIN * period, self._gap * period)
+            self._shortest, self._steps = -NEVER, 0
 
     def fill(
         self, grid: NDArray[np.int64], values: NDArray[np.float64], quality: NDArray[np.uint8], bound: NDArray[np.int64]

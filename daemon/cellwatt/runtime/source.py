@@ -94,6 +94,8 @@ class Source:
         """See ``Inlet.connected``."""
         again = self.state == "retrying"
         self.identity = identity
+        for stream, rate in self.driver.rates.items():
+            self.meters[stream].nominal = rate
         self._connected_at = time.monotonic()
         self.last_error = None
         if self.state != "ok":

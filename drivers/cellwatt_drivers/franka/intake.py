@@ -60,8 +60,10 @@ class Intake:
         """Take states of one time base, with rising times."""
         first = int(stamps[0])
         if self._last is not None:
-            passed = first - self._last
-            if passed <= 0 or passed - (arrival - self._arrival) / 1e6 > _STRANGE:
+            passed, ahead = first - self._last, first - self._last - (arrival - self._arrival) / 1e6
+            # The first states of a connection have not waited: only a robot that restarted meanwhile is behind.
+            behind = self._losses.resumed and ahead + int(stamps[-1]) - first < -_STRANGE
+            if passed <= 0 or ahead > _STRANGE or behind:
                 self._inlet.clock_reset(self.stream, "the robot's time began anew")
                 self._last = None
         before = first - self._every if self._last is None else self._last

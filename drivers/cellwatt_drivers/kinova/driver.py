@@ -89,11 +89,12 @@ class KinovaDriver(Driver[KinovaSettings]):
         await keep_conversing(self, self._converse)
 
     def _open(self) -> AbstractAsyncContextManager[Bus]:
-        return line(TcpPlace(self.settings.host, self.settings.port, "tcp", _ADVICE), self.settings.timeout)
+        return line(TcpPlace(self.settings.host, self.settings.port, "tcp", _ADVICE))
 
     async def _greet(self, modbus: Bus) -> Identity:
-        for read in self._reads:
-            await modbus.read("input", read.first, read.count, self.settings.unit)
+        async with modbus.turn(self.settings.timeout):
+            for read in self._reads:
+                await modbus.read("input", read.first, read.count, self.settings.unit)
         return Identity("Kinova", f"Gen3, {self.settings.axes} joints as set")
 
     async def _converse(self) -> None:
@@ -108,7 +109,7 @@ class KinovaDriver(Driver[KinovaSettings]):
     async def _serve(self, modbus: Bus, read: Read, remaining: int) -> None:
         """Send one request; if it fails, the ``remaining`` requests of this slot are counted as missed."""
         try:
-            async with modbus.turn:
+            async with modbus.turn(self.settings.timeout):
                 answer = await modbus.read("input", read.first, read.count, self.settings.unit)
                 arrival = self.inlet.now()
                 asked = arrival - time.monotonic_ns() + modbus.asked

@@ -106,8 +106,8 @@ class ModbusMeterSettings(SourceSettings):
 class ModbusMeterDriver(Driver[ModbusMeterSettings]):
     """One meter. Every due poll is delivered, or counted as missed with its reason.
 
-    Registers that the meter refuses to read together are then requested separately; a value that the meter does not
-    have is reported once and stays NaN.
+    Registers that the meter refuses to read together are then requested separately; a value that the meter refuses at
+    the start of a connection is reported once and stays NaN during it. A later refusal costs its poll alone.
     """
 
     Settings = ModbusMeterSettings
@@ -165,11 +165,11 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
     def _open(self) -> AbstractAsyncContextManager[Bus]:
         s = self.settings
         serial = SerialPlace(s.line or "", s.baud, s.parity, s.stop_bits)
-        return line(serial if s.host is None else TcpPlace(s.host, s.port, s.framing, _ADVICE), s.timeout)
+        return line(serial if s.host is None else TcpPlace(s.host, s.port, s.framing, _ADVICE))
 
     async def _greet(self, bus: Bus) -> Identity:
         unit, meter = self.settings.unit, self._map
-        async with bus.turn:
+        async with bus.turn(self.settings.timeout):
             try:
                 raw = await self._reader.read(bus)
                 arrival = self.inlet.now()
@@ -185,6 +185,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
                 raise ConnectError(f"{error}{delivered}") from error
             values, _ = self._in_si(raw)
             found = {n: float(v) for n, v in zip(self._names, raw, strict=True) if n not in self._reader.left_out}
+            self.left_out = frozenset(self._reader.left_out)
             await likeness.examine(bus, unit, meter, found, self.settings.mains_may_be_off)
         self._count_on(values, arrival)  # a counter needs two first values that agree
         notes = {"map": meter.source, "requests a poll": str(len(self._reader.blocks))}
@@ -195,13 +196,14 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         (account.count if what in _USUAL else account.anomaly)(what)
 
     def _left_out(self, name: str, error: RefusedError) -> None:
-        self.left_out |= {name}
-        self.inlet.event("value_refused", f"{self.name}: {name} is left out: {error}", channel=name)
+        if name not in self.left_out:
+            self.left_out |= {name}
+            self.inlet.event("value_refused", f"{self.name}: {name} is left out: {error}", channel=name)
 
     async def _serve(self, bus: Bus) -> None:
         try:
-            async with bus.turn:
-                raw = await self._reader.read(bus)
+            async with bus.turn(self.settings.timeout):
+                raw = await self._reader.read(bus, anew=False)
                 arrival = self.inlet.now()
                 asked = arrival - time.monotonic_ns() + self._reader.asked
         except SourceError as error:

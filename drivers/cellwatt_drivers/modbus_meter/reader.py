@@ -21,8 +21,8 @@ _LARGEST_POWER = 10
 class Reader:
     """Values ``names`` of the meter ``unit``; ``left_out`` are those that the meter does not have.
 
-    Registers that the meter refuses to read together are then requested separately. ``count`` receives the name of each
-    event to count, ``refused`` each value that is left out and the refusal.
+    Registers that the meter refuses to read together are then requested separately, until it is read ``anew``.
+    ``count`` receives the name of each event to count, ``refused`` each value that is left out and the refusal.
     """
 
     def __init__(
@@ -40,7 +40,7 @@ class Reader:
         """Time of the first answered request of the last read, ns, by ``time.monotonic_ns``."""
         exponents = {slot.address: slot for slot in meter.exponents(self.names)}
         slots = [*meter.slots(self.names), *exponents.values()]
-        self.blocks = plan(slots, meter.longest_read, meter.gap, meter.word_order)
+        self.blocks = self._plan = plan(slots, meter.longest_read, meter.gap, meter.word_order)
         self._labels = [*self.names, *(f"scale register {address}" for address in exponents)]
         self._missing = [(c, float(m)) for c, n in enumerate(self.names) for m in meter.marks(n)]
         # Without a register of its own, the power of ten of a value is the last column: 0.
@@ -51,11 +51,15 @@ class Reader:
         self._count = count
         self._refused = refused
 
-    async def read(self, bus: Bus) -> NDArray[np.float64]:
+    async def read(self, bus: Bus, anew: bool = True) -> NDArray[np.float64]:
         """Read the register numbers of all values (names,) times their powers of ten; NaN where there is none.
 
+        ``anew``: what the meter refuses is left out until the next such read; otherwise, a refusal is raised.
         Raises ``WrongDeviceError`` if it has none of them, and what ``Bus.read`` raises.
         """
+        if anew:
+            self.blocks = self._plan
+            self.left_out.clear()
         row = np.full(len(self._labels) + 1, np.nan)
         row[-1] = 0.0
         pending, blocks = deque(self.blocks), list[Block]()
@@ -64,7 +68,7 @@ class Reader:
             try:
                 numbers = await self._ask(bus, block)
             except RefusedError as error:
-                if error.code not in {ILLEGAL_ADDRESS, ILLEGAL_VALUE}:
+                if not anew or error.code not in {ILLEGAL_ADDRESS, ILLEGAL_VALUE}:
                     raise
                 pending.extendleft(reversed(self._apart(block, error)))
                 continue

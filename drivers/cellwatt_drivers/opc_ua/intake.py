@@ -167,7 +167,9 @@ class Intake:
 
     def _jumped(self, passed: int) -> bool:
         """True if the source's clock was reset, given that its time stamps advanced by ``passed`` ns."""
-        return passed < -_BACK or passed - (self._now - self._arrival) > _STRANGE + 2 * self._publishing
+        ahead, most = passed - (self._now - self._arrival), _STRANGE + 2 * self._publishing
+        # The first values of a subscription have not waited, but may have changed that long before.
+        return passed < -_BACK or ahead > most or (self._losses.resumed and ahead < -2 * most)
 
     def _between(self, time: int, reason: str) -> None:
         """Handle the samples between the last one and ``time``: lost for a reason, or unchanged."""

@@ -78,7 +78,8 @@ class Dialect:
     def found(self, item: str) -> str:
         """Convert an item from the analyzer to the notation of ``items``: without a header, in short spelling."""
         function, comma, element = item.strip().split(" ")[-1].partition(",")
-        return self.short(function) + comma + element.strip().upper()
+        where = element.strip().upper()
+        return self.short(function) + comma + ("SIGMA" if where == "SIGM" else where)
 
     def selection(self, items: Sequence[str]) -> list[str]:
         """The lines that choose items."""

@@ -172,24 +172,29 @@ Place = TcpPlace | SerialPlace
 
 
 class Bus:
-    """A line that opens itself for a request; the holder of ``turn`` uses it alone.
+    """A line that opens itself for a request; requests are sent within a ``turn``.
 
     Meters and gateways close connections that rest between two polls: the request opens the line again, also if
     the closing shows only then.
     """
 
-    def __init__(self, place: Place, timeout: float) -> None:
+    def __init__(self, place: Place) -> None:
         self.place = place
-        self.turn = asyncio.Lock()
         self.users = 0
         self.asked = 0
         """Time of the newest request, ns, by ``time.monotonic_ns``."""
-        self._timeout = timeout
-        numbered = isinstance(place, TcpPlace) and place.framing == "tcp"
-        self._numbering = Numbering() if numbered else Checksums()
-        # Answers on RTU carry no number: a late answer must not be mistaken for that of the next request.
-        self._settle = 0.0 if numbered else timeout
-        self._client = _client(place, timeout, self._numbering)
+        self._numbering = Numbering() if isinstance(place, TcpPlace) and place.framing == "tcp" else Checksums()
+        self._client = _client(place, self._numbering)
+        self._lock = asyncio.Lock()
+
+    @asynccontextmanager
+    async def turn(self, timeout: float) -> AsyncIterator[None]:
+        """Use the line alone; each request waits ``timeout`` s at most for its answer."""
+        async with self._lock:
+            self._timeout = self._client.ctx.comm_params.timeout_connect = timeout
+            # Answers on RTU carry no number: a late answer must not be mistaken for that of the next request.
+            self._settle = timeout if isinstance(self._numbering, Checksums) else 0.0
+            yield
 
     async def read(self, function: Function, address: int, count: int, unit: int) -> list[int]:
         """Read ``count`` registers of a unit, from ``address`` on.
@@ -274,10 +279,10 @@ class Bus:
             if isinstance(place, SerialPlace):
                 open_port(place.path, place.baud).close()
             socket.socket().close()
+        except ConnectError as error:  # an OSError too
+            return str(error)
         except OSError as error:
             return f"no socket can be opened: {why(error)}"
-        except ConnectError as error:
-            return str(error)
         return f"{place} cannot be opened within {self._timeout:g} s; {place.advice}"
 
     def close(self) -> None:
@@ -290,11 +295,15 @@ _LINES: dict[tuple[asyncio.AbstractEventLoop, Place], Bus] = {}
 
 
 @asynccontextmanager
-async def line(place: Place, timeout: float) -> AsyncIterator[Bus]:
-    """Use the line at a place, which all its users share."""
+async def line(place: Place) -> AsyncIterator[Bus]:
+    """Use the line at a place, which all its users share. Raises ``ConnectError`` if others set it differently."""
     key = (asyncio.get_running_loop(), place)
     if key not in _LINES:
-        _LINES[key] = Bus(place, timeout)
+        for used in (used for loop, used in _LINES if loop == key[0] and isinstance(used, SerialPlace)):
+            if isinstance(place, SerialPlace) and used.path == place.path:
+                other = f"another source of this cell opens the line as {used}"
+                raise ConnectError(f"{place}: {other}: write the same baud, parity and stop_bits")
+        _LINES[key] = Bus(place)
     bus = _LINES[key]
     bus.users += 1
     try:
@@ -306,12 +315,12 @@ async def line(place: Place, timeout: float) -> AsyncIterator[Bus]:
             del _LINES[key]
 
 
-def _client(place: Place, timeout: float, numbering: Numbering) -> Client:
+def _client(place: Place, numbering: Numbering) -> Client:
     from pymodbus import FramerType
     from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
 
     client: Client
-    always: dict[str, Any] = {"timeout": timeout, "retries": 0, "reconnect_delay": 0, "trace_packet": numbering.trace}
+    always: dict[str, Any] = {"retries": 0, "reconnect_delay": 0, "trace_packet": numbering.trace}
     if isinstance(place, TcpPlace):
         framer = FramerType.SOCKET if place.framing == "tcp" else FramerType.RTU
         client = AsyncModbusTcpClient(place.host, port=place.port, framer=framer, **always)

@@ -124,6 +124,7 @@ class UrDriver(Driver[UrSettings]):
         """Report the controller to the intake; returns the rate in Hz at which such a controller sends."""
         loop, wanted = cycle_rate(version), self.settings.rate
         rate = loop / decimation(loop, wanted)
+        self.rates = {self._stream.name: rate}
         if abs(rate / wanted - 1) > 1e-6:
             self.inlet.event("rate", f"{wanted:g} Hz is wanted; PolyScope {version} sends {rate:g} Hz", rate=rate)
         self._intake.opened(_identity(version), loop, rate)

@@ -60,7 +60,12 @@ def _state(name: str, channel: str, type: str, since: Since = EVER) -> Field:
 
 
 def _axes(name: str, *triples: tuple[str, str], since: Since = EVER) -> Field:
-    channels = tuple(Channel(f"{stem}{axis}", unit) for stem, unit in triples for axis in "xyz")
+    # At half a turn a rotation vector flips its sign: what lies between two such is another orientation.
+    channels = tuple(
+        Channel(f"{stem}{axis}", unit, align="hold" if unit == "rad" else None)
+        for stem, unit in triples
+        for axis in "xyz"
+    )
     return Field(name, "VECTOR6D" if len(triples) == 2 else "VECTOR3D", channels, since=since)
 
 

@@ -78,6 +78,17 @@ def test_a_new_connection_in_the_same_time_is_an_outage(rig):
     assert rig.inlet.resets == []
 
 
+def test_a_restart_during_an_outage_is_found_also_if_the_new_time_is_later(rig):
+    rig.take(40_000)
+    rig.intake.opened()
+    rig.time += 150_000_000_000
+    rig.take(60_000)
+    assert rig.inlet.resets == ["the robot's time began anew"]
+    rig.time += 800_000_000
+    rig.take(60_001)  # waited for a PC that stood still
+    assert len(rig.inlet.resets) == 1 and rig.count == (3, 3, {})
+
+
 def test_a_robot_that_started_again_has_another_time(rig):
     rig.take(100_000)
     rig.take(50, 51)

@@ -32,7 +32,7 @@ async def test_answers_that_nobody_asked_for_are_no_lines_of_the_log(caplog: pyt
     server = await asyncio.get_running_loop().create_server(Flood, "127.0.0.1", 0)
     async with server:
         port = server.sockets[0].getsockname()[1]
-        async with driver(port, CollectingInlet(), timeout="200 ms")._open() as modbus:
+        async with driver(port, CollectingInlet())._open() as modbus, modbus.turn(0.2):
             with pytest.raises(NoAnswerError), caplog.at_level(logging.INFO):
                 await modbus.read("input", 0, 2, 1)
     assert not [record for record in caplog.records if record.name.startswith("pymodbus")]

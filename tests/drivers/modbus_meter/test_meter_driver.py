@@ -8,9 +8,12 @@ import pytest
 from pymodbus.simulator import DataType, SimData
 
 from cellwatt.channel import Quality
+from cellwatt.driver import Identity
+from cellwatt.emulation import Fault
 from cellwatt.errors import ConnectError, WrongDeviceError
 from cellwatt_drivers.modbus_meter import ModbusMeterDriver
 from cellwatt_drivers.modbus_meter.meter_map import METERS
+from tests.patience import PATIENCE
 
 from ..inlet import CollectingInlet
 from .rig import answering, emulated, running, settings
@@ -105,6 +108,25 @@ async def test_meters_on_one_serial_line_take_turns():
         assert inlet.values[0, column] == pytest.approx(number * 3.6e6, rel=1e-3)
 
 
+async def test_two_sources_that_set_one_line_differently_are_told():
+    async with emulated("pty") as (_, line), running(settings(line)) as run:
+        await run.inlet.until(lambda o: o.readings)
+        other = ModbusMeterDriver("m", settings(line, parity="even", unit=2), CollectingInlet())
+        with pytest.raises(
+            ConnectError, match=rf"{line} \(9600 8E1\): another source .* as {line} \(9600 8N1\): write"
+        ):
+            await other.identify()
+
+
+async def test_each_meter_on_a_line_has_its_own_timeout():
+    async with emulated(unit="1,2") as (emulator, place):
+        emulator.inject(Fault("delay", seconds=0.2))
+        waits = [settings(place, unit=1, timeout="50 ms"), settings(place, unit=2, timeout=f"{PATIENCE} s")]
+        fast, slow = (ModbusMeterDriver("m", wanted, CollectingInlet()).identify() for wanted in waits)
+        too_late, meter = await asyncio.gather(fast, slow, return_exceptions=True)
+    assert isinstance(too_late, ConnectError) and isinstance(meter, Identity), (too_late, meter)
+
+
 async def test_counters_that_wrap_are_reset_and_misread(tmp_path):
     file = tmp_path / "wrapping.yaml"
     file.write_text(
@@ -170,5 +192,5 @@ async def test_powers_of_ten_that_the_meter_sets_itself(tmp_path):
 
 async def test_a_line_that_is_not_there_is_said():
     driver = ModbusMeterDriver("m", settings("/dev/nonexistent"), CollectingInlet())
-    with pytest.raises(ConnectError, match="/dev/nonexistent: no such port"):
+    with pytest.raises(ConnectError, match=r"^/dev/nonexistent: no such port"):
         await driver.run()

@@ -5,7 +5,7 @@ import errno
 import socket
 import struct
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from itertools import count
@@ -93,7 +93,7 @@ async def asking(
             if ends(request):
                 return
 
-    async with clients(meter) as (place, _), running(settings(place, **VOLTAGE, **more)) as run:
+    async with clients(meter) as (place, _), running(settings(place, **VOLTAGE | more)) as run:
         yield run, opened
     for reading in run.inlet.readings:
         assert reading.values[0, 0] == pytest.approx(230.1)
@@ -109,6 +109,24 @@ async def test_connections_that_close_between_polls_or_amid_an_answer_lose_nothi
         await run.inlet.until(lambda o: len(o.readings) >= 12)
     assert (run.failures, run.inlet.account.missed, run.inlet.account.counters["retries"]) == ([], {}, 0)
     assert opened[0] <= (len(run.inlet.readings) + 2) / (3 if amid else 4) + 2
+
+
+async def test_a_refusal_leaves_a_value_out_at_the_start_alone_and_until_the_next_start():
+    refused, asked = {0x46}, Counter[int]()
+
+    def some(request: bytes) -> bytes:
+        address = int.from_bytes(request[8:10], "big")
+        asked[address] += 1
+        return answer(request, b"\x84\x02" if address in refused or asked[address] == 4 else None)
+
+    async with asking(some, read=["phase_1.voltage", "supply.frequency"]) as (run, _):
+        await run.inlet.until(lambda o: len(o.readings) >= 6)
+        assert run.driver.left_out == {"supply.frequency"}
+        refused.clear()
+        await run.driver.identify()
+        assert not run.driver.left_out
+        await run.inlet.until(lambda o: o.readings[-1].values[0, 1] == 50.0)
+    assert not run.failures and run.inlet.account.missed["device error"] >= 1
 
 
 async def test_the_stamps_are_those_of_the_request_that_was_answered():
@@ -275,7 +293,8 @@ async def test_an_answer_that_outlives_its_connection_is_no_answer_to_the_next_r
 
     async with (
         clients(device_server) as (place, _),
-        line(TcpPlace(**endpoint(place), framing="rtu", advice=""), 0.2) as bus,
+        line(TcpPlace(**endpoint(place), framing="rtu", advice="")) as bus,
+        bus.turn(0.2),
     ):
         await bus._open()
         assert await bus.read("input", 0x46, 2, 1) == [0x4248, 0]

@@ -148,6 +148,13 @@ def test_a_backlog_after_a_stall_is_no_jump_of_the_clock(bench):
     assert len(bench.rows) == 50 and not bench.inlet.account.missed.total()
 
 
+def test_a_clock_set_back_during_a_longer_outage_is_reset(bench):
+    bench.intake.resume(0.1, 0.1)
+    bench.sequence = 0
+    bench.tell(100_000, item(0, 70_000, 3.0), item(1, 70_000, 4.0), clock=-30_000 * MS)
+    assert len(bench.inlet.resets) == 1 and not bench.inlet.account.missed.total()
+
+
 def test_samples_of_an_outage_are_lost(bench):
     bench.intake.resume(0.1, 0.1)
     bench.sequence = 0

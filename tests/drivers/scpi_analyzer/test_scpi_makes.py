@@ -22,7 +22,13 @@ OTHERS = ["wt300", "lmg600"]
 
 @pytest.mark.parametrize(
     ("told", "item"),
-    [("U,1", "U,1"), (":NUMERIC:NORMAL:ITEM6 LAMBDA,1", "LAMB,1"), ("lambda,sigma", "LAMB,SIGMA"), ("NONE", "NONE")],
+    [
+        ("U,1", "U,1"),
+        (":NUMERIC:NORMAL:ITEM6 LAMBDA,1", "LAMB,1"),
+        ("lambda,sigma", "LAMB,SIGMA"),
+        ("P,SIGM", "P,SIGMA"),
+        ("NONE", "NONE"),
+    ],
 )
 def test_items_as_a_wt310_may_tell_them(told, item):
     assert WT300.found(told) == item

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import AsyncIterator
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from pathlib import Path
@@ -10,13 +11,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cellwatt.align import Aligner
+from cellwatt.batch import Batch
+from cellwatt.channel import Quality
 from cellwatt.demo.cells import free_endpoint
 from cellwatt.emulation import ArmSignals, Fault, load_signals
 from cellwatt.emulation.relay import clients
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError, WrongDeviceError
+from cellwatt.runtime.source import Source
 from cellwatt_drivers.ur import UrDriver
 from cellwatt_drivers.ur.emulator import UrEmulator
-from tests.patience import PATIENCE
+from tests.doing import doing
+from tests.patience import PATIENCE, eventually
 
 from ..inlet import CollectingInlet
 from ..running import Run, endpoint, repeated, served
@@ -187,6 +193,19 @@ async def test_fields_that_the_controller_lacks_are_named():
         caught.value
     )
     assert not arm.inlet.identities
+
+
+async def test_a_cb3_at_the_default_rate_is_in_the_frames_and_not_too_slow():
+    batches: list[Batch] = []
+    async with emulated(polyscope="3.15.0") as emulator:
+        arm = UrDriver.Settings(**endpoint(emulator.address))
+        source = Source("arm", lambda inlet: UrDriver("arm", arm, inlet), time.time_ns, batches.append, lambda e: None)
+        async with doing(source.run()):
+            await eventually(lambda: sum(map(len, batches)) >= 150)
+    aligner = Aligner({"arm": source.driver.streams}, 50.0, 0.1)
+    quality = np.concatenate([f.quality for b in batches for f in aligner.add(b)])
+    assert (quality[len(quality) // 2 :] == Quality.GOOD).mean() > 0.5
+    assert source.status()["streams"]["rtde"]["nominal_hz"] == 125
 
 
 @pytest.mark.parametrize(

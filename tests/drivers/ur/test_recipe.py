@@ -9,6 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cellwatt.align import Aligner
+from cellwatt.batch import Batch
+from cellwatt.channel import Stream
 from cellwatt.errors import ProtocolError
 from cellwatt_drivers.ur.fields import FIELDS
 from cellwatt_drivers.ur.recipe import Decoder, Selection
@@ -132,3 +135,14 @@ def test_versions_know_their_fields(version, known, unknown):
     controller = ControllerVersion(*version, 0)
     assert all(FIELDS[n].served_by(controller) for n in known.split())
     assert not any(FIELDS[n].served_by(controller) for n in unknown.split())
+
+
+def test_frames_have_no_orientation_between_two_that_flip_their_sign():
+    pose, n = Stream("rtde", Selection.of(["actual_TCP_pose"]).channels, 500.0, "device"), 100
+    time, flipping = np.arange(n) * 2_000_000 + 1_000_000, np.resize([np.pi, np.pi, -np.pi], (n, 1)).repeat(6, axis=1)
+    none = np.zeros(n, np.int64)
+    aligner = Aligner({"arm": (pose,)}, 50.0, 0.1)
+    found = aligner.add(Batch("arm", pose, 0, int(time[-1]), time, none, flipping, none.astype(np.uint8)))
+    values = np.concatenate([f.values for f in found])
+    assert set(np.abs(values[:, 3:]).ravel()) == {np.pi}
+    assert (np.abs(values[1:, :3]) < 3).any(), "positions are interpolated"
