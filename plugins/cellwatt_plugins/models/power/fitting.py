@@ -96,11 +96,11 @@ def _network_helps(moves: Moves, arm: Arm, tuning: Tuning, structure: Structure)
     """True if a network lowers the torques' error on held-out moves, the fastest and the slowest first."""
     if not np.isfinite(moves.current).all(axis=1).any():
         return False
-    fold = folds_of(moves)
+    fold, blocks = folds_of(moves), moves.count < 3  # the arm is not at rest at the ends of a block
     ratios = []
     for k in np.unique(fold)[::-1][:TRIALS]:
         fitted = fit(moves.where(fold != k), arm, tuning, replace(structure, network=True))
-        held = Rows.of(moves.where(fold == k), tuning.smoother, fitted.model.constant, MOST, whole=False)
+        held = Rows.of(moves.where(fold == k), tuning.smoother, fitted.model.constant, MOST, whole=blocks)
         motion = fitted.model.motion(held, shared_columns(held, arm.body, fitted.model.carries(arm.joints)))
         with_it = held.torque - fitted.model.torque(motion)
         without = held.torque - replace(fitted.model, leftover=None).torque(motion)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 
 from cellwatt.arrays import Float, rows_of
 from cellwatt.errors import RecordingError
@@ -83,9 +84,19 @@ class Moves:
         return list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
 
     def where(self, rows: NDArray[np.bool_]) -> Moves:
-        """Some complete moves, renumbered."""
-        chosen = rows_of(self, rows)
-        return replace(chosen, move=np.unique(chosen.move, return_inverse=True)[1].astype(np.int64))
+        """Some of the rows, their moves renumbered; rows on both sides of a hole are moves of their own."""
+        kept = np.flatnonzero(rows)
+        starts = (np.diff(kept, prepend=-2) != 1) | (np.diff(self.move[kept], prepend=-1) != 0)
+        return replace(rows_of(self, rows), move=np.cumsum(starts) - 1)
+
+    def around(self, rows: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
+        """``rows`` (N,) and those of the same moves that lie within ``reach`` rows of them."""
+        return np.isin(self.move, self.move[rows]) & maximum_filter1d(rows, 2 * reach + 1)
+
+    def unmeasured(self, rows: NDArray[np.bool_]) -> Moves:
+        """The same without the currents of some rows, and without their power unless it is from a slow meter."""
+        power = np.where(rows & (self.meter is None), np.nan, self.power)
+        return replace(self, current=np.where(rows[:, None], np.nan, self.current), power=power)
 
     def only(self, moves: Iterable[int]) -> Moves:
         """The moves with these numbers, renumbered."""
