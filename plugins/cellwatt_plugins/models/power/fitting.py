@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.arrays import Float
+from cellwatt.errors import RecordingError
 from cellwatt_plugins.models.power import supply as supplies
 from cellwatt_plugins.models.power import torque as torques
 from cellwatt_plugins.models.power.design import Rows, shared_columns
@@ -22,6 +23,7 @@ from cellwatt_plugins.models.power.terms import WARM
 from cellwatt_plugins.models.power.together import fit_together
 from cellwatt_plugins.models.power.tuning import DOUBT, Tuning
 from cellwatt_plugins.robot import Arm
+from cellwatt_plugins.robot.signs import opposite, to_and_fro
 
 DOUBTS: Final = (1.0, 3.0, 10.0)
 """Factors on the tolerances of the URDF's links that are tried on held-out moves."""
@@ -61,9 +63,18 @@ class Fitted:
 
 
 def structure_of(moves: Moves, arm: Arm, tuning: Tuning) -> Structure:
-    """Effects and losses that hold on held-out moves, among them the fastest and the slowest."""
+    """Effects and losses that hold on held-out moves, among them the fastest and the slowest.
+
+    Raises ``RecordingError`` if a current has the opposite sign.
+    """
     problem = Problem.of(moves, arm, tuning, DOUBT)
     rows = problem.rows
+    turned = opposite(rows.torque, problem.design.shared @ problem.belief.shared.mean, rows.qd, loss=0.0)
+    if (turned := turned & to_and_fro(rows.qd)).any():
+        joints = ", ".join(arm.description.names[j] for j in np.flatnonzero(turned))
+        raise RecordingError(
+            f"the current of {joints} has the opposite sign: it drives where the motion requires braking"
+        )
     fold = row_folds(moves, rows)
     if not np.isfinite(rows.torque).any():
         usual = tuple(effect for effect in USUAL if effect in problem.effects)

@@ -11,6 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from cellwatt.errors import RecordingError
 from cellwatt_plugins.models.power import fitting, scg_network, training, tuning
 from cellwatt_plugins.models.power.folds import folds_of
 from cellwatt_plugins.models.power.moves import Moves, read_moves
@@ -99,6 +100,12 @@ def test_blocks_of_one_long_move_are_predicted_as_well_as_moves(tmp_path):
             _, current = training._done(part, training._Known(one, arm, fold, 0))
             error = np.sqrt(np.mean((current - one.current[fold == k]) ** 2, axis=0)) / one.current.std(axis=0)
             assert error.max() < 0.08, (method, k)
+
+
+def test_a_current_of_the_opposite_sign_is_refused(tmp_path):
+    arm, one = swinging(tmp_path)
+    with pytest.raises(RecordingError, match="the current of elbow has the opposite sign"):
+        fitting.structure_of(replace(one, current=one.current * [1, -1]), arm, tuning_of(one))
 
 
 @pytest.mark.slow

@@ -7,10 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cellwatt.errors import RecordingError
 from cellwatt_plugins.models.static import identify as identify_module
 from cellwatt_plugins.models.static.findings import findings
 from cellwatt_plugins.models.static.identify import HeldArm, Identified, identify, identify_checked
 from cellwatt_plugins.models.static.poses import Poses
+from cellwatt_plugins.models.static.training import train
 from cellwatt_plugins.robot import Arm
 from tests.plugins.models.static import arms
 
@@ -102,6 +104,15 @@ def test_what_physics_leaves_is_learned_only_where_it_helps(tmp_path, monkeypatc
         if helps:
             fuller = r2(checked.model, arm, really)
             assert fuller > r2(replace(checked.model, leftover=None), arm, really)
+
+
+@pytest.mark.parametrize("joint", [1, 5])
+def test_a_torque_of_the_opposite_sign_is_refused(tmp_path, monkeypatch, joint):
+    monkeypatch.setattr(identify_module, "FOLDS", 2)
+    poses = collection(arms.Arm(friction=0.01 * arms.RATED), 1, 40)
+    poses = replace(poses, torque=poses.torque * np.where(np.arange(6) == joint, -1, 1))
+    with pytest.raises(RecordingError, match=f"torque of joint_{joint + 1} has the opposite sign"):
+        train(poses, known(tmp_path, poses))
 
 
 def test_payloads_between_poses_are_told_apart_from_the_arm(tmp_path):
