@@ -135,9 +135,12 @@ def _parts(file: tuple[Path, Path | None], names: Sequence[str]) -> list[Moves]:
     whole = np.asarray(np.isfinite(np.column_stack([found["q"], found["qd"]])).all(axis=1))
     starts = np.flatnonzero(starts_of(table.at(whole), HOLE))
     pieces = [rows for rows in np.split(np.flatnonzero(whole), starts[1:]) if len(rows) >= SHORTEST]
+    if not pieces and np.sum(whole) >= SHORTEST:
+        table.rising_time()  # rounded times repeat, and a time that repeats ends a move
     if lost := len(table) - sum(map(len, pieces)):
         log.warning(
-            "%s: %d of %d rows are left out: they lack a position or velocity, or are fewer than %d between two gaps",
+            "%s: %d of %d rows are left out: they lack a position or velocity, or are fewer than %d between two gaps "
+            "or repeated times",
             *(path, lost, len(table), SHORTEST),
         )
     return [

@@ -88,6 +88,7 @@ def test_a_blank_of_a_slow_channel_repeats_the_value_before(tmp_path):
     ("change", "words"),
     [
         ({"t": None}, "no column t, timestamp or time for the time"),
+        ({"t": np.round(np.arange(40) * 0.008, 2)}, r"column t does not rise from 0.02 to 0.02 s in row 4"),
         ({"q_2": None}, "no column q_2; there are: "),
         ({"move": np.repeat(["pick", "place"], 20)}, "column move holds text, first 'pick'"),
         (dict.fromkeys(("power", "current_1", "current_2")), "no column power, nor of current_1 …"),
