@@ -54,6 +54,12 @@ def test_moves_at_several_rates_are_put_on_the_grid_of_most_rows(tmp_path):
     assert read_moves(files, JOINTS).step == pytest.approx(0.01)
 
 
+def test_a_payload_that_one_file_lacks_is_not_used_and_said(tmp_path, caplog):
+    files = [written(tmp_path, columns() | {"payload": np.full(40, 2.0)}, "told.parquet"), written(tmp_path, columns())]
+    assert read_moves(files, JOINTS).payload is None
+    assert f"{files[1]}: no payload: that of the other files is not used" in caplog.text
+
+
 def test_an_uneven_clock_is_put_on_a_grid(tmp_path):
     table = columns(200)
     jitter = np.random.default_rng(0).uniform(-0.002, 0.002, 200)
