@@ -27,9 +27,8 @@ def opposite(torque: Float, expected: Float, velocity: Float, loss: float = LOSS
     ``velocity`` is in rad/s; rows without a torque do not count. With ``loss`` 0, friction must gain energy: the
     gravity of an arm that is mounted upside down does not count then.
     """
-    known = (np.isfinite(each) for each in torque.T)
-    courses = zip(known, torque.T, expected.T, velocity.T, strict=True)
-    return np.array([_opposite(*(each[rows] for each in course), loss) for rows, *course in courses], np.bool_)
+    courses = zip(np.isfinite(torque).T, torque.T, expected.T, velocity.T, strict=True)
+    return np.array([_opposite(own[k], other[k], speed[k], loss) for k, own, other, speed in courses], np.bool_)
 
 
 def _opposite(torque: Float, expected: Float, velocity: Float, loss: float) -> bool:

@@ -114,11 +114,11 @@ def read_moves(paths: Sequence[Path], joints: Sequence[str], meters: Sequence[Pa
     if not parts:
         raise RecordingError(f"{paths[0]}: no {SHORTEST} consecutive rows with position and velocity of all joints")
     for name in ("payload", "temperature"):
-        lacking = [path for path, of_file in zip(paths, found, strict=True) for p in of_file if getattr(p, name) is None]
-        if lacking:
-            if len(lacking) < len(parts):
-                log.warning("%s: no %s: that of the other files is not used", lacking[0], name)
-            parts = [replace(part, **{name: None}) for part in parts]
+        lacking = [path for path, own in zip(paths, found, strict=True) if any(getattr(p, name) is None for p in own)]
+        if lacking and any(getattr(part, name) is not None for part in parts):
+            log.warning("%s: no %s: that of the other files is not used", lacking[0], name)
+            unknown: dict[str, Any] = {name: None}
+            parts = [replace(part, **unknown) for part in parts]
     steps = np.concatenate([np.full(len(part), part.step) for part in parts])
     step = float(np.quantile(steps, 0.5, method="lower"))  # that of most rows, not a mean of two files' steps
     numbered = [replace(part, move=np.full(len(part), i)) for i, part in enumerate(_even(p, step) for p in parts)]
