@@ -150,7 +150,7 @@ def _supply(model: Model, states: States) -> Float:
 
 def save_model(model: Model, path: Path) -> None:
     """Write ``model.yaml`` and the URDF beside it. Raises ``CellwattError`` if they cannot be written."""
-    urdf = path.with_name("robot.urdf")
+    urdf = path.with_suffix(".urdf")  # not robot.urdf, which may be the user's
     if urdf.resolve() != model.robot.urdf.resolve():
         write_file(urdf, urdf_bytes(model.robot.urdf, model.robot.names))
     robot = model.robot.model_dump(mode="json", exclude_none=True) | {"urdf": urdf.name}

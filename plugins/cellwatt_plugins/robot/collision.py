@@ -28,7 +28,10 @@ class Checker:
 
     def __init__(self, arm: Arm, limits: Float) -> None:
         every = arm.description.capsules or rods(arm)
-        floor = coal.Halfspace(np.array([0.0, 0.0, 1.0]), arm.description.floor)
+        field, height = arm.body.gravity_field, arm.description.floor
+        # Without a stated floor, what the arm is mounted on: the wall, or the ceiling.
+        up = np.array([0.0, 0.0, 1.0]) if height is None or not field.any() else -field / np.linalg.norm(field)
+        floor = coal.Halfspace(up, height or 0.0)
         solids = [*map(solid, every), Solid(0, np.eye(4), floor)]
         apart = [(i, j) for i in range(len(every)) for j in range(i) if abs(every[i].link - every[j].link) > 1]
         middle = arm.body.distances(solids, apart)(limits.mean(axis=1)[None])[0]

@@ -124,8 +124,8 @@ class RobotDescription(_Keys):
     """False if the arm cannot be unplugged from its controller, so that only their total power is measured."""
     torque_from: Literal["current", "sensor"] = "sensor"
     """Origin of the measured torques: those estimated from motor current may be wrong by a factor for each joint."""
-    floor: float = 0.0
-    """Height of the floor in the base's frame, m."""
+    floor: float | None = None
+    """Height of the floor above the base's origin, against gravity, m; if absent, the plane z = 0 of the base."""
     capsules: tuple[Capsule, ...] = ()
     """Outline of the arm, checked against itself and the floor; if absent, rods of 8 cm radius along the links."""
 

@@ -75,6 +75,8 @@ def urdf_of(path: Path, joints: Sequence[str]) -> str:
     known = parents(path, model)
     if missing := [name for name in joints if name not in known]:
         raise ConfigError(f"{path}: no joint {', '.join(missing)}; its hinges and slides are {', '.join(known)}")
+    if len({int(model.joint(name).bodyid[0]) for name in joints}) < len(joints):
+        raise ConfigError(f"{path}: two joints move the same body: give each joint a body of its own")
     for name in joints:
         data.qpos[model.joint(name).qposadr[0]] = 0.0
     library(path).mj_kinematics(model, data)

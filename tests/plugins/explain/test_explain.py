@@ -2,10 +2,12 @@
 
 from dataclasses import dataclass, replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from cellwatt_plugins.explain.report.terminal import in_words
 from tests.plugins.explain import calling, plant
 from tests.plugins.explain.plant import REAL, Missing, column, loaded, turned
 from tests.plugins.robot.slow_meter import shown
@@ -93,8 +95,10 @@ def test_two_effects_at_two_joints_are_both_found(explained):
 
 
 def test_the_push_is_placed_in_time(explained):
-    (finding,) = explained(SINGLE["contact"].missing).findings.findings
+    found = explained(SINGLE["contact"].missing)
+    (finding,) = found.findings.findings
     (span,) = finding.where.times
+    assert f"In run_01 {span.start:.1f} to {span.end:.1f} s." in in_words(found, Path("out"), report=False)
     assert span.recording == "run_01"
     assert span.start < 9.0 < span.end
     assert span.end - span.start < 2.0

@@ -77,8 +77,10 @@ def test_a_retuned_model_is_the_arm_as_it_was_built(robot, motion):
 
 def test_a_model_says_the_same_after_its_file(robot, motion, tmp_path):
     model = Model(robot, difference(plant.REAL, plant.NOMINAL), TERMS)
+    (tmp_path / "robot.urdf").write_text("another arm's")
     save_model(model, tmp_path / "model.yaml")
     again = load_model(tmp_path / "model.yaml")
+    assert (tmp_path / "robot.urdf").read_text() == "another arm's"
     assert again.terms[1].term == model.terms[1].term
     assert [f.term.place for f in again.terms] == [f.term.place for f in model.terms]
     before, after = plant.predict(model, *motion), plant.predict(again, *motion)

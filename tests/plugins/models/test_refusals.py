@@ -16,7 +16,10 @@ from cellwatt.config import load
 from cellwatt.runtime.assemble import prepare
 from cellwatt_plugins.models import Input
 from cellwatt_plugins.models.metadata import encode
+from cellwatt_plugins.models.power.api import train_power
+from cellwatt_plugins.models.static.api import train_static
 from tests.plugins.models.making import CHANNELS, Mlp, layout, metadata, save, stage, tensor
+from tests.plugins.robot import planar_arm
 
 MLP = Mlp.random(1)
 TWO_ARMS = {
@@ -166,3 +169,9 @@ def test_in_a_settings_file_the_line_has_its_place(tmp_path):
     assert line.startswith(f"{cell}:7:3: stages.power: the model {tmp_path / 'm.onnx'} is refused: it is of robot")
     cell.write_text(cell.read_text().replace("ur5e", "ur10e"))
     assert list(prepare(load(cell, {})).stages) == ["power"]
+
+
+@pytest.mark.parametrize("train", [train_power, train_static])
+def test_an_arm_with_a_linear_axis_is_refused_before_anything_is_read(tmp_path, train):
+    with pytest.raises(ConfigError, match="elbow does not turn"):
+        train(tmp_path / "none.parquet", robot=planar_arm.write(tmp_path, kind="prismatic"))

@@ -76,3 +76,11 @@ def test_gaps_are_distances_between_the_rods_and_to_the_floor(planar):
     expected = [[0.2, 1.0], [np.hypot(1.0 - L1, 0.2), 0.4], [0.0, 1.0]]
     np.testing.assert_allclose(gaps, np.array(expected) - [0.09, 0.04], atol=1e-9)
     np.testing.assert_array_equal(checker.safe(np.array([[0.0, 0.0], raised])), [True, False])
+
+
+def test_the_floor_of_an_arm_on_the_ceiling_lies_along_its_gravity(planar):
+    ceiling = replace(planar, body=planar.body.with_gravity(np.array([0.0, 0.0, 9.81])))
+    lower = Capsule(link=2, start=(0, 0, 0), end=(0.6, 0, 0), radius=0.04)
+    checker = Checker(outlined(ceiling, lower, floor=-1.2), WIDE)
+    reaching, folded = [-np.pi / 2, 0.0], [-np.pi / 2, np.pi / 2]
+    np.testing.assert_array_equal(checker.safe(np.array([reaching, folded])), [False, True])

@@ -62,6 +62,12 @@ def needed(path, names, q, qd, qdd):
     return out + model.dof_frictionloss[dof] * np.tanh(qd / 0.004)
 
 
+def test_two_joints_of_one_body_are_refused(file):
+    file.write_text(ARM.replace('<joint name="lift"', '<joint name="twist" axis="0 0 1"/><joint name="lift"'))
+    with pytest.raises(ConfigError, match="two joints move the same body: give each joint a body of its own"):
+        Arm.of(described(file, 4))
+
+
 @pytest.mark.parametrize("turned", ["0 20 0", "30 -90 10"])
 def test_a_mujoco_file_is_an_arm(file, turned):
     """Masses of geoms, degrees, an angle at rest that is not 0, axes beside the bodies' frames, gravity, a slide."""

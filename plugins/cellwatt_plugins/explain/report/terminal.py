@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cellwatt_plugins.explain.explain import Explained
 from cellwatt_plugins.explain.report.falls import NumberRow, number_rows
-from cellwatt_plugins.explain.report.wording import verdict
+from cellwatt_plugins.explain.report.wording import moments, verdict
 from cellwatt_plugins.explain.verdict.findings import Findings, Step
 
 BAR = 30
@@ -21,7 +21,8 @@ def in_words(found: Explained, out: Path, report: bool) -> str:
     lines = [verdict(findings), *_numbers(findings), *_cascade(findings)]
     for finding in findings.findings:
         gain = finding.improvement
-        lines.append(f"  • {finding.statement}")
+        times = finding.where.times if len(found.runs) > 1 else ()
+        lines.append(f"  • {finding.statement}" + (f" In {moments(times)}." if times else ""))
         curved = " with the curves below" if not finding.followed and gain.channel in with_curves else ""
         held_out = "held-out " if gain.held_out else ""
         lines.append(

@@ -84,7 +84,8 @@ class Files:
             return
         for element in self.all("include", "model"):
             element.set(file=_seen(self._named(element), folder))
-        if self.path.suffix.lower() == ".urdf":
+        stated = {kind for compiler in self.all("compiler") for kind in compiler.attributes}
+        if self.path.suffix.lower() == ".urdf" and not stated & {"meshdir", "assetdir"}:
             for mesh in self.all("mesh"):
                 name = mesh.attributes.get("filename", "")
                 if name and "://" not in name and not Path(name).is_absolute():

@@ -119,6 +119,7 @@ def train_power(recordings: Places, *, robot: Place, meter: Places = (), seed: i
     cannot be used, ``ConfigError`` if the description lacks a required key.
     """
     arm = Arm.load(robot)
+    Chain.of(arm.body)  # refuses an arm that no model file holds, before the training
     recorded, metered = paths_of(recordings), paths_of(meter)
     moves = read_moves(recorded, arm.description.names, metered)
     try:

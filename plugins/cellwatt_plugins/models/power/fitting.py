@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.arrays import Float
+from cellwatt.errors import RecordingError
 from cellwatt_plugins.models.power import supply as supplies
 from cellwatt_plugins.models.power import torque as torques
 from cellwatt_plugins.models.power.design import Rows, shared_columns
@@ -22,6 +23,7 @@ from cellwatt_plugins.models.power.terms import WARM
 from cellwatt_plugins.models.power.together import fit_together
 from cellwatt_plugins.models.power.tuning import DOUBT, Tuning
 from cellwatt_plugins.robot import Arm
+from cellwatt_plugins.robot.signs import opposite, to_and_fro
 
 DOUBTS: Final = (1.0, 3.0, 10.0)
 """Factors on the tolerances of the URDF's links that are tried on held-out moves."""
@@ -61,9 +63,18 @@ class Fitted:
 
 
 def structure_of(moves: Moves, arm: Arm, tuning: Tuning) -> Structure:
-    """Effects and losses that hold on held-out moves, among them the fastest and the slowest."""
+    """Effects and losses that hold on held-out moves, among them the fastest and the slowest.
+
+    Raises ``RecordingError`` if a current has the opposite sign.
+    """
     problem = Problem.of(moves, arm, tuning, DOUBT)
     rows = problem.rows
+    turned = opposite(rows.torque, problem.design.shared @ problem.belief.shared.mean, rows.qd, loss=0.0)
+    if (turned := turned & to_and_fro(rows.qd)).any():
+        joints = ", ".join(arm.description.names[j] for j in np.flatnonzero(turned))
+        raise RecordingError(
+            f"the current of {joints} has the opposite sign: it drives where the motion requires braking"
+        )
     fold = row_folds(moves, rows)
     if not np.isfinite(rows.torque).any():
         usual = tuple(effect for effect in USUAL if effect in problem.effects)
@@ -96,11 +107,11 @@ def _network_helps(moves: Moves, arm: Arm, tuning: Tuning, structure: Structure)
     """True if a network lowers the torques' error on held-out moves, the fastest and the slowest first."""
     if not np.isfinite(moves.current).all(axis=1).any():
         return False
-    fold = folds_of(moves)
+    fold, blocks = folds_of(moves), moves.count < 3  # the arm is not at rest at the ends of a block
     ratios = []
     for k in np.unique(fold)[::-1][:TRIALS]:
         fitted = fit(moves.where(fold != k), arm, tuning, replace(structure, network=True))
-        held = Rows.of(moves.where(fold == k), tuning.smoother, fitted.model.constant, MOST, whole=False)
+        held = Rows.of(moves.where(fold == k), tuning.smoother, fitted.model.constant, MOST, whole=blocks)
         motion = fitted.model.motion(held, shared_columns(held, arm.body, fitted.model.carries(arm.joints)))
         with_it = held.torque - fitted.model.torque(motion)
         without = held.torque - replace(fitted.model, leftover=None).torque(motion)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 
 from cellwatt.arrays import Float, rows_of
 from cellwatt.errors import RecordingError
@@ -83,9 +84,19 @@ class Moves:
         return list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
 
     def where(self, rows: NDArray[np.bool_]) -> Moves:
-        """Some complete moves, renumbered."""
-        chosen = rows_of(self, rows)
-        return replace(chosen, move=np.unique(chosen.move, return_inverse=True)[1].astype(np.int64))
+        """Some of the rows, their moves renumbered; rows on both sides of a hole are moves of their own."""
+        kept = np.flatnonzero(rows)
+        starts = (np.diff(kept, prepend=-2) != 1) | (np.diff(self.move[kept], prepend=-1) != 0)
+        return replace(rows_of(self, rows), move=np.cumsum(starts) - 1)
+
+    def around(self, rows: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
+        """``rows`` (N,) and those of the same moves that lie within ``reach`` rows of them."""
+        return np.isin(self.move, self.move[rows]) & maximum_filter1d(rows, 2 * reach + 1)
+
+    def unmeasured(self, rows: NDArray[np.bool_]) -> Moves:
+        """The same without the currents of some rows, and without their power unless it is from a slow meter."""
+        power = np.where(rows & (self.meter is None), np.nan, self.power)
+        return replace(self, current=np.where(rows[:, None], np.nan, self.current), power=power)
 
     def only(self, moves: Iterable[int]) -> Moves:
         """The moves with these numbers, renumbered."""
@@ -102,10 +113,12 @@ def read_moves(paths: Sequence[Path], joints: Sequence[str], meters: Sequence[Pa
     parts = [part for of_file in found for part in of_file]
     if not parts:
         raise RecordingError(f"{paths[0]}: no {SHORTEST} consecutive rows with position and velocity of all joints")
-    if any(part.payload is None for part in parts):
-        parts = [replace(part, payload=None) for part in parts]
-    if any(part.temperature is None for part in parts):
-        parts = [replace(part, temperature=None) for part in parts]
+    for name in ("payload", "temperature"):
+        lacking = [path for path, own in zip(paths, found, strict=True) if any(getattr(p, name) is None for p in own)]
+        if lacking and any(getattr(part, name) is not None for part in parts):
+            log.warning("%s: no %s: that of the other files is not used", lacking[0], name)
+            unknown: dict[str, Any] = {name: None}
+            parts = [replace(part, **unknown) for part in parts]
     steps = np.concatenate([np.full(len(part), part.step) for part in parts])
     step = float(np.quantile(steps, 0.5, method="lower"))  # that of most rows, not a mean of two files' steps
     numbered = [replace(part, move=np.full(len(part), i)) for i, part in enumerate(_even(p, step) for p in parts)]
@@ -124,9 +137,12 @@ def _parts(file: tuple[Path, Path | None], names: Sequence[str]) -> list[Moves]:
     whole = np.asarray(np.isfinite(np.column_stack([found["q"], found["qd"]])).all(axis=1))
     starts = np.flatnonzero(starts_of(table.at(whole), HOLE))
     pieces = [rows for rows in np.split(np.flatnonzero(whole), starts[1:]) if len(rows) >= SHORTEST]
+    if not pieces and np.sum(whole) >= SHORTEST:
+        table.rising_time()  # rounded times repeat, and a time that repeats ends a move
     if lost := len(table) - sum(map(len, pieces)):
         log.warning(
-            "%s: %d of %d rows are left out: they lack a position or velocity, or are fewer than %d between two gaps",
+            "%s: %d of %d rows are left out: they lack a position or velocity, or are fewer than %d between two gaps "
+            "or repeated times",
             *(path, lost, len(table), SHORTEST),
         )
     return [

@@ -18,7 +18,7 @@ from cellwatt_plugins.models.power.fitting import Fitted, Structure, fit, struct
 from cellwatt_plugins.models.power.folds import FEW, TURNS, folds_of
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.nls import Nls
-from cellwatt_plugins.models.power.paper import Seen
+from cellwatt_plugins.models.power.paper import BESIDE, Seen
 from cellwatt_plugins.models.power.scg_network import Scg
 from cellwatt_plugins.models.power.scores import Score
 from cellwatt_plugins.models.power.shown import through_its_meter
@@ -157,16 +157,26 @@ def _chosen(k: int, known: _Known) -> tuple[Tuning, Structure]:
 
 
 def _done(part: _Part, known: _Known) -> Any:
-    """Return the model of all moves, or, for a fold, its predictions by a model fitted to the other folds."""
+    """Return the model of all moves, or, for a fold, its predictions by a model fitted to the other folds.
+
+    A fold that is a block of a move is predicted with the motion around the block, and what was measured in the rows
+    around is not used: the arm is not at rest at the ends of the block.
+    """
     method, k, tuning, structure = part
     arm, held = known.arm, known.fold == (-1 if k is None else k)
-    moves, unseen = known.moves.where(~held), known.moves.where(held)
+    near = known.moves.around(held, tuning.smoother.window + BESIDE)
+    moves = known.moves.unmeasured(near & ~held).where(~held)
+    model: Any
     if method == BEST:
-        fitted = fit(moves, arm, tuning, structure)
-        return fitted if k is None else estimate(fitted, unseen, arm)
-    seen = Seen.of(moves, arm, tuning)
-    model = Nls.fit(moves, seen, arm.description) if method == "NLS" else Scg.fit(moves, seen, known.seed)
-    return model if k is None else model.predict(Seen.of(unseen, arm, tuning))
+        model = fit(moves, arm, tuning, structure)
+    else:
+        seen = Seen.of(moves, arm, tuning)
+        model = Nls.fit(moves, seen, arm.description) if method == "NLS" else Scg.fit(moves, seen, known.seed)
+    if k is None:
+        return model
+    unseen = known.moves.where(near)
+    said = estimate(model, unseen, arm) if method == BEST else model.predict(Seen.of(unseen, arm, tuning))
+    return tuple(each[held[near]] for each in said)
 
 
 def _scores(moves: Moves, predictions: Predictions, rows: NDArray[np.bool_]) -> dict[str, Score]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from cellwatt.arrays import Float
 from cellwatt_plugins.robot import Body, RobotDescription
 from cellwatt_plugins.robot.body import PER_LINK
+from cellwatt_plugins.robot.effects.load.gravity_tilt import level
 
 PER_GRAVITY: Final = 4
 """Parameters of a link that gravity acts on: m and m·c (3)."""
@@ -28,7 +29,7 @@ class Basis:
     vertical: Float
     """(N, n, 4n): torques for one unit of each gravity parameter, g downwards; Nm."""
     sideways: Float
-    """(2, N, n, 4n): the same for g along x and y of the base."""
+    """(2, N, n, 4n): the same for g along each level axis of the base, x and y of an arm that stands upright."""
     slopes: Float
     """(n, N, n, 4n): slope of ``vertical`` over each joint angle; Nm/rad."""
     share: Float
@@ -49,7 +50,7 @@ class Basis:
             step = np.zeros(body.joints)
             step[joint] = _STEP
             slopes[joint] = (_gravity(body, q + step) - _gravity(body, q - step)) / (2 * _STEP)
-        aside = [_gravity(body, q, along) for along in (np.array([-1.0, 0, 0]), np.array([0, -1.0, 0]))]
+        aside = [_gravity(body, q, -np.eye(3)[axis]) for axis in level(body.gravity_field)]
         share = np.clip((q - limits.mean(axis=1)) / half, -BEYOND, BEYOND)
         return cls(
             _gravity(body, q), np.stack(aside), slopes, share, np.nan_to_num(direction), np.nan_to_num(payload), half

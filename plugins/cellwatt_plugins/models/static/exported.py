@@ -21,6 +21,7 @@ from cellwatt_plugins.models.static.identify import HeldArm, Identified
 from cellwatt_plugins.models.static.paper import Sigmoids
 from cellwatt_plugins.models.static.poses import Poses
 from cellwatt_plugins.robot.drive import copper_gain
+from cellwatt_plugins.robot.effects.load.gravity_tilt import level
 
 TOTAL: Final = "torque_sum"
 """Output: sum of the torques' absolute values, eq. 5."""
@@ -124,7 +125,7 @@ def _chain(model: Identified, arm: HeldArm) -> Chain:
     found = effects.cad + np.concatenate([mean[effects.slices[f"link {i + 1}"]] for i in range(effects.joints)])
     inertial[:, :PER_GRAVITY] = found.reshape(-1, PER_GRAVITY)
     tilt = np.linalg.norm(chain.gravity) * mean[effects.slices["tilt"]]
-    return replace(chain, inertial=inertial, gravity=chain.gravity + np.array([*tilt, 0.0]))
+    return replace(chain, inertial=inertial, gravity=chain.gravity + tilt @ np.eye(3)[level(chain.gravity)])
 
 
 def _one_kilogram(model: Identified, arm: HeldArm) -> Chain:

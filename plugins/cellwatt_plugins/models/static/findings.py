@@ -12,6 +12,7 @@ from cellwatt.arrays import Float
 from cellwatt_plugins.models.static.basis import PER_GRAVITY, Basis
 from cellwatt_plugins.models.static.effects import Group
 from cellwatt_plugins.models.static.identify import HeldArm, Identified
+from cellwatt_plugins.robot.effects.load.gravity_tilt import level
 
 _CLEAR: Final = 3.0
 """Standard deviations below which no figure is reported: of forty figures, two would exceed two by chance."""
@@ -175,8 +176,10 @@ def _payload(selected: _Selected) -> list[Finding]:
 
 def _each(selected: _Selected) -> list[Finding]:
     """The figures that clearly differ from 0, in one sentence."""
-    text, factor, unit, names = _EACH[selected.group.kind]
-    names = names or tuple(f"joint {j + 1}" for j in range(selected.model.effects.joints))
+    text, factor, unit = _EACH[selected.group.kind]
+    names = [f"joint {j + 1}" for j in range(selected.model.effects.joints)]
+    if selected.group.kind == "tilt":
+        names = [f"down along {'xyz'[axis]}" for axis in level(selected.arm.arm.body.gravity_field)]
     common = np.ones((len(names), len(selected.mean) - len(names)))
     weights = factor * np.column_stack([common, np.eye(len(names))])
     figures = [selected.figure(name, own, unit) for name, own in zip(names, weights, strict=True)]
@@ -185,13 +188,13 @@ def _each(selected: _Selected) -> list[Finding]:
     return [selected.finding(f"{text}: {words}.", *clear)] if clear else []
 
 
-_EACH: Final[dict[str, tuple[str, float, str, tuple[str, ...]]]] = {
-    "load friction": ("Friction also holds a share of the load", 100.0, "%", ()),
-    "gain": ("Torques are measured high (low if negative), compared with gravity at the other joints", 100.0, "%", ()),
-    "zero": ("Zero positions are wrong", float(np.degrees(1.0)), "°", ()),
-    "tilt": ("The base is not level", float(np.degrees(1.0)), "°", ("down along x", "down along y")),
+_EACH: Final = {
+    "load friction": ("Friction also holds a share of the load", 100.0, "%"),
+    "gain": ("Torques are measured high (low if negative), compared with gravity at the other joints", 100.0, "%"),
+    "zero": ("Zero positions are wrong", float(np.degrees(1.0)), "°"),
+    "tilt": ("The base is not level", float(np.degrees(1.0)), "°"),
 }
-"""Groups with one figure per joint, after common ones: words, factor to the unit, unit, names if not joints."""
+"""Groups with one figure per joint, or per level axis, after common ones: words, factor to the unit, unit."""
 _FINDERS: Final = {
     "friction": _friction,
     "spring": _spring,

@@ -28,6 +28,7 @@ _NEEDS: Final = {
 _NEEDED: Final = 3.0  # evidence, natural log: twenty to one
 _IDLE: Final = 0.01  # assumed torque of a joint that needs none, as a share of the strongest joint's
 _ODD: Final = 6.0  # standard deviations
+_IMPOSSIBLE: Final = 5.0  # standard deviations by which friction must be below 0
 _ROUNDS: Final = 4  # of leaving out outliers: the worst outlier hides the next
 
 
@@ -78,6 +79,12 @@ class Identified:
         """Load without friction, (N, n) Nm."""
         load, _ = self.effects.load(basis, self.posterior.mean)
         return load if self.leftover is None else load + self.leftover(basis.share)
+
+    @property
+    def driven_by_friction(self) -> NDArray[np.bool_]:
+        """True (n,) for joints whose friction is clearly below 0, which is impossible."""
+        at = [self.effects.slices[f"friction {j + 1}"].start for j in range(self.effects.joints)]
+        return np.asarray(self.posterior.mean[at] < -_IMPOSSIBLE * self.posterior.deviation[at])
 
     def total(self, basis: Basis) -> Float:
         """Sum of absolute torques (N,) Nm, eq. 5; for an unknown approach, each torque is the larger of load and

@@ -86,15 +86,15 @@ def _read(path: Path, robot: RobotDescription) -> Poses:
             f"{path}: no row has positions and torques of all joints" + (f": there are none of {dead}" if dead else "")
         )
     number = table.channel("pose") if "pose" in table.names else None
+    payload = table.whole("tool.payload")
+    payload = np.full(len(q), np.nan) if payload is None else payload
     if number is not None:
         before = np.full_like(q, np.nan) if table.joints("came_from") is None else table.needed("came_from", q.shape[1])
-        payload = table.whole("tool.payload")
-        payload = _unknown(len(q)) if payload is None else payload
         poses = _grouped(*(each[whole] for each in (number, q, torque, before, payload)))
     elif table.clock is None:
         raise RecordingError(f"{path}: expected a column pose, or t (s) with the arm's motion in between")
     else:
-        poses = _recognised(np.rint(table.time[whole] * 1e9).astype(np.int64), q[whole], torque[whole])
+        poses = _recognised(np.rint(table.time[whole] * 1e9).astype(np.int64), q[whole], torque[whole], payload[whole])
     if not len(poses):
         raise RecordingError(f"{path}: no pose was held long enough: all joints at rest for 2.5 s")
     lost = int(np.sum(~whole))
@@ -102,16 +102,13 @@ def _read(path: Path, robot: RobotDescription) -> Poses:
     return replace(poses, notes=(note, *poses.notes)) if lost else poses
 
 
-def _recognised(time: Nanoseconds, q: Float, torque: Float) -> Poses:
-    """The poses that an arm held in samples of its motion: times (N,) ns, angles and torques (N, n)."""
+def _recognised(time: Nanoseconds, q: Float, torque: Float, payload: Float) -> Poses:
+    """The poses that an arm held in samples of its motion: times and payloads (N,), angles and torques (N, n)."""
     found, before = held(time, q), turned(q)
     mean = np.array([q[part].mean(axis=0) for part in found]).reshape(-1, q.shape[1])
     known = np.array([torque[part].mean(axis=0) for part in found])
-    return Poses(mean, known, mean - before[[part.stop - 1 for part in found]], _unknown(len(found)))
-
-
-def _unknown(count: int) -> Float:
-    return np.full(count, np.nan)
+    last = [part.stop - 1 for part in found]
+    return Poses(mean, known, mean - before[last], payload[last])
 
 
 def _grouped(pose: Float, q: Float, torque: Float, came_from: Float, payload: Float) -> Poses:

@@ -22,7 +22,7 @@ from cellwatt_plugins.robot.motion import exact
 from cellwatt_plugins.robot.servo.law import servo_of
 from tests.plugins.explain.simulators.arms import FULL, TwoLinks, moves
 
-pytest.importorskip("mujoco")
+mujoco = pytest.importorskip("mujoco")
 
 JOINTS = ("shoulder", "elbow")
 PLAIN = TwoLinks(friction=(2.0, 1.0), damping=(1.5, 0.4))
@@ -154,14 +154,25 @@ def test_a_urdf_has_friction_damping_links_and_a_payload(tmp_path):
     assert what_urdf_holds(simulator, goal).refused == (("rotor_inertia", 1, "a URDF has no such term"),)
 
 
+def write_rock(folder):
+    folder.mkdir()
+    corners = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\n"
+    (folder / "rock.obj").write_text(corners + "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+
+
+def test_the_mesh_folder_of_a_urdf_is_found_from_the_new_folder(tmp_path):
+    write_rock(tmp_path / "shapes")
+    (tmp_path / "arm.urdf").write_text(
+        '<robot name="r"><mujoco><compiler meshdir="shapes"/></mujoco><link name="b"><collision><geometry>'
+        '<mesh filename="rock.obj"/></geometry></collision></link></robot>'
+    )
+    (written,) = Files(tmp_path / "arm.urdf").write(tmp_path / "far")
+    assert mujoco.MjModel.from_xml_path(str(written)).nmesh == 1
+
+
 def test_included_files_and_meshes_are_found_from_the_new_folder(tmp_path):
     """A scene that includes the arm, whose mesh lies in a folder of its own: both are read from elsewhere."""
-    corners = "0 0 0 .1 0 0 0 .1 0 0 0 .1"
-    (tmp_path / "shapes").mkdir()
-    (tmp_path / "shapes" / "rock.obj").write_text(
-        "".join(f"v {' '.join(corners.split()[i : i + 3])}\n" for i in range(0, 12, 3))
-        + "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
-    )
+    write_rock(tmp_path / "shapes")
     arm = FULL.mjcf().replace('autolimits="true"', 'autolimits="true" meshdir="shapes"')
     (tmp_path / "only_arm.xml").write_text(arm)
     scene = (

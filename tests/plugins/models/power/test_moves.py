@@ -54,6 +54,12 @@ def test_moves_at_several_rates_are_put_on_the_grid_of_most_rows(tmp_path):
     assert read_moves(files, JOINTS).step == pytest.approx(0.01)
 
 
+def test_a_payload_that_one_file_lacks_is_not_used_and_said(tmp_path, caplog):
+    files = [written(tmp_path, columns() | {"payload": np.full(40, 2.0)}, "told.parquet"), written(tmp_path, columns())]
+    assert read_moves(files, JOINTS).payload is None
+    assert f"{files[1]}: no payload: that of the other files is not used" in caplog.text
+
+
 def test_an_uneven_clock_is_put_on_a_grid(tmp_path):
     table = columns(200)
     jitter = np.random.default_rng(0).uniform(-0.002, 0.002, 200)
@@ -88,6 +94,7 @@ def test_a_blank_of_a_slow_channel_repeats_the_value_before(tmp_path):
     ("change", "words"),
     [
         ({"t": None}, "no column t, timestamp or time for the time"),
+        ({"t": np.round(np.arange(40) * 0.008, 2)}, r"column t does not rise from 0.02 to 0.02 s in row 4"),
         ({"q_2": None}, "no column q_2; there are: "),
         ({"move": np.repeat(["pick", "place"], 20)}, "column move holds text, first 'pick'"),
         (dict.fromkeys(("power", "current_1", "current_2")), "no column power, nor of current_1 …"),

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from cellwatt_plugins.models.power import fitting, scg_network, tuning
-from cellwatt_plugins.models.power.moves import read_moves
+from cellwatt.errors import RecordingError
+from cellwatt_plugins.models.power import fitting, scg_network, training, tuning
+from cellwatt_plugins.models.power.folds import folds_of
+from cellwatt_plugins.models.power.moves import Moves, read_moves
 from cellwatt_plugins.models.power.scores import Score
 from cellwatt_plugins.models.power.training import estimate, model_of, train
 from cellwatt_plugins.models.power.wording import findings
 from cellwatt_plugins.robot import Arm
-from tests.plugins.models.power.cases import read_case
+from tests.plugins.models.power.cases import read_case, tuning_of
 from tests.plugins.models.power.emulated_arm import recorded, six_axes, write_known
+from tests.plugins.robot import planar_arm
 
 # A training takes 20 s of an idle core, and cores are shared.
 pytestmark = pytest.mark.timeout(300)
@@ -25,6 +30,26 @@ pytestmark = pytest.mark.timeout(300)
 @pytest.fixture(scope="module")
 def case(tmp_path_factory):
     return read_case(tmp_path_factory.mktemp("case"), "six axes", 7, moves=12, unseen=4)
+
+
+def swinging(folder: Path) -> tuple[Arm, Moves]:
+    """A planar arm as its URDF says, with rotors and friction, in one long move without a rest."""
+    joints = [{"name": name, "torque_constant": 10.0, "winding_resistance": 1.0} for name in ("shoulder", "elbow")]
+    (folder / "robot.yaml").write_text(
+        json.dumps({"robot": "planar", "urdf": planar_arm.write(folder).name, "joints": joints})
+    )
+    step, draw = 0.008, np.random.default_rng(0)
+    time = step * np.arange(4000)
+    rate, start = np.array([[1.3, 1.7], [3.8, 4.9]]), np.array([[0.0, 1.0], [2.0, 0.5]])
+    angle = rate * time[:, None, None] + start
+    size = np.array([[1.0, 1.2], [0.3, 0.4]])
+    q, qd, qdd = (
+        (size * each).sum(axis=1) for each in (np.sin(angle), rate * np.cos(angle), -(rate**2) * np.sin(angle))
+    )
+    current = (planar_arm.torque(q, qd, qdd) + 0.8 * qdd + 3 * np.tanh(qd / 0.005) + 2 * qd) / 10
+    noisy = [each + noise * draw.normal(size=q.shape) for each, noise in ((q, 2e-5), (qd, 2.5e-3), (current, 0.02))]
+    move = np.zeros(len(time), np.int64)
+    return Arm.load(folder), Moves(move, time, *noisy, np.full(len(time), np.nan))
 
 
 @pytest.fixture(scope="module")
@@ -62,6 +87,25 @@ def test_a_short_piece_between_gaps_does_not_shorten_the_windows(case, monkeypat
     arm, known, _ = case
     cut = known.move + (np.arange(len(known)) >= len(known) - 12)
     assert tuning.tune(replace(known, move=cut), arm).smoother.window == 21
+
+
+def test_blocks_of_one_long_move_are_predicted_as_well_as_moves(tmp_path):
+    """Windows cross neither the hole that a held-out block leaves, nor end with a rest at the block's ends."""
+    arm, one = swinging(tmp_path)
+    fold = folds_of(one)
+    assert np.unique(fold).tolist() == list(range(8))
+    for k in (2, 5):
+        for method in ("best", "NLS"):
+            part = (method, k, tuning_of(one), fitting.Structure((), (), "bus", 3.0))
+            _, current = training._done(part, training._Known(one, arm, fold, 0))
+            error = np.sqrt(np.mean((current - one.current[fold == k]) ** 2, axis=0)) / one.current.std(axis=0)
+            assert error.max() < 0.08, (method, k)
+
+
+def test_a_current_of_the_opposite_sign_is_refused(tmp_path):
+    arm, one = swinging(tmp_path)
+    with pytest.raises(RecordingError, match="the current of elbow has the opposite sign"):
+        fitting.structure_of(replace(one, current=one.current * [1, -1]), arm, tuning_of(one))
 
 
 @pytest.mark.slow

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from cellwatt.errors import RecordingError
+from cellwatt_plugins.models.static import exported
 from cellwatt_plugins.models.static import identify as identify_module
 from cellwatt_plugins.models.static.findings import findings
 from cellwatt_plugins.models.static.identify import HeldArm, Identified, identify, identify_checked
 from cellwatt_plugins.models.static.poses import Poses
+from cellwatt_plugins.models.static.training import train
 from cellwatt_plugins.robot import Arm
 from tests.plugins.models.static import arms
 
@@ -102,6 +106,31 @@ def test_what_physics_leaves_is_learned_only_where_it_helps(tmp_path, monkeypatc
         if helps:
             fuller = r2(checked.model, arm, really)
             assert fuller > r2(replace(checked.model, leftover=None), arm, really)
+
+
+@pytest.mark.parametrize("joint", [1, 5])
+def test_a_torque_of_the_opposite_sign_is_refused(tmp_path, monkeypatch, joint):
+    monkeypatch.setattr(identify_module, "FOLDS", 2)
+    poses = collection(arms.Arm(friction=0.01 * arms.RATED), 1, 40)
+    poses = replace(poses, torque=poses.torque * np.where(np.arange(6) == joint, -1, 1))
+    with pytest.raises(RecordingError, match=f"torque of joint_{joint + 1} has the opposite sign"):
+        train(poses, known(tmp_path, poses))
+
+
+def test_an_arm_on_a_wall_that_leans_is_not_level(tmp_path):
+    poses = collection(arms.Arm(), 1, 60)
+    robot = arms.write_robot(tmp_path, arms.Arm())
+    robot.write_text(robot.read_text() + "gravity: [9.81, 0, 0]\n")
+    arm = HeldArm.of(Arm.load(robot), poses.q)
+    field = 9.81 * np.array([np.cos(0.02), 0.0, np.sin(0.02)])
+    noise = 0.001 * arms.RATED * np.random.default_rng(2).normal(size=poses.q.shape)
+    held = np.nan_to_num(np.sign(poses.approach)) * 0.01 * arms.RATED
+    poses = replace(poses, torque=arm.arm.body.with_gravity(field).gravity(poses.q) + held + noise)
+    model = identify(arm.basis(poses), poses.torque, arm.effects(poses))
+    told = {finding.kind: finding.statement for finding in findings(model, arm, arm.basis(poses))}
+    assert re.match("The base is not level: down along z 1.1[0-9]* ± ", told["tilt"])
+    assert not {"spring", "hose", "gain", "zero"} & told.keys()
+    assert exported._chain(model, arm).gravity == pytest.approx(field, abs=0.02)
 
 
 def test_payloads_between_poses_are_told_apart_from_the_arm(tmp_path):

@@ -75,9 +75,11 @@ def test_poses_are_recognised_in_a_recording_of_motion(tmp_path, robot):
     columns = {"t": 0.02 * np.arange(len(q))}
     for j in range(6):
         columns |= {f"arm.joint_{j + 1}.position": q[:, j], f"arm.joint_{j + 1}.torque_ratio": torque[:, j]}
+    columns["payload"] = np.where(columns["t"] < 30, 0.0, 5.0)
     poses = read_poses([save(tmp_path, columns)], robot)
     np.testing.assert_allclose(poses.q, goals, atol=1e-9)
     np.testing.assert_allclose(poses.torque, arms.Arm().load(goals), rtol=1e-9, atol=1e-9)
+    assert np.unique(poses.payload).tolist() == [0.0, 5.0]
     np.testing.assert_array_equal(np.sign(poses.approach[1:]), np.sign(np.diff(goals, axis=0)))
 
 

@@ -14,6 +14,7 @@ from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.noise import white_noise
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import Moved, Plan
+from cellwatt_plugins.robot.signs import STOPPED
 
 SAMPLES = 200
 """Samples of a run that are examined: enough to find what is wrong by a factor."""
@@ -23,8 +24,6 @@ MOST = 2.0
 """Largest misfit of a joint that enters the mean: a larger one is no more wrong."""
 MEAN_OF_NORMAL = 0.8
 """Mean absolute value of a normal distribution, in standard deviations."""
-STOPPED = 0.02
-"""rad/s over which friction of unknown size changes its sign; wider than the noise of encoders."""
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,6 @@ from cellwatt.arrays import Bool, Float
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.explain.input.admission.agreement import (
     SAMPLES,
-    STOPPED,
     Expected,
     Sample,
     Torques,
@@ -33,6 +32,7 @@ from cellwatt_plugins.explain.input.factors import (
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import Moved, Plan
+from cellwatt_plugins.robot.signs import opposite, to_and_fro
 
 Order = tuple[int, ...]
 
@@ -57,19 +57,10 @@ TIE = 1e-6
 """Preference, in misfit, for leaving a column of noise at its own joint."""
 AGREES = 0.3
 """Largest mean misfit of a whole arm if description and interpretation are right; a wrong mounting has more."""
-BACK = 0.2
-"""Distance that a joint covers in its less frequent direction, as a share of that in the other, if it goes to and fro.
-
-Along one way, friction of any size makes nearly every torque fit nearly every joint.
-"""
 SEVERAL = 0.5
 """Share of the moving joints that must go to and fro for torques to show an order of columns."""
 TWICE = 1.9
 """Misfit, nearly 2, of a torque that is right but for its sign, also along one way."""
-FOLLOWS = 0.5
-"""Correlation of a torque of the wrong sign with the expected one, friction apart."""
-LOSS = 0.1
-"""Share of a joint's power that friction takes, below which it may take none."""
 ROUNDED = 1e-4
 """Rounding of a simulated torque, as a share of its rms."""
 
@@ -106,7 +97,7 @@ def _check(place: str, current: bool, sample: Sample) -> None:
     if (misfit > POOR).any():
         _direction(place, sample, expected, misfit)
         moves = np.ptp(sample.motion.position, axis=0) > MOVES * levers(sample.arm.description)
-        if moves.any() and np.mean(_to_and_fro(sample.motion.velocity)[moves]) >= SEVERAL:
+        if moves.any() and np.mean(to_and_fro(sample.motion.velocity)[moves]) >= SEVERAL:
             _order(place, sample.read, expected)
             _motion_read_otherwise(place, sample, expected.misfit(sample.read))
     _unit_of_one(place, sample.read, replace(expected, strict=True), friction)
@@ -162,8 +153,8 @@ def _direction(place: str, sample: Sample, expected: Expected, misfit: Float) ->
     """Check the signs: a torque of the wrong sign also gains energy from friction, which is impossible."""
     read, velocity = sample.read, sample.motion.velocity
     turned = _better(expected.misfits(read * -1.0), misfit) & (read.shares() > TELLS)
-    turned &= _to_and_fro(velocity) | (misfit > TWICE)
-    turned &= [_opposite(*course) for course in zip(read.torque.T, expected.torque.T, velocity.T, strict=True)]
+    turned &= to_and_fro(velocity) | (misfit > TWICE)
+    turned &= opposite(read.torque, expected.torque, velocity)
     if turned.any() and not _mounted_upside_down(sample, expected, turned):
         raise RecordingError(
             f"{place} of {joints_text((np.flatnonzero(turned) + 1).tolist())} has the opposite sign: "
@@ -176,26 +167,6 @@ def _mounted_upside_down(sample: Sample, expected: Expected, turned: Bool) -> bo
     against = replace(expected, torque=expected.torque - 2 * sample.arm.gravity(sample.motion.position))
     other = expected.misfit(sample.read * np.where(turned, -1.0, 1.0))
     return against.misfit(sample.read) <= other
-
-
-def _opposite(torque: Float, expected: Float, velocity: Float) -> bool:
-    """True if a torque (N,) Nm follows the expected one with the other sign, and friction takes no energy from it."""
-    friction = np.column_stack([np.tanh(velocity / STOPPED), velocity])
-    beside = np.column_stack([friction, np.ones_like(velocity)])
-    both = np.column_stack([torque, expected])
-    own, other = (both - beside @ np.linalg.lstsq(beside, both, rcond=None)[0]).T
-    if float(own @ other) > -FOLLOWS * float(np.linalg.norm(own) * np.linalg.norm(other)):
-        return False
-    terms = np.column_stack([beside, expected])
-    found = np.linalg.lstsq(terms, torque, rcond=None)[0]
-    lost = float(np.mean(friction @ found[:2] * velocity))
-    return lost < LOSS * float(np.mean(np.abs(torque * velocity)))
-
-
-def _to_and_fro(velocity: Float) -> Bool:
-    """True (n,) for the joints that go to and fro at ``velocity`` (N, n) rad/s; see ``BACK``."""
-    less, more = np.sort([np.maximum(velocity, 0.0).mean(axis=0), np.maximum(-velocity, 0.0).mean(axis=0)], axis=0)
-    return np.asarray(less > BACK * more, np.bool_)
 
 
 def _order(place: str, read: Torques, expected: Expected) -> None:
