@@ -175,5 +175,5 @@ def _widened(table: Table) -> Table:
         {**whole, **{f"{joint}/{name}": text for name, text in whole.items() for joint in joints}}
         for whole in (table.units, table.unfit)
     )
-    at = 1 + rows[0] if table.rows is None else table.rows[rows[0]]
+    at = table.row_numbers[rows[0]]
     return replace(table, columns=columns, unfit=unfit, units=units, rows=at, texts={})

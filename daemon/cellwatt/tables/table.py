@@ -100,6 +100,11 @@ class Table:
             )
         return time
 
+    @cached_property
+    def row_numbers(self) -> NDArray[np.int64]:
+        """Number (N,) of each row in the file, as in a spreadsheet."""
+        return np.arange(1, len(self) + 1) if self.rows is None else self.rows
+
     def row(self, index: int) -> int:
         """Number of a row in the file."""
         return index + 1 if self.rows is None else int(self.rows[index])
@@ -113,8 +118,7 @@ class Table:
         """The table restricted to the rows where ``rows`` (N,) is true."""
         columns = {name: values[rows] for name, values in self.columns.items()}
         texts = {name: labels[rows] for name, labels in self.texts.items()}
-        numbers = np.arange(1, len(rows) + 1) if self.rows is None else self.rows
-        return replace(self, columns=columns, texts=texts, rows=numbers[rows])
+        return replace(self, columns=columns, texts=texts, rows=self.row_numbers[rows])
 
     def joints(self, quantity: str) -> Float | None:
         """A quantity of ``JOINT`` for all n joints in the file, (N, n) in its SI unit; None if the file lacks it.

@@ -153,7 +153,7 @@ def read_signals(path: Path, robot: RobotDescription) -> Signals:
         path.name,
         time[recorded],
         {name: column[recorded] for name, column in (columns if power is None else columns | {POWER: power}).items()},
-        rows=(1 + np.arange(len(table)) if table.rows is None else table.rows)[recorded],
+        rows=table.row_numbers[recorded],
         slow=names.get(SLOW, ()),
         positions=names[positions],
         lossy=[name for q in LOSSY for name in names.get(q, ())],
