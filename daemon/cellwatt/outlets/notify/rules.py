@@ -210,9 +210,7 @@ class Rules:
             return
         state.see(alarm, session)
         if rank(alarm) > episode.said and self.wants(alarm):
-            waits = state.due.get((alarm.id, False))
-            what = waits.what if waits is not None and waits.what == "raised" else "graver"
-            self._wait(state, Item(what, alarm), session)
+            self._wait(state, Item("graver" if episode.told else "raised", alarm), session)
 
     def _clear(self, state: Recipient, alarm: Alarm, episode: Episode, session: int, passing: int) -> None:
         waits = state.due.get((alarm.id, False))

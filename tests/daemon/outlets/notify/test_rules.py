@@ -131,6 +131,15 @@ def test_without_room_the_least_grave_is_only_counted() -> None:
     assert machine.said[3:] == [("cleared", 1)]
 
 
+def test_what_was_left_out_and_then_becomes_graver_is_raised() -> None:
+    machine = Machine(severity="info", queue=1)
+    machine.take(alarm(1, severity="warning"), alarm(2, severity="info"), alarm(2, severity="error"))
+    machine.send()
+    machine.take(alarm(2, active=False))
+    machine.send()
+    assert machine.said == [("raised", 2), ("cleared", 2)]
+
+
 STEPS = st.one_of(
     st.tuples(st.just("raise"), st.integers(1, 4), st.sampled_from(["info", "warning", "error"])),
     st.tuples(st.just("clear"), st.integers(1, 4), st.just("error")),
