@@ -55,5 +55,5 @@ def _finding(found: Coupling, robot: RobotDescription) -> Finding:
     unit = robot.unit(found.joints[best], "N*m")
     error = Improvement(channels[best], unit, float(found.before[best]), float(found.after[best]), 0.0)
     return Finding(
-        "joint_coupling", second, "mistuned", 0.99, statement, ratios, Where(tuple(channels)), error, was=0.0
+        "joint_coupling", second, "structure", 0.99, statement, ratios, Where(tuple(channels)), error, was=0.0
     )
