@@ -28,6 +28,7 @@ from cellwatt_plugins.explain.input.baseline import Baseline
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.explain.model import Model
 from cellwatt_plugins.explain.verdict.cascade import Falling, cascade, falling
+from cellwatt_plugins.explain.verdict.coupled import as_coupled
 from cellwatt_plugins.explain.verdict.estimates import model_of
 from cellwatt_plugins.explain.verdict.events import merged
 from cellwatt_plugins.explain.verdict.findings import ChannelFit, Finding, Findings, FoundCurve, RetunedNumber, Verdict
@@ -116,6 +117,8 @@ def explain(
     with stage("checking how the arm is mounted"):
         upright = errors(runs, states)
         base, states, mounted = as_mounted(runs, states, base)
+    with stage("checking which motors turn with which joints"):
+        base, states, coupled = as_coupled(runs, states, base)
     powered = any(run.power is not None for run in runs)
     limit = until - SUPPLY_SHARE * seconds if powered else until
     with stage("looking for effects in the torques"):
@@ -128,7 +131,7 @@ def explain(
     with stage("looking for effects in the supply"):
         supply = None if supplied is None else search(lambda *_: supplied, 1, until=until)
     with stage("judging on data left out"):
-        findings = _findings(runs, torque, supply, (*notes, *_of_meter(meter)), mounted, upright)
+        findings = _findings(runs, torque, supply, (*notes, *_of_meter(meter)), mounted, upright, coupled)
     return Explained(findings, model_of(torque.best, supply, base), torque, supply, tuple(runs))
 
 
@@ -174,9 +177,11 @@ def _findings(
     admitted: Sequence[str],
     mounted: Finding | None,
     upright: Float,
+    coupled: Sequence[Finding],
 ) -> Findings:
     sides = [torque] if supply is None else [torque, supply]
-    found, rests, fit, tried = [] if mounted is None else [_with_noise(mounted, torque.problem)], [], [], []
+    found = [_with_noise(each, torque.problem) for each in (mounted, *coupled) if each is not None]
+    rests, fit, tried = [], [], []
     falls, moved = list[Falling](), list[RetunedNumber]()
     curves: list[FoundCurve] = []
     planned = all(run.plan is not None for run in runs)
@@ -226,9 +231,9 @@ def _searched(solution: Solution, found: LackOfFit) -> bool:
     return solution.problem.side == "supply" or found.channel not in solution.unsearched
 
 
-def _with_noise(mounted: Finding, problem: Problem) -> Finding:
-    floor = float(problem.floor[int(mounted.improvement.channel.removeprefix("tau_")) - 1])
-    return replace(mounted, improvement=replace(mounted.improvement, noise_floor=floor))
+def _with_noise(found: Finding, problem: Problem) -> Finding:
+    floor = float(problem.floor[int(found.improvement.channel.removeprefix("tau_")) - 1])
+    return replace(found, improvement=replace(found.improvement, noise_floor=floor))
 
 
 def _gain_tolerance(runs: Sequence[Run], robot: RobotDescription) -> float:

@@ -30,9 +30,11 @@ FORMAT = 2
 if TYPE_CHECKING:
     Array = Float
     Vector = Float
+    Matrix = Float
 else:  # of a file's numbers
     Array = Annotated[tuple[float, ...], AfterValidator(np.array)]
     Vector = Annotated[tuple[float, float, float], AfterValidator(np.array)]
+    Matrix = Annotated[tuple[tuple[float, ...], ...], AfterValidator(np.array)]
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,7 @@ class FittedTerm:
     def course(self, states: States) -> Float:
         """Contribution of the term along a run: (N, n) Nm at the joints, or (N,) W for the supply."""
         term = self.term
-        course = np.asarray(term.effect.columns(states, term.joint, term.shape) @ self.coefficients)
+        course = np.asarray(term.effect.acting(states, term.joint, term.shape) @ self.coefficients)
         return course if term.effect.place == "supply" else on_joints(course, term.joint, states.q.shape[1])
 
 
@@ -99,6 +101,8 @@ class Model:
     """(3,) m/s²: gravity in the base's frame for the real arm, where its mount differs from the simulation's."""
     lead: float | None = None
     """s by which the arm's friction reverses early, where it differs from the simulation's."""
+    coupling: Float | None = None
+    """Turns (n, n) of each motor per turn of each joint, where motors of the real arm turn with several joints."""
 
     def arm(self) -> Arm:
         """The arm as simulated. Raises ``ConfigError``."""
@@ -109,7 +113,7 @@ class Model:
     @property
     def baseline(self) -> Baseline:
         """The simulation's law, to which the model adds. Raises ``ConfigError``."""
-        return Baseline(self.arm(), self.mount, self.lead)
+        return Baseline(self.arm(), self.mount, self.lead, self.coupling)
 
 
 def predict_states(model: Model, states: States) -> Prediction:
@@ -129,12 +133,14 @@ def predict_states(model: Model, states: States) -> Prediction:
 def mechanical_torque(model: Model, states: States) -> Float:
     """Torque (N, n) Nm of the law and the mechanical effects, without effects on the measurement alone."""
     retuned = model.retuned
-    friction = retuned.coulomb_friction * states.sign + retuned.viscous_friction * states.qd
+    turned = states.motors
+    friction = retuned.coulomb_friction * turned.sign + retuned.viscous_friction * turned.qd
+    motors = states.arm.of_motors(friction + retuned.rotor_inertia * turned.qdd)
     carried = states.regressor @ retuned.inertial
     for fitted in model.terms:
         if fitted.term.effect.acts_on == "links":
             carried += fitted.course(states)
-    torque = states.nominal + carried + friction + retuned.rotor_inertia * states.qdd
+    torque = states.nominal + carried + motors
     states = states.with_torque(states.torque, carried)
     for fitted in model.terms:
         if fitted.term.effect.acts_on not in ("links", "supply", "reading", "drive"):
@@ -156,7 +162,7 @@ def save_model(model: Model, path: Path) -> None:
     robot = model.robot.model_dump(mode="json", exclude_none=True) | {"urdf": urdf.name}
     retuned = {name: np.asarray(value).tolist() for name, value in vars(model.retuned).items()}
     terms = [_term(fitted) for fitted in model.terms]
-    arrays = {"links": model.links, "gravity": model.gravity, "mount": model.mount}
+    arrays = {"links": model.links, "gravity": model.gravity, "mount": model.mount, "coupling": model.coupling}
     known = {name: values.tolist() for name, values in arrays.items() if values is not None}
     known |= {} if model.lead is None else {"lead": model.lead}
     content = {"format": FORMAT, "robot": robot, **known, "retuned": retuned, "effects": terms}
@@ -193,6 +199,7 @@ class _File(BaseModel):
     gravity: Vector | None = None
     mount: Vector | None = None
     lead: float | None = None
+    coupling: Matrix | None = None
     retuned: Retuned
     effects: tuple[_Effect, ...]
 
@@ -209,7 +216,7 @@ def load_model(path: Path) -> Model:
         FittedTerm(Term(each.known[each.effect], each.joint and each.joint - 1, each.shape), each.coefficients)
         for each in found.effects
     )
-    return Model(robot, found.retuned, terms, found.links, found.gravity, found.mount, found.lead)
+    return Model(robot, found.retuned, terms, found.links, found.gravity, found.mount, found.lead, found.coupling)
 
 
 def _known(file: _File) -> Iterator[tuple[KeyPath, str]]:

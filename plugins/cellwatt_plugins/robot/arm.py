@@ -32,6 +32,8 @@ class Arm:
 
     description: RobotDescription
     body: Body
+    coupling: Float | None = None
+    """Turns (n, n) of each motor, a row each, per turn of each joint; None if each joint has a motor of its own."""
 
     @classmethod
     def load(cls, robot: Place, needs: Sequence[str] = (), weighed: bool = True) -> Arm:
@@ -111,6 +113,22 @@ class Arm:
         """The same arm with gravity ``field`` (3,) m/s² in the base's frame."""
         return replace(self, body=self.body.with_gravity(field))
 
+    def with_coupling(self, coupling: Float) -> Arm:
+        """The same arm with other turns (n, n) of its motors per turn of each joint."""
+        return replace(self, coupling=coupling)
+
+    def coupled(self, joint: int | None) -> bool:
+        """True if the motor of a joint (0-based) also turns with other joints."""
+        return joint is not None and self.coupling is not None and int(np.count_nonzero(self.coupling[joint])) > 1
+
+    def at_motors(self, motion: Float) -> Float:
+        """Angles, speeds or accelerations (N, n) of the motors, at the joint side, from those of the joints."""
+        return motion if self.coupling is None else motion @ self.coupling.T
+
+    def of_motors(self, torque: Float) -> Float:
+        """Torque (N, n) Nm at the joints from that of the motors, at the joint side."""
+        return torque if self.coupling is None else torque @ self.coupling
+
     def with_friction_lead(self, lead: float) -> Arm:
         """The same arm with Coulomb friction that reverses ``lead`` s before the velocity does."""
         return replace(self, description=self.description.model_copy(update={"friction_lead": lead}))
@@ -121,9 +139,10 @@ class Arm:
         Links by recursive Newton–Euler (``Body.inverse_dynamics``); friction F_c tanh(qd / 0.004) + F_v qd, the first
         with the velocity ``friction_lead`` s later.
         """
-        coulomb = self.column("coulomb_friction") * direction(qd + self.description.friction_lead * qdd)
-        friction = coulomb + self.column("viscous_friction") * qd
-        return np.asarray(self.body.inverse_dynamics(q, qd, qdd) + self.column("rotor_inertia") * qdd + friction)
+        speed, gain = self.at_motors(qd), self.at_motors(qdd)
+        motors = self.column("coulomb_friction") * direction(speed + self.description.friction_lead * gain)
+        motors += self.column("viscous_friction") * speed + self.column("rotor_inertia") * gain
+        return np.asarray(self.body.inverse_dynamics(q, qd, qdd) + self.of_motors(motors))
 
     def power(self, q: Float, qd: Float, qdd: Float) -> Float:
         """Supply power (N,) W that a motion needs: standby, mechanical power and copper loss through the converter."""

@@ -118,6 +118,14 @@ class Moved(Plan):
     planned: bool = True
     """False if the motion was differentiated from encoders alone."""
 
+    def through(self, coupling: Float) -> Moved:
+        """Return the motion of motors that turn by ``coupling`` (n, n) per turn of each joint."""
+        position, velocity, acceleration = (values @ coupling.T for values in self.courses)
+        doubts = (self.resolution, self.velocity_spread, self.acceleration_spread)
+        noise, wide, rough = (np.sqrt(np.square(doubt) @ np.square(coupling).T) for doubt in doubts)
+        sign, unsure = expected_sign(velocity, wide)
+        return Moved(position, velocity, acceleration, sign, unsure, noise, wide, rough, self.planned)
+
     def turning(self, lead: float = 0.0) -> Turning:
         """Return the sign of friction along the motion, where friction reverses ``lead`` s before the velocity does."""
         velocity, spread, sign, doubt = self.velocity, self.velocity_spread, self.sign, self.sign_spread

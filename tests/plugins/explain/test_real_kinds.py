@@ -130,6 +130,43 @@ def test_the_mean_of_what_no_law_explains_is_no_offset(arm):
     assert named(explained(arm, recorded(pushes))) == {("unknown", 1)}
 
 
+def driven_through(turns: np.ndarray) -> Missing:
+    """Motors that turn by ``turns`` (3, 3) per turn of each joint, in place of one at each joint."""
+
+    def added(time: np.ndarray, q: np.ndarray, qd: np.ndarray, run: str) -> np.ndarray:
+        def motors(speed: np.ndarray) -> np.ndarray:
+            gain = np.gradient(speed, time, axis=0)
+            return REAL.coulomb * turned(speed) + REAL.viscous * speed + REAL.rotor * gain
+
+        return motors(qd @ turns.T) @ turns - motors(qd)
+
+    return Missing(added=added)
+
+
+@pytest.mark.parametrize(
+    ("wrist", "says"),
+    [
+        ([[1, 0], [1, 1]], "the motor of joint 3 turns by the sum"),
+        ([[1, -1], [0, 1]], "the motor of joint 2 turns by the difference"),
+        ([[1, 1], [-1, 1]], "their motors turn by the sum and the difference"),
+    ],
+)
+def test_motors_that_turn_with_two_joints(arm, tmp_path, wrist, says):
+    turns = np.eye(3)
+    turns[1:, 1:] = wrist
+    missing = driven_through(turns)
+    found = explained(arm, recorded(missing))
+    assert named(found) == {("joint_coupling", 3)}
+    (coupling,) = found.findings.findings
+    assert says in coupling.statement
+    save_model(found.model, tmp_path / "model.yaml")
+    time = np.arange(1000) / plant.RATE
+    q, qd, qdd = plant.moves(77, 10.0)(time)
+    real = plant.motors(REAL, q, qd, qdd) + missing.added(time, q, qd, "run_09")
+    said = plant.predict(load_model(tmp_path), time, q, qd, qdd).torque
+    assert np.all(np.std(said - real, axis=0) < [0.5, 0.6, 0.4])
+
+
 @pytest.mark.slow
 def test_friction_that_turns_over_slowly(arm):
     """That of joint 1, 5.3 Nm, and 6 Nm more, builds up over 0.1 rad/s."""

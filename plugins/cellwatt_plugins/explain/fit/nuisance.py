@@ -11,6 +11,7 @@ from cellwatt.arrays import Float
 from cellwatt_plugins.robot.blocks import Block
 from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.drive import copper_loss
+from cellwatt_plugins.robot.effects import BY_NAME
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.priors import link_prior
 from cellwatt_plugins.robot.regression import Prior
@@ -51,13 +52,13 @@ def torque_nuisance(states: Sequence[States]) -> tuple[Nominal, ...]:
         for i, own in enumerate(body.parameters().reshape(-1, PER_LINK))
     ]
     courses = (
-        ("coulomb_friction", robot.tolerances.friction, np.concatenate([s.sign for s in states])),
-        ("viscous_friction", robot.tolerances.friction, np.concatenate([s.qd for s in states])),
-        ("rotor_inertia", robot.tolerances.rotor_inertia, np.concatenate([s.qdd for s in states])),
+        ("coulomb_friction", robot.tolerances.friction),
+        ("viscous_friction", robot.tolerances.friction),
+        ("rotor_inertia", robot.tolerances.rotor_inertia),
     )
     blocks += [
-        Nominal(course[:, joint : joint + 1], joint, Prior.spread(np.array([tolerance * value])), name, joint)
-        for name, tolerance, course in courses
+        _of_motor(states, name, joint, Prior.spread(np.array([tolerance * value])))
+        for name, tolerance in courses
         for joint, value in enumerate(robot.column(name))
         if value > 0
     ]
@@ -66,6 +67,11 @@ def torque_nuisance(states: Sequence[States]) -> tuple[Nominal, ...]:
     if all(s.beyond is not None for s in states):
         blocks += _beyond([s.beyond for s in states], [s.nominal for s in states], robot.tolerances.friction)
     return tuple(blocks)
+
+
+def _of_motor(states: Sequence[States], name: str, joint: int, prior: Prior) -> Nominal:
+    columns = np.concatenate([BY_NAME[name].acting(s, joint, ()) for s in states])
+    return Nominal(columns, None if columns.ndim == 3 else joint, prior, name, joint)
 
 
 def _beyond(courses: Sequence[Float | None], whole: Sequence[Float], tolerance: float) -> list[Nominal]:

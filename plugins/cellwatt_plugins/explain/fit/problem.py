@@ -121,10 +121,10 @@ class Problem:
     def columns(self, term: Term) -> list[Float]:
         """Columns of a term in each run; simulated once if they depend on the motion alone."""
         if term.effect.acts_on == "supply" or term.effect.depends_on in ("load", "fitted torque"):
-            return [term.effect.columns(s, term.joint, term.shape) for s in self.states]
+            return [term.effect.acting(s, term.joint, term.shape) for s in self.states]
         key = (*term.place, term.shape)
         if key not in self.simulated:
-            self.simulated[key] = [term.effect.columns(s, term.joint, term.shape) for s in self.states]
+            self.simulated[key] = [term.effect.acting(s, term.joint, term.shape) for s in self.states]
         return self.simulated[key]
 
     def prior_block(self, term: Term, columns: Float) -> Block:
@@ -169,7 +169,7 @@ class Problem:
             if block.name in ("link", "drive"):
                 continue
             for part, columns in zip(out, np.split(block.columns, self._ends), strict=True):
-                part[:, block.channel or 0] += columns @ nuisance[place]
+                part += on_joints(columns @ nuisance[place], block.channel, joints)
         for term, coefficients in terms:
             for part, load, columns in zip(out, carried, self.columns(term), strict=True):
                 more = columns @ coefficients

@@ -61,7 +61,8 @@ def torque_problem(
     # An unknown sign near a stop is wrong for the whole stop: the samples of a stop are one draw, not many.
     variance = []
     for run, s, own in zip(runs, states, known, strict=True):
-        unsure = np.square(coulomb) * _unsure(s, at_rest) * max(1.0, STOP / run.step)
+        unsure = np.square(coulomb) * _unsure(s.motors, at_rest) * max(1.0, STOP / run.step)
+        unsure = unsure if s.arm.coupling is None else unsure @ np.square(s.arm.coupling)
         unsure += np.square((s.own_inertia + robot.column("rotor_inertia")) * s.moved.acceleration_spread)
         whole = _without_gaps(noise**2 + _until(unsure, round(late / run.step)), run)
         variance.append(np.where(own & _between_ends(run), whole, UNKNOWN_VARIANCE * noise**2))

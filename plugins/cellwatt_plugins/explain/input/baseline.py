@@ -64,11 +64,14 @@ class Baseline:
     """Gravity (3,) m/s² in the base's frame, if the arm is mounted differently than in its simulation."""
     lead: float | None = None
     """s by which the arm's friction reverses before the velocity, if different from the simulation's."""
+    coupling: Float | None = None
+    """Turns (n, n) of each motor per turn of each joint, if motors of the real arm turn with several joints."""
 
     @property
     def recorded(self) -> Arm:
         """The arm with the numbers of the simulation, mounted as it was recorded."""
         arm = self.arm if self.field is None else self.arm.with_gravity(self.field)
+        arm = arm if self.coupling is None else arm.with_coupling(self.coupling)
         return arm if self.lead is None else arm.with_friction_lead(self.lead)
 
     def states(self, run: Run, index: int, motion: Moved | None = None) -> States:

@@ -83,7 +83,7 @@ def left_out(occasion: Occasion, names: Sequence[str]) -> Alarm:
 
 
 def _statement(new: Sequence[Mapping[str, Any]], content: Mapping[str, Any], any_at_all: bool) -> str:
-    named = sorted(new, key=lambda f: (f["kind"] != "missing", f["effect"] == "unknown"))
+    named = sorted(new, key=lambda f: (f["kind"] == "mistuned", f["effect"] == "unknown"))
     lines = [f["statement"] for f in named[:MOST_STATED]]
     if len(named) > MOST_STATED:
         lines.append(f"{len(named) - MOST_STATED} more in the report.")

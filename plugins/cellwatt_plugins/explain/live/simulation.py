@@ -137,7 +137,7 @@ def _probe(arm: Arm, samples: int, step: float, warm: bool) -> States:
 def _alike(fitted: FittedTerm, long: States, short: States, samples: int) -> bool:
     term = fitted.term
     whole, last = (
-        (term.effect.columns(states, term.joint, term.shape) @ fitted.coefficients)[-samples:]
+        (term.effect.acting(states, term.joint, term.shape) @ fitted.coefficients)[-samples:]
         for states in (long, short)
     )
     size = float(np.sqrt(np.mean(np.square(whole))))

@@ -23,6 +23,7 @@ from cellwatt_plugins.explain.verdict.findings import (
 )
 
 Row = list[str]
+KINDS = {"missing": "missing from the simulation", "structure": "built differently", "mistuned": "value is off"}
 _KINDS = ("refused", "kept")
 MOST_TRIALS = 16
 """Number of candidates shown at once; the rest is folded."""
@@ -52,7 +53,7 @@ def found(findings: Findings) -> list[Block]:
 def _finding_card(finding: Finding) -> Card:
     """One finding: effect, parameters, confidence, location, improvement and alternatives."""
     unknown = finding.effect == wording.UNKNOWN
-    kind = "value is off" if finding.kind == "mistuned" else "missing from the simulation"
+    kind = KINDS[finding.kind]
     rows = [
         (name.replace("_", " "), inline(bold(measured(p.value, p.std)), " ", unit(p.unit)))
         for name, p in finding.parameters.items()
@@ -64,7 +65,8 @@ def _finding_card(finding: Finding) -> Card:
     more: list[Block] = [Html("<h4>Could also be</h4>"), Notes(others)] if others else []
     blocks = [finding.statement, Columns([*left, *_where(finding.where, gain.unit)], right), *more]
     title, sure = capital(wording.named(finding)), wording.confidence(finding.confidence)
-    return Card(title, blocks, "not explained" if unknown else kind, sure, "open" if unknown else finding.kind)
+    style = "open" if unknown else "mistuned" if finding.kind == "mistuned" else "missing"
+    return Card(title, blocks, "not explained" if unknown else kind, sure, style)
 
 
 def _unexplained_card(rest: UnexplainedChannel, symbol: str) -> Card:

@@ -55,7 +55,7 @@ def number_rows(findings: Findings) -> list[NumberRow]:
 
 def _found(finding: Finding) -> Iterator[NumberRow]:
     name = capital(wording.named(finding))
-    remark = "off beyond its tolerance" if finding.kind == "mistuned" else "missing"
+    remark = {"mistuned": "off beyond its tolerance", "structure": "built differently"}.get(finding.kind, "missing")
     for i, (word, parameter) in enumerate(finding.parameters.items()):
         symbol, known = unit(parameter.unit), finding.was if i == 0 else None
         if known is not None:

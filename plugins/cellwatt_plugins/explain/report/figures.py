@@ -63,7 +63,7 @@ def _time_lead(traces: Sequence[Trace], shown: Sequence[Trace], marked: bool) ->
 def _prominent(findings: Findings, floors: Mapping[str, float]) -> list[str]:
     """Channels to show first: with missing effects, unexplained, mistuned; if there are none, the first channel."""
     missing, mistuned = (
-        [f.improvement.channel for f in findings.findings if f.kind == kind] for kind in ("missing", "mistuned")
+        [f.improvement.channel for f in findings.findings if (f.kind == "mistuned") == off] for off in (False, True)
     )
     named = [*missing, *(r.channel for r in findings.unexplained), *mistuned]
     return [c for c in dict.fromkeys(named) if c in floors] or list(floors)[:1]

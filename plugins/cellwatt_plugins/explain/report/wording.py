@@ -90,7 +90,7 @@ def _unsearched(findings: Findings) -> str:
 def verdict(findings: Findings) -> str:
     """The whole outcome in one plain sentence."""
     known = [f for f in findings.findings if f.effect != UNKNOWN]
-    missing = [f for f in known if f.kind == "missing"]
+    missing = [f for f in known if f.kind != "mistuned"]
     mistuned = [f for f in known if f.kind == "mistuned"]
     place = _open_places(findings)
     remains = f"at {place} something" if place else "something"

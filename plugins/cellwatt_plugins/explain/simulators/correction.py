@@ -11,6 +11,7 @@ from scipy.optimize import nnls
 from cellwatt.arrays import Float
 from cellwatt_plugins.explain.fit.problem import Term
 from cellwatt_plugins.explain.model import FittedTerm, Retuned
+from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.effects.load.gravity_tilt import turned
 from cellwatt_plugins.robot.effects.states import States
@@ -88,6 +89,11 @@ def holds(term: Term) -> bool:
     return name in EXPRESSED or (name == "nonlinear_viscous_friction" and shape[0] > 1)
 
 
+def of_coupled(term: Term, arm: Arm) -> bool:
+    """True if an effect is of a motor that turns with several joints: ``Correction`` is of one motor a joint."""
+    return term.effect.of_motor and arm.coupled(term.joint)
+
+
 EXPRESSED = frozenset(
     {
         "coulomb_friction",
@@ -109,6 +115,8 @@ def remainder(fitted: FittedTerm, states: States, every: Sequence[States]) -> Fl
     course = fitted.course(states)
     if fitted.term.effect.place == "supply":
         return course[:, None]
+    if of_coupled(fitted.term, states.arm):
+        return course
     expressed = correction(Retuned.nothing(course.shape[1]), [fitted], every)
     course -= expressed.friction * states.sign
     course -= np.einsum("nji,ji->nj", powers(states.qd), expressed.damping)
@@ -120,9 +128,11 @@ def powers(speed: Float) -> Float:
     return np.stack([speed, speed * np.abs(speed), speed**3], axis=-1)
 
 
-def why_unwritten(fitted: FittedTerm) -> str:
+def why_unwritten(fitted: FittedTerm, arm: Arm) -> str:
     """Why a simulator of an arm has no term for an effect."""
     effect = fitted.term.effect
+    if of_coupled(fitted.term, arm):
+        return "its motor turns with several joints and loads them all"
     if effect.place == "supply":
         return "it is in the supply, which the simulator does not have"
     if effect.acts_on == "reading":

@@ -20,7 +20,14 @@ from cellwatt_plugins.explain.fit.search.solve import fitted
 from cellwatt_plugins.explain.fit.solution import Solution
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.explain.model import FittedTerm
-from cellwatt_plugins.explain.simulators.correction import EXPRESSED, correction, holds, remainder, why_unwritten
+from cellwatt_plugins.explain.simulators.correction import (
+    EXPRESSED,
+    correction,
+    holds,
+    of_coupled,
+    remainder,
+    why_unwritten,
+)
 from cellwatt_plugins.explain.simulators.mujoco import Simulator, load_simulator
 from cellwatt_plugins.explain.simulators.placing import Placing, placing
 from cellwatt_plugins.explain.simulators.target import Target, expected, target
@@ -102,7 +109,8 @@ def _choices(found: Explained) -> Iterator[Solution]:
     """Fits of what the file can hold: all of it first, then with more and more numbers at the user's values."""
     torque = found.torque
     free = torque.free or torque.problem
-    terms = [term for term in torque.terms if holds(term)]
+    arm = free.states[0].arm
+    terms = [term for term in torque.terms if holds(term) and not of_coupled(term, arm)]
     for factors in (confirmed(free, terms, torque.factor), links_fixed(free), all_fixed(free)):
         yield fitted(freed(free, factors), terms)
     # Then, joint by joint, the terms that do not improve their joint are removed.
@@ -194,10 +202,14 @@ def unwritten(found: Explained, solution: Solution, refused: Sequence[tuple[str,
         elif effect.place == "supply":
             states = (problem if found.supply is None else found.supply.problem).states
             course = [remainder(term, s, states) for s in states]
-            out.append(Unwritten(effect.name, None, why_unwritten(term), float(rms(np.concatenate(course))[0]), "W"))
-        elif effect.name not in EXPRESSED:
+            out.append(
+                Unwritten(
+                    effect.name, None, why_unwritten(term, states[0].arm), float(rms(np.concatenate(course))[0]), "W"
+                )
+            )
+        elif effect.name not in EXPRESSED or of_coupled(term.term, problem.states[0].arm):
             course = [remainder(term, s, problem.states) for s in problem.states]
-            out += _entries(effect.name, why_unwritten(term), course, problem)
+            out += _entries(effect.name, why_unwritten(term, problem.states[0].arm), course, problem)
     if reason := next((text for (effect, _), text in why.items() if effect == "rotor_inertia"), None):
         rotor = retuned(solution, None).rotor_inertia
         out += _entries("rotor_inertia", reason, [rotor * s.qdd for s in problem.states], problem)

@@ -27,7 +27,8 @@ def model_of(torque: Solution, supply: Solution | None, base: Baseline) -> Model
     robot, body = base.arm.description, base.arm.body
     same = np.array_equal(body.gravity_field, Arm.of(robot).body.gravity_field)
     gravity = None if same else body.gravity_field
-    return Model(robot, retuned(torque, supply), tuple(terms), body.changed, gravity, base.field, base.lead)
+    law = body.changed, gravity, base.field, base.lead, base.coupling
+    return Model(robot, retuned(torque, supply), tuple(terms), *law)
 
 
 def _foreseen(solution: Solution, term: Term) -> Float:

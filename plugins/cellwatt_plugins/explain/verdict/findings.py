@@ -11,7 +11,8 @@ from cellwatt_plugins.explain.fit.solution import Trial
 from cellwatt_plugins.robot.effects.effect import Parameter
 
 Verdict = Literal["no_mismatch", "explained", "partly_explained", "unexplained"]
-Kind = Literal["missing", "mistuned"]
+Kind = Literal["missing", "structure", "mistuned"]
+"""Physics that the simulation lacks, a structure that it has otherwise, or a number of it that is off."""
 StepKind = Literal["simulation", "finding", "curve", "retuning"]
 
 

@@ -88,6 +88,8 @@ class Effect(ABC):
     acts_on: ClassVar[ActsOn] = "joint"
     whole_arm: ClassVar[bool] = False
     """One term for all joints, not one for each."""
+    of_motor: ClassVar[bool] = False
+    """True if it follows the turns of the joint's motor, which another joint may turn too."""
     depends_on: ClassVar[DependsOn] = "motion"
     nominal: ClassVar[str] = ""
     """The parameter of the description that it corrects: if that is not 0, it is mistuned rather than missing."""
@@ -166,6 +168,13 @@ class Effect(ABC):
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
         """Contribution of one unit of each coefficient: (N, m) for a joint or the supply, (N, n, m) for the robot."""
 
+    def acting(self, run: States, joint: int | None, shape: Shape) -> Float:
+        """``columns`` as they act on the arm: (N, n, m) if they are of a motor that loads several joints."""
+        if not (self.of_motor and run.arm.coupled(joint)):
+            return self.columns(run, joint, shape)
+        assert run.arm.coupling is not None
+        return self.columns(run.motors, joint, shape)[:, None, :] * run.arm.coupling[joint][:, None]
+
     def resolved(self, runs: Sequence[States], joint: int | None, shape: Shape) -> bool:
         """True if these recordings resolve the shape, so that it is not an artefact of their sampling."""
         return True
@@ -180,7 +189,7 @@ class Effect(ABC):
 
     def grid(self, run: States, joint: int | None, shapes: Sequence[Shape]) -> Sequence[Float]:
         """Columns of several shapes; simulated effects compute all shapes at once."""
-        return [self.columns(run, joint, shape) for shape in shapes]
+        return [self.acting(run, joint, shape) for shape in shapes]
 
     def prior(self, runs: Sequence[States], joint: int | None, columns: Float, size: Float) -> Prior:
         """Prior of the coefficients: each column may contribute about ``size`` (C,) in the unit of its channel.

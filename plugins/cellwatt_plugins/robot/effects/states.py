@@ -85,6 +85,15 @@ class States:
         return self.moved.acceleration
 
     @cached_property
+    def motors(self) -> States:
+        """The same run with the motion of the motors in place of the joints'; what the links need is unchanged."""
+        if self.arm.coupling is None:
+            return self
+        new = replace(self, moved=self.moved.through(self.arm.coupling), arm=replace(self.arm, coupling=None))
+        new.__dict__.update({name: getattr(self, name) for name in ("regressor", "rigid", "own_inertia")})
+        return new
+
+    @cached_property
     def turning(self) -> Turning:
         """Sign of friction along the motion."""
         return self.moved.turning(self.robot.friction_lead)
@@ -122,13 +131,19 @@ class States:
     @cached_property
     def friction(self) -> Float:
         """Nominal friction torque (N, n) Nm."""
-        coulomb = self.arm.column("coulomb_friction") * self.sign
-        return coulomb + self.arm.column("viscous_friction") * self.qd
+        turned = self.motors
+        coulomb = self.arm.column("coulomb_friction") * turned.sign
+        return self.arm.of_motors(coulomb + self.arm.column("viscous_friction") * turned.qd)
+
+    @property
+    def motors_law(self) -> Float:
+        """Nominal torque (N, n) Nm of the rotors and of friction."""
+        return self.friction + self.arm.of_motors(self.arm.column("rotor_inertia") * self.motors.qdd)
 
     @cached_property
     def nominal(self) -> Float:
         """Motor torque (N, n) Nm of the simulation."""
-        law = self.rigid + self.arm.column("rotor_inertia") * self.qdd + self.friction
+        law = self.rigid + self.motors_law
         return law if self.beyond is None else law + self.beyond
 
     @property

@@ -12,6 +12,7 @@ class RotorInertia(Effect):
     """I qdd: absent from the description, or with a clearly wrong value."""
 
     name = "rotor_inertia"
+    of_motor = True
     nominal = "rotor_inertia"
     confusions = (
         Confusion("link_inertial_error", "move the joint in several poses of the others: a rotor adds the same in all"),

@@ -35,6 +35,7 @@ class Friction(Effect):
     ``explain`` tries its ``shapes``, as of every effect. The other users take the shapes declared here, if any.
     """
 
+    of_motor = True
     trained: ClassVar[Mapping[str, Shape]] = {}
     """Shapes that ``train power`` tries, by their name in its report."""
     doubt: ClassVar[tuple[float, Shape] | None] = None

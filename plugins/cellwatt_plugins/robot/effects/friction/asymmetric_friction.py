@@ -19,6 +19,7 @@ class AsymmetricFriction(Effect):
     """More friction one way than the other: half the difference each way, or all of it one way."""
 
     name = "asymmetric_friction"
+    of_motor = True
     acts_on = "friction"
     relations = Relations(along="velocity", beats=("torque_offset",))
     form = Form(reverses=True)

@@ -38,6 +38,7 @@ class PreslidingHysteresis(Effect):
     """
 
     name = "presliding_hysteresis"
+    of_motor = True
     acts_on = "friction"
     form = Form(reverses=True)
     relations = Relations(beats=("coulomb_friction",))

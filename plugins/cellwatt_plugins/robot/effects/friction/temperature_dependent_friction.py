@@ -30,6 +30,7 @@ class TemperatureDependentFriction(Effect):
     """
 
     name = "temperature_dependent_friction"
+    of_motor = True
     acts_on = "friction"
     acceptance = Acceptance(above=0.0, longest_run=100.0)
     uncertainty = Uncertainty({"cold_factor": 0.15, "scale": 0.05, "time_constant": 0.15, "warming": 0.15})
