@@ -12,7 +12,7 @@ from typing import Any, Final
 from cellwatt.alarms import Standing
 from cellwatt.batch import Batch
 from cellwatt.frames import Frames
-from cellwatt.live.site import stands, summary
+from cellwatt.live.site import alarms, stands, summary
 from cellwatt.live.state import LiveCell
 from cellwatt.subscriber import Gap, Health, Message
 
@@ -143,10 +143,9 @@ def _text_of(kind: str, content: Mapping[str, Any]) -> str:
 
 
 def _standing(cell: LiveCell) -> str:
-    status, up = cell.status, len(cell.alarms.up)
+    status = cell.status
     figures = summary(f"{status['site']}/{status['cell']}", Health(0, 0, {}, status))
-    alarms = f"{up} alarm{'s' * (up != 1)}" if up else "no alarm"
-    return f"{stands({**figures, 'state': cell.state})}, {alarms}"
+    return f"{stands({**figures, 'state': cell.state})}, {alarms(len(cell.alarms.up))}"
 
 
 def _seconds(span: Mapping[str, Any]) -> str:

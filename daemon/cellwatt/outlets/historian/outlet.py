@@ -47,19 +47,14 @@ class Lake:
             raise OutletError("lake: pyarrow is missing: pip install pyarrow")
         while True:
             self._heard_at = time.monotonic()
-            self.problem = await self.once()
-            self._heard_at = math.inf
-            if self.problem is not None:
+            try:
+                await output([MODULE], LONGEST, NICENESS, given=json.dumps(self._order).encode(), heard=self._heard)
+                self.problem = None
+            except CellwattError as error:
+                self.problem = f"lake: {str(error).removeprefix('lake: ')}"
                 self._account.count("lake: runs failed")
+            self._heard_at = math.inf
             await asyncio.sleep(self._settings.every if self.problem is None else min(PAUSE, self._settings.every))
-
-    async def once(self) -> str | None:
-        """Export new rows and results; return the reason of a failure, or ``None``."""
-        try:
-            await output([MODULE], LONGEST, NICENESS, given=json.dumps(self._order).encode(), heard=self._heard)
-        except CellwattError as error:
-            return f"lake: {str(error).removeprefix('lake: ')}"
-        return None
 
     def trouble(self) -> str | None:
         """Reason why the last run failed, or that the present one seems to hang; else ``None``."""

@@ -106,14 +106,6 @@ class Feed:
 
     # current state --------------------------------------------------------------------------------
 
-    def is_up(self, alarm_id: str) -> bool:
-        """True if an alarm is active, shelved or not."""
-        return alarm_id in self.live.alarms
-
-    def is_shelved(self, alarm_id: str) -> bool:
-        """True if an alarm is shelved."""
-        return self.is_up(alarm_id) and self.live.alarms[alarm_id].shelf is not None
-
     @property
     def names(self) -> Sequence[str]:
         """Names of the frames' channels."""

@@ -154,7 +154,6 @@ class Plant:
         try:
             return plant_cell(self._name, name, cell.status, age, gone=cell.gone is not None)
         except UNREADABLE:
-            self._unreadable += 1
             return plant_cell(self._name, name, {}, age, gone=cell.gone is not None)
 
     # messages -------------------------------------------------------------------------------------

@@ -96,7 +96,7 @@ async def _lets_go(files: int, tasks: int, patience: float) -> None:
     loop = asyncio.get_running_loop()
     end = loop.time() + patience / 4
     # Something else in this process may open a file for a moment: the look that ends the wait also decides.
-    while (left := _open_files() - files) > 0 or len(asyncio.all_tasks()) > tasks:  # noqa: ASYNC110
+    while (left := _open_files() - files) > 0 or len(asyncio.all_tasks()) > tasks:
         if loop.time() >= end:
             break
         await asyncio.sleep(0.02)

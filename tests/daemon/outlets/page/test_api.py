@@ -175,8 +175,8 @@ async def test_other_channels_end_the_stream_so_that_the_browser_asks_anew(
 async def test_one_cell_is_a_plant_of_one(browser: aiohttp.ClientSession, page: Served) -> None:
     page.feed.take_health(status([{**asdict(alarm(1)), "acknowledged": None}], power_W=123.5))
     (cell,) = (await get(browser, page.url + "/api/plant"))["cells"]
-    told = [cell[name] for name in ("state", "time", "sources_ok", "received", "lost", "power_W", "page")]
-    assert told == ["green", MS + 10_000, 1, 70, 3, 123.5, None]
+    told = [cell[name] for name in ("state", "time", "sources_ok", "received", "lost", "power_W")]
+    assert told == ["green", MS + 10_000, 1, 70, 3, 123.5]
     assert [(alarm["id"], alarm["acknowledged"]) for alarm in cell["alarms"]] == [("alarm-1", False)]
     await get(browser, page.url + "/api/plant/stream", 404)
 
@@ -200,8 +200,7 @@ async def test_what_cannot_be_answered_is_one_line(browser: aiohttp.ClientSessio
 
 
 async def test_what_people_say_reaches_the_daemon(browser: aiohttp.ClientSession, page: Served) -> None:
-    page.feed.take_item("alarm", asdict(alarm(1)))
-    page.feed.take_health(status([{**asdict(alarm(1)), "acknowledged": None}], [shelved(2)]))
+    page.feed.take_health(status())
     body = {"id": "alarm-1", "name": " Ada\x1b[31m ", "note": "a new\nbelt is ordered"}
     assert await post(browser, page.url, f"{API}/acknowledge", body) == {}
     await post(browser, page.url, f"{API}/shelve", {"id": "alarm-1", "name": "Ada", "minutes": 30, "note": ""})
@@ -213,12 +212,8 @@ async def test_what_people_say_reaches_the_daemon(browser: aiohttp.ClientSession
 
 
 async def test_what_people_say_wrongly_does_nothing(browser: aiohttp.ClientSession, page: Served) -> None:
-    page.feed.take_item("alarm", asdict(alarm(1)))
-    page.feed.take_item("alarm", asdict(alarm(13)))
     one, ada = {"id": "alarm-1"}, {"name": "Ada", "note": ""}
     for what, body, code, error in (
-        ("acknowledge", {"id": "alarm-9", **ada}, 409, "alarm 'alarm-9' is not active"),
-        ("unshelve", {**one, **ada}, 409, "alarm 'alarm-1' is not shelved"),
         ("acknowledge", {"id": "alarm-13", **ada}, 409, "no alarm 'alarm-13' is active: it may"),
         ("acknowledge", {**one, "name": " \x00"}, 400, "name: expected a text that is not empty"),
         ("acknowledge", {**ada, "id": 5}, 400, "id: expected a text"),

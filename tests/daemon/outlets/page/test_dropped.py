@@ -185,6 +185,20 @@ async def test_a_file_that_the_disk_has_no_room_for_is_not_among_the_files(
         assert (await browser.ask("GET", f"/{name}"))[1]["items"] == []
 
 
+async def test_what_is_refused_takes_no_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, echo: None) -> None:
+    """Neither files for which the disk is too small, nor a sample that cannot be made."""
+    monkeypatch.setattr(dropped, "KEPT", 1)
+    async with browsing(tmp_path) as browser:
+        monkeypatch.setattr(dropped, "LARGEST", 1e18)
+        status, told = await browser.ask("POST", json={"files": {"a.csv": 10**17}})
+        assert status == 409 and "name a larger folder in TMPDIR" in told["error"]
+        name = await browser.drop({"a.csv": CSV})
+        monkeypatch.setattr(dropped, "SAMPLE", ("./bad.csv",))
+        monkeypatch.setattr(dropped, "KEPT", 2)
+        assert (await browser.ask("POST", "/sample", json={}))[0] == 409
+        assert (await browser.ask("GET"))[1]["drops"] == [name]
+
+
 async def test_the_oldest_drop_goes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: Path) -> None:
     monkeypatch.setattr(dropped, "KEPT", 2)
     async with browsing(tmp_path) as browser:

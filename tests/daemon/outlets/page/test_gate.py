@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import ssl
 from collections.abc import AsyncIterator
-from dataclasses import asdict
 from http.cookies import SimpleCookie
 from pathlib import Path
 from typing import Any
@@ -22,13 +21,11 @@ from tests.daemon.outlets.page.cell import (
     USERS,
     Served,
     Stream,
-    alarm,
     client,
     csrf,
     get,
     log_in,
     served,
-    status,
 )
 
 LOCKED = [
@@ -48,8 +45,6 @@ LOCKED = [
 @pytest.fixture
 async def page(tmp_path: Path) -> AsyncIterator[Served]:
     async with served(tmp_path, users=USERS) as found:
-        found.feed.take_item("alarm", asdict(alarm(1)))
-        found.feed.take_health(status([{**asdict(alarm(1)), "acknowledged": None}]))
         yield found
 
 
