@@ -26,8 +26,6 @@ def source(state: str = "ok", error: str | None = None, lost: int = 0) -> dict[s
         "received": 1000 - lost,
         "missed": {"late": lost},
         "dropped": {},
-        "streams": {"main": {"rate_hz": 500.0, "jitter_p99_ms": 0.25}},
-        "clocks": {"main": {"bound_ns": 120_000}},
     }
 
 

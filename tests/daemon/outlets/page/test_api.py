@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 import aiohttp
 import pytest
 
+from cellwatt.outlets.page.app import FOLDER
 from cellwatt.version import __version__
 from tests.daemon.outlets.page.cell import (
     API,
@@ -20,7 +20,6 @@ from tests.daemon.outlets.page.cell import (
     MS,
     PREDICTION,
     SITE,
-    STATIC,
     TASK,
     Served,
     Stream,
@@ -36,8 +35,8 @@ from tests.daemon.outlets.page.cell import (
 
 
 @pytest.fixture
-async def page(tmp_path: Path) -> AsyncIterator[Served]:
-    async with served(tmp_path) as found:
+async def page() -> AsyncIterator[Served]:
+    async with served() as found:
         yield found
 
 
@@ -60,7 +59,7 @@ async def test_every_page_is_the_same_application(browser: aiohttp.ClientSession
     for path in ("/", "/login", f"/cell/{SITE}/{CELL}/alarms", "/recordings/2"):
         async with browser.get(page.url + path) as response:
             assert (response.status, response.content_type) == (200, "text/html")
-            assert await response.read() == STATIC["index.html"]
+            assert await response.read() == (FOLDER / "index.html").read_bytes()
             assert response.headers["Cache-Control"] == "no-cache"
             tag = response.headers["ETag"]
     async with browser.get(page.url, headers={"If-None-Match": tag}) as response:
@@ -68,14 +67,16 @@ async def test_every_page_is_the_same_application(browser: aiohttp.ClientSession
 
 
 async def test_built_files_are_packed_and_kept_for_ever(page: Served) -> None:
+    (file,) = FOLDER.glob("assets/*.js")
+    url, content = f"{page.url}/assets/{file.name}", file.read_bytes()
     async with aiohttp.ClientSession(auto_decompress=False) as browser:
-        async with browser.get(page.url + "/assets/main-1a2b.js", headers={"Accept-Encoding": "gzip"}) as response:
+        async with browser.get(url, headers={"Accept-Encoding": "gzip"}) as response:
             assert response.headers["Cache-Control"] == "public, max-age=31536000, immutable"
             assert response.headers["Content-Encoding"] == "gzip"
             assert response.content_type == "text/javascript"
-            assert len(await response.read()) < len(STATIC["assets/main-1a2b.js"]) / 10
-        async with browser.get(page.url + "/assets/main-1a2b.js", headers={"Accept-Encoding": "identity"}) as response:
-            assert await response.read() == STATIC["assets/main-1a2b.js"]
+            assert len(await response.read()) < len(content) / 2
+        async with browser.get(url, headers={"Accept-Encoding": "identity"}) as response:
+            assert await response.read() == content
         async with browser.get(page.url + "/favicon.svg") as response:
             assert response.content_type == "image/svg+xml"
 
