@@ -33,7 +33,7 @@ def stands(cell: Mapping[str, Any]) -> str:
     )
 
 
-def alarms(count: int) -> str:
+def alarm_count(count: int) -> str:
     """A number of active alarms, as text."""
     return f"{count} alarm{'s' * (count != 1)}" if count else "no alarm"
 
@@ -44,4 +44,4 @@ def line(cell: Mapping[str, Any]) -> str:
         return f"{cell['cell']}: heard, does not answer"
     grave = max(cell["alarms"], key=lambda alarm: SEVERITIES.index(alarm["severity"]), default=None)
     worst = "" if grave is None else f", {grave['severity']}: {grave['statement']}"
-    return f"{stands(cell)}, {alarms(len(cell['alarms']))}{worst}"
+    return f"{stands(cell)}, {alarm_count(len(cell['alarms']))}{worst}"

@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from cellwatt import Alarm, Energy, Interval, Prediction, Task
+from cellwatt import Alarm, Energy, Frames, Interval, Prediction, Task
+from cellwatt.live.bulletin import line_of
+from cellwatt.live.state import LiveCell
 from cellwatt.subscriber import Gap, Health, Message
 from tests.blocks import frames_of, layout_of
 
@@ -16,6 +18,15 @@ START = 1_700_000_000 * SECOND
 JOINTS, METERS = ("arm.joint_1.position", "arm.joint_2.position"), ("board.supply.power", "mains.supply.power")
 LAYOUT = layout_of(dict.fromkeys(JOINTS, "rad") | dict.fromkeys(METERS, "W"), 10.0)
 GROUPS = {"brakes": 5.5, "electronics": 60.0, "stored": 0.0, "regeneration": 0.25, "unexplained": -0.75}
+
+
+def hear(cell: LiveCell, message: Message) -> None:
+    """Tell a cell what a subscriber got."""
+    if isinstance(message.content, Frames):
+        cell.add_frames(message.content)
+    else:
+        line = line_of(message)
+        cell.add(line["kind"], line["content"], line["session"])
 
 
 def source(state: str = "ok", error: str | None = None, lost: int = 0) -> dict[str, Any]:

@@ -4,13 +4,13 @@ from typing import Any
 from cellwatt.live.site import line, summary
 from cellwatt.live.state import LiveCell
 from cellwatt.subscriber import Health
-from tests.daemon.live.cells import START, alarm, source, status
+from tests.daemon.live.cells import START, alarm, hear, source, status
 
 
 def standing(*severities: str) -> list[Any]:
     cell = LiveCell()
     for severity in severities:
-        cell.take(alarm(f"of {severity}", severity=severity))
+        hear(cell, alarm(f"of {severity}", severity=severity))
     return [asdict(standing.alarm) for standing in cell.alarms.up]
 
 

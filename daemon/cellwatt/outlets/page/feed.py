@@ -46,11 +46,11 @@ class Feed:
             self.take_frames(content)
         elif isinstance(content, Health):
             before = self.live.session
-            self._tell_health(self.live.take(message), content.status)
+            self._tell_health(self.live.add("health", content.status, content.session), content.status)
             if before not in (None, self.live.session):
                 self.hub.end()
         elif isinstance(content, Gap):
-            self.live.take(message)
+            self.live.add("gap", {})
             self.take_gap(f"{content.count} of {message.topic} were lost: {content.reason}")
         elif not isinstance(content, Batch):
             self.take_item("event" if isinstance(content, Event) else message.topic.partition("/")[0], asdict(content))
