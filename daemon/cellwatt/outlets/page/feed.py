@@ -14,7 +14,6 @@ from cellwatt.frames import Frames, Layout
 from cellwatt.live.state import LiveCell
 from cellwatt.outlets.page import shapes
 from cellwatt.outlets.page.streams import Hub
-from cellwatt.results import Event
 from cellwatt.subscriber import Gap, Health, Message
 
 Body = Mapping[str, Any]
@@ -53,7 +52,7 @@ class Feed:
             self.live.add("gap", {})
             self.take_gap(f"{content.count} of {message.topic} were lost: {content.reason}")
         elif not isinstance(content, Batch):
-            self.take_item("event" if isinstance(content, Event) else message.topic.partition("/")[0], asdict(content))
+            self.take_item(message.topic.partition("/")[0], asdict(content))
 
     def take_frames(self, frames: Frames) -> None:
         """Receive frames; a changed layout ends all streams, so that browsers request the state again."""
