@@ -40,18 +40,9 @@ from tests.doing import doing
 from tests.patience import eventually
 
 
-class View(FakeView):
-    def __init__(self, record: Path | None) -> None:
-        super().__init__(SESSION)
-        self.record_folder = record
-
-    def config(self) -> Any:
-        return {"record": None if self.record_folder is None else {"frames": True}}
-
-
 def outlet_of(url: str, record: Path | None, **settings: Any) -> HistorianOutlet:
     influx = InfluxSettings(**{"url": url, "database": "plant", "every": 0.02, **settings})
-    return HistorianOutlet("historian", HistorianSettings(influx=influx), View(record))
+    return HistorianOutlet("historian", HistorianSettings(influx=influx), FakeView(SESSION, record_folder=record))
 
 
 @asynccontextmanager
