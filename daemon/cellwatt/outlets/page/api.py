@@ -123,7 +123,7 @@ class CellApi:
             "what": what,
             "alarm": text_of(body, "id", 500),
             "name": visitor.name or text_of(body, "name", LONGEST_NAME),
-            "note": text_of(body, "note", LONGEST_NOTE, needed=False),
+            "note": text_of(body, "note", LONGEST_NOTE),
         }
         if what == "shelve":
             now = cell.feed.live.status.get("time", time.time_ns())  # the cell's clock, which the PC's may differ from
@@ -156,17 +156,12 @@ async def body_of(request: web.Request) -> Mapping[str, Any]:
     return body
 
 
-def text_of(body: Mapping[str, Any], name: str, longest: int, *, needed: bool = True) -> str:
-    """A text field of a body, without control characters. Raises ``HTTPBadRequest`` if it is missing or too long."""
-    value = body.get(name)
-    if value is None and not needed:
-        return ""
+def text_of(body: Mapping[str, Any], name: str, longest: int) -> str:
+    """A text field of a body without control characters, ``""`` if missing. Raises ``HTTPBadRequest`` if too long."""
+    value = body.get(name) or ""
     if not isinstance(value, str) or len(value) > longest:
         raise web.HTTPBadRequest(text=f"{name}: expected a text of at most {longest} characters")
-    text = "".join(c if c.isprintable() else " " for c in value).strip()
-    if needed and not text:
-        raise web.HTTPBadRequest(text=f"{name}: expected a text that is not empty")
-    return text
+    return "".join(c if c.isprintable() else " " for c in value).strip()
 
 
 def number(request: web.Request, name: str, default: float) -> float:
