@@ -8,7 +8,6 @@ import json
 import math
 import time
 from collections.abc import Mapping
-from importlib.util import find_spec
 from typing import Any, ClassVar, Final
 
 from cellwatt.account import Account
@@ -42,9 +41,7 @@ class Lake:
         """Monotonic s at which the present run began or reported a file; infinite between two runs."""
 
     async def run(self) -> None:
-        """Export until cancelled. Raises ``OutletError`` if pyarrow is missing."""
-        if find_spec("pyarrow") is None:
-            raise OutletError("lake: pyarrow is missing: pip install pyarrow")
+        """Export until cancelled."""
         while True:
             self._heard_at = time.monotonic()
             try:
