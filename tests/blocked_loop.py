@@ -26,8 +26,6 @@ SHORT = [
     ("time.sleep", "franka/emulator.py", "_keep_apart"),  # below a millisecond, which the loop's own timers cannot
     ("socket.socket.sendto", "can_sensor/emulator.py", "_send"),  # one datagram
     ("socket.socket.recvmsg", "can_sensor/listening.py", "drain"),  # python-can looks first whether there is a frame
-    ("threading.Lock.acquire", "live/app.py", "draw"),  # until the message in hand is taken
-    ("threading.Lock.acquire", "live/test_app.py", "hold_the_loop"),  # what the test is about
     ("threading.Lock.acquire", "coverage/collector.py", "lock_data"),  # where coverage is measured
 ]
 

@@ -98,6 +98,7 @@ def test_an_arm_has_segments_and_a_meter_has_none(tmp_path):
         ("a=ur:192.0.2.10", {"host": "192.0.2.10"}),
         ("a=ur:192.0.2.10:30004", {"host": "192.0.2.10", "port": "30004"}),
         ("a=ur:2001:db8::1", {"host": '"2001:db8::1"'}),
+        ("a=ur:[2001:db8::1]", {"host": '"2001:db8::1"'}),
         ("a=ur", {}),
         ("a=scpi_analyzer:/dev/ttyACM0", {"serial": "/dev/ttyACM0"}),
         ("a=can_sensor:can0", {"channel": "can0"}),

@@ -31,7 +31,7 @@ class Listening(OutletSettings, Certified):
     listen: str
     """Address and port."""
     certificate: Path | None = None
-    """Certificate (PEM), followed by the intermediate authorities, if there are any."""
+    """Certificate (PEM) for https, followed by the intermediate authorities, if there are any."""
     key: Path | None = None
     """Private key of ``certificate``."""
     open: bool = False

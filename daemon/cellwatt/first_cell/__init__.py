@@ -58,14 +58,14 @@ def parse_source(text: str) -> SourcePlan:
 
 
 def address_settings(model: type[SourceSettings], address: str) -> dict[str, str]:
-    """Settings for the address of a device: ``192.0.2.10``, ``192.0.2.10:30004`` or ``/dev/ttyUSB0``."""
+    """Settings for the address of a device: ``192.0.2.10``, ``[2001:db8::1]:30004`` or ``/dev/ttyUSB0``."""
     is_path = address.startswith("/")
     key = next((key for key in model.reached_by if (key != "host") == is_path), model.reached_by[0])
     host, colon, port = address.rpartition(":")
     alone = host.startswith("[") or ":" not in host
     if key == "host" and colon and alone and port.isdigit() and "port" in model.model_fields:
         return {key: in_yaml(host.strip("[]")), "port": port}
-    return {key: in_yaml(address)}
+    return {key: in_yaml(address.strip("[]") if key == "host" else address)}
 
 
 def write_cell(

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from datetime import UTC, datetime
 from math import isfinite
 from typing import Any, Final
 
-from cellwatt.alarms import Standing
 from cellwatt.batch import Batch
 from cellwatt.frames import Frames
-from cellwatt.live.site import stands, summary
+from cellwatt.live.site import alarm_count, stands, summary
 from cellwatt.live.state import LiveCell
 from cellwatt.subscriber import Gap, Health, Message
 
@@ -66,19 +65,16 @@ class Bulletin:
 
     def of(self, message: Message) -> Iterator[str]:
         """Lines about a message received by a subscriber."""
-        return self._news(line_of(message), lambda: self.cell.take(message))
+        content = message.content
+        return self.of_line(line_of(message), content.session if isinstance(content, Health) else None)
 
-    def of_line(self, line: Mapping[str, Any]) -> Iterator[str]:
-        """Lines about a message in the form that ``watch --json`` prints."""
-        return self._news(line, lambda: self.cell.add(line["kind"], line["content"]))
-
-    def _news(self, line: Mapping[str, Any], take: Callable[[], list[Standing]]) -> Iterator[str]:
-        """Lines about the changes that ``take`` makes; ``take`` gives a message to the cell."""
+    def of_line(self, line: Mapping[str, Any], session: int | None = None) -> Iterator[str]:
+        """Lines about a message in the form that ``watch --json`` prints; ``session``: see ``LiveCell.add``."""
         if self._silent:
             self._silent = False
             yield _line("receiving messages again")
         before, restarts = self.cell.status, self.cell.restarts
-        alarms = take()
+        alarms = self.cell.add(line["kind"], line["content"], session)
         if self.cell.restarts > restarts:
             before = {}
             yield _line("the daemon was restarted")
@@ -143,10 +139,9 @@ def _text_of(kind: str, content: Mapping[str, Any]) -> str:
 
 
 def _standing(cell: LiveCell) -> str:
-    status, up = cell.status, len(cell.alarms.up)
+    status = cell.status
     figures = summary(f"{status['site']}/{status['cell']}", Health(0, 0, {}, status))
-    alarms = f"{up} alarm{'s' * (up != 1)}" if up else "no alarm"
-    return f"{stands({**figures, 'state': cell.state})}, {alarms}"
+    return f"{stands({**figures, 'state': cell.state})}, {alarm_count(len(cell.alarms.up))}"
 
 
 def _seconds(span: Mapping[str, Any]) -> str:

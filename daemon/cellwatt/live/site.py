@@ -33,10 +33,15 @@ def stands(cell: Mapping[str, Any]) -> str:
     )
 
 
+def alarm_count(count: int) -> str:
+    """A number of active alarms, as text."""
+    return f"{count} alarm{'s' * (count != 1)}" if count else "no alarm"
+
+
 def line(cell: Mapping[str, Any]) -> str:
     """A cell's ``summary`` as a line, with its most severe active alarm."""
     if cell["state"] is None:
         return f"{cell['cell']}: heard, does not answer"
     grave = max(cell["alarms"], key=lambda alarm: SEVERITIES.index(alarm["severity"]), default=None)
-    alarms = "no alarm" if grave is None else f"{len(cell['alarms'])} alarms, {grave['severity']}: {grave['statement']}"
-    return f"{stands(cell)}, {alarms}"
+    worst = "" if grave is None else f", {grave['severity']}: {grave['statement']}"
+    return f"{stands(cell)}, {alarm_count(len(cell['alarms']))}{worst}"

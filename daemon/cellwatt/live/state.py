@@ -5,17 +5,15 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
 
 from cellwatt.alarms import AlarmBook, Standing
-from cellwatt.batch import Batch
 from cellwatt.frames import Frames
 from cellwatt.live.last_minute import LastMinute
 from cellwatt.results import Event
-from cellwatt.subscriber import Gap, Health, Message
 
 CLEARED: Final = 500
 """Number of cleared alarms that are stored."""
@@ -33,7 +31,7 @@ Body = Mapping[str, Any]
 
 @dataclass
 class LiveCell:
-    """State of a cell, updated by ``take`` and ``add`` with its messages in order of arrival.
+    """State of a cell, updated by ``add`` and ``add_frames`` with its messages in order of arrival.
 
     ``alarms``: the alarm book from received messages; ``cleared``: the last cleared alarms; ``forgotten``: number of
     older cleared alarms, discarded; ``predicted``: outputs of models, by model; ``heard``: monotonic time, s, of the
@@ -55,24 +53,16 @@ class LiveCell:
     heard_at: int = 0
     """UTC time of the last message, ns."""
 
-    def take(self, message: Message) -> list[Standing]:
-        """Update the state from a message of a subscriber; return the alarms that the message concerns."""
-        content = message.content
-        if isinstance(content, Gap):
-            self._alive()
-        elif isinstance(content, Frames):
-            self.add_frames(content)
-        elif isinstance(content, Health):
-            return [*self._session(content.session, content.status), *self.add("health", content.status)]
-        elif not isinstance(content, Batch):
-            return self.add(message.topic.split("/", 1)[0], asdict(content))
-        return []
+    def add(self, kind: str, body: Body, session: int | None = None) -> list[Standing]:
+        """Update the state from the fields of a health message, result or event; return the alarms it concerns.
 
-    def add(self, kind: str, body: Body) -> list[Standing]:
-        """Update the state from the fields of a health message, result or event; return the alarms it concerns."""
+        ``session`` of a health message: another than before ends alarms and tasks of the daemon before it. Any other
+        ``kind`` only shows that the cell is there.
+        """
         self._alive()
         if kind == "health":
-            return self._health(body)
+            ended = [] if session is None else self._session(session, body)
+            return [*ended, *self._health(body)]
         if kind == "alarm":
             return self._over([self.alarms.hear(body)])
         if kind == "event":

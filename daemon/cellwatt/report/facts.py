@@ -12,9 +12,11 @@ from typing import Final
 from pydantic import TypeAdapter, ValidationError
 
 from cellwatt.errors import CellwattError, why
-from cellwatt.files import COMPUTED, read_bytes
+from cellwatt.files import read_bytes
 from cellwatt.report.blocks import Html
 
+LONGEST: Final = 64_000_000
+"""Largest size, bytes, of a page and of a file beside it."""
 _OPEN: Final = '<script type="application/json" id="cellwatt">'
 _FOUND: Final = re.compile(re.escape(_OPEN) + "(.*?)</script>", re.DOTALL)
 _END: Final = "</html>"
@@ -61,7 +63,7 @@ def facts_in(path: Path) -> Facts | None:
     Raises ``BrokenPageError`` if the page is truncated or its facts are invalid, or if the file cannot be read.
     """
     try:
-        text = read_bytes(path, COMPUTED).decode("utf-8", "replace")
+        text = read_bytes(path, LONGEST).decode("utf-8", "replace")
     except OSError as error:
         raise BrokenPageError(f"{path}: cannot be read: {why(error)}") from error
     if _OPEN not in text:

@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from cellwatt import Alarm, Energy, Interval, Prediction, Task
+from cellwatt import Alarm, Energy, Frames, Interval, Prediction, Task
+from cellwatt.live.bulletin import line_of
+from cellwatt.live.state import LiveCell
 from cellwatt.subscriber import Gap, Health, Message
 from tests.blocks import frames_of, layout_of
 
@@ -18,6 +20,15 @@ LAYOUT = layout_of(dict.fromkeys(JOINTS, "rad") | dict.fromkeys(METERS, "W"), 10
 GROUPS = {"brakes": 5.5, "electronics": 60.0, "stored": 0.0, "regeneration": 0.25, "unexplained": -0.75}
 
 
+def hear(cell: LiveCell, message: Message) -> None:
+    """Tell a cell what a subscriber got."""
+    if isinstance(message.content, Frames):
+        cell.add_frames(message.content)
+    else:
+        line = line_of(message)
+        cell.add(line["kind"], line["content"], line["session"])
+
+
 def source(state: str = "ok", error: str | None = None, lost: int = 0) -> dict[str, Any]:
     return {
         "state": state,
@@ -26,8 +37,6 @@ def source(state: str = "ok", error: str | None = None, lost: int = 0) -> dict[s
         "received": 1000 - lost,
         "missed": {"late": lost},
         "dropped": {},
-        "streams": {"main": {"rate_hz": 500.0, "jitter_p99_ms": 0.25}},
-        "clocks": {"main": {"bound_ns": 120_000}},
     }
 
 

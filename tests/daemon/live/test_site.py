@@ -4,13 +4,13 @@ from typing import Any
 from cellwatt.live.site import line, summary
 from cellwatt.live.state import LiveCell
 from cellwatt.subscriber import Health
-from tests.daemon.live.cells import START, alarm, source, status
+from tests.daemon.live.cells import START, alarm, hear, source, status
 
 
 def standing(*severities: str) -> list[Any]:
     cell = LiveCell()
     for severity in severities:
-        cell.take(alarm(f"of {severity}", severity=severity))
+        hear(cell, alarm(f"of {severity}", severity=severity))
     return [asdict(standing.alarm) for standing in cell.alarms.up]
 
 
@@ -19,6 +19,7 @@ CELLS = {
     "weld-1": Health(1, START, {}, status()),
     "weld-2": Health(1, START, {}, status(state="amber", sources=SOURCES, alarms=standing("info", "error", "warning"))),
     "weld-3": None,
+    "weld-4": Health(1, START, {}, status(alarms=standing("info"))),
 }
 
 
@@ -27,4 +28,5 @@ def test_each_cell_has_its_line() -> None:
         "weld-1 is green: 2 of 2 sources ok, 2000 samples received, 0 lost, no alarm",
         "weld-2 is amber: 1 of 2 sources ok, 1997 samples received, 3 lost, 3 alarms, error: of error is wrong.",
         "weld-3: heard, does not answer",
+        "weld-4 is green: 2 of 2 sources ok, 2000 samples received, 0 lost, 1 alarm, info: of info is wrong.",
     ]

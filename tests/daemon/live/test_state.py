@@ -2,20 +2,20 @@ from dataclasses import asdict, replace
 
 from cellwatt.live import state
 from cellwatt.live.state import LiveCell
-from tests.daemon.live.cells import START, alarm, energy, frames, health, interval, prediction, task
+from tests.daemon.live.cells import START, alarm, energy, frames, health, hear, interval, prediction, task
 
 
 def told(*messages):
     cell = LiveCell()
     for message in messages:
-        cell.take(message)
+        hear(cell, message)
     return cell
 
 
 def test_an_alarm_is_active_until_it_is_cleared_and_keeps_its_evidence() -> None:
     cell = told(alarm("a"), alarm("b"), alarm("a", statement="a is worse."))
     assert {s.alarm.id: s.alarm.statement for s in cell.alarms.up} == {"a": "a is worse.", "b": "b is wrong."}
-    cell.take(alarm("a", active=False, statement="a is well again.", time=START + 9, evidence={}))
+    hear(cell, alarm("a", active=False, statement="a is well again.", time=START + 9, evidence={}))
     (cleared,) = cell.cleared
     assert list(cell.alarms) == ["b"]
     assert cleared.over is not None
@@ -43,8 +43,8 @@ def test_a_new_session_of_the_daemon_ends_alarms_and_tasks_of_the_old_one() -> N
 def test_cleared_alarms_beyond_the_limit_are_counted() -> None:
     cell = LiveCell()
     for n in range(state.CLEARED + 3):
-        cell.take(alarm(f"a{n}"))
-        cell.take(alarm(f"a{n}", active=False))
+        hear(cell, alarm(f"a{n}"))
+        hear(cell, alarm(f"a{n}", active=False))
     assert (len(cell.cleared), cell.forgotten) == (state.CLEARED, 3)
 
 
@@ -70,7 +70,7 @@ def test_energies_of_the_tasks_that_ran_last_are_kept() -> None:
     cell = LiveCell()
     for n in [*range(state.TASKS), 0, state.TASKS]:
         content = replace(energy(1, 60.0).content, task=f"task_{n}", end=START + len(cell.energies))
-        cell.take(replace(energy(1, 60.0), content=content))
+        hear(cell, replace(energy(1, 60.0), content=content))
     assert set(cell.energies) == {f"task_{n}" for n in range(state.TASKS + 1)} - {"task_1"}
 
 

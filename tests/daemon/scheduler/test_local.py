@@ -42,14 +42,10 @@ class TestOnWorkers:
             assert spread(parts.known, ["Moment1", "Moment2", "Other1"], "names") == [True, True, False]
         assert spread(parts.known, ["Moment1", "Moment2"], "names") == [False, False]
 
-    def test_several_processes_do_the_work(self) -> None:
-        found = set(spread(parts.where, range(8), "where"))
-        assert len(found) == 2 and os.getpid() not in found
-
     def test_what_is_shared_comes_once_to_each(self) -> None:
         found = spread(parts.scaled, [float(n) for n in range(20)], "scaled", shared={"scale": 2.5})
         assert [value for value, *_ in found] == [2.5 * n for n in range(20)]
-        assert len({process for _, process, _ in found}) == len({(process, at) for _, process, at in found}) == 2
+        assert len({process for _, process, _ in found} - {os.getpid()}) == len({told[1:] for told in found}) == 2
 
     def test_the_first_item_that_fails_is_told_though_a_later_one_failed_before(self) -> None:
         with pytest.raises(ConfigError, match=r"^line 4: wrong$") as told:

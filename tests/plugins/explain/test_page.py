@@ -28,8 +28,8 @@ def reports(arm, tmp_path_factory):
     return folder.parent
 
 
-async def test_the_pages_of_mismatch_and_reports_tell_what_was_missing(reports, tmp_path):
-    async with served(tmp_path, reports=reports) as page, client() as browser:
+async def test_the_pages_of_mismatch_and_reports_tell_what_was_missing(reports):
+    async with served(reports=reports) as page, client() as browser:
         told, listed = [await (await browser.get(f"{page.url}{API}/{what}")).json() for what in ("mismatch", "reports")]
     (effect,) = told["effects"]
     assert (effect["effect"], effect["joint"]) == ("payload", None)

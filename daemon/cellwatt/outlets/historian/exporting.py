@@ -16,10 +16,10 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict
 
 from cellwatt.errors import CellwattError, OutletError, why
-from cellwatt.files import read_bytes, replace_bytes
+from cellwatt.files import read_saved, replace_bytes
 from cellwatt.outlets.historian.pieces import Piece, Reached, next_frames, next_results, parquet, root
 from cellwatt.outlets.historian.settings import LakeSettings
 from cellwatt.outlets.historian.store import Store, s3_options
@@ -49,17 +49,6 @@ class Progress(BaseModel):
             raise OutletError(f"lake: {folder / FILE} cannot be written: {why(error)}") from error
 
 
-def load(folder: Path, lake: str) -> Progress | None:
-    """The progress of that lake; ``None`` if there is none or it is invalid. Raises ``OutletError``."""
-    try:
-        found = Progress.model_validate_json(read_bytes(folder / FILE))
-    except (FileNotFoundError, ValidationError):
-        return None
-    except OSError as error:
-        raise OutletError(f"lake: {folder / FILE} cannot be read: {why(error)}") from error
-    return found if found.lake == lake else None
-
-
 @dataclass(frozen=True, slots=True)
 class Done:
     """A written file: ``rows`` of ``table``, and ``lost``, the number of frames no longer in the record.
@@ -78,7 +67,10 @@ class Export:
     def __init__(self, record: Path, site: str, cell: str, settings: LakeSettings, store: Store) -> None:
         self._record, self._site, self._cell = record, site, cell
         self._settings, self._store = settings, store
-        self._progress = load(record, settings.folder) or Progress(lake=settings.folder, intent=True)
+        known = read_saved(record / FILE, Progress.model_validate_json, "the names in the lake tell the positions")
+        if known is None or known.lake != settings.folder:
+            known = Progress(lake=settings.folder, intent=True)
+        self._progress = known
         if self._progress.intent:
             self._look()
 

@@ -8,7 +8,6 @@ import json
 import math
 import time
 from collections.abc import Mapping
-from importlib.util import find_spec
 from typing import Any, ClassVar, Final
 
 from cellwatt.account import Account
@@ -42,24 +41,17 @@ class Lake:
         """Monotonic s at which the present run began or reported a file; infinite between two runs."""
 
     async def run(self) -> None:
-        """Export until cancelled. Raises ``OutletError`` if pyarrow is missing."""
-        if find_spec("pyarrow") is None:
-            raise OutletError("lake: pyarrow is missing: pip install pyarrow")
+        """Export until cancelled."""
         while True:
             self._heard_at = time.monotonic()
-            self.problem = await self.once()
-            self._heard_at = math.inf
-            if self.problem is not None:
+            try:
+                await output([MODULE], LONGEST, NICENESS, given=json.dumps(self._order).encode(), heard=self._heard)
+                self.problem = None
+            except CellwattError as error:
+                self.problem = f"lake: {str(error).removeprefix('lake: ')}"
                 self._account.count("lake: runs failed")
+            self._heard_at = math.inf
             await asyncio.sleep(self._settings.every if self.problem is None else min(PAUSE, self._settings.every))
-
-    async def once(self) -> str | None:
-        """Export new rows and results; return the reason of a failure, or ``None``."""
-        try:
-            await output([MODULE], LONGEST, NICENESS, given=json.dumps(self._order).encode(), heard=self._heard)
-        except CellwattError as error:
-            return f"lake: {str(error).removeprefix('lake: ')}"
-        return None
 
     def trouble(self) -> str | None:
         """Reason why the last run failed, or that the present one seems to hang; else ``None``."""

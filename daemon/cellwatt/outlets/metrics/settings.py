@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Final
 
 from pydantic import Field, PositiveInt, SecretStr
@@ -22,8 +21,6 @@ class MetricsSettings(Listening):
 
     listen: str = LOCAL
     """Address and port; an address that other PCs reach needs a certificate and a token."""
-    certificate: Path | None = None
-    """Certificate (PEM) for https, followed by the intermediate authorities, if there are any."""
     token: SecretStr | None = None
     """Token that readers must send as ``Authorization: Bearer``."""
     channels: Annotated[tuple[str, ...], Field(min_length=1)] = ("*",)

@@ -142,10 +142,9 @@ class Page:
 
     # serving --------------------------------------------------------------------------------------
 
-    async def start(self, context: ssl.SSLContext | None) -> str:
-        """Start to serve; return the address. Raises ``OutletError`` if the page cannot be served."""
+    async def start(self, context: ssl.SSLContext | None) -> None:
+        """Start to serve at ``url``. Raises ``OutletError`` if the page cannot be served."""
         self.url = f"{await self._door.start(context)}/"
-        return self.url
 
     @property
     def counts(self) -> Mapping[str, int]:
@@ -218,16 +217,15 @@ _IMMUTABLE: Final = "public, max-age=31536000, immutable"
 
 
 class Assets:
-    """The static files of the page, by path relative to ``folder``."""
+    """The static files of the page, by path relative to ``FOLDER``."""
 
-    def __init__(self, folder: Path = FOLDER) -> None:
-        self._folder = folder
+    def __init__(self) -> None:
         self._files: dict[str, bytes] = {}
 
     def load(self) -> None:
         """Read all files; blocks."""
-        files = [path for path in self._folder.rglob("*") if path.is_file()]
-        self._files = {path.relative_to(self._folder).as_posix(): path.read_bytes() for path in files}
+        files = [path for path in FOLDER.rglob("*") if path.is_file()]
+        self._files = {path.relative_to(FOLDER).as_posix(): path.read_bytes() for path in files}
 
     def answer(self, request: web.Request, name: str) -> web.StreamResponse:
         """Answer with the named file; the name of a file below ``assets`` contains its digest, so it never changes."""

@@ -8,7 +8,7 @@ import time
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Literal
 from urllib.parse import quote
 
 from cellwatt.errors import CellwattError
@@ -73,8 +73,6 @@ class OneCell:
 
 log = logging.getLogger(__name__)
 
-_WEB: Final = ("http://", "https://")
-
 Body = Mapping[str, Any]
 
 
@@ -96,21 +94,12 @@ def plant_cell(site: str, cell: str, status: Body, age: float | None = None, *, 
         "power_W": _of_kind(status.get("power_W"), int | float),
         "energy_today_J": _of_kind(status.get("energy_today_J"), int | float),
         "task": _of_kind(status.get("task"), str),
-        "page": page_of(status),
     }
 
 
 def _of_kind(value: object, kind: Any) -> Any:
     """A value from a cell of any version, ``None`` if it is not of type ``kind``."""
     return value if isinstance(value, kind) else None
-
-
-def page_of(status: Body) -> str | None:
-    """Address of the cell's own page, if its health contains one with http or https."""
-    outlets = status.get("sinks")
-    page = outlets.get("page") if isinstance(outlets, Mapping) else None
-    url = page.get("url") if isinstance(page, Mapping) else None
-    return url if isinstance(url, str) and url.startswith(_WEB) else None
 
 
 async def follow_arms(feed: Feed, arms: Mapping[str, Path]) -> None:

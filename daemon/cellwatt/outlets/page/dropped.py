@@ -144,10 +144,11 @@ class Drops:
         if (size := sum(files.values())) > LARGEST:
             most = f"the maximum is {LARGEST / 1e9:.0f} GB"
             raise CellwattError(f"{size / 1e9:.1f} GB were dropped, {most}: use cellwatt plot")
+        folder = await asyncio.to_thread(tempfile.gettempdir)
+        if (free := (await asyncio.to_thread(shutil.disk_usage, folder)).free) < 2 * size:
+            raise CellwattError(f"{folder} has {free / 1e9:.1f} GB free: name a larger folder in TMPDIR")
         known = self._drops.get(into) if isinstance(into, str) else None
         drop = known or await self._new()
-        if (free := (await asyncio.to_thread(shutil.disk_usage, drop.files)).free) < 2 * size:
-            raise CellwattError(f"{drop.files} has {free / 1e9:.1f} GB free: name a larger folder in TMPDIR")
         drop.awaited.update(files)
         return answer({"name": drop.name})
 
@@ -217,7 +218,11 @@ class Drops:
         """Create a sample drop: a simulation of an arm and two recordings with physics that the simulation lacks."""
         self._checked(request)
         drop = await self._new()
-        drop.note = await self._run(drop, ["demo", "explain", "--only-files", *SAMPLE, "--out", "."])
+        try:
+            drop.note = await self._run(drop, ["demo", "explain", "--only-files", *SAMPLE, "--out", "."])
+        except CellwattError:
+            await self._remove(self._drops.pop(drop.name, drop))
+            raise
         return answer({"name": drop.name})
 
     async def _explain(self, request: web.Request) -> web.StreamResponse:

@@ -14,7 +14,6 @@ from cellwatt.frames import Frames, Layout
 from cellwatt.live.state import LiveCell
 from cellwatt.outlets.page import shapes
 from cellwatt.outlets.page.streams import Hub
-from cellwatt.results import Event
 from cellwatt.subscriber import Gap, Health, Message
 
 Body = Mapping[str, Any]
@@ -46,14 +45,14 @@ class Feed:
             self.take_frames(content)
         elif isinstance(content, Health):
             before = self.live.session
-            self._tell_health(self.live.take(message), content.status)
+            self._tell_health(self.live.add("health", content.status, content.session), content.status)
             if before not in (None, self.live.session):
                 self.hub.end()
         elif isinstance(content, Gap):
-            self.live.take(message)
+            self.live.add("gap", {})
             self.take_gap(f"{content.count} of {message.topic} were lost: {content.reason}")
         elif not isinstance(content, Batch):
-            self.take_item("event" if isinstance(content, Event) else message.topic.partition("/")[0], asdict(content))
+            self.take_item(message.topic.partition("/")[0], asdict(content))
 
     def take_frames(self, frames: Frames) -> None:
         """Receive frames; a changed layout ends all streams, so that browsers request the state again."""
@@ -105,14 +104,6 @@ class Feed:
         return shapes.alarm(standing.message, standing.acknowledgement, page)
 
     # current state --------------------------------------------------------------------------------
-
-    def is_up(self, alarm_id: str) -> bool:
-        """True if an alarm is active, shelved or not."""
-        return alarm_id in self.live.alarms
-
-    def is_shelved(self, alarm_id: str) -> bool:
-        """True if an alarm is shelved."""
-        return self.is_up(alarm_id) and self.live.alarms[alarm_id].shelf is not None
 
     @property
     def names(self) -> Sequence[str]:

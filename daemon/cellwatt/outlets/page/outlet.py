@@ -46,8 +46,6 @@ class PageSettings(Listening):
 
     With names but without users the page is read-only, as a proxy on this PC may give strangers access.
     """
-    certificate: Path | None = None
-    """Certificate (PEM) for https, followed by any intermediate certificates."""
     users: Mapping[str, UserSettings] = Field(default_factory=dict)
     """Users who may log in, by name; without users the page needs no login."""
     arms: Mapping[str, Path] = Field(default_factory=dict)

@@ -102,9 +102,7 @@ class Plant:
     acts = False
 
     def __init__(self, link: LinkSettings, site: str, browsers: Browsers, desk: Desk) -> None:
-        self.site: str | None = site
-        self.hub: Hub | None = Hub(browsers)
-        self._link, self._name = link, site
+        self.site, self.hub, self._link = site, Hub(browsers), link
         self._known: dict[str, _Cell] = {}
         self._sent: dict[str, dict[str, Any]] = {}
         self._browsers, self._desk = browsers, desk
@@ -118,11 +116,11 @@ class Plant:
     @property
     def names(self) -> Sequence[tuple[str, str]]:
         """See ``OneCell.names``."""
-        return [(self._name, cell) for cell in sorted(self._known)]
+        return [(self.site, cell) for cell in sorted(self._known)]
 
     async def cell(self, site: str, name: str) -> Cell:
         """See ``OneCell.cell``; starts to follow the cell."""
-        if site != self._name:
+        if site != self.site:
             raise KeyError(name)
         known = self._known[name]
         known.used = time.monotonic()
@@ -152,10 +150,9 @@ class Plant:
         cell = self._known[name]
         age = None if cell.heard is None else round(time.monotonic() - cell.heard, 1)
         try:
-            return plant_cell(self._name, name, cell.status, age, gone=cell.gone is not None)
+            return plant_cell(self.site, name, cell.status, age, gone=cell.gone is not None)
         except UNREADABLE:
-            self._unreadable += 1
-            return plant_cell(self._name, name, {}, age, gone=cell.gone is not None)
+            return plant_cell(self.site, name, {}, age, gone=cell.gone is not None)
 
     # messages -------------------------------------------------------------------------------------
 
@@ -176,7 +173,7 @@ class Plant:
                 await asyncio.to_thread(close_session, session)
 
     def _subscribe(self, session: zenoh.Session) -> None:
-        root = f"{PREFIX}/{escape(self._name)}/*"
+        root = f"{PREFIX}/{escape(self.site)}/*"
         session.liveliness().declare_subscriber(root, self._later(self._on_token), history=True)
         session.declare_subscriber(f"{root}/health", self._later(self._on_health))
 
@@ -228,9 +225,9 @@ class Plant:
                 self._sent.pop(name, None)
                 forgotten = True
         changed = [figures for name in self._known if (figures := self._changed(name)) is not None]
-        if changed and self.hub is not None:
+        if changed:
             self.hub.tell("plant", {"cells": changed})
-        if forgotten and self.hub is not None:
+        if forgotten:
             self.hub.end()  # browsers request the list of cells again
 
     def _changed(self, name: str) -> dict[str, Any] | None:

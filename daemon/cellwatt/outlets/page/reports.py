@@ -11,15 +11,13 @@ from pathlib import Path
 from typing import Any, Final
 
 from cellwatt.errors import why
-from cellwatt.files import check_file, read_bytes
-from cellwatt.report.facts import BrokenPageError, Facts, facts_in
+from cellwatt.files import read_bytes
+from cellwatt.report.facts import LONGEST, BrokenPageError, Facts, facts_in
 
 EXPLAINED: Final = "simulation and recordings"
 """Kind of the pages that compare a simulation with recordings."""
 FINDINGS: Final = "findings.json"
 """Machine-readable file beside such a page."""
-LONGEST: Final = 64_000_000
-"""Largest size, bytes, of a page and of its findings file."""
 _OTHER: Final = "~"
 """Prefix of the folder's number in the path of a report that is not in the first folder."""
 
@@ -74,7 +72,8 @@ def _pages(folders: Sequence[Path], broken: list[str]) -> Iterator[Entry]:
                 if real in seen or not Path(real).is_relative_to(os.path.realpath(folder)):
                     continue  # listed already, or a link that leads out of the folder
                 seen.add(real)
-                facts = _facts(file)
+                status = file.stat()
+                facts = _facts_of(file, status.st_mtime_ns, status.st_size)
             except BrokenPageError as error:
                 broken.append(str(error))
                 continue
@@ -86,16 +85,9 @@ def _pages(folders: Sequence[Path], broken: list[str]) -> Iterator[Entry]:
                 yield (below if number == 0 else f"{_OTHER}{number}/{below}"), file, facts
 
 
-def _facts(file: Path) -> Facts | None:
-    """Facts of a page; None if it is not a page of cellwatt. Raises ``OSError`` and ``BrokenPageError``."""
-    check_file(file, LONGEST)  # a FIFO would block the reader
-    status = file.stat()
-    return _facts_of(file, status.st_mtime_ns, status.st_size)
-
-
 @lru_cache(maxsize=2000)
 def _facts_of(file: Path, modified: int, size: int) -> Facts | None:
-    """Facts of a page, cached until the file changes."""
+    """Facts of a page, cached until the file changes; None if it is not a page of cellwatt."""
     return facts_in(file)
 
 

@@ -23,7 +23,7 @@ _SPANS = {
     "interval": ("source", "number", "moving", "closed"),
     "task": ("source", "name", "variant", "speed", "repetition"),
     "energy": (
-        "task", "variant", "repetition", "total", "groups", "group_uncertainty", "uncertainty", "positive_mechanical",
+        "task", "variant", "repetition", "total", "groups", "group_uncertainty", "uncertainty",
         "motion_efficiency_percent", "total_per_part",
     ),
 }  # fmt: skip

@@ -20,16 +20,17 @@ from cellwatt.outlets.historian.exporting import FILE, work
 from cellwatt.outlets.historian.outlet import MODULE, HistorianOutlet
 from tests.daemon.outlets.historian.bucket import Bucket
 from tests.daemon.outlets.historian.made import CELL, DAY, SITE, START, Recorded, S
-from tests.daemon.outlets.historian.test_influx import View, running
+from tests.daemon.outlets.historian.test_influx import running
 from tests.daemon.outlets.historian.test_lake import check, check_results
 from tests.daemon.outlets.serving import children
+from tests.daemon.outlets.zenoh.fake_cell import FakeView
 from tests.doing import doing
 from tests.patience import eventually
 
 
 def outlet_of(record: Path | None, folder: str, **settings: Any) -> HistorianOutlet:
     lake = {"folder": folder, "every": 0.1, **settings}
-    view = View(record)
+    view = FakeView(record_folder=record)
     view.folder = Path("/") if record is None else record.parent  # from where relative folders count
     return HistorianOutlet("historian", HistorianSettings.model_validate({"lake": lake}), view)
 

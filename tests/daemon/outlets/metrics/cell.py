@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from cellwatt import Frames
-from cellwatt.door.settings import tls_context
 from cellwatt.outlets.metrics import MetricsSettings
 from cellwatt.outlets.metrics.catalogue import Family
 from cellwatt.outlets.metrics.outlet import MetricsOutlet
@@ -109,6 +108,6 @@ async def serving(outlet: MetricsOutlet) -> AsyncIterator[str]:
 
     door = Endpoint(outlet.settings, ask).door
     try:
-        yield await door.start(tls_context(outlet.settings))
+        yield await door.start(None)
     finally:
         await door.stop()

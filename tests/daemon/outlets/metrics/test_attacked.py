@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import asyncio
 from contextlib import suppress
-from pathlib import Path
 
 import aiohttp
 
 from cellwatt.outlets.metrics.outlet import MetricsOutlet
 from tests.daemon.outlets.metrics.cell import health, outlet_of
 from tests.daemon.outlets.serving import serving
+from tests.left_behind import sockets
 from tests.patience import eventually
-
-
-def descriptors() -> int:
-    return len(list(Path("/proc/self/fd").iterdir()))
 
 
 async def test_strangers_cost_the_daemon_nothing() -> None:
@@ -28,10 +24,10 @@ async def test_strangers_cost_the_daemon_nothing() -> None:
 
 async def attacked(outlet: MetricsOutlet, url: str) -> None:
     host, port = url.removeprefix("http://").split(":")
-    before = descriptors()
+    before = sockets()
     idle = [await asyncio.open_connection(host, int(port)) for _ in range(300)]
     try:
-        assert descriptors() == before + 300, "ours, and none of the outlet"
+        assert len(sockets().keys() - before) == 300, "ours, and none of the outlet"
         async with aiohttp.ClientSession() as session:
             right = {"Authorization": "Bearer t0p"}
             async with session.get(f"{url}/metrics", headers=right) as answer:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import re
-import ssl
 from collections.abc import AsyncIterator, Mapping
-from pathlib import Path
 from typing import Any
 
 import aiohttp
@@ -119,14 +117,6 @@ async def test_who_may_read(auth: dict[str, str], code: int) -> None:
         status, text, _ = await answer_of(f"{url}/readyz", headers=auth)
         assert (status, "secret reason" in text) == (503, code == 200)
         assert (await answer_of(f"{url}/healthz"))[0] == 200
-
-
-async def test_served_with_a_certificate(certificates: Path) -> None:
-    outlet = outlet_of(certificate=certificates / "cell", key=certificates / "cell.key", token="t0p")
-    context = ssl.create_default_context(cafile=certificates / "ca")
-    async with cell.serving(outlet) as url:
-        assert url.startswith("https://")
-        assert (await answer_of(f"{url}/healthz", ssl=context))[0] == 200
 
 
 def test_a_short_token_is_warned_of() -> None:

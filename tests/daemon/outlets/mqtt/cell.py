@@ -38,7 +38,7 @@ class Cell(FakeView):
     """A running cell: ``frames`` makes the next ones, and writes them to the record if there is one."""
 
     def __init__(self, folder: Path | None = None) -> None:
-        super().__init__(time.time_ns() - STEP)
+        super().__init__(time.time_ns() - STEP, record_folder=folder)
         self.folder = folder or Path("/nonexistent")
         self.start = -(-time.time_ns() // STEP) * STEP
         self.next = 0
@@ -46,7 +46,6 @@ class Cell(FakeView):
         self.may_connect = asyncio.Event()
         """Cleared, the outlet is not run again: so somebody can listen before it speaks."""
         self.may_connect.set()
-        self.record_folder = folder
         self.record = None if folder is None else Written(folder, session=self.session, cell=CELL)
 
     def frames(self, count: int = 1, missing: tuple[str, ...] = ()) -> Frames:
@@ -77,9 +76,6 @@ class Cell(FakeView):
 
     def status(self) -> Mapping[str, Any]:
         return {"state": self.state, **self.alarms.status(), "site": SITE, "cell": CELL}
-
-    def config(self) -> Mapping[str, Any]:
-        return {"record": None if self.record is None else {"folder": str(self.folder), "frames": True}}
 
 
 def alarm(number: int, active: bool = True, **more: Any) -> Alarm:

@@ -14,15 +14,14 @@ import aiohttp
 import numpy as np
 
 from cellwatt import Alarm, CellwattError, FrameChannel, Frames, Layout
-from cellwatt.door.settings import tls_context
-from cellwatt.outlets.page.app import Assets, Page
+from cellwatt.outlets.page import app
+from cellwatt.outlets.page.app import Page
 from cellwatt.outlets.page.archive import Archive, Desk
 from cellwatt.outlets.page.cells import Cell, OneCell, prefix
 from cellwatt.outlets.page.dropped import Drops
 from cellwatt.outlets.page.feed import Feed
-from cellwatt.outlets.page.gate import Gate, proof_of
 from cellwatt.outlets.page.outlet import PageSettings
-from cellwatt.outlets.page.sessions import Sessions, hash_of
+from cellwatt.outlets.page.sessions import hash_of
 from cellwatt.outlets.page.streams import Browsers, Hub
 from cellwatt.results import Energy, Interval, Prediction, Task
 from tests.daemon.outlets.zenoh import fake_cell
@@ -120,33 +119,12 @@ class Served:
     url: str
     page: Page
     feed: Feed
-    gate: Gate
     browsers: Browsers
     orders: list[Mapping[str, Any]]
 
 
-STATIC = {
-    "index.html": b"<!doctype html><title>cellwatt</title>" + b" " * 2000,
-    "favicon.svg": b"<svg xmlns='http://www.w3.org/2000/svg'/>",
-    "assets/main-1a2b.js": b"export const a = 1;\n" * 200,
-    "assets/main-1a2b.css": b"body{}",
-}
-
-
-def built(folder: Path) -> Assets:
-    for name, content in STATIC.items():
-        path = folder / "static" / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(content)
-    found = Assets(folder / "static")
-    found.load()
-    return found
-
-
 @asynccontextmanager
-async def served(
-    folder: Path, *, archive: Any = None, drops: Drops | None = None, **settings: Any
-) -> AsyncIterator[Served]:
+async def served(*, archive: Any = None, drops: Drops | None = None, **settings: Any) -> AsyncIterator[Served]:
     """A page of one cell without a daemon."""
     made = PageSettings(**{"listen": "127.0.0.1:0", **settings})
     browsers, desk, orders = Browsers(made.browsers), Desk(), []
@@ -157,14 +135,11 @@ async def served(
             raise CellwattError("no alarm 'alarm-13' is active: it may have been cleared")
         orders.append(what)
 
-    gate = Gate(made, Sessions(None, lambda name: proof_of(made, name)))
     cells = OneCell(Cell(feed, archive or Archive(None, CELL, made.reports, desk), order))
-    page = Page(made, gate, cells, await asyncio.to_thread(built, folder), browsers, drops)
-    url = (await page.start(await asyncio.to_thread(tls_context, made))).rstrip("/")
     try:
-        yield Served(url, page, feed, gate, browsers, orders)
+        async with app.served(made, cells, browsers, drops=drops) as page:
+            yield Served(page.url.rstrip("/"), page, feed, browsers, orders)
     finally:
-        await page.stop()
         await asyncio.to_thread(desk.close)
 
 

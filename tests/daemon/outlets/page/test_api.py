@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 import aiohttp
 import pytest
 
+from cellwatt.outlets.page.app import FOLDER
 from cellwatt.version import __version__
 from tests.daemon.outlets.page.cell import (
     API,
@@ -20,7 +20,6 @@ from tests.daemon.outlets.page.cell import (
     MS,
     PREDICTION,
     SITE,
-    STATIC,
     TASK,
     Served,
     Stream,
@@ -36,8 +35,8 @@ from tests.daemon.outlets.page.cell import (
 
 
 @pytest.fixture
-async def page(tmp_path: Path) -> AsyncIterator[Served]:
-    async with served(tmp_path) as found:
+async def page() -> AsyncIterator[Served]:
+    async with served() as found:
         yield found
 
 
@@ -60,7 +59,7 @@ async def test_every_page_is_the_same_application(browser: aiohttp.ClientSession
     for path in ("/", "/login", f"/cell/{SITE}/{CELL}/alarms", "/recordings/2"):
         async with browser.get(page.url + path) as response:
             assert (response.status, response.content_type) == (200, "text/html")
-            assert await response.read() == STATIC["index.html"]
+            assert await response.read() == (FOLDER / "index.html").read_bytes()
             assert response.headers["Cache-Control"] == "no-cache"
             tag = response.headers["ETag"]
     async with browser.get(page.url, headers={"If-None-Match": tag}) as response:
@@ -68,14 +67,16 @@ async def test_every_page_is_the_same_application(browser: aiohttp.ClientSession
 
 
 async def test_built_files_are_packed_and_kept_for_ever(page: Served) -> None:
+    (file,) = FOLDER.glob("assets/*.js")
+    url, content = f"{page.url}/assets/{file.name}", file.read_bytes()
     async with aiohttp.ClientSession(auto_decompress=False) as browser:
-        async with browser.get(page.url + "/assets/main-1a2b.js", headers={"Accept-Encoding": "gzip"}) as response:
+        async with browser.get(url, headers={"Accept-Encoding": "gzip"}) as response:
             assert response.headers["Cache-Control"] == "public, max-age=31536000, immutable"
             assert response.headers["Content-Encoding"] == "gzip"
             assert response.content_type == "text/javascript"
-            assert len(await response.read()) < len(STATIC["assets/main-1a2b.js"]) / 10
-        async with browser.get(page.url + "/assets/main-1a2b.js", headers={"Accept-Encoding": "identity"}) as response:
-            assert await response.read() == STATIC["assets/main-1a2b.js"]
+            assert len(await response.read()) < len(content) / 2
+        async with browser.get(url, headers={"Accept-Encoding": "identity"}) as response:
+            assert await response.read() == content
         async with browser.get(page.url + "/favicon.svg") as response:
             assert response.content_type == "image/svg+xml"
 
@@ -175,8 +176,8 @@ async def test_other_channels_end_the_stream_so_that_the_browser_asks_anew(
 async def test_one_cell_is_a_plant_of_one(browser: aiohttp.ClientSession, page: Served) -> None:
     page.feed.take_health(status([{**asdict(alarm(1)), "acknowledged": None}], power_W=123.5))
     (cell,) = (await get(browser, page.url + "/api/plant"))["cells"]
-    told = [cell[name] for name in ("state", "time", "sources_ok", "received", "lost", "power_W", "page")]
-    assert told == ["green", MS + 10_000, 1, 70, 3, 123.5, None]
+    told = [cell[name] for name in ("state", "time", "sources_ok", "received", "lost", "power_W")]
+    assert told == ["green", MS + 10_000, 1, 70, 3, 123.5]
     assert [(alarm["id"], alarm["acknowledged"]) for alarm in cell["alarms"]] == [("alarm-1", False)]
     await get(browser, page.url + "/api/plant/stream", 404)
 
@@ -200,8 +201,7 @@ async def test_what_cannot_be_answered_is_one_line(browser: aiohttp.ClientSessio
 
 
 async def test_what_people_say_reaches_the_daemon(browser: aiohttp.ClientSession, page: Served) -> None:
-    page.feed.take_item("alarm", asdict(alarm(1)))
-    page.feed.take_health(status([{**asdict(alarm(1)), "acknowledged": None}], [shelved(2)]))
+    page.feed.take_health(status())
     body = {"id": "alarm-1", "name": " Ada\x1b[31m ", "note": "a new\nbelt is ordered"}
     assert await post(browser, page.url, f"{API}/acknowledge", body) == {}
     await post(browser, page.url, f"{API}/shelve", {"id": "alarm-1", "name": "Ada", "minutes": 30, "note": ""})
@@ -213,14 +213,9 @@ async def test_what_people_say_reaches_the_daemon(browser: aiohttp.ClientSession
 
 
 async def test_what_people_say_wrongly_does_nothing(browser: aiohttp.ClientSession, page: Served) -> None:
-    page.feed.take_item("alarm", asdict(alarm(1)))
-    page.feed.take_item("alarm", asdict(alarm(13)))
     one, ada = {"id": "alarm-1"}, {"name": "Ada", "note": ""}
     for what, body, code, error in (
-        ("acknowledge", {"id": "alarm-9", **ada}, 409, "alarm 'alarm-9' is not active"),
-        ("unshelve", {**one, **ada}, 409, "alarm 'alarm-1' is not shelved"),
         ("acknowledge", {"id": "alarm-13", **ada}, 409, "no alarm 'alarm-13' is active: it may"),
-        ("acknowledge", {**one, "name": " \x00"}, 400, "name: expected a text that is not empty"),
         ("acknowledge", {**ada, "id": 5}, 400, "id: expected a text"),
         ("acknowledge", {**one, **ada, "note": "x" * 1001}, 400, "note: expected a text of at most"),
         ("shelve", {**one, **ada}, 400, "minutes: expected a number"),

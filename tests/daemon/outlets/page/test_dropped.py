@@ -60,11 +60,9 @@ class Browser:
 
 
 @asynccontextmanager
-async def browsing(folder: Path, **settings: Any) -> AsyncIterator[Browser]:
-    drops = Drops()
-    async with served(folder, drops=drops, **settings) as page, client() as session:
+async def browsing(**settings: Any) -> AsyncIterator[Browser]:
+    async with served(drops=Drops(), **settings) as page, client() as session:
         yield Browser(session, f"{page.url}/api/recordings", await csrf(session, page.url))
-    await drops.close()
 
 
 @pytest.fixture
@@ -89,10 +87,8 @@ def kept(place: Path) -> int:
     return len(list(place.iterdir()))
 
 
-async def test_a_table_is_drawn_and_what_is_no_recording_is_refused_in_words(
-    tmp_path: Path, place: Path, echo: None
-) -> None:
-    async with browsing(tmp_path) as browser:
+async def test_a_table_is_drawn_and_what_is_no_recording_is_refused_in_words(place: Path, echo: None) -> None:
+    async with browsing() as browser:
         name = await browser.drop({"run 1.csv": CSV, "bad.csv": CSV})
         told = (await browser.ask("GET", f"/{name}"))[1]
         assert told["items"] == [{"path": p, "kind": "recording"} for p in ("bad.csv", "run 1.csv")]
@@ -127,8 +123,8 @@ async def ended(browser: Browser, name: str) -> Any:
     return await eventually(look, "the end of explain")
 
 
-async def test_explain_gets_what_was_chosen_and_its_files_can_be_had(tmp_path: Path, echo: None) -> None:
-    async with browsing(tmp_path) as browser:
+async def test_explain_gets_what_was_chosen_and_its_files_can_be_had(echo: None) -> None:
+    async with browsing() as browser:
         name = await browser.drop({"run.csv": CSV, "bad.csv": CSV})
         assert await browser.drop({"arm.xml": b"<mujoco/>"}, into=name) == name
         chosen = {"recordings": ["run.csv"], "simulations": ["arm.xml"], "robot": None}
@@ -146,9 +142,9 @@ async def test_explain_gets_what_was_chosen_and_its_files_can_be_had(tmp_path: P
         assert (status, refused["error"]) == (409, "/etc/passwd is not among the files that were dropped")
 
 
-async def test_only_files_that_were_announced_are_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_only_files_that_were_announced_are_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(dropped, "LARGEST", 1000)
-    async with browsing(tmp_path) as browser:
+    async with browsing() as browser:
         for path in ("../a.csv", "/a.csv", "a/./b.csv", "a\0.csv", "x" * 300):
             assert (await browser.ask("POST", json={"files": {path: 1}}))[0] == 409, path
         assert (await browser.ask("POST", json={"files": {"a.csv": 1001}}))[0] == 409
@@ -171,37 +167,49 @@ class FullDisk(io.BytesIO):
         raise OSError(errno.ENOSPC, "No space left on device")
 
 
-async def test_a_file_that_the_disk_has_no_room_for_is_not_among_the_files(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_a_file_that_the_disk_has_no_room_for_is_not_among_the_files(monkeypatch: pytest.MonkeyPatch) -> None:
     def begun(file: Path) -> FullDisk:
         file.touch()
         return FullDisk()
 
     monkeypatch.setattr(dropped, "_begun", begun)
-    async with browsing(tmp_path) as browser:
+    async with browsing() as browser:
         name = (await browser.ask("POST", json={"files": {"a.csv": 1}}))[1]["name"]
         assert (await browser.ask("PUT", f"/{name}/files/a.csv", data=b"a"))[0] == 409
         assert (await browser.ask("GET", f"/{name}"))[1]["items"] == []
 
 
-async def test_the_oldest_drop_goes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: Path) -> None:
+async def test_what_is_refused_takes_no_place(monkeypatch: pytest.MonkeyPatch, echo: None) -> None:
+    """Neither files for which the disk is too small, nor a sample that cannot be made."""
+    monkeypatch.setattr(dropped, "KEPT", 1)
+    async with browsing() as browser:
+        monkeypatch.setattr(dropped, "LARGEST", 1e18)
+        status, told = await browser.ask("POST", json={"files": {"a.csv": 10**17}})
+        assert status == 409 and "name a larger folder in TMPDIR" in told["error"]
+        name = await browser.drop({"a.csv": CSV})
+        monkeypatch.setattr(dropped, "SAMPLE", ("./bad.csv",))
+        monkeypatch.setattr(dropped, "KEPT", 2)
+        assert (await browser.ask("POST", "/sample", json={}))[0] == 409
+        assert (await browser.ask("GET"))[1]["drops"] == [name]
+
+
+async def test_the_oldest_drop_goes(monkeypatch: pytest.MonkeyPatch, place: Path) -> None:
     monkeypatch.setattr(dropped, "KEPT", 2)
-    async with browsing(tmp_path) as browser:
+    async with browsing() as browser:
         for _ in range(3):
             await browser.drop({"a.csv": CSV})
         assert (await browser.ask("GET"))[1]["drops"] == ["3", "2"]
         assert kept(place) == 2
 
 
-async def test_others_than_this_pc_and_this_page_drop_nothing(tmp_path: Path) -> None:
-    async with browsing(tmp_path) as browser:
+async def test_others_than_this_pc_and_this_page_drop_nothing() -> None:
+    async with browsing() as browser:
         assert (await browser.ask("POST", json={"files": {"a.csv": 1}}, headers={}))[0] == 403
         assert (await browser.ask("PUT", "/1/files/a.csv", data=b"a", headers={}))[0] == 403
-    async with browsing(tmp_path, names=("proxy.example",)) as browser:
+    async with browsing(names=("proxy.example",)) as browser:
         assert (await browser.ask("GET"))[0] == 403
         assert (await browser.ask("POST", json={"files": {"a.csv": 1}}))[0] == 403
-    async with served(tmp_path) as page, client() as session:
+    async with served() as page, client() as session:
         assert not (await get(session, f"{page.url}/api/site"))["may_drop"]
         await get(session, f"{page.url}/api/recordings", 404)
 
@@ -233,9 +241,9 @@ def test_what_files_are(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-async def test_a_sample_is_made_drawn_and_explained_by_the_commands_themselves(tmp_path: Path) -> None:
+async def test_a_sample_is_made_drawn_and_explained_by_the_commands_themselves() -> None:
     pytest.importorskip("mujoco")
-    async with browsing(tmp_path) as browser:
+    async with browsing() as browser:
         name = (await browser.ask("POST", "/sample", json={}))[1]["name"]
         told = (await browser.ask("GET", f"/{name}"))[1]
         assert "kg" in told["note"] and "spring" in told["note"]

@@ -33,11 +33,10 @@ from tests.daemon.outlets.page.cell import (
     View,
     alarm,
     client,
-    csrf,
     frames,
     get,
     log_in,
-    shelved,
+    post,
     status,
 )
 from tests.daemon.outlets.serving import children, serving
@@ -92,34 +91,16 @@ async def test_what_the_cell_tells_reaches_a_browser(view: View) -> None:
 async def test_what_people_order_is_done_in_the_daemon(view: View) -> None:
     outlet = outlet_of(view)
     async with serving(outlet) as url, client() as browser:
-        outlet.offer(alarm(1))
-        outlet.offer(alarm(13))
-        header = await csrf(browser, url)
-
-        async def order(what: str, **body: Any) -> tuple[int, Any]:
-            async with browser.post(f"{url}{API}/{what}", json=body, headers=header) as response:
-                return response.status, await response.json()
-
-        async def acknowledged() -> bool:
-            return (await order("acknowledge", id="alarm-1", name="Ada", note="seen"))[0] == 200
-
-        await eventually(acknowledged, "the alarm at the page")
-        assert view.ordered == [("acknowledge", "alarm-1", "Ada", "seen")]
-        before = time.time_ns()
-        assert (await order("shelve", id="alarm-1", name="Ada", note="", minutes=10))[0] == 200
-        (_, shelve) = view.ordered
-        assert shelve[:2] == ("shelve", "alarm-1")
-        assert before + 600e9 <= shelve[2] <= time.time_ns() + 600e9
-        told = await order("acknowledge", id="alarm-13", name="Ada", note="")
-        assert told == (409, {"error": "no alarm 'alarm-13' is active: it may have been cleared"})
-        assert (await order("unshelve", id="alarm-1", name="Ada"))[0] == 409, "the page knows it is not shelved"
-        outlet.health(status(shelved=[shelved(2)]))
-
-        async def unshelved() -> bool:
-            return (await order("unshelve", id="alarm-2", name="Ada"))[0] == 200
-
-        await eventually(unshelved, "the shelf at the page")
-        assert view.ordered[-1] == ("unshelve", "alarm-2", "Ada")
+        before, about = time.time_ns(), {"id": "alarm-1", "name": "Ada", "note": "seen"}
+        await post(browser, url, f"{API}/acknowledge", about)
+        await post(browser, url, f"{API}/shelve", {**about, "minutes": 10})
+        await post(browser, url, f"{API}/unshelve", about)
+        refused = await post(browser, url, f"{API}/acknowledge", {**about, "id": "alarm-13"}, 409)
+        assert refused == {"error": "no alarm 'alarm-13' is active: it may have been cleared"}
+    acknowledged, shelved, unshelved = view.ordered
+    assert (acknowledged, unshelved) == (("acknowledge", "alarm-1", "Ada", "seen"), ("unshelve", "alarm-1", "Ada"))
+    assert shelved[:2] == ("shelve", "alarm-1")
+    assert before + 600e9 <= shelved[2] <= time.time_ns() + 600e9
     assert outlet.account.counters["acknowledge by a person"] == 1
 
 

@@ -45,7 +45,7 @@ async def page(tmp_path: Path) -> AsyncIterator[Served]:
     desk = Desk()
     archive = Archive(await asyncio.to_thread(written, tmp_path), recorded.CELL, None, desk)
     await asyncio.to_thread(archive.start)
-    async with served(tmp_path, archive=archive) as found:
+    async with served(archive=archive) as found:
         yield found
     await asyncio.to_thread(archive.close)
     await asyncio.to_thread(desk.close)
@@ -117,7 +117,7 @@ async def test_arms_are_shown_once_their_channels_are_known(
     browser: aiohttp.ClientSession, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     await asyncio.to_thread((tmp_path / "one.urdf").write_text, URDF)
-    async with served(tmp_path) as page:
+    async with served() as page:
         arms = {"arm": tmp_path / "one.urdf", "other": tmp_path / "none.urdf"}
         following = asyncio.create_task(follow_arms(page.feed, arms))
         assert (await get(browser, f"{page.url}{API}/state"))["arms"] == []

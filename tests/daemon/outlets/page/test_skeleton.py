@@ -13,18 +13,12 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from cellwatt.errors import ConfigError
 from cellwatt.outlets.page.skeleton import skeleton
 
 SIX = [f"arm.joint_{i}.position" for i in range(1, 7)]
-
-
-def rotation(axis: Any, angle: float) -> np.ndarray:
-    """By Rodrigues' formula."""
-    x, y, z = axis
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
 
 
 def placed(found: dict[str, Any], positions: dict[str, float]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -33,12 +27,11 @@ def placed(found: dict[str, Any], positions: dict[str, float]) -> dict[str, tupl
     for i, joint in enumerate(found["joints"]):
         assert joint["parent"] < i, "parents come first"
         turned, at = frames[joint["parent"]] if joint["parent"] >= 0 else (np.eye(3), np.zeros(3))
-        roll, pitch, yaw = joint["rpy"]
         at = at + turned @ np.array(joint["xyz"])
-        turned = turned @ rotation((0, 0, 1), yaw) @ rotation((0, 1, 0), pitch) @ rotation((1, 0, 0), roll)
+        turned = turned @ Rotation.from_euler("xyz", joint["rpy"]).as_matrix()
         q = positions.get(joint["channel"], 0.0) * joint.get("multiplier", 1.0) + joint.get("offset", 0.0)
         if joint["type"] == "revolute":
-            turned = turned @ rotation(joint["axis"], q)
+            turned = turned @ Rotation.from_rotvec(q * np.array(joint["axis"])).as_matrix()
         elif joint["type"] == "prismatic":
             at = at + turned @ np.array(joint["axis"]) * q
         frames.append((turned, at))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import socket
 from dataclasses import replace
-from pathlib import Path
 
 import aiohttp
 import pytest
@@ -35,9 +34,9 @@ async def mute(page: Served) -> socket.socket:
     return made
 
 
-async def test_a_browser_that_reads_nothing_costs_only_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_browser_that_reads_nothing_costs_only_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(streams, "MOST_VALUES", 5000)
-    async with served(tmp_path) as page, client() as browser:
+    async with served() as page, client() as browser:
         silent = await mute(page)
         try:
             async with browser.get(f"{page.url}{API}/stream?channels=arm.c_0&rate=25") as response:
@@ -57,25 +56,23 @@ async def test_a_browser_that_reads_nothing_costs_only_itself(tmp_path: Path, mo
 
 
 async def test_a_browser_that_leaves_before_its_answer_is_no_mistake(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     async def leave(_gate: Gate, request: web.Request, _response: web.StreamResponse) -> None:
         assert isinstance(request.transport, asyncio.Transport)
         request.transport.abort()
 
     monkeypatch.setattr(Gate, "prepare", leave)
-    async with served(tmp_path) as page, client() as browser:
+    async with served() as page, client() as browser:
         with pytest.raises(aiohttp.ClientError):
             await browser.get(f"{page.url}{API}/stream")
         await eventually(lambda: not len(page.browsers), "its place")
     assert "cannot be answered" not in caplog.text
 
 
-async def test_a_browser_that_takes_nothing_for_long_is_disconnected(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_a_browser_that_takes_nothing_for_long_is_disconnected(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(streams, "STALLED", 0.2)
-    async with served(tmp_path) as page:
+    async with served() as page:
         silent = await mute(page)
         await eventually(lambda: len(page.feed.hub), "the browser")
         sent = 0
@@ -124,8 +121,8 @@ async def test_frames_that_break_their_contract_cost_no_stream(caplog: pytest.Lo
     assert "frames cannot be shown" in caplog.text
 
 
-async def test_there_is_a_limit_of_browsers(tmp_path: Path) -> None:
-    async with served(tmp_path, browsers=2) as page, client() as browser:
+async def test_there_is_a_limit_of_browsers() -> None:
+    async with served(browsers=2) as page, client() as browser:
         url = f"{page.url}{API}/stream"
         async with browser.get(url) as first, browser.get(url) as second:
             assert (first.status, second.status) == (200, 200)
@@ -136,9 +133,9 @@ async def test_there_is_a_limit_of_browsers(tmp_path: Path) -> None:
             assert again.status == 200
 
 
-async def test_a_quiet_stream_beats(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_quiet_stream_beats(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(streams, "HEARTBEAT", 0.01)
-    async with served(tmp_path) as page, client() as browser, browser.get(f"{page.url}{API}/stream") as response:
+    async with served() as page, client() as browser, browser.get(f"{page.url}{API}/stream") as response:
         lines = [await response.content.readline() for _ in range(5)]
         assert lines[0].startswith(b"retry: ")
         assert b": still here\n" in lines

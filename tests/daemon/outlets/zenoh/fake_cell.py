@@ -93,10 +93,9 @@ class FakeView:
     site = SITE
     journal = None
     folder = Path("/")
-    record_folder: Path | None = None
 
-    def __init__(self, session: int = EPOCH, cell: str = CELL) -> None:
-        self.session, self.cell = session, cell
+    def __init__(self, session: int = EPOCH, cell: str = CELL, record_folder: Path | None = None) -> None:
+        self.session, self.cell, self.record_folder = session, cell, record_folder
         self.alarms = AlarmBook()
         self.lag = 0
         self.forgotten = 0
@@ -116,7 +115,8 @@ class FakeView:
         return STATUS
 
     def config(self) -> Mapping[str, Any]:
-        return {"site": SITE, "cell": CELL, "password": "${SECRET}"}
+        record = None if self.record_folder is None else {"frames": True}
+        return {"site": SITE, "cell": CELL, "password": "${SECRET}", "record": record}
 
     def schema(self) -> Mapping[str, Any]:
         return {"streams": {"arm": {"samples": list(STREAM.names)}}}

@@ -144,12 +144,10 @@ def _archive(path: Path) -> Iterator[zipfile.ZipFile]:
             raise ValueError(f"is damaged: {error}") from None
 
 
-def remove_begun(folder: Path, cell: str) -> None:
-    """Remove incomplete level files of a cell, left by a killed process. Raises ``OSError``."""
+def remove_begun(folder: Path) -> None:
+    """Remove incomplete level files, left by a killed process: no two daemons share a folder. Raises ``OSError``."""
     for path in (folder / FOLDER).glob(f"*{SUFFIX}.*{_NEW}"):
-        name = FileName.parse(f"{path.name.partition(SUFFIX)[0]}.mcap")
-        if name is not None and name.cell == plain_cell(cell):
-            path.unlink(missing_ok=True)
+        path.unlink(missing_ok=True)
 
 
 def listing(folder: Path, cell: str) -> list[RecordFile]:

@@ -89,7 +89,7 @@ class Store:
 
     def _run(self) -> None:
         with suppress(OSError):  # a later write reports the error
-            level_file.remove_begun(self.folder, self.cell)
+            level_file.remove_begun(self.folder)
         while not self._closing.is_set():
             try:
                 self.look(self._rest)

@@ -13,7 +13,6 @@ import asyncio
 import json
 import sys
 import time
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -36,9 +35,6 @@ class View(RecordedView):
     def __init__(self, site: str, cell: str, recorder: Recorder) -> None:
         super().__init__(History(recorder.settings.folder, recorder), recorder.session, cell)
         self.site, self.record_folder = site, recorder.settings.folder
-
-    def config(self) -> Mapping[str, Any]:
-        return {"record": {"frames": True}}
 
 
 class Cell:

@@ -40,7 +40,6 @@ export interface PlantCell {
   power_W: number | null;
   energy_today_J: number | null;
   task: string | null;
-  page: string | null;
 }
 
 export interface Source {
@@ -62,7 +61,6 @@ export interface Status {
   sources?: Record<string, Source>;
   frames?: { count: number; streams?: Record<string, Record<string, number>> };
   recorder?: { state: string } | null;
-  sinks?: Record<string, { state?: string; url?: string }>;
 }
 
 export interface Word {
@@ -133,7 +131,6 @@ export interface Energy {
   groups: Record<string, number>;
   group_uncertainty?: Record<string, number>;
   uncertainty: number;
-  positive_mechanical: number;
   motion_efficiency_percent: number;
   total_per_part: number | null;
 }
