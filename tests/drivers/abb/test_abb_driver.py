@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
+import time
 
 import numpy as np
 import pytest
@@ -9,11 +10,14 @@ import pytest
 from cellwatt.emulation import Fault
 from cellwatt.emulation.relay import clients
 from cellwatt.errors import ConnectError, DeviceError, WrongDeviceError
+from cellwatt.results import Event
+from cellwatt.runtime.source import Source
 from cellwatt.slots import HOST
 from cellwatt_drivers.abb import AbbDriver, AbbSettings
 from cellwatt_drivers.abb.rws import MODE
 from cellwatt_drivers.abb.web import session
-from tests.patience import PATIENCE
+from tests.doing import doing
+from tests.patience import PATIENCE, eventually
 
 from ..certificates import self_signed
 from ..inlet import CollectingInlet
@@ -168,6 +172,17 @@ async def test_an_outage_ends_the_source_and_a_new_start_counts_what_was_lost():
     assert inlet.account.missed["outage"] == emulator.counts["loss"] > 50
     assert len(inlet.identities) == 2
     assert inlet.resets == []
+
+
+async def test_a_controller_with_another_sample_rate_than_the_settings_is_not_too_slow():
+    events: list[Event] = []
+    async with emulated(rate="125") as (_, place):
+        arm = AbbSettings.model_validate(place | {"web": []})
+        source = Source("arm", lambda inlet: AbbDriver("arm", arm, inlet), time.time_ns, lambda _: None, events.append)
+        async with doing(source.run()):
+            await eventually(lambda: source.status()["streams"]["egm"]["nominal_hz"] == 125)
+    told = "the controller sends 125 packets a second, 'rate' says 250 Hz: see \\SampleRate of EGMStreamStart"
+    assert [event.text for event in events if event.kind == "rate"] == [told]
 
 
 async def test_only_the_robots_own_packets_are_taken():

@@ -102,6 +102,16 @@ def test_a_clock_that_is_set_is_noticed_and_a_gap_is_not_taken_for_it(rig):
     assert rig.inlet.resets == ["the controller's time jumped"]
 
 
+@pytest.mark.parametrize(("every", "rates"), [(2, {"egm": 125.0}), (1, {})])
+def test_the_rate_at_which_a_controller_regularly_sends_is_followed(rig, every, rates):
+    for number in range(1, 200):
+        if number % 70:  # lost packets are no slower rate
+            rig.take(number, at=every * number)
+    assert rig.intake.rates == rates
+    assert rig.inlet.kinds() == ["rate"] * (every - 1)
+    assert rig.inlet.account.missed == {"gap": 2} and not rig.inlet.resets
+
+
 def test_without_a_clock_the_header_counts_and_wraps(rig):
     wrap = 2**32 / 1000
     rig.take(1, 2, 3, clocked=False, start=wrap - 0.010)

@@ -108,16 +108,6 @@ async def test_meters_on_one_serial_line_take_turns():
         assert inlet.values[0, column] == pytest.approx(number * 3.6e6, rel=1e-3)
 
 
-async def test_two_sources_that_set_one_line_differently_are_told():
-    async with emulated("pty") as (_, line), running(settings(line)) as run:
-        await run.inlet.until(lambda o: o.readings)
-        other = ModbusMeterDriver("m", settings(line, parity="even", unit=2), CollectingInlet())
-        with pytest.raises(
-            ConnectError, match=rf"{line} \(9600 8E1\): another source .* as {line} \(9600 8N1\): write"
-        ):
-            await other.identify()
-
-
 async def test_each_meter_on_a_line_has_its_own_timeout():
     async with emulated(unit="1,2") as (emulator, place):
         emulator.inject(Fault("delay", seconds=0.2))
