@@ -62,7 +62,7 @@ async def test_a_joint_beyond_half_a_turn_stays_there_when_the_connection_is_los
 
 
 async def test_an_arm_without_these_registers_says_so(monkeypatch):
-    async with emulated() as (emulator, port):
-        monkeypatch.setattr(emulator, "_answer", lambda function, body: bytes([0x84, 2]))
+    monkeypatch.setattr("cellwatt_drivers.kinova.emulator.ARM", (5000, 14))
+    async with emulated() as (_, port):
         with pytest.raises(DeviceError, match=r"registers 0 to 13: it has no such register \(exception 2\)"):
             await driver(port, CollectingInlet()).identify()
