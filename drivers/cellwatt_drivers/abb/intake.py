@@ -59,7 +59,7 @@ class Intake:
 
     def take(self, datagrams: list[bytes], waited: int = 0) -> None:
         """Decode and hand over datagrams that arrived ``waited`` ns ago; invalid ones are counted as ``malformed``."""
-        arrival = self._inlet.now() - waited
+        arrival = max(self._arrival, self._inlet.now() - waited)  # the last is late by a pause since it was read
         for datagram in datagrams:
             try:
                 packet = decode(datagram)

@@ -55,6 +55,13 @@ def test_a_packet_without_any_of_the_values_is_missing():
         assert reading.quality.tolist() == [quality, quality]
 
 
+def test_a_pause_after_the_age_of_a_packet_was_read_sets_the_next_ones_arrival_not_back(rig):
+    for number, waited in ((1, 0), (2, 1_000_000_000)):
+        rig.intake.take([rig.packet(number)], waited)
+    first, second = rig.inlet.readings
+    assert second.arrival == first.arrival
+
+
 def test_two_packets_of_one_number_that_differ_are_told_as_forged(rig):
     rig.take(1, 2)
     rig.take(2, at=1.5)
