@@ -20,6 +20,8 @@ class SourceSettings(Section):
     """Settings, beside host and port, that distinguish two devices at one address."""
     reached_by: ClassVar[tuple[str, ...]] = ("host",)
     """Settings that give the device's address, any one of them; all but ``host`` are paths of serial ports or buses."""
+    line_parts: ClassVar[tuple[str, ...]] = ()
+    """Settings of a serial line that several sources may share, in which all of them must agree."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +96,7 @@ class Driver(ABC, Generic[S]):
     left_out: frozenset[str] = frozenset()
     """Channels that the device reported as missing when it responded: their values are NaN, which is no fault."""
     rates: Mapping[str, float] = {}
-    """Rates, Hz, by stream, at which the device announced to send, if not the declared ones."""
+    """Rates, Hz, by stream, at which the device announced to send or regularly sends, if not the declared ones."""
 
     def __init__(self, name: str, settings: S, inlet: Inlet) -> None:
         self.name = name

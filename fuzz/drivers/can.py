@@ -62,7 +62,7 @@ def _frames(data: bytes) -> None:
                 intake.resume()
             if kind & 0x80:
                 intake.flush(inlet.now())
-            intake.take(Message(arbitration_id=1, data=body, timestamp=time))
+            intake.take(Message(arbitration_id=1, data=body, timestamp=time), inlet.now())
     for intake in intakes:
         intake.flush(inlet.now())
     assert inlet.account.residue == 0

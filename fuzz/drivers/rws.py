@@ -7,7 +7,7 @@ from contextlib import suppress
 
 from cellwatt.errors import ProtocolError
 from cellwatt_drivers.abb import rws
-from cellwatt_drivers.abb.rws import Entry
+from cellwatt_drivers.abb.rws import Item
 from fuzz.target import Target
 
 
@@ -29,15 +29,15 @@ def run(data: bytes) -> None:
 
 def seeds() -> Iterable[bytes]:
     """Each page that is read."""
-    yield rws.page("state", [Entry("pnl-ctrlstate", "ctrlstate", {"ctrlstate": "motoron"})])
-    yield rws.page("speed", [Entry("pnl-speedratio", "speedratio", {"speedratio": 75})])
+    yield rws.page("state", [Item("pnl-ctrlstate", "ctrlstate", {"ctrlstate": "motoron"})])
+    yield rws.page("speed", [Item("pnl-speedratio", "speedratio", {"speedratio": "75"})])
     state = {
-        "state": 0, "energy-state": "ready", "change-count": 4, "interval-length": 60.0, "interval-energy": 12.5,
-        "accumulated-energy": 1e4,
+        "state": "0", "energy-state": "ready", "change-count": "4", "interval-length": "60.0",
+        "interval-energy": "12.5", "accumulated-energy": "10000.0",
     }  # fmt: skip
-    axes = tuple(Entry("sys-energy-axis", f"{i}", {"interval-energy": 1.5 * i}) for i in range(1, 4))
-    unit = Entry("sys-energy-mec", "ROB_1", {}, inside=axes)
-    yield rws.page("energy", [Entry("sys-energy-state", "state", state), unit])
+    axes = tuple(Item("sys-energy-axis", f"{i}", {"interval-energy": f"{1.5 * i}"}) for i in range(1, 4))
+    unit = Item("sys-energy-mec", "ROB_1", {}, inside=axes)
+    yield rws.page("energy", [Item("sys-energy-state", "state", state), unit])
     yield b'<?xml version="1.0" encoding="latin-1"?><!DOCTYPE a [<!ENTITY b "c">]><li class="&b;">&b;</li>'
 
 

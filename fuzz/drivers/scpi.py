@@ -29,7 +29,7 @@ def _line(text: str) -> None:
         assert wire.parse_error(f'{code},"{words}"') == (code, words)
     with suppress(ProtocolError):
         assert 0 <= wire.parse_count(text) <= 255
-    wire.parse_identification(text)
+    wire.parse_identification(text, "")
     for dialect in DIALECTS.values():
         assert isinstance(dialect.found(text), str)
         dialect.short(text)

@@ -30,10 +30,11 @@ def run(data: bytes) -> None:
         assert error.problems
         return
     for decoding in decodings.values():
-        intake = Intake("sensor", decoding, decoding.wanted.cycle, CheckingInlet())
+        inlet = CheckingInlet()
+        intake = Intake("sensor", decoding, decoding.wanted.cycle, inlet)
         for i, body in enumerate((bytes(8), b"\xff" * 8, b"\1\0" * 4, b"")):
-            intake.take(Message(arbitration_id=1, data=body, timestamp=1e9 + i))
-        intake.flush(2_000_000_000_000_000_000)
+            intake.take(Message(arbitration_id=1, data=body, timestamp=1e9 + i), inlet.now())
+        intake.flush(inlet.now())
 
 
 def seeds() -> Iterable[bytes]:

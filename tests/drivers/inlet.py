@@ -2,56 +2,30 @@
 
 from __future__ import annotations
 
-import asyncio
-import time
 from collections.abc import Callable
 
 import numpy as np
 
-from cellwatt import Account, Identity, Reading, Stream
+from cellwatt import Reading, Stream
+from cellwatt.testing import CollectingInlet as KitsInlet
 from tests.patience import PATIENCE
 
 
-class CollectingInlet:
-    """Keeps readings, events, brackets and resets in order; counts what is emitted as received."""
-
-    def __init__(self) -> None:
-        self.account = Account()
-        self.identities: list[Identity] = []
-        self.readings: list[Reading] = []
-        self.brackets: list[tuple[int, int]] = []
-        self.resets: list[str] = []
-        self.events: list[tuple[str, str, dict[str, str | float]]] = []
-        self._changed = asyncio.Event()
-        self._last = 0
-
-    def now(self) -> int:
-        self._last = max(self._last, time.time_ns())
-        return self._last
-
-    def connected(self, identity: Identity) -> None:
-        self.identities.append(identity)
-        self._changed.set()
+class CollectingInlet(KitsInlet):
+    """The kit's, which also needs no loop; the account is even at each reading, and events keep their data."""
 
     def emit(self, reading: Reading) -> None:
         self.readings.append(reading)
+        self.epochs.append(len(self.resets))
         self.account.receive(len(reading.values))
         assert self.account.residue == 0, self.account.snapshot()
         self._changed.set()
-
-    def bracket(self, stream: Stream, device_time: int, not_before: int) -> None:
-        self.brackets.append((device_time, not_before))
 
     def clock_reset(self, stream: Stream, reason: str) -> None:
         self.resets.append(reason)
 
     def event(self, kind: str, text: str, **data: str | float) -> None:
         self.events.append((kind, text, data))
-        self.account.count(kind)
-        self._changed.set()
-
-    def wake(self) -> None:
-        """Let whoever waits look again."""
         self._changed.set()
 
     @property
@@ -68,31 +42,24 @@ class CollectingInlet:
         """Kinds of the events in order."""
         return [kind for kind, _, _ in self.events]
 
-    def of(self, stream: str) -> list[Reading]:
-        """Readings of one stream."""
-        return [r for r in self.readings if r.stream.name == stream]
+    def texts(self, kind: str = "") -> list[str]:
+        """Texts of the events in order, or of those of one kind."""
+        return [text for its, text, _ in self.events if kind in ("", its)]
 
     def stream(self, name: str) -> np.ndarray:
         """All samples (n, channels) of one stream."""
         return np.concatenate([r.values for r in self.of(name)])
 
-    async def until(self, condition: Callable[[CollectingInlet], bool], timeout: float = PATIENCE) -> None:
+    async def until(self, condition: Callable[[CollectingInlet], object], seconds: float = PATIENCE) -> None:
         """Wait until the condition holds; fails with the account where it never does."""
         try:
-            async with asyncio.timeout(timeout):
-                while not condition(self):
-                    self._changed.clear()
-                    await self._changed.wait()
+            await super().until(lambda: condition(self), seconds)
         except TimeoutError:
             raise AssertionError(f"never came: {self.account.snapshot()}, {self.events[-5:]}") from None
 
 
 class PolledInlet(CollectingInlet):
-    """Of a polled device, which has no clock; events are not counted in the account."""
-
-    def event(self, kind: str, text: str, **data: str | float) -> None:
-        self.events.append((kind, text, data))
-        self._changed.set()
+    """Of a polled device, which has no clock."""
 
     def bracket(self, stream: Stream, device_time: int, not_before: int) -> None:
         raise AssertionError("a polled device has no clock")

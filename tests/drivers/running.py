@@ -3,38 +3,28 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
-import numpy as np
-
 from cellwatt.driver import Driver
 from cellwatt.emulation import Emulator, Fault
 from cellwatt.errors import SourceError
+from cellwatt.testing.checks.stamps import times_are_right
+from cellwatt.testing.checks.values import StandingSignals as Steady
+from cellwatt.testing.rig import place_of as endpoint
 from tests.doing import doing
 from tests.patience import eventually
 
 from .inlet import CollectingInlet
 
+__all__ = ["Run", "Served", "Steady", "endpoint", "once", "repeated", "served", "strike", "with_address"]
+
 D = TypeVar("D", bound=Driver[Any])
 E = TypeVar("E", bound=Emulator)
 Served = AbstractAsyncContextManager[tuple[E, str]]
 """Of an emulator and its address."""
-
-
-@dataclass(frozen=True)
-class Steady:
-    """Signals that stand still."""
-
-    values: Mapping[str, float]
-
-    def at(self, t):
-        return {name: np.full(len(t), value) for name, value in self.values.items()}
-
-    def disturb(self, change):
-        raise ValueError("nothing to disturb")
 
 
 @asynccontextmanager
@@ -53,12 +43,6 @@ async def with_address(emulator: E) -> AsyncIterator[tuple[E, str]]:
     """An emulator that serves, and its address."""
     async with served(emulator) as address:
         yield emulator, address
-
-
-def endpoint(address: str) -> dict[str, Any]:
-    """An address as settings."""
-    host, _, port = address.rpartition(":")
-    return {"host": host, "port": int(port)}
 
 
 @dataclass
@@ -83,15 +67,15 @@ async def strike(emulator: Any, inlet: CollectingInlet, fault: Fault, times: int
 
 @asynccontextmanager
 async def once(driver: Driver[Any]) -> AsyncIterator[tuple[Any, asyncio.Task[None]]]:
-    """A driver running until the end of the context; fails when it failed. The account must be even then."""
+    """A driver running until the end of the context; fails when it failed. Account and times must be right then."""
     async with doing(driver.run()) as task:
         yield driver.inlet, task
-    assert driver.inlet.account.residue == 0
+    assert_right(driver.inlet)
 
 
 @asynccontextmanager
 async def repeated(driver: D) -> AsyncIterator[Run[D]]:
-    """A driver that is run again when it fails, until the end; the account must be even then."""
+    """A driver that is run again when it fails, until the end; account and times must be right then."""
     run = Run(driver, driver.inlet)
 
     async def supervise() -> None:
@@ -100,9 +84,14 @@ async def repeated(driver: D) -> AsyncIterator[Run[D]]:
                 await driver.run()
             except SourceError as error:
                 run.failures.append(error)
-                run.inlet.wake()
             await asyncio.sleep(0.01)
 
     async with doing(supervise()):
         yield run
-    assert run.inlet.account.residue == 0
+    assert_right(run.inlet)
+
+
+def assert_right(inlet: Any) -> None:
+    """The account is even, and times are as the contract says: no test need look at them again."""
+    assert inlet.account.residue == 0
+    times_are_right(inlet)

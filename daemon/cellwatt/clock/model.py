@@ -61,7 +61,8 @@ class ClockModel:
         self._leeway = (high - low) * SECOND
         self._wander = wander * 1e-6 / SECOND
         self._rounding = resolution * SECOND
-        self._resets = 0
+        self.resets = 0
+        """Number of resets of the map."""
         self._samples = 0
         self._reason = ""
         self._last_time = -(2**62)
@@ -76,11 +77,6 @@ class ClockModel:
         self._floor: int | None = None  # the sample after a reset was made no earlier than this
         self._last: int | None = None
         self._first_arrival = self._last_arrival = 0
-
-    @property
-    def resets(self) -> int:
-        """Number of resets of the map."""
-        return self._resets
 
     def stamp(self, device_time: Nanoseconds, arrival: int) -> tuple[Nanoseconds, Nanoseconds]:
         """The cell's time and its bound, each (n,) ns, of samples made at ``device_time`` (n,) and read at ``arrival``.
@@ -128,7 +124,7 @@ class ClockModel:
         self._floor = floor
 
     def _restart(self, reason: str) -> None:
-        self._resets += 1
+        self.resets += 1
         self._reason = reason
         self._start()
 
@@ -140,7 +136,7 @@ class ClockModel:
             drift_ppm=-self._lines.slope * 1e6,
             bound_ns=bound,
             age_s=(self._last_arrival - self._first_arrival) / SECOND,
-            resets=self._resets,
+            resets=self.resets,
             samples=self._samples,
             reason=self._reason,
         )

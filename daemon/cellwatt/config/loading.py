@@ -144,6 +144,7 @@ def _cell(check: _Check, path: Path) -> CellConfig | None:
     name = check.settings(CellName, (), {k: top[k] for k in fields_of(CellName) if k in top})
     sources = dict(_sources(check, top))
     _same_device(check, sources)
+    _same_line(check, sources)
     frames = _section(check, "frames", FrameSettings, top) if "frames" in top else FrameSettings()
     stages = dict(_stages(check, top))
     _robot(check, name)
@@ -298,6 +299,20 @@ def _same_device(check: _Check, sources: Mapping[str, SourceConfig]) -> None:
             check.complain(("sources", name), f"reads the same device as {other!r} ({where})", at_key=True)
 
 
+def _same_line(check: _Check, sources: Mapping[str, SourceConfig]) -> None:
+    """Add a problem for each source that opens a shared serial line in another way than the first source there."""
+    first: dict[str, tuple[str, str]] = {}
+    for name, source in sources.items():
+        settings = source.settings
+        keys = settings.reached_by if settings.line_parts else ()
+        if line := next((path for key in keys if key != "host" and (path := getattr(settings, key))), None):
+            way = ", ".join([line, *(f"{part} {getattr(settings, part)}" for part in settings.line_parts)])
+            other, its = first.setdefault(os.path.realpath(line), (name, way))
+            if way != its:
+                message = f"opens its serial line as {way}; {other!r} opens the same line as {its}: write the same"
+                check.complain(("sources", name), message, at_key=True)
+
+
 def _device(source: SourceConfig) -> tuple[str, ...]:
     """Identity of a port that only one source may open: a serial port, or driver, host and port; () if there is none.
 
@@ -306,7 +321,7 @@ def _device(source: SourceConfig) -> tuple[str, ...]:
     settings = source.settings
     host, port = getattr(settings, "host", None), getattr(settings, "port", None)
     if host:
-        parts = [f"{name} {getattr(settings, name)}" for name in getattr(settings, "device_parts", ())]
+        parts = [f"{name} {getattr(settings, name)}" for name in settings.device_parts]
         return source.driver, str(host).lower(), *([f"port {port}"] if port else []), *parts
     for serial in (port, getattr(settings, "serial", None), getattr(settings, "device", None)):
         if isinstance(serial, str | Path) and str(serial):

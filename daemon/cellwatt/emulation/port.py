@@ -33,12 +33,6 @@ class Port(ABC):
     def interrupt(self, seconds: float) -> None:
         """Disconnect all clients, and close the port for ``seconds`` s."""
 
-    async def serve(self, ready: Callable[[str], None]) -> None:
-        """Like ``Emulator.serve``, for an emulator with no other work."""
-        async with self as address:
-            ready(address)
-            await asyncio.Event().wait()
-
     async def asked(self) -> None:
         """Handle a request: ``stall`` delays this call; ``disconnect`` hangs up, and this call never returns."""
         if outage := self._injector.once("disconnect"):
@@ -72,7 +66,9 @@ class PortEmulator(Emulator):
 
     async def serve(self, ready: Callable[[str], None]) -> None:
         """See ``Emulator.serve``."""
-        await self.port.serve(ready)
+        async with self.port as address:
+            ready(address)
+            await asyncio.Event().wait()
 
 
 def host_and_port(address: str) -> tuple[str, int]:

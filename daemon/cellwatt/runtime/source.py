@@ -72,7 +72,7 @@ class Source:
         self.since = time.monotonic()
         self._connected_at: float | None = None
         self.driver = make(self)
-        self.meters = {s.name: RateMeter(s.rate) for s in self.driver.streams}
+        self.meters = {s.name: RateMeter() for s in self.driver.streams}
         self.clocks: dict[str, ClockModel] = {
             s.name: ClockModel(least_delay=self.driver.least_delay) for s in self.driver.streams if s.clock == "device"
         }
@@ -94,8 +94,6 @@ class Source:
         """See ``Inlet.connected``."""
         again = self.state == "retrying"
         self.identity = identity
-        for stream, rate in self.driver.rates.items():
-            self.meters[stream].nominal = rate
         self._connected_at = time.monotonic()
         self.last_error = None
         if self.state != "ok":
@@ -257,7 +255,9 @@ class Source:
             "identity": asdict(self.identity) if self.identity else None,
             **self.account.snapshot(),
             "streams": {
-                s.name: self.meters[s.name].figures() | {"blank": self._without_number(s)} for s in self.driver.streams
+                s.name: self.meters[s.name].figures(self.driver.rates.get(s.name, s.rate))
+                | {"blank": self._without_number(s)}
+                for s in self.driver.streams
             },
             "clocks": {name: asdict(clock.state()) for name, clock in self.clocks.items()},
             "last_sequence": {name: n - 1 for name, n in self.sequence.items()},
@@ -269,10 +269,9 @@ WINDOW = 4096
 
 
 class RateMeter:
-    """Rate and jitter over the last samples; ``nominal`` in Hz, 0 if the source sends on change."""
+    """Rate and jitter over the last samples."""
 
-    def __init__(self, nominal: float) -> None:
-        self.nominal = nominal
+    def __init__(self) -> None:
         self.samples = 0
         self._times: list[NDArray[np.int64]] = []
         self._count = 0
@@ -289,15 +288,18 @@ class RateMeter:
         joined = np.concatenate(self._times)[-WINDOW:] if self._times else np.empty(0, np.int64)
         self._times, self._count = [joined], len(joined)
 
-    def figures(self) -> dict[str, Any]:
-        """Nominal and measured rate in Hz, jitter (p50, p99 of the deviation from the nominal period) in ms."""
+    def figures(self, nominal: float) -> dict[str, Any]:
+        """Nominal and measured rate in Hz, jitter (p50, p99 of the deviation from the nominal period) in ms.
+
+        ``nominal`` is 0 if the source sends on change.
+        """
         self._trim()
         times = self._times[0]
-        out: dict[str, Any] = {"nominal_hz": self.nominal, "samples": self.samples}
+        out: dict[str, Any] = {"nominal_hz": nominal, "samples": self.samples}
         if len(times) < 3:
             return out | {"rate_hz": None, "jitter_p50_ms": None, "jitter_p99_ms": None, "last": None}
         steps = np.diff(times) * 1e-6
-        period = 1e3 / self.nominal if self.nominal else float(np.median(steps))
+        period = 1e3 / nominal if nominal else float(np.median(steps))
         p50, p99 = np.percentile(np.abs(steps - period), [50, 99])
         rate = (len(times) - 1) / ((times[-1] - times[0]) * 1e-9)
         return out | {

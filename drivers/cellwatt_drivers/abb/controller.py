@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 
 from cellwatt.channel import Channel, Quality, Stream
@@ -89,7 +87,7 @@ class Controller:
             self._inlet.account.lose(slots, reason)
 
     async def _read_state(self, web: Web, stream: Stream) -> None:
-        asked, since = self._inlet.now(), time.monotonic_ns()
+        asked = self._inlet.now()
         try:
             words = {
                 "controller": rws.value(await web.get(rws.CONTROLLER[self._settings.robotware]), "ctrlstate"),
@@ -108,7 +106,7 @@ class Controller:
             float(words["controller"].startswith("emergencystop")),
             ratio,
         ]
-        deliver(self._inlet, stream, np.array(values), asked, asked + time.monotonic_ns() - since)
+        deliver(self._inlet, stream, np.array(values), asked, self._inlet.now())
 
     async def _has_energy(self, web: Web, stream: Stream) -> bool:
         """Read the energy page; if the controller has none, return false: its other pages are still read."""
@@ -124,7 +122,7 @@ class Controller:
         return True
 
     async def _read_energy(self, web: Web, stream: Stream) -> None:
-        asked, since = self._inlet.now(), time.monotonic_ns()
+        asked = self._inlet.now()
         found = rws.energy(await web.get(rws.ENERGY), self._settings.mechanical_unit)
         if found.count == self._count:
             return
@@ -142,7 +140,7 @@ class Controller:
             self._valid = found.valid
             kind, validity = ("energy_valid", "valid") if found.valid else ("energy_not_valid", "not valid")
             self._inlet.event(kind, f"the controller reports its energy measurement as {validity} ({found.state})")
-        arrival = asked + time.monotonic_ns() - since
+        arrival = self._inlet.now()
         given = np.array([found.accumulated, found.interval_energy, *found.joints[:joints]])
         row = np.insert(given * self._settings.energy_unit, 2, found.interval)
         deliver(self._inlet, stream, row, asked, arrival, quality)

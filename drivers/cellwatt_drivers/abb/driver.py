@@ -48,6 +48,7 @@ class AbbDriver(Driver[AbbSettings]):
             found = wire.columns(settings.egm, settings.axes, settings.external, settings.robotware, settings.linear)
             stream = Stream("egm", found.channels, settings.rate, "device")
             self._intake = Intake(inlet, stream, found, self._delivers)
+            self.rates = self._intake.rates
             streams.append(stream)
         if settings.web:
             require(name, "web", {"aiohttp": "the package aiohttp"}, f"{_INSTALL}, or set web: []")

@@ -13,12 +13,12 @@ from contextlib import suppress
 
 from cellwatt_drivers.abb import rws
 from cellwatt_drivers.abb.emulated_robot import EmulatedRobot, EnergyMeter
-from cellwatt_drivers.abb.rws import Entry, RobotWare
+from cellwatt_drivers.abb.rws import Item, RobotWare
 
 REALM = "validusers@robapi.abb"
 SESSIONS = 70
 """Most sessions that a controller opens."""
-_LOCK = Entry("pnl-opmode-lockstate-li", "lock-state", {"lockstate": "unlocked"})
+_LOCK = Item("pnl-opmode-lockstate-li", "lock-state", {"lockstate": "unlocked"})
 """RobotWare 7 lists more entries than the mode; ``rws2`` reads the first. The others are undocumented."""
 Answer = tuple[int, dict[str, str], bytes]
 
@@ -91,51 +91,49 @@ class Pages:
         middle = f"{self._nonce}:{given.get('nc')}:{given.get('cnonce')}:{given.get('qop')}"
         return secrets.compare_digest(given.get("response", ""), _md5(f"{first}:{middle}:{second}"))
 
-    def _entries(self, path: str) -> tuple[Entry, ...] | None:
+    def _entries(self, path: str) -> tuple[Item, ...] | None:
         """Return the entries of a page; ``None`` if there is no such page."""
         robot = self._robot
         match path:
             case rws.MODE:
-                mode = Entry("pnl-opmode", "opmode", {"opmode": "AUTO"})
+                mode = Item("pnl-opmode", "opmode", {"opmode": "AUTO"})
                 return (mode,) if self._robotware == 6 else (mode, _LOCK)
             case rws.SPEED:
-                return (Entry("pnl-speedratio", "speedratio", {"speedratio": "100"}),)
+                return (Item("pnl-speedratio", "speedratio", {"speedratio": "100"}),)
             case rws.EXECUTION:
                 running = {"ctrlexecstate": "running" if robot.running else "stopped", "cycle": "forever"}
-                return (Entry("rap-execution", "execution", running),)
+                return (Item("rap-execution", "execution", running),)
             case rws.SYSTEM:
                 version = {6: "6.15.04.00", 7: "7.15.0"}[self._robotware]
                 kind = "sys-system-li" if self._robotware == 6 else "sys-system"
-                return (Entry(kind, "system", {"name": "EMULATED", "rwversion": version}),)
+                return (Item(kind, "system", {"name": "EMULATED", "rwversion": version}),)
             case rws.ENERGY:
                 return None if self._meter is None else self._energy(self._meter)
         page = rws.CONTROLLER[self._robotware]
         if path != page:
             return None
         return (
-            Entry(
-                "pnl-ctrlstate", page.rpartition("/")[2], {"ctrlstate": "motoron" if robot.motors_on else "motoroff"}
-            ),
+            Item("pnl-ctrlstate", page.rpartition("/")[2], {"ctrlstate": "motoron" if robot.motors_on else "motoroff"}),
         )
 
-    def _energy(self, meter: EnergyMeter) -> tuple[Entry, ...]:
+    def _energy(self, meter: EnergyMeter) -> tuple[Item, ...]:
         meter.advance(self._now())
-        state: dict[str, str | float] = {
+        state = {
             "state": "0" if meter.count else "-1",
             "energy-state": "not-paused",
             "change-count": str(meter.count),
             "time-stamp": "0",
             "reset-time": "0",
-            "interval-length": meter.length,
+            "interval-length": str(meter.length),
             "interval-energy": f"{meter.interval:.4f}",
             "accumulated-energy": f"{meter.accumulated:.4f}",
         }
         axes = tuple(
-            Entry("sys-energy-axis-li", str(i), {"interval-energy": f"{joule:.4f}"})
+            Item("sys-energy-axis-li", str(i), {"interval-energy": f"{joule:.4f}"})
             for i, joule in enumerate(meter.joints, 1)
         )
-        robot = Entry("sys-energy-mec-li", "ROB_1", {}, axes)
-        return Entry("sys-energy-state-li", "energy-state", state), robot
+        robot = Item("sys-energy-mec-li", "ROB_1", {}, axes)
+        return Item("sys-energy-state-li", "energy-state", state), robot
 
 
 def tls(certificate: str) -> ssl.SSLContext:

@@ -10,7 +10,7 @@ from cellwatt.channel import Quality, Stream
 from cellwatt.clock import unwrapped
 from cellwatt.driver import Inlet
 from cellwatt.errors import ProtocolError
-from cellwatt_drivers.abb.wire import Columns, Packet, decode
+from cellwatt_drivers.abb.wire import CYCLE, Columns, Packet, decode
 from cellwatt_drivers.shared.rows import Row, Rows
 
 _RECENT = 1000
@@ -22,22 +22,28 @@ _FASTEST = 4_000_000
 _STEP = 200_000_000
 """Deviation, ns, of the controller's time from both the numbering and this PC's time that means a new time base."""
 _WRAP = 1 << 32
+_CYCLE = round(CYCLE * 1e9)
+_REGULAR = 50
+"""Steps between neighbouring packets, all of one length, that show at which rate the controller sends."""
 
 
 class Intake:
     """Takes the datagrams of one robot in order, over all its connections, and counts them in its account.
 
     ``expect`` follows the packets' own numbers. Times are the controller's clock (µs) or, if it sends none, the
-    unwrapped milliseconds of the header.
+    unwrapped milliseconds of the header. ``rates`` has the rate at which the controller sends, if not the stream's.
     """
 
     def __init__(self, inlet: Inlet, stream: Stream, columns: Columns, delivers: Callable[[], None]) -> None:
         """``delivers`` is called before each block is handed over."""
         self.stream = stream
+        self.rates: dict[str, float] = {}
         self._delivers = delivers
         self._inlet = inlet
         self._columns = columns
-        self._period = round(1e9 / stream.rate)
+        self._period = self._step = round(1e9 / stream.rate)
+        self._steps = 0
+        """Latest steps of ``_step`` ns each."""
         self._number: int | None = None
         self._newest: Packet | None = None
         self._time = 0
@@ -53,7 +59,7 @@ class Intake:
 
     def take(self, datagrams: list[bytes], waited: int = 0) -> None:
         """Decode and hand over datagrams that arrived ``waited`` ns ago; invalid ones are counted as ``malformed``."""
-        arrival = self._inlet.now() - waited
+        arrival = max(self._arrival, self._inlet.now() - waited)  # the last is late by a pause since it was read
         for datagram in datagrams:
             try:
                 packet = decode(datagram)
@@ -85,6 +91,8 @@ class Intake:
             else:
                 missing = ahead - 1
             fault = self._broken(clocked, time, 1 + missing, arrival)
+            if fault is None and ahead == 1:
+                self._follow(time - self._time)
         if fault is not None:
             self._hand_over(arrival)
             self._inlet.clock_reset(self.stream, fault)
@@ -110,6 +118,20 @@ class Intake:
             return "the controller's time went back"
         strange = abs(passed - steps * self._period) > _STEP and abs(passed - (arrival - self._arrival)) > _STEP
         return "the controller's time jumped" if strange else None
+
+    def _follow(self, step: int) -> None:
+        """Follow a controller that sends every n-th cycle with another n than the settings say.
+
+        ``step`` is the time, ns, between two packets with neighbouring numbers.
+        """
+        step = _CYCLE * max(1, round(step / _CYCLE))
+        self._steps = self._steps + 1 if step == self._step else 1
+        self._step = step
+        if step != self._period and self._steps >= _REGULAR:
+            self._period, rate = step, 1e9 / step
+            self.rates[self.stream.name] = rate
+            text = f"the controller sends {rate:g} packets a second, 'rate' says {self.stream.rate:g} Hz"
+            self._inlet.event("rate", f"{text}: see \\SampleRate of EGMStreamStart", rate=rate)
 
     def _unwrapped(self, sent: int) -> int:
         """Return the header's time, ns, unwrapped at 2³² ms."""

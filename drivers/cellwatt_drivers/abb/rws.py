@@ -30,11 +30,12 @@ _NAN = float("nan")
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """One ``<li>`` of a page: its class, its title and its spans by class."""
+    """One ``<li>`` of a page: its class, its title, its spans by class, and the ``inside`` items of its own list."""
 
     kind: str
     title: str
-    values: dict[str, str]
+    values: Mapping[str, str]
+    inside: tuple[Item, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +55,7 @@ class Energy:
 
 
 def items(page: bytes) -> list[Item]:
-    """All ``<li>`` of a page in order. Raises ``ProtocolError`` if it is not XHTML."""
+    """All ``<li>`` of a page in order, those of inner lists too. Raises ``ProtocolError`` if it is not XHTML."""
     try:
         root = ElementTree.fromstring(page)
     except (ElementTree.ParseError, ValueError, LookupError) as error:  # LookupError: an unknown encoding
@@ -119,17 +120,7 @@ def _number(text: str) -> float:
     return number
 
 
-@dataclass(frozen=True, slots=True)
-class Entry:
-    """An ``<li>`` as a controller writes it; ``inside`` are the entries of its own list."""
-
-    kind: str
-    title: str
-    values: Mapping[str, str | float]
-    inside: tuple[Entry, ...] = ()
-
-
-def page(title: str, entries: Iterable[Entry]) -> bytes:
+def page(title: str, entries: Iterable[Item]) -> bytes:
     """A page in XHTML."""
     return (
         '<?xml version="1.0" encoding="UTF-8"?>\n<html xmlns="http://www.w3.org/1999/xhtml">\n'
@@ -138,7 +129,7 @@ def page(title: str, entries: Iterable[Entry]) -> bytes:
     ).encode()
 
 
-def _listed(entries: Iterable[Entry]) -> str:
+def _listed(entries: Iterable[Item]) -> str:
     text = ""
     for e in entries:
         spans = "".join(f'<span class="{name}">{value}</span>' for name, value in e.values.items())

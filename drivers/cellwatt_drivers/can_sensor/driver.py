@@ -148,7 +148,7 @@ class CanSensorDriver(Driver[CanSensorSettings]):
             try:
                 async for own in self._heard(listening):
                     for intake, frame in own:
-                        intake.take(frame)
+                        intake.take(frame, listening.latest)
                     if not connected:
                         connected = True
                         self.inlet.connected(self._identity())
@@ -162,7 +162,7 @@ class CanSensorDriver(Driver[CanSensorSettings]):
         if s.interface == "slcan":
             options = {"listen_only": s.listen_only, "sleep_after_open": s.settle, "timeout": 0}
             options |= {} if s.bitrate is None else {"bitrate": s.bitrate}
-        return open_listening(BusPlace(s.interface, s.channel, options))
+        return open_listening(BusPlace(s.interface, s.channel, options), self.inlet.now)
 
     async def _heard(self, listening: Listening) -> AsyncIterator[list[tuple[Intake, Message]]]:
         """Yield the sensor's frames, with their intakes. Raises ``SourceError`` after a ``silence`` without one."""
@@ -225,10 +225,8 @@ class CanSensorDriver(Driver[CanSensorSettings]):
         self.inlet.event(f"bus_{state}", f"{self.name}: {self.settings.channel}: {_STATES[state]}")
 
     def _hand_over(self, listening: Listening) -> None:
-        since = asyncio.get_running_loop().time() - listening.latest  # read before the cell's time: never too early
-        arrival = self.inlet.now() - round(since * 1e9)
         for intake in self._intakes:
-            intake.flush(arrival)
+            intake.flush(listening.latest)
         self.inlet.account.anomaly("frames dropped", listening.dropped - self._dropped)
         self.inlet.account.anomaly("malformed", listening.malformed - self._malformed)
         self._dropped, self._malformed = listening.dropped, listening.malformed

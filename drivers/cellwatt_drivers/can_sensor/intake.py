@@ -120,8 +120,8 @@ class Intake:
         """Mark that the bus was opened again: frames missing now were lost while it was closed."""
         self._losses.resumed = True
 
-    def take(self, frame: Message) -> None:
-        """Take a received frame of this message."""
+    def take(self, frame: Message, arrival: int) -> None:
+        """Take a frame of this message, received by the cell's time ``arrival``, ns."""
         try:
             signals = self._decoding.decode(bytes(frame.data))
         except ValueError as error:
@@ -143,12 +143,12 @@ class Intake:
             self._inlet.account.anomaly("duplicates")
             return
         self._losses.before_next(lost)
-        self._add(frame.timestamp, signals)
+        self._add(frame.timestamp, signals, arrival)
 
-    def _add(self, timestamp: float, signals: Mapping[str, float]) -> None:
+    def _add(self, timestamp: float, signals: Mapping[str, float], arrival: int) -> None:
         stamp = round(timestamp * 1e9)
         if stamp < self.last - _BACK * 1e9:
-            self.flush(self._inlet.now())
+            self.flush(arrival)
             self._inlet.clock_reset(self.stream, f"the PC's clock was set back by {(self.last - stamp) / 1e9:.3f} s")
             self.last = 0
         self.last = max(stamp, self.last + 1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
@@ -38,13 +38,14 @@ class BusPlace:
 
 
 class Listening(Mailbox["Message"]):
-    """Frames of an open bus. ``latest``: arrival of the newest frame, s of the loop's clock."""
+    """Frames of an open bus. ``latest``: arrival of the newest frame by ``now``, the cell's time, ns."""
 
-    def __init__(self, place: BusPlace, bus: BusABC) -> None:
+    def __init__(self, place: BusPlace, bus: BusABC, now: Callable[[], int]) -> None:
         super().__init__(MOST_WAITING)
         self.place = place
-        self.latest = 0.0
+        self.latest = 0
         self._bus = bus
+        self._now = now
         self._loop = asyncio.get_running_loop()
 
     async def frames(self, seconds: float) -> list[Message]:
@@ -64,17 +65,17 @@ class Listening(Mailbox["Message"]):
                 if message is None:
                     return
                 self.take(message)
-                self.latest = self._loop.time()
+                self.latest = self._now()
         except Exception as error:  # python-can, pyserial and the system raise different exceptions
             self._loop.remove_reader(self._bus.fileno())
             self.fail(ConnectError(f"{self.place}: {error}"))
 
 
 @asynccontextmanager
-async def open_listening(place: BusPlace) -> AsyncIterator[Listening]:
+async def open_listening(place: BusPlace, now: Callable[[], int]) -> AsyncIterator[Listening]:
     """Open a bus in a thread, because some adapters are slow to open. Raises ``ConnectError``."""
     async with opened_aside(lambda: _open(place), _close) as bus:
-        listening, descriptor = Listening(place, bus), bus.fileno()
+        listening, descriptor = Listening(place, bus, now), bus.fileno()
         loop = asyncio.get_running_loop()
         loop.add_reader(descriptor, listening.drain)
         try:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import struct
 from collections import Counter
 from types import MappingProxyType
 from typing import ClassVar
@@ -17,7 +16,7 @@ from cellwatt.emulation.signals import table_of
 from cellwatt_drivers.kinova import registers
 from cellwatt_drivers.kinova.registers import ARM, JOINTS_AND_TOOL, MOST_JOINTS, encode
 from cellwatt_drivers.shared.modbus import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ILLEGAL_VALUE
-from cellwatt_drivers.shared.modbus_server import modbus_port, refusal
+from cellwatt_drivers.shared.modbus_server import modbus_port
 
 _READ_INPUT = 4
 _MOST = 125
@@ -48,30 +47,24 @@ class KinovaEmulator(PortEmulator):
         wrap = options.flag("wrap", True)
         self.arm = EmulatedArm(self.signals, wrap)
         self.asked: Counter[tuple[int, int]] = Counter()
-        self.tally.update(refused=0, written=0)
-        self.port = modbus_port(self, lambda _, function, body: self._answer(function, body))
+        self.tally.update(written=0)
+        self.port = modbus_port(self, self._read)
 
     def change(self, kind: str, value: float | str) -> None:
         """Set state or flags."""
         setattr(self.arm, kind, int(value))
 
-    def _answer(self, function: int, body: bytes) -> bytes:
-        if function != _READ_INPUT or len(body) != 4:
-            self.tally["written"] += function != _READ_INPUT
-            return self._refuse(function, ILLEGAL_FUNCTION)
-        first, count = struct.unpack(">HH", body)
+    def _read(self, unit: int, function: int, first: int, count: int) -> list[int] | int:
+        if function != _READ_INPUT:
+            self.tally["written"] += 1
+            return ILLEGAL_FUNCTION
         self.asked[first, count] += 1
         if not 1 <= count <= _MOST:
-            return self._refuse(function, ILLEGAL_VALUE)
+            return ILLEGAL_VALUE
         for start, length in (ARM, JOINTS_AND_TOOL):
             if start <= first and first + count <= start + length:
-                block = self.arm.block(start, self.elapsed)[first - start : first - start + count]
-                return struct.pack(f">BB{count}H", function, 2 * count, *block)
-        return self._refuse(function, ILLEGAL_ADDRESS)
-
-    def _refuse(self, function: int, code: int) -> bytes:
-        self.tally["refused"] += 1
-        return refusal(function, code)
+                return self.arm.block(start, self.elapsed)[first - start : first - start + count]
+        return ILLEGAL_ADDRESS
 
 
 _MOTION = registers.joints(1.0, MOST_JOINTS, True).stream.channels

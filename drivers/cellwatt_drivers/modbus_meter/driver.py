@@ -58,6 +58,7 @@ class ModbusMeterSettings(SourceSettings):
 
     reached_by: ClassVar[tuple[str, ...]] = ("host", "line")
     device_parts: ClassVar[tuple[str, ...]] = ("unit",)
+    line_parts: ClassVar[tuple[str, ...]] = ("baud", "parity", "stop_bits")
 
     meter: MeterName | None = None
     """Model of the meter: one of the packaged maps."""

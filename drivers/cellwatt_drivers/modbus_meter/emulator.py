@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar
@@ -11,7 +10,7 @@ from cellwatt.emulation import Options, PortEmulator
 from cellwatt_drivers.modbus_meter.emulated_meter import EmulatedMeter
 from cellwatt_drivers.modbus_meter.meter_map import METERS, MeterName, chosen_map
 from cellwatt_drivers.shared.modbus import ILLEGAL_ADDRESS, ILLEGAL_FUNCTION, ILLEGAL_VALUE
-from cellwatt_drivers.shared.modbus_server import modbus_port, refusal
+from cellwatt_drivers.shared.modbus_server import modbus_port
 
 _FUNCTIONS = {"holding": 3, "input": 4}
 
@@ -52,28 +51,17 @@ class ModbusMeterEmulator(PortEmulator):
         units = options.numbers("unit", (1.0,))
         self.meters = {int(number): EmulatedMeter(self.signals, self._map, energy) for number in units}
         self._strict = options.flag("strict", False)
-        self.tally.update(refused=0)
         rtu = options.choice("framing", "tcp", ("tcp", "rtu")) == "rtu"
-        self.port = modbus_port(self, self._answer, rtu=rtu)
+        self.port = modbus_port(self, self._read, rtu=rtu)
 
-    def _answer(self, unit: int, function: int, body: bytes) -> bytes | None:
+    def _read(self, unit: int, function: int, address: int, count: int) -> list[int] | int | None:
         meter = self.meters.get(unit)
         if meter is None:
             return None
-        if code := self._refusal(meter, function, body):
-            self.tally["refused"] += 1
-            return refusal(function, code)
-        address, count = struct.unpack(">HH", body)
-        registers = meter.read(self.elapsed, address, count)
-        return struct.pack(f">BB{count}H", function, 2 * count, *registers)
-
-    def _refusal(self, meter: EmulatedMeter, function: int, body: bytes) -> int:
-        """Exception code with which a meter refuses a request; 0 if it answers."""
-        known = set(_FUNCTIONS.values()) if self._map.both_functions else {_FUNCTIONS[self._map.function]}
-        if function not in known or len(body) != 4:
+        if function not in (_FUNCTIONS.values() if self._map.both_functions else (_FUNCTIONS[self._map.function],)):
             return ILLEGAL_FUNCTION
-        address, count = struct.unpack(">HH", body)
         if not 1 <= count <= self._map.longest_read:
             return ILLEGAL_VALUE
-        cut = self._strict and meter.cuts(address, count)
-        return ILLEGAL_ADDRESS if cut or not meter.has(address, count) else 0
+        if (self._strict and meter.cuts(address, count)) or not meter.has(address, count):
+            return ILLEGAL_ADDRESS
+        return meter.read(self.elapsed, address, count)

@@ -12,8 +12,9 @@ from cellwatt_drivers.opc_ua import messages
 from cellwatt_drivers.opc_ua.intake import Intake
 from cellwatt_drivers.opc_ua.nodes import Search, TagPlace
 from cellwatt_drivers.opc_ua.session import Session, open_session
-from cellwatt_drivers.opc_ua.settings import OpcUaSettings, tags_to_read
+from cellwatt_drivers.opc_ua.settings import OpcUaSettings
 from cellwatt_drivers.opc_ua.subscribing import Subscribed, subscribe
+from cellwatt_drivers.shared.choice import among
 from cellwatt_drivers.shared.requirements import require
 
 _WAY = 0.005
@@ -40,7 +41,7 @@ class OpcUaDriver(Driver[OpcUaSettings]):
         super().__init__(name, settings, inlet)
         require(name, "driver opc_ua", {"asyncua": "the package asyncua"}, "pip install 'cellwatt[opc-ua]'")
         self._map = settings.tag_map
-        self._tags = tags_to_read(self._map, settings.read)
+        self._tags = {name: self._map.values[name] for name in among(settings.read, self._map.values, "the map")}
         channels = tuple(tag.channel(channel) for channel, tag in self._tags.items())
         self._stream = Stream("tags", channels, settings.rate, "device")
         self._intake = Intake(name, inlet, self._stream, messages.status_name)

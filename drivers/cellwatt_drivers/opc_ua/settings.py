@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import ClassVar, Literal
 
 from pydantic import Field, FilePath, SecretStr, model_validator
@@ -12,7 +11,7 @@ from cellwatt.driver import SourceSettings
 from cellwatt.host import Host, in_url
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt_drivers.opc_ua.tag_map import ModelName, Prefix, Tag, TagMap, check_prefixes, load_map, packaged_map
-from cellwatt_drivers.shared.choice import Chosen, among
+from cellwatt_drivers.shared.choice import Chosen
 from cellwatt_drivers.shared.maps import ChannelName
 
 PORT = 4840
@@ -116,8 +115,3 @@ class OpcUaSettings(SourceSettings):
             return TagMap(source="settings", namespaces=self.namespaces, values=self.tags)
         both = {"values": made.values | self.tags, "namespaces": made.namespaces | self.namespaces}
         return made.model_copy(update=both)
-
-
-def tags_to_read(made: TagMap, read: tuple[str, ...] | None) -> Mapping[str, Tag]:
-    """Tags to read, by channel. Raises ``ConfigError`` for an unknown channel."""
-    return {name: made.values[name] for name in among(read, made.values, "the map")}

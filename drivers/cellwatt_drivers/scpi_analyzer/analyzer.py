@@ -5,10 +5,11 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Iterable, Sequence
 
+from cellwatt.driver import Identity
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError, WrongDeviceError
 from cellwatt_drivers.scpi_analyzer.dialect import Dialect
 from cellwatt_drivers.scpi_analyzer.line import Answer, Line
-from cellwatt_drivers.scpi_analyzer.wire import Identification, parse_count, parse_error, parse_identification
+from cellwatt_drivers.scpi_analyzer.wire import parse_count, parse_error, parse_identification
 
 _DEEPEST_QUEUE = 50
 
@@ -21,7 +22,7 @@ class Analyzer:
         self._dialect = dialect
         self._timeout = timeout
 
-    async def identify(self) -> Identification:
+    async def identify(self) -> Identity:
         """Ask for the identification; skip answers to earlier queries that arrive first.
 
         Raises ``WrongDeviceError`` if a device other than the dialect's model answers.
@@ -45,7 +46,7 @@ class Analyzer:
                     "check the address, or the speed of the serial port"
                 ) from None
             if (self._dialect.known or self._dialect.model) in text.upper():
-                return parse_identification(text)
+                return parse_identification(text, self._dialect.maker)
             answer = answer or text
 
     def tell(self, commands: Iterable[str]) -> None:

@@ -121,7 +121,7 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
     async def identify(self) -> Identity:
         """Identify the analyzer by ``*IDN?``. Raises ``SourceError``."""
         async with self._open() as line:
-            return await self._greet(self._analyzer(line))
+            return await self._analyzer(line).identify()
 
     async def run(self) -> None:
         """See ``Driver.run``. A connection that has delivered samples is reopened at once, any other raises."""
@@ -137,10 +137,6 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
     def _analyzer(self, line: Line) -> Analyzer:
         return Analyzer(line, self._dialect, self.settings.timeout)
 
-    async def _greet(self, analyzer: Analyzer) -> Identity:
-        found = await analyzer.identify()
-        return Identity(self._dialect.maker, found.model, found.serial, found.firmware)
-
     async def _converse(self) -> None:
         """Run one connection, from the greeting on."""
         try:
@@ -152,7 +148,7 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
     async def _use_line(self) -> None:
         async with self._open() as line:
             analyzer = self._analyzer(line)
-            identity = await self._greet(analyzer)
+            identity = await analyzer.identify()
             self._report(await analyzer.errors(), "from before this connection")
             try:
                 order = await self._set_up(analyzer)

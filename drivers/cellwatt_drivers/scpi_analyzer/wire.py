@@ -6,6 +6,7 @@ import math
 import re
 from dataclasses import dataclass
 
+from cellwatt.driver import Identity
 from cellwatt.errors import ProtocolError
 
 PORT = 5025
@@ -27,16 +28,6 @@ class Value:
 
     number: float
     overload: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Identification:
-    """The fields of an answer to ``*IDN?``; absent ones are empty."""
-
-    maker: str
-    model: str
-    serial: str
-    firmware: str
 
 
 def parse_value(text: str) -> Value:
@@ -81,11 +72,11 @@ def parse_count(line: str) -> int:
     return int(text)
 
 
-def parse_identification(line: str) -> Identification:
-    """Parse an answer to ``*IDN?``: the first three fields, and the last as firmware."""
+def parse_identification(line: str, maker: str) -> Identity:
+    """Parse an answer to ``*IDN?``: the second and third field, and the last as firmware; absent ones are empty."""
     fields = [field.strip() for field in line.split(",")]
-    maker, model, serial = (*fields, "", "", "")[:3]
-    return Identification(maker, model, serial, fields[-1] if len(fields) > 3 else "")
+    model, serial = (*fields, "", "", "")[1:3]
+    return Identity(maker, model, serial, fields[-1] if len(fields) > 3 else "")
 
 
 def decode_line(data: bytes) -> str:

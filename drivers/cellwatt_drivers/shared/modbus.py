@@ -296,13 +296,9 @@ _LINES: dict[tuple[asyncio.AbstractEventLoop, Place], Bus] = {}
 
 @asynccontextmanager
 async def line(place: Place) -> AsyncIterator[Bus]:
-    """Use the line at a place, which all its users share. Raises ``ConnectError`` if others set it differently."""
+    """Use the line at a place, which all its users share."""
     key = (asyncio.get_running_loop(), place)
     if key not in _LINES:
-        for used in (used for loop, used in _LINES if loop == key[0] and isinstance(used, SerialPlace)):
-            if isinstance(place, SerialPlace) and used.path == place.path:
-                other = f"another source of this cell opens the line as {used}"
-                raise ConnectError(f"{place}: {other}: write the same baud, parity and stop_bits")
         _LINES[key] = Bus(place)
     bus = _LINES[key]
     bus.users += 1

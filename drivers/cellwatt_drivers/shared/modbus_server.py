@@ -9,21 +9,38 @@ from typing import Final
 
 from cellwatt.emulation import Emulator, Port
 from cellwatt.emulation.terminal import Writer, port_of
+from cellwatt_drivers.shared.modbus import ILLEGAL_FUNCTION
 
 _HEAD: Final = struct.Struct(">HHHBB")
 """Transaction, protocol, number of bytes that follow, unit, function."""
+_BODY: Final = struct.Struct(">HH")
+"""First register and number of registers of a request for them."""
 _READ: Final = 8
 """Bytes of a request for registers in RTU framing: unit, function, address, count, checksum."""
 
-Answer = Callable[[int, int, bytes], bytes | None]
-"""From unit, function and body of a request to function and body of the answer; ``None`` for an unknown unit."""
+Read = Callable[[int, int, int, int], list[int] | int | None]
+"""From unit, function, first register and number of registers to these, or to the code of the exception with which the
+device refuses them; ``None`` for an unknown unit."""
 
 
-def modbus_port(emulator: Emulator, answer: Answer, *, rtu: bool = False) -> Port:
+def modbus_port(emulator: Emulator, read: Read, *, rtu: bool = False) -> Port:
     """Port at an emulator's address that answers requests; ``rtu``: RTU frames as on a serial line, also over TCP.
 
-    In RTU framing only requests for registers are parsed; all other bytes are ignored.
+    Requests for anything but registers are refused, and counted as ``refused`` like all refusals. In RTU framing only
+    requests for registers are parsed; all other bytes are ignored.
     """
+    emulator.tally.update(refused=0)
+
+    def answer(unit: int, function: int, body: bytes) -> bytes | None:
+        """Return function and body of the answer."""
+        whole = len(body) == _BODY.size
+        found = read(unit, function, *(_BODY.unpack(body) if whole else (0, 0)))
+        if found is None:
+            return None
+        if whole and isinstance(found, list):
+            return struct.pack(f">BB{len(found)}H", function, 2 * len(found), *found)
+        emulator.tally["refused"] += 1
+        return bytes([function | 0x80, found if whole and isinstance(found, int) else ILLEGAL_FUNCTION])
 
     async def talk_tcp(reader: asyncio.StreamReader, writer: Writer) -> None:
         while True:
@@ -57,8 +74,3 @@ def checksum(frame: bytes) -> bytes:
         for _ in range(8):
             crc = crc >> 1 ^ (0xA001 if crc & 1 else 0)
     return crc.to_bytes(2, "little")
-
-
-def refusal(function: int, code: int) -> bytes:
-    """The exception ``code`` as the answer to a request for ``function``."""
-    return bytes([function | 0x80, code])

@@ -77,7 +77,8 @@ class Session(asyncio.BufferedProtocol):
 
     def buffer_updated(self, nbytes: int) -> None:
         """Handle complete frames and retain the rest."""
-        self._arrival = self._now() - (self._transport.waited if self._transport is not None else 0)
+        waited = self._transport.waited if self._transport is not None else 0
+        self._arrival = max(self._arrival, self._now() - waited)  # the last is late by a pause since it was read
         self._filled += nbytes
         if self._take() and self._transport is not None:
             self._transport.pause_reading()

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import asyncio
 import socket
 from collections.abc import AsyncIterator
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from typing import Any
 
 from cellwatt_drivers.abb import AbbDriver, AbbSettings
 from cellwatt_drivers.abb.emulator import AbbEmulator
@@ -39,5 +39,9 @@ async def emulated(**options: str) -> AsyncIterator[tuple[AbbEmulator, dict[str,
         yield emulator, {"host": "127.0.0.1", "port": web, "egm_port": port, "bind": "127.0.0.1", "tls": False}
 
 
-def running(settings: dict[str, object]) -> AbstractAsyncContextManager[tuple[CollectingInlet, asyncio.Task[None]]]:
-    return once(AbbDriver("arm", AbbSettings.model_validate(settings), CollectingInlet()))
+def driver(place: dict[str, object], **changes: object) -> AbbDriver:
+    return AbbDriver("arm", AbbSettings.model_validate(place | changes), CollectingInlet())
+
+
+def running(place: dict[str, object], **changes: object) -> AbstractAsyncContextManager[tuple[CollectingInlet, Any]]:
+    return once(driver(place, **changes))

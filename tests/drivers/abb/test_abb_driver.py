@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
+import time
 
 import numpy as np
 import pytest
@@ -9,16 +10,18 @@ import pytest
 from cellwatt.emulation import Fault
 from cellwatt.emulation.relay import clients
 from cellwatt.errors import ConnectError, DeviceError, WrongDeviceError
+from cellwatt.results import Event
+from cellwatt.runtime.source import Source
 from cellwatt.slots import HOST
 from cellwatt_drivers.abb import AbbDriver, AbbSettings
 from cellwatt_drivers.abb.rws import MODE
 from cellwatt_drivers.abb.web import session
-from tests.patience import PATIENCE
+from tests.doing import doing
+from tests.patience import PATIENCE, eventually
 
 from ..certificates import self_signed
-from ..inlet import CollectingInlet
 from ..running import once
-from .rig import ANGLES, emulated, running
+from .rig import ANGLES, driver, emulated, running
 
 
 def assert_only_late(inlet):
@@ -32,7 +35,7 @@ def assert_only_late(inlet):
 async def test_motion_states_and_energy(robotware):
     groups = ("joints", "planned", "state", "force")
     async with emulated(robotware=str(robotware)) as (emulator, place):
-        async with running(place | {"robotware": robotware, "egm": groups, "web_rate": "10 Hz"}) as (inlet, _):
+        async with running(place, robotware=robotware, egm=groups, web_rate="10 Hz") as (inlet, _):
             await inlet.until(lambda o: len(o.of("egm")) > 100 and len(o.of("energy")) > 1)
         assert not emulator.pages.sessions  # logged out
         asked = emulator.pages.asked
@@ -56,7 +59,7 @@ async def test_motion_states_and_energy(robotware):
 
 
 async def test_what_the_emulator_made_is_what_came():
-    async with emulated() as (emulator, place), running(place | {"web": []}) as (inlet, _):
+    async with emulated() as (emulator, place), running(place, web=[]) as (inlet, _):
         await inlet.until(lambda o: o.account.received > 50)
         for kind in ("loss", "duplicate", "reorder", "half_frame", "garbage"):
             emulator.inject(Fault(kind, probability=0.05))
@@ -75,20 +78,20 @@ async def test_what_the_emulator_made_is_what_came():
 
 
 async def test_states_that_change_are_reported():
-    async with emulated() as (emulator, place), running(place | {"web_rate": "10 Hz"}) as (inlet, _):
+    async with emulated() as (emulator, place), running(place, web_rate="10 Hz") as (inlet, _):
         await inlet.until(lambda o: len(o.of("controller")) > 1)
         emulator.disturb({"motors": "off"})
         await inlet.until(lambda o: "controller_state" in o.kinds())
         emulator.disturb({"program": "off"})
         await inlet.until(lambda o: "program_state" in o.kinds())
-    assert ("controller_state", "controller: motoron → motoroff") in [(k, t) for k, t, _ in inlet.events]
+    assert inlet.texts("controller_state") == ["controller: motoron → motoroff"]
 
 
 async def test_pages_that_fail_leave_the_stream_alone_and_are_tried_again():
-    async with emulated() as (_, place), running(place | {"password": "wrong"}) as (inlet, task):
+    async with emulated() as (_, place), running(place, password="wrong") as (inlet, task):
         await inlet.until(lambda o: o.account.received > 50 and o.account.counters["web failures"] > 0)
         assert not task.done()
-    assert any("user 'Default User' or the password is refused" in text for _, text, _ in inlet.events)
+    assert any("user 'Default User' or the password is refused" in text for text in inlet.texts())
 
 
 async def test_a_page_that_comes_in_parts_is_read_to_its_end_and_a_silent_logout_is_no_error():
@@ -109,18 +112,17 @@ async def test_a_page_that_comes_in_parts_is_read_to_its_end_and_a_silent_logout
 
 async def test_a_controller_without_energy_keeps_its_states():
     async with emulated(energy="no") as (_, place):
-        async with running(place | {"egm": [], "web_rate": "10 Hz"}) as (inlet, _):
+        async with running(place, egm=[], web_rate="10 Hz") as (inlet, _):
             await inlet.until(lambda o: len(o.of("controller")) > 5)
-        alone = AbbDriver("arm", AbbSettings.model_validate(place | {"egm": [], "web": ["energy"]}), CollectingInlet())
         with pytest.raises(WrongDeviceError, match="HTTP 404"):
-            await alone.run()
+            await driver(place, egm=[], web=["energy"]).run()
     assert inlet.kinds() == ["energy_failed"]
-    assert "the controller has no energy page (/rw/system/energy)" in inlet.events[0][1]
+    assert "the controller has no energy page (/rw/system/energy)" in inlet.texts()[0]
     assert_only_late(inlet)
 
 
 async def test_pages_that_fail_again_in_the_same_way_are_told_again(monkeypatch):
-    async with emulated() as (emulator, place), running(place | {"web_rate": "10 Hz"}) as (inlet, _):
+    async with emulated() as (emulator, place), running(place, web_rate="10 Hz") as (inlet, _):
         well = emulator.pages.answer
 
         def without_mode(method, target, fields):
@@ -147,9 +149,8 @@ async def is_taken(port: int) -> None:
 
 async def test_an_outage_ends_the_source_and_a_new_start_counts_what_was_lost():
     async with emulated() as (emulator, place):
-        inlet = CollectingInlet()
-        driver = AbbDriver("arm", AbbSettings.model_validate(place | {"web": [], "timeout": "500 ms"}), inlet)
-        first = asyncio.create_task(driver.run())
+        arm = driver(place, web=[], timeout="500 ms")
+        inlet, first = arm.inlet, asyncio.create_task(arm.run())
         await inlet.until(lambda o: o.account.received > 10)
         with socket.socket(type=socket.SOCK_DGRAM) as stranger:  # of whom nothing is told: the address is right
             stranger.setblocking(False)
@@ -161,7 +162,7 @@ async def test_an_outage_ends_the_source_and_a_new_start_counts_what_was_lost():
         with pytest.raises(ConnectError, match=r"no EGM packet .* EGMStreamStart"):
             await asyncio.wait_for(first, PATIENCE)
         seen = inlet.account.received
-        async with once(driver):
+        async with once(arm):
             await is_taken(int(str(place["egm_port"])))  # else packets that find no socket are lost, too
             emulator.inject(Fault("loss", probability=0))
             await inlet.until(lambda o: o.account.received > seen)
@@ -170,30 +171,36 @@ async def test_an_outage_ends_the_source_and_a_new_start_counts_what_was_lost():
     assert inlet.resets == []
 
 
+async def test_a_controller_with_another_sample_rate_than_the_settings_is_not_too_slow():
+    events: list[Event] = []
+    async with emulated(rate="125") as (_, place):
+        arm = AbbSettings.model_validate(place | {"web": []})
+        source = Source("arm", lambda inlet: AbbDriver("arm", arm, inlet), time.time_ns, lambda _: None, events.append)
+        async with doing(source.run()):
+            await eventually(lambda: source.status()["streams"]["egm"]["nominal_hz"] == 125)
+    told = "the controller sends 125 packets a second, 'rate' says 250 Hz: see \\SampleRate of EGMStreamStart"
+    assert [event.text for event in events if event.kind == "rate"] == [told]
+
+
 async def test_only_the_robots_own_packets_are_taken():
-    changes = {"web": [], "host": "127.0.0.9", "timeout": "1 s"}
     async with emulated() as (_, place):
-        inlet = CollectingInlet()
+        arm = driver(place, web=[], host="127.0.0.9", timeout="1 s")
         told = r"no EGM packet from 127\.0\.0\.9 .* 127\.0\.0\.1 sends to that port: is it this robot's address\?"
         with pytest.raises(ConnectError, match=told):
-            await AbbDriver("arm", AbbSettings.model_validate(place | changes), inlet).run()
-    assert inlet.account.counters["strangers"] > 0
-    assert inlet.account.received == 0
+            await arm.run()
+    assert arm.inlet.account.counters["strangers"] > 0
+    assert arm.inlet.account.received == 0
 
 
 async def test_who_is_there():
     async with emulated() as (_, place):
-        both = AbbDriver("arm", AbbSettings.model_validate(place), CollectingInlet())
-        found = await both.identify()
+        found = await driver(place).identify()
         assert (found.maker, found.model, found.firmware) == ("ABB", "OmniCore", "RobotWare 7.15.0")
-        silent = AbbDriver("arm", AbbSettings.model_validate(place | {"web": []}), CollectingInlet())
-        assert (await silent.identify()).model == "EGM stream"
-        refused = AbbDriver("arm", AbbSettings.model_validate(place | {"password": "no"}), CollectingInlet())
+        assert (await driver(place, web=[]).identify()).model == "EGM stream"
         with pytest.raises(DeviceError, match="refused"):
-            await refused.identify()
-        nobody = AbbDriver("arm", AbbSettings.model_validate(place | {"port": 1}), CollectingInlet())
+            await driver(place, password="no").identify()
         with pytest.raises(ConnectError, match="cannot be read"):
-            await nobody.identify()
+            await driver(place, port=1).identify()
 
 
 async def test_pages_over_https(tmp_path):
@@ -202,6 +209,4 @@ async def test_pages_over_https(tmp_path):
     pem.write_text(key.read_text() + own.read_text())
     async with emulated(certificate=str(pem)) as (_, place):
         for certificate in (None, str(own)):
-            changes = {"tls": None, "certificate": certificate}
-            arm = AbbDriver("arm", AbbSettings.model_validate(place | changes), CollectingInlet())
-            assert (await arm.identify()).model == "OmniCore"
+            assert (await driver(place, tls=None, certificate=certificate).identify()).model == "OmniCore"

@@ -55,6 +55,13 @@ def test_a_packet_without_any_of_the_values_is_missing():
         assert reading.quality.tolist() == [quality, quality]
 
 
+def test_a_pause_after_the_age_of_a_packet_was_read_sets_the_next_ones_arrival_not_back(rig):
+    for number, waited in ((1, 0), (2, 1_000_000_000)):
+        rig.intake.take([rig.packet(number)], waited)
+    first, second = rig.inlet.readings
+    assert second.arrival == first.arrival
+
+
 def test_two_packets_of_one_number_that_differ_are_told_as_forged(rig):
     rig.take(1, 2)
     rig.take(2, at=1.5)
@@ -100,6 +107,16 @@ def test_a_clock_that_is_set_is_noticed_and_a_gap_is_not_taken_for_it(rig):
     assert rig.inlet.resets == []
     rig.take(1001, at=2001)
     assert rig.inlet.resets == ["the controller's time jumped"]
+
+
+@pytest.mark.parametrize(("every", "rates"), [(2, {"egm": 125.0}), (1, {})])
+def test_the_rate_at_which_a_controller_regularly_sends_is_followed(rig, every, rates):
+    for number in range(1, 200):
+        if number % 70:  # lost packets are no slower rate
+            rig.take(number, at=every * number)
+    assert rig.intake.rates == rates
+    assert rig.inlet.kinds() == ["rate"] * (every - 1)
+    assert rig.inlet.account.missed == {"gap": 2} and not rig.inlet.resets
 
 
 def test_without_a_clock_the_header_counts_and_wraps(rig):

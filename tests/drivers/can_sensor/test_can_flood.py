@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 from can import BusABC, Message
 
 from cellwatt_drivers.can_sensor.listening import BusPlace, Listening
@@ -27,7 +29,7 @@ class Full(BusABC):
 
 async def test_a_turn_of_the_loop_takes_a_little_of_what_a_bus_holds() -> None:
     bus = Full(10_000)
-    listening = Listening(BusPlace("socketcan", "full"), bus)
+    listening = Listening(BusPlace("socketcan", "full"), bus, time.time_ns)
     while bus.left > 0:
         listening.drain()
     blocks = []

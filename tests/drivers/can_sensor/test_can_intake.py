@@ -48,7 +48,7 @@ def taken(folder, frames, signals="U: bus.voltage", dbc=DBC):
     inlet = CollectingInlet()
     intake = Intake("sensor", decodings["a"], 0.0, inlet)
     for second, data in enumerate(frames):
-        intake.take(Message(arbitration_id=16, data=data, timestamp=100.0 + second))
+        intake.take(Message(arbitration_id=16, data=data, timestamp=100.0 + second), inlet.now())
     intake.flush(inlet.now())
     assert inlet.account.residue == 0
     return inlet
@@ -63,11 +63,22 @@ def test_a_clock_of_the_pc_that_is_set_on_is_one_reset_and_no_loss(monkeypatch, 
     for number in range(120):
         ahead = 0.0 if number < 40 else 10.0
         data = bytes([0, number % 16, 0, 0, 0, 1])
-        intake.take(Message(arbitration_id=0x521, data=data, timestamp=1000.0 + 0.02 * number + ahead))
+        intake.take(Message(arbitration_id=0x521, data=data, timestamp=1000.0 + 0.02 * number + ahead), inlet.now())
         if number % batch == batch - 1:
             intake.flush(inlet.now())
     assert inlet.account.expected == 120
     assert inlet.resets == ["the PC's clock jumped by 10.000 s"]
+
+
+def test_a_clock_of_the_pc_that_is_set_back_amid_a_block_sets_no_arrival_back():
+    inlet = CollectingInlet()
+    intake = Intake("sensor", load_decodings("ivt_s", None)[1]["current"], 0.02, inlet)
+    arrival = inlet.now()
+    for number, second in enumerate((1000.0, 10.0)):
+        intake.take(Message(arbitration_id=0x521, data=bytes([0, number, 0, 0, 0, 1]), timestamp=second), arrival)
+    intake.flush(arrival)
+    assert [(len(r.values), r.arrival) for r in inlet.readings] == [(1, arrival)] * 2
+    assert inlet.resets == ["the PC's clock was set back by 990.000 s"]
 
 
 def values(inlet):

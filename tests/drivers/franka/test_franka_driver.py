@@ -89,7 +89,6 @@ async def test_what_is_lost_is_counted():
     # The library keeps but the newest of what has come: a busy machine loses more than the emulator did.
     assert account.missed["gap"] + account.missed[HOST] >= counts["loss"] + counts["reorder"] > 20
     assert account.missed["gap"] > counts["loss"] / 2
-    assert (np.diff(inlet.device_time) > 0).all()
 
 
 @library

@@ -119,4 +119,4 @@ def test_modes_that_change_are_reported(rig):
     rig.take(1, 2)
     rig.take(3, mode=4.0)
     rig.take(4, mode=1.0)
-    assert [text for _, text, _ in rig.inlet.events] == ["robot mode: move → reflex", "robot mode: reflex → idle"]
+    assert rig.inlet.texts() == ["robot mode: move → reflex", "robot mode: reflex → idle"]

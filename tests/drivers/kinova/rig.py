@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import AsyncIterator
-from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from contextlib import AbstractAsyncContextManager
+from typing import Any
 
 from cellwatt_drivers.kinova import KinovaDriver, KinovaSettings
 from cellwatt_drivers.kinova.emulator import KinovaEmulator
 
 from ..inlet import CollectingInlet
-from ..running import Steady, once, served
+from ..running import Served, Steady, endpoint, once, with_address
 
 ANGLES = (0.5, -0.25, 1.0, -1.5, 0.75, 2.0, -3.0)
 STILL = (
@@ -23,18 +22,15 @@ STILL = (
 )
 
 
-@asynccontextmanager
-async def emulated(signals=None, **options: str) -> AsyncIterator[tuple[KinovaEmulator, int]]:
-    """An emulator and its port."""
-    emulator = KinovaEmulator(signals or Steady(STILL), "127.0.0.1:0", seed=1, options=options)
-    async with served(emulator) as address:
-        yield emulator, int(address.rpartition(":")[2])
+def emulated(signals=None) -> Served[KinovaEmulator]:
+    """An emulator and where it listens."""
+    return with_address(KinovaEmulator(signals or Steady(STILL), "127.0.0.1:0", seed=1))
 
 
-def driver(port: int, inlet: CollectingInlet, **changes: object) -> KinovaDriver:
-    settings = {"host": "127.0.0.1", "port": port, "timeout": "2 s"} | changes
-    return KinovaDriver("arm", KinovaSettings.model_validate(settings), inlet)
+def driver(place: str, **changes: object) -> KinovaDriver:
+    settings = endpoint(place) | {"timeout": "2 s"} | changes
+    return KinovaDriver("arm", KinovaSettings.model_validate(settings), CollectingInlet())
 
 
-def running(port: int, **changes: object) -> AbstractAsyncContextManager[tuple[CollectingInlet, asyncio.Task[None]]]:
-    return once(driver(port, CollectingInlet(), **changes))
+def running(place: str, **changes: object) -> AbstractAsyncContextManager[tuple[CollectingInlet, Any]]:
+    return once(driver(place, **changes))

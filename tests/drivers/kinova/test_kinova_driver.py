@@ -6,14 +6,13 @@ import pytest
 from cellwatt.emulation import Fault
 from cellwatt.errors import DeviceError
 
-from ..inlet import CollectingInlet
 from ..running import Steady, strike
 from .rig import ANGLES, STILL, driver, emulated, running
 
 
 async def test_everything_in_two_requests():
     blocks = ["arm", "joints", "tool"]
-    async with emulated() as (emulator, port), running(port, read=blocks, rate="100 Hz") as (inlet, _):
+    async with emulated() as (emulator, place), running(place, read=blocks, rate="100 Hz") as (inlet, _):
         await inlet.until(lambda o: len(o.of("motion")) > 30)
     assert set(emulator.asked) == {(0, 14), (34, 106)}
     motion = inlet.of("motion")[-1]
@@ -29,17 +28,16 @@ async def test_everything_in_two_requests():
 
 
 async def test_states_and_faults_are_reported():
-    async with emulated() as (emulator, port), running(port) as (inlet, _):
+    async with emulated() as (emulator, place), running(place) as (inlet, _):
         await inlet.until(lambda o: len(o.of("arm")) > 2)
         emulator.disturb({"state": 4, "fault_flags": 1 << 23})
         await inlet.until(lambda o: {"state", "fault"} <= set(o.kinds()))
-    texts = [text for _, text, _ in inlet.events]
-    assert texts == ["arm: fault flags 0x00000000 → 0x00800000", "arm: ready → fault"]
+    assert inlet.texts() == ["arm: fault flags 0x00000000 → 0x00800000", "arm: ready → fault"]
 
 
 @pytest.mark.parametrize("kind", ["loss", "half_frame", "delay"])
 async def test_an_answer_that_does_not_come_costs_a_connection(kind):
-    async with emulated() as (emulator, port), running(port, timeout="300 ms", rate="50 Hz") as (inlet, _):
+    async with emulated() as (emulator, place), running(place, timeout="300 ms", rate="50 Hz") as (inlet, _):
         await inlet.until(lambda o: len(o.readings) > 10)
         for again in range(1, 3):
             await strike(emulator, inlet, Fault(kind, seconds=1.0))
@@ -52,7 +50,7 @@ async def test_an_answer_that_does_not_come_costs_a_connection(kind):
 
 async def test_a_joint_beyond_half_a_turn_stays_there_when_the_connection_is_lost():
     world = STILL | {"joint_1.position": 3.0}
-    async with emulated(Steady(world)) as (emulator, port), running(port, timeout="300 ms") as (inlet, _):
+    async with emulated(Steady(world)) as (emulator, place), running(place, timeout="300 ms") as (inlet, _):
         await inlet.until(lambda o: len(o.of("motion")) > 0)
         world["joint_1.position"] = 3.5
         await inlet.until(lambda o: o.of("motion")[-1].values[0, 0] > 3.4)
@@ -62,7 +60,7 @@ async def test_a_joint_beyond_half_a_turn_stays_there_when_the_connection_is_los
 
 
 async def test_an_arm_without_these_registers_says_so(monkeypatch):
-    async with emulated() as (emulator, port):
-        monkeypatch.setattr(emulator, "_answer", lambda function, body: bytes([0x84, 2]))
+    monkeypatch.setattr("cellwatt_drivers.kinova.emulator.ARM", (5000, 14))
+    async with emulated() as (_, place):
         with pytest.raises(DeviceError, match=r"registers 0 to 13: it has no such register \(exception 2\)"):
-            await driver(port, CollectingInlet()).identify()
+            await driver(place).identify()

@@ -9,7 +9,6 @@ import pytest
 
 from cellwatt_drivers.shared.polling import NoAnswerError
 
-from ..inlet import CollectingInlet
 from .rig import driver
 
 UNASKED = bytes.fromhex("beef 0000 0005 01 04 02 0000") * 20
@@ -32,7 +31,7 @@ async def test_answers_that_nobody_asked_for_are_no_lines_of_the_log(caplog: pyt
     server = await asyncio.get_running_loop().create_server(Flood, "127.0.0.1", 0)
     async with server:
         port = server.sockets[0].getsockname()[1]
-        async with driver(port, CollectingInlet())._open() as modbus, modbus.turn(0.2):
+        async with driver(f"127.0.0.1:{port}")._open() as modbus, modbus.turn(0.2):
             with pytest.raises(NoAnswerError), caplog.at_level(logging.INFO):
                 await modbus.read("input", 0, 2, 1)
     assert not [record for record in caplog.records if record.name.startswith("pymodbus")]

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from contextlib import asynccontextmanager
-from itertools import pairwise
 
-import numpy as np
-
-from cellwatt import Reading, Stream
+from cellwatt import Stream
 from cellwatt_drivers.power_board import PowerBoardDriver, PowerBoardSettings
 from cellwatt_drivers.power_board.emulator import PowerBoardEmulator
 from tests.drivers.inlet import CollectingInlet
@@ -17,33 +14,10 @@ from tests.patience import eventually
 
 
 class Inlet(CollectingInlet):
-    """The account must add up at every reading, and device time must rise; keeps the texts of events."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.texts: list[str] = []
-        self._newest: dict[str, int] = {}
-
-    def emit(self, reading: Reading) -> None:
-        assert reading.device_time is not None
-        times = [self._newest.get(reading.stream.name, -(2**63)), *reading.device_time.tolist()]
-        assert all(a < b for a, b in pairwise(times)), "device time must rise"
-        self._newest[reading.stream.name] = times[-1]
-        super().emit(reading)
+    """Of a board, which only sends."""
 
     def bracket(self, stream: Stream, device_time: int, not_before: int) -> None:
         raise AssertionError("a board is never asked anything")
-
-    def clock_reset(self, stream: Stream, reason: str) -> None:
-        super().clock_reset(stream, reason)
-        self._newest.pop(stream.name, None)
-
-    def event(self, kind: str, text: str, **data: str | float) -> None:
-        self.texts.append(text)
-
-    def channel(self, channel: str) -> np.ndarray:
-        """All values of a channel, in the order in which they were given."""
-        return np.concatenate([r.values[:, r.stream.names.index(channel)] for r in self.readings])
 
 
 def emulated(**options: str) -> Served[PowerBoardEmulator]:

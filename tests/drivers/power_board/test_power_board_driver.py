@@ -88,7 +88,7 @@ async def test_clock_jump_is_one_reset_and_no_loss(seconds: float) -> None:
         counts = await settled(emulator, run.inlet, before["made"] + 80)
         assert run.inlet.account.received == counts["made"]
         assert run.inlet.resets == [f"its clock jumped by {seconds:+.3f} s"]
-        assert run.inlet.texts == [f"board: board 7: its clock jumped by {seconds:+.3f} s"]
+        assert run.inlet.texts() == [f"board: board 7: its clock jumped by {seconds:+.3f} s"]
 
 
 async def test_port_vanishes_and_comes_back(tmp_path) -> None:

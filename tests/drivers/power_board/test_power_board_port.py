@@ -24,8 +24,8 @@ from tests.drivers.power_board.samples import NETWORK, SENDER, packet
 from tests.patience import PATIENCE, eventually
 
 
-def frame(number: int, *, mode: wire.Mode = "api", **fields) -> bytes:
-    return wire.wrap(build(packet(number, **fields)), mode, sender=SENDER, network=NETWORK)
+def frame(number: int, **fields) -> bytes:
+    return wire.wrap(build(packet(number, **fields)), "api", sender=SENDER, network=NETWORK)
 
 
 @pytest.fixture
@@ -132,9 +132,9 @@ async def test_several_boards_share_a_port(line: VirtualPort) -> None:
 async def test_one_of_several_boards_falls_silent(line: VirtualPort) -> None:
     made = driver(line.path, boards=[3, 4], silence="300 ms")
     async with doing(made.run()):
-        number = await feed(line, lambda: len(made.inlet.texts) >= 1, lambda n: frame(n, board=3))
-        await feed(line, lambda: len(made.inlet.texts) >= 2, lambda n: frame(n, board=3) + frame(n, board=4), number)
-    assert made.inlet.texts == ["board: board 4: silent", "board: board 4: heard again"]
+        number = await feed(line, lambda: len(made.inlet.texts()) >= 1, lambda n: frame(n, board=3))
+        await feed(line, lambda: len(made.inlet.texts()) >= 2, lambda n: frame(n, board=3) + frame(n, board=4), number)
+    assert made.inlet.texts() == ["board: board 4: silent", "board: board 4: heard again"]
 
 
 async def test_restarted_board_is_reported_and_goes_on(line: VirtualPort) -> None:

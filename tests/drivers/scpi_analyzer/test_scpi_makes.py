@@ -86,7 +86,7 @@ async def test_overload_and_the_error_queue(model):
     last = run.inlet.readings[-1]
     assert last.quality.tolist() == [Quality.CLIPPED]
     assert np.isnan(last.values[0]).tolist() == [False, True, False, False, False, False]
-    assert any("-113 Undefined header" in text for _, text, _ in run.inlet.events)
+    assert any("-113 Undefined header" in text for text in run.inlet.texts())
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cellwatt.driver import Identity
 from cellwatt.errors import ProtocolError
 from cellwatt_drivers.scpi_analyzer.wire import (
     decode_line,
@@ -71,9 +72,8 @@ def test_other_answers_are_no_errors(line):
 
 
 def test_identification():
-    found = parse_identification("Rohde&Schwarz,HMC8015,045367612,HW42000000,SW1.403")
-    assert (found.maker, found.model) == ("Rohde&Schwarz", "HMC8015")
-    assert (found.serial, found.firmware) == ("045367612", "SW1.403")
+    found = parse_identification("Rohde&Schwarz,HMC8015,045367612,HW42000000,SW1.403", "Rohde & Schwarz")
+    assert found == Identity("Rohde & Schwarz", "HMC8015", "045367612", "SW1.403")
 
 
 @pytest.mark.parametrize("data", [b"\x00", b"1.0\x1b", b"\xff\xfe", "µ".encode()])

@@ -31,10 +31,10 @@ def motion(stamps: np.ndarray) -> dict[str, np.ndarray]:
     return out
 
 
-def write(path: Path, stamps: np.ndarray, delimiter: str = ",") -> np.ndarray:
+def write(path: Path, stamps: np.ndarray) -> np.ndarray:
     """Write a recording with every digit; returns the table (n, columns) in the order of ``COLUMNS``."""
     columns = {"timestamp": stamps, **motion(stamps)}
     table = np.column_stack([columns[name] for name in COLUMNS])
-    rows = [delimiter.join(map(repr, row)) for row in table.tolist()]
-    path.write_text("\n".join([delimiter.join(COLUMNS), *rows]) + "\n")
+    rows = [",".join(map(repr, row)) for row in table.tolist()]
+    path.write_text("\n".join([",".join(COLUMNS), *rows]) + "\n")
     return table

@@ -98,9 +98,16 @@ async def test_a_turn_of_the_loop_takes_a_little_of_a_flood(kind: str) -> None:
     assert taken() >= data.count(MESSAGE[2:]) + len(inlet.readings) > 0
     assert inlet.account.residue == 0
     if kind != "messages":
-        assert inlet.account.received == len([*wire.scan(memoryview(data), wire.FROM_CONTROLLER)]) - len(
-            [e for e in inlet.events if e[0] == "message"]
-        )
+        sent = len([*wire.scan(memoryview(data), wire.FROM_CONTROLLER)])
+        assert inlet.account.received == sent - len(inlet.texts("message"))
+
+
+async def test_a_pause_after_the_age_of_bytes_was_read_sets_the_next_ones_arrival_not_back() -> None:
+    session, taps, inlet = conversation()
+    for number, taps.waited in enumerate((0, 1_000_000_000)):
+        feed(session, package(10 + number / 500))
+    first, second = inlet.readings
+    assert second.arrival == first.arrival
 
 
 async def test_bytes_that_are_no_frame_end_a_flood_in_the_middle() -> None:

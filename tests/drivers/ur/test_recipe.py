@@ -104,18 +104,6 @@ def test_milliampere_leave_as_ampere():
     assert values.tolist() == [[0.25]]
 
 
-@pytest.mark.parametrize(
-    ("wanted", "message"),
-    [
-        (["actual_qq"], "did you mean 'actual_q'"),
-        (["actual_q", "joint_2.position"], "joint_2.position is chosen twice"),
-    ],
-)
-def test_wrong_choices_are_named(wanted, message):
-    with pytest.raises(ValueError, match=message):
-        Selection.of(wanted)
-
-
 @pytest.mark.parametrize("types", [("DOUBLE",), ("DOUBLE", "NOT_FOUND")])
 def test_types_that_do_not_fit_the_question_are_refused(types):
     with pytest.raises(ProtocolError, match="declares"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,12 +18,11 @@ _SMALL = 0.05
 """Smallest reference for ``accuracy``: values nearer to 0 are coarse on many devices."""
 
 
+@dataclass(frozen=True)
 class StandingSignals:
-    """Constant signals: the emulated arm, stopped in the middle of a move."""
+    """Signals with constant values."""
 
-    def __init__(self) -> None:
-        moment = ArmSignals(noise=0.0).at(np.array([0.4]))
-        self.values = {name: float(values[0]) for name, values in moment.items()}
+    values: Mapping[str, float]
 
     def at(self, t: Float) -> Mapping[str, Float]:
         """See ``Signals.at``."""
@@ -35,7 +35,8 @@ class StandingSignals:
 
 async def values_are_in_their_units(rig: Rig, folder: Path) -> None:
     """Require that a channel named like a signal of the emulator has that signal's value."""
-    world = StandingSignals()
+    moment = ArmSignals(noise=0.0).at(np.array([0.4]))  # in the middle of a move
+    world = StandingSignals({name: float(values[0]) for name, values in moment.items()})
     async with EmulatedDevice(rig, folder, world) as device, running(rig, device.address) as source:
         await source.samples(10, "after the start")
     for stream in source.driver.streams:
