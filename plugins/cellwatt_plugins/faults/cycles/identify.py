@@ -72,7 +72,7 @@ class _Equations:
 
     def __init__(self, body: Body, patterns: Sequence[Pattern]) -> None:
         self.body, self.patterns = body, patterns
-        self.motions = [Motion(p.position, *p.rates) for p in patterns]
+        self.motions = [Motion.of(body, p.position, *p.rates) for p in patterns]
         self.variance = np.concatenate([_variance(p) for p in patterns])
         self.thin = np.concatenate([np.full(len(p.power), max(1.0, ALIKE / p.step)) for p in patterns])
         self.measured = np.concatenate([_seen(p, p.power) for p in patterns])

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated, Any, ClassVar
 
@@ -116,6 +116,10 @@ class Pattern:
     def ways(self) -> Float:
         """Range (M, n) rad of each joint's angle in each move."""
         return np.stack([np.ptp(self.position[self.part(m)], axis=0) for m in range(len(self.moves))])
+
+    def scaled(self, by: Float) -> Pattern:
+        """The pattern with the positions of each joint multiplied by ``by`` (n,)."""
+        return replace(self, position=self.position * by, repeat=self.repeat * by)
 
     def part(self, move: int) -> slice:
         """Slice of the samples of a move."""

@@ -1,0 +1,90 @@
+"""An arm whose third axis slides: positions in m, strokes of 30 mm."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cellwatt_plugins.faults import api
+from cellwatt_plugins.faults.cycles.known import known_of
+from tests.plugins.faults.cycles.arm_of_points import RATE, STANDBY, Run, move, write_table
+from tests.plugins.faults.cycles.conftest import fed, names
+from tests.plugins.robot import scara
+
+HOME = np.array([0.3, 0.5, 0.1])
+STROKE = 0.03
+MOVES = ({0: 0.9, 1: 0.5}, {2: -STROKE}, {2: STROKE}, {0: -0.4, 1: -0.8}, {2: -STROKE}, {2: STROKE}, {0: -0.5, 1: 0.3})
+CONSTANT, RESISTANCE = 20.0, 2.0
+FAULTY = 1
+"""The second of three cycles."""
+
+
+def cycles(count: int, seed: int, friction: float = 0.0) -> Run:
+    """``count`` cycles, of which ``FAULTY`` has ``friction`` N more on the slide."""
+    random = np.random.default_rng(seed)
+    parts, spans, pose = [np.repeat(HOME[None], 80, axis=0)], [], HOME
+    for _ in range(count):
+        start = sum(map(len, parts)) / RATE
+        for by in MOVES:
+            target = pose + np.array([by.get(j, 0.0) for j in range(3)])
+            rest = np.repeat(target[None], int(random.integers(30, 40)), axis=0)
+            parts += [move(pose, target, 0.9 if 2 not in by else 0.5), rest]
+            pose = target
+        spans.append((start, sum(map(len, parts)) / RATE))
+        parts.append(np.repeat(HOME[None], int(random.integers(60, 120)), axis=0))
+    q = np.concatenate(parts)
+    time, v = np.arange(len(q)) / RATE, np.gradient(q, 1 / RATE, axis=0)
+    torque = scara.torque(q, v, np.gradient(v, 1 / RATE, axis=0))
+    inside = (time >= spans[min(FAULTY, count - 1)][0]) & (time < spans[min(FAULTY, count - 1)][1])
+    torque[:, 2] += friction * inside * np.tanh(v[:, 2] / 0.004)
+    power = STANDBY + (torque * v + RESISTANCE * (torque / CONSTANT) ** 2).sum(axis=1)
+    shown = q + random.normal(0.0, 1e-5, q.shape)
+    return Run(time, shown, power + random.normal(0.0, 0.5, len(power)), spans)
+
+
+def shifted(measured: Run, by: float) -> Run:
+    """The slide's encoder is off by ``by`` m in one cycle."""
+    start, end = measured.spans[FAULTY]
+    off = np.where((measured.time >= start - 0.2) & (measured.time < end + 0.2), by, 0.0)
+    return replace(measured, position=measured.position + off[:, None] * [0.0, 0.0, 1.0])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    where = tmp_path_factory.mktemp("scara")
+    robot = scara.write(where, torque_constant=CONSTANT, winding_resistance=RESISTANCE)
+    healthy = write_table(where / "healthy.parquet", cycles(8, seed=1))
+    api.reference(healthy, robot=robot).save(where / "reference.yaml")
+    return where
+
+
+@pytest.mark.parametrize(
+    ("measured", "fault"),
+    [
+        (cycles(3, seed=2), []),
+        (cycles(3, seed=3, friction=30.0), [(3, "joint")]),
+        (shifted(cycles(3, seed=4), 0.006), [(3, "encoder")]),
+        (shifted(cycles(3, seed=5), -0.04), [(3, "encoder")]),
+    ],
+)
+def test_strokes_of_30_mm_are_judged_in_a_recording_and_live(folder, tmp_path, measured, fault):
+    where = {"reference": folder / "reference.yaml", "robot": folder / "robot.yaml"}
+    found = api.faults(write_table(tmp_path / "cycles.parquet", measured), **where).cycles
+    known = known_of(api.load(where["reference"]), where["reference"], where["robot"])
+    assert [len(pattern.moves) for pattern in known.patterns] == [len(MOVES)]
+    live = [report.finding for report in fed(known, measured) if report.over]
+    assert names(found) == names(live) == [[], fault, []]
+
+
+def test_a_deviation_of_the_slide_is_in_mm(folder, tmp_path):
+    table = write_table(tmp_path / "cycles.parquet", shifted(cycles(3, seed=4), 0.006))
+    found = api.faults(table, reference=folder / "reference.yaml", robot=folder / "robot.yaml").cycles
+    told = re.search(r"joint 3 is off the path by up to (\S+) mm, while", found[FAULTY].faults[0].statement)
+    assert told and float(told[1]) == pytest.approx(6.0, abs=1.5)
+
+
+def test_the_reference_has_metres(folder):
+    (cycle,) = api.load(folder / "reference.yaml").cycles
+    assert np.ptp(cycle.position, axis=0) == pytest.approx([0.9, 0.8, STROKE], abs=1e-3)
+    assert cycle.repeat.max() < 1e-4
