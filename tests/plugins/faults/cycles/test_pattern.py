@@ -3,8 +3,8 @@ import pytest
 
 from cellwatt_plugins.faults.cycles.pattern import timing
 from cellwatt_plugins.faults.cycles.runs import find_runs
-from tests.plugins.faults.cycles.arm_of_points import Cycle, run
 from tests.plugins.faults.cycles.conftest import recorded
+from tests.plugins.faults.cycles.four_joints import Cycle, run
 
 
 def test_tasks_and_speeds_are_learned(known):

@@ -8,8 +8,8 @@ import pytest
 
 from cellwatt_plugins.faults import api
 from cellwatt_plugins.faults.cycles.known import known_of
-from tests.plugins.faults.cycles.arm_of_points import RATE, STANDBY, Run, move, write_table
 from tests.plugins.faults.cycles.conftest import fed, names
+from tests.plugins.faults.cycles.four_joints import RATE, STANDBY, Run, move, write_table
 from tests.plugins.robot import scara
 
 HOME = np.array([0.3, 0.5, 0.1])

@@ -12,8 +12,8 @@ from cellwatt_plugins.faults.cycles.findings import TOO_SLOW, judge_recording
 from cellwatt_plugins.faults.cycles.known import learn_known, restored, stored
 from cellwatt_plugins.faults.cycles.live import CycleWatch
 from cellwatt_plugins.faults.cycles.recording import Recording
-from tests.plugins.faults.cycles.arm_of_points import Cycle, Fault, describe, run
 from tests.plugins.faults.cycles.conftest import HEALTHY, fed, names
+from tests.plugins.faults.cycles.four_joints import Cycle, Fault, describe, run
 from tests.plugins.faults.watching import called, write_recording
 from tests.plugins.robot.slow_meter import shown
 
