@@ -10,7 +10,7 @@ import numpy as np
 from cellwatt.arrays import Float
 from cellwatt_plugins.energy.drive import bus_power, chopper_power, features, supply_power
 from cellwatt_plugins.energy.electronics import Level, at_campaign
-from cellwatt_plugins.energy.equations import brake_energy, motion_efficiency
+from cellwatt_plugins.energy.equations import motion_efficiency
 from cellwatt_plugins.energy.known import Known
 from cellwatt_plugins.energy.spread import (
     ELECTRICAL,
@@ -80,7 +80,7 @@ def task_energy(
     chopper = float(chopper_power(drive, bus).sum()) * step
     total = float(stretch.power.sum()) * step
     electronics = (known.electronics + level.drift) * seconds
-    brakes = brake_energy(known.brakes, seconds)
+    brakes = known.brakes * seconds
     modelled = float((supply_power(drive, bus) - drive.fixed).sum()) * step
     positive = float(np.maximum(work, 0.0).sum()) * step
     losses, electrical = mechanical - stored, modelled - mechanical - chopper

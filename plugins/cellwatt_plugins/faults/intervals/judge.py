@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.results import Interval
-from cellwatt_plugins.faults.criteria import Tolerance, Verdict, longest, outside, sustained, verdict
+from cellwatt_plugins.faults.criteria import Tolerance, Verdict, outside, sustained, verdict
 from cellwatt_plugins.faults.intervals.compare import Comparison, compare, power_agrees
 from cellwatt_plugins.faults.intervals.follow import Follower, IntervalKey, Match
 from cellwatt_plugins.faults.isolate import likeness
@@ -112,7 +112,7 @@ class Judge:
         power = self._power(match, interval, comparison, course, interval.end)
         self._doubt = None
         if course in ("deviates", "interrupted") and comparison.power_known >= POWER_KNOWN:
-            outside_power = longest(comparison.power_codes) >= self.rules.frames
+            outside_power = sustained(comparison.power_codes, self.rules.frames) != 0
             interrupted = course == "interrupted"
             self._doubt = _Doubt(interval, match.key, doubtful, outside_power, interrupted, power.evidence)
         self.follower.last, self._last_end = match.key, interval.end
@@ -133,7 +133,7 @@ class Judge:
     def _doubtful(self, reference: ReferenceInterval, comparison: Comparison) -> tuple[int, ...]:
         """Moving joints whose position is outside the tolerance for ``frames`` consecutive frames, equation (16)."""
         codes = comparison.position_codes(self.rules.tolerance.position)
-        return tuple(j for j in reference.moving if longest(codes[:, j - 1]) >= self.rules.frames)
+        return tuple(j for j in reference.moving if sustained(codes[:, j - 1], self.rules.frames))
 
     def _power(self, match: Match, interval: Interval, comparison: Comparison, course: Course, now: int) -> Finding:
         """Apply equation (20) to power if the motion follows the reference from the same pose."""
@@ -226,7 +226,7 @@ def _stretched(reference: ReferenceInterval, interval: Interval, trace: Trace, r
     for joint, pattern in reference.position.items():
         error = outside(inside.position[:, joint - 1], *pattern.envelope(t, rules.reach))
         codes = (np.abs(np.nan_to_num(error)) > rules.tolerance.position).astype(np.int8)
-        if longest(codes) >= rules.frames:
+        if sustained(codes, rules.frames):
             return False
     return True
 

@@ -288,24 +288,11 @@ class Arm:
 
 def _timing(count):
     """Share of a leg, its first and second derivative over the leg's time, at ``count`` points: ramps of a fifth."""
-    ramp = 0.2
+    ramp, top = 0.2, 1.25
     x = (np.arange(count) + 1) / count
-    top = 1 / (1 - ramp)
-
-    def smooth(y):
-        return y - np.sin(2 * np.pi * y) / (2 * np.pi), 1 - np.cos(2 * np.pi * y)
-
-    up, up_rate = smooth(np.clip(x / ramp, 0, 1))
-    down, down_rate = smooth(np.clip((1 - x) / ramp, 0, 1))
-    v = top * np.minimum(up, down)
-    a = top / ramp * np.where(x < ramp, up_rate, np.where(x > 1 - ramp, -down_rate, 0.0))
-
-    def covered(y):
-        return ramp * (y**2 / 2 + (np.cos(2 * np.pi * y) - 1) / (4 * np.pi**2))
-
-    s = np.where(
-        x < ramp,
-        covered(x / ramp),
-        np.where(x > 1 - ramp, 1 / top - covered((1 - x) / ramp), ramp / 2 + (x - ramp)),
-    )
-    return np.clip(top * s, 0, 1), v, a
+    near = np.minimum(x, 1 - x)
+    y = np.minimum(near / ramp, 1.0)
+    s = top * (ramp * (y**2 / 2 + (np.cos(2 * np.pi * y) - 1) / (4 * np.pi**2)) + near - ramp * y)
+    v = top * (y - np.sin(2 * np.pi * y) / (2 * np.pi))
+    a = top / ramp * (1 - np.cos(2 * np.pi * y)) * np.sign(0.5 - x)
+    return np.where(x < 0.5, s, 1 - s), v, a
