@@ -9,7 +9,7 @@ import numpy as np
 
 from cellwatt.arrays import Float
 from cellwatt_plugins.energy.drive import bus_power, chopper_power, features, supply_power
-from cellwatt_plugins.energy.electronics import Level, at_campaign
+from cellwatt_plugins.energy.electronics import Level
 from cellwatt_plugins.energy.equations import motion_efficiency
 from cellwatt_plugins.energy.known import Known
 from cellwatt_plugins.energy.spread import (
@@ -62,14 +62,13 @@ class TaskEnergy:
 
 
 def task_energy(
-    arm: Arm, known: Known, stretch: Stretch, level: Level | None = None, edge: float = 0.0, meter: float = 0.0
+    arm: Arm, known: Known, stretch: Stretch, level: Level, edge: float = 0.0, meter: float = 0.0
 ) -> TaskEnergy:
-    """Split one task (eqs 1 … 5, 14, 19); ``level`` is the electronics' present power (default: the campaign's).
+    """Split one task (eqs 1 … 5, 14, 19); ``level`` is the electronics' present power.
 
     ``edge`` J is the uncertainty of the total due to early or late meter values, ``meter`` that of the meter's scale,
     as a share; one standard deviation each.
     """
-    level = at_campaign(known) if level is None else level
     step, drive = stretch.step, known.drive
     seconds = step * len(stretch.power)
     feature = features(arm, stretch.torque, stretch.velocity)

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cellwatt.frames import FrameChannel, Frames, Layout, cut
-from tests.blocks import frames_of, marked
+from cellwatt.frames import Frames, Layout, cut
+from tests.blocks import frames_of, layout_of, marked
 
 JOINTS = 3
 HOME = np.array([0.2, -0.8, 0.5])
@@ -144,9 +144,8 @@ def run(cycles: Sequence[Cycle], *, rate: float = 50.0, seed: int = 0):
 
 def layout(rate: float = 50.0, joints: int = JOINTS, arm: str = "arm") -> Layout:
     """Columns of the frames: the arm's joints and the supply's power."""
-    names = [f"{arm}.joint_{j}.position" for j in range(1, joints + 1)]
-    positions = [FrameChannel(name, "rad", "continuous", "linear") for name in names]
-    return Layout((*positions, FrameChannel("meter.supply.power", "W", "continuous", "average")), rate)
+    positions = {f"{arm}.joint_{j}.position": "rad" for j in range(1, joints + 1)}
+    return layout_of(positions | {"meter.supply.power": "W"}, rate)
 
 
 def frames(

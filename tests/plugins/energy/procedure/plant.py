@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import yaml
+from energy.arms import rod
 from energy.chain import Link, rotations, torques, write_urdf
 from scipy.interpolate import CubicSpline
 from scipy.optimize import nnls
@@ -100,22 +101,17 @@ def links_of(made):
     height, a, b = made.arm
     m = made.masses
     six = [
-        Link((0, 0, height), (0, 0, 1), m[0], (0, 0, -0.03), _rod(m[0], 0.15, 2)),
-        Link((0, 0.1, 0), (0, 1, 0), m[1], (0.45 * a, 0, 0), _rod(m[1], a, 0)),
-        Link((a, -0.09, 0), (0, 1, 0), m[-4], (0.5 * b, 0, 0), _rod(m[-4], b, 0)),
-        Link((b, 0.08, 0), (0, 1, 0), m[-3], (0, 0.02, 0.01), _rod(m[-3], 0.1, 1)),
-        Link((0.04, 0.04, 0), (0, 0, 1), m[-2], (0.01, 0, 0.02), _rod(m[-2], 0.1, 2)),
-        Link((0.04, 0, 0), (1, 0, 0), m[-1], (0.03, 0, 0), _rod(m[-1], 0.08, 0)),
+        Link((0, 0, height), (0, 0, 1), m[0], (0, 0, -0.03), rod(m[0], 0.15, 2)),
+        Link((0, 0.1, 0), (0, 1, 0), m[1], (0.45 * a, 0, 0), rod(m[1], a, 0)),
+        Link((a, -0.09, 0), (0, 1, 0), m[-4], (0.5 * b, 0, 0), rod(m[-4], b, 0)),
+        Link((b, 0.08, 0), (0, 1, 0), m[-3], (0, 0.02, 0.01), rod(m[-3], 0.1, 1)),
+        Link((0.04, 0.04, 0), (0, 0, 1), m[-2], (0.01, 0, 0.02), rod(m[-2], 0.1, 2)),
+        Link((0.04, 0, 0), (1, 0, 0), m[-1], (0.03, 0, 0), rod(m[-1], 0.08, 0)),
     ]
     if made.joints == 7:
-        six.insert(2, Link((0.9 * a, 0, 0), (1, 0, 0), m[2], (0.02, 0, 0.01), _rod(m[2], 0.12, 0)))
+        six.insert(2, Link((0.9 * a, 0, 0), (1, 0, 0), m[2], (0.02, 0, 0.01), rod(m[2], 0.12, 0)))
         six[3] = replace(six[3], origin=(0.1 * a, -0.09, 0))
     return tuple(six)
-
-
-def _rod(mass, length, along):
-    thick, thin = mass * (length**2 / 12 + 0.001), mass * 0.002
-    return tuple(thin if i == along else thick for i in range(3))
 
 
 def places(links, q):

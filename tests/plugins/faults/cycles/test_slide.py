@@ -1,7 +1,6 @@
 """An arm whose third axis slides: positions in m, strokes of 30 mm."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,8 +19,8 @@ FAULTY = 1
 """The second of three cycles."""
 
 
-def cycles(count: int, seed: int, friction: float = 0.0) -> Run:
-    """``count`` cycles, of which ``FAULTY`` has ``friction`` N more on the slide."""
+def cycles(count: int, seed: int, friction: float = 0.0, off: float = 0.0) -> Run:
+    """``count`` cycles; in ``FAULTY``, the slide has ``friction`` N more, and its encoder is ``off`` by m."""
     random = np.random.default_rng(seed)
     parts, spans, pose = [np.repeat(HOME[None], 80, axis=0)], [], HOME
     for _ in range(count):
@@ -35,19 +34,13 @@ def cycles(count: int, seed: int, friction: float = 0.0) -> Run:
         parts.append(np.repeat(HOME[None], int(random.integers(60, 120)), axis=0))
     q = np.concatenate(parts)
     time, v = np.arange(len(q)) / RATE, np.gradient(q, 1 / RATE, axis=0)
+    faulty = (time >= spans[FAULTY][0] - 0.2) & (time < spans[FAULTY][1] + 0.2)
     torque = scara.torque(q, v, np.gradient(v, 1 / RATE, axis=0))
-    inside = (time >= spans[min(FAULTY, count - 1)][0]) & (time < spans[min(FAULTY, count - 1)][1])
-    torque[:, 2] += friction * inside * np.tanh(v[:, 2] / 0.004)
+    torque[:, 2] += friction * faulty * np.tanh(v[:, 2] / 0.004)
     power = STANDBY + (torque * v + RESISTANCE * (torque / CONSTANT) ** 2).sum(axis=1)
     shown = q + random.normal(0.0, 1e-5, q.shape)
+    shown[:, 2] += off * faulty
     return Run(time, shown, power + random.normal(0.0, 0.5, len(power)), spans)
-
-
-def shifted(measured: Run, by: float) -> Run:
-    """The slide's encoder is off by ``by`` m in one cycle."""
-    start, end = measured.spans[FAULTY]
-    off = np.where((measured.time >= start - 0.2) & (measured.time < end + 0.2), by, 0.0)
-    return replace(measured, position=measured.position + off[:, None] * [0.0, 0.0, 1.0])
 
 
 @pytest.fixture(scope="module")
@@ -64,8 +57,8 @@ def folder(tmp_path_factory):
     [
         (cycles(3, seed=2), []),
         (cycles(3, seed=3, friction=30.0), [(3, "joint")]),
-        (shifted(cycles(3, seed=4), 0.006), [(3, "encoder")]),
-        (shifted(cycles(3, seed=5), -0.04), [(3, "encoder")]),
+        (cycles(3, seed=4, off=0.006), [(3, "encoder")]),
+        (cycles(3, seed=5, off=-0.04), [(3, "encoder")]),
     ],
 )
 def test_strokes_of_30_mm_are_judged_in_a_recording_and_live(folder, tmp_path, measured, fault):
@@ -78,7 +71,7 @@ def test_strokes_of_30_mm_are_judged_in_a_recording_and_live(folder, tmp_path, m
 
 
 def test_a_deviation_of_the_slide_is_in_mm(folder, tmp_path):
-    table = write_table(tmp_path / "cycles.parquet", shifted(cycles(3, seed=4), 0.006))
+    table = write_table(tmp_path / "cycles.parquet", cycles(3, seed=4, off=0.006))
     found = api.faults(table, reference=folder / "reference.yaml", robot=folder / "robot.yaml").cycles
     told = re.search(r"joint 3 is off the path by up to (\S+) mm, while", found[FAULTY].faults[0].statement)
     assert told and float(told[1]) == pytest.approx(6.0, abs=1.5)
