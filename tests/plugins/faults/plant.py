@@ -13,6 +13,7 @@ import numpy as np
 
 from cellwatt.frames import Frames, Layout, cut
 from tests.blocks import frames_of, layout_of, marked
+from tests.plugins.segment.motions import START as START
 
 JOINTS = 3
 HOME = np.array([0.2, -0.8, 0.5])
@@ -22,7 +23,6 @@ FRICTION = np.array([8.0, 9.0, 4.0])  # Nm
 VISCOUS = np.array([6.0, 7.0, 3.0])  # Nm s/rad
 LOSS = np.array([0.012, 0.012, 0.03])  # W/(Nm)²
 STANDBY = 90.0  # W
-START = 1_700_000_000_000_000_000  # ns
 
 
 @dataclass(frozen=True)

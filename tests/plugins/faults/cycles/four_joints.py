@@ -103,11 +103,11 @@ def run(cycles: Sequence[Cycle], seed: int = 0, noise: float = 1.0) -> Run:
 
 
 def way(cycle: Cycle, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Path (N, 4) rad of a cycle, and which move runs or ran last (N,), -1 before the first."""
+    """Path (N, n) rad of a cycle, and which move runs or ran last (N,), -1 before the first."""
     pose, moves_ = TASKS[cycle.task]
     parts, moves = [np.repeat(pose[None], 10, axis=0)], [np.full(10, -1)]
     for number, by in enumerate(moves_):
-        target = pose + np.array([by.get(j, 0.0) for j in range(4)])
+        target = pose + np.array([by.get(j, 0.0) for j in range(len(pose))])
         seconds = (0.55 + 0.4 * np.abs(target - pose).max()) / cycle.speed
         rest = 0.3 / cycle.speed + 0.02 * random.standard_normal() + (cycle.pause if number == 1 else 0.0)
         parts += [move(pose, target, seconds), np.repeat(target[None], round(rest * RATE), axis=0)]

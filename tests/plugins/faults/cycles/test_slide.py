@@ -8,12 +8,13 @@ import pytest
 from cellwatt_plugins.faults import api
 from cellwatt_plugins.faults.cycles.known import known_of
 from tests.plugins.faults.cycles.conftest import fed, names
-from tests.plugins.faults.cycles.four_joints import RATE, STANDBY, Run, move, write_table
+from tests.plugins.faults.cycles.four_joints import RATE, STANDBY, TASKS, Cycle, Run, way, write_table
 from tests.plugins.robot import scara
 
 HOME = np.array([0.3, 0.5, 0.1])
 STROKE = 0.03
 MOVES = ({0: 0.9, 1: 0.5}, {2: -STROKE}, {2: STROKE}, {0: -0.4, 1: -0.8}, {2: -STROKE}, {2: STROKE}, {0: -0.5, 1: 0.3})
+TASKS["slide"] = (HOME, MOVES)
 CONSTANT, RESISTANCE = 20.0, 2.0
 FAULTY = 1
 """The second of three cycles."""
@@ -22,16 +23,11 @@ FAULTY = 1
 def cycles(count: int, seed: int, friction: float = 0.0, off: float = 0.0) -> Run:
     """``count`` cycles; in ``FAULTY``, the slide has ``friction`` N more, and its encoder is ``off`` by m."""
     random = np.random.default_rng(seed)
-    parts, spans, pose = [np.repeat(HOME[None], 80, axis=0)], [], HOME
+    parts, spans = [np.repeat(HOME[None], 80, axis=0)], []
     for _ in range(count):
-        start = sum(map(len, parts)) / RATE
-        for by in MOVES:
-            target = pose + np.array([by.get(j, 0.0) for j in range(3)])
-            rest = np.repeat(target[None], int(random.integers(30, 40)), axis=0)
-            parts += [move(pose, target, 0.9 if 2 not in by else 0.5), rest]
-            pose = target
-        spans.append((start, sum(map(len, parts)) / RATE))
-        parts.append(np.repeat(HOME[None], int(random.integers(60, 120)), axis=0))
+        start, path = sum(map(len, parts)), way(Cycle("slide"), random)[0]
+        spans.append((start / RATE, (start + len(path)) / RATE))
+        parts += [path, np.repeat(HOME[None], int(random.integers(60, 120)), axis=0)]
     q = np.concatenate(parts)
     time, v = np.arange(len(q)) / RATE, np.gradient(q, 1 / RATE, axis=0)
     faulty = (time >= spans[FAULTY][0] - 0.2) & (time < spans[FAULTY][1] + 0.2)
