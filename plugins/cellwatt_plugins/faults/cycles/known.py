@@ -43,7 +43,7 @@ def learn_known(recording: Recording, arm: Arm) -> Known:
     with stage("finding the cycles"):
         patterns = learn_patterns(recording)
     with stage("fitting the arm"):
-        return Known(identify(arm, patterns), tuple(patterns), meter=recording.meter)
+        return Known(identify(arm, patterns, recording.meter), tuple(patterns), meter=recording.meter)
 
 
 def stored(known: Known, arm: Arm) -> tuple[StoredModel, tuple[Pattern, ...]]:
@@ -66,9 +66,8 @@ def restored(model: StoredModel, cycles: tuple[Pattern, ...], arm: Arm) -> Known
     keys = ("rotor_inertia", "coulomb_friction", "viscous_friction", "copper_loss")
     rotor, coulomb, viscous, copper = (np.array([getattr(joint, key) for joint in joints]) for key in keys)
     parameters = Parameters(link, rotor, coulomb, viscous, copper, model.standby, model.drive, model.regenerate)
-    window = 0.0 if model.meter is None else model.meter.window
-    patterns = tuple(replace(cycle.scaled(1 / arm.body.levers), window=window) for cycle in cycles)
-    return Known(with_covariance(arm, parameters, patterns), patterns, meter=model.meter)
+    patterns = tuple(cycle.scaled(1 / arm.body.levers) for cycle in cycles)
+    return Known(with_covariance(arm, parameters, patterns, model.meter), patterns, meter=model.meter)
 
 
 def known_of(reference: Reference, path: Path, robot: Path, false_alarms: float = 1e-4) -> Known:

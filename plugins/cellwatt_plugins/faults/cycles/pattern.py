@@ -59,8 +59,7 @@ class Pattern:
 
     ``step`` s; ``position`` (T, n) rad and ``power`` (T,) W from ``MARGIN`` before the first move, with ``spread`` (T,)
     W, the standard deviation over ``cycles`` cycles; ``moves``: start and end, s from the first sample; ``repeat`` (n,)
-    rad, the standard deviation of rest poses over cycles; ``window`` s, the averaging time of the power meter, 0 if the
-    power was sampled.
+    rad, the standard deviation of rest poses over cycles.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
@@ -74,7 +73,6 @@ class Pattern:
     power: _Row
     spread: _Row
     position: _Columns
-    window: float = 0.0
 
     def __post_init__(self) -> None:
         if not len(self.power) == len(self.spread) == len(self.position) > 1:
