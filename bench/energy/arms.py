@@ -127,20 +127,20 @@ def _links(case: Case, rng: np.random.Generator) -> tuple[Link, ...]:
     off = case.size * rng.uniform(0.05, 0.12, 4)
     m = case.size**2
     body = [
-        Link((0, 0, 0.15 * case.size), (0, 0, 1), 3.7 * m, (0, 0, -0.02), _rod(3.7 * m, 0.15, 2)),
-        Link((0, off[0], 0), (0, 1, 0), 8.0 * m, (a / 2, 0, 0), _rod(8.0 * m, a, 0)),
-        Link((a, -off[1], 0), (0, 1, 0), 2.6 * m, (b / 2, 0, 0), _rod(2.6 * m, b, 0)),
-        Link((b, off[2], 0), (0, 1, 0), 1.3 * m, (0, 0.02, 0.01), _rod(1.3 * m, 0.1, 1)),
-        Link((0.05, off[3], 0), (0, 0, 1), 1.2 * m, (0, 0, 0.02), _rod(1.2 * m, 0.1, 2)),
-        Link((0, 0, 0.09), (1, 0, 0), 0.5 * m, (0.03, 0, 0), _rod(0.5 * m, 0.08, 0)),
+        Link((0, 0, 0.15 * case.size), (0, 0, 1), 3.7 * m, (0, 0, -0.02), rod(3.7 * m, 0.15, 2)),
+        Link((0, off[0], 0), (0, 1, 0), 8.0 * m, (a / 2, 0, 0), rod(8.0 * m, a, 0)),
+        Link((a, -off[1], 0), (0, 1, 0), 2.6 * m, (b / 2, 0, 0), rod(2.6 * m, b, 0)),
+        Link((b, off[2], 0), (0, 1, 0), 1.3 * m, (0, 0.02, 0.01), rod(1.3 * m, 0.1, 1)),
+        Link((0.05, off[3], 0), (0, 0, 1), 1.2 * m, (0, 0, 0.02), rod(1.2 * m, 0.1, 2)),
+        Link((0, 0, 0.09), (1, 0, 0), 0.5 * m, (0.03, 0, 0), rod(0.5 * m, 0.08, 0)),
     ]
     if case.joints == 7:
-        body.insert(2, Link((a * 0.9, 0.02, 0), (1, 0, 0), 1.8 * m, (0.05, 0, 0.01), _rod(1.8 * m, 0.15, 0)))
+        body.insert(2, Link((a * 0.9, 0.02, 0), (1, 0, 0), 1.8 * m, (0.05, 0, 0.01), rod(1.8 * m, 0.15, 0)))
         body[3] = replace(body[3], origin=(a * 0.1, -off[1], 0.03))
     return tuple(body)
 
 
-def _rod(mass: float, length: float, along: int) -> tuple[float, float, float]:
+def rod(mass: float, length: float, along: int) -> tuple[float, float, float]:
     thick, thin = mass * (length**2 / 12 + 0.001), mass * 0.002
     return tuple(thin if i == along else thick for i in range(3))
 

@@ -19,6 +19,7 @@ _BYTES = {"b": 1.0, "kb": 1e3, "mb": 1e6, "gb": 1e9, "tb": 1e12, "kib": 2**10, "
 _BYTES_PER_SECOND = {f"{unit}/s": factor for unit, factor in _BYTES.items()}
 _ANGLES = factors("angle")
 _RADIANS = {"rad": _ANGLES["rad"], "deg": _ANGLES["deg"], "°": _ANGLES["deg"]}
+_RADIANS_PER_SECOND = {f"{unit}/s": factor for unit, factor in _RADIANS.items()}
 _FRACTION = {"%": 0.01}
 _WATT = {name.lower(): factor for name, factor in factors("power").items()}
 
@@ -68,5 +69,6 @@ Seconds = Annotated[float, _kind(_SECONDS, "100 ms"), _schema("100 ms")]
 Bytes = Annotated[float, _kind(_BYTES, "20 GB", positive=True), _schema("20 GB")]
 BytesPerSecond = Annotated[float, _kind(_BYTES_PER_SECOND, "2 MB/s", positive=True), _schema("2 MB/s")]
 Radians = Annotated[float, _kind(_RADIANS, "1 deg"), _schema("1 deg")]
+RadiansPerSecond = Annotated[float, _kind(_RADIANS_PER_SECOND, "1 deg/s", positive=True), _schema("1 deg/s")]
 Fraction = Annotated[float, _kind(_FRACTION, "10 %"), _schema("10 %")]
 Watts = Annotated[float, _kind(_WATT, "15 W"), _schema("15 W")]

@@ -17,7 +17,7 @@ from cellwatt_plugins.faults import train_command
 from cellwatt_plugins.faults.command import faults, reference
 from cellwatt_plugins.models.command import predict, train
 from tests.calling import called
-from tests.plugins.faults.cycles.arm_of_points import Cycle, describe, run, write_table
+from tests.plugins.faults.cycles.four_joints import Cycle, describe, run, write_table
 from tests.plugins.models.making import Mlp, metadata
 from tests.plugins.models.power.emulated_arm import write_case
 

@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from cellwatt_plugins.energy.clock import Offset
-from cellwatt_plugins.energy.drive import motion_features
+from cellwatt_plugins.energy.drive import features
 from cellwatt_plugins.energy.equations import electrical_losses, payload_efficiency
 from cellwatt_plugins.energy.identify import Belief, Observed, begin, identify
 from cellwatt_plugins.energy.recordings import PowerTrace, Recorded, RobotTrace
@@ -133,7 +133,8 @@ def recorded_ur3e(folder):
         motion = RobotTrace(path.name, time, q, qd, current * np.array(ur3e.CONSTANT))
         runs.append(Recorded(path.stem, 0.0, 0.0, motion, PowerTrace(path.name, time, table["power"].to_numpy())))
     arm = Arm.load(folder)
-    return arm, [Observed(run, motion_features(arm, run.motion), Offset(0.0, 0.04), ONE) for run in runs]
+    feature = [features(arm, run.motion.torque, run.motion.velocity) for run in runs]
+    return arm, [Observed(*each, Offset(0.0, 0.04), ONE) for each in zip(runs, feature, strict=True)]
 
 
 @needs_ur3e

@@ -8,7 +8,6 @@ import pytest
 from cellwatt.results import Interval
 from cellwatt.stage import CellInfo
 from cellwatt_plugins.segment import SegmentSettings, SegmentStage
-from tests.plugins.faults.paper.frames import frames_of
 from tests.plugins.faults.paper.irb1200 import (
     BOUNDARIES,
     LENGTH,
@@ -18,14 +17,14 @@ from tests.plugins.faults.paper.irb1200 import (
     period,
     run,
 )
-from tests.plugins.faults.plant import START
+from tests.plugins.faults.plant import START, frames
 from tests.science.test_fault_tables import TABLE_I, TABLE_II, printed
 
 REST = 0.6  # s before and after a task
 
 
 def closed_intervals(told, rate):
-    blocks = frames_of(told, rate=rate)
+    blocks = frames(told.q, told.power, rate=rate, block=10)
     stage = SegmentStage("segment", SegmentSettings(), blocks[0].layout, CellInfo("plant", "cell", None, Path()))
     found = [result for frames in blocks for result in stage.process(frames, ())] + list(stage.close())
     return [result for result in found if isinstance(result, Interval) and result.closed]

@@ -26,8 +26,8 @@ from cellwatt_plugins.faults.paper.judging import codes_of
 from cellwatt_plugins.faults.paper.network import train
 from cellwatt_plugins.faults.paper.trained_for import TrainedFor
 from cellwatt_plugins.faults.reference import load
-from tests.plugins.faults.paper.frames import frames_of
 from tests.plugins.faults.paper.irb1200 import PICK_AND_PLACE, POLISHING, Fault, Move, Run, period, run
+from tests.plugins.faults.plant import START, frames
 from tests.plugins.faults.watching import learned
 from tests.system.running import Audience, Daemon, free_port
 
@@ -130,9 +130,9 @@ def prepare(scenario: Scenario, folder: Path) -> None:
     """The reference of healthy cycles at both speeds; for the spring, the network of the plant's own fault table."""
     blocks = []
     for speed in (1.0, 0.5):
-        start = blocks[-1].time[-1] + 20_000_000 if blocks else None
+        start = blocks[-1].time[-1] + 20_000_000 if blocks else START
         healthy = run(Run(scenario.moves, 4, speed, rate=50.0, lead=1.0, seed=round(10 * speed)))
-        blocks += frames_of(healthy, start=start)
+        blocks += frames(healthy.q, healthy.power, block=10, start=start)
     reference = learned(folder / "reference.yaml", blocks)
     if scenario.moves is PICK_AND_PLACE:
         course = next(c for c in courses_of(load(reference)) if c.speed == pytest.approx(scenario.speed, abs=0.02))

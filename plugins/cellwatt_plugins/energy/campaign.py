@@ -15,7 +15,7 @@ from cellwatt.progress import stage
 from cellwatt.scheduler import spread
 from cellwatt.units import Units
 from cellwatt_plugins.energy.clock import Offset, align
-from cellwatt_plugins.energy.drive import Drive, motion_features
+from cellwatt_plugins.energy.drive import Drive, features
 from cellwatt_plugins.energy.equations import brake_power, mean_power_shares, payload_efficiency
 from cellwatt_plugins.energy.findings import Findings, Fixed, JointDrive, JointFriction, RunEnergy
 from cellwatt_plugins.energy.fixed import AtRest
@@ -34,7 +34,7 @@ def observed(run: Recorded, known: tuple[Arm, Drive]) -> Observed:
     """
     arm, guess = known
     found, notes = find_repetitions(run.motion)
-    feature = motion_features(arm, run.motion)
+    feature = features(arm, run.motion.torque, run.motion.velocity)
     one = Observed(run, feature, Offset(0.0, 0.0), tuple(found), tuple(notes))
     kinds = feature.reshape(len(feature), -1, arm.joints).sum(axis=2)  # each kind of power, of all joints
     one = replace(one, offset=align(run.reading, one.modelled(guess), one.integral(kinds)))

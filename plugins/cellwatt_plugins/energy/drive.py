@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.energy.recordings import RobotTrace
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.drive import TERMS, Drives, drawn
 
@@ -67,11 +66,6 @@ def features(arm: Arm, torque: Float, velocity: Float) -> Float:
     state = Drives.of(torque, velocity, current, arm.column("winding_resistance"))
     turning = replace(state, qd=np.where(np.abs(velocity) > STILL, velocity, 0.0))
     return np.hstack([term(turning) for term in TERMS.values()])
-
-
-def motion_features(arm: Arm, motion: RobotTrace) -> Float:
-    """``features`` (N, 5 n) of a recorded motion."""
-    return features(arm, motion.torque, motion.velocity)
 
 
 def bus_power(drive: Drive, feature: Float) -> Float:

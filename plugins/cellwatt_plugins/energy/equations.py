@@ -7,19 +7,9 @@ import numpy as np
 from cellwatt.arrays import Float
 
 
-def electronics_energy(controller: float, robot_electronics: float, seconds: float) -> float:
-    """E_E = (P_RC + P_RE) T, J (eq. 14)."""
-    return (controller + robot_electronics) * seconds
-
-
 def brake_power(released: float, controller: float, robot_electronics: float, hold: float = 0.0) -> float:
     """P_MB = P_R − P_RC − P_RE, W (eq. 16), minus the power with which motors ``hold`` the arm if G(q) is not zero."""
     return released - controller - robot_electronics - hold
-
-
-def brake_energy(brakes: float, seconds: float) -> float:
-    """E_MB = T P_MB, J (eq. 19)."""
-    return brakes * seconds
 
 
 def electrical_losses(total: float, electronics: float, brakes: float, mechanical: float) -> float:
@@ -32,14 +22,9 @@ def motion_efficiency(positive: float, total: float) -> float:
     return 100.0 * positive / total
 
 
-def payload_energy(loaded: float, unloaded: float) -> float:
-    """E_P = E_RL − E_RNL, J (eq. 20)."""
-    return loaded - unloaded
-
-
 def payload_efficiency(loaded: float, unloaded: float) -> float:
-    """ε_P = (E_RL − E_RNL) / E_RL, percent (eq. 21)."""
-    return 100.0 * payload_energy(loaded, unloaded) / loaded
+    """ε_P = E_P / E_RL, percent (eq. 21), with the payload's energy E_P = E_RL − E_RNL (eq. 20)."""
+    return 100.0 * (loaded - unloaded) / loaded
 
 
 def mean_power_shares(energies: Float, seconds: Float) -> Float:

@@ -9,12 +9,7 @@ import numpy as np
 
 from cellwatt.arrays import Float
 from cellwatt_plugins.energy.drive import Drive, bus_power, chopper_power, supply_power
-from cellwatt_plugins.energy.equations import (
-    brake_energy,
-    electrical_losses,
-    electronics_energy,
-    motion_efficiency,
-)
+from cellwatt_plugins.energy.equations import electrical_losses, motion_efficiency
 from cellwatt_plugins.energy.findings import Fixed, RunEnergy
 from cellwatt_plugins.energy.identify import Observed
 from cellwatt_plugins.robot import Arm
@@ -103,8 +98,7 @@ def _groups(one: Observed, learnt: Learnt) -> dict[str, float]:
     seconds = float(np.mean([repetition.seconds for repetition in one.repetitions]))
     moved = {group: float(each.mean()) for group, each in mechanical(one, drive).items()}
     total = float(total_energy(one, drive).mean())
-    electronics = electronics_energy(fixed.controller, fixed.robot_electronics, seconds)
-    brakes = brake_energy(fixed.brakes, seconds)
+    electronics, brakes = fixed.electronics * seconds, fixed.brakes * seconds
     electrical = electrical_losses(total, electronics, brakes, moved["mechanical_losses"])
     return {
         "seconds": seconds,

@@ -9,8 +9,8 @@ import numpy as np
 
 from cellwatt.arrays import Float
 from cellwatt_plugins.energy.drive import bus_power, chopper_power, features, supply_power
-from cellwatt_plugins.energy.electronics import Level, at_campaign
-from cellwatt_plugins.energy.equations import brake_energy, motion_efficiency
+from cellwatt_plugins.energy.electronics import Level
+from cellwatt_plugins.energy.equations import motion_efficiency
 from cellwatt_plugins.energy.known import Known
 from cellwatt_plugins.energy.spread import (
     ELECTRICAL,
@@ -62,14 +62,13 @@ class TaskEnergy:
 
 
 def task_energy(
-    arm: Arm, known: Known, stretch: Stretch, level: Level | None = None, edge: float = 0.0, meter: float = 0.0
+    arm: Arm, known: Known, stretch: Stretch, level: Level, edge: float = 0.0, meter: float = 0.0
 ) -> TaskEnergy:
-    """Split one task (eqs 1 … 5, 14, 19); ``level`` is the electronics' present power (default: the campaign's).
+    """Split one task (eqs 1 … 5, 14, 19); ``level`` is the electronics' present power.
 
     ``edge`` J is the uncertainty of the total due to early or late meter values, ``meter`` that of the meter's scale,
     as a share; one standard deviation each.
     """
-    level = at_campaign(known) if level is None else level
     step, drive = stretch.step, known.drive
     seconds = step * len(stretch.power)
     feature = features(arm, stretch.torque, stretch.velocity)
@@ -80,7 +79,7 @@ def task_energy(
     chopper = float(chopper_power(drive, bus).sum()) * step
     total = float(stretch.power.sum()) * step
     electronics = (known.electronics + level.drift) * seconds
-    brakes = brake_energy(known.brakes, seconds)
+    brakes = known.brakes * seconds
     modelled = float((supply_power(drive, bus) - drive.fixed).sum()) * step
     positive = float(np.maximum(work, 0.0).sum()) * step
     losses, electrical = mechanical - stored, modelled - mechanical - chopper

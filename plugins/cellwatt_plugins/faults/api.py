@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -165,13 +165,12 @@ def _learned_with_cycles(blocks: Sequence[Frames], described: Arm, arm: str | No
 
 
 def learn_from(
-    blocks: Iterable[Frames], robot: str | None, arm: str | None, power: str
+    blocks: Sequence[Frames], robot: str | None, arm: str | None, power: str
 ) -> tuple[Reference, list[Task]]:
     """Return the reference learnt from ``blocks``, and every task seen in them. Raises ``CellwattError``."""
-    blocks = list(blocks)
     layout = one_layout(blocks)
     source = layout.channels[layout.joints("position", arm)[0]].source
-    parts = list(segmented(blocks, arm, power, robot))
+    parts = list(segmented(blocks, arm, power))
     trace = Trace.joined(part for part, _ in parts)
     found = [result for _, results in parts for result in results]
     tasks = [r for r in found if isinstance(r, Task)]

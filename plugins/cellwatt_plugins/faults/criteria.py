@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from itertools import groupby
 from typing import Literal
 
@@ -58,14 +57,4 @@ def outside(value: Float, low: Float, high: Float) -> Float:
 
 def sustained(codes: Codes, frames: int) -> int:
     """The first nonzero code that lasts for ``frames`` consecutive frames, or 0: a single frame proves nothing."""
-    return next((code for code, length in _runs(codes) if length >= frames), 0)
-
-
-def longest(codes: Codes) -> int:
-    """Length of the longest run of one nonzero code."""
-    return max((length for _, length in _runs(codes)), default=0)
-
-
-def _runs(codes: Codes) -> Iterator[tuple[int, int]]:
-    """Each run of equal nonzero codes: the code and the length of the run."""
-    return ((code, sum(1 for _ in run)) for code, run in groupby(codes.tolist()) if code)
+    return next((code for code, run in groupby(codes.tolist()) if code and sum(1 for _ in run) >= frames), 0)

@@ -213,8 +213,6 @@ def _content(reference: Reference) -> dict[str, Any]:
     content = asdict(reference)
     if reference.power_model is None:
         del content["power_model"], content["cycles"]
-    for cycle in content.get("cycles", ()):
-        del cycle["window"]  # stored with the meter
     return content
 
 

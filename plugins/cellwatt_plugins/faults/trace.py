@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -64,21 +63,14 @@ def one_layout(blocks: Sequence[Frames]) -> Layout:
     return layout
 
 
-def segmented(
-    blocks: Iterable[Frames], arm: str | None, power: str, robot: str | None = None
-) -> Iterator[tuple[Trace, Sequence[Result]]]:
+def segmented(blocks: Sequence[Frames], arm: str | None, power: str) -> Iterator[tuple[Trace, Sequence[Result]]]:
     """The trace of each block with its results of the segment stage, then an empty trace with the stage's last results.
 
-    All blocks have one layout. ``arm`` is the source with the joints, ``power`` the power channel.
+    ``arm`` is the source with the joints, ``power`` the power channel. Raises ``RecordingError`` as ``one_layout``.
     """
-    remaining = iter(blocks)
-    first = next(remaining, None)
-    if first is None:
-        return
-    layout = first.layout
-    kind = find_stage("segment")
-    segment = kind("segment", kind.Settings.model_validate({"arm": arm}), layout, CellInfo("", "", robot, Path()))
+    layout, kind = one_layout(blocks), find_stage("segment")
+    segment = kind("segment", kind.Settings.model_validate({"arm": arm}), layout, CellInfo("", "", None, Path()))
     positions, channel = layout.joints("position", arm), layout.index(power, "W")
-    for frames in chain((first,), remaining):
+    for frames in blocks:
         yield Trace.of(frames, positions, channel), segment.process(frames, ())
     yield Trace.empty(len(positions)), segment.close()

@@ -3,24 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
 
-from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
+from pydantic import Field, model_validator
 
-from cellwatt.quantity import Fraction, Radians, Seconds, parse
+from cellwatt.quantity import Fraction, Radians, RadiansPerSecond, Seconds
 from cellwatt.stage import StageSettings
-
-_SPEEDS = {"rad/s": 1.0, "deg/s": math.pi / 180}
-
-
-def _speed(value: object) -> float:
-    number = value if type(value) is float else parse(value, _SPEEDS, "1 deg/s")
-    if number <= 0:
-        raise ValueError("must be above zero, like '1 deg/s'")
-    return number
-
-
-Speed = Annotated[float, BeforeValidator(_speed), WithJsonSchema({"type": "string", "examples": ["1 deg/s"]})]
 
 
 class SegmentSettings(StageSettings):
@@ -28,9 +15,9 @@ class SegmentSettings(StageSettings):
 
     arm: str | None = None
     """Source with the joints; not needed if only one source has joints."""
-    start_speed: Speed = math.radians(1.0)
+    start_speed: RadiansPerSecond = math.radians(1.0)
     """A joint starts to move above this speed; raised automatically if the encoder noise requires it."""
-    stop_speed: Speed = math.radians(0.5)
+    stop_speed: RadiansPerSecond = math.radians(0.5)
     """A joint stops below this speed."""
     window: Seconds = Field(default=0.08, gt=0)
     """Time over which speed is computed from positions."""

@@ -7,7 +7,7 @@ import pytest
 
 from cellwatt.demo.cells import shape_file
 from cellwatt.emulation import ArmSignals
-from cellwatt_plugins.energy.drive import motion_features, supply_power
+from cellwatt_plugins.energy.drive import features, supply_power
 from cellwatt_plugins.energy.known import load_known
 from cellwatt_plugins.robot import Arm
 
@@ -21,9 +21,7 @@ def test_the_demos_energy_file_predicts_the_power_of_the_emulated_arm() -> None:
     def joints(quantity: str) -> np.ndarray:
         return np.column_stack([seen[f"joint_{i}.{quantity}"] for i in range(1, 7)])
 
-    class Motion:
-        torque, velocity = joints("current") * arm.column("torque_constant"), joints("velocity")
-
-    power = supply_power(known.drive, motion_features(arm, Motion) @ known.drive.weights())
+    torque = joints("current") * arm.column("torque_constant")
+    power = supply_power(known.drive, features(arm, torque, joints("velocity")) @ known.drive.weights())
     assert power == pytest.approx(seen["supply.power"], abs=1e-6)
     assert known.viscous == emulated.viscous

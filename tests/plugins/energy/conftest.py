@@ -24,12 +24,13 @@ def outcome(measured):
 
 
 @pytest.fixture(scope="session")
-def arm_and_known(measured, outcome, tmp_path_factory):
-    """The arm, and what the live stage reads of that."""
+def arm_and_known(measured, outcome):
+    """The arm, and what the live stage reads of that: ``out/energy.json`` in the folder of the campaign."""
     from cellwatt_plugins.energy.known import load_known
     from cellwatt_plugins.robot import Arm
 
-    path = tmp_path_factory.mktemp("known") / "energy.json"
+    path = measured[1] / "out" / "energy.json"
+    path.parent.mkdir()
     path.write_text(json.dumps(outcome.findings.as_json()))
     arm = Arm.load(measured[1])
     return arm, load_known(path, arm)

@@ -69,30 +69,29 @@ def test_brakes_save_their_power_and_the_holding(measured, arm_and_known):
     assert not [a for a in advise(*arm_and_known, Cycle(fast, 1.0), brake_time=2.0) if a.kind == "brakes"]
 
 
-def test_an_arm_that_waits_with_its_brakes_on_is_not_told_to(measured, arm_and_known):
-    whole = produced(measured, 400.0)
-    fast, rest = moving(whole), part_of(whole, 0, round(1.5 * RATE))
-    assert "brakes" in {a.kind for a in advise(*arm_and_known, Cycle(fast, 60.0, rest), brake_time=2.0)}
-    fixed = measured[2]["fixed"]
+def waiting(measured, speed):
+    """The motion, a rest with the brakes released, and one with the brakes on."""
+    whole, fixed = produced(measured, speed), measured[2]["fixed"]
+    rest = part_of(whole, 0, round(1.5 * RATE))
     electronics = np.full_like(rest.power, fixed["controller"] + fixed["robot_electronics"])
-    braked = replace(rest, torque=0 * rest.torque, power=electronics)
-    assert "brakes" not in {a.kind for a in advise(*arm_and_known, Cycle(fast, 60.0, braked), brake_time=2.0)}
+    return moving(whole), rest, replace(rest, torque=0 * rest.torque, power=electronics)
+
+
+def test_an_arm_that_waits_with_its_brakes_on_is_not_told_to(measured, arm_and_known):
+    fast, *rests = waiting(measured, 400.0)
+    told = [{a.kind for a in advise(*arm_and_known, Cycle(fast, 60.0, rest), brake_time=2.0)} for rest in rests]
+    assert ["brakes" in kinds for kinds in told] == [True, False]
 
 
 def test_slower_saves_less_where_the_arm_waits_with_its_brakes_on(measured, arm_and_known):
     """The saving of a waiting arm whose brakes are on is that of its motion less the power at rest with brakes on."""
-    arm, known = arm_and_known
-    whole = produced(measured, 1400.0)
-    fast, rest = moving(whole), part_of(whole, 0, round(1.5 * RATE))
-    fixed = measured[2]["fixed"]
-    watts = fixed["controller"] + fixed["robot_electronics"]
-    braked = replace(rest, torque=0 * rest.torque, power=np.full_like(rest.power, watts))
+    fast, *rests = waiting(measured, 1400.0)
     seconds = len(fast.power) / RATE
-    for cycle, power in ((Cycle(fast, 3.0, braked), watts), (Cycle(fast, 3.0, rest), float(rest.power.mean()))):
-        advice = speed_advice(arm, known, cycle)
+    for rest in rests:
+        advice, power = speed_advice(*arm_and_known, Cycle(fast, 3.0, rest)), float(rest.power.mean())
         longer = advice.setting["motion_s"]
-        now = motion_energy(arm, known, fast, 1.0) + 3.0 * power
-        then = motion_energy(arm, known, fast, longer / seconds) + (3.0 + seconds - longer) * power
+        now = motion_energy(*arm_and_known, fast, 1.0) + 3.0 * power
+        then = motion_energy(*arm_and_known, fast, longer / seconds) + (3.0 + seconds - longer) * power
         assert advice.saving == pytest.approx(now - then, abs=1.0)
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from cellwatt_plugins.energy.electronics import at_campaign
 from cellwatt_plugins.energy.known import Known
 from cellwatt_plugins.energy.task_energy import Stretch, task_energy
 from tests.science.test_energy_split import fit, needs_ur3e, recorded_ur3e
@@ -44,7 +45,7 @@ def test_groups_add_up_to_what_was_measured_within_the_stated_uncertainty(arm_an
     whole = fit(arm, moves)
     known = known_from(whole)
     for one in whole.observed:
-        energy = task_energy(arm, known, stretch_of(one))
+        energy = task_energy(arm, known, stretch_of(one), at_campaign(known))
         assert sum(energy.groups.values()) == pytest.approx(energy.total, rel=1e-9)
         assert abs(energy.groups["unexplained"]) < 2 * energy.uncertainty < 0.05 * energy.total
         assert energy.groups["mechanical_losses"] > 0
@@ -54,6 +55,6 @@ def test_groups_add_up_to_what_was_measured_within_the_stated_uncertainty(arm_an
 def test_a_move_left_out_is_met_within_the_uncertainty_of_the_fit(arm_and_moves):
     arm, moves = arm_and_moves
     for i, one in enumerate(fit(arm, moves).observed):
-        others = fit(arm, moves[:i] + moves[i + 1 :])
-        energy = task_energy(arm, known_from(others), stretch_of(one))
+        others = known_from(fit(arm, moves[:i] + moves[i + 1 :]))
+        energy = task_energy(arm, others, stretch_of(one), at_campaign(others))
         assert abs(energy.groups["unexplained"]) < 2 * energy.uncertainty < 0.15 * energy.total

@@ -44,8 +44,9 @@ def test_parameters_reach_the_groups_as_draws_of_them_do(arm_and_known, stretch)
     arm, known = arm_and_known
     small = replace(known, covariance=known.covariance / 100)  # linear about what was found
     rng = np.random.default_rng(4)
-    rows = [list(task_energy(arm, drawn(small, rng), stretch).groups.values()) for _ in range(DRAWS)]
-    slope = group_slopes(small, at_campaign(small), features(arm, stretch.torque, stretch.velocity), stretch.step)
+    level = at_campaign(small)
+    rows = [list(task_energy(arm, drawn(small, rng), stretch, level).groups.values()) for _ in range(DRAWS)]
+    slope = group_slopes(small, level, features(arm, stretch.torque, stretch.velocity), stretch.step)
     slope[-1] = -slope[:-1].sum(axis=0)
     stated = slope @ small.covariance @ slope.T
     seen = np.cov(np.array(rows).T)
@@ -60,7 +61,7 @@ def test_parameters_reach_the_groups_as_draws_of_them_do(arm_and_known, stretch)
 def test_errors_of_all_groups_together_are_those_of_the_measured_total(arm_and_known, stretch):
     """Not the root of the squares: what one group has too much another has too little."""
     arm, known = arm_and_known
-    energy = task_energy(arm, known, stretch, edge=2.0, meter=0.001)
+    energy = task_energy(arm, known, stretch, at_campaign(known), edge=2.0, meter=0.001)
     of_total = np.linalg.norm([2.0, 0.003 * energy.total, 0.001 * energy.total])
     assert np.sqrt(energy.covariance.sum()) == pytest.approx(of_total, rel=1e-9)
     said = deviations(energy.covariance)

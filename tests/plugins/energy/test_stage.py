@@ -26,10 +26,7 @@ GROUPS = {"mechanical_losses": "mechanical", "electrical_losses": "electrical", 
 
 
 @pytest.fixture(scope="module")
-def folder(measured, outcome):
-    path = measured[1] / "out"
-    path.mkdir(exist_ok=True)
-    (path / "energy.json").write_text(json.dumps(outcome.findings.as_json()))
+def folder(measured, arm_and_known):
     return measured[1]
 
 

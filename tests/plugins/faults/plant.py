@@ -11,8 +11,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cellwatt.frames import FrameChannel, Frames, Layout, cut
-from tests.blocks import frames_of, marked
+from cellwatt.frames import Frames, Layout, cut
+from tests.blocks import frames_of, layout_of, marked
+from tests.plugins.segment.motions import START as START
 
 JOINTS = 3
 HOME = np.array([0.2, -0.8, 0.5])
@@ -22,7 +23,6 @@ FRICTION = np.array([8.0, 9.0, 4.0])  # Nm
 VISCOUS = np.array([6.0, 7.0, 3.0])  # Nm s/rad
 LOSS = np.array([0.012, 0.012, 0.03])  # W/(Nm)²
 STANDBY = 90.0  # W
-START = 1_700_000_000_000_000_000  # ns
 
 
 @dataclass(frozen=True)
@@ -144,9 +144,8 @@ def run(cycles: Sequence[Cycle], *, rate: float = 50.0, seed: int = 0):
 
 def layout(rate: float = 50.0, joints: int = JOINTS, arm: str = "arm") -> Layout:
     """Columns of the frames: the arm's joints and the supply's power."""
-    names = [f"{arm}.joint_{j}.position" for j in range(1, joints + 1)]
-    positions = [FrameChannel(name, "rad", "continuous", "linear") for name in names]
-    return Layout((*positions, FrameChannel("meter.supply.power", "W", "continuous", "average")), rate)
+    positions = {f"{arm}.joint_{j}.position": "rad" for j in range(1, joints + 1)}
+    return layout_of(positions | {"meter.supply.power": "W"}, rate)
 
 
 def frames(

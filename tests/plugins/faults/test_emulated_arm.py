@@ -3,7 +3,8 @@
 import pytest
 
 from cellwatt.emulation import ArmSignals
-from tests.plugins.faults.watching import arm_frames, learned, more, since_start, watch
+from tests.plugins.faults.watching import arm_frames, learned, more, watch
+from tests.plugins.segment.motions import since_start
 
 ELBOW = 3
 SPRING = {"spring": ELBOW, "stiffness": 60, "rest": 1.4}

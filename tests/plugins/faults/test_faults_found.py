@@ -3,7 +3,8 @@
 import pytest
 
 from tests.plugins.faults.plant import Cycle, Fault, frames, recorded, run
-from tests.plugins.faults.watching import more, since_start, watch
+from tests.plugins.faults.watching import more, watch
+from tests.plugins.segment.motions import since_start
 
 HEALTHY, FAULTY, AFTER = 3, 3, 4
 

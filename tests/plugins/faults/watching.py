@@ -22,7 +22,7 @@ from cellwatt_plugins.faults.on_reference import ReferenceStage
 from cellwatt_plugins.faults.reference import save
 from cellwatt_plugins.faults.stage import FaultsStage
 from cellwatt_plugins.segment import SegmentSettings, SegmentStage
-from tests.plugins.faults.plant import START, frames
+from tests.plugins.faults.plant import frames
 
 
 def more(*values: Any) -> list[ParameterSet]:
@@ -70,8 +70,3 @@ def arm_frames(signals: ArmSignals, seconds: float, lead: float = 0.0) -> list[F
 def called(command: click.Command, *arguments: object) -> Result:
     """What a command does with these words."""
     return CliRunner().invoke(command, [str(argument) for argument in arguments])
-
-
-def since_start(time: int) -> float:
-    """ns as s from the start of the plant's time."""
-    return (time - START) * 1e-9

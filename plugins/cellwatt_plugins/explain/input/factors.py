@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 from cellwatt.arrays import Float
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.robot import RobotDescription
+from cellwatt_plugins.robot.units import LEVER
 
 DEGREES = float(np.degrees(1.0))
 RPM = 30 / np.pi
 MOVES = 0.05
 """Travel, rad, above which a joint certainly moves."""
-LEVER = 0.2
-"""Travel, m, of a prismatic joint that counts as 1 rad of a revolute one."""
 
 
 def levers(robot: RobotDescription) -> Float:

@@ -12,18 +12,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.robot import Arm
+from cellwatt_plugins.robot import Arm, Body
 from cellwatt_plugins.robot.drive import copper_gain, drawn
 from cellwatt_plugins.robot.motion import direction
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Positions, velocities and accelerations (N, n) in rad and s."""
+    """Positions, velocities and accelerations (N, n) in rad, or m of a prismatic joint, and s."""
 
     q: Float
     qd: Float
     qdd: Float
+
+    @classmethod
+    def of(cls, body: Body, q: Float, qd: Float, qdd: Float) -> Motion:
+        """The motion of recorded positions, in which ``body.levers`` m of a prismatic joint are 1 rad."""
+        return cls(q * body.levers, qd * body.levers, qdd * body.levers)
 
 
 @dataclass(frozen=True)

@@ -61,7 +61,7 @@ def joint_effects(arm: FittedArm, load: Load, joint: int) -> Iterator[Effect]:
     coulomb, viscous = p.coulomb[joint], p.viscous[joint]
     extra = np.column_stack([direction(qd) * coulomb, viscous * qd])
     yield Effect("friction", joint, lever[:, None] * extra, extra)
-    angle = load.motion.q[:, joint]
+    angle = load.motion.q[:, joint] / arm.body.levers[joint]
     stiff = SPRING * max(coulomb, 1e-3)
     pull = stiff * np.column_stack([angle - angle[0], np.ones(len(angle))])
     yield Effect("spring", joint, lever[:, None] * pull, pull)

@@ -20,7 +20,7 @@ from cellwatt_plugins.faults.cycles.off_path import STOPPED
 from cellwatt_plugins.faults.cycles.pattern import MARGIN, Pattern
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import Run, find_runs
-from cellwatt_plugins.faults.cycles.words import note_on, statement_on
+from cellwatt_plugins.faults.cycles.words import note_on, statement_on, travel_text
 
 Kind = Literal["joint", "encoder", "joint_and_encoder"]
 Status = Literal["healthy", "changed", "fault", "new_task"]
@@ -95,7 +95,7 @@ class Evidence:
 
 def judge_recording(recording: Recording, known: Known, evidence: list[Evidence] | None = None) -> list[CycleFinding]:
     """Judge every cycle, in order; cycles of unknown tasks are reported as new. Appends to ``evidence``."""
-    recording = replace(recording, meter=known.meter)
+    recording = replace(recording.in_angles(known.arm.body.levers), meter=known.meter)
     runs = find_runs(recording)
     with stage("finding the cycles"):
         matches = find_cycles(recording, runs, known.patterns)
@@ -137,7 +137,7 @@ def judge_begun(recording: Recording, match: Match, known: Known) -> CycleFindin
     explained = verdict.misfit <= UNEXPLAINED
     blames = tuple(b for b in verdict.blames if b.what in STOPPED or (explained and b.certainty >= CERTAIN))
     certain = replace(verdict, blames=blames)
-    return _finding(match, pattern, "", _faults(recording, match, pattern, certain, CERTAIN), end)
+    return _finding(match, pattern, "", _faults(recording, match, known, certain, CERTAIN), end)
 
 
 def _may_be_new(match: Match, verdict: Verdict) -> bool:
@@ -161,7 +161,7 @@ def judge_cycle(recording: Recording, match: Match, known: Known) -> tuple[Cycle
     if verdict.foreign > 0.5:
         found = _finding(match, pattern, STRANGE, (), end)
         return replace(found, task="new", speed=None, status="new_task"), None
-    faults = _faults(recording, match, pattern, verdict, KIND_CERTAIN)
+    faults = _faults(recording, match, known, verdict, KIND_CERTAIN)
     finding = _finding(match, pattern, note_on(match, verdict), faults, end)
     explained = sum((blame.watts for blame in verdict.blames), start=np.zeros_like(verdict.tau))
     return finding, Evidence(finding, pattern.moves, verdict.tau, verdict.residual, verdict.sigma, explained)
@@ -182,9 +182,10 @@ def _finding(match: Match, pattern: Pattern, note: str, faults: tuple[FaultFindi
 
 
 def _faults(
-    recording: Recording, match: Match, pattern: Pattern, verdict: Verdict, kind_certain: float
+    recording: Recording, match: Match, known: Known, verdict: Verdict, kind_certain: float
 ) -> tuple[FaultFinding, ...]:
     """The faults of a verdict; the kind of fault of a joint off its path is open below probability ``kind_certain``."""
+    pattern, turns = known.patterns[match.pattern], known.arm.body.turns
     blamed = {blame.joint: blame for blame in verdict.blames}
     gone = pattern.time[pattern.time <= verdict.tau[-1]]
     out = []
@@ -199,6 +200,7 @@ def _faults(
         confidence = min(c for c in (encoder, blame.confidence if blame else None) if c is not None)
         stands = encoder if encoder is not None else blame.confidence if blame and blame.what in STOPPED else 1.0
         other: Kind | None = None if stands >= kind_certain else "encoder" if encoder is None else "joint"
+        largest = travel_text(float(deviation.max()), turns=bool(turns[joint]))
         out.append(
             FaultFinding(
                 joint=joint + 1,
@@ -207,7 +209,7 @@ def _faults(
                 size_watt=round(watts, 1),
                 confidence=round(confidence, 4),
                 alternatives=tuple(j + 1 for j in blame.alternatives) if blame else (),
-                statement=statement_on(joint, kind, blame, float(deviation.max()), sorted(moves), other),
+                statement=statement_on(joint, kind, blame, largest, sorted(moves), other),
                 or_kind=other,
             )
         )

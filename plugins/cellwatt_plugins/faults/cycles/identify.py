@@ -15,7 +15,7 @@ from cellwatt_plugins.faults.cycles.load import load_of
 from cellwatt_plugins.faults.cycles.pattern import Pattern
 from cellwatt_plugins.robot import Arm, Body
 from cellwatt_plugins.robot.body import PER_LINK
-from cellwatt_plugins.robot.meter.model import Windows
+from cellwatt_plugins.robot.meter.model import Meter, Windows
 from cellwatt_plugins.robot.priors import body_prior, links_prior
 from cellwatt_plugins.robot.regression import Fit, Prior, Products, gauss_newton
 
@@ -49,51 +49,53 @@ class FittedArm:
         return np.asarray(np.linalg.cholesky(self.covariance))
 
 
-def identify(arm: Arm, patterns: Sequence[Pattern]) -> FittedArm:
-    """Fit an arm to the power of its healthy cycles, within the tolerances of its description (``robot.yaml``)."""
+def identify(arm: Arm, patterns: Sequence[Pattern], meter: Meter | None) -> FittedArm:
+    """Fit an arm to the power of its healthy cycles, within the tolerances of its description (``robot.yaml``).
+
+    ``meter`` is the slow meter that measured the power; None if it was sampled.
+    """
     prior = _prior(arm)
 
     def possible(values: Float) -> Float:
         # Inertia, friction and resistance must stay positive; link moments may be negative.
         return np.where((values < 0) & (prior.mean > 0), LEAST * prior.mean, values)
 
-    values, _ = gauss_newton(_Equations(arm.body, patterns), prior, prior.mean, ROUNDS, within=possible)
-    return with_covariance(arm, Parameters.unpacked(values, arm.joints), patterns)
+    values, _ = gauss_newton(_Equations(arm.body, patterns, meter), prior, prior.mean, ROUNDS, within=possible)
+    return with_covariance(arm, Parameters.unpacked(values, arm.joints), patterns, meter)
 
 
-def with_covariance(arm: Arm, parameters: Parameters, patterns: Sequence[Pattern]) -> FittedArm:
+def with_covariance(arm: Arm, parameters: Parameters, patterns: Sequence[Pattern], meter: Meter | None) -> FittedArm:
     """Return an arm with known parameters, and their covariance from these patterns."""
-    equations = _Equations(arm.body, patterns)(parameters.packed())
+    equations = _Equations(arm.body, patterns, meter)(parameters.packed())
     return FittedArm(arm.body, parameters, Fit(equations, _prior(arm)).covariance)
 
 
 class _Equations:
     """Equations of the patterns' power, linearised at given parameters (k,)."""
 
-    def __init__(self, body: Body, patterns: Sequence[Pattern]) -> None:
-        self.body, self.patterns = body, patterns
-        self.motions = [Motion(p.position, *p.rates) for p in patterns]
+    def __init__(self, body: Body, patterns: Sequence[Pattern], meter: Meter | None) -> None:
+        self.body, self.patterns, self.meter = body, patterns, meter
+        self.motions = [Motion.of(body, p.position, *p.rates) for p in patterns]
         self.variance = np.concatenate([_variance(p) for p in patterns])
         self.thin = np.concatenate([np.full(len(p.power), max(1.0, ALIKE / p.step)) for p in patterns])
-        self.measured = np.concatenate([_seen(p, p.power) for p in patterns])
+        self.measured = np.concatenate([self._seen(p, p.power) for p in patterns])
 
     def __call__(self, values: Float) -> Products:
         now = Parameters.unpacked(values, self.body.joints)
         loads = [load_of(self.body, now, motion) for motion in self.motions]
         pairs = list(zip(self.patterns, loads, strict=True))
-        slope = np.concatenate([_seen(p, load.slope(now)) for p, load in pairs])
-        misfit = self.measured - np.concatenate([_seen(p, load.power) for p, load in pairs])
+        slope = np.concatenate([self._seen(p, load.slope(now)) for p, load in pairs])
+        misfit = self.measured - np.concatenate([self._seen(p, load.power) for p, load in pairs])
         # Power that the model cannot explain (a part gripped during the task) lowers the weight of the equations.
         more = max(1.0, float(np.mean(misfit**2 / self.variance)))
         return Products.of(slope, misfit + slope @ values, self.variance * self.thin * more)
 
-
-def _seen(pattern: Pattern, samples: Float) -> Float:
-    """Samples (T,) or (T, k) of a pattern, averaged as by the meter from which the pattern was learnt."""
-    if not pattern.window:
-        return samples
-    half = pattern.window / 2
-    return Windows(pattern.time - half, pattern.time + half).means(pattern.time, samples)
+    def _seen(self, pattern: Pattern, samples: Float) -> Float:
+        """Samples (T,) or (T, k) of a pattern, averaged as by the meter from which the pattern was learnt."""
+        if self.meter is None or not self.meter.window:
+            return samples
+        half = self.meter.window / 2
+        return Windows(pattern.time - half, pattern.time + half).means(pattern.time, samples)
 
 
 def _variance(pattern: Pattern) -> Float:

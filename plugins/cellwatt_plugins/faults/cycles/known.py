@@ -24,7 +24,8 @@ from cellwatt_plugins.robot.meter.model import Meter
 class Known:
     """The arm with its fitted parameters, and a pattern for each task and speed.
 
-    ``false_alarms`` is the accepted share of healthy intervals with a false alarm.
+    ``false_alarms`` is the accepted share of healthy intervals with a false alarm. The positions of ``patterns`` are in
+    rad as of ``Recording.in_angles``; the reference file has m for prismatic joints.
     """
 
     arm: FittedArm
@@ -38,11 +39,11 @@ def learn_known(recording: Recording, arm: Arm) -> Known:
     """Learn from a healthy recording. Raises ``ModelError`` if it is of another arm or no task recurs."""
     if recording.joints != arm.joints:
         raise ModelError(f"the recording has {recording.joints} joints, robot {arm.name} has {arm.joints}")
-    recording = with_meter(recording, arm)
+    recording = with_meter(recording, arm).in_angles(arm.body.levers)
     with stage("finding the cycles"):
         patterns = learn_patterns(recording)
     with stage("fitting the arm"):
-        return Known(identify(arm, patterns), tuple(patterns), meter=recording.meter)
+        return Known(identify(arm, patterns, recording.meter), tuple(patterns), meter=recording.meter)
 
 
 def stored(known: Known, arm: Arm) -> tuple[StoredModel, tuple[Pattern, ...]]:
@@ -51,7 +52,8 @@ def stored(known: Known, arm: Arm) -> tuple[StoredModel, tuple[Pattern, ...]]:
     each = (p.rotor, p.coulomb, p.viscous, p.copper)
     rows = zip(arm.body.names, *(values.tolist() for values in each), p.link.reshape(-1, 10).tolist(), strict=True)
     joints = tuple(StoredJoint(name, r, c, v, loss, tuple(link)) for name, r, c, v, loss, link in rows)
-    return StoredModel(p.standby, p.drive, p.regenerate, joints, known.meter), known.patterns
+    cycles = tuple(pattern.scaled(arm.body.levers) for pattern in known.patterns)
+    return StoredModel(p.standby, p.drive, p.regenerate, joints, known.meter), cycles
 
 
 def restored(model: StoredModel, cycles: tuple[Pattern, ...], arm: Arm) -> Known:
@@ -64,9 +66,8 @@ def restored(model: StoredModel, cycles: tuple[Pattern, ...], arm: Arm) -> Known
     keys = ("rotor_inertia", "coulomb_friction", "viscous_friction", "copper_loss")
     rotor, coulomb, viscous, copper = (np.array([getattr(joint, key) for joint in joints]) for key in keys)
     parameters = Parameters(link, rotor, coulomb, viscous, copper, model.standby, model.drive, model.regenerate)
-    window = 0.0 if model.meter is None else model.meter.window
-    patterns = tuple(replace(cycle, window=window) for cycle in cycles)
-    return Known(with_covariance(arm, parameters, patterns), patterns, meter=model.meter)
+    patterns = tuple(cycle.scaled(1 / arm.body.levers) for cycle in cycles)
+    return Known(with_covariance(arm, parameters, patterns, model.meter), patterns, meter=model.meter)
 
 
 def known_of(reference: Reference, path: Path, robot: Path, false_alarms: float = 1e-4) -> Known:

@@ -73,7 +73,6 @@ def _pattern(recording: Recording, group: Sequence[Sequence[Run]], task: str) ->
     position = np.mean([interpolated(when, recording.time, recording.position) for when in whens], axis=0)
     if recording.meter is not None and recording.readings is not None:
         power, spread = power_through(recording.meter, recording.readings, template, warps)
-        template = replace(template, window=recording.meter.window)
     else:
         power, spread = over_cycles(np.array([_power(template, recording, when) for when in whens]), "power is")
     rests = np.array([[run.after for run in cycle] for cycle in group])

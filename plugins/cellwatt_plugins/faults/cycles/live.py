@@ -71,8 +71,8 @@ class CycleWatch:
         return 0.0 if self._known.meter is None else self._known.meter.delay
 
     def feed(self, time: Float, position: Float, power: Float) -> list[CycleReport]:
-        """Return the findings after n more frames: ``time`` (n,) s, ``position`` (n, joints) rad, ``power`` (n,) W."""
-        time, position, power = self._bridged(time, position, power)
+        """Return the findings after n frames: ``time`` (n,) s, ``position`` (n, joints) rad or m, ``power`` (n,) W."""
+        time, position, power = self._bridged(time, position / self._known.arm.body.levers, power)
         size = max(1, round(PIECE / self._step))
         edges = [0, *(np.flatnonzero(np.diff(time) > self._longest_hole) + 1).tolist(), len(time)]
         pieces = [slice(a, min(a + size, end)) for begin, end in pairwise(edges) for a in range(begin, end, size)]

@@ -130,7 +130,7 @@ def _load(recording: Recording, arm: FittedArm, samples: Samples, causes: Sequen
     q[:, stopped], qd[:, stopped], qdd[:, stopped] = q[0, stopped], 0.0, 0.0
     for joint, cause in causes:
         if cause == "moved":
-            q[:, joint], qd[:, joint], qdd[:, joint] = _shown(recording, joint, samples.time)
+            q[:, joint], qd[:, joint], qdd[:, joint] = arm.body.levers[joint] * _shown(recording, joint, samples.time)
     return load_of(arm.body, arm.parameters, Motion(q, qd, qdd), dead=stopped)
 
 
@@ -150,9 +150,8 @@ def _rows(recording: Recording, time: Float, margin: int) -> slice:
     return slice(max(0, int(first) - margin), int(last) + margin + 1)
 
 
-def _shown(recording: Recording, joint: int, time: Float) -> tuple[Float, Float, Float]:
-    """Angle, velocity and acceleration (N,) of an encoder at times (N,) s."""
+def _shown(recording: Recording, joint: int, time: Float) -> Float:
+    """Angle, velocity and acceleration (3, N) of an encoder at times (N,) s."""
     rows = _rows(recording, time, round(MARGIN / recording.step))
     shown = rates(without_jumps(recording.position[rows][:, [joint]]), recording.step)
-    angle, velocity, acceleration = (np.interp(time, recording.time[rows], rate[:, 0]) for rate in shown)
-    return angle, velocity, acceleration
+    return np.stack([np.interp(time, recording.time[rows], rate[:, 0]) for rate in shown])

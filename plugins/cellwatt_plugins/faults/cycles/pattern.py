@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated, Any, ClassVar
 
@@ -59,8 +59,7 @@ class Pattern:
 
     ``step`` s; ``position`` (T, n) rad and ``power`` (T,) W from ``MARGIN`` before the first move, with ``spread`` (T,)
     W, the standard deviation over ``cycles`` cycles; ``moves``: start and end, s from the first sample; ``repeat`` (n,)
-    rad, the standard deviation of rest poses over cycles; ``window`` s, the averaging time of the power meter, 0 if the
-    power was sampled.
+    rad, the standard deviation of rest poses over cycles.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
@@ -74,7 +73,6 @@ class Pattern:
     power: _Row
     spread: _Row
     position: _Columns
-    window: float = 0.0
 
     def __post_init__(self) -> None:
         if not len(self.power) == len(self.spread) == len(self.position) > 1:
@@ -116,6 +114,10 @@ class Pattern:
     def ways(self) -> Float:
         """Range (M, n) rad of each joint's angle in each move."""
         return np.stack([np.ptp(self.position[self.part(m)], axis=0) for m in range(len(self.moves))])
+
+    def scaled(self, by: Float) -> Pattern:
+        """The pattern with the positions of each joint multiplied by ``by`` (n,)."""
+        return replace(self, position=self.position * by, repeat=self.repeat * by)
 
     def part(self, move: int) -> slice:
         """Slice of the samples of a move."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -24,7 +24,10 @@ LONGEST_PAUSE = 60.0
 
 @dataclass(frozen=True)
 class Recording:
-    """``time`` (N,) s on an even grid, ``position`` (N, n) rad, ``power`` (N,) W; NaN in power where missing."""
+    """``time`` (N,) s on an even grid, ``position`` (N, n) rad, ``power`` (N,) W; NaN in power where missing.
+
+    ``position`` of a prismatic joint is in m as recorded; once ``in_angles``, 1 rad stands for a travel of its lever.
+    """
 
     time: Float
     position: Float
@@ -35,6 +38,10 @@ class Recording:
     """True (N,) for samples in holes of the positions too long to interpolate; None: no such samples."""
     pauses: tuple[tuple[float, float], ...] = ()
     """For each hole cut to ``LONGEST_PAUSE``: the ``time`` of its end, s, and the time cut out of it, s."""
+
+    def in_angles(self, levers: Float) -> Recording:
+        """The recording with all positions in rad; see ``Body.levers``."""
+        return replace(self, position=self.position / levers)
 
     def clock(self, time: float) -> float:
         """Clock time at ``time`` s, holes uncut."""

@@ -15,6 +15,7 @@ from cellwatt_plugins.faults.cycles.match import Match
 from cellwatt_plugins.faults.cycles.pattern import MARGIN, Pattern
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.noise import white_noise
+from cellwatt_plugins.robot import Body
 from cellwatt_plugins.robot.meter.model import Meter, Readings
 from cellwatt_plugins.robot.samples import interpolated
 
@@ -63,8 +64,8 @@ def sample(recording: Recording, match: Match, pattern: Pattern, arm: FittedArm,
     if len(time) < 2:
         return None
     tau, pace = match.warp.to_pattern(time), match.warp.pace(time)
-    healthy = load_of(arm.body, arm.parameters, _motion(pattern, tau, pace))
-    usual = load_of(arm.body, arm.parameters, _motion(pattern, tau, np.ones_like(pace)))
+    healthy = load_of(arm.body, arm.parameters, _motion(arm.body, pattern, tau, pace))
+    usual = load_of(arm.body, arm.parameters, _motion(arm.body, pattern, tau, np.ones_like(pace)))
     faster = healthy.power - usual.power
     unsure = DOUBT * (healthy.slope(arm.parameters) - usual.slope(arm.parameters)) @ arm.deviations
     expected = np.interp(tau, pattern.time, pattern.power) + faster
@@ -128,10 +129,10 @@ def _usable(match: Match, pattern: Pattern, time: Float, until: float) -> NDArra
     return np.asarray(usable)
 
 
-def _motion(pattern: Pattern, tau: Float, pace: Float) -> Motion:
+def _motion(body: Body, pattern: Pattern, tau: Float, pace: Float) -> Motion:
     """The healthy motion at the pace of a cycle."""
     velocity, acceleration = (interpolated(tau, pattern.time, rate) for rate in pattern.rates)
-    return Motion(pattern.position_at(tau), velocity * pace[:, None], acceleration * pace[:, None] ** 2)
+    return Motion.of(body, pattern.position_at(tau), velocity * pace[:, None], acceleration * pace[:, None] ** 2)
 
 
 def _spread(pattern: Pattern) -> Float:

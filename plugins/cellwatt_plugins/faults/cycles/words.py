@@ -8,6 +8,7 @@ from itertools import pairwise
 
 from cellwatt_plugins.faults.cycles.examine import Blame, Verdict
 from cellwatt_plugins.faults.cycles.match import Match
+from cellwatt_plugins.robot.units import LEVER
 
 ANOTHER_PACE = 0.01
 """Smallest relative difference of pace that is reported."""
@@ -28,11 +29,11 @@ _WHAT = {
 
 
 def statement_on(
-    joint: int, kind: str, blame: Blame | None, deviation: float, moves: Sequence[int], or_kind: str | None
+    joint: int, kind: str, blame: Blame | None, deviation: str, moves: Sequence[int], or_kind: str | None
 ) -> str:
-    """Sentence on a fault; ``joint`` 0-based, ``deviation`` rad of its encoder, ``moves`` from 1."""
+    """Sentence on a fault; ``joint`` 0-based, largest ``deviation`` of its encoder, ``moves`` from 1."""
     where = f" (interval{'s' * (len(moves) > 1)} {', '.join(map(str, moves))})" if moves else ""
-    off = f"The encoder of joint {joint + 1} is off the path by up to {math.degrees(deviation):.1f}°"
+    off = f"The encoder of joint {joint + 1} is off the path by up to {deviation}"
     if or_kind is not None:
         return f"{off}{where}: its encoder is wrong or the joint stands still; power does not show which."
     if blame is None:
@@ -43,6 +44,11 @@ def statement_on(
         others = " or ".join(str(j + 1) for j in blame.alternatives)
         text += f"; joint {others} explains it nearly as well"
     return f"{text}." if kind == "joint" else f"{text}. {off}."
+
+
+def travel_text(angle: float, *, turns: bool) -> str:
+    """A joint's travel in words; ``angle`` rad stands for a travel of ``LEVER`` m/rad if the joint does not turn."""
+    return f"{math.degrees(angle):.1f}°" if turns else f"{1000 * LEVER * angle:.1f} mm"
 
 
 def note_on(match: Match, verdict: Verdict) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.results import Interval
-from cellwatt_plugins.faults.criteria import Tolerance, Verdict, longest, outside, sustained, verdict
+from cellwatt_plugins.faults.criteria import Tolerance, Verdict, outside, sustained, verdict
 from cellwatt_plugins.faults.intervals.compare import Comparison, compare, power_agrees
 from cellwatt_plugins.faults.intervals.follow import Follower, IntervalKey, Match
 from cellwatt_plugins.faults.isolate import likeness
@@ -59,16 +59,14 @@ class Finding:
     evidence: Mapping[str, float] = field(default_factory=dict)
 
 
-@dataclass
+@dataclass(frozen=True)
 class _Doubt:
     """Joints whose encoder deviated in an interval; the following interval decides whether they are faulty."""
 
-    interval: Interval
-    key: IntervalKey
+    finding: Finding
+    reference: ReferenceInterval
     joints: tuple[int, ...]
     power_outside: bool
-    interrupted: bool
-    evidence: Mapping[str, float]
 
 
 class Judge:
@@ -112,9 +110,8 @@ class Judge:
         power = self._power(match, interval, comparison, course, interval.end)
         self._doubt = None
         if course in ("deviates", "interrupted") and comparison.power_known >= POWER_KNOWN:
-            outside_power = longest(comparison.power_codes) >= self.rules.frames
-            interrupted = course == "interrupted"
-            self._doubt = _Doubt(interval, match.key, doubtful, outside_power, interrupted, power.evidence)
+            outside_power = sustained(comparison.power_codes, self.rules.frames) != 0
+            self._doubt = _Doubt(power, reference, doubtful, outside_power)
         self.follower.last, self._last_end = match.key, interval.end
         return [*settled, power]
 
@@ -133,7 +130,7 @@ class Judge:
     def _doubtful(self, reference: ReferenceInterval, comparison: Comparison) -> tuple[int, ...]:
         """Moving joints whose position is outside the tolerance for ``frames`` consecutive frames, equation (16)."""
         codes = comparison.position_codes(self.rules.tolerance.position)
-        return tuple(j for j in reference.moving if longest(codes[:, j - 1]) >= self.rules.frames)
+        return tuple(j for j in reference.moving if sustained(codes[:, j - 1], self.rules.frames))
 
     def _power(self, match: Match, interval: Interval, comparison: Comparison, course: Course, now: int) -> Finding:
         """Apply equation (20) to power if the motion follows the reference from the same pose."""
@@ -161,9 +158,9 @@ class Judge:
     def _resumes(self, interval: Interval) -> bool:
         """True if this interval continues an interrupted motion: a pause, not a fault."""
         doubt = self._doubt
-        if doubt is None or not doubt.interrupted or interval.moving != doubt.interval.moving:
+        if doubt is None or doubt.finding.course != "interrupted" or interval.moving != doubt.finding.interval.moving:
             return False
-        reference = self.follower[doubt.key]
+        reference = doubt.reference
         goal = np.asarray(reference.pose) + np.asarray(reference.displacement)
         ways = np.asarray(reference.displacement) * np.asarray(interval.displacement)
         reached = np.asarray(interval.pose) + np.asarray(interval.displacement)
@@ -177,10 +174,11 @@ class Judge:
         missed = np.abs(np.subtract(interval.pose, self.follower[match.key].pose))
         if match.skipped == 0 and doubt is not None and not match.foreign:
             # After an interrupted motion, only the joints that start this interval off their goal.
-            short = [j for j in doubt.joints if not doubt.interrupted or missed[j - 1] > rules.tolerance.position]
+            whole = doubt.finding.course != "interrupted"
+            short = [j for j in doubt.joints if whole or missed[j - 1] > rules.tolerance.position]
             verdicts = dict.fromkeys(short, verdict(position_outside=True, power_outside=doubt.power_outside))
-            then, evidence = doubt.interval, doubt.evidence
-            off = Finding(then, doubt.key, "deviates", then.start, end, verdicts=verdicts, evidence=evidence)
+            then, evidence = doubt.finding.interval, doubt.finding.evidence
+            off = Finding(then, doubt.finding.key, "deviates", then.start, end, verdicts=verdicts, evidence=evidence)
             return [off] if short else []
         if match.skipped == 1 and self.follower.last is not None:
             key = self.follower.after(self.follower.last)
@@ -226,7 +224,7 @@ def _stretched(reference: ReferenceInterval, interval: Interval, trace: Trace, r
     for joint, pattern in reference.position.items():
         error = outside(inside.position[:, joint - 1], *pattern.envelope(t, rules.reach))
         codes = (np.abs(np.nan_to_num(error)) > rules.tolerance.position).astype(np.int8)
-        if longest(codes) >= rules.frames:
+        if sustained(codes, rules.frames):
             return False
     return True
 

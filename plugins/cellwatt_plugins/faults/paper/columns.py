@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -27,7 +27,7 @@ friction."""
 
 
 def recorded(
-    blocks: Iterable[Frames], courses: Sequence[Course], tolerance: Tolerance, arm: str | None, power: str
+    blocks: Sequence[Frames], courses: Sequence[Course], tolerance: Tolerance, arm: str | None, power: str
 ) -> dict[Key, list[Codes]]:
     """Codes (20), (intervals,), of every whole cycle in ``blocks``, by course."""
     found: defaultdict[Key, list[Codes]] = defaultdict(list)

@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from cellwatt_plugins.faults.criteria import Codes, Tolerance, longest, ternary
+from cellwatt_plugins.faults.criteria import Codes, Tolerance, sustained, ternary
 from cellwatt_plugins.faults.isolate import TIE, agreement
 from cellwatt_plugins.faults.paper.codes import FRAMES, Residual, of_energy, of_samples
 from cellwatt_plugins.faults.paper.expected import ExpectedInterval, Readings, resampled
@@ -68,7 +68,7 @@ def judge_interval(
     power = seen.power - reference.power
     limit = tolerance.watts(reference.power)
     position = seen.q - reference.q
-    off = [j for j in expected.moving if longest(ternary(position[:, j - 1], tolerance.position)) >= FRAMES]
+    off = [j for j in expected.moving if sustained(ternary(position[:, j - 1], tolerance.position), FRAMES)]
     still = [j for j in off if np.ptp(seen.q[:, j - 1]) < tolerance.position]
     worst = int(np.argmax(np.abs(power)))
     by_samples = of_samples(reference, seen, tolerance)

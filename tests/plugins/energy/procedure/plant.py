@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import yaml
+from energy.arms import rod
 from energy.chain import Link, rotations, torques, write_urdf
 from scipy.interpolate import CubicSpline
 from scipy.optimize import nnls
@@ -100,22 +101,17 @@ def links_of(made):
     height, a, b = made.arm
     m = made.masses
     six = [
-        Link((0, 0, height), (0, 0, 1), m[0], (0, 0, -0.03), _rod(m[0], 0.15, 2)),
-        Link((0, 0.1, 0), (0, 1, 0), m[1], (0.45 * a, 0, 0), _rod(m[1], a, 0)),
-        Link((a, -0.09, 0), (0, 1, 0), m[-4], (0.5 * b, 0, 0), _rod(m[-4], b, 0)),
-        Link((b, 0.08, 0), (0, 1, 0), m[-3], (0, 0.02, 0.01), _rod(m[-3], 0.1, 1)),
-        Link((0.04, 0.04, 0), (0, 0, 1), m[-2], (0.01, 0, 0.02), _rod(m[-2], 0.1, 2)),
-        Link((0.04, 0, 0), (1, 0, 0), m[-1], (0.03, 0, 0), _rod(m[-1], 0.08, 0)),
+        Link((0, 0, height), (0, 0, 1), m[0], (0, 0, -0.03), rod(m[0], 0.15, 2)),
+        Link((0, 0.1, 0), (0, 1, 0), m[1], (0.45 * a, 0, 0), rod(m[1], a, 0)),
+        Link((a, -0.09, 0), (0, 1, 0), m[-4], (0.5 * b, 0, 0), rod(m[-4], b, 0)),
+        Link((b, 0.08, 0), (0, 1, 0), m[-3], (0, 0.02, 0.01), rod(m[-3], 0.1, 1)),
+        Link((0.04, 0.04, 0), (0, 0, 1), m[-2], (0.01, 0, 0.02), rod(m[-2], 0.1, 2)),
+        Link((0.04, 0, 0), (1, 0, 0), m[-1], (0.03, 0, 0), rod(m[-1], 0.08, 0)),
     ]
     if made.joints == 7:
-        six.insert(2, Link((0.9 * a, 0, 0), (1, 0, 0), m[2], (0.02, 0, 0.01), _rod(m[2], 0.12, 0)))
+        six.insert(2, Link((0.9 * a, 0, 0), (1, 0, 0), m[2], (0.02, 0, 0.01), rod(m[2], 0.12, 0)))
         six[3] = replace(six[3], origin=(0.1 * a, -0.09, 0))
     return tuple(six)
-
-
-def _rod(mass, length, along):
-    thick, thin = mass * (length**2 / 12 + 0.001), mass * 0.002
-    return tuple(thin if i == along else thick for i in range(3))
 
 
 def places(links, q):
@@ -288,24 +284,11 @@ class Arm:
 
 def _timing(count):
     """Share of a leg, its first and second derivative over the leg's time, at ``count`` points: ramps of a fifth."""
-    ramp = 0.2
+    ramp, top = 0.2, 1.25
     x = (np.arange(count) + 1) / count
-    top = 1 / (1 - ramp)
-
-    def smooth(y):
-        return y - np.sin(2 * np.pi * y) / (2 * np.pi), 1 - np.cos(2 * np.pi * y)
-
-    up, up_rate = smooth(np.clip(x / ramp, 0, 1))
-    down, down_rate = smooth(np.clip((1 - x) / ramp, 0, 1))
-    v = top * np.minimum(up, down)
-    a = top / ramp * np.where(x < ramp, up_rate, np.where(x > 1 - ramp, -down_rate, 0.0))
-
-    def covered(y):
-        return ramp * (y**2 / 2 + (np.cos(2 * np.pi * y) - 1) / (4 * np.pi**2))
-
-    s = np.where(
-        x < ramp,
-        covered(x / ramp),
-        np.where(x > 1 - ramp, 1 / top - covered((1 - x) / ramp), ramp / 2 + (x - ramp)),
-    )
-    return np.clip(top * s, 0, 1), v, a
+    near = np.minimum(x, 1 - x)
+    y = np.minimum(near / ramp, 1.0)
+    s = top * (ramp * (y**2 / 2 + (np.cos(2 * np.pi * y) - 1) / (4 * np.pi**2)) + near - ramp * y)
+    v = top * (y - np.sin(2 * np.pi * y) / (2 * np.pi))
+    a = top / ramp * (1 - np.cos(2 * np.pi * y)) * np.sign(0.5 - x)
+    return np.where(x < 0.5, s, 1 - s), v, a

@@ -5,7 +5,7 @@ from cellwatt_plugins.faults.cycles.known import learn_known
 from cellwatt_plugins.faults.cycles.live import CycleWatch
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.robot import Arm
-from tests.plugins.faults.cycles.arm_of_points import RATE, Cycle, describe, run
+from tests.plugins.faults.cycles.four_joints import RATE, Cycle, describe, run
 
 HEALTHY = [Cycle(task.upper(), 0.6 if task.islower() else 1.0) for task in "AbBAaBABaAbB"]
 """Lower case: slower."""

@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
-from tests.plugins.faults.cycles.arm_of_points import Cycle, Fault, run
 from tests.plugins.faults.cycles.conftest import judged
+from tests.plugins.faults.cycles.four_joints import Cycle, Fault, run
 
 
 def test_a_weak_fault_is_told_only_where_more_false_alarms_are_accepted(known):

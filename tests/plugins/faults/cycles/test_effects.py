@@ -4,7 +4,7 @@ import pytest
 from cellwatt_plugins.faults.cycles.arm import Motion
 from cellwatt_plugins.faults.cycles.effects import joint_effects
 from cellwatt_plugins.faults.cycles.load import load_of
-from tests.plugins.faults.cycles.arm_of_points import CONSTANT, RATE, RESISTANCE, links, move
+from tests.plugins.faults.cycles.four_joints import CONSTANT, RATE, RESISTANCE, links, move
 
 POSE = np.array([0.2, 0.9, 0.4, 0.1])
 

@@ -9,8 +9,8 @@ from cellwatt_plugins.faults import api
 from cellwatt_plugins.faults.command import faults, reference
 from tests.daemon.report.reading import check, read
 from tests.docs.pages import blocks
-from tests.plugins.faults.cycles.arm_of_points import Cycle, Fault, Run, describe, run, write_table
 from tests.plugins.faults.cycles.conftest import HEALTHY
+from tests.plugins.faults.cycles.four_joints import Cycle, Fault, Run, describe, run, write_table
 from tests.plugins.faults.watching import beside_another_arm, called
 
 

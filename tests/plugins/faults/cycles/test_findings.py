@@ -9,8 +9,8 @@ from cellwatt_plugins.faults.cycles.known import learn_known
 from cellwatt_plugins.faults.cycles.recording import Recording, recording_of
 from cellwatt_plugins.faults.cycles.runs import find_runs
 from cellwatt_plugins.faults.recordings import frames_of_table
-from tests.plugins.faults.cycles.arm_of_points import RATE, Cycle, Fault, run
 from tests.plugins.faults.cycles.conftest import judged, names, recorded
+from tests.plugins.faults.cycles.four_joints import RATE, Cycle, Fault, run
 
 
 def of_cycles(known, *cycles):

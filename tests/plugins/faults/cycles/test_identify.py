@@ -3,7 +3,7 @@ import pytest
 
 from cellwatt_plugins.faults.cycles.arm import Motion
 from cellwatt_plugins.faults.cycles.load import load_of
-from tests.plugins.faults.cycles.arm_of_points import Cycle, run
+from tests.plugins.faults.cycles.four_joints import Cycle, run
 
 
 def test_it_foretells_a_task_that_it_never_saw(known):

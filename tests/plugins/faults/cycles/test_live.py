@@ -13,7 +13,8 @@ from cellwatt_plugins.faults.cycles.live import CycleWatch
 from cellwatt_plugins.faults.cycles.recording import recording_of
 from cellwatt_plugins.faults.recordings import frames_of_table
 from cellwatt_plugins.faults.reference import Reference, save
-from tests.plugins.faults.cycles.arm_of_points import (
+from tests.plugins.faults.cycles.conftest import fed, judged, names, recorded
+from tests.plugins.faults.cycles.four_joints import (
     HOME_A,
     RATE,
     TASKS,
@@ -25,7 +26,6 @@ from tests.plugins.faults.cycles.arm_of_points import (
     move,
     run,
 )
-from tests.plugins.faults.cycles.conftest import fed, judged, names, recorded
 from tests.plugins.faults.plant import START, frames, layout
 
 SPRING = (Fault("spring", 0, 50.0),)

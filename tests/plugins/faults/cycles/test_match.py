@@ -7,8 +7,8 @@ from cellwatt_plugins.faults.cycles.learn import learn_patterns
 from cellwatt_plugins.faults.cycles.match import begun_cycle, find_cycles
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import find_runs
-from tests.plugins.faults.cycles.arm_of_points import HOME_A, RATE, TASKS, Cycle, Fault, move, run
 from tests.plugins.faults.cycles.conftest import recorded
+from tests.plugins.faults.cycles.four_joints import HOME_A, RATE, TASKS, Cycle, Fault, move, run
 
 
 def begun(known, cycle, moves):

@@ -5,8 +5,8 @@ from itertools import pairwise
 import pytest
 
 from cellwatt_plugins.faults.cycles.alarms import CycleAlarms
-from tests.plugins.faults.cycles.arm_of_points import Cycle, Fault, run
 from tests.plugins.faults.cycles.conftest import fed
+from tests.plugins.faults.cycles.four_joints import Cycle, Fault, run
 
 EPOCH = 10**18
 GROWN = 20

@@ -3,18 +3,8 @@ import pytest
 
 from cellwatt_plugins.faults.cycles.pattern import timing
 from cellwatt_plugins.faults.cycles.runs import find_runs
-from tests.plugins.faults.cycles.arm_of_points import Cycle, run
 from tests.plugins.faults.cycles.conftest import recorded
-
-
-def test_tasks_and_speeds_are_learned(known):
-    assert [(p.task, len(p.moves), p.cycles) for p in known.patterns] == [
-        ("task_1", 5, 4),
-        ("task_1", 5, 2),
-        ("task_2", 4, 4),
-        ("task_2", 4, 2),
-    ]
-    assert [p.speed for p in known.patterns] == pytest.approx([1.0, 0.6, 1.0, 0.6], abs=0.01)
+from tests.plugins.faults.cycles.four_joints import Cycle, run
 
 
 def test_a_pattern_is_the_healthy_power(known):

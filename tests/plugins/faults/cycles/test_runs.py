@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from cellwatt_plugins.faults.cycles.runs import find_runs
-from tests.plugins.faults.cycles.arm_of_points import HOME_A, TASK_A, Cycle, run
 from tests.plugins.faults.cycles.conftest import recorded
+from tests.plugins.faults.cycles.four_joints import HOME_A, TASK_A, Cycle, run
 
 
 def test_every_move_is_a_run_between_its_poses():

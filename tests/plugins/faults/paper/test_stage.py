@@ -17,9 +17,8 @@ from cellwatt_plugins.faults.paper.stage import PaperFaultsStage
 from cellwatt_plugins.faults.paper.trained_for import TrainedFor
 from cellwatt_plugins.faults.reference import load
 from tests.plugins.faults import watching
-from tests.plugins.faults.paper.frames import frames_of
 from tests.plugins.faults.paper.irb1200 import POLISHING, Fault, Run, period, run
-from tests.plugins.faults.plant import START
+from tests.plugins.faults.plant import START, frames
 from tests.plugins.faults.watching import learned
 
 CUT, BELT = Fault("cut", 2), Fault("belt_off", 5)
@@ -38,7 +37,8 @@ watch = partial(watching.watch, kind=PaperFaultsStage)
 
 def plan(speed, *faults, cycles=3, since=1, seed=7, block=10):
     """Frames of polishing, with faults from a cycle on."""
-    return frames_of(run(Run(POLISHING, cycles, speed, faults, since, rate=50.0, lead=1.0, seed=seed)), block=block)
+    told = run(Run(POLISHING, cycles, speed, faults, since, rate=50.0, lead=1.0, seed=seed))
+    return frames(told.q, told.power, block=block)
 
 
 def after(first, second):

@@ -1,26 +1,24 @@
-"""An arm of point masses on four joints: the truth of these tests, sharing no code with the plugin.
-
-Torque comes by virtual work, τ_j = Σ m (p̈ - g) · ∂p/∂q_j, with derivatives of the points' places taken numerically.
-"""
+"""An arm of four joints: the truth of these tests, sharing no code with the plugin."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import yaml
+from energy.chain import Link, torques, write_urdf
 
 from tests.plugins.faults.watching import write_recording
 
 RATE = 100.0
-AXES = np.array([[0, 0, 1], [0, 1, 0], [0, 1, 0], [1, 0, 0]], float)
-ORIGINS = np.array([[0, 0, 0.3], [0, 0, 0.1], [0, 0, 0.4], [0.3, 0, 0.0]])
-MASS = np.array([8.0, 7.0, 4.0, 1.5])
-CENTRE = np.array([[0.01, 0.0, 0.05], [0.0, 0.02, 0.2], [0.15, 0.0, 0.02], [0.06, 0.01, 0.0]])
-SPREAD = np.array([0.08, 0.12, 0.09, 0.05])
-"""m from the centre to each of a link's six points, along and against its axes."""
+LINKS = (
+    Link((0, 0, 0.3), (0, 0, 1), 8.0, (0.01, 0.0, 0.05), (0.0341,) * 3),
+    Link((0, 0, 0.1), (0, 1, 0), 7.0, (0.0, 0.02, 0.2), (0.0672,) * 3),
+    Link((0, 0, 0.4), (0, 1, 0), 4.0, (0.15, 0.0, 0.02), (0.0216,) * 3),
+    Link((0.3, 0, 0), (1, 0, 0), 1.5, (0.06, 0.01, 0.0), (0.0025,) * 3),
+)
 ROTOR = np.array([1.2, 1.2, 0.6, 0.15])
 COULOMB = np.array([7.0, 8.0, 5.0, 2.0])
 VISCOUS = np.array([4.0, 5.0, 3.0, 0.8])
@@ -105,11 +103,11 @@ def run(cycles: Sequence[Cycle], seed: int = 0, noise: float = 1.0) -> Run:
 
 
 def way(cycle: Cycle, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Path (N, 4) rad of a cycle, and which move runs or ran last (N,), -1 before the first."""
+    """Path (N, n) rad of a cycle, and which move runs or ran last (N,), -1 before the first."""
     pose, moves_ = TASKS[cycle.task]
     parts, moves = [np.repeat(pose[None], 10, axis=0)], [np.full(10, -1)]
     for number, by in enumerate(moves_):
-        target = pose + np.array([by.get(j, 0.0) for j in range(4)])
+        target = pose + np.array([by.get(j, 0.0) for j in range(len(pose))])
         seconds = (0.55 + 0.4 * np.abs(target - pose).max()) / cycle.speed
         rest = 0.3 / cycle.speed + 0.02 * random.standard_normal() + (cycle.pause if number == 1 else 0.0)
         parts += [move(pose, target, seconds), np.repeat(target[None], round(rest * RATE), axis=0)]
@@ -157,49 +155,10 @@ def at_rest(pose: np.ndarray) -> float:
 
 def links(q: np.ndarray, part: np.ndarray) -> np.ndarray:
     """Torques (N, 4) Nm of the links and of a part (N,) kg at the flange."""
-    out = np.zeros_like(q)
-    for link in range(4):
-        for point in points(link):
-            out += MASS[link] / 6 * of_point(q, link, point)
-    return out + part[:, None] * of_point(q, 3, np.array([0.12, 0.0, 0.0]))
-
-
-def of_point(q: np.ndarray, link: int, point: np.ndarray) -> np.ndarray:
-    """Torques (N, 4) Nm for 1 kg at a point of a link."""
-    force = np.gradient(np.gradient(place(q, link, point), 1 / RATE, axis=0), 1 / RATE, axis=0)
-    force[:, 2] += 9.81
-    out = np.zeros_like(q)
-    for j in range(link + 1):
-        step = np.zeros(4)
-        step[j] = 1e-5
-        lever = (place(q + step, link, point) - place(q - step, link, point)) / 2e-5
-        out[:, j] = np.einsum("ij,ij->i", force, lever)
-    return out
-
-
-def points(link: int) -> np.ndarray:
-    """(6, 3) m in the link's frame."""
-    return CENTRE[link] + SPREAD[link] * np.concatenate([np.eye(3), -np.eye(3)])
-
-
-def place(q: np.ndarray, link: int, point: np.ndarray) -> np.ndarray:
-    """(N, 3) m in the base's frame."""
-    where = np.repeat(point[None], len(q), axis=0)
-    for j in range(link, -1, -1):
-        where = ORIGINS[j] + turned(where, AXES[j], q[:, j])
-    return where
-
-
-def turned(where: np.ndarray, axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Rodrigues' rotation of (N, 3)."""
-    c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
-    return where * c + cross(axis, where) * s + axis * (where @ axis)[:, None] * (1 - c)
-
-
-def cross(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """What numpy's gives, of (3,) and (N, 3), in a fifth of the time."""
-    (a, b, c), (x, y, z) = one, other.T
-    return np.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=1)
+    v = np.gradient(q, 1 / RATE, axis=0)
+    a = np.gradient(v, 1 / RATE, axis=0)
+    own, with_a_kilogram = (torques(LINKS, q, v, a, kilograms, (0.12, 0.0, 0.0)) for kilograms in (0.0, 1.0))
+    return own + part[:, None] * (with_a_kilogram - own)
 
 
 def shown(path: np.ndarray, faults: Sequence[Fault]) -> np.ndarray:
@@ -220,30 +179,18 @@ def shown(path: np.ndarray, faults: Sequence[Fault]) -> np.ndarray:
 
 def describe(folder: Path) -> Path:
     """Writes ``robot.yaml`` with a URDF; masses, friction and resistances are ``OFF`` the truth."""
-    joints = []
-    links_ = ['<link name="base"/>']
-    for j in range(4):
-        inertia = MASS[j] / 6 * 4 * SPREAD[j] ** 2
-        centre, origin, axis = (" ".join(f"{x:g}" for x in row) for row in (CENTRE[j], ORIGINS[j], AXES[j]))
-        parent = f"link_{j}" if j else "base"
-        links_.append(
-            f'<link name="link_{j + 1}"><inertial><origin xyz="{centre}"/><mass value="{MASS[j] * OFF:g}"/><inertia '
-            f'ixx="{inertia:g}" iyy="{inertia:g}" izz="{inertia:g}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-            f'<joint name="joint_{j + 1}" type="revolute"><parent link="{parent}"/><child link="link_{j + 1}"/>'
-            f'<origin xyz="{origin}"/><axis xyz="{axis}"/>'
-            '<limit lower="-6" upper="6" effort="900" velocity="9"/></joint>'
-        )
-        joints.append(
-            {
-                "name": f"joint_{j + 1}",
-                "torque_constant": float(CONSTANT[j]),
-                "rotor_inertia": float(ROTOR[j]),
-                "coulomb_friction": float(COULOMB[j] / OFF),
-                "viscous_friction": float(VISCOUS[j] * OFF),
-                "winding_resistance": float(RESISTANCE[j] * OFF),
-            }
-        )
-    (folder / "robot.urdf").write_text(f'<robot name="points">{"".join(links_)}</robot>')
+    write_urdf([replace(link, mass=OFF * link.mass) for link in LINKS], folder / "robot.urdf")
+    joints = [
+        {
+            "name": f"joint_{j + 1}",
+            "torque_constant": float(CONSTANT[j]),
+            "rotor_inertia": float(ROTOR[j]),
+            "coulomb_friction": float(COULOMB[j] / OFF),
+            "viscous_friction": float(VISCOUS[j] * OFF),
+            "winding_resistance": float(RESISTANCE[j] * OFF),
+        }
+        for j in range(4)
+    ]
     content = {"robot": "points", "urdf": "robot.urdf", "joints": joints, "standby_power": STANDBY + 2.0}
     (folder / "robot.yaml").write_text(yaml.safe_dump(content))
     return folder / "robot.yaml"
