@@ -13,11 +13,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from cellwatt.errors import ConfigError, OutletError
-from cellwatt.outlets.zenoh.follow import Following, Positions
+from cellwatt.outlets.zenoh.follow import Following
 from cellwatt.outlets.zenoh.keys import ALARM, HEALTH, TOPICS, CellKeys, is_wanted
 from cellwatt.outlets.zenoh.link import LinkSettings, close_session, open_beside, open_session
+from cellwatt.outlets.zenoh.mark import Positions
+from cellwatt.outlets.zenoh.order import Message
 from cellwatt.outlets.zenoh.signing import MessageVerifier
-from cellwatt.subscriber.inbox import EVERYTHING, Inbox, Message
+from cellwatt.subscriber.inbox import EVERYTHING, Inbox
 
 if TYPE_CHECKING:
     import zenoh
