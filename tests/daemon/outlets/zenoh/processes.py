@@ -39,10 +39,7 @@ class Child:
         assert self._process.stdout is not None
         for line in self._process.stdout:
             if line.endswith("\n"):  # or it was killed while it spoke
-                self.hear(json.loads(line))
-
-    def hear(self, said: Any) -> None:
-        self.said.append(said)
+                self.said.append(json.loads(line))
 
     @property
     def pid(self) -> int:
