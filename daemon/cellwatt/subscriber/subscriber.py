@@ -163,9 +163,15 @@ class Subscriber:
         if sessions:
             self._ask(self._keys.question("recordings"), "@/recordings", inbox.on_recordings)
         if standing:
-            self._ask(self._keys.live(f"{ALARM}/**"), ALARM, inbox.on_standing)
+            self._ask(self._keys.live(f"{ALARM}/**"), ALARM, self._on_standing)
         for question in questions:
             self._ask(question.selector(self._keys), question.topic, partial(inbox.on_answer, question))
+
+    def _on_standing(self, replies: list[zenoh.Reply]) -> None:
+        """Pass the active alarms to the consumer; ask again if there was only an error, such as a timeout."""
+        if replies and all(reply.err is not None for reply in replies):
+            self._standing_asked = False
+        self._inbox.on_standing(replies)
 
     def _ask(self, selector: str, topic: str, then: Callable[[list[zenoh.Reply]], None]) -> None:
         """Ask about a topic; call ``then`` with the replies once all have arrived."""

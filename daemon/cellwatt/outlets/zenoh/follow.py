@@ -91,12 +91,10 @@ class Following:
         return sum(follower.duplicates for follower in list(self._topics.values()))
 
     def message(self, topic: str, mark: Mark, content: Content, size: int = 0) -> list[Message]:
-        """Add a live message of ``size`` bytes; return the messages that are now in order.
-
-        Raises ``ProtocolError`` if there are more topics than a cell can have.
-        """
+        """Add a live message of ``size`` bytes; return the messages that are now in order."""
         follower = self._topics.get(topic)
-        if follower is None and not self.joined:
+        # Before the cell has answered anyone may have sent it: half of the room is for the cell's own topics.
+        if follower is None and not self.joined and len(self._topics) < _MOST // 2:
             follower = self._begin(topic, mark.session, mark.sequence)
         known = follower is not None and follower.knows(mark.session, mark.sequence)
         if not known and not self._claim(topic, mark.session, mark.end):
@@ -153,9 +151,10 @@ class Following:
     def told(self, session: int, positions: Positions, now: float) -> list[Message]:
         """Process the cell's answer, the positions of a daemon session; return the messages now in order.
 
-        Claims beyond these positions are refused.
+        Claims beyond these positions are refused. Raises ``ProtocolError`` if there are more topics than a cell can
+        have; then the cell is asked again.
         """
-        refused = 0
+        refused, self._due = 0, now + self._pause
         for topic, (numbering, end) in positions.items():
             if self.wants(topic):
                 refused += self._meet(topic, numbering, end)

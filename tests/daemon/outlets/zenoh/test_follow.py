@@ -3,10 +3,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cellwatt import Alarm, Task
+from cellwatt import Alarm, ProtocolError, Task
 from cellwatt.outlets.zenoh.follow import GRACE, Following
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.order import Follower, Gap, Message
@@ -77,6 +78,18 @@ def test_a_flood_of_claims_takes_no_room_for_longer_than_until_the_cell_has_answ
     assert raw(following, 4) == []
     (question,) = following.questions(200.0)
     assert [p.sequence for p in following.filled(question, [(mark(1, 0, 4), batch(0, 4))])] == [0, 4]
+
+
+def test_topics_of_a_stranger_before_the_cells_first_answer_leave_room_for_its_own() -> None:
+    following = Following(WANTED)
+    for n in range(2000):
+        following.message(f"raw/ghost{n}/samples", mark(1, 0), batch(0, 1))
+    following.told(1, {RAW: (1, 5)}, 0.0)
+    assert [p.sequence for p in raw(following, 5)] == [5]
+    assert raw(following, 9) == []
+    with pytest.raises(ProtocolError, match="more than 1000 topics"):
+        confirm(following, {f"raw/more{n}/samples": (1, 0) for n in range(1000)}, now=10.0)
+    assert following.asks_told(20.0), "an answer that cannot be true is not the last one"
 
 
 def test_what_came_of_a_session_that_ended_at_once_is_no_forgery() -> None:
