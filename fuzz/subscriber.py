@@ -25,7 +25,7 @@ FAR = 1 << 40
 def run(data: bytes) -> None:
     """Steps of ``STEP`` each; no sample is handed out twice or out of order, and none is lost without a gap."""
     state = Following(("event", "raw", "frame"))
-    reached: dict[str, tuple[int, int]] = {}
+    reached: dict[tuple[str, tuple[int, int]], tuple[int, int]] = {}
     asked: list[Question] = []
     now = 0.0
     for at in range(0, len(data) // STEP.size * STEP.size, STEP.size):
@@ -73,13 +73,16 @@ def _content(topic: str, mark: Mark) -> Batch | Event:
     return Batch("arm", STREAM, mark.sequence, 0, time=none, bound=none, values=values, quality=quality)
 
 
-def _in_order(parts: list[Message], state: Following, reached: dict[str, tuple[int, int]]) -> None:
+def _in_order(
+    parts: list[Message], state: Following, reached: dict[tuple[str, tuple[int, int]], tuple[int, int]]
+) -> None:
     for part in parts:
-        session, following = reached.get(part.topic) or state.begun[part.topic]
+        begun = state.begun[part.topic]  # another one once the cell has refuted the first that was heard
+        session, following = reached.get((part.topic, begun), begun)
         assert part.count > 0
         if part.session == session:
             assert part.sequence == following, (part, following)
-        reached[part.topic] = (part.session, part.end)
+        reached[part.topic, begun] = (part.session, part.end)
 
 
 def seeds() -> Iterable[bytes]:
