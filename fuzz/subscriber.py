@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import struct
-from collections import Counter
 from collections.abc import Iterable
 
+import numpy as np
+
+from cellwatt.batch import Batch
 from cellwatt.outlets.zenoh.follow import Following
 from cellwatt.outlets.zenoh.mark import Mark
-from cellwatt.outlets.zenoh.order import Gap, MessagePart
+from cellwatt.outlets.zenoh.order import Message
 from cellwatt.outlets.zenoh.questions import Question
 from cellwatt.results import Event
-from fuzz.items import SESSION
+from fuzz.items import SESSION, STREAM
 from fuzz.target import Target
 
 STEP = struct.Struct("<BbhhB")
@@ -23,25 +25,23 @@ FAR = 1 << 40
 def run(data: bytes) -> None:
     """Steps of ``STEP`` each; no sample is handed out twice or out of order, and none is lost without a gap."""
     state = Following(("event", "raw", "frame"))
-    reached: dict[str, tuple[int, int]] = {}
+    reached: dict[tuple[str, tuple[int, int]], tuple[int, int]] = {}
     asked: list[Question] = []
     now = 0.0
     for at in range(0, len(data) // STEP.size * STEP.size, STEP.size):
         kind, session, first, count, passed = STEP.unpack_from(data, at)
         now += passed / 50
         topic = TOPICS[kind % len(TOPICS)]
-        mark = Mark(SESSION + session, abs(first) * (FAR if kind & 128 else 1), max(count, 0), 0)
+        number, count = abs(first) * (FAR if kind & 128 else 1), 1 if topic == "event" else max(count, 1)
+        mark = Mark(SESSION + session, number, count, 0)
         parts = _step(state, kind // 4 % 6, topic, mark, asked, now)
         _in_order(parts, state, reached)
     assert state.duplicates >= 0
 
 
-def _step(
-    state: Following, kind: int, topic: str, mark: Mark, asked: list[Question], now: float
-) -> list[tuple[str, MessagePart]]:
-    content = Event(0, None, "k", "t")
+def _step(state: Following, kind: int, topic: str, mark: Mark, asked: list[Question], now: float) -> list[Message]:
     if kind == 0:
-        return [(topic, part) for part in state.message(topic, mark, content)]
+        return state.message(topic, mark, _content(topic, mark))
     if kind == 1:
         state.hinted(mark.session, {topic: (mark.session, mark.end)})
         if state.asks_told(now):
@@ -54,25 +54,35 @@ def _step(
         state.sessions([mark.session - 1, mark.session], now)
     elif asked and kind == 4:
         question = asked.pop()
-        return [(question.topic, part) for part in state.filled(question, [(mark, content)])]
+        return state.filled(question, [(mark, _content(question.topic, mark))])
     elif asked:
         question = asked.pop()
         if mark.count % 2:
             state.unanswered(question, now)
         else:
-            return [(question.topic, part) for part in state.nothing(question, "gone", now)]
+            return state.nothing(question, "gone", now)
     return []
 
 
-def _in_order(parts: list[tuple[str, MessagePart]], state: Following, reached: dict[str, tuple[int, int]]) -> None:
-    seen: Counter[str] = Counter()
-    for topic, part in parts:
-        session, following = reached.get(topic) or state.begun[topic]
-        assert part.count > 0 or isinstance(part.content, Event | Gap)
+def _content(topic: str, mark: Mark) -> Batch | Event:
+    """An event, or the samples of a mark, all zero and without memory of their own."""
+    if topic == "event":
+        return Event(0, None, "k", "t")
+    none = np.broadcast_to(np.int64(0), mark.count)
+    quality, values = np.broadcast_to(np.uint8(0), mark.count), np.broadcast_to(0.0, (mark.count, 2))
+    return Batch("arm", STREAM, mark.sequence, 0, time=none, bound=none, values=values, quality=quality)
+
+
+def _in_order(
+    parts: list[Message], state: Following, reached: dict[tuple[str, tuple[int, int]], tuple[int, int]]
+) -> None:
+    for part in parts:
+        begun = state.begun[part.topic]  # another one once the cell has refuted the first that was heard
+        session, following = reached.get((part.topic, begun), begun)
+        assert part.count > 0
         if part.session == session:
             assert part.sequence == following, (part, following)
-        reached[topic] = (part.session, part.end)
-        seen[topic] += 1
+        reached[part.topic, begun] = (part.session, part.end)
 
 
 def seeds() -> Iterable[bytes]:

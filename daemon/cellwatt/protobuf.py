@@ -77,19 +77,16 @@ def file_descriptor_set(package: str, message: str, fields: Iterable[Field]) -> 
     return _text(1, file)
 
 
-def identifier(name: str) -> str:
-    """A name as Protocol Buffers allow it: ``joint_1.position`` becomes ``joint_1_position``."""
-    plain = re.sub(r"[^A-Za-z0-9_]", "_", name)
-    return plain if plain[:1].isalpha() else f"_{plain}"
-
-
 def identifiers(names: Sequence[str], taken: Iterable[str] = ()) -> tuple[str, ...]:
-    """Identifiers of all names, made unique among themselves and ``taken`` by a number at the end."""
+    """Names as Protocol Buffers allow them: ``joint_1.position`` becomes ``joint_1_position``.
+
+    They are made unique among themselves and ``taken`` by a number at the end.
+    """
     used = set(taken)
     out: list[str] = []
     for name in names:
-        plain, n = identifier(name), 1
-        unique = plain
+        plain, n = re.sub(r"[^A-Za-z0-9_]", "_", name), 1
+        unique = plain = plain if plain[:1].isalpha() else f"_{plain}"
         while unique in used:
             n += 1
             unique = f"{plain}_{n}"

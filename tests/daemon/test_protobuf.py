@@ -1,10 +1,9 @@
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorSet
-from google.protobuf.descriptor_pool import DescriptorPool
-from google.protobuf.message_factory import GetMessageClass
 from hypothesis import given
 from hypothesis import strategies as st
 
 from cellwatt.protobuf import Field, Kind, file_descriptor_set, identifiers
+from tests.daemon.outlets.foxglove.client import message_class
 
 FIELDS = (
     Field("quality", 1, Kind.BYTES),
@@ -15,16 +14,10 @@ FIELDS = (
 )
 
 
-def message_class():
-    described = FileDescriptorSet.FromString(file_descriptor_set("cellwatt", "frame", FIELDS))
-    pool = DescriptorPool()
-    pool.Add(described.file[0])
-    return described, GetMessageClass(pool.FindMessageTypeByName("cellwatt.frame"))
-
-
 def test_the_library_understands_the_descriptor():
-    described, frame = message_class()
-    (file,) = described.file
+    described = file_descriptor_set("cellwatt", "frame", FIELDS)
+    (file,) = FileDescriptorSet.FromString(described).file
+    frame = message_class("cellwatt.frame", described)
     assert (file.name, file.package) == ("cellwatt/frame.proto", "cellwatt")
     fields = {f.name: f for f in file.message_type[0].field}
     assert fields["quality"].type == FieldDescriptorProto.TYPE_BYTES

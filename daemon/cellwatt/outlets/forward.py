@@ -207,8 +207,8 @@ class Forwarder(Generic[M]):
 
     def _begin(self, first: int, span: int) -> None:
         """Owe the first row, whose span may have begun before this start, and everything before it."""
-        reached = self.cursor.reached
-        since = first - span if reached is None else reached if self.cursor.ended else reached - MARGIN
+        reached, ended = self.cursor.position.reached, self.cursor.position.ended
+        since = first - span if reached is None else reached if ended else reached - MARGIN
         self.cursor.owe(min(since, first - span), first)
         self.cursor.deliver(first)
 
@@ -317,7 +317,7 @@ class Forwarder(Generic[M]):
         while self._pending:
             self._forgo(self._pending.popleft()[0], 1)
         # Without a single row in this start, the entries that an earlier start did not send are still owed.
-        await self.cursor.write(ended=self._begun or self.cursor.ended)
+        await self.cursor.write(ended=self._begun or self.cursor.position.ended)
 
 
 class ForwardSettings(OutletSettings, Flow):

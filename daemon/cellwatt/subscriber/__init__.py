@@ -9,9 +9,9 @@ set, before later ones. Messages that the cell no longer has are delivered as a 
 """
 
 from cellwatt.outlets.zenoh.link import LinkSettings
-from cellwatt.outlets.zenoh.order import Gap
+from cellwatt.outlets.zenoh.order import Gap, Message
 from cellwatt.outlets.zenoh.received import Health
-from cellwatt.subscriber.inbox import EVERYTHING, Message
+from cellwatt.subscriber.inbox import EVERYTHING
 from cellwatt.subscriber.subscriber import Subscriber
 
 __all__ = ["EVERYTHING", "Gap", "Health", "LinkSettings", "Message", "Subscriber"]

@@ -15,7 +15,6 @@ import zlib
 from collections import Counter, deque
 from collections.abc import Iterator
 from concurrent.futures import Future, InvalidStateError
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from cellwatt.batch import Batch
@@ -25,7 +24,7 @@ from cellwatt.outlets.zenoh.encode import schema_in
 from cellwatt.outlets.zenoh.follow import Following
 from cellwatt.outlets.zenoh.keys import ALARM, HEALTH, KINDS, Address, parse
 from cellwatt.outlets.zenoh.mark import Mark
-from cellwatt.outlets.zenoh.order import Gap, MessagePart
+from cellwatt.outlets.zenoh.order import Message
 from cellwatt.outlets.zenoh.questions import Question
 from cellwatt.outlets.zenoh.received import (
     Health,
@@ -37,7 +36,7 @@ from cellwatt.outlets.zenoh.received import (
     read_sessions,
 )
 from cellwatt.outlets.zenoh.signing import MessageVerifier
-from cellwatt.results import Alarm, Event, Result
+from cellwatt.results import Alarm
 
 if TYPE_CHECKING:
     import zenoh
@@ -52,29 +51,6 @@ _QUEUE_BYTES: Final = 256 * 1024 * 1024  # of messages that wait for the consume
 _QUIET: Final = 10.0  # s, least time between two log lines about bad messages
 
 
-@dataclass(frozen=True, slots=True)
-class Message:
-    """A message of the cell with its position.
-
-    ``sequence`` is the number of the first sample (raw, frame) or of the result within ``topic`` and ``session``.
-    ``backfilled``: it was requested later, because it was missed or is older than the subscription.
-    """
-
-    topic: str
-    session: int
-    sequence: int
-    backfilled: bool
-    content: Batch | Frames | Result | Event | Health | Gap
-
-    @property
-    def count(self) -> int:
-        """Number of samples in it; 1 for a result."""
-        content = self.content
-        if isinstance(content, Gap):
-            return content.count
-        return len(content) if isinstance(content, Batch | Frames) else 1
-
-
 class Mailbox:
     """A FIFO queue from threads to other threads and event loops; ``take`` waits while it is empty.
 
@@ -84,7 +60,7 @@ class Mailbox:
 
     def __init__(self, limit: int) -> None:
         self._limit = limit
-        self._items: deque[tuple[Message, int]] = deque()
+        self._items: deque[Message] = deque()
         self._bytes = 0
         self._waiters: list[Future[None]] = []
         self._lock = threading.Lock()
@@ -96,13 +72,13 @@ class Mailbox:
         """True at or beyond the limit of items or bytes."""
         return len(self._items) >= self._limit or self._bytes >= _QUEUE_BYTES
 
-    def put(self, item: Message, size: int = 0) -> None:
-        """Add an item of ``size`` bytes; discard it if the mailbox was ended."""
+    def put(self, item: Message) -> None:
+        """Add an item; discard it if the mailbox was ended."""
         with self._lock:
             if self._ended:
                 return
-            self._items.append((item, size))
-            self._bytes += size
+            self._items.append(item)
+            self._bytes += item.size
         self._wake()
 
     def end(self, error: BaseException | None = None) -> None:
@@ -134,8 +110,8 @@ class Mailbox:
         """The next item; ``None`` at the end; or a future that completes once there may be an item."""
         with self._lock:
             if self._items:
-                item, size = self._items.popleft()
-                self._bytes -= size
+                item = self._items.popleft()
+                self._bytes -= item.size
                 return item
             if self._error is not None:
                 raise self._error
@@ -216,7 +192,7 @@ class Inbox:
             schema = schema_in(sample.payload.to_bytes())
             self._schemas[topic] = {zlib.crc32(schema): schema}
         ready = self.following.message(topic, mark, content, len(sample.payload))
-        self._deliver(topic, ready)
+        self._deliver(ready)
         if not ready:
             self.look.set()
 
@@ -241,8 +217,7 @@ class Inbox:
         if status is None:
             self.following.untold(now)
             return
-        for topic, part in self.following.told(status.session, status.positions, now):
-            self._deliver(topic, [part])
+        self._deliver(self.following.told(status.session, status.positions, now))
         if (lies := self.following.counts["refused"] - refused) > 0:
             self._warn(f"refused {lies} claims that the cell does not confirm: who else publishes under its name?")
 
@@ -253,7 +228,7 @@ class Inbox:
                 with self._counted():
                     mark, alarm = read_message(reply.ok, ALARM)
                     assert isinstance(alarm, Alarm)
-                    self._deliver(ALARM, self.following.standing(mark, alarm))
+                    self._deliver(self.following.standing(mark, alarm))
 
     def on_recordings(self, replies: list[zenoh.Reply]) -> None:
         """Process the answers to ``@/recordings``."""
@@ -262,32 +237,31 @@ class Inbox:
 
     def on_answer(self, question: Question, replies: list[zenoh.Reply]) -> None:
         """Process the answers to a question about missing messages."""
-        now, topic = time.monotonic(), question.topic
+        now = time.monotonic()
         problem: ProtocolError | None = None
         for reply in replies:
             try:
                 if reply.ok is not None:
-                    parts = read_answer(reply.ok, topic)
+                    parts = read_answer(reply.ok, question.topic)
                     question.check(parts)
-                    self._deliver(topic, self.following.filled(question, parts))
+                    self._deliver(self.following.filled(question, parts))
                     return
                 if reply.err is not None and (reason := read_refusal(reply.err)):
-                    self._deliver(topic, self.following.nothing(question, reason, now))
+                    self._deliver(self.following.nothing(question, reason, now))
                     return
             except ProtocolError as error:
                 problem = error
         if problem is None:
             self.following.unanswered(question, now)
             return
-        self._deliver(topic, self.following.nothing(question, str(problem), now))
+        self._deliver(self.following.nothing(question, str(problem), now))
         raise problem
 
     # to the consumer --------------------------------------------------------------------------------
 
-    def _deliver(self, topic: str, parts: list[MessagePart]) -> None:
-        for part in parts:
-            message = Message(topic, part.session, part.sequence, part.backfilled, part.content)
-            self.mailbox.put(message, part.size)
+    def _deliver(self, messages: list[Message]) -> None:
+        for message in messages:
+            self.mailbox.put(message)
 
     @contextlib.contextmanager
     def _counted(self) -> Iterator[None]:

@@ -13,11 +13,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from cellwatt.errors import ConfigError, OutletError
-from cellwatt.outlets.zenoh.follow import Following, Positions
+from cellwatt.outlets.zenoh.follow import Following
 from cellwatt.outlets.zenoh.keys import ALARM, HEALTH, TOPICS, CellKeys, is_wanted
 from cellwatt.outlets.zenoh.link import LinkSettings, close_session, open_beside, open_session
+from cellwatt.outlets.zenoh.mark import Positions
+from cellwatt.outlets.zenoh.order import Message
 from cellwatt.outlets.zenoh.signing import MessageVerifier
-from cellwatt.subscriber.inbox import EVERYTHING, Inbox, Message
+from cellwatt.subscriber.inbox import EVERYTHING, Inbox
 
 if TYPE_CHECKING:
     import zenoh
@@ -161,9 +163,15 @@ class Subscriber:
         if sessions:
             self._ask(self._keys.question("recordings"), "@/recordings", inbox.on_recordings)
         if standing:
-            self._ask(self._keys.live(f"{ALARM}/**"), ALARM, inbox.on_standing)
+            self._ask(self._keys.live(f"{ALARM}/**"), ALARM, self._on_standing)
         for question in questions:
             self._ask(question.selector(self._keys), question.topic, partial(inbox.on_answer, question))
+
+    def _on_standing(self, replies: list[zenoh.Reply]) -> None:
+        """Pass the active alarms to the consumer; ask again if there was only an error, such as a timeout."""
+        if replies and all(reply.err is not None for reply in replies):
+            self._standing_asked = False
+        self._inbox.on_standing(replies)
 
     def _ask(self, selector: str, topic: str, then: Callable[[list[zenoh.Reply]], None]) -> None:
         """Ask about a topic; call ``then`` with the replies once all have arrived."""

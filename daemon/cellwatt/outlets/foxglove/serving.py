@@ -13,7 +13,7 @@ from typing import Final
 from cellwatt.batch import Batch
 from cellwatt.errors import ConfigError
 from cellwatt.frames import Frames
-from cellwatt.host import stays_here
+from cellwatt.host import in_url, stays_here
 from cellwatt.outlets.foxglove.outlet import FoxgloveOutlet, library
 from cellwatt.outlets.foxglove.topics import Moment
 from cellwatt.outlets.foxglove.translate import Translator
@@ -96,7 +96,7 @@ def serve(
         try:
             end = math.inf if seconds is None else time.monotonic() + seconds
             for _ in _stream(subscriber, outlet, translator, pace, end):
-                tell(f"Foxglove: open a connection to ws://{_shown(host)}:{outlet.port}")
+                tell(f"Foxglove: open a connection to ws://{in_url(host.strip('[]'))}:{outlet.port}")
         finally:
             if outlet.is_open:
                 tell(_summary(outlet, pace, subscriber.counts))
@@ -146,10 +146,6 @@ def _refuse_others(host: str, port: int) -> None:
             f"Foxglove's socket has neither login nor encryption, so it is not opened on {host}; "
             f"from another PC use a tunnel: ssh -L {port}:127.0.0.1:{port} USER@THIS-PC"
         )
-
-
-def _shown(host: str) -> str:
-    return f"[{host.strip('[]')}]" if ":" in host else host
 
 
 def _summary(outlet: FoxgloveOutlet, pace: Pace, counts: Mapping[str, int]) -> str:

@@ -67,12 +67,7 @@ def own() -> Any:
     return found
 
 
-def stamp_of(time: int) -> Any:
-    """A time, UTC ns, as Foxglove's type."""
-    return own().Timestamp(*divmod(time, 1_000_000_000))
-
-
-def drawn_topic(name: str, kind: str) -> Topic:
-    """A topic with one of Foxglove's message types, such as ``Log``."""
-    schema = getattr(own(), kind).get_schema()
-    return Topic(name, schema.encoding, schema.name, schema.data)
+def log_topic() -> Topic:
+    """The topic of the log, with Foxglove's own type of messages."""
+    schema = own().Log.get_schema()
+    return Topic(LOG, schema.encoding, schema.name, schema.data)

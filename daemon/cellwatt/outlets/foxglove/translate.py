@@ -11,13 +11,11 @@ from cellwatt.alarms import AlarmBook
 from cellwatt.frames import Frames, Layout
 from cellwatt.outlets.foxglove.topics import (
     JSON_TOPICS,
-    LOG,
     Moment,
     Outgoing,
     Topic,
-    drawn_topic,
+    log_topic,
     own,
-    stamp_of,
 )
 from cellwatt.outlets.zenoh.received import Health
 from cellwatt.protobuf import file_descriptor_set
@@ -40,7 +38,7 @@ class Translator:
         self._rows: FrameRows | None = None
         self._alarms = AlarmBook()
         self._session: int | None = None
-        self._log = drawn_topic(LOG, "Log")
+        self._log = log_topic()
 
     @property
     def topics(self) -> tuple[Topic, ...]:
@@ -103,6 +101,6 @@ def _key(item: Result | Event | messages.Health) -> str | None:
 
 
 def _line(time: int, level: str, text: str, name: str) -> bytes:
-    kind = getattr(own().LogLevel, level)
-    found: bytes = own().Log(timestamp=stamp_of(time), level=kind, message=text, name=name).encode()
+    kind, stamp = getattr(own().LogLevel, level), own().Timestamp(*divmod(time, 1_000_000_000))
+    found: bytes = own().Log(timestamp=stamp, level=kind, message=text, name=name).encode()
     return found

@@ -21,6 +21,7 @@ from cryptography import x509
 from cellwatt.channel import Quality
 from cellwatt.errors import OutletError
 from cellwatt.frames import Frames
+from cellwatt.host import in_url
 from cellwatt.outlets.apart.daemon import Daemon, Shown, main
 from cellwatt.outlets.opc_ua.arrays import bound_arrays
 from cellwatt.outlets.opc_ua.bounds import BoundedServer
@@ -61,8 +62,7 @@ class CellServer:
         host, port = s.host, _free(s.host, s.port)
         server.iserver.bind_condition_methods = True  # clients that connect later request the active alarms
         await server.init()
-        shown = f"[{host}]" if ":" in host else host
-        url = f"opc.tcp://{shown}:{port}{s.path}"
+        url = f"opc.tcp://{in_url(host)}:{port}{s.path}"
         server.set_endpoint(url)
         server.socket_address = (host, port)
         server.set_server_name(f"cellwatt {self._site}/{self._cell_name}")

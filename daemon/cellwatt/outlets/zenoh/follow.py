@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -20,8 +20,8 @@ from cellwatt.batch import Batch
 from cellwatt.errors import ProtocolError
 from cellwatt.frames import Frames
 from cellwatt.outlets.zenoh.keys import ALARM, HEALTH
-from cellwatt.outlets.zenoh.mark import Mark
-from cellwatt.outlets.zenoh.order import HELD_BYTES, Follower, Gap, Hole, MessagePart
+from cellwatt.outlets.zenoh.mark import Mark, Positions
+from cellwatt.outlets.zenoh.order import HELD_BYTES, Follower, Gap, Hole, Message
 from cellwatt.outlets.zenoh.questions import Question
 from cellwatt.results import Alarm, Event, Result
 
@@ -40,8 +40,6 @@ _NEAR: Final = 10_000
 """Most numbers by which the first message of a topic may exceed the cell's position, and the last message of a
 session the known end of the session."""
 
-Positions = Mapping[str, tuple[int, int]]
-"""Session and next number by topic."""
 Content = Batch | Frames | Result | Event
 
 
@@ -66,7 +64,7 @@ class Following:
     _claims: dict[tuple[str, int], int] = field(default_factory=dict)
     """Highest claimed next number, by topic and session; the topic of a claimed daemon session is ``health``."""
     _asked: dict[tuple[str, int], int] = field(default_factory=dict)
-    _early: list[tuple[str, MessagePart]] = field(default_factory=list)
+    _early: list[Message] = field(default_factory=list)
     """Messages of topics that the cell has not confirmed yet."""
     _due: float = -math.inf
     _pause: float = _PAUSE
@@ -92,21 +90,19 @@ class Following:
         """Number of samples and messages that arrived more than once; each was delivered once."""
         return sum(follower.duplicates for follower in list(self._topics.values()))
 
-    def message(self, topic: str, mark: Mark, content: Content, size: int = 0) -> list[MessagePart]:
-        """Add a live message of ``size`` bytes; return the parts that are now in order.
-
-        Raises ``ProtocolError`` if there are more topics than a cell can have.
-        """
+    def message(self, topic: str, mark: Mark, content: Content, size: int = 0) -> list[Message]:
+        """Add a live message of ``size`` bytes; return the messages that are now in order."""
         follower = self._topics.get(topic)
-        if follower is None and not self.joined:
+        # Before the cell has answered anyone may have sent it: half of the room is for the cell's own topics.
+        if follower is None and not self.joined and len(self._topics) < _MOST // 2:
             follower = self._begin(topic, mark.session, mark.sequence)
         known = follower is not None and follower.knows(mark.session, mark.sequence)
         if not known and not self._claim(topic, mark.session, mark.end):
             return []
-        part = _part(mark, content, backfilled=False, size=size)
+        part = Message(topic, mark.session, mark.sequence, False, content, size)
         if follower is None:
-            if len(self._early) < _MOST and sum(part.size for _, part in self._early) + size <= HELD_BYTES:
-                self._early.append((topic, part))
+            if len(self._early) < _MOST and sum(part.size for part in self._early) + size <= HELD_BYTES:
+                self._early.append(part)
             return []
         if mark.session == follower.begun[0] and mark.end <= follower.begun[1]:
             return []  # older than the first message of this consumer
@@ -152,12 +148,13 @@ class Following:
         self._pause = min(2 * self._pause, _LONGEST)
         self._due = now + self._pause
 
-    def told(self, session: int, positions: Positions, now: float) -> list[tuple[str, MessagePart]]:
-        """Process the cell's answer, the positions of a daemon session; return the parts now in order, by topic.
+    def told(self, session: int, positions: Positions, now: float) -> list[Message]:
+        """Process the cell's answer, the positions of a daemon session; return the messages now in order.
 
-        Claims beyond these positions are refused.
+        Claims beyond these positions are refused. Raises ``ProtocolError`` if there are more topics than a cell can
+        have; then the cell is asked again.
         """
-        refused = 0
+        refused, self._due = 0, now + self._pause
         for topic, (numbering, end) in positions.items():
             if self.wants(topic):
                 refused += self._meet(topic, numbering, end)
@@ -169,8 +166,8 @@ class Following:
         self.cell = session
         if not self.joined:
             self.joined, self._since = True, session
-        early, self._early = [(t, part) for t, part in self._early if t in self._topics], []
-        ready = [(topic, given) for topic, part in early for given in self._counted(self._topics[topic].take(part))]
+        early, self._early = [part for part in self._early if part.topic in self._topics], []
+        ready = [given for part in early for given in self._counted(self._topics[part.topic].take(part))]
         for (topic, numbering), end in self._asked.items():
             if not self._confirmed(topic, numbering, end):
                 refused += 1
@@ -197,12 +194,12 @@ class Following:
             return 1
         return 0
 
-    def standing(self, mark: Mark, alarm: Alarm) -> list[MessagePart]:
+    def standing(self, mark: Mark, alarm: Alarm) -> list[Message]:
         """Return an active alarm from an answer, if it was raised before this consumer began."""
         follower = self._topics.get(ALARM)
         if follower is None or mark.session != follower.begun[0] or mark.end > follower.begun[1]:
             return []
-        return self._counted([_part(mark, alarm, backfilled=True)])
+        return self._counted([Message(ALARM, mark.session, mark.sequence, True, alarm)])
 
     # missing messages -------------------------------------------------------------------------------
 
@@ -211,7 +208,7 @@ class Following:
         due = []
         for name, follower in self._topics.items():
             hole = None if follower.asking else follower.hole()
-            if hole is None or _unentered(name, follower):
+            if hole is None or _unentered(follower):
                 continue
             if follower.asked_about != _key(hole):
                 follower.asked_about = _key(hole)
@@ -223,7 +220,7 @@ class Following:
 
     def asks_sessions(self, now: float) -> bool:
         """True if a session has ended and the recorded sessions should be requested; call ``sessions`` next."""
-        if now < self._sessions_due or not any(_unentered(*topic) for topic in self._topics.items()):
+        if now < self._sessions_due or not any(map(_unentered, self._topics.values())):
             return False
         self._sessions_due = math.inf
         return True
@@ -231,21 +228,22 @@ class Following:
     def sessions(self, recorded: Sequence[int] | None, now: float) -> None:
         """Process the recorded sessions, oldest first; ``None``: no answer."""
         self._sessions_due = now + _LINK
-        for name, follower in self._topics.items() if recorded is not None else ():
-            if _unentered(name, follower):
+        for follower in self._topics.values() if recorded is not None else ():
+            if _unentered(follower):
                 follower.between(recorded or ())
 
-    def filled(self, question: Question, parts: Iterable[tuple[Mark, Content]]) -> list[MessagePart]:
-        """Process the cell's answer to a question; return the parts that are now in order."""
+    def filled(self, question: Question, parts: Iterable[tuple[Mark, Content]]) -> list[Message]:
+        """Process the cell's answer to a question; return the messages that are now in order."""
         follower = self._answered(question)
         follower.empty_since = None
-        ready = [p for mark, content in parts for p in follower.fill(_part(mark, content, backfilled=True))]
+        told = (Message(question.topic, mark.session, mark.sequence, True, content) for mark, content in parts)
+        ready = [given for part in told for given in follower.fill(part)]
         rest = follower.hole()
         follower.asked_about, follower.due = None if rest is None else _key(rest), -math.inf
         return self._counted(ready)
 
-    def nothing(self, question: Question, reason: str, now: float) -> list[MessagePart]:
-        """Note that the cell has none of the messages; after ``patience``, return the gap and the parts after it."""
+    def nothing(self, question: Question, reason: str, now: float) -> list[Message]:
+        """Note that the cell has none of the messages; after ``patience``, return the gap and the messages after it."""
         follower = self._answered(question)
         if follower.empty_since is None:
             follower.empty_since = now
@@ -262,7 +260,7 @@ class Following:
     def _begin(self, topic: str, session: int, following: int) -> Follower:
         if topic not in self._topics and len(self._topics) >= _MOST:
             raise ProtocolError(f"more than {_MOST} topics of one cell")
-        follower = self._topics[topic] = Follower(session, following)
+        follower = self._topics[topic] = Follower(topic, session, following)
         return follower
 
     def _answered(self, question: Question) -> Follower:
@@ -270,7 +268,7 @@ class Following:
         follower.asking = False
         return follower
 
-    def _counted(self, parts: list[MessagePart]) -> list[MessagePart]:
+    def _counted(self, parts: list[Message]) -> list[Message]:
         for part in parts:
             what = "lost" if isinstance(part.content, Gap) else "backfilled" if part.backfilled else "live"
             self.counts[what] += part.count
@@ -286,10 +284,6 @@ def _recorded(topic: str) -> bool:
     return topic not in (ALARM, HEALTH)
 
 
-def _unentered(name: str, follower: Follower) -> bool:
+def _unentered(follower: Follower) -> bool:
     """True if a recorded topic enters a new session and sessions in between may be unknown."""
-    return follower.over and _recorded(name) and follower.entered != follower.newest
-
-
-def _part(mark: Mark, content: Content, backfilled: bool, size: int = 0) -> MessagePart:
-    return MessagePart(mark.session, mark.sequence, mark.count, backfilled, content, size)
+    return follower.over and _recorded(follower.topic) and follower.entered != follower.newest

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -16,22 +17,12 @@ _WITH_SCHEMA: Final = 2
 _BACKFILL: Final = 1
 
 
-@dataclass(frozen=True, slots=True)
-class Numbered:
-    """Samples ``sequence`` … ``end`` of a topic in a session, or one result."""
-
-    session: int
-    sequence: int
-    count: int
-
-    @property
-    def end(self) -> int:
-        """Number of the sample after the last one."""
-        return self.sequence + self.count
+Positions = Mapping[str, tuple[int, int]]
+"""Session and next number by topic."""
 
 
 @dataclass(frozen=True, slots=True)
-class Mark(Numbered):
+class Mark:
     """The position of a message: samples ``sequence`` … ``sequence + count`` of its topic in ``session``.
 
     ``arrival`` is the cell's time, UTC ns, when the (last) block was read or the result was known. ``schema`` is the
@@ -40,9 +31,17 @@ class Mark(Numbered):
     version 2 u32 schema; u32 CRC-32 of the bytes so far and the payload after them.
     """
 
+    session: int
+    sequence: int
+    count: int
     arrival: int
     backfill: bool = False
     schema: int = 0
+
+    @property
+    def end(self) -> int:
+        """Number of the sample after the last one."""
+        return self.sequence + self.count
 
     def encode(self, payload: bytes) -> bytes:
         """The attachment of a message with this payload."""

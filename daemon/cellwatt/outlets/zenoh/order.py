@@ -11,16 +11,16 @@ import math
 from bisect import bisect_right, insort
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 from cellwatt.batch import Batch
 from cellwatt.frames import Frames, cut
-from cellwatt.outlets.zenoh.mark import Numbered
+from cellwatt.outlets.zenoh.received import Health
 from cellwatt.results import Event, Result
 
 HELD_BYTES: Final = 128 * 1024 * 1024
-"""Most bytes of held parts, whatever their number."""
+"""Most bytes of held messages, whatever their number."""
 _PAST: Final = 16
 """Number of finished sessions remembered, to distinguish a late message from a new session."""
 _NO_END: Final = 2**63
@@ -35,21 +35,39 @@ class Gap:
 
 
 @dataclass(frozen=True, slots=True)
-class MessagePart(Numbered):
-    """Samples ``sequence`` … ``end`` of a topic in a session, or one result; its message had ``size`` bytes."""
+class Message:
+    """A message of the cell with its position.
 
+    ``sequence`` is the number of the first sample (raw, frame) or of the result within ``topic`` and ``session``.
+    ``backfilled``: it was requested later, because it was missed or is older than the subscription. ``size``: bytes of
+    a live message as received.
+    """
+
+    topic: str
+    session: int
+    sequence: int
     backfilled: bool
-    content: Batch | Frames | Result | Event | Gap
-    size: int = 0
+    content: Batch | Frames | Result | Event | Health | Gap
+    size: int = field(default=0, repr=False, compare=False)
 
-    def after(self, first: int) -> MessagePart:
-        """The remainder of the part from number ``first`` on."""
-        if first <= self.sequence:
-            return self
+    @property
+    def count(self) -> int:
+        """Number of samples in it; 1 for a result."""
         content = self.content
-        if isinstance(content, Batch | Frames):
-            content = cut(content, first - self.sequence, self.count)
-        return replace(self, sequence=first, count=self.end - first, content=content)
+        if isinstance(content, Gap):
+            return content.count
+        return len(content) if isinstance(content, Batch | Frames) else 1
+
+    @property
+    def end(self) -> int:
+        """Number of the sample after the last one."""
+        return self.sequence + self.count
+
+    def after(self, first: int) -> Message:
+        """The remainder of the message from number ``first`` on."""
+        if first <= self.sequence or not isinstance(self.content, Batch | Frames):
+            return self
+        return replace(self, sequence=first, content=cut(self.content, first - self.sequence, self.count))
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,13 +84,14 @@ class Hole:
 
 
 class Follower:
-    """Follows one topic from number ``following`` of ``session`` on.
+    """Follows one ``topic`` from number ``following`` of ``session`` on.
 
-    At most ``hold`` parts that arrive early are held; further ones are discarded and requested again.
+    At most ``hold`` messages that arrive early are held; further ones are discarded and requested again.
     ``duplicates`` counts the samples that arrived more than once.
     """
 
-    def __init__(self, session: int, following: int, hold: int = 1000) -> None:
+    def __init__(self, topic: str, session: int, following: int, hold: int = 1000) -> None:
+        self.topic = topic
         self.begun = session, following
         self.session, self.following = session, following
         self.duplicates = 0
@@ -86,15 +105,15 @@ class Follower:
         self.entered: int | None = None
         """The newest session before which all recorded sessions are known."""
         self._hold = hold
-        self._held: dict[int, list[MessagePart]] = {}
-        """Parts that arrived early, by session, in order."""
+        self._held: dict[int, list[Message]] = {}
+        """Messages that arrived early, by session, in order."""
         self._ends = {session: 0}
         """Number below which messages are known to exist, by session."""
         self._later: list[int] = []
         self._past: deque[int] = deque(maxlen=_PAST)
 
-    def take(self, part: MessagePart) -> list[MessagePart]:
-        """Add a part that arrived; return the parts that are now in order."""
+    def take(self, part: Message) -> list[Message]:
+        """Add a message that arrived; return those that are now in order."""
         current = part.session == self.session
         if part.sequence == self.following and current and not self._held:
             self.following = part.end
@@ -124,7 +143,7 @@ class Follower:
         return reach is not None and number <= reach
 
     def announce(self, session: int, end: int) -> None:
-        """Note that numbers below ``end`` exist in ``session``, and so do held parts that continue from there."""
+        """Note that numbers below ``end`` exist in ``session``, and so do held messages that continue from there."""
         if session in self._past:
             return
         if session not in self._ends:
@@ -138,7 +157,7 @@ class Follower:
         self._ends[session] = end
 
     def refuse(self, session: int, end: int) -> None:
-        """Discard held parts between the known numbers and ``end``, which the cell does not know."""
+        """Discard held messages between the known numbers and ``end``, which the cell does not know."""
         held = self._held.pop(session, [])
         if remaining := [part for part in held if self.knows(session, part.sequence) or part.end > end]:
             self._held[session] = remaining
@@ -175,15 +194,15 @@ class Follower:
             return Hole(self.session, self.following, end - self.following, certain=early or self.over)
         return Hole(self.session, self.following, None, certain=True) if self.over else None
 
-    def fill(self, part: MessagePart) -> list[MessagePart]:
+    def fill(self, part: Message) -> list[Message]:
         """Add an answer to ``hole``. If it begins later than requested, the messages before it are lost."""
-        lost: list[MessagePart] = []
+        lost: list[Message] = []
         if part.session == self.session and part.sequence > self.following:
             lost = self._lost(part.sequence, "no longer in the record of the cell")
         return lost + self.take(part)
 
-    def give_up(self, hole: Hole, reason: str) -> list[MessagePart]:
-        """Give up ``hole``, whose messages the cell no longer has; return the gap and the parts after it."""
+    def give_up(self, hole: Hole, reason: str) -> list[Message]:
+        """Give up ``hole``, whose messages the cell no longer has; return the gap and the messages after it."""
         if (hole.session, hole.first) != (self.session, self.following):
             return []
         if hole.count is not None:
@@ -194,14 +213,14 @@ class Follower:
         self.session, self.following = self._later.pop(0), 0
         return self._ready()
 
-    def _lost(self, end: int, reason: str) -> list[MessagePart]:
+    def _lost(self, end: int, reason: str) -> list[Message]:
         count = end - self.following
-        gap = MessagePart(self.session, self.following, count, True, Gap(count, reason))
+        gap = Message(self.topic, self.session, self.following, True, Gap(count, reason))
         self.following = end
         return [gap, *self._ready()]
 
-    def _ready(self) -> list[MessagePart]:
-        ready: list[MessagePart] = []
+    def _ready(self) -> list[Message]:
+        ready: list[Message] = []
         held = self._held.get(self.session, [])
         while held and held[0].sequence <= self.following:
             part = held.pop(0)

@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
@@ -49,18 +50,24 @@ _HARM: Final = "anyone who reaches it can read everything and impersonate the ce
 
 def openings(settings: LinkSettings) -> Iterator[tuple[tuple[str | int, ...], str, str]]:
     """Ways into the cell from other PCs without TLS or access rules: (setting, value, consequence as text)."""
-    control: dict[str, Any] = json.loads(session_config(settings).get_json("access_control"))
+    config = session_config(settings)
+    control: dict[str, Any] = json.loads(config.get_json("access_control"))
     ruled = bool(control.get("enabled")) and control.get("default_permission") == "deny"
-    for i, endpoint in enumerate(settings.listen):
+    listening: list[tuple[tuple[str | int, ...], str]] = [(("listen", i), e) for i, e in enumerate(settings.listen)]
+    if not {"listen", "listen/endpoints"}.isdisjoint(settings.options):  # which replace the endpoints in ``listen``
+        told = json.loads(config.get_json("listen/endpoints"))
+        listening = [(("options",), e) for e in (told if isinstance(told, list) else chain(*told.values()))]
+    for at, endpoint in listening:
         found = ADDRESS.fullmatch(endpoint)
         if found is None or stays_here(found[2].strip("[]")):
             continue  # a socket, pipe or serial line of this PC, or its loopback address
         missing = [] if found[1] in _ENCRYPTED else ["TLS"]
         missing += [] if ruled else ["access rules"]
         if missing:
-            yield ("listen", i), endpoint, f"open to the network without {' and '.join(missing)}: {_HARM}"
-    if settings.scouting:
-        yield ("scouting",), "scouting", f"finds, and links with, any session on the local network: {_HARM}"
+            yield at, endpoint, f"open to the network without {' and '.join(missing)}: {_HARM}"
+    if json.loads(config.get_json("scouting/multicast/enabled")):
+        at = ("scouting",) if settings.scouting else ("options",)
+        yield at, "scouting", f"finds, and links with, any session on the local network: {_HARM}"
 
 
 class PublishSettings(Section):

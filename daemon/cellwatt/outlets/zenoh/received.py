@@ -12,9 +12,8 @@ from cellwatt.batch import Batch
 from cellwatt.errors import ProtocolError
 from cellwatt.frames import Frames
 from cellwatt.outlets.zenoh.encode import decode
-from cellwatt.outlets.zenoh.follow import Positions
 from cellwatt.outlets.zenoh.keys import FRAME, is_topic
-from cellwatt.outlets.zenoh.mark import Mark
+from cellwatt.outlets.zenoh.mark import Mark, Positions
 from cellwatt.outlets.zenoh.messages import LONGEST_REASON, decode_item, from_json, parse_json
 from cellwatt.results import Event, Result
 

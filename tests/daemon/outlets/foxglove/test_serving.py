@@ -8,6 +8,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -105,15 +106,9 @@ def recording(seen: Seen, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def read(file: Path) -> Iterator[tuple[Any, Any, Any, Any]]:
     """Schema, channel, message and decoded message of a file, in the order of their times."""
+    of_json: Any = SimpleNamespace(decoder_for=lambda encoding, _: json.loads if encoding == "json" else None)
     with file.open("rb") as opened:
-        reader = make_reader(opened, decoder_factories=[DecoderFactory()])
-        for schema, channel, message in reader.iter_messages():
-            if channel.message_encoding == "json":
-                yield schema, channel, message, json.loads(message.data)
-            else:
-                decode = DecoderFactory().decoder_for(channel.message_encoding, schema)
-                assert decode is not None
-                yield schema, channel, message, decode(message.data)
+        yield from make_reader(opened, decoder_factories=[DecoderFactory(), of_json]).iter_decoded_messages()
 
 
 def test_frames_arrive_as_they_were_published(seen: Seen) -> None:

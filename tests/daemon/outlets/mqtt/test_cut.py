@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 from cellwatt import Task
-from cellwatt.errors import OutletError
 from tests.daemon.outlets.mqtt.broker import Broker, Ears, ears, needs_mosquitto, started
 from tests.daemon.outlets.mqtt.cell import ROOT, STEP, Cell, alarm, online, outlet_of, serving
 from tests.daemon.outlets.mqtt.wire import command
@@ -42,7 +41,7 @@ async def test_results_of_before_a_restart_are_sent_from_the_record(broker: Brok
         cell.record.chunk(replace(alarm(7), time=at, since=at), task)
         cell.frames(10)
         outlet = outlet_of(cell, broker.url, backfill="1 kHz")
-        outlet._cursor.reached, outlet._cursor._opened = int(outlet_rows.time[-1]), True
+        outlet._cursor.position.reached, outlet._cursor._opened = int(outlet_rows.time[-1]), True
         async with serving(outlet, cell):
             await heard.until(f"{ROOT}/availability", 3)
             outlet.offer(cell.frames(150))
@@ -60,7 +59,7 @@ async def test_results_of_before_a_restart_are_sent_from_the_record(broker: Brok
 async def test_live_rows_go_before_those_of_the_past(broker: Broker, tmp_path: Path) -> None:
     cell = Cell(tmp_path)
     outlet = outlet_of(cell, broker.url, backfill="50 Hz")
-    outlet._cursor.reached, outlet._cursor._opened = cell.start - STEP, True
+    outlet._cursor.position.reached, outlet._cursor._opened = cell.start - STEP, True
     outlet.offer(cell.frames(200))
     async with ears(broker, f"{ROOT}/#") as heard, serving(outlet, cell):
         await heard.until(PAST, 3)
@@ -226,7 +225,7 @@ async def test_when_a_broker_is_gone_the_next_is_tried_and_after_the_last_the_fi
     outlet = outlet_of(cell, nobody, fallbacks=[broker.url])
     async with serving(outlet, cell) as ends:
         await eventually(lambda: outlet._outbox.serving, "connected to the second")
-        assert [nobody in end for end in ends] == [True]
+        assert ends == [f"{nobody}: Connection refused"]
         broker.kill()
         await eventually(lambda: len(ends) >= 3, "both tried again")
         assert broker.url in ends[1]
@@ -236,12 +235,6 @@ async def test_when_a_broker_is_gone_the_next_is_tried_and_after_the_last_the_fi
             await eventually(lambda: outlet._outbox.serving, "back")
             outlet.offer(cell.frames(1))
             await heard.until(LIVE)
-
-
-async def test_a_port_where_no_broker_is_and_a_name_that_nobody_knows_are_told(tmp_path: Path) -> None:
-    outlet = outlet_of(Cell(), f"mqtt://127.0.0.1:{free_port()}")
-    with pytest.raises(OutletError, match=r"mqtt://127.0.0.1:\d+: Connection refused"):
-        await outlet.run()
 
 
 async def test_the_broker_tells_of_a_connection_that_broke(broker: Broker) -> None:

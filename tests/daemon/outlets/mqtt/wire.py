@@ -1,4 +1,4 @@
-"""What a client says to a broker, read from the wire: MQTT 5 packets and Sparkplug payloads, decoded by hand."""
+"""What a client says to a broker, read from the wire: MQTT 5 packets and Sparkplug payloads, by their field numbers."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
+
+from google.protobuf.empty_pb2 import Empty
+from google.protobuf.unknown_fields import UnknownFieldSet
 
 from tests.daemon.outlets.zenoh.processes import Link
 
@@ -126,23 +129,12 @@ _VALUE = {10: "int", 11: "long", 12: "float", 13: "double", 14: "boolean", 15: "
 
 
 def fields(data: bytes) -> Iterator[tuple[int, int, Any]]:
-    """Number, wire type and raw value of each field of a protobuf message."""
-    at = 0
-    while at < len(data):
-        key, at = _varint(data, at)
-        number, wire = key >> 3, key & 7
-        if wire == 0:
-            value, at = _varint(data, at)
-        elif wire == 1:
-            (value,) = struct.unpack_from("<d", data, at)
-            at += 8
-        elif wire == 2:
-            size, at = _varint(data, at)
-            value, at = data[at : at + size], at + size
-        else:
-            raise AssertionError(f"wire type {wire}")
-        yield number, wire, value
-    assert at == len(data)
+    """Number, wire type and value of each field of a protobuf message of which no fields are known."""
+    for field in UnknownFieldSet(Empty.FromString(data)):
+        value = field.data
+        if field.wire_type == 1:
+            (value,) = struct.unpack("<d", value.to_bytes(8, "little"))
+        yield field.field_number, field.wire_type, value
 
 
 def payload(data: bytes) -> dict[str, Any]:

@@ -1,12 +1,14 @@
 """A publishing cell as a process: a ``ZenohOutlet`` over a record in memory or in a ``folder``.
 
-Orders, in JSON lines: ``{"stream": {"samples", "frames", "alarms", "rate", "block"}}`` publishes at real time from
-where it is, ``{"frames": n}`` at once. Health goes out each 0.2 s.
+Orders, in JSON lines: ``{"stream": {"samples", "frames_too", "every", "rate", "block"}}`` publishes at real time from
+where it is, without a number of samples until ``{"halt": true}``; ``{"samples": n}`` and ``{"frames": n}`` at once. It
+says what was published at the end of each, and when asked to ``{"tell": true}``. Health goes out each 0.2 s.
 """
 
 from __future__ import annotations
 
 import asyncio
+import itertools
 import json
 import sys
 from pathlib import Path
@@ -21,14 +23,15 @@ from tests.doing import doing
 from tests.orders import orders, say
 from tests.patience import PATIENCE
 
-FRAMES_OF_A_BLOCK, FRAMES_OF_A_FLUSH = 10, 500
+BLOCK, FLUSH = 10, 500
+"""Samples or frames at once: those of a block, and those after which the record is flushed."""
 
 
 class RecordingView(RecordedView):
-    """The cell with a record on disk, in small files."""
+    """The cell with a record on disk."""
 
-    def __init__(self, session: int, folder: Path) -> None:
-        self.recorder = Recorder(RecordSettings(folder=folder, file_size=10e3), Header(SITE, CELL, session))
+    def __init__(self, session: int, folder: Path, record: dict[str, Any]) -> None:
+        self.recorder = Recorder(RecordSettings(folder=folder, **record), Header(SITE, CELL, session))
         self.recorder.start()
         super().__init__(History(folder, self.recorder), session)
 
@@ -39,19 +42,24 @@ class RecordingView(RecordedView):
 class Cell:
     def __init__(self, settings: dict[str, Any]) -> None:
         session, folder = settings.pop("session", EPOCH), settings.pop("folder", None)
-        self.recorded = None if folder is None else RecordingView(session, Path(folder))
+        site, record = settings.pop("site", SITE), settings.pop("record", {})
+        self.recorded = None if folder is None else RecordingView(session, Path(folder), record)
         self.view = self.recorded or FakeView(session)
+        self.view.site = site
         for session, count in settings.pop("recorded", {}).items():
             self.view.record(batch(0, count), int(session))
         self.outlet = ZenohOutlet("zenoh", ZenohSettings(**settings), self.view)
         self.samples = self.frames = self.alarms = 0
+        self.halted = False
 
-    async def stream(self, samples: int, frames_too: bool, every: int, rate: float, block: int) -> None:
+    async def stream(self, samples: int | None, frames_too: bool, every: int, rate: float, block: int) -> None:
         """``samples`` of one source at ``rate`` Hz in blocks; a frame a block; an alarm every ``every`` blocks."""
         loop = asyncio.get_running_loop()
-        start = loop.time()
-        for i in range(samples // block):
+        start, self.halted = loop.time(), False
+        for i in itertools.count() if samples is None else range(samples // block):
             await asyncio.sleep(start + i * block / rate - loop.time())
+            if self.halted:
+                break
             self.offer(batch(self.samples, block))
             if frames_too:
                 self.offer_frames(1)
@@ -65,12 +73,14 @@ class Cell:
         self.outlet.offer(frames(self.frames, count))
         self.frames += count
 
-    async def burst(self, count: int) -> None:
-        """Frames at once, in blocks; they are on disk when it says so."""
-        end = self.frames + count
-        while self.frames < end:
-            self.offer_frames(FRAMES_OF_A_BLOCK)
-            if self.recorded is not None and (self.frames == end or self.frames % FRAMES_OF_A_FLUSH == 0):
+    async def burst(self, *, samples: int = 0, frames: int = 0) -> None:
+        """Samples or frames at once, in blocks; they are on disk when it says so."""
+        for end in range(BLOCK, samples + frames + 1, BLOCK):
+            if samples:
+                self.offer(batch(self.samples, BLOCK))
+            else:
+                self.offer_frames(BLOCK)
+            if self.recorded is not None and (end == samples + frames or end % FLUSH == 0):
                 assert await asyncio.to_thread(self.recorded.recorder.flush, PATIENCE)
         self.say_published()
 
@@ -93,12 +103,17 @@ class Cell:
             async for order in orders():
                 if "stream" in order:
                     group.create_task(self.stream(**order["stream"]))
-                elif "frames" in order:
-                    group.create_task(self.burst(order["frames"]))
+                elif order.keys() & {"samples", "frames"}:
+                    group.create_task(self.burst(**order))
+                elif "halt" in order:
+                    self.halted = True
+                elif "tell" in order:
+                    self.say_published()
                 elif "alarm" in order:
                     self.outlet.offer(alarm(**order["alarm"]))
                 elif "account" in order:
                     say({"account": self.outlet.account.snapshot()})
+            self.halted = True
 
 
 async def main() -> None:

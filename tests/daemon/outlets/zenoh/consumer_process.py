@@ -11,7 +11,7 @@ from cellwatt import Alarm, Batch, Frames
 from cellwatt.outlets.zenoh.link import LinkSettings
 from cellwatt.subscriber import Gap, Message, Subscriber
 from tests.blocks import same_frames
-from tests.daemon.outlets.zenoh.fake_cell import frames
+from tests.daemon.outlets.zenoh.fake_cell import CELL, SITE, frames
 from tests.orders import say
 
 
@@ -32,8 +32,8 @@ def summary(message: Message) -> dict[str, Any]:
 
 def main() -> None:
     settings = json.loads(sys.argv[1])
-    want = settings.pop("want", ["raw", "frame", "alarm", "event", "health"])
-    with Subscriber("plant-1", "weld-3", LinkSettings(**settings), want=want) as cell:
+    site, want = settings.pop("site", SITE), settings.pop("want", ["raw", "frame", "alarm", "event", "health"])
+    with Subscriber(site, CELL, LinkSettings(**settings), want=want) as cell:
 
         def stop() -> None:
             sys.stdin.read()

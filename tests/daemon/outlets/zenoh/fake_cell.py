@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -85,6 +86,15 @@ def alarm(number: int, active: bool = True, **more: Any) -> Alarm:
 def task(number: int) -> Task:
     end = EPOCH + number * 10**9
     return Task("arm", "task_1", "c0ffee", "speed=1.00", 1.0, end - 10**9, end, (number,), number)
+
+
+def sample(payload: bytes, attachment: bytes) -> Any:
+    """A message as Zenoh gives it."""
+
+    def holding(data: bytes) -> Any:
+        return SimpleNamespace(to_bytes=lambda: data)
+
+    return SimpleNamespace(payload=holding(payload), attachment=holding(attachment))
 
 
 class FakeView:

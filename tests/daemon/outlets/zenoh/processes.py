@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
-import select
 import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Self, TypeVar
 
+from cellwatt.emulation.relay import clients, pass_on
 from tests.patience import PATIENCE, wait_until
 
+T = TypeVar("T")
 ROOT = Path(__file__).resolve().parents[4]
 
 
@@ -39,10 +41,7 @@ class Child:
         assert self._process.stdout is not None
         for line in self._process.stdout:
             if line.endswith("\n"):  # or it was killed while it spoke
-                self.hear(json.loads(line))
-
-    def hear(self, said: Any) -> None:
-        self.said.append(said)
+                self.said.append(json.loads(line))
 
     @property
     def pid(self) -> int:
@@ -92,85 +91,55 @@ class Child:
 
 
 class Link:
-    """A TCP relay from a port of its own to ``target``, which can be cut.
+    """A TCP relay from a port of its own to ``target``, which can be cut; it runs on a loop in a thread of its own.
 
     ``streams`` has what was said to it, connection by connection.
     """
 
     def __init__(self, target: int) -> None:
-        self._target = target
-        self._server = socket.create_server(("127.0.0.1", 0))
-        self.port: int = self._server.getsockname()[1]
+        self._target = f"127.0.0.1:{target}"
         self.streams: list[bytearray] = []
-        self._heard: dict[socket.socket, bytearray] = {}
-        self._pairs: dict[socket.socket, socket.socket] = {}
         self._up = True
-        self._ended = False
-        self._dropped = threading.Event()
-        self._thread = threading.Thread(target=self._run)
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever)
+
+    def __enter__(self) -> Self:
         self._thread.start()
+        self._clients = clients(self._talk)
+        address, self._talking = self._do(self._clients.__aenter__())
+        self.port = int(address.rpartition(":")[2])
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._do(self._clients.__aexit__(None, None, None))
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()
 
     def cut(self) -> None:
         """Drop every connection; they are gone when this returns."""
-        self._dropped.clear()
         self._up = False
-        assert self._dropped.wait(PATIENCE), "the link was not cut"
+        self._do(self._drop())
 
     def restore(self) -> None:
         self._up = True
 
-    def __enter__(self) -> Link:
-        return self
+    async def _drop(self) -> None:
+        talking = list(self._talking)
+        for task in talking:
+            task.cancel()
+        await asyncio.gather(*talking, return_exceptions=True)
 
-    def __exit__(self, *_: object) -> None:
-        self._ended = True
-        self._thread.join()
-        self._drop_all()
-        self._server.close()
+    async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        heard = bytearray()
 
-    def _run(self) -> None:
-        while not self._ended:
-            if not self._up:
-                self._drop_all()
-                self._dropped.set()
-            watched = [self._server, *self._pairs]
-            for ready in select.select(watched, [], [], 0.02)[0]:
-                if ready is self._server:
-                    self._accept()
-                elif ready in self._pairs:
-                    self._forward(ready)
+        async def see(data: bytes) -> None:
+            if not heard:
+                self.streams.append(heard)
+            heard.extend(data)
 
-    def _accept(self) -> None:
-        near = self._server.accept()[0]
-        if not self._up:
-            near.close()
-            return
-        try:
-            far = socket.create_connection(("127.0.0.1", self._target))
-        except ConnectionRefusedError:  # the far process is starting anew: as a cut
-            near.close()
-            return
-        self._pairs |= {near: far, far: near}
-        self._heard[near] = bytearray()
-        self.streams.append(self._heard[near])
+        if self._up:
+            await pass_on(reader, writer, self._target, see)
 
-    def _forward(self, source: socket.socket) -> None:
-        try:
-            data = source.recv(65536)
-            if data:
-                self._heard.get(source, bytearray()).extend(data)
-                self._pairs[source].sendall(data)
-                return
-        except OSError:
-            pass
-        self._drop(source)
-
-    def _drop(self, one: socket.socket) -> None:
-        other = self._pairs.pop(one)
-        self._pairs.pop(other)
-        one.close()
-        other.close()
-
-    def _drop_all(self) -> None:
-        while self._pairs:
-            self._drop(next(iter(self._pairs)))
+    def _do(self, work: Coroutine[Any, Any, T]) -> T:
+        return asyncio.run_coroutine_threadsafe(work, self._loop).result(PATIENCE)

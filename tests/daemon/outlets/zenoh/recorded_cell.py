@@ -8,14 +8,14 @@ from typing import Any
 from cellwatt import Batch, Frames
 from cellwatt.record import History
 from cellwatt.results import Event, Result
-from tests.daemon.outlets.zenoh.fake_cell import CELL, FakeView
+from tests.daemon.outlets.zenoh.fake_cell import FakeView
 
 
 class RecordedView(FakeView):
     """A ``CellView`` whose past is a ``history``."""
 
-    def __init__(self, history: History, session: int, cell: str = CELL) -> None:
-        super().__init__(session, cell)
+    def __init__(self, history: History, session: int) -> None:
+        super().__init__(session)
         self._history = history
 
     def recordings(self) -> Sequence[Mapping[str, Any]]:

@@ -45,7 +45,10 @@ def test_this_pc_alone_needs_nothing(endpoint: str) -> None:
             {**SECURED, "listen": ["tls/0.0.0.0:1"], "options": {"access_control/default_permission": "allow"}},
             "without access rules",
         ),
+        ({"options": {"listen/endpoints": ["tcp/192.0.2.1:7447"]}}, "without TLS and access rules"),
+        ({"options": {"listen": {"endpoints": {"peer": ["tcp/192.0.2.1:1"]}}}}, "without TLS and access rules"),
         ({"scouting": True}, "any session on the local network"),
+        ({"options": {"scouting/multicast": {"enabled": True}}}, "any session on the local network"),
     ],
 )  # fmt: skip
 def test_the_network_is_let_in_only_on_purpose(settings: dict[str, Any], what: str) -> None:

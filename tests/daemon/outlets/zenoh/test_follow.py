@@ -3,13 +3,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cellwatt import Alarm, Task
+from cellwatt import Alarm, ProtocolError, Task
 from cellwatt.outlets.zenoh.follow import GRACE, Following
 from cellwatt.outlets.zenoh.mark import Mark
-from cellwatt.outlets.zenoh.order import Follower, Gap, MessagePart
+from cellwatt.outlets.zenoh.order import Follower, Gap, Message
 from tests.daemon.outlets.zenoh.fake_cell import alarm, batch, frames, task
 
 RAW = "raw/arm/samples"
@@ -27,18 +28,18 @@ def mark(session: int, first: int, count: int = 1) -> Mark:
     return Mark(session, first, count, 0)
 
 
-def numbers(parts: list[MessagePart]) -> list[tuple[int, int]]:
+def numbers(parts: list[Message]) -> list[tuple[int, int]]:
     return [(p.session, n) for p in parts for n in range(p.sequence, p.end)]
 
 
-def raw(following: Following, first: int, count: int = 1, session: int = 1) -> list[MessagePart]:
+def raw(following: Following, first: int, count: int = 1, session: int = 1) -> list[Message]:
     return following.message(RAW, mark(session, first, count), batch(first, count))
 
 
-def confirm(following: Following, positions: Mapping[str, tuple[int, int]], now: float = 0.0) -> list[MessagePart]:
+def confirm(following: Following, positions: Mapping[str, tuple[int, int]], now: float = 0.0) -> list[Message]:
     """The cell is asked how far it is, and answers."""
     assert following.asks_told(now + 10), "it saw no reason to ask"
-    return [part for _, part in following.told(1, positions, now)]
+    return following.told(1, positions, now)
 
 
 def test_what_is_early_waits_for_the_cells_word_and_for_what_is_missing() -> None:
@@ -77,6 +78,18 @@ def test_a_flood_of_claims_takes_no_room_for_longer_than_until_the_cell_has_answ
     assert raw(following, 4) == []
     (question,) = following.questions(200.0)
     assert [p.sequence for p in following.filled(question, [(mark(1, 0, 4), batch(0, 4))])] == [0, 4]
+
+
+def test_topics_of_a_stranger_before_the_cells_first_answer_leave_room_for_its_own() -> None:
+    following = Following(WANTED)
+    for n in range(2000):
+        following.message(f"raw/ghost{n}/samples", mark(1, 0), batch(0, 1))
+    following.told(1, {RAW: (1, 5)}, 0.0)
+    assert [p.sequence for p in raw(following, 5)] == [5]
+    assert raw(following, 9) == []
+    with pytest.raises(ProtocolError, match="more than 1000 topics"):
+        confirm(following, {f"raw/more{n}/samples": (1, 0) for n in range(1000)}, now=10.0)
+    assert following.asks_told(20.0), "an answer that cannot be true is not the last one"
 
 
 def test_what_came_of_a_session_that_ended_at_once_is_no_forgery() -> None:
@@ -129,16 +142,16 @@ def test_nobody_there_is_asked_again_for_ever() -> None:
 # one topic --------------------------------------------------------------------------------------------
 
 
-def part(first: int, count: int, session: int = 1, backfilled: bool = False) -> MessagePart:
-    return MessagePart(session, first, count, backfilled, batch(first, count))
+def part(first: int, count: int, session: int = 1, backfilled: bool = False) -> Message:
+    return Message(RAW, session, first, backfilled, batch(first, count))
 
 
-def spans(parts: list[MessagePart]) -> list[tuple[int, int, int]]:
+def spans(parts: list[Message]) -> list[tuple[int, int, int]]:
     return [(p.session, p.sequence, p.end) for p in parts]
 
 
 def test_a_session_may_have_a_lower_number_where_the_clock_was_set_back() -> None:
-    follower = Follower(100, 3)
+    follower = Follower(RAW, 100, 3)
     follower.announce(50, 1)
     tail = follower.hole()
     assert tail is not None
@@ -153,8 +166,8 @@ def test_a_session_may_have_a_lower_number_where_the_clock_was_set_back() -> Non
 def test_whatever_comes_each_sample_is_given_once_in_order(data: st.DataObject) -> None:
     """Parts of two sessions arrive lost, doubled, shuffled and overlapping; holes are answered from a whole record."""
     lengths = {1: data.draw(st.integers(1, 30)), 2: data.draw(st.integers(1, 30))}
-    follower = Follower(1, 0, hold=data.draw(st.integers(1, 6)))
-    given_out: list[MessagePart] = []
+    follower = Follower(RAW, 1, 0, hold=data.draw(st.integers(1, 6)))
+    given_out: list[Message] = []
     follower.announce(1, lengths[1])
     for session, length in lengths.items():
         if session == 2:
@@ -186,7 +199,7 @@ class World:
     up: bool = True
     now: float = 0.0
     made: dict[str, dict[int, int]] = field(default_factory=lambda: {topic: {} for topic in TOPICS})
-    given_out: dict[str, list[MessagePart]] = field(default_factory=lambda: {topic: [] for topic in TOPICS})
+    given_out: dict[str, list[Message]] = field(default_factory=lambda: {topic: [] for topic in TOPICS})
     joined: dict[str, tuple[int, int]] = field(default_factory=dict)
 
     def make(self, topic: str, count: int, arrives: bool) -> None:
@@ -209,8 +222,8 @@ class World:
         if not self.up:
             self.following.untold(self.now)
             return
-        for topic, part in self.following.told(self.session, self.positions, self.now):
-            self.given_out[topic].append(part)
+        for part in self.following.told(self.session, self.positions, self.now):
+            self.given_out[part.topic].append(part)
 
     def answer(self) -> None:
         self.now += 0.1

@@ -67,7 +67,11 @@ def check_all(cell: Child, consumer: Child, seconds: float) -> dict[str, int]:
 
 
 def start_consumer(port: int, **more: Any) -> Child:
-    consumer = Child("consumer_process", mode="client", connect=[f"tcp/127.0.0.1:{port}"], **more).ready()
+    return joined(Child("consumer_process", mode="client", connect=[f"tcp/127.0.0.1:{port}"], **more).ready())
+
+
+def joined(consumer: Child) -> Child:
+    """A consumer, once it knows where its cell is."""
     consumer.wait_for(lambda s: isinstance(s, dict) and s.get("topic") == "health" and s["joined"], "the cell's word")
     return consumer
 
@@ -121,8 +125,8 @@ def made_known(cell: Child, count: int, end: int) -> None:
 
 def test_what_a_cut_left_far_beyond_the_memory_comes_from_the_record(tmp_path: Path) -> None:
     port = free_port()
-    recording = {"listen": [f"tcp/127.0.0.1:{port}"], "folder": str(tmp_path), "frame_memory": "1 B"}
-    with Child("cell_process", **recording) as publisher, Link(port) as link:
+    recording = {"folder": str(tmp_path), "record": {"file_size": "10 kB"}, "frame_memory": "1 B"}
+    with Child("cell_process", listen=[f"tcp/127.0.0.1:{port}"], **recording) as publisher, Link(port) as link:
         publisher.ready()
         with start_consumer(link.port, want=["frame", "health"]) as consumer:
             made_known(publisher, 50, 50)

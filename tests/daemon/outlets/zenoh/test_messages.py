@@ -4,7 +4,6 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from cellwatt.outlets.zenoh.encode import decode
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import TYPES, decode_item, encode_item, encode_json, health, topic_of
 from cellwatt.outlets.zenoh.received import read_answer, read_health, read_sessions
-from tests.daemon.outlets.zenoh.fake_cell import EPOCH, alarm
+from tests.daemon.outlets.zenoh.fake_cell import EPOCH, alarm, sample
 
 SCHEMAS = Path(__file__).resolve().parents[4] / "docs" / "schemas"
 INTERVAL = Interval("arm", 3, EPOCH, EPOCH + 10, (1, 4), (0.5, -1.0), (0.0, 1.0), (0.75, 2.0), complete=False)
@@ -118,13 +117,6 @@ ABOUT = {
 TOLD = {"mark": {"session": 1, "sequence": 0}, "time": 1, "source": None, "kind": "k", "text": "t", "data": {}}
 
 
-def sample(payload: bytes):
-    def holding(data):
-        return SimpleNamespace(to_bytes=lambda: data)
-
-    return SimpleNamespace(payload=holding(payload), attachment=holding(PLACE.encode(payload)))
-
-
 @pytest.mark.parametrize("payload", [DEEP, b'{"data":' + DEEP, b"[]", b"\xff", b"1e999"])
 def test_json_that_is_no_result(payload):
     for kind in ("event", "interval", "alarm"):
@@ -138,11 +130,11 @@ def test_json_that_is_no_result(payload):
 def test_numbers_of_an_answer_that_are_none(number):
     answer = json.dumps([TOLD | {"mark": {"sequence": number}}]).encode()
     with pytest.raises(ProtocolError):
-        read_answer(sample(answer), "event")
+        read_answer(sample(answer, PLACE.encode(answer)), "event")
     for wrong in ({"time": number}, {"positions": {"frame": [1, number]}}):
-        told = {"session": 1, "time": 1, "positions": {}, "status": {}} | wrong
+        told = json.dumps({"session": 1, "time": 1, "positions": {}, "status": {}} | wrong).encode()
         with pytest.raises(ProtocolError):
-            read_health(sample(json.dumps(told).encode()))
+            read_health(sample(told, PLACE.encode(told)))
     assert read_sessions(json.dumps([{"session": number}]).encode()) == []
 
 

@@ -10,7 +10,6 @@ from contextlib import asynccontextmanager
 from datetime import UTC, datetime, timedelta
 from itertools import count
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -28,7 +27,7 @@ from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import encode_item, health
 from cellwatt.outlets.zenoh.signing import MessageSigner, MessageVerifier
 from cellwatt.subscriber import Gap, Health, Message, Subscriber
-from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch
+from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch, sample
 from tests.daemon.outlets.zenoh.processes import free_port
 from tests.daemon.outlets.zenoh.serving import serving
 from tests.doing import doing
@@ -58,12 +57,7 @@ def test_openssl_verifies_what_the_page_says_is_signed(keys: Path) -> None:
 
 def holds(keys: Path, topic: str, attachment: bytes, payload: bytes, root: str = ROOT, name: str = "cell") -> bool:
     """True if a consumer takes it for the cell's own."""
-
-    def data(content: bytes) -> Any:
-        return SimpleNamespace(to_bytes=lambda: content)
-
-    sample: Any = SimpleNamespace(attachment=data(attachment), payload=data(payload))
-    return MessageVerifier(root, keys / f"{name}.pub", Counter()).message(topic, sample)
+    return MessageVerifier(root, keys / f"{name}.pub", Counter()).message(topic, sample(payload, attachment))
 
 
 def test_nothing_of_a_message_can_be_changed(keys: Path) -> None:

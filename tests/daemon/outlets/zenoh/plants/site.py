@@ -1,55 +1,62 @@
-"""Certificates and configurations of two plants and headquarters, as docs/plants.md makes them."""
+"""Certificates and configurations of two plants and headquarters, made by the commands of docs/plants.md."""
 
 from __future__ import annotations
 
+import json
+import os
+import re
+import shlex
 import shutil
+import subprocess
+from contextlib import chdir
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from cellwatt.secure.folder import Folder, Member
+from cellwatt.commands.secure import command
+from tests.calling import called
+from tests.daemon.outlets.zenoh.fake_cell import CELL
 
 from .network import PLANTS, PORT, hq_address
 
 ROOT = Path(__file__).resolve().parents[5]
-CELL = "weld-3"
-"""Name of the cell in each plant."""
+HEADQUARTERS, PLANT, HQ_ROUTER, PLANT_ROUTER = re.findall(
+    r"```sh\n(.*?)```", (ROOT / "docs" / "plants.md").read_text(), re.DOTALL
+)[:4]
+"""The page's commands for headquarters and a plant, and those that start their routers."""
 
 
 def make(folder: Path) -> None:
-    """Make the authorities of headquarters and of each plant, all certificates, and the configurations of routers."""
-    hq = Folder.create(folder / "hq", "hq")
-    hq.add(Member("hq-router", "router", (*map(hq_address, PLANTS), "127.0.0.1")))
-    for name in (*(f"plant-{n}-router" for n in PLANTS), "recorder", "board"):
-        hq.add(Member(name, "viewer"))
-    shutil.copy(ROOT / "examples" / "plants" / "hq.json5", folder / "hq" / "hq.json5")
+    """Run the page's commands for headquarters and each plant, with the addresses that they have here."""
+    hosts = " ".join(f"--host {host}" for host in (*map(hq_address, PLANTS), "127.0.0.1"))
+    _run(HEADQUARTERS.replace("--host hq.example.com", hosts), folder)
+    shutil.copy(ROOT / "examples" / "plants" / "hq.json5", folder / "hq")
     for n in PLANTS:
-        at = folder / f"plant{n}"
-        plant = Folder.create(at, f"plant-{n}")
-        plant.add(Member("router", "router", ("10.88.0.1",)))
-        plant.add(Member(CELL, "cell"))
-        plant.add(Member("hq-router", "viewer"))
-        uplink = at / f"plant-{n}-router"
-        shutil.copytree(folder / "hq" / uplink.name, uplink)
-        authorities = (at / "router" / "ca.pem").read_bytes() + (uplink / "ca.pem").read_bytes()
-        (at / "both-ca.pem").write_bytes(authorities)
+        _run(PLANT.replace("plant-1", f"plant-{n}").replace("192.0.2.10", "10.88.0.1"), folder)
+
+
+def _run(commands: str, folder: Path) -> None:
+    with chdir(folder):
+        for line in commands.splitlines():
+            words = shlex.split(line)
+            if words[0] == "cd":
+                os.chdir(words[1])
+            elif words[0] == "cellwatt":
+                called(command, *words[2:])
+            else:
+                subprocess.run(line, shell=True, check=True)
 
 
 def uplink(n: int) -> dict[str, Any]:
     """What a plant's router needs beside the file that ``cellwatt secure`` wrote, by path."""
-    at = "transport/link/tls"
-    return {
-        "connect/endpoints": [f"tls/{hq_address(n)}:{PORT}"],
-        f"{at}/root_ca_certificate": "both-ca.pem",
-        f"{at}/connect_certificate": f"plant-{n}-router/cert.pem",
-        f"{at}/connect_private_key": f"plant-{n}-router/key.pem",
-    }
+    here = PLANT_ROUTER.replace("hq.example.com", hq_address(n)).replace("plant-1", f"plant-{n}")
+    return {path: json.loads(text) for path, text in re.findall(r"--cfg '([\w/]+):(.*?)'", here)}
 
 
 def cell_settings(folder: Path, n: int) -> dict[str, Any]:
     """The ``zenoh:`` settings of a plant's cell, with paths from the root."""
-    return _absolute(folder / f"plant{n}", CELL)
+    return _absolute(folder / f"plant-{n}", CELL)
 
 
 def viewer_settings(folder: Path, name: str) -> dict[str, Any]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import time
-from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
@@ -12,34 +11,32 @@ from pathlib import Path
 from typing import Any
 
 from tests.daemon.outlets.zenoh.processes import Child
+from tests.daemon.outlets.zenoh.test_link_cut import assert_complete, joined, reached, received
 
 from . import site
 from .network import PLANTS, Network, network
 
 PATIENCE = 120.0
-WIDTH = 13
-"""Channels of the cells."""
+RAW = "raw/arm/samples"
+NAMES = {RAW: "samples", "frame": "frames", "alarm": "alarms"}
 
 
 class Process(Child):
-    """A module of this package in a namespace; ``said`` is its last line of each kind, by its first key."""
+    """A process of the tests in a namespace."""
 
     def __init__(self, net: Network, place: str, module: str, order: dict[str, Any]) -> None:
-        self._last: dict[str, Any] = {}
-        super().__init__(f"plants.{module}", net.inside(place), **order)
-        self.said, self._name = self._last, f"{module} in {place}"
-
-    def hear(self, said: Any) -> None:
-        self._last[said if isinstance(said, str) else next(iter(said))] = said
+        super().__init__(module, net.inside(place), **order)
+        self._name = f"{module} in {place}"
 
     def answer(self, key: str, patience: float = PATIENCE, **order: Any) -> dict[str, Any]:
         """Give an order and wait for the line that begins with ``key``."""
-        self.said.pop(key, None)
+        before = len(self.said)
         self.send(**order)
-        return self.wait(key, patience)[key]  # type: ignore[no-any-return]
+        return self.until(lambda: next((s[key] for s in self.said[before:] if key in s), None), key, patience)
 
-    def wait(self, key: str, patience: float = PATIENCE) -> Any:
-        return self.until(lambda: self.said.get(key), key, patience)
+    def publish(self, rate: float) -> None:
+        """Publish samples at ``rate`` Hz, 50 frames a second and an alarm a second until it is halted."""
+        self.send(stream={"samples": None, "frames_too": True, "every": 50, "rate": rate, "block": round(rate / 50)})
 
     def end(self) -> None:
         """Close its input; one that does not end by itself is killed."""
@@ -56,29 +53,35 @@ class Trial:
     stack: ExitStack
     started: list[Process] = field(default_factory=list)
 
-    def cell(self, n: int, rate: float, *, zenoh: dict[str, Any] | None = None, **record: Any) -> Process:
-        """Start the cell of a plant with samples at ``rate`` Hz; ``zenoh`` and ``record`` are more settings."""
-        order = {"site": f"plant-{n}", "cell": site.CELL, "folder": str(self.folder / f"record{n}"), "rate": rate}
-        settings = site.cell_settings(self.folder, n) | (zenoh or {})
-        return self.start(f"cell{n}", "cell", order | {"width": WIDTH, "zenoh": settings, "record": record})
+    def cell(self, n: int, *, backfill: str | None = None, **record: Any) -> Process:
+        """Start the cell of a plant; ``backfill`` and ``record`` are more settings."""
+        settings = site.cell_settings(self.folder, n) | {"backfill": backfill, "record": record}
+        folder = str(self.folder / f"record{n}")
+        return self.start(f"cell{n}", "cell_process", settings | {"site": f"plant-{n}", "folder": folder})
 
-    def consumer(self, n: int, how: str = "recorder") -> Process:
-        """Start a consumer at headquarters: one that wants every sample of a plant's cell, or a ``board``."""
-        link = site.viewer_settings(self.folder, how)
-        order = {"site": f"plant-{n}", "cell": site.CELL, "link": link, "how": how}
-        return self.start("hq", "consumer", order)
+    def consumer(self, n: int) -> Process:
+        """Start a consumer at headquarters that wants every sample of a plant's cell."""
+        more = {"site": f"plant-{n}", "want": [*NAMES, "health"]}
+        return self.start("hq", "consumer_process", site.viewer_settings(self.folder, "recorder") | more)
+
+    def board(self, n: int) -> Process:
+        """Start a board at headquarters that counts the live blocks of a plant's cell."""
+        order = {"site": f"plant-{n}", "link": site.viewer_settings(self.folder, "board")}
+        return self.start("hq", "plants.board", order)
 
     def start(self, place: str, module: str, order: dict[str, Any]) -> Process:
-        """Start a module of this package in a namespace."""
+        """Start a module in a namespace."""
         process = Process(self.net, place, module, order)
         self.stack.callback(process.end)
         self.started.append(process)
         return process
 
-    def ready(self) -> None:
-        """Wait until all that were started are ready; they try for ten seconds to reach their routers."""
+    def ready(self, *consumers: Process) -> None:
+        """Wait until all are ready, and consumers know where their cells are, through both routers."""
         for process in self.started:
-            process.wait("ready")
+            process.wait_for(lambda s: s == "ready", "ready", PATIENCE)
+        for consumer in consumers:
+            joined(consumer)
 
 
 @contextmanager
@@ -87,49 +90,28 @@ def plants(folder: Path) -> Iterator[Trial]:
     site.make(folder)
     with network() as net, ExitStack() as stack:
         trial = Trial(net, folder, stack)
-        trial.start("hq", "router", {"folder": str(folder / "hq"), "file": "hq.json5", "options": {}})
+        trial.start("hq", "plants.router", {"folder": str(folder / "hq"), "file": "hq.json5", "options": {}})
         for n in PLANTS:
-            order = {"folder": str(folder / f"plant{n}"), "file": "router/zenohd.json5", "options": site.uplink(n)}
-            trial.start(f"plant{n}", "router", order)
+            order = {"folder": str(folder / f"plant-{n}"), "file": "router/zenohd.json5", "options": site.uplink(n)}
+            trial.start(f"plant{n}", "plants.router", order)
         yield trial
 
 
-def topics(recorder: Process) -> dict[str, Counter[str]]:
-    """What a consumer has, by topic."""
-    said = recorder.said.get("topics", {"topics": {}})["topics"]
-    return {name: Counter(numbers) for name, numbers in said.items()}
-
-
-RAW = "raw/arm/samples"
-NAMES = {RAW: "samples", "frame": "frames", "alarm": "alarms"}
-
-
-def begun(recorder: Process) -> None:
+def begun(consumer: Process) -> None:
     """Wait until a consumer follows all topics of its cell."""
-    recorder.until(lambda: all(topics(recorder).get(t) for t in NAMES), "something of each topic")
+    consumer.until(lambda: all(received(consumer, topic) for topic in NAMES), "something of each topic")
 
 
-def caught_up(recorder: Process, made: dict[str, Any], patience: float) -> None:
+def caught_up(consumer: Process, made: dict[str, int], patience: float = PATIENCE) -> None:
     """Wait until a consumer has everything that a cell made."""
     for topic, name in NAMES.items():
-        if made[name]:
-            reached = lambda t=topic, n=name: topics(recorder).get(t, Counter())["next"] >= made[n]  # noqa: E731
-            recorder.until(reached, f"all of {topic}", patience)
+        consumer.until(lambda t=topic, n=name: reached(consumer, t, made[n]), f"all of {topic}", patience)  # type: ignore[misc]
 
 
-def judged(recorder: Process, made: dict[str, Any]) -> dict[str, Any]:
-    """What is missing, twice, out of order or wrong at a consumer, summed over topics: numbers of the cell's own."""
-    found = topics(recorder)
-    whole = {t: made[n] - found[t]["first"] for t, n in NAMES.items() if made[n]}
-    return {
-        "due": sum(whole.values()),
-        "got": sum(found[t]["count"] for t in whole),
-        "backfilled": sum(found[t]["backfilled"] for t in whole),
-        "told as lost": sum(found[t]["lost"] for t in whole),
-        **{what: sum(found[t][what] for t in whole) for what in ("holes", "twice", "wrong")},
-        "reasons": recorder.said["topics"]["reasons"],
-        "counts": recorder.said["topics"]["counts"],
-    }
+def assert_whole(consumer: Process, made: dict[str, int]) -> None:
+    """Everything that the cell made came once, in order, with its own values."""
+    for topic, name in NAMES.items():
+        assert_complete(received(consumer, topic), 0, made[name])
 
 
 def cut_and_catch_up(
@@ -139,37 +121,39 @@ def cut_and_catch_up(
     *,
     backfill: str | None = None,
     line: float | None = None,
-    before: float = 3.0,
-    after: float = 3.0,
-    patience: float = PATIENCE,
+    before: float,
+    after: float,
+    patience: float,
 ) -> dict[str, Any]:
-    """Cut plant 1 off for ``seconds`` s; plant 2 goes on. What both got, and how many live blocks came meanwhile.
+    """Cut plant 1 off for ``seconds`` s; plant 2 goes on, and both get everything.
 
+    What plant 1 made and how many samples came late, its account, the time to catch up and the live blocks meanwhile.
     The line to headquarters carries ``line`` bytes a second; answers about the past get ``backfill``.
     """
-    zenoh = {} if backfill is None else {"backfill": backfill}
     with plants(folder) as trial:
-        cells = [trial.cell(n, rate, zenoh=zenoh) for n in PLANTS]
-        recorders = [trial.consumer(n) for n in PLANTS]
-        board = trial.consumer(1, "board")
-        trial.ready()
+        cells = [trial.cell(n, backfill=backfill) for n in PLANTS]
+        consumers = [trial.consumer(n) for n in PLANTS]
+        board = trial.board(1)
+        trial.ready(*consumers)
         for cell in cells:
-            cell.send(run=None)
-        for recorder in recorders:
-            begun(recorder)
+            cell.publish(rate)
+        for consumer in consumers:
+            begun(consumer)
         if line is not None:
             trial.net.narrow(1, line)
         time.sleep(before)
         trial.net.cut(1)
         time.sleep(seconds)
-        live = board.said["live"]["live"]
+        live = board.said[-1]["live"]
         trial.net.restore(1)
         back = time.monotonic()
-        caught_up(recorders[0], cells[0].answer("told", tell=True), patience)
-        caught, live = time.monotonic() - back, board.said["live"]["live"] - live
+        caught_up(consumers[0], cells[0].answer("published", tell=True), patience)
+        caught, live = time.monotonic() - back, board.said[-1]["live"] - live
         time.sleep(after)
-        made = [cell.answer("ran", halt=True) for cell in cells]
-        for recorder, whole in zip(recorders, made, strict=True):
-            caught_up(recorder, whole, patience)
-        judgements = [judged(r, m) for r, m in zip(recorders, made, strict=True)]
-        return {"caught_up_s": caught, "live": live, "plants": judgements, "cell": made[0]}
+        made = [cell.answer("published", halt=True) for cell in cells]
+        for consumer, whole in zip(consumers, made, strict=True):
+            caught_up(consumer, whole, patience)
+            assert_whole(consumer, whole)
+        late = sum(m["count"] for m in received(consumers[0], RAW) if m["backfilled"])
+        account = cells[0].answer("account", account=True)
+        return {"caught_up_s": caught, "live": live, "made": made[0]["samples"], "late": late, "account": account}
