@@ -145,6 +145,11 @@ def write_csv(path: Path, rows: Iterable[Sequence[object]]) -> None:
     write_file(path, text.getvalue())
 
 
+def replace_text(path: Path, text: str) -> None:
+    """Replace the content of a file by a text, as ``replace_bytes``. Raises ``OSError``."""
+    replace_bytes(path, text.encode())
+
+
 def replace_bytes(path: Path, content: bytes, mode: int = 0o666) -> None:
     """Replace the content of a file atomically, and sync the file and its name to disk. Raises ``OSError``.
 

@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
+
 from cellwatt.child import output
 from cellwatt.demo.cells import shape_file
 from cellwatt.emulation import ArmSignals
@@ -49,7 +51,8 @@ def write_run(folder: Path, out: Path, epoch: float, since: float, until: float)
     names = [f"{ARM}.joint_{joint}.{quantity}" for _, quantity in RECORDED for joint in range(1, JOINTS + 1)]
     with _quiet():
         frames = Recording.open(folder).between(round(since * 1e9), round(until * 1e9)).frames_table()
-    time, values = frames.time * 1e-9, frames.values[:, [frames.layout.index(name) for name in names]]
+    time = np.asarray(frames.time * 1e-9, np.float64)
+    values = frames.values[:, [frames.layout.index(name) for name in names]]
     labels = [f"{short}_{joint}" for short, _ in RECORDED for joint in range(1, JOINTS + 1)]
     recording, simulation = out / "recording.parquet", out / "simulation.parquet"
     write_table(recording, {"t": time - since, **dict(zip(labels, values.T, strict=True))})

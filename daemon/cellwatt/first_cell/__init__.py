@@ -19,7 +19,7 @@ from cellwatt.config.reference import Field, in_yaml, reference
 from cellwatt.config.wording import first_sentence
 from cellwatt.driver import SourceSettings
 from cellwatt.errors import CellwattError, ConfigError, why
-from cellwatt.files import replace_bytes
+from cellwatt.files import replace_text
 from cellwatt.record.settings import RecordSettings
 from cellwatt.registry import driver as find_driver
 from cellwatt.runtime.assemble import Prepared, prepare
@@ -94,7 +94,7 @@ def write_cell(
         advice = "; give it as --set NAME.KEY=VALUE" if more else ""
         raise ConfigError(f"{path} is not written: {'; '.join(texts)}{advice}") from error
     try:
-        replace_bytes(path, text.encode())
+        replace_text(path, text)
     except OSError as error:
         raise CellwattError(f"{path} cannot be written: {why(error)}") from error
 

@@ -17,7 +17,7 @@ from pydantic import TypeAdapter
 
 from cellwatt.door.signing import Signer, Verifier
 from cellwatt.errors import why
-from cellwatt.files import replace_bytes
+from cellwatt.files import replace_text
 from cellwatt.record.header import PART, FileName
 from cellwatt.record.survey import files_at
 
@@ -59,8 +59,7 @@ def write(recording: Path, state: State, signer: Signer) -> None:
     """
     target = recording.with_name(recording.name.removesuffix(PART))
     bare = Seal(target.name, *_digest(recording), state)
-    text = json.dumps({**asdict(bare), "signature": signer.sign(*bare.parts).hex()})
-    replace_bytes(seal_of(target), text.encode())
+    replace_text(seal_of(target), json.dumps({**asdict(bare), "signature": signer.sign(*bare.parts).hex()}))
 
 
 def read(recording: Path) -> Seal | None:
