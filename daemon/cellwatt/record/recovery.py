@@ -89,11 +89,12 @@ def _repair(file: FileIO, part: Path) -> Recovery:
         return Recovery(part, problem=f"{target.name} exists already; moved to {copy.name}")
     found = scan(file, part)
     aside: Path | None = None
+    result: Path | None = target
     if not found.contents.chunks:
+        result = None
         aside = _set_aside_whole(part) if found.damage else None
         part.unlink(missing_ok=True)
-        return _report(found, None, aside)
-    if found.closed and not found.damage:
+    elif found.closed and not found.damage:
         os.fsync(file.fileno())
         part.rename(target)
     elif found.torn:
@@ -108,12 +109,8 @@ def _repair(file: FileIO, part: Path) -> Recovery:
         _rewrite(file, found, target)
         aside = _set_aside_whole(part)
     sync_folder(part.parent)
-    return _report(found, target, aside)
-
-
-def _report(found: Scan, result: Path | None, aside: Path | None) -> Recovery:
     return Recovery(
-        part=found.path,
+        part=part,
         result=result,
         messages=found.contents.counts.total(),
         size=found.size,
