@@ -9,7 +9,7 @@ import re
 import signal
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
@@ -144,7 +144,7 @@ def _begin(parent: int) -> None:
 
 
 def _call(
-    function: Callable[..., Any], folder: Path, names: Mapping[str, str], shared: str | None, item: Any
+    function: Callable[..., Any], folder: Path, names: Sequence[tuple[str, str]], shared: str | None, item: Any
 ) -> tuple[Any, set[str]]:
     """Call the function in ``folder`` and with the user's ``names`` of columns, as the command runs, so that relative
     paths and tables have the same meaning. Also return the columns looked up; an exception holds them, too."""

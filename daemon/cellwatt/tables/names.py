@@ -116,26 +116,26 @@ class Name:
 class _Called(NamedTuple):
     """Names of columns as a user gives them, and as they are looked up."""
 
-    names: Mapping[str, str]
+    names: Sequence[tuple[str, str]]
     patterns: Sequence[tuple[str, re.Pattern[str]]]
     columns: set[str]
     """Columns looked up."""
 
 
-_NONE: Final = _Called({}, (), set())
+_NONE: Final = _Called((), (), set())
 _OF_THE_USER: ContextVar[_Called] = ContextVar("of_the_user")
 
 
 @contextmanager
-def called(names: Mapping[str, str]) -> Iterator[Callable[[], list[str]]]:
-    """Within the context also accept a user's names of columns: ``{"tau": "Moment{}"}`` reads ``Moment1`` as ``tau_1``,
-    ``{"q [deg]": "A{}"}`` reads ``A1`` as ``q_1`` in degrees.
+def called(names: Sequence[tuple[str, str]]) -> Iterator[Callable[[], list[str]]]:
+    """Within the context also accept a user's names of columns: ``("tau", "Moment{}")`` reads ``Moment1`` as ``tau_1``,
+    ``("q [deg]", "A{}")`` reads ``A1`` as ``q_1`` in degrees. A quantity may have several names.
 
     Yields a function that lists the user's names that no column had so far, none before a column was looked up.
-    Raises ``ConfigError`` if a key is not a known name.
+    Raises ``ConfigError`` if the first of a pair is not a known name.
     """
     patterns, columns = [], set[str]()
-    for name, written in names.items():
+    for name, written in names:
         before, numbered, after = written.partition("{}")
         stem, bracket, unit = name.partition("[")
         stem = re.sub(r"_?\{\}$", "", stem.strip())  # "q_{}" means "q"
@@ -146,8 +146,8 @@ def called(names: Mapping[str, str]) -> Iterator[Callable[[], list[str]]]:
         patterns.append((known, re.compile(re.escape(before) + number + re.escape(after))))
 
     def unused() -> list[str]:
-        own = zip(names.values(), patterns, strict=True)
-        return [written for written, (_, pattern) in own if columns and not any(map(pattern.fullmatch, columns))]
+        own = zip(names, patterns, strict=True)
+        return [written for (_, written), (_, pattern) in own if columns and not any(map(pattern.fullmatch, columns))]
 
     before_it = _OF_THE_USER.set(_Called(names, patterns, columns))
     try:
@@ -156,7 +156,7 @@ def called(names: Mapping[str, str]) -> Iterator[Callable[[], list[str]]]:
         _OF_THE_USER.reset(before_it)
 
 
-def names_called() -> Mapping[str, str]:
+def names_called() -> Sequence[tuple[str, str]]:
     """The user's names of columns in the innermost ``called``."""
     return _OF_THE_USER.get(_NONE).names
 
