@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, WithJsonSchema
@@ -45,7 +45,7 @@ def parse(text: object, units: Mapping[str, float], example: str) -> float:
     return number
 
 
-def _quantity(units: Mapping[str, float], example: str, positive: bool) -> Callable[[object], object]:
+def _kind(units: Mapping[str, float], example: str, positive: bool = False) -> Any:
     def validate(value: object) -> object:
         # Defaults and values set from Python are floats in base units; a value in YAML must include its unit.
         number = value if type(value) is float else parse(value, units, example)
@@ -53,15 +53,11 @@ def _quantity(units: Mapping[str, float], example: str, positive: bool) -> Calla
             raise ValueError(f"must be above zero, like {example!r}")
         return number
 
-    return validate
+    return BeforeValidator(validate)
 
 
 def _schema(example: str) -> WithJsonSchema:
     return WithJsonSchema({"type": "string", "examples": [example]})
-
-
-def _kind(units: Mapping[str, float], example: str, positive: bool = False) -> Any:
-    return BeforeValidator(_quantity(units, example, positive))
 
 
 Hertz = Annotated[float, _kind(_HERTZ, "500 Hz", positive=True), _schema("500 Hz")]

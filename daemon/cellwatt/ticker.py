@@ -29,10 +29,6 @@ def _checked(result: int) -> int:
     return result
 
 
-def _create_timer() -> int:
-    return _checked(_LIBC.timerfd_create(time.CLOCK_MONOTONIC, os.O_NONBLOCK | os.O_CLOEXEC))
-
-
 def _arm(fd: int, deadline: int) -> None:
     seconds, nanoseconds = divmod(deadline, 1_000_000_000)
     spec = (ctypes.c_long * 4)(0, 0, seconds, nanoseconds)  # struct itimerspec: interval, then value
@@ -137,7 +133,7 @@ class _LoopClock:
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self.loop = loop
-        self._fd = _create_timer()
+        self._fd = _checked(_LIBC.timerfd_create(time.CLOCK_MONOTONIC, os.O_NONBLOCK | os.O_CLOEXEC))
         self._due: list[tuple[int, int, Ticker]] = []
         self._armed = 0
         self._members = 0

@@ -27,12 +27,8 @@ class Unit:
 
     def of(self, values: ArrayLike) -> NDArray[np.float64]:
         """Convert values from the SI unit to this unit, any shape."""
-        shown = self.difference(values)
+        shown = np.asarray(values, np.float64) / self.factor
         return shown + self.zero if self.zero else shown  # adding 0 would turn −0 into 0
-
-    def difference(self, values: ArrayLike) -> NDArray[np.float64]:
-        """Convert differences and deviations from the SI unit to this unit, any shape."""
-        return np.asarray(values, np.float64) / self.factor
 
     def si(self, values: ArrayLike) -> NDArray[np.float64]:
         """Convert values from this unit to the SI unit, any shape."""
@@ -95,11 +91,6 @@ class Units(Section):
         """Unit in which values of the unit ``si`` are shown; ``si`` itself if no other is available."""
         kind = _KINDS.get(si)
         return Unit(si) if kind is None else TABLE[kind][getattr(self, kind)]
-
-    def show(self, values: ArrayLike, si: str) -> tuple[NDArray[np.float64], str]:
-        """Convert values from the unit ``si`` to the shown unit, any shape; also return that unit's name."""
-        unit = self.of(si)
-        return unit.of(values), unit.name
 
     def but(self, names: Iterable[str]) -> Units:
         """These units with those of ``names`` replaced; ``SI`` resets all to SI. Raises ``ValueError``."""

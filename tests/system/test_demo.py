@@ -10,8 +10,6 @@ import pytest
 
 from cellwatt.demo import cells
 from cellwatt.demo.fault import JOINT
-from cellwatt.demo.seen import Seen
-from cellwatt.demo.summary import summary
 from cellwatt.registry import available
 from tests.system.running import cellwatt
 
@@ -73,49 +71,3 @@ def test_a_driver_whose_library_is_absent_is_left_out_and_told(tmp_path, monkeyp
     assert "franka" not in devices
     assert len(devices) == len(available("cellwatt.drivers")) - 1
     assert "pip install 'cellwatt[franka]'" in lacking["franka"]
-
-
-def status(**changed: object) -> dict[str, object]:
-    stream = {"nominal_hz": 50.0, "rate_hz": 50.0, "jitter_p50_ms": 0.1, "jitter_p99_ms": 0.2, "samples": 100}
-    source = {"expected": 100, "received": 100, "missed": {}, "dropped": {}, "residue": 0, "streams": {"s": stream}}
-    names = ("arm", "board", "positioner", "mains")
-    return {"sources": dict.fromkeys(names, source | changed), "frames": {"count": 0}}
-
-
-def seen(**changed: object) -> Seen:
-    told = Seen(status=status(**changed), predictions=9)
-    for name in ("arm", "board", "positioner", "mains"):
-        told.add({"kind": "raw", "topic": f"raw/{name}/s", "sequence": 0, "content": {"count": 100}})
-    told.add({"kind": "interval", "content": {"closed": True, "moving": [3], "start": 10e9, "end": 10.7e9}})
-    return told
-
-
-def alarm(joint: int, at: float) -> dict[str, object]:
-    content = {"kind": "joint_fault", "severity": "error", "joint": joint, "active": True, "statement": "…"}
-    return {"kind": "alarm", "received": at * 1e9, "content": content}
-
-
-@pytest.mark.parametrize(
-    ("joint", "at", "changed", "exit_code", "problem"),
-    [
-        (2, 10.4, {}, 0, "names joint 2"),
-        (3, 9.0, {}, 0, "before the fault"),
-        (3, 10.4, {"missed": {"gap": 1}, "received": 99}, 0, "1 samples lost"),
-        (3, 10.4, {"residue": 4}, 0, "4 not accounted"),
-        (3, 10.4, {}, 1, "exit code 1"),
-    ],
-)
-def test_summary_sees_what_is_wrong(
-    joint: int, at: float, changed: dict[str, object], exit_code: int, problem: str
-) -> None:
-    told = seen(**changed)
-    told.add(alarm(joint, at))
-    assert problem in "; ".join(summary(told, {}, 10.0, exit_code)["problems"])
-
-
-def test_summary_misses_samples_and_alarms_that_did_not_come() -> None:
-    told = seen()
-    told.samples["raw/arm/s"] -= 1
-    problems = "; ".join(summary(told, {}, 10.0, 0)["problems"])
-    assert "99 at the subscriber" in problems
-    assert "no alarm" in problems

@@ -19,8 +19,6 @@ from tests.patience import PATIENCE
 
 pytestmark = pytest.mark.system
 
-EACH_WAY = pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL], ids=lambda n: n.name)
-
 
 def descendants(pid: int) -> set[int]:
     """Process ids of all children of a process, and of theirs."""
@@ -107,7 +105,7 @@ sys.stdin.read()
 """
 
 
-@EACH_WAY
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL], ids=lambda n: n.name)
 async def test_a_child_ends_with_its_parent(number: signal.Signals) -> None:
     """As the process of a vendor's library, and a live explanation, do."""
     pipe = asyncio.subprocess.PIPE

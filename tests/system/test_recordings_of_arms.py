@@ -83,7 +83,8 @@ async def test_what_arrives_is_what_is_in_the_file(tmp_path: Path, case: str) ->
     path = await asyncio.to_thread(find, tmp_path)
     truth = load_signals(path)
     for lead in (8.0, 24.0, 72.0):  # s that a machine may need to start a daemon
-        if heard := await played(fresh(tmp_path, f"{lead:.0f}"), path, truth, fields, lead):
+        (folder := tmp_path / f"{lead:.0f}").mkdir()
+        if heard := await played(folder, path, truth, fields, lead):
             break
     else:
         pytest.fail("the daemon never came up in time")
@@ -94,12 +95,6 @@ async def test_what_arrives_is_what_is_in_the_file(tmp_path: Path, case: str) ->
     np.testing.assert_allclose(device_time * 1e-9, truth.time, rtol=0, atol=1e-6)
     assert_times_hold(got, epoch + truth.time - truth.time[0])
     assert not audience.gaps
-
-
-def fresh(folder: Path, name: str) -> Path:
-    """A new folder in it."""
-    (folder / name).mkdir()
-    return folder / name
 
 
 def connected(audience: Audience) -> bool:

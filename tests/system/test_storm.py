@@ -8,7 +8,6 @@ import os
 import random
 import time
 from collections.abc import AsyncIterator
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -35,15 +34,8 @@ RARE = {("arm", "half_frame"), ("arm", "garbage"), ("mains", "garbage"), ("mains
 """These cost the connection, or a time-out, each time they strike."""
 
 
-@dataclass
-class Cell:
-    daemon: Daemon
-    audience: Audience
-    devices: dict[str, EmulatorProcess] = field(default_factory=dict)
-
-
 @contextlib.asynccontextmanager
-async def cell(folder: Path) -> AsyncIterator[Cell]:
+async def cell(folder: Path) -> AsyncIterator[tuple[Daemon, Audience, dict[str, EmulatorProcess]]]:
     link = folder / "tty"
     async with contextlib.AsyncExitStack() as stack:
         devices = {
@@ -67,7 +59,7 @@ stages: {{segment: {{arm: arm}}}}
 """
         daemon, audience = await stack.enter_async_context(running(folder, text))
         await audience.until(Audience.all_up)
-        yield Cell(daemon, audience, devices)
+        yield daemon, audience, devices
 
 
 def strike(name: str, kind: str, rng: random.Random) -> Fault:
@@ -79,15 +71,14 @@ def strike(name: str, kind: str, rng: random.Random) -> Fault:
 
 async def storm(folder: Path, seconds: float, seed: int) -> None:
     rng = random.Random(seed)
-    async with cell(folder) as running_cell:
-        audience = running_cell.audience
+    async with cell(folder) as (daemon, audience, devices):
         start = time.monotonic()
         while time.monotonic() - start < seconds:
             # What is away already cannot go away: faults queued meanwhile would strike one by one at each return.
             name = rng.choice([n for n in KINDS if audience.source(n)["state"] == "ok"] or list(KINDS))
-            await running_cell.devices[name].inject(strike(name, rng.choice(KINDS[name]), rng))
+            await devices[name].inject(strike(name, rng.choice(KINDS[name]), rng))
             await asyncio.sleep(rng.uniform(0.1, 0.6))
-        for name, device in running_cell.devices.items():
+        for name, device in devices.items():
             for kind in set(KINDS[name]) - ONE_SHOT:
                 await device.inject(Fault(kind, 0.0))  # type: ignore[arg-type]
         marks = {n: audience.source(n)["received"] for n in KINDS}
@@ -95,9 +86,9 @@ async def storm(folder: Path, seconds: float, seed: int) -> None:
         assert not audience.unbalanced, audience.unbalanced[:3]
         assert not audience.gaps
         assert audience.status["loop_lag_ms"] < 1000
-        assert await running_cell.daemon.stop() == 0
+        assert await daemon.stop() == 0
         assert all(balanced(audience.source(n)) for n in KINDS)
-        assert "Traceback" not in running_cell.daemon.log
+        assert "Traceback" not in daemon.log
         assert all(audience.source(n)["counters"].get("driver bugs", 0) == 0 for n in KINDS)
     await asyncio.to_thread(compare, Recording.open(folder / "record"), audience)
 

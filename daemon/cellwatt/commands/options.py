@@ -81,7 +81,7 @@ def with_columns(command: Callable[..., R]) -> Callable[..., R]:
         pairs = [text.partition("=") for text in columns]
         if wrong := [text for text, (stem, _, own) in zip(columns, pairs, strict=True) if not (stem and own)]:
             raise click.UsageError(f"--columns: found {wrong[0]!r}, expected NAME=YOURS, like 'tau=Moment{{}}'")
-        with called({stem: own for stem, _, own in pairs}) as idle:
+        with called([(stem, own) for stem, _, own in pairs]) as idle:
             try:
                 return command(*args, **given)
             finally:

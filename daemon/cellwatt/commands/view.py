@@ -16,13 +16,13 @@ from cellwatt.commands import EXISTING, FILE
 from cellwatt.commands.cell_link import Where, cell_options
 from cellwatt.commands.options import SECONDS
 from cellwatt.config import CellConfig, load
+from cellwatt.config.fields import anchored
+from cellwatt.config.settings_file import read_settings
 from cellwatt.errors import ConfigError, why
-from cellwatt.files import read_text
 from cellwatt.outlet import revealed
 from cellwatt.outlets.page import PageSettings
 from cellwatt.outlets.page.sessions import hash_of
 from cellwatt.subscriber import LinkSettings
-from cellwatt.yaml_file import NotYamlError, parse_yaml
 
 
 @click.command(short_help="Show a live cell, or a recording, in a browser.")
@@ -64,12 +64,13 @@ def command(
         _write_layout(layout, config)
         return
     own = None if config is None or "page" not in config.outlets else config.outlets["page"].settings
-    if page is not None:
-        values = _written(page)
-    else:
-        values = revealed(own) if isinstance(own, PageSettings) else {}
+    given = own if page is None else read_settings(page, PageSettings)
+    values: dict[str, Any] = revealed(given) if isinstance(given, PageSettings) else {}
+    if page is None:
         values.pop("listen", None)  # the cell's own page listens at that address
-    settings = _settings(values, listen, arms, page)
+    else:
+        values = anchored(PageSettings, values, page.absolute().parent)
+    settings = _settings(values, listen, arms)
     if (plant := where.whole_site) is not None:
         if foxglove:
             raise click.UsageError("--foxglove shows one cell: give --cell, too")
@@ -111,20 +112,7 @@ def _write_layout(out: Path, config: CellConfig | None) -> None:
     click.echo(f"wrote {out}: in the app, import it as a layout")
 
 
-def _written(file: Path) -> dict[str, Any]:
-    """Settings of the page from a file; relative paths are relative to its folder."""
-    from cellwatt.config.fields import anchored
-
-    try:
-        values = parse_yaml(read_text(file))
-    except (OSError, UnicodeDecodeError, NotYamlError) as error:
-        raise ConfigError(f"{file}: {error}") from None
-    if not isinstance(values, dict):
-        raise ConfigError(f"{file}: expected settings of the page (users: …, certificate: …)")
-    return {str(key): value for key, value in anchored(PageSettings, values, file.absolute().parent).items()}
-
-
-def _settings(values: dict[str, Any], listen: str | None, arms: Sequence[str], file: Path | None) -> PageSettings:
+def _settings(values: dict[str, Any], listen: str | None, arms: Sequence[str]) -> PageSettings:
     shapes = dict(values.get("arms") or {})
     for arm in arms:
         source, separator, path = arm.partition("=")
@@ -134,9 +122,8 @@ def _settings(values: dict[str, Any], listen: str | None, arms: Sequence[str], f
     try:
         return PageSettings.model_validate({**values, "arms": shapes, **({"listen": listen} if listen else {})})
     except ValidationError as error:
-        where = f"{file}: " if file is not None else ""
         problems = (f"{'.'.join(map(str, e['loc']))}: {e['msg'].removeprefix('Value error, ')}" for e in error.errors())
-        raise ConfigError(where + "; ".join(text.removeprefix(": ") for text in problems)) from None
+        raise ConfigError("; ".join(text.removeprefix(": ") for text in problems)) from None
 
 
 def _run(

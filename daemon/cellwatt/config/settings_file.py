@@ -21,6 +21,7 @@ from cellwatt.config.secret import secrets_in
 from cellwatt.config.wording import explain, unknown_key
 from cellwatt.errors import CellwattError, ConfigError, Problem
 from cellwatt.files import COMPUTED, read_text
+from cellwatt.section import Section
 from cellwatt.yaml_file import parse_yaml
 
 T = TypeVar("T")
@@ -77,8 +78,9 @@ def _at_once(path: Path, adapter: TypeAdapter[T], check: Check[T] | None) -> T |
 
 
 def _placed(path: Path, adapter: TypeAdapter[T], kind: Any, check: Check[T] | None, computed: bool) -> T:
-    keys = ", ".join(name for name, field in fields_at(kind, ()).items() if field.is_required())
-    document = read(path, {}, bounds=COMPUTED_FILE if computed else SETTINGS_FILE, expected=keys)
+    fields = fields_at(kind, ())
+    keys = [name for name, field in fields.items() if field.is_required()] or fields
+    document = read(path, {}, bounds=COMPUTED_FILE if computed else SETTINGS_FILE, expected=", ".join(keys))
     for secret in secrets_in(kind, document.value):
         document.hide(secret)
     mistakes = [problem for found in document.mistakes.values() for problem in found]
@@ -96,6 +98,8 @@ def _placed(path: Path, adapter: TypeAdapter[T], kind: Any, check: Check[T] | No
 
 def _misspelt(document: Document, kind: Any) -> Iterator[Problem]:
     """Problems for keys that ``kind`` ignores and that resemble a known key."""
+    if isinstance(kind, type) and issubclass(kind, Section):
+        return  # ignores none
     for path in document.places:
         if not path or not isinstance(path[-1], str):
             continue

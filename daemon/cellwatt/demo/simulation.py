@@ -45,21 +45,17 @@ async def compared(folder: Path, name: str, epoch: float, since: float, until: f
 def write_run(folder: Path, out: Path, epoch: float, since: float, until: float) -> tuple[Path, Path]:
     """Write the frames between two UTC times, and the simulation of the same motion, as two Parquet files.
 
-    Raises ``RecordingError`` if there is no recording.
+    Raises ``RecordingError`` if there is no recording, or it has no frames between these times.
     """
     out.mkdir(parents=True, exist_ok=True)
     names = [f"{ARM}.joint_{joint}.{quantity}" for _, quantity in RECORDED for joint in range(1, JOINTS + 1)]
     with _quiet():
-        blocks = [
-            np.column_stack([block.time * 1e-9, block.values[:, [block.layout.index(name) for name in names]]])
-            for block in Recording.open(folder).frames()
-        ]
-    table = np.concatenate(blocks) if blocks else np.empty((0, 1 + len(names)))
-    table = table[(table[:, 0] >= since) & (table[:, 0] <= until)]
-    time = table[:, 0]
+        frames = Recording.open(folder).between(round(since * 1e9), round(until * 1e9)).frames_table()
+    time = np.asarray(frames.time * 1e-9, np.float64)
+    values = frames.values[:, [frames.layout.index(name) for name in names]]
     labels = [f"{short}_{joint}" for short, _ in RECORDED for joint in range(1, JOINTS + 1)]
     recording, simulation = out / "recording.parquet", out / "simulation.parquet"
-    write_table(recording, {"t": time - since, **dict(zip(labels, table[:, 1:].T, strict=True))})
+    write_table(recording, {"t": time - since, **dict(zip(labels, values.T, strict=True))})
     arm = ArmSignals()
     planned = arm.motion(time - epoch)
     torque, _ = arm.torque(time - epoch, *planned)

@@ -46,7 +46,6 @@ def root_of(path: Path) -> Path | None:
 class DataSet:
     """Content of info.json."""
 
-    root: Path
     fps: float
     names: dict[str, tuple[str, ...]]
     """Names of the values of state and action."""
@@ -69,7 +68,7 @@ class DataSet:
         if STATE not in names:
             there = ", ".join(sorted(map(str, info["features"])))
             raise RecordingError(f"{root}: a LeRobot data set without {STATE}; it has {there}")
-        return cls(root, fps, names)
+        return cls(fps, names)
 
 
 def read(root: Path, path: Path, choice: Sequence[str] = ()) -> Log:

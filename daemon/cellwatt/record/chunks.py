@@ -19,7 +19,7 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, AttachmentIndex, Channel, McapRecord, Schema, Statistics
 
-from cellwatt.record.container import CHUNK_HEAD, MAGIC, MESSAGE_HEAD, RECORD, TAIL, Contents, read_chunk_index
+from cellwatt.record.container import CHUNK_HEAD, MAGIC, MESSAGE_HEAD, RECORD, TAIL, Chunk, Contents, read_chunk_index
 
 LARGEST_CHUNK = 1 << 25
 """Largest uncompressed size of a chunk in bytes; a larger one is damaged or made to fill the memory. Chunks of the
@@ -179,6 +179,13 @@ def read_at(file: FileIO, length: int, offset: int) -> bytes:
         return os.pread(file.fileno(), min(length, there), offset) if there > 0 else b""
     except OSError:
         return b""
+
+
+def chunk_data(file: FileIO, chunk: Chunk) -> bytes:
+    """The records of a chunk; raises ``ValueError`` if it is damaged."""
+    if chunk.length > LARGEST_RECORD:
+        raise ValueError("a chunk's length is wrong")
+    return open_chunk(read_at(file, chunk.length, chunk.offset)[RECORD.size :]).data
 
 
 def read_summary(file: FileIO, *, chunks: bool = True) -> Contents | None:

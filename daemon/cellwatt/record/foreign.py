@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
-from io import BufferedReader, FileIO
+from io import FileIO
 from typing import Final
 
 import zstandard
@@ -69,14 +69,14 @@ def listed(topics: Iterable[str]) -> str:
 
 def records(file: FileIO) -> Iterator[McapRecord]:
     """The records of an MCAP file in order, also those in chunks. Raises ``ValueError`` if it is damaged."""
-    buffered = _buffered(file)
-    stream = StreamReader(buffered, emit_chunks=True, record_size_limit=LARGEST)
+    file.seek(0)
     try:
-        for record in stream.records:
-            if not isinstance(record, Chunk):
-                yield record
-            else:
-                yield from breakup_chunk(_unpacked(record), validate_crc=True)
+        with open(file.fileno(), "rb", closefd=False) as buffered:  # mcap would close the file if it buffered it itself
+            for record in StreamReader(buffered, emit_chunks=True, record_size_limit=LARGEST).records:
+                if not isinstance(record, Chunk):
+                    yield record
+                else:
+                    yield from breakup_chunk(_unpacked(record), validate_crc=True)
     except ValueError:
         raise
     except Exception as error:  # McapError, struct.error, and errors of lz4 and zstd
@@ -98,9 +98,3 @@ def _unpacked(chunk: Chunk) -> Chunk:
     if len(data) > size:
         raise ValueError(f"a chunk unpacks to more than the {size:,} bytes that it claims")
     return replace(chunk, compression="", data=data)
-
-
-def _buffered(file: FileIO) -> BufferedReader:
-    """A buffered reader from the start of the file; mcap would close the file if it buffered it itself."""
-    file.seek(0)
-    return open(file.fileno(), "rb", closefd=False)

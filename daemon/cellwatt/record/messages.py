@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
 import pydantic_core
 from pydantic import TypeAdapter, ValidationError
@@ -24,9 +24,7 @@ class Health:
 
 Message = Tick | Event | Interval | Task | Energy | Prediction | Alarm | Health
 
-TOPICS: Mapping[type[Message], str] = {
-    kind: f"/{kind.__name__.lower()}" for kind in (Tick, Event, Interval, Task, Energy, Prediction, Alarm, Health)
-}
+TOPICS: Mapping[type[Message], str] = {kind: f"/{kind.__name__.lower()}" for kind in get_args(Message)}
 
 
 _ADAPTERS: Mapping[type[Message], TypeAdapter[Any]] = {kind: TypeAdapter(kind) for kind in TOPICS}

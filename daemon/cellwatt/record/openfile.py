@@ -82,7 +82,8 @@ def check_place(descriptor: int, path: Path) -> None:
 class OpenFile:
     """An MCAP file being written; every method that writes raises ``OSError``.
 
-    After such an error only ``abandon`` may be called. ``size`` is the length in bytes of the whole records on disk.
+    After such an error only ``abandon`` may be called. ``size`` is the length in bytes of the whole records on disk,
+    ``waiting`` that of the chunk in memory.
     """
 
     def __init__(self, path: Path, header: Header) -> None:
@@ -106,14 +107,9 @@ class OpenFile:
 
     def _begin(self) -> None:
         self._pieces: list[bytes] = []
-        self._filled = 0
+        self.waiting = 0
         self._index: dict[int, list[bytes]] = {}
         self._defined = False
-
-    @property
-    def waiting(self) -> int:
-        """Bytes of the chunk in memory."""
-        return self._filled
 
     @property
     def next_channel(self) -> int:
@@ -133,24 +129,24 @@ class OpenFile:
     def add_rows(self, channel: int, rows: NDArray[np.void]) -> None:
         """Add a block of message records of equal length (see ``rows``) to the chunk."""
         if len(rows) == 1:
-            pairs = _PAIR.pack(rows["log_time"][0], self._filled)
+            pairs = _PAIR.pack(rows["log_time"][0], self.waiting)
         else:
             table = np.empty((len(rows), 2), "<u8")
             table[:, 0] = rows["log_time"]
-            table[:, 1] = np.arange(self._filled, self._filled + rows.nbytes, rows.itemsize)
+            table[:, 1] = np.arange(self.waiting, self.waiting + rows.nbytes, rows.itemsize)
             pairs = table.tobytes()
         self._put(rows.tobytes())
         self._index.setdefault(channel, []).append(pairs)
 
     def add_message(self, channel: int, sequence: int, time: int, data: bytes) -> None:
         """Add one message to the chunk."""
-        pairs = _PAIR.pack(time & 0xFFFFFFFFFFFFFFFF, self._filled)
+        pairs = _PAIR.pack(time & 0xFFFFFFFFFFFFFFFF, self.waiting)
         self._put(message(channel, sequence, time, data))
         self._index.setdefault(channel, []).append(pairs)
 
     def _put(self, piece: bytes) -> None:
         self._pieces.append(piece)
-        self._filled += len(piece)
+        self.waiting += len(piece)
 
     def write_chunk(self) -> None:
         """Write the messages added since the last chunk, in one piece."""

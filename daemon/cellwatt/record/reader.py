@@ -8,7 +8,7 @@ from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Se
 from copy import copy
 from io import FileIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Self, TypeVar, get_args, overload
 
 import numpy as np
 
@@ -18,8 +18,8 @@ from cellwatt.files import Places, paths_of
 from cellwatt.frames import Frames, concatenate, cut
 from cellwatt.progress import aside, steps
 from cellwatt.record import decoder
-from cellwatt.record.chunks import LARGEST_RECORD, open_chunk, read_at
-from cellwatt.record.container import RECORD, Chunk
+from cellwatt.record.chunks import chunk_data
+from cellwatt.record.container import Chunk
 from cellwatt.record.decoder import Track, streams_of, tracks_of
 from cellwatt.record.encoder import FRAME_TOPIC, Item, topic_of
 from cellwatt.record.header import PART, Header
@@ -29,8 +29,8 @@ from cellwatt.record.samples import Samples, join, unchanged
 from cellwatt.record.scan import Damage
 from cellwatt.record.survey import (
     Survey,
+    files_at,
     identity_of,
-    in_folder,
     in_order,
     open_recording,
     open_until,
@@ -38,14 +38,13 @@ from cellwatt.record.survey import (
     survey_all,
     survey_open,
 )
-from cellwatt.results import Alarm, Energy, Event, Interval, Prediction, Result, Task
+from cellwatt.results import Alarm, Event, Interval, Result, Task
 
 if TYPE_CHECKING:
     from cellwatt.record.tables import Library
 
 log = logging.getLogger(__name__)
 
-RESULTS = (Interval, Task, Energy, Prediction, Alarm)
 EVER = 2**62
 """Later than any time in a recording, UTC ns."""
 
@@ -86,11 +85,7 @@ class Recording:
         Files still being written or left open are read up to their last whole chunk; copies of a file are read once.
         Raises ``RecordingError`` if there is no recording, or the recordings are of several cells.
         """
-        given = paths_of(source)
-        paths = [p for path in given for p in (in_folder(path) if path.is_dir() else [path])]
-        if not paths:
-            raise RecordingError(f"{', '.join(map(str, given))}: no recordings (*.mcap) there")
-        surveys, damage = survey_all(paths)
+        surveys, damage = survey_all(files_at(paths_of(source)))
         cells = sorted({f.header.cell for f in surveys})
         if len(cells) > 1:
             raise RecordingError(f"recordings of several cells ({', '.join(cells)}): name the files of one")
@@ -190,7 +185,7 @@ class Recording:
     def results(self, kind: type[T]) -> Iterator[T]: ...
     def results(self, kind: type[Any] | None = None) -> Iterator[Any]:
         """Intervals, tasks, energies, predictions and alarms, or only those of ``kind``, in recorded order."""
-        kinds = RESULTS if kind is None else (kind,)
+        kinds = get_args(Result) if kind is None else (kind,)
         return self._of(kinds, lambda t: t.kind in kinds)
 
     def intervals(self) -> list[Interval]:
@@ -320,13 +315,6 @@ class Recording:
 
     def _all_tracks(self) -> Iterator[Track]:
         return (track for tracks in self._tracks for track in tracks.values())
-
-
-def chunk_data(file: FileIO, chunk: Chunk) -> bytes:
-    """The records of a chunk; raises ``ValueError`` if it is damaged."""
-    if chunk.length > LARGEST_RECORD:
-        raise ValueError("a chunk's length is wrong")
-    return open_chunk(read_at(file, chunk.length, chunk.offset)[RECORD.size :]).data
 
 
 def numbered_items(

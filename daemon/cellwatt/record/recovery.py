@@ -15,7 +15,8 @@ from cellwatt.record.chunks import read_at
 from cellwatt.record.container import Chunk, closing
 from cellwatt.record.decoder import Track, tracks_of
 from cellwatt.record.encoder import Encoder, Item
-from cellwatt.record.header import DAMAGED, PART, FileName, plain_cell
+from cellwatt.record.folder import files_of
+from cellwatt.record.header import DAMAGED, PART
 from cellwatt.record.openfile import OpenFile, lock
 from cellwatt.record.reader import numbered_items
 from cellwatt.record.scan import Damage, Scan, scan
@@ -60,9 +61,7 @@ class Recovery:
 
 def left_open(folder: Path, cell: str) -> list[Path]:
     """Files of a cell that were not closed, newest first."""
-    named = [(FileName.parse(p.name), p) for p in folder.glob(f"*.mcap{PART}")]
-    ours = [(name, path) for name, path in named if name is not None and name.cell == plain_cell(cell)]
-    return [path for _, path in sorted(ours, reverse=True)]
+    return [stored.path for stored in reversed(files_of(folder, cell)) if not stored.closed]
 
 
 def recover(part: Path) -> Recovery | None:
@@ -90,11 +89,12 @@ def _repair(file: FileIO, part: Path) -> Recovery:
         return Recovery(part, problem=f"{target.name} exists already; moved to {copy.name}")
     found = scan(file, part)
     aside: Path | None = None
+    result: Path | None = target
     if not found.contents.chunks:
+        result = None
         aside = _set_aside_whole(part) if found.damage else None
         part.unlink(missing_ok=True)
-        return _report(found, None, aside)
-    if found.closed and not found.damage:
+    elif found.closed and not found.damage:
         os.fsync(file.fileno())
         part.rename(target)
     elif found.torn:
@@ -109,12 +109,8 @@ def _repair(file: FileIO, part: Path) -> Recovery:
         _rewrite(file, found, target)
         aside = _set_aside_whole(part)
     sync_folder(part.parent)
-    return _report(found, target, aside)
-
-
-def _report(found: Scan, result: Path | None, aside: Path | None) -> Recovery:
     return Recovery(
-        part=found.path,
+        part=part,
         result=result,
         messages=found.contents.counts.total(),
         size=found.size,

@@ -20,6 +20,7 @@ from mcap.records import Header as McapHeader
 from cellwatt.record.chunks import (
     DEFINED,
     LARGEST_RECORD,
+    chunk_data,
     definition,
     definitions,
     open_chunk,
@@ -124,8 +125,7 @@ class _Scanner:
         new = Contents(old.schemas, old.channels, attachments=old.attachments)
         for chunk in old.chunks:
             if undefined.isdisjoint(number for number, _ in chunk.indexes):
-                body = read_at(self._file, chunk.length, chunk.offset)[RECORD.size :]
-                new.add_chunk(chunk, walk(open_chunk(body).data).counts())
+                new.add_chunk(chunk, walk(chunk_data(self._file, chunk)).counts())
             else:
                 self._damaged(chunk.offset, chunk.length, "the definitions of its channels are lost")
         self.found.contents = new

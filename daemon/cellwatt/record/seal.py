@@ -16,9 +16,10 @@ from typing import Final, Literal
 from pydantic import TypeAdapter
 
 from cellwatt.door.signing import Signer, Verifier
-from cellwatt.errors import RecordingError, why
+from cellwatt.errors import why
 from cellwatt.files import replace_text
 from cellwatt.record.header import PART, FileName
+from cellwatt.record.survey import files_at
 
 SUFFIX: Final = ".sig"
 RECORDING: Final = "cellwatt: recording of a cell, version 1"
@@ -77,12 +78,8 @@ def verify(recordings: Iterable[Path], key: Path) -> Iterator[tuple[Path, State 
     public key, ``RecordingError`` if there are no recordings.
     """
     verifier = Verifier(key)
-    given = list(recordings)
-    files = [f for path in given for f in (sorted(path.glob(f"*.mcap{PART}")) if path.is_dir() else [])]
-    files += [f for path in given for f in (sorted(path.glob("*.mcap")) if path.is_dir() else [path])]
-    if not files:
-        raise RecordingError(f"{', '.join(map(str, given))}: no recordings (*.mcap) there")
-    for file in sorted(files):
+    files = sorted(files_at(list(recordings)))
+    for file in files:
         problem = _problem(file, verifier)
         found = read(file)
         yield file, None if problem or found is None else found.state, problem

@@ -111,6 +111,14 @@ def survey(path: Path, *, chunks: bool = True) -> Survey:
         raise RecordingError(f"{path}: cannot be read: {error.strerror}") from error
 
 
+def files_at(places: Sequence[Path]) -> list[Path]:
+    """The given recordings, and those in the given folders. Raises ``RecordingError`` if there are none."""
+    paths = [path for place in places for path in (in_folder(place) if place.is_dir() else [place])]
+    if not paths:
+        raise RecordingError(f"{', '.join(map(str, places))}: no recordings (*.mcap) there")
+    return paths
+
+
 def in_folder(folder: Path) -> list[Path]:
     """The recordings in a folder, listed until two consecutive listings agree, because files may be renamed."""
     before = _listed(folder)

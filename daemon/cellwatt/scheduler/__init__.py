@@ -9,19 +9,19 @@ import re
 import signal
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from contextvars import ContextVar
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar, overload
+from typing import Any, Final, TypeVar, overload
 
 from cellwatt.child import end_with
 from cellwatt.errors import CellwattError, ConfigError
 from cellwatt.progress import Stage, stage
-from cellwatt.tables.names import called, names_called
+from cellwatt.tables.names import called, looked_up, names_called
 
 T = TypeVar("T")
 S = TypeVar("S")
@@ -47,14 +47,17 @@ class Pool:
             call = partial(_call, function, Path.cwd(), names_called(), None if shared is None else pickled.name)
             try:
                 for answer in [self._pool.submit(call, item) for item in items]:
-                    results.append(answer.result())
+                    result, columns = answer.result()
+                    results.append(result)
+                    looked_up().update(columns)
                     progress.done = float(len(results))
             except BrokenProcessPool as error:
                 self.end()
                 item = f"item {len(results) + 1} of {len(items)} ({' '.join(repr(items[len(results)]).split())[:100]})"
                 why = "a worker process was killed: is there enough memory?"
                 raise CellwattError(f"{progress.name}, at {item} or later: {why}") from error
-            except BaseException:
+            except BaseException as error:
+                looked_up().update(vars(error).get(_COLUMNS, ()))
                 self.end()  # the running items are not needed any more
                 raise
         return results
@@ -130,6 +133,8 @@ def spread(function: Callable[..., R], items: Sequence[T], what: str, shared: An
 
 _held: tuple[str, Any] | None = None
 """File and value of ``shared`` of the present call of ``spread``."""
+_COLUMNS: Final = "looked_up"
+"""Attribute of an exception with the columns that the failed call looked up."""
 
 
 def _begin(parent: int) -> None:
@@ -138,21 +143,25 @@ def _begin(parent: int) -> None:
     end_with(parent, signal.SIGKILL)
 
 
-def _call(function: Callable[..., Any], folder: Path, columns: Mapping[str, str], shared: str | None, item: Any) -> Any:
-    """Call the function in ``folder`` and with the user's names of ``columns``, as the command runs, so that relative
-    paths and tables have the same meaning."""
+def _call(
+    function: Callable[..., Any], folder: Path, names: Sequence[tuple[str, str]], shared: str | None, item: Any
+) -> tuple[Any, set[str]]:
+    """Call the function in ``folder`` and with the user's ``names`` of columns, as the command runs, so that relative
+    paths and tables have the same meaning. Also return the columns looked up; an exception holds them, too."""
     global _held  # one value per worker for all items
     with suppress(OSError):  # without the folder, the function reports which relative path is missing
         os.chdir(folder)
     if shared is not None and (_held is None or _held[0] != shared):
         _held = shared, pickle.loads(Path(shared).read_bytes())
-    try:
-        with _one_thread(), called(columns):
-            return function(item) if shared is None or _held is None else function(item, _held[1])
-    except Exception as error:
-        if _can_be_sent(error):
-            raise
-        raise CellwattError(f"{type(error).__name__}: {' '.join(str(error).split())}") from None
+    with _one_thread(), called(names):
+        try:
+            result = function(item) if shared is None or _held is None else function(item, _held[1])
+        except Exception as error:
+            if _can_be_sent(error):
+                vars(error)[_COLUMNS] = looked_up()
+                raise
+            raise CellwattError(f"{type(error).__name__}: {' '.join(str(error).split())}") from None
+        return result, looked_up()
 
 
 def _can_be_sent(error: Exception) -> bool:

@@ -12,7 +12,6 @@ linear axis, ``tau_1 (Nm)``, ``power_kW``; without one, values are in the SI uni
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -117,25 +116,26 @@ class Name:
 class _Called(NamedTuple):
     """Names of columns as a user gives them, and as they are looked up."""
 
-    names: Mapping[str, str]
-    patterns: Sequence[tuple[str, str, re.Pattern[str]]]
-    found: Counter[str]
-    """How often each was a column's name; ``""``: columns looked up."""
+    names: Sequence[tuple[str, str]]
+    patterns: Sequence[tuple[str, re.Pattern[str]]]
+    columns: set[str]
+    """Columns looked up."""
 
 
-_OF_THE_USER: ContextVar[_Called | None] = ContextVar("of_the_user", default=None)
+_NONE: Final = _Called((), (), set())
+_OF_THE_USER: ContextVar[_Called] = ContextVar("of_the_user")
 
 
 @contextmanager
-def called(names: Mapping[str, str]) -> Iterator[Callable[[], list[str]]]:
-    """Within the context also accept a user's names of columns: ``{"tau": "Moment{}"}`` reads ``Moment1`` as ``tau_1``,
-    ``{"q [deg]": "A{}"}`` reads ``A1`` as ``q_1`` in degrees.
+def called(names: Sequence[tuple[str, str]]) -> Iterator[Callable[[], list[str]]]:
+    """Within the context also accept a user's names of columns: ``("tau", "Moment{}")`` reads ``Moment1`` as ``tau_1``,
+    ``("q [deg]", "A{}")`` reads ``A1`` as ``q_1`` in degrees. A quantity may have several names.
 
     Yields a function that lists the user's names that no column had so far, none before a column was looked up.
-    Raises ``ConfigError`` if a key is not a known name.
+    Raises ``ConfigError`` if the first of a pair is not a known name.
     """
-    patterns, found = [], Counter[str]()
-    for name, written in names.items():
+    patterns, columns = [], set[str]()
+    for name, written in names:
         before, numbered, after = written.partition("{}")
         stem, bracket, unit = name.partition("[")
         stem = re.sub(r"_?\{\}$", "", stem.strip())  # "q_{}" means "q"
@@ -143,28 +143,37 @@ def called(names: Mapping[str, str]) -> Iterator[Callable[[], list[str]]]:
         if re.search(r"[{}]", f"{stem}{unit}") or understood(known.format(1)) is None:
             raise ConfigError(f"--columns: {name!r} is no name of a quantity, such as q, q [deg], tau, t [ms] or power")
         number = r"(?P<number>\d+)" if numbered else ""
-        patterns.append((written, known, re.compile(re.escape(before) + number + re.escape(after))))
-    before_it = _OF_THE_USER.set(_Called(names, patterns, found))
+        patterns.append((known, re.compile(re.escape(before) + number + re.escape(after))))
+
+    def unused() -> list[str]:
+        own = zip(names, patterns, strict=True)
+        return [written for (_, written), (_, pattern) in own if columns and not any(map(pattern.fullmatch, columns))]
+
+    before_it = _OF_THE_USER.set(_Called(names, patterns, columns))
     try:
-        yield lambda: [own for own in names.values() if found and not found[own]]
+        yield unused
     finally:
         _OF_THE_USER.reset(before_it)
 
 
-def names_called() -> Mapping[str, str]:
+def names_called() -> Sequence[tuple[str, str]]:
     """The user's names of columns in the innermost ``called``."""
-    user = _OF_THE_USER.get()
-    return {} if user is None else user.names
+    return _OF_THE_USER.get(_NONE).names
+
+
+def looked_up() -> set[str]:
+    """The columns looked up so far in the innermost ``called``, if the user has names of columns."""
+    return _OF_THE_USER.get(_NONE).columns
 
 
 def understood(written: str) -> Name | None:
     """Parse a column's name; None if it is unknown."""
-    if (user := _OF_THE_USER.get()) is not None:
-        user.found[""] += 1
-        for own, known, pattern in user.patterns:
-            if (match := pattern.fullmatch(written.strip())) is not None:
-                user.found[own] += 1
-                return parsed(known.format(*match.groups()), _named)
+    user = _OF_THE_USER.get(_NONE)
+    if user.names:
+        user.columns.add(written.strip())
+    for known, pattern in user.patterns:
+        if (match := pattern.fullmatch(written.strip())) is not None:
+            return parsed(known.format(*match.groups()), _named)
     return parsed(written, _named)
 
 

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from cellwatt.commands.ranges import summary, together
+from cellwatt.commands.ranges import summary
 from cellwatt.runtime.examine import ChannelCheck
 
 
@@ -32,14 +32,6 @@ def test_what_is_no_number_is_told() -> None:
             check("joint_1.temperature", "degC", 20.0, 25.0),
             check("joint_2.temperature", "degC", None, None),
             check("joint_4.temperature", "degC", 22.0, 22.0),
-            check("robot.move_index", "1", None, None),
+            check("input_7", "1", None, None),
         ]
-    ) == [
-        "joint_1,2,4.temperature: 20 … 25 degC, 1 of 3 without a value",
-        "robot.move_index: no value",
-    ]
-
-
-def test_names_that_differ_in_a_number_share_a_title() -> None:
-    names = ["joint_1.position", "joint_2.position", "joint_1.torque", "joint_3.torque", "bus.power", "input_7"]
-    assert list(together(names)) == ["joint_1…2.position", "joint_1,3.torque", "bus.power", "input_7"]
+    ) == ["joint_1,2,4.temperature: 20 … 25 degC, 1 of 3 without a value", "input_7: no value"]

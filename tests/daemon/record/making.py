@@ -9,11 +9,11 @@ import numpy as np
 
 from cellwatt import Batch, Channel, FrameChannel, Frames, Layout, Stream, Tick
 from cellwatt.record import Header, Recorder, RecordSettings
+from cellwatt.record.chunks import chunk_data
 from cellwatt.record.decoder import numbered, tracks_of
 from cellwatt.record.encoder import Encoder, Item
 from cellwatt.record.header import FileName
 from cellwatt.record.openfile import OpenFile
-from cellwatt.record.reader import chunk_data
 from cellwatt.record.survey import survey
 
 SESSION = 1_795_255_163_290_084_047

@@ -12,10 +12,11 @@ from cellwatt.record.header import PART
 from cellwatt.record.survey import survey
 from cellwatt.record.upkeep import Upkeep
 from cellwatt.results import Prediction
+from tests.blocks import same_frames
 from tests.patience import PATIENCE, eventually
 
 from ..outlets.zenoh.fake_cell import alarm, task
-from .making import HEADER, METER, SESSION, batch_of, bits, frames_of, name_of, same_batch, started, write_chunks
+from .making import HEADER, METER, SESSION, batch_of, frames_of, name_of, same_batch, started, write_chunks
 
 
 @pytest.fixture
@@ -119,9 +120,7 @@ async def test_just_the_frames_that_were_asked_for(recorder, tmp_path):
     for frames in found:
         inside = frames.sequence % 10
         truth = cut(frames_of(frames.sequence - inside, 10), inside, inside + len(frames))
-        assert frames.layout == truth.layout
-        for name in ("time", "values", "quality", "bound"):
-            assert bits(getattr(frames, name)) == bits(getattr(truth, name))
+        assert same_frames(frames, truth)
     assert await asyncio.to_thread(history.frames, SESSION, 300, 10) == []
 
 

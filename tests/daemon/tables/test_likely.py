@@ -44,7 +44,7 @@ def test_a_table_of_one_row_looks_like_nothing(rows: int) -> None:
 
 def test_names_of_a_user_are_read_within_the_block() -> None:
     log = table("Angle", "Rate", "Moment")
-    stems = {usual(each.quantity): each.pattern for each in likely(log)}
+    stems = [(usual(each.quantity), each.pattern) for each in likely(log)]
     with called(stems):
         read = Table(log.path, log.columns)
         np.testing.assert_array_equal(read.joints("torque"), TORQUE)
@@ -58,18 +58,25 @@ def test_names_of_a_user_are_read_within_the_block() -> None:
     [("q [deg]", "A{}.pos", "q_2 [deg]"), ("t [ms]", "zeit", "t [ms]"), ("q_{}", "A{}.pos", "q_2")],
 )
 def test_a_users_name_may_have_a_unit(asked: str, written: str, known: str) -> None:
-    with called({asked: written}):
+    with called([(asked, written)]):
         assert understood(written.format(2)) == understood(known) is not None
 
 
 def test_a_users_name_that_no_column_has_is_listed() -> None:
-    with called({"tau": "Moment{}", "q": "Winkel{}"}) as idle:
+    with called([("tau", "Moment{}"), ("q", "Winkel{}")]) as idle:
         assert idle() == [], "nothing was looked up"
         assert table("Angle", "Rate", "Moment").joints("torque") is not None
         assert idle() == ["Winkel{}"]
 
 
+def test_files_may_have_different_names_for_one_quantity() -> None:
+    with called([("q", "Angle{}"), ("q", "Winkel{}")]) as unused:
+        for name in ("Angle", "Winkel"):
+            np.testing.assert_array_equal(table(name, "Rate", "Moment").joints("position"), Q)
+        assert unused() == []
+
+
 def test_a_quantity_that_nobody_knows_is_refused() -> None:
     for name in ("moment", "{q}", "q [{}]"):
-        with pytest.raises(ConfigError, match=r"is no name of a quantity"), called({name: "Moment{}"}):
+        with pytest.raises(ConfigError, match=r"is no name of a quantity"), called([(name, "Moment{}")]):
             pass

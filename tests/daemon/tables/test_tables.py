@@ -107,10 +107,6 @@ def test_a_channel_of_no_joint_is_found_with_its_source() -> None:
             {"q_1 [grad]": ONE},  # German for degree
             "column q_1 [grad]: unknown unit 'grad' (expected rad, mrad, deg, °, m, mm)",
         ),
-        (
-            {"q_1 [Nm]": ONE},
-            "column q_1 [Nm]: unknown unit 'Nm' (expected rad, mrad, deg, °, m, mm)",
-        ),
         ({"qq_1": ONE, "t": ONE}, "no column q_1; did you mean 'qq_1'?; there are: qq_1"),
     ],
 )
