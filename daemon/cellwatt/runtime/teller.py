@@ -20,7 +20,7 @@ from cellwatt.registry import outlet as find_outlet
 from cellwatt.results import Alarm, Energy, Event, Result, series_of
 from cellwatt.runtime.acknowledgements import Acknowledgements
 from cellwatt.runtime.consumption import Consumption
-from cellwatt.runtime.delivery import Delivery, Unmade
+from cellwatt.runtime.delivery import Delivery
 from cellwatt.runtime.evidence import Keeper
 from cellwatt.runtime.health import colour, describe
 from cellwatt.runtime.tasks import Tasks
@@ -158,15 +158,7 @@ class Teller:
         self, tasks: Tasks, config: OutletConfig, before: Delivery | None = None, *, required: bool = False
     ) -> None:
         make = partial(find_outlet(config.name), config.name, config.settings, self)
-        try:
-            outlet = make()
-        except Exception:
-            if required:
-                raise
-            outlet = Unmade(config.name, config.settings, self, make)  # its delivery tries again, and reports why
-        delivery = self.outlets[config.name] = Delivery(config.name, outlet)
-        if before is not None:
-            delivery.succeed(before)
+        delivery = self.outlets[config.name] = Delivery(config.name, make, before, required=required)
         for warning in config.settings.warnings():
             log.warning("outlet %s: %s", config.name, warning)
         tasks.spawn(f"outlet {config.name}", delivery.run())
