@@ -31,7 +31,8 @@ INBOX: Final = 10_000
 class NotifyOutlet(Outlet[NotifySettings]):
     """Sends alarms to people by mail, webhook, ntfy and Home Assistant, each once.
 
-    One task per recipient sends, so that no recipient waits for another; a ledger on disk has the state of each.
+    One task per recipient and mail address sends, so that none waits for another; a ledger on disk has the state of
+    each.
     """
 
     Settings: ClassVar[type[NotifySettings]] = NotifySettings
@@ -81,10 +82,11 @@ class NotifyOutlet(Outlet[NotifySettings]):
         await self._begin()
         settings, view = self.settings, self.view
         about = About(view.site, view.cell, settings.page, zone_of(settings.zone))
-        made = {n: await asyncio.to_thread(channel_to, to, about, settings.timeout) for n, to in settings.to.items()}
+        each = settings.each
+        made = {n: await asyncio.to_thread(channel_to, to, about, settings.timeout) for n, to in each.items()}
         self._couriers = {
-            name: Courier(name, settings, about, view.session, self._ledger, self.account, self._folder)
-            for name in made
+            name: Courier(name, to, settings, about, view.session, self._ledger, self.account, self._folder)
+            for name, to in each.items()
         }
         for alarm in self._missed():
             for courier in self._couriers.values():
@@ -107,7 +109,7 @@ class NotifyOutlet(Outlet[NotifySettings]):
                 self.account.count("ledger: not readable")
             if self._ledger.unreadable:
                 self.account.count("ledger: lines not readable", self._ledger.unreadable)
-        for name, count in self._ledger.keep(self.settings.to).items():
+        for name, count in self._ledger.keep(self.settings.each).items():
             self.account.count(f"{name}, no recipient any more: alarms not told", count)
 
     def _missed(self) -> Iterable[Alarm]:

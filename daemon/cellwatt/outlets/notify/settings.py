@@ -249,9 +249,27 @@ class NotifySettings(OutletSettings):
             raise ValueError("expected an address without ? and #")
         return page
 
+    @property
+    def each(self) -> dict[str, RecipientSettings]:
+        """The recipients by name; each mail address apart, by name and address, so that none waits for another."""
+        found: dict[str, RecipientSettings] = {}
+        for name, to in self.to.items():
+            if to.mail is None:
+                found[name] = to
+                continue
+            for address in to.mail.to:
+                mail = to.mail.model_copy(update={"to": (address,)})
+                found[f"{name} {address}"] = to.model_copy(update={"mail": mail})
+        return found
+
     def warnings(self) -> tuple[str, ...]:
         """Recipients without encryption, and certificate authorities that cannot be read."""
         return tuple(f"to.{name}: {text}" for name, to in self.to.items() for text in _doubts(to.channel))
+
+
+def recipient_of(key: str) -> str:
+    """Name of the recipient of a key of ``NotifySettings.each``."""
+    return key.partition(" ")[0]
 
 
 def _doubts(channel: Channel) -> Iterator[str]:
