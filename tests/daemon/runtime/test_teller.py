@@ -118,6 +118,23 @@ def test_an_alarm_is_in_the_journal_though_no_outlet_puts_it_there() -> None:
     assert Told(journal=journal).looked_at() == ["a"]
 
 
+def test_alarms_outlast_the_messages_that_the_journal_has_overwritten() -> None:
+    rings = Ring(1 << 16, 1), Ring(1 << 16, 1)
+    first = Teller(CONFIG, 1, lambda: 0, RingJournal(*rings))
+    first.take(alarm("a", stage="heat"))
+    first.acknowledge("a", "Ada", "")
+    first.take(alarm("b", stage="heat"))
+    first.take(alarm("b", active=False, stage="heat"))
+    for successor in (first, Told(journal=RingJournal(*rings))):
+        for n in range(1000):
+            successor.take(Event(n, None, "reloaded", 20 * "again "))
+        journal = RingJournal(*rings)
+        assert not any(isinstance(item, Alarm) for _, item in journal.past())
+        (left,) = Told(journal=journal).alarms.raised
+        assert (left.alarm.id, left.alarm.stage) == ("a", "heat")
+        assert left.acknowledgement is not None and left.acknowledgement.name == "Ada"
+
+
 @at_once
 async def test_a_warning_that_time_brings_is_in_health(monkeypatch: pytest.MonkeyPatch) -> None:
     teller = Told()
