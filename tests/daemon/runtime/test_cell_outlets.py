@@ -163,14 +163,3 @@ async def test_an_outlet_that_cannot_be_made_at_a_reload_is_down_until_it_can(mo
         await DEVICES["arm"].done()
         await until(lambda: RECEIVERS["bus"].values == list(range(20, 40)))
         assert succeeded == [""], "it goes on where the one before the reload was"
-
-
-@at_once
-async def test_an_outlet_that_cannot_be_made_at_the_start_ends_the_start(monkeypatch):
-    def broken(self, name, settings, view):
-        raise OutletError("no key")
-
-    monkeypatch.setattr(FakeOutlet, "__init__", broken)
-    with pytest.raises(OutletError, match="no key"):
-        async with running(config_of()):
-            pass
