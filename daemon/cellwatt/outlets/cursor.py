@@ -40,8 +40,9 @@ class Owed(NamedTuple):
 class Position(BaseModel):
     """Content of the file. Everything up to ``reached``, UTC ns, is delivered or owed.
 
-    ``place`` is the peer, ``births`` the birth number of the next Sparkplug connection. ``ended``: nothing was sent
-    after this was written.
+    ``place`` is the peer, ``gaps`` are the owed spans, disjoint and in order, ``births`` is the birth number of the
+    next Sparkplug connection, ``lost`` the total of owed entries that were no longer in the record. ``ended``: nothing
+    was sent after this was written.
     """
 
     place: str = ""
@@ -60,18 +61,11 @@ class Cursor:
     """
 
     def __init__(self, path: Path | None, account: Account, place: str = "") -> None:
-        self.reached: int | None = None
-        self.births = 0
-        self.lost = 0
-        """Total of owed entries that were no longer in the record."""
-        self.ended = False
-        """The stored position includes everything that was sent before this start."""
+        self.position = Position(place=place)
         self.problem: str | None = None
         self.lacking = asyncio.Event()
         """Set while entries are owed."""
-        self._path, self._account, self._place = path, account, place
-        self._owed: list[Owed] = []
-        """Disjoint and in order."""
+        self._path, self._account = path, account
         self._counted = 0
         """Owed entries already counted in the account."""
         self._opened = False
@@ -83,43 +77,43 @@ class Cursor:
     @property
     def entries(self) -> int:
         """Number of entries known to be owed."""
-        return sum(o.entries for o in self._owed)
+        return sum(o.entries for o in self.position.gaps)
 
     @property
     def first(self) -> Span | None:
         """The oldest owed span."""
-        return (self._owed[0].after, self._owed[0].until) if self._owed else None
+        return next(((owed.after, owed.until) for owed in self.position.gaps), None)
 
     def deliver(self, time: int) -> None:
         """Note that everything up to ``time``, UTC ns, is delivered or owed."""
-        if self.reached is None or time > self.reached:
-            self.reached = time
+        if self.position.reached is None or time > self.position.reached:
+            self.position.reached = time
             self._changed.set()
 
     def owe(self, after: int, until: int, entries: int = 0) -> None:
         """Add an owed span with ``entries`` new entries. Spans that touch or overlap are merged."""
         if until <= after:
             return
-        apart = [o for o in self._owed if o.until < after or o.after > until]
-        touching = [Owed(after, until, entries), *(o for o in self._owed if not (o.until < after or o.after > until))]
+        apart = [o for o in self.position.gaps if o.until < after or o.after > until]
+        touching = [Owed(after, until, entries), *(o for o in self.position.gaps if o not in apart)]
         first, last, counts = zip(*touching, strict=True)
-        self._owed = sorted([*apart, Owed(min(first), max(last), sum(counts))])
-        while len(self._owed) > MOST:
-            at = min(range(len(self._owed) - 1), key=lambda i: self._owed[i + 1].after - self._owed[i].until)
-            one, two = self._owed[at : at + 2]
-            self._owed[at : at + 2] = [Owed(one.after, two.until, one.entries + two.entries)]
+        gaps = self.position.gaps = sorted([*apart, Owed(min(first), max(last), sum(counts))])
+        while len(gaps) > MOST:
+            at = min(range(len(gaps) - 1), key=lambda i: gaps[i + 1].after - gaps[i].until)
+            one, two = gaps[at : at + 2]
+            gaps[at : at + 2] = [Owed(one.after, two.until, one.entries + two.entries)]
         self._note()
 
     def owe_since(self, until: int) -> None:
         """Owe everything between the position and ``until``, and move the position there."""
-        if self.reached is not None:
-            self.owe(self.reached, until)
+        if self.position.reached is not None:
+            self.owe(self.position.reached, until)
         self.deliver(until)
 
     def pay(self, after: int, until: int, entries: int = 0) -> None:
         """Note that a span was delivered from the record, which had ``entries`` entries in it."""
         remaining: list[Owed] = []
-        for o in self._owed:
+        for o in self.position.gaps:
             if o.until <= after or o.after >= until:
                 remaining.append(o)
                 continue
@@ -129,22 +123,22 @@ class Cursor:
             if known > 0 and rest:
                 rest[-1] = rest[-1]._replace(entries=known)
             elif known > 0:
-                self.lost += known
+                self.position.lost += known
                 self._account.miss(known, GONE)
             remaining += rest
         self._account.expect(entries)  # entries that were not counted when they were made
-        self._owed = remaining
+        self.position.gaps = remaining
         self._note()
 
     def _note(self) -> None:
-        (self.lacking.set if self._owed else self.lacking.clear)()
+        (self.lacking.set if self.position.gaps else self.lacking.clear)()
         self._account.owed += self.entries - self._counted
         self._counted = self.entries
         self._changed.set()
 
     def born(self, births: int) -> None:
         """Store the birth number of the next connection."""
-        self.births = births
+        self.position.births = births
         self._changed.set()
 
     # the file -------------------------------------------------------------------------------------
@@ -152,21 +146,19 @@ class Cursor:
     async def open(self) -> None:
         """Read the file once; spans owed before this call remain owed."""
         if not self._opened:
-            known = await asyncio.to_thread(load, self._path, self._place)
-            since, self._opened = self._owed, True
-            self._owed = [owed for owed in sorted(known.gaps) if owed.after < owed.until]
+            known = await asyncio.to_thread(load, self._path, self.position.place)
+            since, self.position, self._opened = self.position, known, True
+            known.gaps = [owed for owed in sorted(known.gaps) if owed.after < owed.until]
             self._account.expect(self.entries)
-            self.reached = self.reached if known.reached is None else known.reached
-            self.births, self.lost, self.ended = known.births, known.lost, known.ended
-            for o in since:
+            known.reached = since.reached if known.reached is None else known.reached
+            for o in since.gaps:
                 self.owe(*o)
         self._note()
 
     def succeed(self, before: Cursor) -> None:
         """Take over the position of ``before``, a closed cursor."""
-        if before._path == self._path and before._place == self._place:
-            self.reached, self.births, self.lost, self.ended = before.reached, before.births, before.lost, before.ended
-            self._owed, self._opened = before._owed, before._opened
+        if before._path == self._path and before.position.place == self.position.place:
+            self.position, self._opened = before.position.model_copy(), before._opened
             self._account.expect(self.entries)
             self._note()
 
@@ -180,14 +172,12 @@ class Cursor:
     async def write(self, *, ended: bool = False) -> None:
         """Write the position if it has changed; ``ended``: it includes everything that was sent."""
         if ended:
-            self.ended = True
+            self.position.ended = True
             self._changed.set()
         if self._path is None or not self._opened or not self._changed.is_set():
             return
         self._changed.clear()
-        position = Position(
-            place=self._place, reached=self.reached, gaps=self._owed, births=self.births, lost=self.lost, ended=ended
-        )
+        position = self.position.model_copy(update={"ended": ended})
         # A cancelled write continues in its thread; the next one waits for it.
         await asyncio.shield(asyncio.ensure_future(self._write(self._path, position.model_dump_json().encode())))
 

@@ -94,7 +94,6 @@ class Forwarder(Generic[M]):
         self.unread: str | None = None
         """Reason why nothing can be back-filled, or ``None``."""
         self.cursor = cursor
-        self.unmatched: tuple[str, ...] = ()
         self._name, self._peer, self._cell, self._record, self._account = name, peer, cell, record, account
         self._flow = flow
         self._items: deque[Frames | Archived] = deque()
@@ -184,7 +183,6 @@ class Forwarder(Generic[M]):
             for row in () if picker is None else picker.rest():
                 self._take_row(row)
             picker = self._picker = Picker(self._flow, frames.layout)
-            self.unmatched = picker.unmatched
             if picker.unmatched:
                 self._account.count(f"{self._name}: patterns that fit no channel", len(picker.unmatched))
                 log.warning("%s: no channel matches %s", self._name, ", ".join(picker.unmatched))
@@ -207,8 +205,8 @@ class Forwarder(Generic[M]):
 
     def _begin(self, first: int, span: int) -> None:
         """Owe the first row, whose span may have begun before this start, and everything before it."""
-        reached = self.cursor.reached
-        since = first - span if reached is None else reached if self.cursor.ended else reached - MARGIN
+        reached, ended = self.cursor.position.reached, self.cursor.position.ended
+        since = first - span if reached is None else reached if ended else reached - MARGIN
         self.cursor.owe(min(since, first - span), first)
         self.cursor.deliver(first)
 
@@ -317,7 +315,7 @@ class Forwarder(Generic[M]):
         while self._pending:
             self._forgo(self._pending.popleft()[0], 1)
         # Without a single row in this start, the entries that an earlier start did not send are still owed.
-        await self.cursor.write(ended=self._begun or self.cursor.ended)
+        await self.cursor.write(ended=self._begun or self.cursor.position.ended)
 
 
 class ForwardSettings(OutletSettings, Flow):

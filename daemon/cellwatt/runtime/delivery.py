@@ -36,7 +36,7 @@ class Delivery:
     ) -> None:
         self.name = name
         self._make = make
-        self._before = None if before is None else before._outlet or before._before
+        self._before: Outlet[Any] | None = None if before is None else before._outlet or before._before
         self._outlet: Outlet[Any] | None = None
         self._account = Account()
         self._ended: str | None = None

@@ -22,7 +22,7 @@ STEPS = st.lists(st.sampled_from(["send", "miss", "kill", "fill", "fill badly", 
 
 
 def spans(cursor: Cursor) -> list[tuple[int, int]]:
-    return [(owed.after, owed.until) for owed in cursor._owed]
+    return [(owed.after, owed.until) for owed in cursor.position.gaps]
 
 
 @given(STEPS)
@@ -33,7 +33,7 @@ def test_what_was_made_is_delivered_owed_or_lost(steps: list[str]) -> None:
     cursor = Cursor(None, account)
 
     def owed() -> set[int]:
-        reached = cursor.reached or 0
+        reached = cursor.position.reached or 0
         within = {t for after, until in spans(cursor) for t in range(STEP, made + 1, STEP) if after < t <= until}
         return within | {t for t in range(STEP, made + 1, STEP) if t > reached}
 
@@ -52,11 +52,14 @@ def test_what_was_made_is_delivered_owed_or_lost(steps: list[str]) -> None:
                 there.add(made)
             case "kill":  # what is in the file is known, the rest is in the record
                 cursor.owe_since(made)
-                known = cursor.reached, spans(cursor)
+                known = cursor.position.reached, spans(cursor)
                 again = Cursor(None, Account())
                 again.succeed(cursor)
                 account, cursor = again._account, again
-                assert known == (cursor.reached, spans(cursor)) and account.expected == account.owed == cursor.entries
+                assert (
+                    known == (cursor.position.reached, spans(cursor))
+                    and account.expected == account.owed == cursor.entries
+                )
             case "fill" | "fill badly" if cursor.first is not None:
                 after, until = cursor.first
                 until = until if step == "fill" else min(after + STEP, until)
@@ -67,7 +70,7 @@ def test_what_was_made_is_delivered_owed_or_lost(steps: list[str]) -> None:
             case "retain":
                 kept -= {t for t in kept if t <= made // 2}
             case "set back":  # the clock of the host: cell time never goes back, an old position changes nothing
-                cursor.deliver((cursor.reached or 0) // 2)
+                cursor.deliver((cursor.position.reached or 0) // 2)
         lost = set(range(STEP, made + 1, STEP)) - kept
         assert set(range(STEP, made + 1, STEP)) <= there | owed() | lost
         assert account.residue == 0
@@ -90,7 +93,7 @@ def test_what_retention_passed_by_is_lost_and_counted() -> None:
     cursor.owe(0, 70, 7)
     account.receive(4)
     cursor.pay(0, 70, 4)
-    assert (account.missed, account.residue, cursor.lost, spans(cursor)) == (Counter({GONE: 3}), 0, 3, [])
+    assert (account.missed, account.residue, cursor.position.lost, spans(cursor)) == (Counter({GONE: 3}), 0, 3, [])
 
 
 @pytest.mark.parametrize(
@@ -109,7 +112,7 @@ async def test_spans_owed_before_the_file_is_read_stay_owed(tmp_path: Path) -> N
     cursor = Cursor(tmp_path / "cell.peer.json", Account())
     cursor.owe(20, 30, 2)  # offered before the file was read
     await cursor.open()
-    assert (cursor.reached, spans(cursor), cursor.entries) == (9, [(1, 5), (20, 30)], 2)
+    assert (cursor.position.reached, spans(cursor), cursor.entries) == (9, [(1, 5), (20, 30)], 2)
     assert cursor.lacking.is_set()
 
 

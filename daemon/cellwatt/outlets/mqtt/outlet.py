@@ -64,7 +64,7 @@ class MqttOutlet(Outlet[MqttSettings]):
         """Queue the rows of frames, and results."""
         if isinstance(item, Frames):
             self._outbox.frames(item)
-            if self._cursor.reached is None and self._outbox.last is not None:
+            if self._cursor.position.reached is None and self._outbox.last is not None:
                 self._cursor.deliver(self._outbox.begun)  # rows of a start that never connects are owed, too
         elif isinstance(item, Prediction):
             self._outbox.prediction(item)
@@ -142,7 +142,7 @@ class MqttOutlet(Outlet[MqttSettings]):
     def _made(self) -> Format:
         view = self.view
         if self.settings.format == "sparkplug":
-            return EdgeNode(self.settings.sparkplug, view.site, view.cell, view.alarms, self._cursor.births)
+            return EdgeNode(self.settings.sparkplug, view.site, view.cell, view.alarms, self._cursor.position.births)
         return PlainFormat(self.settings, view.site, view.cell, view.alarms)
 
     @property

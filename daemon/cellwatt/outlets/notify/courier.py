@@ -68,7 +68,7 @@ class Courier:
         self._about, self._session, self._ledger, self._account = about, session, ledger, account
         self._folder = folder
         self._state = ledger.of(name)
-        self._rules = Rules(to.severity, to.kinds, to.group, to.repeat, to.resolved, settings.queue)
+        self._rules = Rules(to.severity, to.kinds, to.resolved, settings.queue)
         self._born = dict.fromkeys(self._state.due, time.monotonic())
         """Time at which each item began to wait, monotonic s."""
         self._last = dict.fromkeys(self._state.episodes, time.monotonic())
@@ -141,8 +141,8 @@ class Courier:
         """Withdraw alarms, repeat alarms and make the next message, as the clock requires."""
         state, now, allowed = self._state, time.monotonic(), self._passing()
         self._rules.withdraw(state, self._session, time.time_ns())
-        if self._rules.repeat is not None:
-            due = [i for i in self._open if now - self._last.setdefault(i, now) >= self._rules.repeat]
+        if self._to.repeat is not None:
+            due = [i for i in self._open if now - self._last.setdefault(i, now) >= self._to.repeat]
             self._rules.again(state, due, self._session)
         self._note()
         if state.flight is None and (items := self._grouped(now, allowed)):
@@ -157,7 +157,7 @@ class Courier:
         """Items of the next message; none while more items may join its group."""
         items = ready(self._state, allowed)
         oldest = min((self._born.get(item.slot, now) for item in items), default=now)
-        return items if now - oldest >= self._rules.group else []
+        return items if now - oldest >= self._to.group else []
 
     async def _deliver(self, channel: Channel, message: Notification) -> None:
         """Try to send a message until it is accepted, refused, or too old."""

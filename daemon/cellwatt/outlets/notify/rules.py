@@ -171,12 +171,10 @@ AGAIN: Final = 600 * 10**9
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """Which alarms one recipient wants; times in s. At most ``queue`` items wait."""
+    """Which alarms one recipient wants. At most ``queue`` items wait."""
 
     severity: Severity = "warning"
     kinds: tuple[str, ...] = ("*",)
-    group: float = 30.0
-    repeat: float | None = None
     resolved: bool = True
     queue: int = 100
 

@@ -42,7 +42,7 @@ async def test_results_of_before_a_restart_are_sent_from_the_record(broker: Brok
         cell.record.chunk(replace(alarm(7), time=at, since=at), task)
         cell.frames(10)
         outlet = outlet_of(cell, broker.url, backfill="1 kHz")
-        outlet._cursor.reached, outlet._cursor._opened = int(outlet_rows.time[-1]), True
+        outlet._cursor.position.reached, outlet._cursor._opened = int(outlet_rows.time[-1]), True
         async with serving(outlet, cell):
             await heard.until(f"{ROOT}/availability", 3)
             outlet.offer(cell.frames(150))
@@ -60,7 +60,7 @@ async def test_results_of_before_a_restart_are_sent_from_the_record(broker: Brok
 async def test_live_rows_go_before_those_of_the_past(broker: Broker, tmp_path: Path) -> None:
     cell = Cell(tmp_path)
     outlet = outlet_of(cell, broker.url, backfill="50 Hz")
-    outlet._cursor.reached, outlet._cursor._opened = cell.start - STEP, True
+    outlet._cursor.position.reached, outlet._cursor._opened = cell.start - STEP, True
     outlet.offer(cell.frames(200))
     async with ears(broker, f"{ROOT}/#") as heard, serving(outlet, cell):
         await heard.until(PAST, 3)
