@@ -94,8 +94,9 @@ class Cursor:
         """Add an owed span with ``entries`` new entries. Spans that touch or overlap are merged."""
         if until <= after:
             return
-        apart = [o for o in self.position.gaps if o.until < after or o.after > until]
-        touching = [Owed(after, until, entries), *(o for o in self.position.gaps if o not in apart)]
+        gaps = self.position.gaps
+        apart = [o for o in gaps if o.until < after or o.after > until]
+        touching = [Owed(after, until, entries), *(o for o in gaps if not (o.until < after or o.after > until))]
         first, last, counts = zip(*touching, strict=True)
         gaps = self.position.gaps = sorted([*apart, Owed(min(first), max(last), sum(counts))])
         while len(gaps) > MOST:
