@@ -56,10 +56,8 @@ def test_what_was_made_is_delivered_owed_or_lost(steps: list[str]) -> None:
                 again = Cursor(None, Account())
                 again.succeed(cursor)
                 account, cursor = again._account, again
-                assert (
-                    known == (cursor.position.reached, spans(cursor))
-                    and account.expected == account.owed == cursor.entries
-                )
+                assert known == (cursor.position.reached, spans(cursor))
+                assert account.expected == account.owed == cursor.entries
             case "fill" | "fill badly" if cursor.first is not None:
                 after, until = cursor.first
                 until = until if step == "fill" else min(after + STEP, until)

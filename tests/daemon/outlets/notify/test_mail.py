@@ -123,7 +123,6 @@ async def test_a_server_that_is_silent_after_the_mail(tmp_path: Path) -> None:
         box.hang = 1
         await offered(made, alarm(1), "shift: sent")
     assert len(box.mails) == 2  # it took the first and did not say so: the Message-ID shows that they are one
-    assert len({mail["Message-ID"] for _, mail in box.mails}) == 1
     assert len({mail.as_bytes() for _, mail in box.mails}) == 1
 
 
