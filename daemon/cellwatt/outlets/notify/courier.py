@@ -122,8 +122,9 @@ class Courier:
             return None
         return f"{self.name} cannot be reached ({self._to.place}): {trouble.reason}"
 
-    async def run(self, channel: Channel) -> None:
+    async def run(self) -> None:
         """Send messages until cancelled."""
+        channel = await asyncio.to_thread(channel_to, self._to, self._about, self._settings.timeout)
         while True:
             self._wake.clear()
             self._look()
