@@ -23,11 +23,7 @@ def run(data: bytes) -> None:
         items += [item for _, item in decoder.numbered(data, rows.TRACKS, set(rows.TRACKS))]
     except ValueError:
         return
-    ring = Ring(SIZE, 1)
-    try:
-        _through(ring, items, how or b"\1")
-    finally:
-        ring.close()
+    _through(Ring(SIZE, 1), items, how or b"\1")
 
 
 def _through(ring: Ring, items: list[Item], how: bytes) -> None:

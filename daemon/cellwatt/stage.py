@@ -16,6 +16,14 @@ from cellwatt.section import Section
 class StageSettings(Section):
     """Settings of one stage; every stage derives its own. Unknown keys are refused."""
 
+    def files(self, folder: Path, robot: Path | None) -> Sequence[Path]:
+        """Files that the stage reads: a reload restarts it if one of them was written again.
+
+        By default, those that its settings name, relative to ``folder``, and the description of the cell's ``robot``.
+        """
+        named = [folder / value for value in dict(self).values() if isinstance(value, str | Path)]
+        return named if robot is None else [*named, robot]
+
 
 @dataclass(frozen=True, slots=True)
 class CellInfo:

@@ -146,8 +146,7 @@ def _cell(check: _Check, path: Path) -> CellConfig | None:
     _same_device(check, sources)
     _same_line(check, sources)
     frames = _section(check, "frames", FrameSettings, top) if "frames" in top else FrameSettings()
-    stages = dict(_stages(check, top))
-    _robot(check, name)
+    stages = dict(_stages(check, top, _robot(check, name)))
     record = _record(check, top, name) if "record" in top else None
     outlets = dict(_outlets(check, top, ways_out))
     units = _section(check, "units", Units, top) if "units" in top else Units()
@@ -172,16 +171,17 @@ def _cell(check: _Check, path: Path) -> CellConfig | None:
     )
 
 
-def _robot(check: _Check, name: CellName | None) -> None:
-    """Add a problem if the robot is a path without a readable ``robot.yaml``; a bare name is a label."""
+def _robot(check: _Check, name: CellName | None) -> Path | None:
+    """File that describes the robot. Adds a problem for a path without readable ``robot.yaml``; a name is a label."""
     if name is None or name.robot is None:
-        return
+        return None
     path = check.folder / name.robot
     described = path.suffix in (".yaml", ".yml")
     file = path if described else path / "robot.yaml"
     if (described or "/" in name.robot) and not os.access(file, os.R_OK):
         message = f"found {name.robot!r}, expected a robot.yaml or the folder that holds one: {file} cannot be read"
         check.complain(("robot",), message)
+    return path if path.is_file() else file
 
 
 def _record(check: _Check, top: Mapping[Any, Any], name: CellName | None) -> RecordSettings | None:
@@ -240,7 +240,7 @@ def _sources(check: _Check, top: Mapping[Any, Any]) -> Iterator[tuple[str, Sourc
             yield name, SourceConfig(name, kind, settings, check.document.place(path))
 
 
-def _stages(check: _Check, top: Mapping[Any, Any]) -> Iterator[tuple[str, StageConfig]]:
+def _stages(check: _Check, top: Mapping[Any, Any], robot: Path | None) -> Iterator[tuple[str, StageConfig]]:
     needs: dict[str, tuple[str, ...]] = {}
     kinds: set[str] = set()
     for name, values in _named(check, "stages", top):
@@ -255,7 +255,7 @@ def _stages(check: _Check, top: Mapping[Any, Any]) -> Iterator[tuple[str, StageC
         found_class, settings = check.part(stage, kind, place, path, values, hint)
         needs[name] = tuple(getattr(found_class, "needs", ()))
         if settings is not None:
-            written = _written(check.folder, [*dict(settings).values(), top.get("robot")])
+            written = _written(settings.files(check.folder, robot))
             yield name, StageConfig(name, kind, settings, check.document.place(path), written)
     for name, wanted in needs.items():
         for kind in wanted:
@@ -264,17 +264,13 @@ def _stages(check: _Check, top: Mapping[Any, Any]) -> Iterator[tuple[str, StageC
                 check.complain(("stages", name), message, at_key=True)
 
 
-def _written(folder: Path, values: Iterable[object]) -> tuple[int, ...]:
-    """Modification times, ns, of the files among ``values``, and of the robots and models in the folders among them.
-
-    Files that cannot be read here are reported when they are needed.
-    """
+def _written(files: Iterable[Path]) -> tuple[int, ...]:
+    """Modification times, ns, of regular files; those that cannot be read here are reported when they are needed."""
     found: list[int] = []
-    for value in values:
-        for name in ("", "robot.yaml", "model.yaml") if value and isinstance(value, str | Path) else ():
-            with contextlib.suppress(OSError, ValueError):  # a text that is no path
-                if S_ISREG((known := (folder / str(value) / name).stat()).st_mode):
-                    found.append(known.st_mtime_ns)
+    for file in files:
+        with contextlib.suppress(OSError, ValueError):  # a text that is no path
+            if S_ISREG((known := file.stat()).st_mode):
+                found.append(known.st_mtime_ns)
     return tuple(found)
 
 

@@ -160,7 +160,7 @@ class Cursor:
     def succeed(self, before: Cursor) -> None:
         """Take over the position of ``before``, a closed cursor."""
         if before._path == self._path and before.position.place == self.position.place:
-            self.position, self._opened = before.position, before._opened
+            self.position, self._opened = before.position.model_copy(), before._opened
             self._account.expect(self.entries)
             self._note()
 

@@ -94,7 +94,6 @@ class Forwarder(Generic[M]):
         self.unread: str | None = None
         """Reason why nothing can be back-filled, or ``None``."""
         self.cursor = cursor
-        self.unmatched: tuple[str, ...] = ()
         self._name, self._peer, self._cell, self._record, self._account = name, peer, cell, record, account
         self._flow = flow
         self._items: deque[Frames | Archived] = deque()
@@ -184,7 +183,6 @@ class Forwarder(Generic[M]):
             for row in () if picker is None else picker.rest():
                 self._take_row(row)
             picker = self._picker = Picker(self._flow, frames.layout)
-            self.unmatched = picker.unmatched
             if picker.unmatched:
                 self._account.count(f"{self._name}: patterns that fit no channel", len(picker.unmatched))
                 log.warning("%s: no channel matches %s", self._name, ", ".join(picker.unmatched))

@@ -13,7 +13,7 @@ from cellwatt.record import messages
 from cellwatt.record.rows import BlockRows, FrameRows, SampleRows, declared_rows, rows_of
 from cellwatt.ring.memory import Record, Ring
 
-_ROWS, _STATUS, _MARK, _FIRST_MESSAGE = 1, 2, 3, 16
+_ROWS, STATUS, _MARK, _FIRST_MESSAGE = 1, 2, 3, 16
 _KINDS = {kind: number for number, kind in enumerate(messages.TOPICS, _FIRST_MESSAGE)}
 _FRAMES = ("", "")
 _TYPES = {number: kind for kind, number in _KINDS.items()}
@@ -59,7 +59,7 @@ class ItemWriter:
                 number, rows = self._rows_of(item)
                 self._put_rows(item, number, rows.encode(item, number).tobytes())
             case Status():
-                self._put_message(_STATUS, json.dumps(item.figures).encode(), silent=True)
+                self._put_message(STATUS, json.dumps(item.figures).encode(), silent=True)
             case Mark():
                 self._put_message(_MARK, str(item.generation).encode())
             case _:
@@ -151,7 +151,7 @@ class ItemReader:
             missed = following - self.position
             self.position = following
             if record is not None:
-                self.count += record.kind != _STATUS
+                self.count += record.kind != STATUS
                 yield self._item(record)
             elif missed:
                 self.skipped += missed
@@ -180,7 +180,7 @@ class ItemReader:
             if isinstance(rows, SampleRows):
                 return rows.decode(record.body, 0, size, record.sequence, keep=True)[0]
             return rows.decode(record.body, 0, size, record.sequence)[0]
-        if record.kind == _STATUS:
+        if record.kind == STATUS:
             return Status(json.loads(record.body))
         if record.kind == _MARK:
             return Mark(int(record.body))

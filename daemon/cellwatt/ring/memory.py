@@ -63,7 +63,7 @@ class Ring:
         self._declarations = view[_START : _START + DECLARATIONS]
         self._data = view[_START + DECLARATIONS :]
         self._bells = tuple(os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC) for _ in range(readers))
-        self._silence = weakref.finalize(self, _close, self._bells)
+        weakref.finalize(self, _close, self._bells)
 
     @property
     def largest(self) -> int:
@@ -227,13 +227,6 @@ class Ring:
         """Lines declared after byte ``after``, and the present length of the declarations in bytes."""
         end = self._words[_DECLARED]
         return bytes(self._declarations[after:end]).splitlines(), end
-
-    def close(self) -> None:
-        """Unmap the memory from this process."""
-        for view in (self._words, self._declarations, self._data):
-            view.release()
-        self._memory.close()
-        self._silence()
 
 
 def _close(descriptors: tuple[int, ...]) -> None:

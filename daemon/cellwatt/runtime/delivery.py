@@ -8,9 +8,10 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
+from cellwatt.account import Account
 from cellwatt.errors import OutletError
 from cellwatt.host import blank
-from cellwatt.outlet import CellView, Item, Outlet, OutletSettings
+from cellwatt.outlet import Item, Outlet
 from cellwatt.runtime.allowance import one_line
 from cellwatt.runtime.tasks import end_of
 
@@ -23,59 +24,61 @@ STEADY = 15.0
 """A run that lasted this long, s, counts as working: a peer may take 10 s to refuse a session."""
 
 
-class Unmade(Outlet[OutletSettings]):
-    """Stands for an outlet that could not be created; ``make`` tries again. Items are lost, and counted."""
-
-    def __init__(self, name: str, settings: OutletSettings, view: CellView, make: Callable[[], Outlet[Any]]) -> None:
-        super().__init__(name, settings, view)
-        self.make = make
-
-    def offer(self, item: Item) -> None:
-        """Count an item as lost."""
-        self.account.count("items lost")
-
-    def health(self, status: Mapping[str, Any]) -> None:
-        """Nobody receives it."""
-
-    async def run(self) -> None:
-        """``Delivery`` runs the created outlet in its place."""
-        raise NotImplementedError
-
-
 class Delivery:
-    """The daemon's side of one outlet: its exceptions reach neither the sources nor other outlets."""
+    """The daemon's side of one outlet: its exceptions reach neither the sources nor other outlets.
 
-    def __init__(self, name: str, outlet: Outlet[Any]) -> None:
+    ``make`` creates the outlet, which takes over from that of ``before``. If this fails, ``run`` tries again, unless
+    the outlet is ``required``; items offered meanwhile are lost and counted.
+    """
+
+    def __init__(
+        self, name: str, make: Callable[[], Outlet[Any]], before: Delivery | None = None, *, required: bool = False
+    ) -> None:
         self.name = name
-        self._outlet = outlet
+        self._make = make
+        self._before: Outlet[Any] | None = None if before is None else before._outlet or before._before
+        self._outlet: Outlet[Any] | None = None
+        self._account = Account()
         self._ended: str | None = None
         self._serves_from = 0.0
         """Monotonic s from which the present run counts as working, and the reason of the last end is dropped."""
         self._broke: str | None = None
         self._logged: str | None = None
+        try:
+            self._made()
+        except Exception:
+            if required:
+                raise
 
-    def succeed(self, before: Delivery) -> None:
-        """Take over from the outlet that new settings have replaced."""
-        self._contained("predecessors lost", lambda: self._outlet.succeed(before._outlet))
+    def _made(self) -> Outlet[Any]:
+        if self._outlet is None:
+            self._outlet = self._make()
+            self._account = self._outlet.account
+            before, self._before = self._before, None
+            if before is not None:
+                self._contained("predecessors lost", lambda outlet: outlet.succeed(before))
+        return self._outlet
 
     def offer(self, item: Item) -> None:
         """Pass on one item; if the outlet fails with it, the item is lost and counted."""
-        self._contained("items lost", lambda: self._outlet.offer(item))
+        if self._outlet is None:
+            self._account.count("items lost")
+        self._contained("items lost", lambda outlet: outlet.offer(item))
 
     @property
     def awaited(self) -> bool:
         """See ``Outlet.awaited``."""
-        return bool(self._contained("looks lost", lambda: self._outlet.awaited))
+        return bool(self._contained("looks lost", lambda outlet: outlet.awaited))
 
     def health(self, status: Mapping[str, Any]) -> None:
         """Pass on the cell's health."""
-        self._contained("health lost", lambda: self._outlet.health(status))
+        self._contained("health lost", lambda outlet: outlet.health(status))
 
-    def _contained(self, what: str, work: Callable[[], T]) -> T | None:
+    def _contained(self, what: str, work: Callable[[Outlet[Any]], T]) -> T | None:
         try:
-            return work()
+            return None if self._outlet is None else work(self._outlet)
         except Exception as error:
-            self._outlet.account.count(what)
+            self._account.count(what)
             self._broke = blank(f"{type(error).__name__}: {error}")
             if self._broke != self._logged:
                 self._logged = self._broke
@@ -100,17 +103,15 @@ class Delivery:
             await asyncio.sleep(pause)
 
     async def _run(self) -> None:
-        if isinstance(self._outlet, Unmade):
-            self._outlet = self._outlet.make()
-        await self._outlet.run()
+        await self._made().run()
 
     def status(self) -> dict[str, Any]:
         """Figures for health, JSON-ready; each call resets the failure noted since the last call."""
-        trouble = self._contained("looks lost", self._outlet.trouble)
+        trouble = self._contained("looks lost", lambda outlet: outlet.trouble())
         broke, self._broke = self._broke, None
         if time.monotonic() > self._serves_from:
             self._ended = None
         error = one_line(self._ended or broke or trouble or "") or None
-        well = "starting" if self._contained("looks lost", self._outlet.starting) else "ok"
-        where = {} if self._outlet.url is None else {"url": self._outlet.url}
-        return {"state": "down" if error else well, "error": error, **where, **self._outlet.account.snapshot()}
+        well = "starting" if self._contained("looks lost", lambda outlet: outlet.starting()) else "ok"
+        where = {} if self._outlet is None or self._outlet.url is None else {"url": self._outlet.url}
+        return {"state": "down" if error else well, "error": error, **where, **self._account.snapshot()}

@@ -18,9 +18,10 @@ from cellwatt.outlet import Journal
 from cellwatt.record import Header, History, Recorder
 from cellwatt.registry import outlet as find_outlet
 from cellwatt.results import Alarm, Energy, Event, Result, series_of
+from cellwatt.ring import RingJournal
 from cellwatt.runtime.acknowledgements import Acknowledgements
 from cellwatt.runtime.consumption import Consumption
-from cellwatt.runtime.delivery import Delivery, Unmade
+from cellwatt.runtime.delivery import Delivery
 from cellwatt.runtime.evidence import Keeper
 from cellwatt.runtime.health import colour, describe
 from cellwatt.runtime.tasks import Tasks
@@ -41,7 +42,7 @@ class Teller:
     """
 
     def __init__(
-        self, config: CellConfig, session: int, now: Callable[[], int], journal: Journal | None = None
+        self, config: CellConfig, session: int, now: Callable[[], int], journal: RingJournal | None = None
     ) -> None:
         self.site, self.cell, self.session, self.folder = config.site, config.cell, session, config.folder
         self.outlets: dict[str, Delivery] = {}
@@ -54,7 +55,7 @@ class Teller:
         self._streams: Mapping[str, tuple[Stream, ...]] = {}
         self._layout = Layout((), config.frames.rate)
         self._results = 0
-        self.journal = journal
+        self.journal: Journal | None = journal
         self.behind = False
         """The record lacks items that the journal holds: results and events wait in the journal until ``catch_up``."""
         self.alarms = AlarmBook(Damping())
@@ -62,11 +63,8 @@ class Teller:
         self._consumption = Consumption()
         self._words = Acknowledgements(self.alarms, session, now, self.take, self._publish)
         self.acknowledge, self.shelve, self.unshelve = self._words.acknowledge, self._words.shelve, self._words.unshelve
-        for _, item in journal.past() if journal is not None else ():
-            if isinstance(item, Alarm):
-                self.alarms.take(item)
-            elif isinstance(item, Event):
-                self.alarms.note(item)
+        if journal is not None:
+            journal.restore(self.alarms)
         self._watch = Monitor(standing.alarm for standing in self.alarms.raised)
         self._status: dict[str, Any] = {}
         self._displaced = 0
@@ -158,15 +156,7 @@ class Teller:
         self, tasks: Tasks, config: OutletConfig, before: Delivery | None = None, *, required: bool = False
     ) -> None:
         make = partial(find_outlet(config.name), config.name, config.settings, self)
-        try:
-            outlet = make()
-        except Exception:
-            if required:
-                raise
-            outlet = Unmade(config.name, config.settings, self, make)  # its delivery tries again, and reports why
-        delivery = self.outlets[config.name] = Delivery(config.name, outlet)
-        if before is not None:
-            delivery.succeed(before)
+        delivery = self.outlets[config.name] = Delivery(config.name, make, before, required=required)
         for warning in config.settings.warnings():
             log.warning("outlet %s: %s", config.name, warning)
         tasks.spawn(f"outlet {config.name}", delivery.run())

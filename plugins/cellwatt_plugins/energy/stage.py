@@ -21,8 +21,8 @@ from cellwatt.errors import ConfigError, ModelError
 from cellwatt.frames import Frames, Layout
 from cellwatt.quantity import Fraction, Seconds
 from cellwatt.results import Alarm, Energy, Interval, Result, Severity, Task
-from cellwatt.stage import CellInfo, Stage, StageSettings
-from cellwatt_plugins.robot_name import robot_name
+from cellwatt.stage import CellInfo, Stage
+from cellwatt_plugins.robot_name import RobotStageSettings, robot_name
 
 if TYPE_CHECKING:
     from cellwatt_plugins.energy.task_energy import Stretch, TaskEnergy
@@ -50,7 +50,7 @@ CONFIRM = Patience(3)
 """… in this number of consecutive tasks."""
 
 
-class EnergySettings(StageSettings):
+class EnergySettings(RobotStageSettings):
     """Splits the energy of every task by consumer, with the arm's parameters from ``cellwatt disaggregate``."""
 
     robot: Path

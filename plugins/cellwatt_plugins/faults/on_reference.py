@@ -9,14 +9,14 @@ from typing import TypeVar
 from cellwatt.errors import ModelError
 from cellwatt.frames import Frames, Layout
 from cellwatt.results import Interval, Result
-from cellwatt.stage import CellInfo, Stage, StageSettings
+from cellwatt.stage import CellInfo, Stage
 from cellwatt_plugins.faults.criteria import Tolerance
 from cellwatt_plugins.faults.reference import load
 from cellwatt_plugins.faults.trace import Trace
-from cellwatt_plugins.robot_name import robot_name
+from cellwatt_plugins.robot_name import RobotStageSettings, robot_name
 
 
-class ReferenceSettings(StageSettings):
+class ReferenceSettings(RobotStageSettings):
     """Settings of the stages that compare an arm with its healthy reference."""
 
     reference: Path

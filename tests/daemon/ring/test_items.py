@@ -20,9 +20,7 @@ from tests.daemon.runtime.fakes import alarm, frames_of, prediction
 
 @pytest.fixture
 def ring():
-    made = Ring(1 << 16, readers=2)
-    yield made
-    made.close()
+    return Ring(1 << 16, readers=2)
 
 
 def test_every_kind_of_item_comes_through(ring):
@@ -136,5 +134,3 @@ def test_a_journal_numbers_each_series_and_gives_the_last_of_it_back():
     # Consumers follow each model for itself: to them a number that another one has is a message that is missing.
     assert [following.put(prediction(m, 0)) for m in ("other", "m", "other")] == [0, 5002, 1]
     assert RingJournal(*rings).put(prediction("other", 0)) == 2
-    for ring in rings:
-        ring.close()

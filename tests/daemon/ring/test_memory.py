@@ -17,9 +17,7 @@ KIND, CHANNEL = 7, 3
 
 @pytest.fixture
 def ring():
-    made = Ring(4096, readers=2)
-    yield made
-    made.close()
+    return Ring(4096, readers=2)
 
 
 def put(ring, n, size=40):
@@ -65,24 +63,21 @@ def test_no_more_is_written_over_than_must_be(ring):
 @given(st.lists(st.tuples(st.integers(0, 30), st.integers(0, 120)), max_size=30), st.data())
 def test_nothing_is_read_twice_torn_or_lost_untold(steps, data):
     ring = Ring(4096, readers=1)
-    try:
-        position, expected, last = 0, {}, -1
-        for n, size in steps:
-            first = ring.following(CHANNEL)
-            put(ring, n, 8 * size // 8)
-            expected |= {i: body_of(i, 8 * size // 8) for i in range(first, first + n)}
-            if data.draw(st.booleans()):
-                found, skipped, position = read_all(ring, position)
-                numbers = [r.sequence for r in found]
-                assert numbers == list(range(numbers[0], numbers[0] + len(numbers))) if numbers else True
-                assert all(r.body == expected[r.sequence] for r in found)
-                if numbers:
-                    assert (numbers[0] == last + 1) == (skipped == 0)
-                    assert numbers[-1] == ring.following(CHANNEL) - 1
-                    last = numbers[-1]
-        assert ring.head - ring.tail <= ring.size
-    finally:
-        ring.close()
+    position, expected, last = 0, {}, -1
+    for n, size in steps:
+        first = ring.following(CHANNEL)
+        put(ring, n, size)
+        expected |= {i: body_of(i, size) for i in range(first, first + n)}
+        if data.draw(st.booleans()):
+            found, skipped, position = read_all(ring, position)
+            numbers = [r.sequence for r in found]
+            assert all(r.body == expected[r.sequence] for r in found)
+            if numbers:
+                assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+                assert (numbers[0] == last + 1) == (skipped == 0)
+                assert numbers[-1] == ring.following(CHANNEL) - 1
+                last = numbers[-1]
+    assert ring.head - ring.tail <= ring.size
 
 
 def test_a_writer_that_is_killed_leaves_no_half_record_and_no_number_twice(ring, monkeypatch):
@@ -176,7 +171,6 @@ def test_another_process_writes_while_this_one_reads():
     finally:
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
-        ring.close()
 
 
 def test_only_readers_that_listen_are_rung(ring):

@@ -12,7 +12,6 @@ import pytest
 
 from cellwatt import Alarm, CellwattError, Event
 from cellwatt.alarms import AlarmBook, Damping
-from cellwatt.ring import Ring, RingJournal
 from cellwatt.runtime.acknowledgements import FILE, LONGEST_SHELF, Acknowledgements
 from tests.daemon.runtime.fakes import alarm
 from tests.daemon.runtime.test_teller import SECOND, Told
@@ -66,27 +65,6 @@ def test_what_cannot_be_done_is_refused_and_not_told(order: Callable[[Any], None
     with pytest.raises(CellwattError, match=told):
         order(teller)
     assert [type(item) for item in teller.offered] == [Alarm]
-
-
-def test_the_next_process_of_a_session_knows_it_by_the_journal() -> None:
-    journal = RingJournal(Ring(1 << 16, 1), Ring(1 << 16, 1))
-
-    class Journaled(Told):
-        def _offer(self, item: Any) -> None:
-            super()._offer(item)
-            journal.put(item)
-
-    first = Journaled(journal=journal)
-    first.take(alarm("a"))
-    first.take(alarm("b"))
-    first.acknowledge("a", "Ines", "gone soon")
-    first.take(replace(alarm("a", active=False), time=2))
-    first.take(alarm("a"))
-    first.acknowledge("b", "Omar", "known")
-    second = Told(journal=journal)
-    second.looked_at()
-    names = {a["id"]: a["acknowledged"] and a["acknowledged"]["name"] for a in second.status()["alarms"]}
-    assert names == {"a": None, "b": "Omar"}, "a was over after Ines acknowledged it"
 
 
 # the file --------------------------------------------------------------------------------------------

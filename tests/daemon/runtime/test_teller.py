@@ -70,15 +70,6 @@ def test_alarms_of_a_stage_that_a_reload_removed_are_withdrawn() -> None:
     assert teller.offered[-1].statement == "Withdrawn, as stage heat is no longer part of the cell: Joint 2: a."
 
 
-def test_who_tells_next_knows_which_stage_left_an_alarm_active() -> None:
-    journal = RingJournal(Ring(1 << 16, 1), Ring(1 << 16, 1))
-    journal.put(alarm("a", stage="heat"))
-    teller = Told(journal=journal)
-    assert teller.looked_at() == ["a"]
-    teller.withdraw(["heat"], "restarts")
-    assert changes(teller.offered) == [("a", False)]
-
-
 def test_an_alarm_that_comes_and_goes_is_published_a_few_times_and_recorded_each_time() -> None:
     teller = Told()
     for n in range(40):
@@ -112,10 +103,26 @@ def test_a_result_is_recorded_under_the_number_that_it_is_told_with() -> None:
     assert [(n, item) for n, item in journal.past() if isinstance(item, Task)] == [(0, task(0)), (1, task(1))]
 
 
-def test_an_alarm_is_in_the_journal_though_no_outlet_puts_it_there() -> None:
-    journal = RingJournal(Ring(1 << 16, 1), Ring(1 << 16, 1))
-    Teller(CONFIG, 1, lambda: 0, journal).take(alarm("a"))
-    assert Told(journal=journal).looked_at() == ["a"]
+def test_the_next_process_knows_the_alarms_also_when_the_journal_has_overwritten_their_messages() -> None:
+    rings = Ring(1 << 16, 1), Ring(1 << 16, 1)
+    first = Teller(CONFIG, 1, lambda: 0, RingJournal(*rings))
+    first.take(alarm("a", stage="heat"))
+    first.acknowledge("a", "Ines", "gone soon")
+    first.take(alarm("a", active=False, stage="heat"))
+    for item in (alarm("a", stage="heat"), alarm("b", stage="noise")):
+        first.take(item)
+    first.acknowledge("b", "Omar", "known")
+    for known in (True, False, False):
+        journal = RingJournal(*rings)
+        assert any(isinstance(item, Alarm) for _, item in journal.past()) == known
+        successor = Told(journal=journal)
+        assert successor.looked_at() == ["a", "b"]
+        names = [a["acknowledged"] and a["acknowledged"]["name"] for a in successor.status()["alarms"]]
+        assert names == [None, "Omar"], "a was over after Ines acknowledged it"
+        for n in range(1000):
+            successor.take(Event(n, None, "reloaded", 20 * "again "))
+    successor.withdraw(["heat"], "restarts")
+    assert changes(successor.offered[-1:]) == [("a", False)]
 
 
 @at_once

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 from typing import Protocol
 
 from cellwatt.errors import CellwattError
@@ -17,24 +15,11 @@ class RefusedError(CellwattError):
     """The server refuses this message for good."""
 
 
-@dataclass(frozen=True, slots=True)
-class SendResult:
-    """The server accepted a message, possibly not for all its addresses.
-
-    ``taken``: accepted addresses; ``refused``: reason of each permanent refusal, by address; ``later``: reason of each
-    temporary refusal, by address.
-    """
-
-    taken: tuple[str, ...] = ()
-    refused: Mapping[str, str] = field(default_factory=dict)
-    later: Mapping[str, str] = field(default_factory=dict)
-
-
 class Channel(Protocol):
     """Sends messages to one recipient."""
 
-    async def send(self, message: Notification) -> SendResult:
-        """Try once to send a message. Raises ``RefusedError`` or ``NotNowError``."""
+    async def send(self, message: Notification) -> None:
+        """Try once to send a message. Raises ``RefusedError`` or ``NotNowError`` unless the server accepts it."""
         ...
 
 

@@ -16,11 +16,11 @@ from typing import Final
 from cellwatt.account import Account
 from cellwatt.errors import why
 from cellwatt.files import put_aside
-from cellwatt.outlets.notify.channels import Channel, RefusedError, SendResult, cleaned
+from cellwatt.outlets.notify.channels import Channel, RefusedError, cleaned
 from cellwatt.outlets.notify.ledger import Ledger
 from cellwatt.outlets.notify.quiet import passing
 from cellwatt.outlets.notify.rules import Item, Notification, Rules, message_of, ready, silence
-from cellwatt.outlets.notify.settings import MailSettings, NotifySettings, RecipientSettings
+from cellwatt.outlets.notify.settings import MailSettings, NotifySettings, RecipientSettings, recipient_of
 from cellwatt.outlets.notify.texts import About, undelivered
 from cellwatt.outlets.remote import NotNowError
 from cellwatt.results import Alarm
@@ -49,11 +49,13 @@ class _Trouble:
 
 
 class Courier:
-    """One recipient at run time; ``ledger`` has its state, ``folder`` its undelivered messages."""
+    """One entry ``to`` of ``NotifySettings.each`` at run time; ``ledger`` has its state, ``folder`` its undelivered
+    messages."""
 
     def __init__(
         self,
         name: str,
+        to: RecipientSettings,
         settings: NotifySettings,
         about: About,
         session: int,
@@ -62,12 +64,11 @@ class Courier:
         folder: Path | None,
     ) -> None:
         self.name = name
-        self._settings, self._to = settings, settings.to[name]
+        self._settings, self._to = settings, to
         self._about, self._session, self._ledger, self._account = about, session, ledger, account
         self._folder = folder
         self._state = ledger.of(name)
-        to = self._to
-        self._rules = Rules(to.severity, to.kinds, to.group, to.repeat, to.resolved, settings.queue)
+        self._rules = Rules(to.severity, to.kinds, to.resolved, settings.queue)
         self._born = dict.fromkeys(self._state.due, time.monotonic())
         """Time at which each item began to wait, monotonic s."""
         self._last = dict.fromkeys(self._state.episodes, time.monotonic())
@@ -110,7 +111,7 @@ class Courier:
         return passing(self._to.quiet, datetime.now(UTC), self._settings.zone)
 
     def _count(self, what: str, number: int = 1) -> None:
-        self._account.count(f"{self.name}: {what}", number)
+        self._account.count(f"{recipient_of(self.name)}: {what}", number)
 
     # outgoing messages--------------------------------------------------------------------------------
 
@@ -121,8 +122,9 @@ class Courier:
             return None
         return f"{self.name} cannot be reached ({self._to.place}): {trouble.reason}"
 
-    async def run(self, channel: Channel) -> None:
+    async def run(self) -> None:
         """Send messages until cancelled."""
+        channel = await asyncio.to_thread(channel_to, self._to, self._about, self._settings.timeout)
         while True:
             self._wake.clear()
             self._look()
@@ -140,8 +142,8 @@ class Courier:
         """Withdraw alarms, repeat alarms and make the next message, as the clock requires."""
         state, now, allowed = self._state, time.monotonic(), self._passing()
         self._rules.withdraw(state, self._session, time.time_ns())
-        if self._rules.repeat is not None:
-            due = [i for i in self._open if now - self._last.setdefault(i, now) >= self._rules.repeat]
+        if self._to.repeat is not None:
+            due = [i for i in self._open if now - self._last.setdefault(i, now) >= self._to.repeat]
             self._rules.again(state, due, self._session)
         self._note()
         if state.flight is None and (items := self._grouped(now, allowed)):
@@ -156,22 +158,16 @@ class Courier:
         """Items of the next message; none while more items may join its group."""
         items = ready(self._state, allowed)
         oldest = min((self._born.get(item.slot, now) for item in items), default=now)
-        return items if now - oldest >= self._rules.group else []
+        return items if now - oldest >= self._to.group else []
 
     async def _deliver(self, channel: Channel, message: Notification) -> None:
         """Try to send a message until it is accepted, refused, or too old."""
         pause = self._settings.retry
-        while True:
-            failure = await self._attempt(channel, message)
-            current = self._state.flight
-            if failure is None or current is None:
-                return
-            message = current
+        while (failure := await self._attempt(channel, message)) is not None:
             # By the PC's clock, which may be set meanwhile, only after a restart.
             age = (time.time_ns() - message.made) / 1e9 if self._made is None else time.monotonic() - self._made
             if age > self._settings.give_up:
-                reason = f"given up after {age / 3600:.1f} h: {failure}"
-                await self._give_up(message, reason)
+                await self._give_up(message, f"given up after {age / 3600:.1f} h: {failure}")
                 return
             self._count("retried")
             await asyncio.sleep(max(failure.wait or 0.0, pause * random.uniform(0.5, 1.0)))
@@ -182,41 +178,28 @@ class Courier:
         work = asyncio.create_task(channel.send(message))
         try:
             try:
-                answer = await asyncio.shield(work)
+                await asyncio.shield(work)
             except asyncio.CancelledError:
                 with suppress(Exception):
                     async with asyncio.timeout(GRACE):
-                        await self._accepted(message, await work)
+                        await work
+                        await self._accepted()
                 raise
-            return await self._accepted(message, answer)
+            await self._accepted()
         except RefusedError as error:
             await self._give_up(message, self._clean(error))
-            return None
         except NotNowError as error:
             return self._failed(NotNowError(self._clean(error), error.wait))
         except Exception as error:
             log.exception("notify: %s: sending failed", self.name)
             return self._failed(NotNowError(f"sending failed: {type(error).__name__}, see the log"))
+        return None
 
-    async def _accepted(self, message: Notification, answer: SendResult) -> NotNowError | None:
-        for address, reason in answer.refused.items():
-            await self._store_undelivered(message, f"{address}: {self._clean(reason)}")
-        if answer.later:
-            if settled := (*answer.taken, *answer.refused):
-                self._state.settle(settled)
-                await self._ledger.flush()
-            address, reason = next(iter(answer.later.items()))
-            return self._failed(NotNowError(f"{address}: {self._clean(reason)}"))
+    async def _accepted(self) -> None:
         self._state.arrived()
         await self._ledger.flush()
-        if answer.refused:
-            address, reason = next(iter(answer.refused.items()))
-            self._trouble = _Trouble(f"{address}: {self._clean(reason)}", time.monotonic(), final=True)
-        else:
-            self._trouble = None
-        if answer.taken or not answer.refused:
-            self._count("sent")
-        return None
+        self._trouble = None
+        self._count("sent")
 
     def _failed(self, error: NotNowError) -> NotNowError:
         if self._trouble is None:

@@ -1,6 +1,6 @@
-"""The delivery state of each recipient, in a file that survives a crash: ``notify.jsonl`` beside the recordings.
+"""The delivery state of each recipient and mail address, in a file that survives a crash: ``notify.jsonl``.
 
-One line per recipient; each change is on disk before a message depends on it.
+One line for each; each change is on disk before a message depends on it.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ FILE: Final = "notify.jsonl"
 
 
 class Ledger:
-    """State of every recipient, by name; without a path in memory only."""
+    """State of each, by its key in ``NotifySettings.each``; without a path in memory only."""
 
     def __init__(self, path: Path | None) -> None:
         self.path = path

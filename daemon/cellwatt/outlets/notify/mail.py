@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import socket
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from email.message import EmailMessage
 from email.policy import SMTP as SMTP_POLICY
 from email.utils import format_datetime
@@ -19,7 +19,7 @@ from aiosmtplib import (
     SMTPTimeoutError,
 )
 
-from cellwatt.outlets.notify.channels import RefusedError, SendResult
+from cellwatt.outlets.notify.channels import RefusedError
 from cellwatt.outlets.notify.rules import Notification
 from cellwatt.outlets.notify.settings import MailSettings
 from cellwatt.outlets.notify.texts import About, body, severity, subject, utc
@@ -34,34 +34,26 @@ _OURS = (530, 534, 535, 538)
 
 
 class Mail:
-    """Sends a message as one mail to all addresses that have not received it."""
+    """Sends each message as a mail to the one address of its settings."""
 
     def __init__(self, settings: MailSettings, about: About, timeout: float) -> None:
         self._settings, self._about, self._timeout = settings, about, timeout
 
-    async def send(self, message: Notification) -> SendResult:
+    async def send(self, message: Notification) -> None:
         """See ``Channel.send``."""
-        wanted = [address for address in self._settings.to if address not in message.settled]
-        if not wanted:
-            return SendResult()
         client = await self._client()
         try:
             async with asyncio.timeout(self._timeout):
                 with self._converted(final=False):
                     await client.connect()
                 with self._converted(final=True):
-                    refused = await _hand_over(client, self._settings.sender, wanted, self._content(message))
+                    await _hand_over(client, self._settings.sender, self._settings.to, self._content(message))
             with contextlib.suppress(SMTPException, OSError):
                 await client.quit(timeout=GOODBYE)
         except TimeoutError:
             raise NotNowError(f"no answer within {self._timeout:g} s") from None
         finally:
             client.close()
-        taken = tuple(address for address in wanted if address not in refused)
-        # A server that accepts other addresses refuses these, not the sender: they must not hold up later messages.
-        for_ever = {a: f"{code} {text}" for a, (code, text) in refused.items() if _final(code, taken)}
-        later = {a: f"{code} {text}" for a, (code, text) in refused.items() if a not in for_ever}
-        return SendResult(taken, for_ever, later)
 
     async def _client(self) -> aiosmtplib.SMTP:
         settings = self._settings
@@ -89,8 +81,8 @@ class Mail:
         except SMTPResponseException as error:
             reason = f"{error.code} {error.message}"
             if error.code in _OURS:
-                reason = f"{reason}: does the server require user and password, or tls?"
-            raise (RefusedError(reason) if final and _final(error.code) else NotNowError(reason)) from None
+                raise NotNowError(f"{reason}: does the server require user and password, or tls?") from None
+            raise (RefusedError if final and error.code >= _FOR_EVER else NotNowError)(reason) from None
         except SMTPException as error:
             cause = error.__cause__
             if isinstance(cause, OSError) and not isinstance(cause, SMTPException):
@@ -117,16 +109,8 @@ class Mail:
         return mail.as_bytes()
 
 
-def _final(code: int, taken: Sequence[str] = ()) -> bool:
-    return code >= _FOR_EVER and bool(taken or code not in _OURS)
-
-
-async def _hand_over(
-    client: aiosmtplib.SMTP, sender: str, to: list[str], content: bytes
-) -> Mapping[str, tuple[int, str]]:
-    """Submit a mail; return the code and the reason for each address that the server does not accept."""
+async def _hand_over(client: aiosmtplib.SMTP, sender: str, to: Sequence[str], content: bytes) -> None:
     try:
-        refused, _ = await client.sendmail(sender, to, content)
+        await client.sendmail(sender, to, content)
     except SMTPRecipientsRefused as error:
-        return {refusal.recipient: (refusal.code, refusal.message) for refusal in error.recipients}
-    return {address: (answer.code, answer.message) for address, answer in refused.items()}
+        raise error.recipients[0] from None

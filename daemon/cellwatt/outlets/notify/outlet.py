@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Final
 
 from cellwatt.alarms import WORDS
 from cellwatt.outlet import CellView, Item, Outlet
-from cellwatt.outlets.notify.courier import Courier, channel_to
+from cellwatt.outlets.notify.courier import Courier
 from cellwatt.outlets.notify.ledger import FILE, Ledger
 from cellwatt.outlets.notify.quiet import zone_of
 from cellwatt.outlets.notify.settings import NotifySettings
@@ -31,7 +31,8 @@ INBOX: Final = 10_000
 class NotifyOutlet(Outlet[NotifySettings]):
     """Sends alarms to people by mail, webhook, ntfy and Home Assistant, each once.
 
-    One task per recipient sends, so that no recipient waits for another; a ledger on disk has the state of each.
+    One task per recipient and mail address sends, so that none waits for another; a ledger on disk has the state of
+    each.
     """
 
     Settings: ClassVar[type[NotifySettings]] = NotifySettings
@@ -81,10 +82,9 @@ class NotifyOutlet(Outlet[NotifySettings]):
         await self._begin()
         settings, view = self.settings, self.view
         about = About(view.site, view.cell, settings.page, zone_of(settings.zone))
-        made = {n: await asyncio.to_thread(channel_to, to, about, settings.timeout) for n, to in settings.to.items()}
         self._couriers = {
-            name: Courier(name, settings, about, view.session, self._ledger, self.account, self._folder)
-            for name in made
+            name: Courier(name, to, settings, about, view.session, self._ledger, self.account, self._folder)
+            for name, to in settings.each.items()
         }
         for alarm in self._missed():
             for courier in self._couriers.values():
@@ -92,8 +92,8 @@ class NotifyOutlet(Outlet[NotifySettings]):
         self._fresh.set()  # the alarm book is read before a courier withdraws alarms
         async with asyncio.TaskGroup() as group:
             group.create_task(self._look())
-            for name, courier in self._couriers.items():
-                group.create_task(courier.run(made[name]))
+            for courier in self._couriers.values():
+                group.create_task(courier.run())
 
     async def _begin(self) -> None:
         """Read the ledger once, and delete the state of recipients that are no longer in the settings."""
@@ -107,7 +107,7 @@ class NotifyOutlet(Outlet[NotifySettings]):
                 self.account.count("ledger: not readable")
             if self._ledger.unreadable:
                 self.account.count("ledger: lines not readable", self._ledger.unreadable)
-        for name, count in self._ledger.keep(self.settings.to).items():
+        for name, count in self._ledger.keep(self.settings.each).items():
             self.account.count(f"{name}, no recipient any more: alarms not told", count)
 
     def _missed(self) -> Iterable[Alarm]:

@@ -42,14 +42,13 @@ class Item:
 class Notification:
     """Items that are sent together; ``id`` is the same at every attempt, ``made`` is UTC ns.
 
-    ``more``: number of items dropped from a full queue; ``settled``: addresses that need no further attempt.
+    ``more``: number of items dropped from a full queue.
     """
 
     id: str
     made: int
     items: tuple[Item, ...] = ()
     more: int = 0
-    settled: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,11 +160,6 @@ class Recipient:
             elif episode is not None:
                 self.episodes[item.alarm.id] = replace(episode, told=True)
 
-    def settle(self, addresses: Collection[str]) -> None:
-        """Store the addresses that need no further attempt to send the current message."""
-        if self.flight is not None:
-            self.flight, self.changed = replace(self.flight, settled=(*self.flight.settled, *addresses)), True
-
     def arrived(self) -> None:
         """Note that the current message was accepted or given up."""
         self.flight, self.changed = None, True
@@ -177,12 +171,10 @@ AGAIN: Final = 600 * 10**9
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """Which alarms one recipient wants; times in s. At most ``queue`` items wait."""
+    """Which alarms one recipient wants. At most ``queue`` items wait."""
 
     severity: Severity = "warning"
     kinds: tuple[str, ...] = ("*",)
-    group: float = 30.0
-    repeat: float | None = None
     resolved: bool = True
     queue: int = 100
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Final, Literal, Self
 from urllib.parse import SplitResult
 
 from pydantic import AfterValidator, Field, PositiveInt, SecretStr, field_validator
@@ -78,15 +79,22 @@ class MailSettings(Section):
         return self.port or _PORTS[self.tls]
 
 
-class _Web(Section):
+class _Web(ABC, Section):
     ca: Path | None = None
     """Certificate authority (PEM) to trust instead of those of the system."""
     open: bool = False
     """Allow http without TLS to other PCs: anyone on the network path can read everything."""
 
-    def _check(self, url: str) -> None:
-        _parts(url)
-        check_clear(url, allowed=self.open)
+    @property
+    @abstractmethod
+    def address(self) -> str:
+        """Address that is called."""
+
+    @model_check(mode="after")
+    def _reachable(self) -> Self:
+        _parts(self.address)
+        check_clear(self.address, allowed=self.open)
+        return self
 
 
 class WebhookSettings(_Web):
@@ -94,15 +102,8 @@ class WebhookSettings(_Web):
 
     url: SecretStr
     """Address; treated as a secret, because many services put a token into it."""
-    secret: SecretStr | None = None
+    secret: SecretStr | None = Field(default=None, min_length=1)
     """Key of the signature: any text, or ``whsec_`` and base64; without it, requests are not signed."""
-
-    @model_check(mode="after")
-    def _closed(self) -> WebhookSettings:
-        self._check(self.url.get_secret_value())
-        if self.secret is not None and not self.secret.get_secret_value():
-            raise ValueError("secret: expected a text that is not empty")
-        return self
 
     @property
     def address(self) -> str:
@@ -122,7 +123,6 @@ class NtfySettings(_Web):
 
     @model_check(mode="after")
     def _closed(self) -> NtfySettings:
-        self._check(self.url)
         if not re.fullmatch(r"[-_A-Za-z0-9]{1,64}", self.topic.get_secret_value()):
             raise ValueError("topic: expected 1 to 64 letters, digits, '-' and '_'")
         return self
@@ -142,11 +142,6 @@ class HomeAssistantSettings(_Web):
     """Name of the service behind ``notify.``, like ``mobile_app_shift``."""
     token: SecretStr
     """Long-lived access token."""
-
-    @model_check(mode="after")
-    def _closed(self) -> HomeAssistantSettings:
-        self._check(self.url)
-        return self
 
     @property
     def address(self) -> str:
@@ -249,9 +244,27 @@ class NotifySettings(OutletSettings):
             raise ValueError("expected an address without ? and #")
         return page
 
+    @property
+    def each(self) -> dict[str, RecipientSettings]:
+        """The recipients by name; each mail address apart, by name and address, so that none waits for another."""
+        found: dict[str, RecipientSettings] = {}
+        for name, to in self.to.items():
+            if to.mail is None:
+                found[name] = to
+                continue
+            for address in to.mail.to:
+                mail = to.mail.model_copy(update={"to": (address,)})
+                found[f"{name} {address}"] = to.model_copy(update={"mail": mail})
+        return found
+
     def warnings(self) -> tuple[str, ...]:
         """Recipients without encryption, and certificate authorities that cannot be read."""
         return tuple(f"to.{name}: {text}" for name, to in self.to.items() for text in _doubts(to.channel))
+
+
+def recipient_of(key: str) -> str:
+    """Name of the recipient of a key of ``NotifySettings.each``."""
+    return key.partition(" ")[0]
 
 
 def _doubts(channel: Channel) -> Iterator[str]:

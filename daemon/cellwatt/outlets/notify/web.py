@@ -17,7 +17,7 @@ from typing import Any, Final
 import aiohttp
 from pydantic import SecretStr
 
-from cellwatt.outlets.notify.channels import RefusedError, SendResult
+from cellwatt.outlets.notify.channels import RefusedError
 from cellwatt.outlets.notify.rules import Notification
 from cellwatt.outlets.notify.settings import HomeAssistantSettings, NtfySettings, Web, WebhookSettings
 from cellwatt.outlets.notify.texts import About, body, payload, severity, subject
@@ -62,7 +62,7 @@ class WebChannel:
     def __init__(self, settings: Web, about: About, timeout: float) -> None:
         self._settings, self._about, self._timeout = settings, about, timeout
 
-    async def send(self, message: Notification) -> SendResult:
+    async def send(self, message: Notification) -> None:
         """See ``Channel.send``."""
         settings = self._settings
         content, head = request(settings, self._about, message, int(time.time()))
@@ -83,7 +83,6 @@ class WebChannel:
             raise NotNowError(f"no answer within {self._timeout:g} s") from None
         except (aiohttp.ClientError, OSError) as error:
             raise NotNowError(unreached(error)) from None
-        return SendResult()
 
 
 def request(settings: Web, about: About, message: Notification, now: int) -> tuple[bytes, dict[str, str]]:

@@ -134,9 +134,13 @@ class Refused:
 
 @dataclass(frozen=True, slots=True)
 class Alive:
-    """The cell's health was checked; ``status`` is one line about it for systemd."""
+    """The cell's health was checked; ``status`` is one line about it for systemd.
+
+    ``hung``: numbers of the processes that have not responded for so long that they must be killed.
+    """
 
     status: str
+    hung: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -269,6 +269,10 @@ class Supervisor:
             case Alive():
                 # systemd listens to this process only: its message confirms that it and *tell* work.
                 systemd.notify(WATCHDOG="1", STATUS=message.status)
+                for each in self._serving():
+                    if each.alive and each.pid in message.hung:
+                        log.error("the process %s does not respond: it is killed", each.name)
+                        each.kill()
             case Failed():
                 self._take_failure(process, message.error)
 

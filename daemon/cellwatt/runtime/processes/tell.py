@@ -49,7 +49,9 @@ MARKED: Final = 3.0
 ALIVE: Final = 5.0
 """Longest time, s, between messages to the supervisor, which systemd's watchdog awaits."""
 SILENT: Final = 4.0
-"""s without figures after which a process is reported as down, or as starved if it gets no processor time."""
+"""s without figures after which a process is reported as down, or as starved if it gets no processor time …"""
+HUNG: Final = 60.0
+"""… and after which the supervisor kills a process that is down: the rings hold 10 s, so its data are lost anyway."""
 
 
 def tell(assignment: Assignment) -> None:
@@ -88,6 +90,8 @@ class _Telling:
         self._marked = asyncio.Event()
         self._over = asyncio.Event()
         self._lag = 0.0
+        self._behind = False
+        """True if a ring has more new items than the last turn processed."""
         self._alive = 0.0, ""
         """Monotonic s and text of the last status sent to the supervisor."""
         self._reported_skipped = 0
@@ -134,9 +138,10 @@ class _Telling:
         loop, gather = asyncio.get_running_loop(), self._gather
         self._next.cancel()
         most = max([self._drain(way) for way in self._ways if not way.reader.over], default=0)
+        self._behind = most == AT_ONCE
         if all(way.reader.over and not way.held for way in self._ways):
             self._over.set()
-        elif most == AT_ONCE:
+        elif self._behind:
             self._next = loop.call_soon(self._turn)
         elif most and gather:
             self._next = loop.call_at(next_moment(gather, TELLS), self._turn)
@@ -270,7 +275,8 @@ class _Telling:
             return
         with contextlib.suppress(OSError):  # the supervisor has ended: this process ends by itself
             if select.select([], [control], [], 0)[1]:  # a supervisor that hangs must not block this process
-                control.send(Alive(line))
+                known = status["processes"].values()
+                control.send(Alive(line, tuple(p["pid"] for p in known if p["down"] and p["silent_s"] > HUNG)))
                 self._alive = now, line
 
     async def _heart(self) -> None:
@@ -305,6 +311,8 @@ class _Telling:
             text = f"{lost} bytes were overwritten before they could be recorded: this PC is too busy"
             self._teller.take(Event(self._assignment.shared.clock.now(), None, "skipped", text))
         now = time.monotonic()
+        if self._behind or self._lag > SILENT:  # figures of the others may still be unread
+            self._reports = {part: (now, known) for part, (_, known) in self._reports.items()}
         reported = {part: known for part, (_, known) in self._reports.items()}
         ages = {part: now - heard for part, (heard, _) in self._reports.items()}
         ending = self._raw.reader.ring.ended  # the other processes have ended in order

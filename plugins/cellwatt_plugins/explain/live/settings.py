@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from pydantic import Field
 
 from cellwatt.quantity import Bytes, Fraction, Hertz, Seconds
 from cellwatt.section import Section
-from cellwatt.stage import StageSettings
+from cellwatt_plugins.robot_name import RobotStageSettings
 
 
 class BandSettings(Section):
@@ -43,7 +44,7 @@ class ExplainSettings(Section):
     """Number of explanations stored in ``folder``; older ones are deleted."""
 
 
-class MismatchSettings(StageSettings):
+class MismatchSettings(RobotStageSettings):
     """Runs the simulation of an arm beside its recording and reports where and since when the two differ."""
 
     simulation: str = "robot"
@@ -69,3 +70,7 @@ class MismatchSettings(StageSettings):
     """Permitted difference between recording and simulation, interval by interval."""
     explain: ExplainSettings | None = ExplainSettings()
     """Conditions under which the difference is explained; ``null`` disables explanations."""
+
+    def files(self, folder: Path, robot: Path | None) -> Sequence[Path]:
+        """See ``StageSettings.files``; with the model in the folder that ``simulation`` may name."""
+        return [*super().files(folder, robot), folder / self.simulation / "model.yaml"]

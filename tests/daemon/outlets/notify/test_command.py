@@ -43,7 +43,7 @@ async def test_each_recipient_is_tried(tmp_path: Path) -> None:
         assert (code, err) == (3, "")
         assert sorted(out.splitlines()) == [
             f"desk (webhook by {server.url}): 404 Not Found: are token and address right?",
-            f"shift (mail by localhost:{box.port}): ok",
+            f"shift c@d.example (mail by localhost:{box.port}): ok",
         ]
         assert [mail["Subject"] for _, mail in box.mails] == ["[plant-1/weld-3] test: cellwatt reaches you"]
         code, out, _ = await call(tmp_path, to, "desk", "--json")

@@ -21,7 +21,7 @@ class Machine:
     """One recipient; ``sent`` are the items of messages that were accepted, in order."""
 
     def __init__(self, rules: Rules | None = None, **more: Any) -> None:
-        self.rules = rules or Rules(**{"severity": "info", "group": 0.0, **more})
+        self.rules = rules or Rules(**{"severity": "info", **more})
         self.told = Recipient()
         self.line = json.dumps(self.told.saved())
         self.sent: list[Item] = []

@@ -130,7 +130,7 @@ async def test_a_port_that_is_taken_is_named(view: View) -> None:
 async def test_a_process_that_is_killed_is_started_again(view: View, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cellwatt.runtime.delivery.FIRST_PAUSE", 0.01)
     outlet = outlet_of(view)
-    delivery = Delivery("page", outlet)
+    delivery = Delivery("page", lambda: outlet)
     assert delivery.status()["state"] == "starting"
     async with doing(delivery.run()):
         await eventually(lambda: outlet.url, "the page")

@@ -167,7 +167,7 @@ async def test_a_thread_that_is_stuck_is_told_by_health(cell: Asked, monkeypatch
 
     monkeypatch.setattr("cellwatt.outlets.zenoh.answers.STUCK", 0.05)
     release = threading.Event()
-    delivery = Delivery("zenoh", cell.outlet)
+    delivery = Delivery("zenoh", lambda: cell.outlet)
     monkeypatch.setattr(cell.view, "history", lambda *_: release.wait(PATIENCE) and ())
     asking = asyncio.create_task(cell.ask("@/history?source=arm;stream=samples"))
     try:

@@ -17,7 +17,7 @@ from cellwatt.config import FrameSettings
 from cellwatt.errors import CellwattError
 from cellwatt.runtime.change import Change
 from cellwatt.runtime.processes.part import SupervisedProcess
-from cellwatt.runtime.processes.shared import Assignment, Failed, Ready
+from cellwatt.runtime.processes.shared import Alive, Assignment, Failed, Ready
 from cellwatt.runtime.processes.supervisor import Supervisor, _Reload
 from tests.daemon.runtime.fakes import FakeDriver, config_of, sources, stages
 from tests.patience import PATIENCE, wait_until
@@ -179,6 +179,23 @@ def test_settings_that_send_more_than_the_rings_hold_are_warned_about(caplog: py
     with daemon._signals() as daemon._selector:
         daemon._begin_reload()
     assert "restart" not in caplog.text
+
+
+def test_a_process_that_hangs_is_killed_and_restarted(caplog: pytest.LogCaptureFixture) -> None:
+    daemon = Supervisor(config_of())
+    align = daemon._align = SupervisedProcess("align", _hangs, daemon._assign)
+    with daemon._signals() as daemon._selector:
+        daemon._start(align)
+        hung = Alive("", (align.pid,))
+        tell = SupervisedProcess("tell", lambda assignment: assignment.control.send(hung), daemon._assign)
+        daemon._start(tell)
+        while align.alive or tell.alive:
+            daemon._wait(PATIENCE)
+        assert "the process align ended by signal SIGKILL; it is restarted" in caplog.text
+        align.again_at = 0.0
+        daemon._turn()
+        assert align.alive
+        daemon._kill(align, warn=False)
 
 
 def _hears(assignment: Assignment) -> None:

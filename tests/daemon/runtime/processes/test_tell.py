@@ -19,7 +19,7 @@ from cellwatt.runtime.assemble import declared
 from cellwatt.runtime.processes import tell
 from cellwatt.runtime.processes.resume import Resume
 from cellwatt.runtime.processes.shared import Assignment, Shared
-from cellwatt.runtime.processes.tell import _Telling
+from cellwatt.runtime.processes.tell import HUNG, SILENT, _Telling
 from tests.daemon.outlets.zenoh.fake_cell import task
 from tests.daemon.record.making import HEADER, batch_of, numbered_in
 from tests.daemon.runtime.fakes import alarm, config_of, stages
@@ -92,6 +92,20 @@ def test_at_the_end_nobody_who_is_silent_is_down(shared: Shared) -> None:
     shared.raw.end()
     telling._look()
     assert told == [True, False]
+
+
+def test_a_process_that_hangs_is_reported_to_the_supervisor_unless_this_one_was_late(shared: Shared) -> None:
+    telling = Telling(shared)
+    supervisor, control = Pipe()
+    telling._assignment = replace(telling._assignment, control=control)
+    told: list[tuple[int, ...]] = []
+    with supervisor, control:
+        for telling._lag in (0.0, SILENT + 1.0):
+            known = {"part": "align", "pid": -7, "cpu_s": 0.0, "restarts": 0}
+            telling._reports["align"] = time.monotonic() - HUNG - 1.0, known
+            telling._look()
+            told.append(supervisor.recv().hung)
+    assert told == [(-7,), ()]
 
 
 @pytest.mark.parametrize("written", [0, 1, 3])
