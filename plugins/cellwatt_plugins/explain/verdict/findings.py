@@ -156,8 +156,13 @@ class RetunedNumber:
     tolerance: float
     """Tolerance of the description: one standard deviation, in ``unit``."""
     beyond: bool
-    """True if the parameter is off by more than twice the tolerance."""
+    """True if the parameter is certainly off by more than twice the tolerance."""
     statement: str
+
+    @property
+    def off(self) -> float:
+        """Correction that the recordings give, in ``unit``."""
+        return self.now - self.was
 
 
 @dataclass(frozen=True)
