@@ -71,13 +71,15 @@ class Baseline:
         arm = self.arm if self.field is None else self.arm.with_gravity(self.field)
         return arm if self.lead is None else arm.with_friction_lead(self.lead)
 
-    def states(self, run: Run, index: int, motion: Moved | None = None) -> States:
-        """States of the simulated arm along a run; ``index``: number of the run among those explained."""
-        return self.along(run, index, moved(run) if motion is None else motion, *self.beyond(run))
+    def states(self, run: Run, motion: Moved | None) -> States:
+        """States of the simulated arm along a run that is only predicted; None: its ``motion`` is not known yet."""
+        return self.along(run, -1, moved(run) if motion is None else motion, *self.beyond(run))
 
-    def along(self, run: Run, index: int, motion: Moved, torque: Float | None, power: Float | None) -> States:
-        """``states`` for a known motion and the known torque and power ``beyond`` the law."""
-        beyond = torque, power
+    def along(self, run: Run, index: int, motion: Moved, *beyond: Float | None) -> States:
+        """States along a run with a known motion, and the known torque and power ``beyond`` the law.
+
+        ``index`` is the number of the run among those explained.
+        """
         return States(
             run.name,
             index,
