@@ -145,7 +145,6 @@ WRONG = {
     "power of the other sign": (times(-1.0, "power"), "is its sign swapped?"),
     "simulated power in kW": (simulated(1e-3, "power"), "in its simulation: power is"),
     "joints in another order": (ordered(ELBOW_FIRST, *ALL), f"another order than the simulation's: {ELBOW_TEXT}"),
-    "positions in another order": (ordered(ELBOW_FIRST, *MOTION), ELBOW_TEXT),
     "torques in another order": (ordered(ELBOW_FIRST, "torque"), "tau_1 holds joint 3, tau_3 holds joint 1"),
     "velocities in another order": (ordered(ELBOW_FIRST, "velocity"), "qd_1 holds joint 3, qd_3 holds joint 1"),
     "joint turned round": (joint(2, -1, *ALL), "positions of joint 2 have opposite signs"),
