@@ -16,7 +16,7 @@ from cellwatt.progress import stage
 from cellwatt.report.numbers import listed
 from cellwatt_plugins.explain.fit.leave_out import LeaveOut
 from cellwatt_plugins.explain.fit.metering import Metering, Unknown, metering
-from cellwatt_plugins.explain.fit.problem import UNKNOWN_VARIANCE, Problem, on_joints
+from cellwatt_plugins.explain.fit.problem import UNKNOWN_VARIANCE, Problem
 from cellwatt_plugins.explain.fit.search import search
 from cellwatt_plugins.explain.fit.search.solve import fitted
 from cellwatt_plugins.explain.fit.search.state import now
@@ -154,9 +154,8 @@ def _measurement_errors(torque: Solution) -> list[Float]:
     for term in torque.terms:
         if term.effect.mechanical:
             continue
-        coefficients = torque.coefficients(term)
-        for part, columns in zip(out, problem.columns(term), strict=True):
-            part += on_joints(columns @ coefficients, term.joint, part.shape[1])
+        for part, more in zip(out, problem.torques(term, torque.coefficients(term)), strict=True):
+            part += more
     return out
 
 

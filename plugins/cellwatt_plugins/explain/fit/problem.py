@@ -127,6 +127,11 @@ class Problem:
             self.simulated[key] = [term.effect.columns(s, term.joint, term.shape) for s in self.states]
         return self.simulated[key]
 
+    def torques(self, term: Term, coefficients: Float) -> list[Float]:
+        """Torque (N, n) Nm of a term in each run."""
+        joints = self.states[0].arm.body.joints
+        return [on_joints(columns @ coefficients, term.joint, joints) for columns in self.columns(term)]
+
     def prior_block(self, term: Term, columns: Float) -> Block:
         """Columns as a block with the effect's prior."""
         prior = term.effect.prior(self.states, term.joint, columns, self.size)
@@ -171,13 +176,9 @@ class Problem:
             for part, columns in zip(out, np.split(block.columns, self._ends), strict=True):
                 part[:, block.channel or 0] += columns @ nuisance[place]
         for term, coefficients in terms:
-            for part, load, columns in zip(out, carried, self.columns(term), strict=True):
-                more = columns @ coefficients
-                if columns.ndim == 3:
-                    part += more
-                    load += more if term.effect.acts_on == "links" else 0.0
-                else:
-                    part[:, term.joint or 0] += more
+            for part, load, more in zip(out, carried, self.torques(term, coefficients), strict=True):
+                part += more
+                load += more if term.effect.acts_on == "links" else 0.0
         return out, carried
 
     def fit(self, blocks: Sequence[Block], factor: Float | None = None) -> Regression:
