@@ -115,7 +115,9 @@ class Problem:
         if key not in self.made:
             if len(self.made) > MADE:
                 self.made.clear()
-            self.made[key] = self.prior_block(term, self.stack(self.columns(term)))
+            # Not by ``columns``, which would store each shape that is tried at all samples.
+            fresh = [term.effect.columns(s, term.joint, term.shape) for s in self.states]
+            self.made[key] = self.prior_block(term, self.stack(fresh))
         return self.made[key]
 
     def columns(self, term: Term) -> list[Float]:
