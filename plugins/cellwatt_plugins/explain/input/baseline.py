@@ -75,8 +75,8 @@ class Baseline:
         """States of the simulated arm along a run that is only predicted; None: its ``motion`` is not known yet."""
         return self.along(run, -1, moved(run) if motion is None else motion, *self.beyond(run))
 
-    def along(self, run: Run, index: int, motion: Moved, *beyond: Float | None) -> States:
-        """States along a run with a known motion, and the known torque and power ``beyond`` the law.
+    def along(self, run: Run, index: int, motion: Moved, torque: Float | None, power: Float | None) -> States:
+        """States along a run with a known motion, and the known ``torque`` and ``power`` beyond the law.
 
         ``index`` is the number of the run among those explained.
         """
@@ -87,7 +87,8 @@ class Baseline:
             motion,
             self.recorded,
             run.temperature,
-            *beyond,
+            torque,
+            power,
             exact_times=run.exact_times,
             drive=run.drive,
         )

@@ -171,7 +171,7 @@ def read_signals(path: Path, robot: RobotDescription) -> Signals:
     recorded = np.isfinite(joints[positions]).any(axis=1)
     columns = {name: column[recorded] for name, column in columns.items()}
     of: dict[str, Kind] = {positions: "position", **dict.fromkeys(LOSSY, "lossy"), **WHOLE}
-    kinds: dict[str, Kind] = {POWER: "power"} | {name: kind for q, kind in of.items() for name in names.get(q, ())}
+    kinds: dict[str, Kind] = {POWER: "power", **{n: kind for q, kind in of.items() for n in names.get(q, ())}}
     grid = even(path.name, time[recorded], columns, kinds, table.row_numbers[recorded])
     silent = np.full(len(grid.time), np.nan)
     found = {q: np.column_stack([grid.columns.get(name, silent) for name in names[q]]) for q in joints}

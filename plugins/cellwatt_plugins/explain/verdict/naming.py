@@ -96,7 +96,7 @@ def _finding(
         parameters=parameters,
         where=_where(solution, term, channels),
         # Intermittent effects cannot be tested on data left out.
-        improvement=Improvement.at(solution.problem, main, added.before, added.after, held_out=not seen),
+        improvement=replace(Improvement.at(solution.problem, main, added.before, added.after), held_out=not seen),
         alternatives=(*_alternatives(term, own, rivals), *_inseparable(term, gain)),
         was=described or None,
     )
