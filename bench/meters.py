@@ -32,7 +32,7 @@ from tests.plugins.models.power.emulated_arm import write_case  # noqa: E402
 from tests.plugins.robot.slow_meter import shown  # noqa: E402
 
 from cellwatt_plugins.explain.explain import explain  # noqa: E402
-from cellwatt_plugins.explain.input.baseline import baseline  # noqa: E402
+from cellwatt_plugins.explain.input.admission import admit  # noqa: E402
 from cellwatt_plugins.faults.cycles.findings import judge_recording  # noqa: E402
 from cellwatt_plugins.faults.cycles.known import learn_known  # noqa: E402
 from cellwatt_plugins.faults.cycles.recording import Recording  # noqa: E402
@@ -139,7 +139,7 @@ def effects(window: float) -> tuple[tuple[str, ...], int]:
         for effect, added in SUPPLY.items():
             runs = [plant.record(f"run_0{n}", n, plant.Missing(drawn=added), seconds=60.0) for n in (1, 2)]
             runs = [replace(run, power=metered(run.time, run.power, window)) for run in runs if run.power is not None]
-            found = {finding.effect for finding in explain(runs, baseline(runs, arm)).findings.findings}
+            found = {finding.effect for finding in explain(runs, admit(runs, arm)).findings.findings}
             named += [effect] if effect in found else []
             wrong += len(found - {effect})
     return tuple(named), wrong

@@ -52,11 +52,10 @@ def explain(
     with threadpool_limits(1):
         close, rest = select(sources(recorded, simulated, metered), arm.description)
         runs = read_sources(close, arm.description, simulator)
-        admitted = admit(runs, arm)
-        found = explain_runs(runs, admitted.base, notes=admitted.notes, seconds=seconds, states=admitted.states)
+        found = explain_runs(runs, admit(runs, arm), seconds)
         rate = 1 / min(run.step for run in runs)
         others = compare(rest, found.findings, found.model, simulator, rate)
-        found = replace(found, findings=with_others(found.findings, others, len(runs)))
+        found = replace(found, findings=with_others(found.findings, others, len(close)))
     own = () if robot is None or isinstance(robot, Arm) else (robot_file(robot),)
     files = dict.fromkeys((*recorded, *simulated, *metered, *own, arm.description.urdf))
     return replace(found, inputs=tuple(files))
@@ -87,4 +86,4 @@ def simulate(model: Place, motion: Place, simulation: Place | None = None) -> Pr
     loaded = load_model(Path(model))
     with threadpool_limits(1):
         run, known = read_motion(Path(motion), None if simulation is None else Path(simulation), loaded.robot)
-        return predict_states(loaded, loaded.baseline.states(run, -1, known))
+        return predict_states(loaded, loaded.baseline.states(run, known))

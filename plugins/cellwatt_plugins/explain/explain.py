@@ -16,7 +16,7 @@ from cellwatt.progress import stage
 from cellwatt.report.numbers import listed
 from cellwatt_plugins.explain.fit.leave_out import LeaveOut
 from cellwatt_plugins.explain.fit.metering import Metering, Unknown, metering
-from cellwatt_plugins.explain.fit.problem import UNKNOWN_VARIANCE, Problem, on_joints
+from cellwatt_plugins.explain.fit.problem import UNKNOWN_VARIANCE, Problem
 from cellwatt_plugins.explain.fit.search import search
 from cellwatt_plugins.explain.fit.search.solve import fitted
 from cellwatt_plugins.explain.fit.search.state import now
@@ -24,7 +24,7 @@ from cellwatt_plugins.explain.fit.sides import supply_problem, torque_problem
 from cellwatt_plugins.explain.fit.solution import Solution
 from cellwatt_plugins.explain.fit.swinging_links import remaining_chi2
 from cellwatt_plugins.explain.fit.thresholds import DEFAULT, by_law
-from cellwatt_plugins.explain.input.baseline import Baseline
+from cellwatt_plugins.explain.input.admission import Admitted
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.explain.model import Model
 from cellwatt_plugins.explain.verdict.cascade import Falling, cascade, falling
@@ -101,22 +101,15 @@ class Explained:
         report(self.findings, traces, self.model.robot.robot, floors, made_from, moved).write(Path(path))
 
 
-def explain(
-    runs: Sequence[Run],
-    base: Baseline,
-    notes: Sequence[str] = (),
-    seconds: float = np.inf,
-    states: Sequence[States] = (),
-) -> Explained:
-    """Find where the runs differ from the simulation, name the causes and model them.
+def explain(runs: Sequence[Run], admitted: Admitted, seconds: float = np.inf) -> Explained:
+    """Find where the ``admitted`` runs differ from the simulation, name the causes and model them.
 
-    ``notes`` and ``states`` come from admission. The search stops after ``seconds``; see ``now``.
+    The search stops after ``seconds``; see ``now``.
     """
     until = now() + seconds
-    states = states or [base.states(run, i) for i, run in enumerate(runs)]
     with stage("checking how the arm is mounted"):
-        upright = errors(runs, states)
-        base, states, mounted = as_mounted(runs, states, base)
+        upright = errors(runs, admitted.states)
+        base, states, mounted = as_mounted(runs, admitted.states, admitted.base)
     with stage("checking which motors turn with which joints"):
         base, states, coupled = as_coupled(runs, states, base)
     powered = any(run.power is not None for run in runs)
@@ -131,7 +124,7 @@ def explain(
     with stage("looking for effects in the supply"):
         supply = None if supplied is None else search(lambda *_: supplied, 1, until=until)
     with stage("judging on data left out"):
-        findings = _findings(runs, torque, supply, (*notes, *_of_meter(meter)), mounted, upright, coupled)
+        findings = _findings(runs, torque, supply, (*admitted.notes, *_of_meter(meter)), mounted, upright, coupled)
     return Explained(findings, model_of(torque.best, supply, base), torque, supply, tuple(runs))
 
 
@@ -164,9 +157,8 @@ def _measurement_errors(torque: Solution) -> list[Float]:
     for term in torque.terms:
         if term.effect.mechanical:
             continue
-        coefficients = torque.coefficients(term)
-        for part, columns in zip(out, problem.columns(term), strict=True):
-            part += on_joints(columns @ coefficients, term.joint, part.shape[1])
+        for part, more in zip(out, problem.torques(term, torque.coefficients(term)), strict=True):
+            part += more
     return out
 
 

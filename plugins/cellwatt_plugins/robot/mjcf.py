@@ -94,12 +94,6 @@ def urdf_of(path: Path, joints: Sequence[str]) -> str:
     return ET.tostring(root, encoding="unicode")
 
 
-def gravity(model: Any) -> tuple[float, float, float]:
-    """Acceleration of gravity, m/s² in the world."""
-    x, y, z = model.opt.gravity.tolist()
-    return x, y, z
-
-
 def _carried(model: Any, joints: Sequence[str], at: int) -> Iterator[int]:
     """Bodies that joint number ``at`` (0-based) moves and no later joint does."""
     moving = {int(model.joint(name).bodyid[0]): i for i, name in enumerate(joints)}

@@ -30,8 +30,6 @@ class Mount:
     """Acceleration of gravity (3,) m/s² in the base's frame."""
     std: Float
     """Standard deviation (3,) m/s²."""
-    left: float
-    """Share of the mean square torque residual that remains with this mount."""
 
 
 def mount(body: Body, q: Float, qd: Float, qdd: Float, residual: Float) -> Mount | None:
@@ -81,4 +79,4 @@ def _identified(assumed: Float, loads: Sequence[Float], target: Sequence[Float])
     if leans < LEANS or left > MOST:
         return None
     # Samples of one motion are far from independent: ten count as one.
-    return Mount(field, np.sqrt(10 * np.diag(np.linalg.inv(information))), left)
+    return Mount(field, np.sqrt(10 * np.diag(np.linalg.inv(information))))

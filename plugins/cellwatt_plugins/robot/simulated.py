@@ -11,7 +11,7 @@ from cellwatt.errors import ConfigError
 from cellwatt.logs.log import alike
 from cellwatt_plugins.robot.body import read_urdf
 from cellwatt_plugins.robot.description import Joint, RobotDescription
-from cellwatt_plugins.robot.mjcf import compiled, gravity, is_mjcf, parents
+from cellwatt_plugins.robot.mjcf import compiled, is_mjcf, parents
 
 SUFFIXES = (".xml", ".mjcf", ".urdf", ".xacro")
 
@@ -50,7 +50,7 @@ def _of_mjcf(path: Path, joints: int | Sequence[str] | None) -> RobotDescription
                 upper_limit=high,
             )
         )
-    return RobotDescription(robot=path.stem, urdf=path, joints=tuple(found), gravity=gravity(model))
+    return RobotDescription(robot=path.stem, urdf=path, joints=tuple(found), gravity=tuple(model.opt.gravity.tolist()))
 
 
 def joints_in(path: Path) -> list[str]:

@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from cellwatt.commands import main
 from cellwatt_plugins.explain.explain import Explained, explain
-from cellwatt_plugins.explain.input.baseline import baseline
+from cellwatt_plugins.explain.input.admission import admit
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.robot import Arm
 
@@ -20,7 +20,7 @@ from cellwatt_plugins.robot import Arm
 def explained(arm: Arm, runs: Sequence[Run]) -> Explained:
     """What ``explain`` finds in recordings of an arm."""
     with threadpool_limits(1):
-        return explain(runs, baseline(runs, arm))
+        return explain(runs, admit(runs, arm))
 
 
 def call(*words: object) -> tuple[int, str, str]:

@@ -15,6 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from cellwatt.tables import write_table
+from cellwatt_plugins.explain.fit.problem import Problem
+from cellwatt_plugins.explain.fit.sides import torque_problem
 from cellwatt_plugins.explain.input.moved import moved
 from cellwatt_plugins.explain.input.run import Run, Simulated
 from cellwatt_plugins.explain.model import Model, Prediction, predict_states
@@ -279,6 +281,14 @@ def states(arm: DescribedArm, seed: int = 1, seconds: float = 8.0, index: int = 
 def states_of(runs: Sequence[Run], arm: DescribedArm) -> list[States]:
     """The arm along the motions that were recorded."""
     return [States(run.name, i, run.time, moved(run), arm) for i, run in enumerate(runs)]
+
+
+def problem_of(
+    arm: DescribedArm, missing: Missing = NOTHING, seconds: float = 24.0, seeds: Sequence[int] = (1, 2)
+) -> Problem:
+    """The joints' torques in recordings of the real arm."""
+    runs = [record(f"run_{seed:02d}", seed, missing, seconds, power=False) for seed in seeds]
+    return torque_problem(runs, states_of(runs, arm))
 
 
 def column(values: np.ndarray, joint: int) -> np.ndarray:

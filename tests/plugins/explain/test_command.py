@@ -14,18 +14,6 @@ from tests.plugins.explain import plant
 from tests.plugins.explain.calling import call
 from tests.plugins.explain.logs import numbered, parquet
 
-OFFSET = plant.Missing(read=lambda torque: torque + np.array([0, 0, 1.5]))
-
-
-@pytest.fixture(scope="module")
-def cell(tmp_path_factory):
-    """A folder with the robot and two runs, under the names that the contract gives them."""
-    folder = tmp_path_factory.mktemp("cell")
-    plant.write_robot(folder)
-    for seed, name in ((1, "run_01"), (2, "run_02")):
-        plant.write(folder, plant.record(name, seed, OFFSET, 8.0))
-    return folder
-
 
 def files(cell, kind):
     return [cell / f"run_0{number}.{kind}.parquet" for number in (1, 2)]

@@ -250,7 +250,7 @@ def test_the_force_of_a_slide_is_told_in_newtons(tmp_path):
     assert next(iter(viscous.parameters.values())).value == pytest.approx(60.0, rel=0.1)
     assert offset.parameters["offset"].unit == "N"
     assert viscous.parameters["coefficient"].unit == "N*s/m"
-    assert "± 0.08 N, " in offset.statement
+    assert "± 0.10 N, " in offset.statement
     assert "N·s/m" in viscous.statement
     assert [fit.unit for fit in found.findings.fit] == ["N*m", "N*m", "N"]
     assert offset.improvement.unit == "N"

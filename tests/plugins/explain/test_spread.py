@@ -6,7 +6,6 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from cellwatt.errors import RecordingError
@@ -14,23 +13,11 @@ from cellwatt.scheduler import scheduled, spread
 from cellwatt_plugins.explain import api
 from cellwatt_plugins.explain.explain import Explained
 from cellwatt_plugins.explain.model import save_model
-from tests.plugins.explain import plant
 
-OFFSET = plant.Missing(read=lambda torque: torque + np.array([0, 0, 1.5]))
 UNHURRIED = 1e6
 """s: what is found is not to depend on how quick this machine is."""
 
 pytestmark = pytest.mark.leaves_behind  # connections between processes that end with the scheduler
-
-
-@pytest.fixture(scope="module")
-def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the robot and three runs whose third joint reads 1.5 Nm too much."""
-    folder = tmp_path_factory.mktemp("cell")
-    plant.write_robot(folder)
-    for seed in (1, 2, 3):
-        plant.write(folder, plant.record(f"run_{seed}", seed, OFFSET, 6.0))
-    return folder
 
 
 @pytest.fixture(scope="module")
@@ -70,5 +57,5 @@ def test_the_first_recording_that_cannot_be_used_is_named_as_in_serial_work(
     """Two simulations have changed places."""
     recordings, simulations = (sorted(cell.glob(f"*.{kind}.parquet")) for kind in ("recording", "simulation"))
     changed = [shutil.copy(path, tmp_path / f"{i}.parquet") for i, path in zip((1, 0, 2), simulations, strict=True)]
-    with pytest.raises(RecordingError, match="run_1: the recording does not follow its simulation"):
+    with pytest.raises(RecordingError, match="run_01: the recording does not follow its simulation"):
         api.explain(recordings, robot=cell, simulation=sorted(changed))

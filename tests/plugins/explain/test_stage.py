@@ -6,12 +6,13 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
+from itertools import chain, islice
 
 import numpy as np
 import pytest
 
 from cellwatt.errors import ConfigError
-from cellwatt.frames import FrameChannel, Layout
+from cellwatt.frames import cut
 from cellwatt.results import Alarm, Prediction
 from cellwatt.stage import CellInfo
 from cellwatt_plugins.explain.fit.problem import Term
@@ -25,24 +26,28 @@ from cellwatt_plugins.robot.effects import BY_NAME
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import QUICK_OCTAVES
 from cellwatt_plugins.segment import SegmentSettings, SegmentStage
-from tests.plugins.explain.emulated_arm import START, cut, frames, layout, recorded
+from tests.blocks import layout_of
+from tests.plugins.explain.emulated_arm import LAYOUT, START, frames, recorded
 from tests.plugins.explain.recorded_arm import COULOMB, write_robot
 
 
 def made(folder, lay=None, cell_robot=None, **settings):
     cell = CellInfo("plant", "cell", cell_robot, folder)
     chosen = MismatchSettings(**({"robot": None if cell_robot else folder, "explain": None} | settings))
-    return MismatchStage("mismatch", chosen, lay or layout(), cell)
+    return MismatchStage("mismatch", chosen, lay or LAYOUT, cell)
+
+
+def fed(stage, whole, size=50):
+    """What the stage gives for each block, with the segmenter before it."""
+    segment = SegmentStage("segment", SegmentSettings(), whole.layout, stage.cell)
+    for first in range(0, len(whole), size):
+        block = cut(whole, first, first + size)
+        yield stage.process(block, segment.process(block, ()))
 
 
 def run(stage, whole, size=50):
-    """What the stage gives, in order, with the segmenter before it."""
-    segment = SegmentStage("segment", SegmentSettings(), whole.layout, stage.cell)
-    out = []
-    for first in range(0, len(whole), size):
-        block = cut(whole, first, first + size)
-        out += stage.process(block, segment.process(block, ()))
-    return [*out, *stage.close()]
+    """What the stage gives, in order."""
+    return [*chain.from_iterable(fed(stage, whole, size)), *stage.close()]
 
 
 def alarms(results):
@@ -55,13 +60,13 @@ def seconds(time):
 
 @pytest.fixture(scope="module")
 def healthy():
-    return frames(recorded(24, 50), layout())
+    return frames(recorded(24))
 
 
 @pytest.fixture(scope="module")
 def stiff():
     """Friction comes on joint 2 at 14 s and goes at 34 s."""
-    return frames(recorded(60, 50, viscous=30.0, since=14.0, until=34.0), layout())
+    return frames(recorded(60, viscous=30.0, since=14.0, until=34.0))
 
 
 def test_a_healthy_arm_stays_in_its_bands(robot, healthy):
@@ -115,15 +120,15 @@ def test_frames_without_motion_or_torque_are_left_out_and_counted(robot, stiff):
 
 
 def test_what_is_learned_is_normal_and_more_is_told(robot):
-    always = frames(recorded(44, 50, viscous=30.0), layout())
+    always = frames(recorded(44, viscous=30.0))
     learning = {"band": BandSettings(learn=2)}
     assert alarms(run(made(robot), always)), "outside without learning"
     stage = made(robot, **learning)
     assert alarms(run(stage, always)) == []
     assert stage.counts["intervals learned"] > 8
-    more = recorded(60, 50, viscous=30.0, since=30.0)
-    more = replace(more, torque=more.torque + recorded(60, 50, viscous=30.0).torque - recorded(60, 50).torque)
-    found = [a for a in alarms(run(made(robot, **learning), frames(more, layout()))) if a.joint]
+    more = recorded(60, viscous=30.0, since=30.0)
+    more = replace(more, torque=more.torque + recorded(60, viscous=30.0).torque - recorded(60).torque)
+    found = [a for a in alarms(run(made(robot, **learning), frames(more))) if a.joint]
     assert {a.joint for a in found} == {2}
     assert seconds(found[0].since) > 29.0
 
@@ -150,20 +155,16 @@ def test_the_cells_robot_is_the_default(robot):
         made(robot, robot=None)
 
 
-def channels(*named):
-    return Layout(tuple(FrameChannel(name, unit, "continuous", "linear") for name, unit in named), 50.0)
-
-
 def test_channels_must_be_there_in_their_units(robot):
-    positions = [(f"arm.joint_{i}.position", "rad") for i in range(1, 7)]
+    positions = {f"arm.joint_{i}.position": "rad" for i in range(1, 7)}
     with pytest.raises(ConfigError, match=r"gives no joint_1\.torque, joint_1\.current or joint_1\.target_position"):
-        made(robot, channels(*positions))
+        made(robot, layout_of(positions))
     with pytest.raises(ConfigError, match=r"arm\.joint_1\.torque is in N, expected Nm"):
-        made(robot, channels(*positions, *((f"arm.joint_{i}.torque", "N") for i in range(1, 7))))
+        made(robot, layout_of(positions | {f"arm.joint_{i}.torque": "N" for i in range(1, 7)}))
     with pytest.raises(ConfigError, match="source arm has 3 joints, the robot's description 6"):
-        made(robot, channels(*positions[:3]))
-    torques = [(f"arm.joint_{i}.torque", "Nm") for i in range(1, 7)]
-    two = channels(*positions, *torques, ("board.supply.power", "W"), ("meter.supply.power", "W"))
+        made(robot, layout_of(dict(islice(positions.items(), 3))))
+    torques = {f"arm.joint_{i}.torque": "Nm" for i in range(1, 7)}
+    two = layout_of(positions | torques | {"board.supply.power": "W", "meter.supply.power": "W"})
     with pytest.raises(ConfigError, match=r"write one of board\.supply\.power, meter\.supply\.power"):
         made(robot, two)
     assert made(robot, two, power="meter.supply.power")

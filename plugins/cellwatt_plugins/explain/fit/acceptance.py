@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cellwatt.arrays import Float
+from cellwatt.arrays import Bool, Float
 from cellwatt_plugins.explain.fit.coordinate_search import at_bound
 from cellwatt_plugins.explain.fit.leave_out import Held, LeaveOut, compared, rms
 from cellwatt_plugins.explain.fit.problem import Term
@@ -117,10 +117,14 @@ def _seldom(solution: Solution, term: Term) -> bool:
     """True if a term is intermittent and active in too few folds for data left out to test it."""
     if not term.effect.form.intermittent:
         return False
-    columns = solution.block(term)[0].columns
+    acts = active(solution.block(term)[0].columns)
+    return len(np.unique(LeaveOut(solution.problem, solution.factor).fold[acts])) < OFTEN
+
+
+def active(columns: Float) -> Bool:
+    """True (N,) where a term with ``columns`` (N, ...) is active."""
     size = np.abs(columns).reshape(len(columns), -1).max(axis=1)
-    active = size > ACTIVE * np.max(size)
-    return len(np.unique(LeaveOut(solution.problem, solution.factor).fold[active])) < OFTEN
+    return np.asarray(size > ACTIVE * np.max(size))
 
 
 def felt(before: Solution, after: Solution, term: Term, thresholds: Thresholds) -> bool:

@@ -97,12 +97,12 @@ def _counted(values: Float, known: Sequence[Bool] | None, widths: Sequence[int])
     """Values (W, C) of all runs' windows, NaN where too little is ``known`` (N, C), unless no window has more."""
     if known is None:
         return values
-    shares = [np.mean(_windows(k.astype(np.float64), w), axis=1) for k, w in zip(known, widths, strict=True)]
+    shares = [np.mean(windowed(k.astype(np.float64), w), axis=1) for k, w in zip(known, widths, strict=True)]
     lost = np.concatenate(shares) < 1 - UNKNOWN
     return np.where(lost & ~lost.all(axis=0), np.nan, values)
 
 
-def _windows(samples: Float, width: int) -> Float:
+def windowed(samples: Float, width: int) -> Float:
     """Samples (N, C) as windows (W, width, C)."""
     count = len(samples) // width
     return samples[: count * width].reshape(count, width, samples.shape[1])
@@ -110,7 +110,7 @@ def _windows(samples: Float, width: int) -> Float:
 
 def _detrended(residual: Float, width: int) -> Float:
     """Windows (W, width, C) without their parabola."""
-    windows = _windows(residual, width)
+    windows = windowed(residual, width)
     basis, _ = np.linalg.qr(np.vander(np.linspace(-1, 1, width), 3))
     return np.asarray(windows - np.einsum("wk,nkc->nwc", basis, np.einsum("wk,nwc->nkc", basis, windows)))
 

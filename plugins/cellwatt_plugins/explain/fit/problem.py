@@ -115,7 +115,9 @@ class Problem:
         if key not in self.made:
             if len(self.made) > MADE:
                 self.made.clear()
-            self.made[key] = self.prior_block(term, self.stack(self.columns(term)))
+            # Not by ``columns``, which would store each shape that is tried at all samples.
+            fresh = [term.effect.columns(s, term.joint, term.shape) for s in self.states]
+            self.made[key] = self.prior_block(term, self.stack(fresh))
         return self.made[key]
 
     def columns(self, term: Term) -> list[Float]:
@@ -126,6 +128,11 @@ class Problem:
         if key not in self.simulated:
             self.simulated[key] = [term.effect.acting(s, term.joint, term.shape) for s in self.states]
         return self.simulated[key]
+
+    def torques(self, term: Term, coefficients: Float) -> list[Float]:
+        """Torque (N, n) Nm of a term in each run."""
+        joints = self.states[0].arm.body.joints
+        return [on_joints(columns @ coefficients, term.joint, joints) for columns in self.columns(term)]
 
     def prior_block(self, term: Term, columns: Float) -> Block:
         """Columns as a block with the effect's prior."""
@@ -171,13 +178,9 @@ class Problem:
             for part, columns in zip(out, np.split(block.columns, self._ends), strict=True):
                 part += on_joints(columns @ nuisance[place], block.channel, joints)
         for term, coefficients in terms:
-            for part, load, columns in zip(out, carried, self.columns(term), strict=True):
-                more = columns @ coefficients
-                if columns.ndim == 3:
-                    part += more
-                    load += more if term.effect.acts_on == "links" else 0.0
-                else:
-                    part[:, term.joint or 0] += more
+            for part, load, more in zip(out, carried, self.torques(term, coefficients), strict=True):
+                part += more
+                load += more if term.effect.acts_on == "links" else 0.0
         return out, carried
 
     def fit(self, blocks: Sequence[Block], factor: Float | None = None) -> Regression:

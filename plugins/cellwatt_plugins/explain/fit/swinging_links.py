@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.explain.fit.problem import Problem, Term, on_joints
+from cellwatt_plugins.explain.fit.problem import Problem, Term
 from cellwatt_plugins.explain.fit.solution import Solution
 
 FELT = 0.3
@@ -68,9 +68,8 @@ def confirmed_share(problem: Problem, term: Term, coefficients: Float, residual:
     residuals = problem.every_sample(residual)
     if len(residuals) < 2:
         return 1.0
-    count = len(problem.floor)
-    own = [on_joints(columns @ coefficients, joint, count)[:, joint] for columns in problem.columns(term)]
-    course = [part[:, joint] + more for part, more in zip(residuals, own, strict=True)]
+    added = problem.torques(term, coefficients)
+    course = [part[:, joint] + more[:, joint] for part, more in zip(residuals, added, strict=True)]
     shapes = [term.shape, *term.effect.shapes(problem.states, term.joint, residuals)]
     tried = [np.concatenate(term.effect.grid(s, term.joint, shapes), axis=1) for s in problem.states]
     pull = np.stack([columns.T @ part for columns, part in zip(tried, course, strict=True)])

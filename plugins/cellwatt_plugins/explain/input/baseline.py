@@ -74,13 +74,15 @@ class Baseline:
         arm = arm if self.coupling is None else arm.with_coupling(self.coupling)
         return arm if self.lead is None else arm.with_friction_lead(self.lead)
 
-    def states(self, run: Run, index: int, motion: Moved | None = None) -> States:
-        """States of the simulated arm along a run; ``index``: number of the run among those explained."""
-        return self.along(run, index, moved(run) if motion is None else motion, *self.beyond(run))
+    def states(self, run: Run, motion: Moved | None) -> States:
+        """States of the simulated arm along a run that is only predicted; None: its ``motion`` is not known yet."""
+        return self.along(run, -1, moved(run) if motion is None else motion, *self.beyond(run))
 
     def along(self, run: Run, index: int, motion: Moved, torque: Float | None, power: Float | None) -> States:
-        """``states`` for a known motion and the known torque and power ``beyond`` the law."""
-        beyond = torque, power
+        """States along a run with a known motion, and the known ``torque`` and ``power`` beyond the law.
+
+        ``index`` is the number of the run among those explained.
+        """
         return States(
             run.name,
             index,
@@ -88,7 +90,8 @@ class Baseline:
             motion,
             self.recorded,
             run.temperature,
-            *beyond,
+            torque,
+            power,
             exact_times=run.exact_times,
             drive=run.drive,
         )

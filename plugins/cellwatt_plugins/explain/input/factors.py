@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.arrays import Float
+from cellwatt.report.numbers import number
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.units import LEVER
@@ -23,16 +24,17 @@ def levers(robot: RobotDescription) -> Float:
     return np.array([1.0 if joint.kind == "revolute" else LEVER for joint in robot.joints])
 
 
-def recognised(factor: float, known: Mapping[str, float], within: float = 1.25) -> str | None:
+def recognised(factor: float, known: Mapping[str, float], within: float) -> str | None:
     """The name of the known factor nearest to ``factor`` (> 0); None where none is ``within`` this ratio."""
     far = {name: abs(np.log(factor / value)) for name, value in known.items()}
     name = min(far, key=far.__getitem__, default=None)
     return name if name is not None and far[name] < np.log(within) else None
 
 
-def times_text(factor: float, digits: int = 3) -> str:
-    """A factor or another number in a few digits: ``57.3``, ``1000``, ``0.001``."""
-    return f"{float(f'{factor:.{digits}g}'):g}"
+def wrong_unit(what: str, factor: float, right: str, known: Mapping[str, float], within: float = 1.25) -> str:
+    """Sentence on a quantity that is ``factor`` times the ``right`` one, with the name of the factor if it is known."""
+    name = recognised(factor, known, within)
+    return f"{what} is {number(factor)} times {right}" + (f": it seems to be {name}" if name else "")
 
 
 def joints_text(numbers: Sequence[int]) -> str:

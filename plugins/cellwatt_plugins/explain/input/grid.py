@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,10 @@ JERKED = 1.0
 """rad/s at which a position may deviate from its neighbours: in slow recordings a short move is a single row."""
 
 
+Kind = Literal["position", "slow", "lossy", "spare", "power"]
+"""Kind of a column, where ``even`` treats it in a way of its own."""
+
+
 @dataclass(frozen=True)
 class Even:
     """Columns (N,) on an even grid."""
@@ -59,21 +64,19 @@ def even(
     place: str,
     time: Float,
     columns: Mapping[str, Float],
+    kinds: Mapping[str, Kind],
     rows: NDArray[np.int64],
-    slow: Collection[str] = (),
-    positions: Collection[str] = (),
-    lossy: Collection[str] = (),
-    spare: Collection[str] = (),
-    power: str | None = None,
 ) -> Even:
     """Resample columns (R,) at ``time`` (R,) s to an even grid of their rate; ``rows`` (R,): row numbers for messages.
 
-    Holes in time and single missing values are filled in and marked as gaps. Missing values of ``slow`` columns, which
-    change over minutes, are filled in without a mark; a ``slow`` column without any value is omitted. Glitches of
-    ``positions`` are replaced, rows that repeat them left out, and stamps corrected by them. If more than a few values
-    are missing, ``lossy`` columns stay NaN there, and ``spare`` columns are omitted. ``power`` of a slow meter is held.
-    Raises ``RecordingError`` if too much is missing, or if the time does not rise or jumps.
+    Holes in time and single missing values are filled in and marked as gaps, unless the column's kind is one of these:
+    ``slow`` columns change over minutes: missing values are filled in without a mark, and a column without any value is
+    omitted. If more than a few values are missing, ``lossy`` columns stay NaN there, and ``spare`` columns and the
+    ``power`` are omitted. The power of a slow meter is held. Glitches of a ``position`` are replaced, rows that repeat
+    all positions left out, and stamps corrected by them. Raises ``RecordingError`` if too much is missing, or if the
+    time does not rise or jumps.
     """
+    positions = [name for name in columns if kinds.get(name) == "position"]
     valid, notes = _rising(place, time, rows)
     time, rows, columns = time[valid], rows[valid], {name: values[valid] for name, values in columns.items()}
     _in_seconds(place, time)
@@ -81,7 +84,7 @@ def even(
         time, rows = time[~repeated], rows[~repeated]
         columns = {name: values[~repeated] for name, values in columns.items()}
         notes.append(_repetitions(place, repeated))
-    filled, bad = _filled(place, time, columns, slow, positions, lossy, spare, notes)
+    filled, bad = _filled(place, time, columns, kinds, notes)
     curved = [name for name in positions if np.isfinite(filled[name]).all()]
     stamps, (time, exact) = time, sampled(time, [filled[name] for name in curved])
     if time is not stamps:
@@ -92,7 +95,7 @@ def even(
     gaps = _holes(time, grid) | (np.interp(grid, time, bad) > 0)
     columns = {
         name: onto(grid, time, values)
-        if name == power
+        if kinds.get(name) == "power"
         # Linear interpolation of an accelerating position errs by more than the noise of its encoder.
         else Akima1DInterpolator(time, values, method="makima")(np.clip(grid, time[0], time[-1]))
         if name in curved
@@ -103,28 +106,21 @@ def even(
 
 
 def _filled(
-    place: str,
-    time: Float,
-    columns: Mapping[str, Float],
-    slow: Collection[str],
-    positions: Collection[str],
-    lossy: Collection[str],
-    spare: Collection[str],
-    notes: list[str],
+    place: str, time: Float, columns: Mapping[str, Float], kinds: Mapping[str, Kind], notes: list[str]
 ) -> tuple[dict[str, Float], Bool]:
-    """Columns (R,) without unusable values, as ``even`` describes, and the rows (R,) filled in; adds to ``notes``."""
+    """Columns (R,) without unusable values, by their ``kinds``, and the rows (R,) filled in; adds to ``notes``."""
     filled, bad = dict[str, Float](), np.zeros(len(time), np.bool_)
     for name, values in columns.items():
-        wrong = ~(np.abs(values) < ABSURD)
-        if name in positions and not wrong.all():
+        kind, wrong = kinds.get(name), ~(np.abs(values) < ABSURD)
+        if kind == "position" and not wrong.all():
             wrong |= _glitches(time, np.where(wrong, np.nan, values))
-        if name in lossy and not _few(time, wrong):
+        if kind == "lossy" and not _few(time, wrong):
             filled[name] = np.where(wrong, np.nan, values)
             if not wrong.all():
                 notes.append(_lost(place, name, time, wrong))
-        elif name in spare and not _few(time, wrong):
+        elif kind in ("spare", "power") and not _few(time, wrong):
             notes.append(f"{place}: {_unusable(name, time, wrong)}. It is not used")
-        elif name in slow:
+        elif kind == "slow":
             if wrong.all():
                 notes.append(f"{place}: {name} has no usable number: no temperature is used")
             else:

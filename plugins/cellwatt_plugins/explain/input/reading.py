@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from cellwatt.arrays import Float
+from cellwatt.arrays import Float, rows_of
 from cellwatt.errors import RecordingError
 from cellwatt.progress import steps
 from cellwatt.scheduler import spread
@@ -35,31 +35,37 @@ RATE, SAMPLES = 250.0, 100_000
 recordings are averaged to a lower rate, which is enough for slow effects."""
 COVERED = 0.5
 """Share of a recording that its simulation must cover."""
-COLUMNS = ("time", "position", "velocity", "torque", "power", "temperature", "command", "gaps")
-"""Fields of ``Run`` with one row per sample."""
 
 
-def read_sources(files: Sequence[Source], robot: RobotDescription, simulator: Path | None = None) -> list[Run]:
-    """Read the files as runs; a run has a plan if it has a simulation or target columns.
+def read_sources(
+    files: Sequence[Source], robot: RobotDescription, simulator: Path | None = None, fastest: float = RATE
+) -> list[Run]:
+    """Read the files as runs of ``fastest`` Hz or less; a run has a plan if it has a simulation or target columns.
 
-    A simulator's own file (MJCF, URDF) is run on each recording. Raises ``RecordingError`` if a file cannot be used,
-    ``ConfigError`` if the description lacks a number that is needed.
+    Recordings so long that they are averaged are divided at their pauses, which do not count as length. A simulator's
+    own file (MJCF, URDF) is run on each recording. Raises ``RecordingError`` if a file cannot be used, ``ConfigError``
+    if the description lacks a number that is needed.
     """
-    every = spread(read_source, files, "reading recordings", shared=robot)
-    rate = min(RATE, SAMPLES / sum(float(signals.time[-1] - signals.time[0]) for signals in every))
-    slowed = [each.slower(rate) for each in every]
+    read = spread(read_source, files, "reading recordings", shared=robot)
+    parts = [[each] for each in read]
+    if any(each.step * SAMPLES < seconds(read) for each in read):
+        parts = [each.parts() for each in read]
+    rate = min(fastest, SAMPLES / seconds(chain.from_iterable(parts)))
+    slowed = [
+        (file if len(own) == 1 else replace(file, name=f"{file.name} (part {i})"), part.slower(rate))
+        for file, own in zip(files, parts, strict=True)
+        for i, part in enumerate(own, start=1)
+    ]
     loaded, gains = _loaded(simulator, robot)
-    runs = spread(_prepared, list(zip(files, slowed, strict=True)), "preparing runs", shared=(robot, gains))
+    runs = spread(_prepared, slowed, "preparing runs", shared=(robot, gains))
     if loaded is None:
         return runs
     return [_run_through(loaded, run) for run in steps(driven(runs, loaded), "simulating run")]
 
 
-def read_one(source: Source, robot: RobotDescription, simulator: Path | None, rate: float) -> Run:
-    """Read one of many recordings as a run of ``rate`` Hz or less. Raises as ``read_sources``."""
-    loaded, gains = _loaded(simulator, robot)
-    run = _prepared((source, read_source(source, robot).slower(rate)), (robot, gains))
-    return run if loaded is None else _run_through(loaded, driven([run], loaded)[0])
+def seconds(every: Iterable[Signals]) -> float:
+    """Length of some recordings, s, with what was filled in."""
+    return sum(float(signals.time[-1] - signals.time[0]) for signals in every)
 
 
 def _loaded(simulator: Path | None, robot: RobotDescription) -> tuple[Simulator | None, Float | None]:
@@ -199,9 +205,7 @@ def _cut(run: Run, part: slice) -> Run:
     if not lost:
         return run
     note = f"{run.name}: {lost * run.step:.2f} s of the recording lie outside its simulation and are left out"
-    columns = {name: getattr(run, name) for name in COLUMNS}
-    fields: dict[str, Any] = {name: None if column is None else column[part] for name, column in columns.items()}
-    return replace(run, **fields, notes=(*run.notes, note))
+    return replace(rows_of(run, part), notes=(*run.notes, note))
 
 
 def _planned(signals: Signals, prefix: str) -> Plan:

@@ -13,7 +13,7 @@ import numpy as np
 
 from cellwatt.arrays import Float
 from cellwatt.scheduler import spread
-from cellwatt_plugins.explain.input.reading import RATE, SAMPLES, read_source
+from cellwatt_plugins.explain.input.reading import RATE, SAMPLES, read_source, seconds
 from cellwatt_plugins.explain.input.sources import Source
 from cellwatt_plugins.robot import RobotDescription
 
@@ -33,12 +33,12 @@ def select(files: Sequence[Source], robot: RobotDescription) -> tuple[list[Sourc
     if len(files) <= FEW:
         return list(files), []
     looked = spread(_look, files, "looking at recordings", shared=robot)
-    seconds = np.array([length for length, _ in looked])
-    if SAMPLES / seconds.sum() >= SLOWEST:
+    lengths = np.array([length for length, _ in looked])
+    if SAMPLES / lengths.sum() >= SLOWEST:
         return list(files), []
-    enough = LEAST + int(SAMPLES / SLOWEST / seconds.min())
+    enough = LEAST + int(SAMPLES / SLOWEST / lengths.min())
     order = list(islice(furthest_first(np.stack([motion for _, motion in looked])), enough))
-    best, most = np.searchsorted(np.cumsum(seconds[order]), [SAMPLES / RATE, SAMPLES / SLOWEST], side="right").tolist()
+    best, most = np.searchsorted(np.cumsum(lengths[order]), [SAMPLES / RATE, SAMPLES / SLOWEST], side="right").tolist()
     close = set(order[: max(LEAST, best, min(FEW, most))])
     chosen, others = ([file for i, file in enumerate(files) if (i in close) == wanted] for wanted in (True, False))
     return chosen, others
@@ -62,9 +62,9 @@ def furthest_first(places: Float) -> Iterator[int]:
 
 
 def _look(file: Source, robot: RobotDescription) -> tuple[float, Float]:
-    """Length of a recording, s, and each joint's least and greatest position, rad, and rms speed, rad/s."""
+    """Length of a recording, s, without pauses; each joint's least and greatest position, rad, and rms speed, rad/s."""
     signals = read_source(file, robot)
     position = signals.needed("position")
     speed = np.sqrt(np.mean(np.square(np.diff(position, axis=0) / signals.step), axis=0))
     motion = np.concatenate([position.min(axis=0), position.max(axis=0), speed])
-    return float(signals.time[-1] - signals.time[0]), motion
+    return seconds(signals.parts()), motion

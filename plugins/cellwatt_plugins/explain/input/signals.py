@@ -8,28 +8,29 @@ from pathlib import Path
 
 import numpy as np
 
-from cellwatt.arrays import Bool, Float
+from cellwatt.arrays import Bool, Float, rows_of
 from cellwatt.errors import ConfigError, RecordingError
 from cellwatt.tables import Table, listed, read_table, usual
 from cellwatt.tables.likely import hint
-from cellwatt_plugins.explain.input.grid import EVEN, even
+from cellwatt_plugins.explain.input.grid import EVEN, Kind, even
 from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.meter.held import held, onto
 from cellwatt_plugins.robot.motion import slope
 from cellwatt_plugins.robot.simulated import joints_in
+from cellwatt_plugins.robot.stretches import stretches
 
-SLOW = "temperature"
-"""Quantity that changes over minutes and is often logged at a lower rate than the others."""
 OPTIONAL = ("velocity", "acceleration", "torque", "current", "temperature", "command", "control")
 """Quantities that count as not recorded if all their columns are empty."""
 LOSSY = ("torque", "current")
 """Quantities that may lack joints or samples of joints; missing values are NaN."""
-SPARE = ("velocity", "acceleration")
-"""Quantities that can be derived: they are not used if a column lacks many values."""
+WHOLE: Mapping[str, Kind] = {"temperature": "slow", "velocity": "spare", "acceleration": "spare"}
+"""Quantities that are not used if a column lacks many values: two of them can be derived."""
 NEEDED = ("position", "target_position", "target_velocity", "target_acceleration")
 POWER = "power"
 LEAST_MEANS = 8
 """Smallest number of means of a recording: if it is too short, ``check_length`` refuses it for its length."""
+PAUSE, SHORT = 10.0, 2.0
+"""s without a sample at which a recording is divided, and s of its shortest part that is used."""
 FOLLOWS = 0.3
 """Standard deviation of control minus position, as a share of the position's, up to which controls are positions."""
 
@@ -97,6 +98,24 @@ class Signals:
         apart = np.std(control - position, axis=0)
         return np.asarray(apart < FOLLOWS * np.std(position, axis=0), np.bool_)
 
+    def parts(self) -> list[Signals]:
+        """The parts between pauses, at least one."""
+        paused = np.zeros(len(self.time), np.bool_)
+        for first, end in stretches(self.gaps):
+            paused[first:end] = (end - first) * self.step > PAUSE
+        found = [slice(*ends) for ends in stretches(~paused) if (ends[1] - ends[0]) * self.step > SHORT]
+        if not paused.any() or not found:
+            return [self]
+        note = f"{Path(self.place).name}: its pauses are left out, and its {len(found)} parts are used"
+        return [
+            replace(
+                rows_of(self, part),
+                joints={quantity: values[part] for quantity, values in self.joints.items()},
+                notes=() if i else (*self.notes, note),
+            )
+            for i, part in enumerate(found)
+        ]
+
     def slower(self, rate: float) -> Signals:
         """Average consecutive samples to a rate of ``rate`` Hz or less; a mean is a gap if one of its samples is."""
         count = min(int(np.ceil(1 / (self.step * rate) - EVEN)), len(self.time) // LEAST_MEANS)
@@ -147,22 +166,16 @@ def read_signals(path: Path, robot: RobotDescription) -> Signals:
         wanted = f"{_family('position')} or {_family('target_position')}"
         raise RecordingError(f"{path}: no position: expected {wanted}; {table.there()}{hint(table)}")
     columns = {name: column for q in joints for name, column in zip(names[q], joints[q].T, strict=True) if name}
+    columns |= {} if power is None else {POWER: power}
     # Rows without the position of any joint are removed, which turns them into holes in time.
     recorded = np.isfinite(joints[positions]).any(axis=1)
-    grid = even(
-        path.name,
-        time[recorded],
-        {name: column[recorded] for name, column in (columns if power is None else columns | {POWER: power}).items()},
-        rows=table.row_numbers[recorded],
-        slow=names.get(SLOW, ()),
-        positions=names[positions],
-        lossy=[name for q in LOSSY for name in names.get(q, ())],
-        spare=[POWER, *(name for q in SPARE for name in names.get(q, ()))],
-        power=POWER,
-    )
+    columns = {name: column[recorded] for name, column in columns.items()}
+    of: dict[str, Kind] = {positions: "position", **dict.fromkeys(LOSSY, "lossy"), **WHOLE}
+    kinds: dict[str, Kind] = {POWER: "power", **{n: kind for q, kind in of.items() for n in names.get(q, ())}}
+    grid = even(path.name, time[recorded], columns, kinds, table.row_numbers[recorded])
     silent = np.full(len(grid.time), np.nan)
     found = {q: np.column_stack([grid.columns.get(name, silent) for name in names[q]]) for q in joints}
-    found = {q: values for q, values in found.items() if q not in (SLOW, *SPARE) or np.isfinite(values).all()}
+    found = {q: values for q, values in found.items() if q not in WHOLE or np.isfinite(values).all()}
     return Signals(
         place=str(path),
         time=grid.time,

@@ -9,7 +9,8 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from cellwatt.arrays import Bool, Float
-from cellwatt_plugins.explain.input.factors import MOVES, joints_text, times_text, usable
+from cellwatt.report.numbers import number
+from cellwatt_plugins.explain.input.factors import MOVES, joints_text, usable
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.robot.motion import rates
 from cellwatt_plugins.robot.samples import unpowered
@@ -48,7 +49,7 @@ def without_unread(run: Run) -> Run:
     if not off.any():
         return run
     note = (
-        f"{run.name}: {times_text(run.step * np.count_nonzero(off), 2)} s at rest without torque at any joint, first "
+        f"{run.name}: {number(run.step * np.count_nonzero(off), 2)} s at rest without torque at any joint, first "
         f"at {run.time[np.argmax(off)]:.2f} s: the drives were off. Their torque is not used"
     )
     gaps = run.gaps

@@ -161,12 +161,8 @@ def verify(user: Placing, goal: Target, problem: Problem, written: Written) -> N
 def _mended(simulator: Simulator, written: Written) -> tuple[Simulator, Float]:
     """The written simulator, and the ratio (n,) of its gears to the user's, which is true over measured torque."""
     new = load_simulator(written.path, simulator.joints)
-    factor = np.ones(len(simulator.joints))
-    for at in range(len(factor)):
-        one, other = simulator.motor(at), new.motor(at)
-        if one is not None and other is not None:
-            factor[at] = new.model.actuator_gear[other, 0] / simulator.model.actuator_gear[one, 0]
-    return new, factor
+    factor = new.control_gains() / simulator.control_gains()
+    return new, np.where(np.isnan(factor), 1.0, factor)
 
 
 def _held_out(user: Placing, found: Explained, solution: Solution, runs: Sequence[Run]) -> tuple[ErrorOfChannel, ...]:
@@ -183,11 +179,8 @@ def _held_out(user: Placing, found: Explained, solution: Solution, runs: Sequenc
             goal = target_of(user, solution.with_coefficients(coefficients), found.mounted)
             new, factor = _mended(simulator, write(simulator, goal, Path(folder)))
         after[rows] = measured[rows] - new.torque(*(course[rows] for course in motion)) / factor
-    return tuple(
-        ErrorOfChannel(f"tau_{c + 1}", simulator.unit(c, "N*m"), float(b), float(a), float(f))
-        for c, (b, a, f) in enumerate(zip(problem.rms(before), problem.rms(after), problem.floor, strict=True))
-        if c in problem.observed
-    )
+    errors = problem.rms(before), problem.rms(after)
+    return tuple(ErrorOfChannel.at(problem, c, *errors) for c in problem.observed)
 
 
 def unwritten(found: Explained, solution: Solution, refused: Sequence[tuple[str, int | None, str]]) -> list[Unwritten]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 from cellwatt.arrays import Float
 from cellwatt_plugins.explain.fit.problem import Problem
@@ -47,18 +47,18 @@ class ErrorOfChannel:
     after: float
     noise_floor: float
 
+    @classmethod
+    def at(cls, problem: Problem, channel: int, before: Float, after: Float) -> Self:
+        """That of a channel (0-based), from the errors (C,) of all channels."""
+        floor = float(problem.floor[channel])
+        return cls(*problem.channel(channel), float(before[channel]), float(after[channel]), floor)
+
 
 @dataclass(frozen=True)
 class Improvement(ErrorOfChannel):
     """Error of one channel before and after the finding's step of the cascade, with the user's parameters unchanged."""
 
     held_out: bool = True
-
-    @classmethod
-    def at(cls, problem: Problem, channel: int, before: Float, after: Float, held_out: bool = True) -> Improvement:
-        """Improvement of a channel (0-based), from the errors (C,) of all channels."""
-        floor = float(problem.floor[channel])
-        return cls(*problem.channel(channel), float(before[channel]), float(after[channel]), floor, held_out)
 
 
 @dataclass(frozen=True)
@@ -157,8 +157,13 @@ class RetunedNumber:
     tolerance: float
     """Tolerance of the description: one standard deviation, in ``unit``."""
     beyond: bool
-    """True if the parameter is off by more than twice the tolerance."""
+    """True if the parameter is certainly off by more than twice the tolerance."""
     statement: str
+
+    @property
+    def off(self) -> float:
+        """Correction that the recordings give, in ``unit``."""
+        return self.now - self.was
 
 
 @dataclass(frozen=True)

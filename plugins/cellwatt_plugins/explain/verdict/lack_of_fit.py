@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.arrays import Float
+from cellwatt_plugins.explain.fit.noise import windowed
 from cellwatt_plugins.explain.fit.solution import Solution
 from cellwatt_plugins.explain.fit.swinging_links import chi2_at_rest, swinging_channels
 from cellwatt_plugins.explain.verdict.findings import Span, UnexplainedChannel
@@ -65,12 +66,8 @@ def _windows(solution: Solution, channel: int) -> list[Float]:
     """Squared residual divided by its variance, in windows of each run, (W, samples)."""
     problem = solution.problem
     squared = np.square(solution.residual * problem.design.root)
-    out = []
-    for rows, part in zip(problem.rows, problem.split(squared), strict=True):
-        width = max(1, round(WINDOW / rows.step))
-        count = len(part) // width
-        out.append(part[: count * width, channel].reshape(count, width))
-    return out
+    pairs = zip(problem.rows, problem.split(squared), strict=True)
+    return [windowed(part, max(1, round(WINDOW / rows.step)))[:, :, channel] for rows, part in pairs]
 
 
 def _place(solution: Solution, channel: int, strong: NDArray[np.bool_]) -> LackOfFit:

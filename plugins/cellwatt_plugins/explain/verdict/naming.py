@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from cellwatt.arrays import Float
+from cellwatt_plugins.explain.fit.acceptance import active
 from cellwatt_plugins.explain.fit.leave_out import LeaveOut, compared, rms
-from cellwatt_plugins.explain.fit.problem import Term, on_joints
+from cellwatt_plugins.explain.fit.problem import Term
 from cellwatt_plugins.explain.fit.solution import Candidate, Solution
 from cellwatt_plugins.explain.verdict.cascade import Added, Falling
 from cellwatt_plugins.explain.verdict.estimates import estimates
@@ -95,7 +96,7 @@ def _finding(
         parameters=parameters,
         where=_where(solution, term, channels),
         # Intermittent effects cannot be tested on data left out.
-        improvement=Improvement.at(solution.problem, main, added.before, added.after, held_out=not seen),
+        improvement=replace(Improvement.at(solution.problem, main, added.before, added.after), held_out=not seen),
         alternatives=(*_alternatives(term, own, rivals), *_inseparable(term, gain)),
         was=described or None,
     )
@@ -162,10 +163,7 @@ def _where(solution: Solution, term: Term, channels: Sequence[int]) -> Where:
     names = tuple(solution.problem.channel(c)[0] for c in channels)
     if term.joint is None:
         return Where(names, times=_spans(solution, term))
-    course = solution.problem.columns(term)
-    joints = len(solution.problem.floor)
-    every = [on_joints(c @ solution.coefficients(term), term.joint, joints)[:, term.joint] for c in course]
-    size = np.abs(np.concatenate(every))
+    size = np.abs(np.concatenate(solution.problem.torques(term, solution.coefficients(term)))[:, term.joint])
     strong = size > 0.5 * np.max(size)
     speed = np.concatenate([s.qd[:, term.joint] for s in solution.problem.states])
     place = np.concatenate([s.q[:, term.joint] for s in solution.problem.states])
@@ -178,9 +176,8 @@ def _spans(solution: Solution, term: Term) -> tuple[Span, ...]:
         return ()
     out = []
     for states, columns in zip(solution.problem.states, solution.problem.columns(term), strict=True):
-        size = np.abs(columns).reshape(len(columns), -1).max(axis=1)
-        active = size > 0.1 * max(1e-12, float(np.max(size)))
-        out += [Span(states.name, float(states.time[a]), float(states.time[b - 1])) for a, b in stretches(active)]
+        spans = stretches(active(columns))
+        out += [Span(states.name, float(states.time[a]), float(states.time[b - 1])) for a, b in spans]
     return tuple(out[:40])
 
 

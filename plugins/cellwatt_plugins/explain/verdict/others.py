@@ -11,7 +11,7 @@ import numpy as np
 from cellwatt.errors import RecordingError
 from cellwatt.scheduler import spread
 from cellwatt_plugins.explain.input.admission import check_run
-from cellwatt_plugins.explain.input.reading import read_one
+from cellwatt_plugins.explain.input.reading import read_sources
 from cellwatt_plugins.explain.input.sources import Source
 from cellwatt_plugins.explain.model import Model, predict_states
 from cellwatt_plugins.explain.verdict.findings import Findings, Other
@@ -65,25 +65,26 @@ def _compared(file: Source, known: tuple[Model, Path | None, float, dict[str, fl
     out."""
     model, simulator, rate, usual = known
     try:
-        run = read_one(file, model.robot, simulator, rate)
-        states = model.baseline.states(run, -1, check_run(run, model.arm()))
+        runs = read_sources([file], model.robot, simulator, rate)
+        moved = [check_run(run, model.arm()) for run in runs]
     except RecordingError as error:
         return Other(file.name, None, why=str(error))
-    predicted = predict_states(model, states)
-    parts = [
-        (f"tau_{i + 1}", model.robot.unit(i, "N*m"), run.torque[:, i], predicted.torque[:, i])
-        for i in range(run.joints)
-    ]
-    if run.power is not None and held([(run.time, run.power)]) is None:
-        parts.append(("power", "W", run.power, predicted.power))
     found = []
-    for name, unit, measured, modelled in parts:
-        read = np.isfinite(measured) & ~run.filled
-        if name in usual and read.any():
-            off = float(np.sqrt(np.mean(np.square(measured - modelled)[read])))
-            # Unexplained is an error above both the usual one and the share of the measured values that matters.
-            most = max(FACTOR * usual[name], model.robot.tolerances.unexplained * float(np.std(measured[read])))
-            found.append(Other(file.name, off < most, name, unit, off, usual[name]))
+    for run, motion in zip(runs, moved, strict=True):
+        predicted = predict_states(model, model.baseline.states(run, motion))
+        parts = [
+            (f"tau_{i + 1}", model.robot.unit(i, "N*m"), run.torque[:, i], predicted.torque[:, i])
+            for i in range(run.joints)
+        ]
+        if run.power is not None and held([(run.time, run.power)]) is None:
+            parts.append(("power", "W", run.power, predicted.power))
+        for name, unit, measured, modelled in parts:
+            read = np.isfinite(measured) & ~run.filled
+            if name in usual and read.any():
+                off = float(np.sqrt(np.mean(np.square(measured - modelled)[read])))
+                # Unexplained is an error above both the usual one and the share of the measured values that matters.
+                most = max(FACTOR * usual[name], model.robot.tolerances.unexplained * float(np.std(measured[read])))
+                found.append(Other(run.name, off < most, name, unit, off, usual[name]))
     if not found:
         return Other(file.name, None, why="it has no channel that was explained in the other recordings")
     return max(found, key=lambda other: (other.explained is False, other.error / other.usual))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
@@ -37,29 +37,6 @@ NUMBERS = {
 """Unit of each parameter, and the key of its tolerance."""
 
 
-@dataclass(frozen=True)
-class _Moved:
-    """A parameter with its fitted correction."""
-
-    parameter: str
-    joint: int | None
-    was: float
-    off: float
-    fitted_std: float
-    unit: str
-    tolerance: float
-
-    @property
-    def std(self) -> float:
-        """Standard deviation, including the uncertainty inherited from the rest of the description."""
-        return float(np.hypot(self.fitted_std, INHERITED * (self.was + self.off)))
-
-    @property
-    def beyond(self) -> bool:
-        """True if the parameter is certainly off by more than its tolerance."""
-        return abs(self.off) > BEYOND * max(self.tolerance, self.std)
-
-
 def retuned_of(solution: Solution, fall: Falling) -> list[RetunedNumber]:
     """The retuned parameters of one side that are worth reporting."""
     best, out = solution.best, list[RetunedNumber]()
@@ -71,7 +48,7 @@ def retuned_of(solution: Solution, fall: Falling) -> list[RetunedNumber]:
         explained = [c for c, gone in answers.items() if _share(best, i, c) > OWN * gone]
         most = max(moved, key=lambda m: abs(m.off) / max(m.tolerance, m.std, 1e-12))
         named = [m for m in moved if m.beyond or (explained and (m is most or abs(m.off) > CERTAIN * m.std))]
-        out += [_number(m, fall, explained) for m in named]
+        out += [replace(m, statement=_statement(m, fall, explained)) for m in named]
     return out
 
 
@@ -96,7 +73,7 @@ def _share(best: Solution, block: int, channel: int) -> float:
     return float(np.mean(np.square(residual + added)) - np.mean(np.square(residual)))
 
 
-def _moved(arm: Arm, number: Nominal, off: Float, spread: Float) -> Sequence[_Moved]:
+def _moved(arm: Arm, number: Nominal, off: Float, spread: Float) -> Sequence[RetunedNumber]:
     """Parameters of a link, or one of a joint or the supply, fitted with covariance ``spread``; empty if they have no
     name."""
     robot, name, joint = arm.description, number.name, number.joint
@@ -111,36 +88,50 @@ def _moved(arm: Arm, number: Nominal, off: Float, spread: Float) -> Sequence[_Mo
     scale = was if name == "winding_resistance" else 1.0
     std, share = float(np.sqrt(spread[0, 0])), getattr(robot.tolerances, tolerance)
     unit = unit if joint is None else robot.unit(joint, unit)
-    return [_Moved(name, joint, was, scale * float(off[0]), scale * std, unit, share * was)]
+    return [_retuned(name, joint, was, scale * float(off[0]), scale * std, unit, share * was)]
 
 
-def _link(joint: int, own: Float, off: Float, spread: Float, tolerance: float) -> list[_Moved]:
+def _link(joint: int, own: Float, off: Float, spread: Float, tolerance: float) -> list[RetunedNumber]:
     """Mass and centre of mass of a link; its moments of inertia if only they moved."""
     prior = np.sqrt(np.diag(link_prior(own, tolerance).covariance))
     mass, now = max(float(own[0]), 1e-6), max(float(own[0] + off[0]), 1e-6)
-    out = [_Moved("mass", joint, float(own[0]), float(off[0]), float(np.sqrt(spread[0, 0])), "kg", float(prior[0]))]
+    out = [_retuned("mass", joint, float(own[0]), float(off[0]), float(np.sqrt(spread[0, 0])), "kg", float(prior[0]))]
     for i, axis in enumerate("xyz", start=1):
         was, is_ = float(own[i]) / mass, float(own[i] + off[i]) / now
         slope = np.array([-is_ / now, 1 / now])
         std = float(np.sqrt(max(0.0, slope @ spread[np.ix_([0, i], [0, i])] @ slope)))
-        out.append(_Moved(f"com_{axis}", joint, was, is_ - was, std, "m", tolerance * abs(was) + 0.001))
+        out.append(_retuned(f"com_{axis}", joint, was, is_ - was, std, "m", tolerance * abs(was) + 0.001))
     sizes = [(name, i, float(own[i])) for name, i in (("ixx", 4), ("iyy", 6), ("izz", 9)) if own[i] > 0]
     if not any(abs(m.off) > m.std for m in out):
         out += [
-            _Moved(name, joint, was, float(off[i]), float(np.sqrt(spread[i, i])), "kg*m^2", float(prior[i]))
+            _retuned(name, joint, was, float(off[i]), float(np.sqrt(spread[i, i])), "kg*m^2", float(prior[i]))
             for name, i, was in sizes
         ]
     return out
 
 
-def _number(moved: _Moved, fall: Falling, explained: Sequence[int]) -> RetunedNumber:
+def _retuned(
+    parameter: str, joint: int | None, was: float, off: float, fitted_std: float, unit: str, tolerance: float
+) -> RetunedNumber:
+    """A parameter of a joint (0-based) with its fitted correction ``off``, yet without a statement.
+
+    Its standard deviation includes the uncertainty inherited from the rest of the description.
+    """
+    std = float(np.hypot(fitted_std, INHERITED * (was + off)))
+    number = None if joint is None else joint + 1
+    beyond = abs(off) > BEYOND * max(tolerance, std)
+    return RetunedNumber(parameter, number, was, was + off, std, unit, tolerance, beyond, "")
+
+
+def _statement(moved: RetunedNumber, fall: Falling, explained: Sequence[int]) -> str:
+    """One or two plain sentences; ``explained`` are the channels (0-based) that the parameter helps to explain."""
     unit = moved.unit.replace("N*m", "Nm").replace("*", " ").replace("^2", "²")
     more, less = ("heavier", "lighter") if moved.parameter == "mass" else ("more", "less")
     way = more if moved.off > 0 else less
     allowed = f"{moved.tolerance:.2g} {unit} (one standard deviation)"
     statement = (
         f"{_what(moved)} is {abs(moved.off):.2g} ± {moved.std:.1g} {unit} {way} than in your simulation: "
-        f"{moved.was + moved.off:.3g} instead of {moved.was:.3g} {unit}. "
+        f"{moved.now:.3g} instead of {moved.was:.3g} {unit}. "
         + (f"This is more than twice your tolerance of {allowed}." if moved.beyond else f"Your tolerance is {allowed}.")
     )
     falls = [
@@ -148,18 +139,15 @@ def _number(moved: _Moved, fall: Falling, explained: Sequence[int]) -> RetunedNu
         f"{fall.model[c]:.3g} {fall.problem.channel(c)[1].replace('*', '')})"
         for c in explained
     ]
-    statement += f" Retuning it with the others explains most of {' and '.join(falls)}." if falls else ""
-    joint = None if moved.joint is None else moved.joint + 1
-    was, off, std, tolerance = (float(x) for x in (moved.was, moved.off, moved.std, moved.tolerance))
-    return RetunedNumber(moved.parameter, joint, was, was + off, std, moved.unit, tolerance, moved.beyond, statement)
+    return statement + (f" Retuning it with the others explains most of {' and '.join(falls)}." if falls else "")
 
 
-def _what(moved: _Moved) -> str:
+def _what(moved: RetunedNumber) -> str:
     name = moved.parameter.replace("_", " ").replace("coulomb", "Coulomb")
     if moved.joint is None:
         return "Standby power"
     if moved.parameter == "mass":
-        return f"Link {moved.joint + 1}"
+        return f"Link {moved.joint}"
     if moved.parameter.startswith("com_"):
-        return f"The centre of mass of link {moved.joint + 1} along {moved.parameter[-1]}"
-    return f"The {name} of {'link' if moved.parameter.startswith('i') else 'joint'} {moved.joint + 1}"
+        return f"The centre of mass of link {moved.joint} along {moved.parameter[-1]}"
+    return f"The {name} of {'link' if moved.parameter.startswith('i') else 'joint'} {moved.joint}"

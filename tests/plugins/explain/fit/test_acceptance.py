@@ -7,7 +7,6 @@ import pytest
 
 from cellwatt_plugins.explain.fit.acceptance import sound, unconfirmed
 from cellwatt_plugins.explain.fit.problem import Problem, Term
-from cellwatt_plugins.explain.fit.sides import torque_problem
 from cellwatt_plugins.explain.fit.solution import Solution
 from cellwatt_plugins.explain.fit.thresholds import DEFAULT
 from cellwatt_plugins.robot.effects import BY_NAME
@@ -20,8 +19,7 @@ RIPPLES = [Term(BY_NAME["position_periodic_torque"], joint, (n,)) for joint, n i
 @pytest.fixture(scope="module")
 def problem(arm) -> Problem:
     shifted = plant.Missing(read=lambda torque: torque + np.array([0.1, 0, 0]))
-    runs = [plant.record(f"run_{i:02d}", i, shifted, 20.0) for i in (1, 2, 3)]
-    return torque_problem(runs, plant.states_of(runs, arm))
+    return plant.problem_of(arm, shifted, 20.0, (1, 2, 3))
 
 
 def solved(problem: Problem, *terms: Term) -> Solution:

@@ -7,7 +7,6 @@ import pytest
 
 from cellwatt_plugins.explain.fit.problem import Problem
 from cellwatt_plugins.explain.fit.retuning import FIXED, confirmed, freed, looseness
-from cellwatt_plugins.explain.fit.sides import torque_problem
 from cellwatt_plugins.robot.body import PER_LINK
 from tests.plugins.explain import plant
 
@@ -15,8 +14,7 @@ FACTOR = np.full(plant.JOINTS, 2.0)
 
 
 def problem(arm, real: plant.Arm) -> Problem:
-    runs = [plant.record(f"run_0{i}", i, plant.Missing(arm=real), 20.0, power=False) for i in (1, 2)]
-    return torque_problem(runs, plant.states_of(runs, arm))
+    return plant.problem_of(arm, plant.Missing(arm=real), 20.0)
 
 
 def free(problem: Problem, factors: np.ndarray) -> tuple[set[int], set[int]]:

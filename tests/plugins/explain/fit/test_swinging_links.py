@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from cellwatt_plugins.explain.fit.problem import Term
-from cellwatt_plugins.explain.fit.sides import torque_problem
 from cellwatt_plugins.explain.fit.solution import Solution
 from cellwatt_plugins.explain.fit.swinging_links import (
     chi2_at_rest,
@@ -22,8 +21,7 @@ SWINGS = Term(BY_NAME["joint_elasticity"], 1, (900.0, 0.5, 0.0))
 
 @pytest.fixture(scope="module")
 def problem(arm):
-    runs = [plant.record("run_01", 1, plant.NOTHING), plant.record("run_02", 2, plant.NOTHING)]
-    return torque_problem(runs, plant.states_of(runs, arm))
+    return plant.problem_of(arm)
 
 
 def solved(problem, residual, terms=(SWINGS,)):

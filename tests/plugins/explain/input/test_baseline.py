@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cellwatt_plugins.explain.explain import explain
 from cellwatt_plugins.explain.input.baseline import baseline
 from cellwatt_plugins.explain.input.run import Run
 from tests.plugins.explain import plant
+from tests.plugins.explain.calling import explained
 from tests.plugins.explain.input.reading import examine
 
 HEAVIER = plant.loaded(plant.NOMINAL, 1.6, 0.3)
@@ -97,7 +97,7 @@ def test_the_simulations_torque_is_what_is_explained(described):
     seen = plant.record("run", 3)
     assert seen.simulated is not None
     other = replace(seen, simulated=replace(seen.simulated, torque=seen.simulated.torque + np.array([0.0, 5.0, 0.0])))
-    off = explain([other], baseline([other], described)).findings
+    off = explained(described, [other]).findings
     assert [(f.effect, f.joint) for f in off.findings if f.kind == "missing"] == [("torque_offset", 2)]
     assert off.findings[0].parameters["offset"].value == pytest.approx(-5.0, abs=0.3)
 

@@ -6,7 +6,7 @@ from cellwatt.record import Header, Recorder, RecordSettings
 from cellwatt_plugins.explain.input.reading import read_motion
 from cellwatt_plugins.explain.input.signals import read_signals
 from cellwatt_plugins.robot import Arm
-from tests.plugins.explain.emulated_arm import START, framed, layout
+from tests.plugins.explain.emulated_arm import LAYOUT, START, framed
 from tests.plugins.explain.input.reading import read_runs
 from tests.plugins.explain.logs import numbered, parquet
 from tests.plugins.explain.recorded_arm import CONSTANT, JOINTS, write_robot
@@ -114,7 +114,7 @@ async def recorded_by_cellwatt(folder, t):
     q, qd, _, tau = motion(t)
     recorder = Recorder(RecordSettings(folder=folder), Header("plant-1", "bench", START))
     recorder.start()
-    assert recorder.put(framed(layout(), np.column_stack([q, qd, tau, 100 + t])))
+    assert recorder.put(framed(LAYOUT, np.column_stack([q, qd, tau, 100 + t])))
     await recorder.close()
 
 

@@ -45,20 +45,26 @@ def test_a_slow_log_is_taken_as_it_is(rate, tmp_path, described, arm):
 
 
 def test_a_long_recording_was_not_recorded_as_slowly_as_it_is_examined(tmp_path, described, arm, monkeypatch):
-    columns = measured(recorded(described, excitation(1)))
-    seconds = columns["t"][-1] - columns["t"][0]
-
-    def noted(samples, columns):
-        monkeypatch.setattr(reading, "SAMPLES", samples)
-        return "\n".join(admitted(parquet(tmp_path / "log.parquet", columns), arm=arm))
-
-    notes = noted(20 * seconds, columns)
+    monkeypatch.setattr(reading, "SAMPLES", 20 * 20)
+    notes = "\n".join(admitted(logged(tmp_path, recorded(described, excitation(1))), arm=arm))
     assert "averaged, as the recordings are long, to 20 Hz, which" in notes
     assert "recorded at" not in notes
-    assert "a pause" not in notes
-    notes = noted(25 * (seconds + 60), paused(columns, 60))
-    assert "it was averaged to 25 Hz: give the recordings before and after a pause as separate files" in notes
-    assert "a pause" not in noted(250 * (seconds + 60), paused(columns, 60))
+
+
+def test_a_pause_does_not_make_a_recording_long(tmp_path, described, arm, monkeypatch):
+    path = parquet(tmp_path / "log.parquet", paused(measured(recorded(described, excitation(1))), 60))
+    monkeypatch.setattr(reading, "SAMPLES", 80 * 100)
+    (whole,) = read_runs([path], [], arm.description)
+    assert (whole.name, len(whole.time)) == ("log", 8000)
+    monkeypatch.setattr(reading, "SAMPLES", 20 * 100)
+    first, second = read_runs([path], [], arm.description)
+    assert [run.name for run in (first, second)] == ["log (part 1)", "log (part 2)"]
+    assert [run.step for run in (first, second)] == pytest.approx([0.01, 0.01])
+    assert [len(run.time) for run in (first, second)] == [1000, 1000]
+    assert not np.any([run.filled for run in (first, second)])
+    assert [second.time[0], second.time[-1]] == pytest.approx([70.0, 79.99])
+    (note,) = [note for note in examine([first, second], arm)[1] if "pause" in note]
+    assert note == "log.parquet: its pauses are left out, and its 2 parts are used"
 
 
 def test_rows_that_a_busy_logger_stamped_late_get_their_own_times(tmp_path, described, arm):

@@ -10,13 +10,13 @@ import pytest
 from click.testing import CliRunner
 
 from cellwatt.errors import ConfigError
-from cellwatt.frames import FrameChannel, Layout
-from cellwatt.results import Alarm, Prediction
+from cellwatt.results import Prediction
 from cellwatt_plugins.explain.command import explain
 from cellwatt_plugins.explain.live.recording import write_recording, write_robot
+from tests.blocks import layout_of
 from tests.plugins.explain.emulated_arm import START, framed
 from tests.plugins.explain.servos import PLANTS, ROW, Plant, integrated, mjcf, moves
-from tests.plugins.explain.test_stage import made, run
+from tests.plugins.explain.test_stage import alarms, made, run
 
 pytest.importorskip("mujoco")
 
@@ -36,9 +36,8 @@ def folder(tmp_path_factory):
 
 def frames(log, every=1):
     _, told, seen = (values[::every] for values in log)
-    names = [f"arm.joint_{j}.{q}" for q in ("position", "target_position") for j in (1, 2)]
-    channels = tuple(FrameChannel(name, "rad", "continuous", "linear") for name in names)
-    return framed(Layout(channels, 1 / ROW / every), np.column_stack([seen, told]))
+    units = {f"arm.joint_{j}.{q}": "rad" for q in ("position", "target_position") for j in (1, 2)}
+    return framed(layout_of(units, 1 / ROW / every), np.column_stack([seen, told]))
 
 
 def watched(folder, log, every=1, **settings):
@@ -47,26 +46,26 @@ def watched(folder, log, every=1, **settings):
     return stage, run(stage, whole)
 
 
-def alarms(results):
-    return {(r.kind, r.joint) for r in results if isinstance(r, Alarm)}
+def told(results):
+    return {(alarm.kind, alarm.joint) for alarm in alarms(results)}
 
 
 def test_an_arm_that_follows_its_file_is_left_alone(folder, logs):
     stage, results = watched(folder, logs["null"])
-    assert alarms(results) == set()
+    assert told(results) == set()
     assert stage.counts["intervals judged"] >= 5
     assert "arm.joint_2.torque" in next(r for r in results if isinstance(r, Prediction)).outputs
 
 
 def test_a_cell_that_samples_commands_less_often_is_told_their_rate(folder, logs):
-    assert alarms(watched(folder, logs["null"], every=2, command_rate=1 / ROW)[1]) == set()
-    assert alarms(watched(folder, logs["gain"], every=2, command_rate=1 / ROW)[1]) == {("simulation_differs", 2)}
-    assert alarms(watched(folder, logs["null"], every=2)[1]), "commands are taken to hold for two rows"
+    assert told(watched(folder, logs["null"], every=2, command_rate=1 / ROW)[1]) == set()
+    assert told(watched(folder, logs["gain"], every=2, command_rate=1 / ROW)[1]) == {("simulation_differs", 2)}
+    assert told(watched(folder, logs["null"], every=2)[1]), "commands are taken to hold for two rows"
 
 
 @pytest.mark.parametrize(("plant", "joint"), [("gain", 2), ("rough", 1)])
 def test_a_soft_loop_and_friction_raise_the_alarm_of_their_joint(folder, logs, plant, joint):
-    assert alarms(watched(folder, logs[plant])[1]) == {("simulation_differs", joint)}
+    assert told(watched(folder, logs[plant])[1]) == {("simulation_differs", joint)}
 
 
 def test_what_it_keeps_is_explained_and_the_model_agrees_with_the_arm(folder, logs, tmp_path):
@@ -84,7 +83,7 @@ def test_what_it_keeps_is_explained_and_the_model_agrees_with_the_arm(folder, lo
     assert done.exit_code == 0, done.output
     found = json.loads((tmp_path / "findings.json").read_text())["findings"]
     assert [(f["effect"], f["joint"]) for f in found] == [("drive_gain", 2)]
-    assert alarms(watched(folder, logs["gain"], simulation=str(tmp_path / "model.yaml"))[1]) == set()
+    assert told(watched(folder, logs["gain"], simulation=str(tmp_path / "model.yaml"))[1]) == set()
 
 
 def test_an_arm_without_torque_needs_the_law_of_its_servos(folder, logs):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 from datetime import datetime, timedelta
-from itertools import pairwise
+from itertools import chain, islice, pairwise
 from pathlib import Path
 from urllib.parse import urlparse
 from urllib.request import url2pathname
@@ -21,8 +21,8 @@ from cellwatt_plugins.explain.live.alarms import Occasion, found
 from cellwatt_plugins.explain.live.explanation import Outcome
 from cellwatt_plugins.explain.live.settings import ExplainSettings, MismatchSettings
 from cellwatt_plugins.explain.stage import MismatchStage
-from cellwatt_plugins.segment import SegmentSettings, SegmentStage
-from tests.plugins.explain.emulated_arm import START, cut, frames, layout, recorded
+from tests.plugins.explain.emulated_arm import START, frames, recorded
+from tests.plugins.explain.test_stage import fed
 
 pytestmark = pytest.mark.timeout(300)
 
@@ -37,7 +37,7 @@ def _gets_its_turn(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPat
 @pytest.fixture(scope="module")
 def stiff():
     """Friction comes on joint 2 at 14 s and goes at 40 s."""
-    return frames(recorded(70, 50, viscous=30.0, since=14.0, until=40.0), layout())
+    return frames(recorded(70, viscous=30.0, since=14.0, until=40.0))
 
 
 class Watched:
@@ -47,18 +47,14 @@ class Watched:
         settings = MismatchSettings(robot=robot, explain=ExplainSettings(**({"after": 4, "folder": folder} | explain)))
         cell = CellInfo("plant", "weld-3", None, robot)
         self.stage = MismatchStage("mismatch", settings, whole.layout, cell)
-        self._segment = SegmentStage("segment", SegmentSettings(), whole.layout, cell)
-        self._whole = whole
+        self._seconds = fed(self.stage, whole)
         self._at = 0
 
-    def until(self, seconds: float) -> list:
+    def until(self, seconds: int) -> list:
         """Alarms about the explanation up to a time, s."""
-        out = []
-        while self._at < seconds * 50:
-            block = cut(self._whole, self._at, self._at + 50)
-            out += self.stage.process(block, self._segment.process(block, ()))
-            self._at += 50
-        return [r for r in out if getattr(r, "kind", "") in ("mismatch", "explanation_failed")]
+        count, self._at = seconds - self._at, seconds
+        results = chain.from_iterable(islice(self._seconds, count))
+        return [r for r in results if getattr(r, "kind", "") in ("mismatch", "explanation_failed")]
 
 
 @pytest.fixture

@@ -9,7 +9,6 @@ import pytest
 
 from cellwatt_plugins.explain.fit.problem import Term
 from cellwatt_plugins.explain.fit.search.solve import fitted
-from cellwatt_plugins.explain.fit.sides import torque_problem
 from cellwatt_plugins.explain.fit.solution import Solution
 from cellwatt_plugins.explain.verdict.cascade import cascade, falling
 from cellwatt_plugins.explain.verdict.retuned import retuned_of
@@ -23,8 +22,7 @@ OFFSETS = np.array([0.0, 0.9, 1.5])
 
 
 def solution(arm: Arm, missing: Missing, *terms: Term) -> Solution:
-    runs = [plant.record(f"run_{seed}", seed, missing, 12.0, power=False) for seed in (1, 2)]
-    return fitted(torque_problem(runs, plant.states_of(runs, arm)), terms)
+    return fitted(plant.problem_of(arm, missing, 12.0), terms)
 
 
 def test_each_step_takes_off_what_was_put_in_and_the_largest_comes_first(arm: Arm) -> None:

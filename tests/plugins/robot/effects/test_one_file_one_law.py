@@ -35,7 +35,7 @@ from cellwatt_plugins.energy.rigid import LAWS
 from cellwatt_plugins.faults.cycles.arm import Motion, nominal
 from cellwatt_plugins.faults.cycles.load import load_of, unsure_friction
 from cellwatt_plugins.explain.explain import explain
-from cellwatt_plugins.explain.input.baseline import baseline
+from cellwatt_plugins.explain.input.admission import admit
 from cellwatt_plugins.models.power.terms import EFFECTS, TORQUE
 from cellwatt_plugins.models.power.terms import Motion as Seen
 from tests.plugins.explain import plant
@@ -46,7 +46,7 @@ def ground(t, q, qd, run):
 
 arm = plant.load(plant.write_robot(Path(sys.argv[1])))
 runs = [plant.record(f"run_0{i}", i, plant.Missing(added=ground)) for i in (1, 2)]
-(found,) = explain(runs, baseline(runs, arm)).findings.findings
+(found,) = explain(runs, admit(runs, arm)).findings.findings
 w = np.array([[-0.5], [0.02], [0.5]])
 seen = Seen(0 * w, w, 0 * w, 0 * w + 1, np.sign(w))
 still = np.zeros((3, 3))

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.arrays import Float
 from cellwatt.progress import steps
 from cellwatt_plugins.explain.fit.acceptance import physical, within_prior
 from cellwatt_plugins.explain.fit.problem import Term
@@ -59,12 +60,12 @@ def _ordered(
         for joint in _places(state, effect)
         if chosen(effect, joint) and _open(state, now, effect, joint, rings)
     ]
-    out = []
+    out, residual = [], now.problem.every_sample(now.residual)
     for effect, joint in steps(places, "trying", lambda place: place[0].name.replace("_", " ")):
         own = frozenset(t for t in now.terms if joint is None or t.joint in (None, joint))
         key = effect.name, joint, own
         if key not in state.known:
-            state.known[key] = _best_shape(state, now, effect, joint)
+            state.known[key] = _best_shape(state, now, residual, effect, joint)
         out.append(state.known[key])
     return sorted((c for c in out if c is not None), key=lambda c: -c.gain - c.term.effect.relations.plainer)
 
@@ -105,10 +106,15 @@ def _stands_for(one: Effect, other: Effect) -> bool:
     return one is other or (family != "" and one.relations.family == family)
 
 
-def _best_shape(state: SearchState, now: Solution, effect: Effect, joint: int | None) -> Candidate | None:
-    """The shape with the greatest evidence; None if the recordings resolve none or no coefficients are possible."""
+def _best_shape(
+    state: SearchState, now: Solution, residual: Sequence[Float], effect: Effect, joint: int | None
+) -> Candidate | None:
+    """The shape with the greatest evidence; None if the recordings resolve none or no coefficients are possible.
+
+    ``residual`` (N, C) of each run is that of ``now`` at all samples.
+    """
     states = now.problem.states
-    shapes = effect.shapes(states, joint, state.every_sample(now))
+    shapes = effect.shapes(states, joint, residual)
     terms = [Term(effect, joint, shape) for shape in shapes if effect.resolved(states, joint, shape)]
     if not terms:
         return None

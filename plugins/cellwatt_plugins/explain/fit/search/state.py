@@ -48,8 +48,6 @@ class SearchState:
 
     unsearched: set[int | None] = field(default_factory=set)
     """Joints (0-based) where a term was added and the candidates have not all been rejected since."""
-    residuals: tuple[tuple[Term, ...], list[Float]] | None = None
-    """Terms, and their residual at all samples of each run."""
     late: float = 0.0
     """Delay in s of the problem's measured torques."""
     looseness: float = 1.0
@@ -79,19 +77,11 @@ class SearchState:
         self.problem = replace(new, simulated=self.problem.simulated, made=self.problem.made)
         self.solved.clear()
         self.known.clear()
-        self.residuals = None
 
     def use(self, problem: Problem) -> None:
         """Continue with the same problem under other priors."""
         self.problem = problem
         self.solved.clear()
-
-    def every_sample(self, now: Solution) -> list[Float]:
-        """Residual (N, C) of a solution at all samples of each run."""
-        key = tuple(now.terms)
-        if self.residuals is None or self.residuals[0] != key:
-            self.residuals = key, now.problem.every_sample(now.residual)
-        return self.residuals[1]
 
     @cached_property
     def moving(self) -> list[int]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cellwatt.arrays import Float
+from cellwatt_plugins.explain.fit.leave_out import rms
 from cellwatt_plugins.explain.input.baseline import Baseline
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.robot import Arm, RobotDescription
@@ -27,7 +27,7 @@ def description_remarks(runs: Sequence[Run], arm: Arm, base: Baseline) -> list[s
     described = _completed(arm.description, simulated)
     law = replace(arm, description=described)
     torque = np.concatenate([each.torque for each in simulations])
-    size, off = _rms(torque), _rms(torque - np.concatenate([law.torque(*each.plan.courses) for each in simulations]))
+    size, off = rms(torque), rms(torque - np.concatenate([law.torque(*each.plan.courses) for each in simulations]))
     parts = [
         f"joint {i + 1} by {off[i]:.2g} {described.unit(i, 'Nm')}{_how(described, simulated, i)}"
         for i in range(len(off))
@@ -35,8 +35,8 @@ def description_remarks(runs: Sequence[Run], arm: Arm, base: Baseline) -> list[s
     ]
     powered = [(each, each.power) for each in simulations if each.power is not None]
     if powered:
-        off = _rms(np.concatenate([p - nominal_power(described, s.torque, s.plan.velocity) for s, p in powered]))
-        watts, drawn = float(off), float(_rms(np.concatenate([p for _, p in powered])))
+        off = rms(np.concatenate([p - nominal_power(described, s.torque, s.plan.velocity) for s, p in powered]))
+        watts, drawn = float(off), float(rms(np.concatenate([p for _, p in powered])))
         parts += [f"the supply by {watts:.3g} W"] if watts > WORTH * drawn else []
     if not parts:
         return []
@@ -64,7 +64,3 @@ def _how(described: RobotDescription, simulated: RobotDescription, joint: int) -
         if abs(own - other) > WORTH * max(own, other)
     ]
     return f" ({', '.join(parts)})" if parts else ""
-
-
-def _rms(values: Float) -> Float:
-    return np.asarray(np.sqrt(np.mean(np.square(values), axis=0)))

@@ -17,9 +17,8 @@ from cellwatt_plugins.explain.input.factors import (
     RPM,
     levers,
     order_text,
-    recognised,
-    times_text,
     usable,
+    wrong_unit,
 )
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.explain.input.unread import unread
@@ -167,12 +166,8 @@ def _velocity_unit(where: str, factor: float, alike: float, ratio: float) -> Non
         known = {"in degrees/s": DEGREES, "in rpm": RPM, "in mrad/s": 1e3, "against positions in degrees": 1 / DEGREES}
         if ratio > FACTOR:
             known |= {"that of the motor": ratio, "that of the motor, in rpm": RPM * ratio}
-        name = recognised(factor, known)
-        raise RecordingError(
-            f"{where} is {times_text(factor)} times the derivative of its position"
-            + (f": it seems to be {name}" if name else "")
-            + "; q must be in rad, qd in rad/s at the joint"
-        )
+        found = wrong_unit(where, factor, "the derivative of its position", known)
+        raise RecordingError(f"{found}; q must be in rad, qd in rad/s at the joint")
 
 
 def _travelled(velocity: Float, step: float) -> Bool:

@@ -10,6 +10,7 @@ from scipy.optimize import linear_sum_assignment
 
 from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
+from cellwatt.report.numbers import number
 from cellwatt_plugins.explain.input.admission.motion import span
 from cellwatt_plugins.explain.input.alignment import LATE, delay
 from cellwatt_plugins.explain.input.factors import (
@@ -18,7 +19,6 @@ from cellwatt_plugins.explain.input.factors import (
     joints_text,
     order_text,
     recognised,
-    times_text,
     usable,
 )
 from cellwatt_plugins.explain.input.run import Run
@@ -98,11 +98,11 @@ def _unit(pair: _Pair, robot: RobotDescription) -> None:
     known = {"degrees against radians": DEGREES, "milliradians against radians": 1e3}
     if (ratio := robot.joints[int(pair.moving[np.argmax(other)])].gear_ratio) > 2:
         known["the motor's angle against the joint's"] = ratio
-    name = recognised(max(factor, 1 / factor), known) or "not the same quantity"
+    name = recognised(max(factor, 1 / factor), known, within=1.25) or "not the same quantity"
     these, those = ("recorded", "simulated") if factor > 1 else ("simulated", "recorded")
     raise RecordingError(
         f"{pair.name}: {these} positions of {joints_text((pair.moving[other] + 1).tolist())} are "
-        f"{times_text(max(factor, 1 / factor))} times the {those} ones ({name}): both must be in rad at the joint"
+        f"{number(max(factor, 1 / factor))} times the {those} ones ({name}): both must be in rad at the joint"
     )
 
 

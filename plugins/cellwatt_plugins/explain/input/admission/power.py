@@ -6,7 +6,8 @@ import numpy as np
 
 from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.explain.input.factors import times_text, usable
+from cellwatt.report.numbers import number
+from cellwatt_plugins.explain.input.factors import usable
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.robot.motion import Moved
 
@@ -55,6 +56,6 @@ def _check(place: str, supply: Float, joints: Float) -> None:
         )
     if alike and slope > HUNDRED:
         raise RecordingError(
-            f"{place}: power changes {times_text(slope, 2)} times as much as the power of the joints: is it in mW? "
+            f"{place}: power changes {number(slope, 2)} times as much as the power of the joints: is it in mW? "
             "It must be in W"
         )

@@ -7,8 +7,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from cellwatt.arrays import Float
+from cellwatt.report.numbers import number
 from cellwatt_plugins.explain.input.admission.motion import AT_REST, travel
-from cellwatt_plugins.explain.input.factors import MOVES, joints_text, levers, times_text, usable
+from cellwatt_plugins.explain.input.factors import MOVES, joints_text, levers, usable
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.explain.input.unread import unread_remarks
 from cellwatt_plugins.robot import RobotDescription
@@ -30,8 +31,6 @@ ROUGH = 1.0
 """Uncertainty of the torque that a motion needs, over its rms, above which it carries little information."""
 SHORT = 0.15
 """Total duration, s, up to which no remark is given."""
-PAUSED = 0.5
-"""Share of filled-in samples above which a recording is long because of them."""
 PERIOD = 4
 """Samples per period of the fastest motion that is resolved."""
 
@@ -50,13 +49,8 @@ def remarks(runs: Sequence[Run], robot: RobotDescription) -> list[str]:
     for run in runs:
         # Without any torque the drives were off, which has a note of its own.
         if (filled := run.filled & ~np.isnan(run.torque).all(axis=1)).any():
-            share = times_text(100 * float(np.mean(filled)), 2)
+            share = number(100 * float(np.mean(filled)), 2)
             notes.append(f"{run.name}: {share} % of the samples were filled in and do not count")
-            if run.averaged > 1 and np.mean(filled) > PAUSED:
-                notes[-1] += (
-                    f"; they make the recording so long that it was averaged to {1 / run.step:.3g} Hz: give the "
-                    "recordings before and after a pause as separate files"
-                )
         notes += _cut_off(run, robot)
         notes += _coarse(run, robot)
         notes += _frozen(run, robot)
@@ -73,7 +67,7 @@ def rough(states: Sequence[States]) -> Iterator[str]:
         seconds = sum(b - a for a, b in inner) * run.step
         if seconds > SHORT:
             yield (
-                f"{run.name}: {times_text(seconds, 2)} s follow no smooth motion (a stop, a shock) and have little "
+                f"{run.name}: {number(seconds, 2)} s follow no smooth motion (a stop, a shock) and have little "
                 f"weight, first at {run.time[inner[0][0]]:.2f} s"
             )
 

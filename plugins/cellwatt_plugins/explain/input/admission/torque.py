@@ -26,8 +26,7 @@ from cellwatt_plugins.explain.input.factors import (
     joints_text,
     levers,
     order_text,
-    recognised,
-    times_text,
+    wrong_unit,
 )
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.robot import Arm
@@ -115,12 +114,8 @@ def _whole_unit(place: str, current: bool, sample: Sample, expected: Float, fric
     known = {thousand: THOUSAND, thousandth: 1 / THOUSAND}
     if (ratio := float(np.median(sample.arm.column("gear_ratio")))) > 1 / SMALL:
         known["that of the motors, before the gears"] = 1 / ratio
-    name = recognised(factor, known, within=3.0)
-    raise RecordingError(
-        f"{place} is {times_text(factor, 2)} times what motion and description require"
-        + (f": it seems to be {name}" if name else "")
-        + "; torques must be in Nm at the joint, currents in A"
-    )
+    found = wrong_unit(place, factor, "what motion and description require", known, within=3.0)
+    raise RecordingError(f"{found}; torques must be in Nm at the joint, currents in A")
 
 
 def _rms(values: Float) -> float:
