@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 
 import numpy as np
 import pytest
@@ -92,6 +93,7 @@ class Silent:
     """A driver with one stream on a clock of its own, fed by the test."""
 
     least_delay = (0.0, 0.001)
+    rates: Mapping[str, float] = {}
     streams = (Stream("rtde", (Channel("joint_1.position", "rad"),), RATE, "device"),)
 
 

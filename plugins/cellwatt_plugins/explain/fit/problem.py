@@ -116,7 +116,7 @@ class Problem:
             if len(self.made) > MADE:
                 self.made.clear()
             # Not by ``columns``, which would store each shape that is tried at all samples.
-            fresh = [term.effect.columns(s, term.joint, term.shape) for s in self.states]
+            fresh = [term.effect.acting(s, term.joint, term.shape) for s in self.states]
             self.made[key] = self.prior_block(term, self.stack(fresh))
         return self.made[key]
 
