@@ -100,6 +100,10 @@ class Design:
         motion = Motion(rows.q, rows.qd, rows.qdd, shared @ inertial, np.tanh(rows.qd / width), rows.warmth)
         return cls(shared, np.stack([TORQUE[name](motion) for name in names], axis=2), tuple(names), width)
 
+    def at(self, rows: NDArray[np.intp]) -> Design:
+        """The columns of some rows."""
+        return replace(self, shared=self.shared[rows], own=self.own[rows])
+
     @classmethod
     def stated(cls, rows: Rows, body: Body, width: float, names: Sequence[str]) -> tuple[Design, Float]:
         """The same with the load of the URDF and of the payload as stated; and the load's parameters, (R,)."""
@@ -117,6 +121,8 @@ class Belief:
     own: Float
     own_spread: Float
     """(F, n): mean and standard deviation of each joint's own coefficients."""
+    gain: int | None
+    """Index among the F terms of the deviation of the torque constants."""
 
     @classmethod
     def of(cls, arm: Arm, design: Design, scale: Float, doubt: float) -> Belief:
@@ -137,7 +143,7 @@ class Belief:
             own[design.names.index(name)] = arm.column(key)
         row, known = design.names.index("rotor"), arm.column("rotor_inertia")
         own_spread[row] = np.where(known > 0, arm.description.tolerances.rotor_inertia * known, own_spread[row])
-        return cls(shared, own, own_spread)
+        return cls(shared, own, own_spread, design.names.index("gain") if "gain" in design.names else None)
 
 
 def shared_columns(rows: Rows, body: Body, carrying: bool) -> Float:

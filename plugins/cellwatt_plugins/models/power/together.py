@@ -29,40 +29,27 @@ def fit_together(
 
     Rows without power count for the currents only.
     """
-    rows, shown, known = problem.rows, problem.rows.shown, problem.rows.shown.rows
-    qd, count, shared = rows.qd[known], len(start.row), len(start.shared)
-    columns = _columns(problem, chosen, shared)
-    drive = problem.drive(columns @ start.row, qd)
+    rows, shown = problem.rows, problem.rows.shown
+    qd, design, count = rows.qd[shown.rows], problem.design.at(shown.rows), len(start.row)
+    drive = problem.drive(start.torque(design), qd)
     mean, own = believed = supplies.believed(drive, shown.power, losses, sharing, problem.arm.description)
     prior = Prior.joined(torques.prior_of(problem.belief, chosen), own)
-    currents = torques.together(problem.everything(), shared, chosen).placed(slice(0, count), len(prior.mean))
+    sums = problem.everything()
 
     def linearised(x: Float) -> Products:
-        supply = mean.with_vector(x[count:])
-        drive = problem.drive(columns @ x[:count], qd)
+        supply, torque = mean.with_vector(x[count:]), Solution.of(x[:count], problem.belief, chosen)
+        drive = problem.drive(torque.torque(design), qd)
         residual = shown.power - supplies.through(shown.matrix, supply.power(drive))[:, 0]
         by_number, by_taken = supply.slopes(drive)
         by_torque = by_taken * _taken_by_torque(problem, supply, drive)
-        slope = np.concatenate([np.einsum("nj,njp->np", by_torque, columns), by_number], axis=1)
-        slope = supplies.through(shown.matrix, slope)
-        return currents + Products.of(slope, residual + slope @ x, float(np.mean(residual**2)) + 1e-18)
+        slope = supplies.through(shown.matrix, np.concatenate([torque.slopes(design, by_torque), by_number], axis=1))
+        power = Products.of(slope, residual + slope @ x, float(np.mean(residual**2)) + 1e-18)
+        return torques.about(sums, torque).placed(slice(0, count), len(x)) + power
 
     first = np.concatenate([start.row, supplies.fit(drive, shown.power, believed, shown.matrix)[0].vector()])
     rounds = ROUNDS if np.isfinite(rows.torque).any() else ROUNDS_BLIND
     x, last = gauss_newton(linearised, prior, first, rounds, STILL, lambda x: supplies.possible(x, count))
-    torque = Solution.of(x[:count], shared, problem.arm.joints, chosen)
-    return torque, mean.with_vector(x[count:]), last.deviations
-
-
-def _columns(problem: Problem, chosen: list[int], shared: int) -> Float:
-    """(N, n, p): torque for 1 of each coefficient of ``Solution.row``, in the rows with power."""
-    design, known, terms = problem.design, problem.rows.shown.rows, len(chosen)
-    joints = problem.arm.joints
-    columns = np.zeros((len(known), joints, shared + joints * terms))
-    columns[:, :, :shared] = design.shared[known]
-    for j in range(joints):
-        columns[:, j, shared + j * terms : shared + (j + 1) * terms] = design.own[known, j][:, chosen]
-    return columns
+    return Solution.of(x[:count], problem.belief, chosen), mean.with_vector(x[count:]), last.deviations
 
 
 def _taken_by_torque(problem: Problem, supply: Supply, drive: Drives) -> Float:

@@ -13,7 +13,7 @@ from cellwatt.arrays import Float
 from cellwatt_plugins.models.power.design import Belief, Design
 from cellwatt_plugins.models.power.folds import grown
 from cellwatt_plugins.models.power.terms import terms_of
-from cellwatt_plugins.robot.regression import Fit, Prior, Products, variance_of
+from cellwatt_plugins.robot.regression import Prior, Products, gauss_newton, variance_of
 
 Sums = tuple[Products, ...]
 """Products of each joint's torque with all of its columns: R shared ones and F of its own."""
@@ -22,6 +22,10 @@ SPEEDS: Final = (0.003, 0.03)
 """rad/s between rows at rest, near rest and moving, which have their own weights: velocity noise matters near rest."""
 FEWEST: Final = 20
 """Fewest rows of such a kind for a noise estimate of its own."""
+ROUNDS: Final = 12
+"""Largest number of rounds if torque constants deviate: each multiplies the links' torque."""
+STILL: Final = 1e-3
+"""Step of all coefficients, in prior standard deviations, below which the rounds end."""
 TRIED: Final = 4
 """Number of effects, those that fit best, that are tried on held-out moves in each round."""
 
@@ -43,11 +47,26 @@ class Solution:
     shared: Float
     own: Float
     chosen: tuple[int, ...]
+    gain: int | None
+    """Index, among all terms, of the torque constants' deviation, which multiplies the load of ``shared``."""
 
     @classmethod
-    def of(cls, x: Float, shared: int, joints: int, chosen: Sequence[int]) -> Solution:
+    def of(cls, x: Float, belief: Belief, chosen: Sequence[int]) -> Solution:
         """Return the solution for a vector of coefficients (p,)."""
-        return cls(x[:shared], x[shared:].reshape(joints, len(chosen)).T.copy(), tuple(chosen))
+        shared = len(belief.shared.mean)
+        return cls(x[:shared], x[shared:].reshape(-1, len(chosen)).T.copy(), tuple(chosen), belief.gain)
+
+    @property
+    def gains(self) -> Float:
+        """Deviation (n,) of the torque constants, as a share; 0 if not chosen."""
+        if self.gain not in self.chosen:
+            return np.zeros(self.own.shape[1])
+        return np.asarray(self.own[self.chosen.index(self.gain)])
+
+    def linear(self, joint: int) -> Float:
+        """Coefficients of a joint's columns, shared ones and the chosen terms', that give its torque."""
+        own = self.own[:, joint] * (np.asarray(self.chosen) != self.gain)
+        return np.concatenate([self.shared * (1 + self.gains[joint]), own])
 
     @property
     def row(self) -> Float:
@@ -56,9 +75,20 @@ class Solution:
 
     def torque(self, design: Design) -> Float:
         """Torque (N, n) Nm."""
-        return np.asarray(
-            design.shared @ self.shared + np.einsum("njt,tj->nj", design.own[:, :, list(self.chosen)], self.own)
-        )
+        return np.asarray(design.shared @ self.shared + np.einsum("njt,tj->nj", self._columns(design), self.own))
+
+    def slopes(self, design: Design, by_torque: Float) -> Float:
+        """Derivatives (N, p), by all coefficients, of a value with the derivatives ``by_torque`` (N, n)."""
+        by_shared = np.einsum("nj,njr->nr", by_torque * (1 + self.gains), design.shared)
+        by_own = by_torque[:, :, None] * self._columns(design)
+        return np.concatenate([by_shared, by_own.reshape(len(by_own), -1)], axis=1)
+
+    def _columns(self, design: Design) -> Float:
+        """Columns (N, n, T) of the chosen terms; that of the torque constants is the load of this solution."""
+        columns = design.own[:, :, list(self.chosen)]
+        if self.gain in self.chosen:
+            columns[:, :, self.chosen.index(self.gain)] = design.shared @ self.shared
+        return columns
 
 
 def together(sums: Sums, shared: int, chosen: Sequence[int]) -> Products:
@@ -77,17 +107,42 @@ def prior_of(belief: Belief, chosen: Sequence[int]) -> Prior:
     return Prior.joined(belief.shared, Prior.spread(belief.own_spread[rows].T.ravel(), belief.own[rows].T.ravel()))
 
 
+def about(sums: Sums, solution: Solution) -> Products:
+    """Return the equations of all coefficients (p,), linearised about a solution.
+
+    With a gain g, a joint's load (1 + g) S θ has the slopes (1 + g) S by θ and S θ by g: combinations of S's columns.
+    """
+    shared, gain = len(solution.shared), solution.gain
+    if gain is None or gain not in solution.chosen:
+        return together(sums, shared, solution.chosen)
+    turned = []
+    for own, share in zip(sums, solution.gains.tolist(), strict=True):
+        turn, known = np.eye(len(own.pull)), np.zeros(len(own.pull))
+        turn[:shared, :shared] *= 1 + share
+        turn[:, shared + gain] = 0.0
+        turn[:shared, shared + gain] = solution.shared
+        known[:shared] = share * solution.shared  # the target is y + g S θ
+        pull = own.pull + own.gram @ known
+        square = own.square + known @ (own.pull + pull)
+        turned.append(Products(turn.T @ own.gram @ turn, turn.T @ pull, float(square), own.rows))
+    return together(tuple(turned), shared, solution.chosen)
+
+
 def solve(sums: Sums, belief: Belief, chosen: Sequence[int]) -> Solution:
     """Return the most probable coefficients."""
-    shared = len(belief.shared.mean)
-    fit = Fit(together(sums, shared, chosen), prior_of(belief, chosen))
-    return Solution.of(fit.coefficients, shared, len(sums), chosen)
+    prior, rounds = prior_of(belief, chosen), ROUNDS if belief.gain in chosen else 1
+
+    def linearised(x: Float) -> Products:
+        return about(sums, Solution.of(x, belief, chosen))
+
+    return Solution.of(gauss_newton(linearised, prior, prior.mean, rounds, STILL)[0], belief, chosen)
 
 
 def misfit(sums: Sums, solution: Solution) -> float:
     """Return the mean weighted square of the residuals, over joints and rows."""
-    all_rows = together(sums, len(solution.shared), solution.chosen)
-    return all_rows.misfit(solution.row) / max(all_rows.rows, 1.0)
+    of = np.concatenate([np.arange(len(solution.shared)), len(solution.shared) + np.asarray(solution.chosen, np.intp)])
+    square = sum(own.part(of).misfit(solution.linear(j)) for j, own in enumerate(sums))
+    return square / max(sum(own.rows for own in sums), 1.0)
 
 
 def variance_by_speed(residual: Float, qd: Float, least: Float) -> Float:
