@@ -121,8 +121,6 @@ class Belief:
     own: Float
     own_spread: Float
     """(F, n): mean and standard deviation of each joint's own coefficients."""
-    gain: int | None
-    """Index among the F terms of the deviation of the torque constants."""
 
     @classmethod
     def of(cls, arm: Arm, design: Design, scale: Float, doubt: float) -> Belief:
@@ -143,7 +141,7 @@ class Belief:
             own[design.names.index(name)] = arm.column(key)
         row, known = design.names.index("rotor"), arm.column("rotor_inertia")
         own_spread[row] = np.where(known > 0, arm.description.tolerances.rotor_inertia * known, own_spread[row])
-        return cls(shared, own, own_spread, design.names.index("gain") if "gain" in design.names else None)
+        return cls(shared, own, own_spread)
 
 
 def shared_columns(rows: Rows, body: Body, carrying: bool) -> Float:

@@ -83,8 +83,7 @@ def structure_of(moves: Moves, arm: Arm, tuning: Tuning) -> Structure:
     losses: tuple[str, ...] = ()
     sharing: Sharing = "bus"
     if len((shown := rows.shown).power):
-        torque = problem.solution(effects).torque(problem.design)
-        drive = problem.drive(torque[shown.rows], rows.qd[shown.rows])
+        drive = problem.drive(problem.solution(effects), shown.rows)
         losses, sharing = supplies.select(drive, shown.power, fold[shown.at], arm.description, shown.matrix)
     structure = Structure(effects, losses, sharing, doubt)
     return replace(structure, network=_network_helps(moves, arm, tuning, structure))
@@ -132,19 +131,22 @@ def fit(moves: Moves, arm: Arm, tuning: Tuning, structure: Structure) -> Fitted:
     errors: Float = np.empty(0)
     if len(problem.rows.shown.power):
         torque, supply, errors = fit_together(problem, chosen, torque, structure.losses, structure.sharing)
+        errors = np.delete(errors, torque.at_gain)
     warmth = moves.temperature if WARM in structure.effects else None
+    scale = 1 + torque.own[0]
     model = Hybrid(
         smoother=tuning.smoother,
         width=tuning.width,
         inertial=torque.shared,
-        terms=tuple(problem.design.names[i] for i in chosen),
-        weights=torque.own,
-        constant=problem.constant,
+        terms=tuple(problem.design.names[i] for i in chosen[1:]),
+        weights=torque.own[1:] / scale,
+        constant=problem.constant / scale,
         resistance=supplies.resistances(arm.description),
         supply=supply,
         temperature=None if warmth is None else np.nanmean(warmth, axis=0),
     )
     if structure.network:
         motion = model.motion(problem.rows, problem.design.shared)
-        model = replace(model, leftover=Leftover.train(motion, problem.rows.torque - model.torque(motion), SEED))
+        residual = problem.rows.torque / scale - model.torque(motion)
+        model = replace(model, leftover=Leftover.train(motion, residual, SEED))
     return Fitted(model, structure, errors)

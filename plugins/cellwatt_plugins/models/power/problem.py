@@ -89,10 +89,11 @@ class Problem:
         scale = _scale(self.rows, self.design, self.belief.shared.mean, self.constant)
         return Belief.of(self.arm, self.design, scale, doubt)
 
-    def drive(self, torque: Float, qd: Float) -> Drives:
-        """Return the state of the drives for torques (N, n) Nm and velocities (N, n) rad/s."""
-        current = torque / self.constant
-        return Drives.of(torque, qd, current, resistances(self.arm.description))
+    def drive(self, torque: Solution, rows: NDArray[np.intp]) -> Drives:
+        """Return the state of the drives in some rows; the work is that of the torque by the fitted constants."""
+        stated = torque.torque(self.design.at(rows))
+        resistance = resistances(self.arm.description)
+        return Drives.of(stated / (1 + torque.own[0]), self.rows.qd[rows], stated / self.constant, resistance)
 
 
 def row_folds(moves: Moves, rows: Rows) -> NDArray[np.int64]:

@@ -29,34 +29,34 @@ def fit_together(
 
     Rows without power count for the currents only.
     """
-    rows, shown = problem.rows, problem.rows.shown
-    qd, design, count = rows.qd[shown.rows], problem.design.at(shown.rows), len(start.row)
-    drive = problem.drive(start.torque(design), qd)
+    shown, sums, count = problem.rows.shown, problem.everything(), len(start.row)
+    design, drive = problem.design.at(shown.rows), problem.drive(start, shown.rows)
     mean, own = believed = supplies.believed(drive, shown.power, losses, sharing, problem.arm.description)
     prior = Prior.joined(torques.prior_of(problem.belief, chosen), own)
-    sums = problem.everything()
 
     def linearised(x: Float) -> Products:
         supply, torque = mean.with_vector(x[count:]), Solution.of(x[:count], problem.belief, chosen)
-        drive = problem.drive(torque.torque(design), qd)
+        drive = problem.drive(torque, shown.rows)
         residual = shown.power - supplies.through(shown.matrix, supply.power(drive))[:, 0]
         by_number, by_taken = supply.slopes(drive)
-        by_torque = by_taken * _taken_by_torque(problem, supply, drive)
-        slope = supplies.through(shown.matrix, np.concatenate([torque.slopes(design, by_torque), by_number], axis=1))
+        by_work, by_current = _taken(supply, drive, problem)
+        slope = torque.slopes(design, by_taken * (by_work * drive.qd / (1 + torque.own[0]) + by_current))
+        slope[:, torque.at_gain] -= by_taken * by_work * drive.mechanical / (1 + torque.own[0])
+        slope = supplies.through(shown.matrix, np.concatenate([slope, by_number], axis=1))
         power = Products.of(slope, residual + slope @ x, float(np.mean(residual**2)) + 1e-18)
         return torques.about(sums, torque).placed(slice(0, count), len(x)) + power
 
     first = np.concatenate([start.row, supplies.fit(drive, shown.power, believed, shown.matrix)[0].vector()])
-    rounds = ROUNDS if np.isfinite(rows.torque).any() else ROUNDS_BLIND
+    rounds = ROUNDS if np.isfinite(problem.rows.torque).any() else ROUNDS_BLIND
     x, last = gauss_newton(linearised, prior, first, rounds, STILL, lambda x: supplies.possible(x, count))
     return Solution.of(x[:count], problem.belief, chosen), mean.with_vector(x[count:]), last.deviations
 
 
-def _taken_by_torque(problem: Problem, supply: Supply, drive: Drives) -> Float:
-    """Derivative (N, n) of the power drawn by each drive, by its torque."""
+def _taken(supply: Supply, drive: Drives, problem: Problem) -> tuple[Float, Float]:
+    """Derivatives of the power drawn by each drive: by its work (n,), and by its torque through the current (N, n)."""
     weight = dict(zip(supply.terms, supply.weights, strict=True))
     resistance, constant = supplies.resistances(problem.arm.description), problem.constant
-    out = weight["mechanical"] * drive.qd + weight["copper"] * 2 * drive.current * resistance / constant
+    by_current = weight["copper"] * 2 * drive.current * resistance
     if "switching" in weight:
-        out = out + weight["switching"] * np.sign(drive.current) / constant
-    return np.asarray(out)
+        by_current = by_current + weight["switching"] * np.sign(drive.current)
+    return weight["mechanical"], np.asarray(by_current / constant)

@@ -23,7 +23,7 @@ SPEEDS: Final = (0.003, 0.03)
 FEWEST: Final = 20
 """Fewest rows of such a kind for a noise estimate of its own."""
 ROUNDS: Final = 12
-"""Largest number of rounds if torque constants deviate: each multiplies the links' torque."""
+"""Largest number of rounds: torque constants multiply the links' torque."""
 STILL: Final = 1e-3
 """Step of all coefficients, in prior standard deviations, below which the rounds end."""
 TRIED: Final = 4
@@ -42,31 +42,34 @@ def sums_of(design: Design, torque: Float, variance: Float, kept: NDArray[np.boo
 
 @dataclass(frozen=True)
 class Solution:
-    """Coefficients of the shared columns (R,) and of the chosen terms (T, n); ``chosen`` are indices of these terms."""
+    """Coefficients of the shared columns (R,) and of the chosen terms (T, n); ``chosen`` are indices of these terms.
+
+    The first term is the deviation g of the torque constants: a joint's load, S θ, counts (1 + g)-fold.
+    """
 
     shared: Float
     own: Float
     chosen: tuple[int, ...]
-    gain: int | None
-    """Index, among all terms, of the torque constants' deviation, which multiplies the load of ``shared``."""
 
     @classmethod
     def of(cls, x: Float, belief: Belief, chosen: Sequence[int]) -> Solution:
         """Return the solution for a vector of coefficients (p,)."""
         shared = len(belief.shared.mean)
-        return cls(x[:shared], x[shared:].reshape(-1, len(chosen)).T.copy(), tuple(chosen), belief.gain)
+        return cls(x[:shared], x[shared:].reshape(-1, len(chosen)).T.copy(), tuple(chosen))
 
     @property
-    def gains(self) -> Float:
-        """Deviation (n,) of the torque constants, as a share; 0 if not chosen."""
-        if self.gain not in self.chosen:
-            return np.zeros(self.own.shape[1])
-        return np.asarray(self.own[self.chosen.index(self.gain)])
+    def columns(self) -> NDArray[np.intp]:
+        """Indices of the shared columns and of the chosen terms' among all columns of a joint."""
+        return np.concatenate([np.arange(len(self.shared)), len(self.shared) + np.array(self.chosen, np.intp)])
+
+    @property
+    def at_gain(self) -> NDArray[np.intp]:
+        """Indices (n,), in ``row``, of the torque constants' deviations."""
+        return len(self.shared) + len(self.chosen) * np.arange(self.own.shape[1])
 
     def linear(self, joint: int) -> Float:
-        """Coefficients of a joint's columns, shared ones and the chosen terms', that give its torque."""
-        own = self.own[:, joint] * (np.asarray(self.chosen) != self.gain)
-        return np.concatenate([self.shared * (1 + self.gains[joint]), own])
+        """Coefficients of a joint's ``columns`` that give its torque."""
+        return np.concatenate([self.shared * (1 + self.own[0, joint]), [0.0], self.own[1:, joint]])
 
     @property
     def row(self) -> Float:
@@ -79,26 +82,15 @@ class Solution:
 
     def slopes(self, design: Design, by_torque: Float) -> Float:
         """Derivatives (N, p), by all coefficients, of a value with the derivatives ``by_torque`` (N, n)."""
-        by_shared = np.einsum("nj,njr->nr", by_torque * (1 + self.gains), design.shared)
+        by_shared = np.einsum("nj,njr->nr", by_torque * (1 + self.own[0]), design.shared)
         by_own = by_torque[:, :, None] * self._columns(design)
         return np.concatenate([by_shared, by_own.reshape(len(by_own), -1)], axis=1)
 
     def _columns(self, design: Design) -> Float:
         """Columns (N, n, T) of the chosen terms; that of the torque constants is the load of this solution."""
         columns = design.own[:, :, list(self.chosen)]
-        if self.gain in self.chosen:
-            columns[:, :, self.chosen.index(self.gain)] = design.shared @ self.shared
+        columns[:, :, 0] = design.shared @ self.shared
         return columns
-
-
-def together(sums: Sums, shared: int, chosen: Sequence[int]) -> Products:
-    """Return the equations of all coefficients (p,), in the order of ``Solution.row``."""
-    terms, size = np.arange(len(chosen)), shared + len(sums) * len(chosen)
-    of = np.concatenate([np.arange(shared), shared + np.asarray(chosen, np.intp)])
-    out = Products(np.zeros((size, size)), np.zeros(size))
-    for j, own in enumerate(sums):
-        out += own.part(of).placed(np.concatenate([np.arange(shared), shared + j * len(terms) + terms]), size)
-    return out
 
 
 def prior_of(belief: Belief, chosen: Sequence[int]) -> Prior:
@@ -108,41 +100,45 @@ def prior_of(belief: Belief, chosen: Sequence[int]) -> Prior:
 
 
 def about(sums: Sums, solution: Solution) -> Products:
-    """Return the equations of all coefficients (p,), linearised about a solution.
+    """Return the equations of all coefficients (p,), in the order of ``Solution.row``, linearised about a solution."""
+    shared, terms = np.arange(len(solution.shared)), np.arange(len(solution.chosen))
+    size = len(shared) + len(sums) * len(terms)
+    out = Products(np.zeros((size, size)), np.zeros(size))
+    for j, own in enumerate(sums):
+        part = _multiplied(own.part(solution.columns), solution.shared, float(solution.own[0, j]))
+        out += part.placed(np.concatenate([shared, len(shared) + j * len(terms) + terms]), size)
+    return out
 
-    With a gain g, a joint's load (1 + g) S θ has the slopes (1 + g) S by θ and S θ by g: combinations of S's columns.
+
+def _multiplied(own: Products, load: Float, gain: float) -> Products:
+    """Return a joint's equations if its load is (1 + g) S θ, about the parameters ``load`` (R,) and a ``gain``.
+
+    Its slopes are (1 + g) S by θ and S θ by g, and the target is y + g S θ: all are combinations of the columns S.
     """
-    shared, gain = len(solution.shared), solution.gain
-    if gain is None or gain not in solution.chosen:
-        return together(sums, shared, solution.chosen)
-    turned = []
-    for own, share in zip(sums, solution.gains.tolist(), strict=True):
-        turn, known = np.eye(len(own.pull)), np.zeros(len(own.pull))
-        turn[:shared, :shared] *= 1 + share
-        turn[:, shared + gain] = 0.0
-        turn[:shared, shared + gain] = solution.shared
-        known[:shared] = share * solution.shared  # the target is y + g S θ
-        pull = own.pull + own.gram @ known
-        square = own.square + known @ (own.pull + pull)
-        turned.append(Products(turn.T @ own.gram @ turn, turn.T @ pull, float(square), own.rows))
-    return together(tuple(turned), shared, solution.chosen)
+    at = len(load)
+
+    def combined(rows: Float) -> Float:
+        return np.concatenate([(1 + gain) * rows[:at], [load @ rows[:at]], rows[at + 1 :]])
+
+    pull = own.pull + gain * (own.gram[:, :at] @ load)
+    square = own.square + gain * float(load @ (own.pull + pull)[:at])
+    return Products(combined(combined(own.gram).T), combined(pull), square, own.rows)
 
 
 def solve(sums: Sums, belief: Belief, chosen: Sequence[int]) -> Solution:
     """Return the most probable coefficients."""
-    prior, rounds = prior_of(belief, chosen), ROUNDS if belief.gain in chosen else 1
+    prior = prior_of(belief, chosen)
 
     def linearised(x: Float) -> Products:
         return about(sums, Solution.of(x, belief, chosen))
 
-    return Solution.of(gauss_newton(linearised, prior, prior.mean, rounds, STILL)[0], belief, chosen)
+    return Solution.of(gauss_newton(linearised, prior, prior.mean, ROUNDS, STILL)[0], belief, chosen)
 
 
 def misfit(sums: Sums, solution: Solution) -> float:
     """Return the mean weighted square of the residuals, over joints and rows."""
-    of = np.concatenate([np.arange(len(solution.shared)), len(solution.shared) + np.asarray(solution.chosen, np.intp)])
-    square = sum(own.part(of).misfit(solution.linear(j)) for j, own in enumerate(sums))
-    return square / max(sum(own.rows for own in sums), 1.0)
+    square = sum(own.part(solution.columns).misfit(solution.linear(j)) for j, own in enumerate(sums))
+    return float(square / max(sum(own.rows for own in sums), 1.0))
 
 
 def variance_by_speed(residual: Float, qd: Float, least: Float) -> Float:

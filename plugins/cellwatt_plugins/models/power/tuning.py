@@ -12,6 +12,7 @@ from cellwatt.scheduler import spread
 from cellwatt_plugins.models.power.design import Belief, Design, Rows, spread_of
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.smoothing import Noise, Smoother, Span
+from cellwatt_plugins.models.power.terms import ALWAYS
 from cellwatt_plugins.models.power.torque import solve, sums_of
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import SIGN_WIDTH
@@ -30,7 +31,7 @@ IN_SHORT: Final = 0.1
 """Share of the rows that may be in moves shorter than two windows: gaps in a recording leave some short pieces."""
 WIDTHS: Final = (0.0005, 0.001, 0.002, 0.003, 0.004, 0.006, 0.008, 0.012, 0.02, 0.04, 0.08)
 """Widths in rad/s that are tried."""
-TERMS: Final = ("rotor", "coulomb", "viscous", "Stribeck friction (0.1 rad/s)", "offset")
+TERMS: Final = (*ALWAYS, "Stribeck friction (0.1 rad/s)", "offset")
 DOUBT: Final = 3.0
 """Factor on the tolerances of links until others are tried."""
 
