@@ -17,7 +17,7 @@ from cellwatt_plugins.models.power.folds import HARM, folds_of
 from cellwatt_plugins.models.power.hybrid import Hybrid
 from cellwatt_plugins.models.power.leftover import Leftover
 from cellwatt_plugins.models.power.moves import Moves
-from cellwatt_plugins.models.power.problem import MOST, Problem, row_folds
+from cellwatt_plugins.models.power.problem import MOST, Problem
 from cellwatt_plugins.models.power.supply import Sharing
 from cellwatt_plugins.models.power.terms import WARM
 from cellwatt_plugins.models.power.together import fit_together
@@ -75,7 +75,7 @@ def structure_of(moves: Moves, arm: Arm, tuning: Tuning) -> Structure:
         raise RecordingError(
             f"the current of {joints} has the opposite sign: it drives where the motion requires braking"
         )
-    fold = row_folds(moves, rows)
+    fold = folds_of(moves)[rows.at]
     if not np.isfinite(rows.torque).any():
         usual = tuple(effect for effect in USUAL if effect in problem.effects)
         return Structure(usual, (), "bus", DOUBT)

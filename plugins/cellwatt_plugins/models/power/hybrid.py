@@ -55,11 +55,6 @@ class Hybrid:
         load = shared @ self.inertial
         return Motion(rows.q, rows.qd, rows.qdd, load, np.tanh(rows.qd / self.width), rows.warmth)
 
-    def drive(self, torque: Any, qd: Any) -> Drives:
-        """State of the drives for torques and velocities."""
-        current = torque / self.constant
-        return Drives.of(torque, qd, current, self.resistance)
-
     def trace(self, graph: Graph, chain: Chain, columns: int) -> tuple[Motion, Tensor]:
         """The motion and the torque (N, n) in a model file whose rows hold ``columns`` values."""
         joints = chain.joints
@@ -78,7 +73,7 @@ class Hybrid:
 
     def outputs(self, torque: Any, qd: Any) -> tuple[Any, Any]:
         """Power (N, 1) W, None if the model has none, and currents (N, n) A."""
-        drive = self.drive(torque, qd)
+        drive = Drives.of(torque, qd, torque / self.constant, self.resistance)
         return None if self.supply is None else self.supply.power(drive), drive.current
 
     def estimate(self, rows: Rows, body: Body) -> tuple[Float, Float]:

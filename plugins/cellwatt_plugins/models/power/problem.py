@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from cellwatt.arrays import Float
 from cellwatt_plugins.models.power import torque as torques
 from cellwatt_plugins.models.power.design import Belief, Design, Rows, possible, spread_of
-from cellwatt_plugins.models.power.folds import folds_of
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.smoothing import noise_of
 from cellwatt_plugins.models.power.supply import resistances
@@ -94,15 +93,6 @@ class Problem:
         stated = torque.torque(self.design.at(rows))
         resistance = resistances(self.arm.description)
         return Drives.of(stated / (1 + torque.own[0]), self.rows.qd[rows], stated / self.constant, resistance)
-
-
-def row_folds(moves: Moves, rows: Rows) -> NDArray[np.int64]:
-    """The fold of each row of the fit."""
-    fold = folds_of(moves)
-    if moves.count < 3:
-        return np.asarray(fold[np.linspace(0, len(moves) - 1, len(rows)).astype(int)])
-    first = np.array([a for a, _ in moves.bounds()])
-    return np.asarray(fold[first[rows.move]])
 
 
 def _scale(rows: Rows, design: Design, inertial: Float, constant: Float) -> Float:
