@@ -102,10 +102,6 @@ class Design:
         motion = Motion(rows.q, rows.qd, rows.qdd, shared @ inertial, np.tanh(rows.qd / width), rows.warmth)
         return cls(shared, np.stack([TORQUE[name](motion) for name in names], axis=2), tuple(names), width)
 
-    def at(self, rows: NDArray[np.intp]) -> Design:
-        """The columns of some rows."""
-        return replace(self, shared=self.shared[rows], own=self.own[rows])
-
     @classmethod
     def stated(cls, rows: Rows, body: Body, width: float, names: Sequence[str]) -> tuple[Design, Float]:
         """The same with the load of the URDF and of the payload as stated; and the load's parameters, (R,)."""

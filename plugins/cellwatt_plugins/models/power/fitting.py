@@ -59,7 +59,8 @@ class Fitted:
     model: Hybrid
     structure: Structure
     errors: Float
-    """(p,) standard errors, see ``fit_together``; empty if no power was measured."""
+    """Standard errors of the inertial parameters, of the weights by joint, and of the supply; NaN if no power was
+    measured."""
 
 
 def structure_of(moves: Moves, arm: Arm, tuning: Tuning) -> Structure:
@@ -128,10 +129,9 @@ def fit(moves: Moves, arm: Arm, tuning: Tuning, structure: Structure) -> Fitted:
         problem = problem.reweighed(structure.effects)
     chosen = problem.chosen(structure.effects)
     torque, supply = problem.solution(structure.effects), None
-    errors: Float = np.empty(0)
+    errors = np.full(len(torque.row), np.nan)
     if len(problem.rows.shown.power):
         torque, supply, errors = fit_together(problem, chosen, torque, structure.losses, structure.sharing)
-        errors = np.delete(errors, torque.at_gain)
     warmth = moves.temperature if WARM in structure.effects else None
     scale = 1 + torque.own[0]
     model = Hybrid(
@@ -149,4 +149,4 @@ def fit(moves: Moves, arm: Arm, tuning: Tuning, structure: Structure) -> Fitted:
         motion = model.motion(problem.rows, problem.design.shared)
         residual = problem.rows.torque / scale - model.torque(motion)
         model = replace(model, leftover=Leftover.train(motion, residual, SEED))
-    return Fitted(model, structure, errors)
+    return Fitted(model, structure, np.delete(errors, torque.at_gain))

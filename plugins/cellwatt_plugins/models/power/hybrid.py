@@ -62,7 +62,7 @@ class Hybrid:
         own = chain.with_inertial(self.inertial[: PER_LINK * joints])
         load = Tensor(graph, inverse_dynamics(graph, own, q.name, qd.name, qdd.name))
         if self.carries(joints):
-            unit = inverse_dynamics(graph, self._carried(chain), q.name, qd.name, qdd.name)
+            unit = inverse_dynamics(graph, chain.carrying(self.inertial[-CARRIED:]), q.name, qd.name, qdd.name)
             load = load + Tensor(graph, unit) * self.smoother.trace_as_is(graph, 2 * joints, 1)
         warmth = None
         if self.temperature is not None:
@@ -102,8 +102,3 @@ class Hybrid:
     def carries(self, joints: int) -> bool:
         """True if a payload is an input."""
         return len(self.inertial) > PER_LINK * joints
-
-    def _carried(self, chain: Chain) -> Chain:
-        carried = np.zeros(PER_LINK * chain.joints)
-        carried[-PER_LINK : CARRIED - PER_LINK] = self.inertial[-CARRIED:]
-        return chain.with_inertial(carried)

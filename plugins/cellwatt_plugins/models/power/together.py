@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from cellwatt.arrays import Float
+from cellwatt.arrays import Float, rows_of
 from cellwatt_plugins.models.power import supply as supplies
 from cellwatt_plugins.models.power import torque as torques
 from cellwatt_plugins.models.power.problem import Problem
@@ -30,7 +30,7 @@ def fit_together(
     Rows without power count for the currents only.
     """
     shown, sums, count = problem.rows.shown, problem.everything(), len(start.row)
-    design, drive = problem.design.at(shown.rows), problem.drive(start, shown.rows)
+    design, drive = rows_of(problem.design, shown.rows), problem.drive(start, shown.rows)
     mean, own = believed = supplies.believed(drive, shown.power, losses, sharing, problem.arm.description)
     prior = Prior.joined(torques.prior_of(problem.belief, chosen), own)
 
