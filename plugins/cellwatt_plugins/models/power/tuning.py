@@ -53,10 +53,6 @@ class _Known:
     noise: Noise
     arm: Arm
 
-    def smoother(self, velocity: Span, acceleration: Span) -> Smoother:
-        """The smoother of some spans."""
-        return Smoother.design(self.noise, self.moves.step, velocity, acceleration)
-
 
 def tune(moves: Moves, arm: Arm) -> Tuning:
     """Spans of velocity and acceleration one after the other, then the width within which friction reverses."""
@@ -75,7 +71,7 @@ def tune(moves: Moves, arm: Arm) -> Tuning:
         _, acceleration, _ = _best([(velocity, span, width) for span in fast], known)
         velocity, *_ = _best([(span, acceleration, width) for span in slow], known)
         *_, width = _best([(velocity, acceleration, width * near) for near in (0.8, 0.9, 1.0, 1.1, 1.25)], known)
-    return Tuning(known.smoother(velocity, acceleration), width)
+    return Tuning(Smoother.design(known.noise, step, velocity, acceleration), width)
 
 
 def _best(tried: Sequence[Trial], known: _Known) -> Trial:
@@ -93,7 +89,7 @@ def _some(moves: Moves) -> Moves:
 def _misfit(trial: Trial, known: _Known) -> float:
     """Sum over the joints of the logarithm of the mean square torque residual."""
     velocity, acceleration, width = trial
-    arm, smoother = known.arm, known.smoother(velocity, acceleration)
+    arm, smoother = known.arm, Smoother.design(known.noise, known.moves.step, velocity, acceleration)
     rows = Rows.of(known.moves, smoother, arm.column("torque_constant"), TRIED, whole=False)
     design, _ = Design.stated(rows, arm.body, width, TERMS)
     scale = spread_of(rows.torque) + 1e-9
