@@ -41,6 +41,12 @@ class Chain:
         """The same arm with other inertial parameters, (10 n,) as in ``Body.parameters``."""
         return replace(self, inertial=parameters.reshape(self.joints, PER_LINK))
 
+    def carrying(self, body: Float) -> Chain:
+        """The same arm without masses but a body at the last joint's frame: its m and m·c (3), in kg and kg m."""
+        inertial = np.zeros_like(self.inertial)
+        inertial[-1, : len(body)] = body
+        return replace(self, inertial=inertial)
+
     def transforms(self) -> tuple[Float, Float, Float]:
         """The joints' transforms as A + sin q · B + cos q · C, each (n, 4, 4); Rodrigues' formula."""
         skew = np.zeros((self.joints, 4, 4))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +28,7 @@ from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.description import robot_file
 
 
-def write(path: Path, fitted: Fitted, moves: Moves, arm: Arm, created: datetime | None = None) -> Metadata:
+def write(path: Path, fitted: Fitted, moves: Moves, arm: Arm) -> Metadata:
     """Writes the ONNX file and returns its metadata. Raises ``ModelError``.
 
     Inputs are positions and velocities, then the payload and temperatures where the model uses them; outputs are
@@ -44,7 +43,7 @@ def write(path: Path, fitted: Fitted, moves: Moves, arm: Arm, created: datetime 
     if model.temperature is not None and moves.temperature is not None:
         inputs += joint_inputs(joints, "temperature")
         table.append(moves.temperature)
-    training = Training.of(np.concatenate(table, axis=1), created)
+    training = Training.of(np.concatenate(table, axis=1))
     about = _about(arm, "", moves, model.smoother, model.supply is not None)
     metadata = Metadata(inputs=tuple(inputs), training=training, **about)
     write_model(path, model.content(Chain.of(arm.body)), metadata)

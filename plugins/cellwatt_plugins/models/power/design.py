@@ -41,7 +41,8 @@ class Rows:
     """(N, n) each."""
     torque: Float
     """(N, n) Nm: current times stated torque constant; NaN where not measured."""
-    move: NDArray[np.int64]
+    at: NDArray[np.intp]
+    """(N,) their indices among the rows of the moves."""
     payload: Float | None
     """(N,) kg."""
     warmth: Float | None
@@ -61,7 +62,8 @@ class Rows:
             chosen = np.arange(len(moves))
         chosen = chosen[:: spacing(moves, most, len(chosen))]
         torque = moves.current * constant
-        rows = rows_of(cls(q, qd, qdd, torque, moves.move, moves.payload, None, Shown.of(moves, chosen)), chosen)
+        every = np.arange(len(moves))
+        rows = rows_of(cls(q, qd, qdd, torque, every, moves.payload, None, Shown.of(moves, chosen)), chosen)
         if moves.temperature is None:
             return rows
         return rows.with_temperature(moves.temperature[chosen], np.nanmean(moves.temperature, axis=0))

@@ -17,7 +17,7 @@ from cellwatt_plugins.models.power.folds import HARM, folds_of
 from cellwatt_plugins.models.power.hybrid import Hybrid
 from cellwatt_plugins.models.power.leftover import Leftover
 from cellwatt_plugins.models.power.moves import Moves
-from cellwatt_plugins.models.power.problem import MOST, Problem, row_folds
+from cellwatt_plugins.models.power.problem import MOST, Problem
 from cellwatt_plugins.models.power.supply import Sharing
 from cellwatt_plugins.models.power.terms import WARM
 from cellwatt_plugins.models.power.together import fit_together
@@ -59,7 +59,8 @@ class Fitted:
     model: Hybrid
     structure: Structure
     errors: Float
-    """(p,) standard errors, see ``fit_together``; empty if no power was measured."""
+    """Standard errors of the inertial parameters, of the weights by joint, and of the supply; NaN if no power was
+    measured."""
 
 
 def structure_of(moves: Moves, arm: Arm, tuning: Tuning) -> Structure:
@@ -75,7 +76,7 @@ def structure_of(moves: Moves, arm: Arm, tuning: Tuning) -> Structure:
         raise RecordingError(
             f"the current of {joints} has the opposite sign: it drives where the motion requires braking"
         )
-    fold = row_folds(moves, rows)
+    fold = folds_of(moves)[rows.at]
     if not np.isfinite(rows.torque).any():
         usual = tuple(effect for effect in USUAL if effect in problem.effects)
         return Structure(usual, (), "bus", DOUBT)
@@ -83,8 +84,7 @@ def structure_of(moves: Moves, arm: Arm, tuning: Tuning) -> Structure:
     losses: tuple[str, ...] = ()
     sharing: Sharing = "bus"
     if len((shown := rows.shown).power):
-        torque = problem.solution(effects).torque(problem.design)
-        drive = problem.drive(torque[shown.rows], rows.qd[shown.rows])
+        drive = problem.drive(problem.solution(effects), shown.rows)
         losses, sharing = supplies.select(drive, shown.power, fold[shown.at], arm.description, shown.matrix)
     structure = Structure(effects, losses, sharing, doubt)
     return replace(structure, network=_network_helps(moves, arm, tuning, structure))
@@ -129,22 +129,24 @@ def fit(moves: Moves, arm: Arm, tuning: Tuning, structure: Structure) -> Fitted:
         problem = problem.reweighed(structure.effects)
     chosen = problem.chosen(structure.effects)
     torque, supply = problem.solution(structure.effects), None
-    errors: Float = np.empty(0)
+    errors = np.full(len(torque.row), np.nan)
     if len(problem.rows.shown.power):
         torque, supply, errors = fit_together(problem, chosen, torque, structure.losses, structure.sharing)
     warmth = moves.temperature if WARM in structure.effects else None
+    scale = 1 + torque.own[0]
     model = Hybrid(
         smoother=tuning.smoother,
         width=tuning.width,
         inertial=torque.shared,
-        terms=tuple(problem.design.names[i] for i in chosen),
-        weights=torque.own,
-        constant=problem.constant,
+        terms=tuple(problem.design.names[i] for i in chosen[1:]),
+        weights=torque.own[1:] / scale,
+        constant=problem.constant / scale,
         resistance=supplies.resistances(arm.description),
         supply=supply,
         temperature=None if warmth is None else np.nanmean(warmth, axis=0),
     )
     if structure.network:
         motion = model.motion(problem.rows, problem.design.shared)
-        model = replace(model, leftover=Leftover.train(motion, problem.rows.torque - model.torque(motion), SEED))
-    return Fitted(model, structure, errors)
+        residual = problem.rows.torque / scale - model.torque(motion)
+        model = replace(model, leftover=Leftover.train(motion, residual, SEED))
+    return Fitted(model, structure, np.delete(errors, torque.at_gain))

@@ -21,7 +21,7 @@ BLOCKS: Final = 8
 GAIN: Final = 0.995
 """Largest ratio of the held-out mean square error, with an effect to without, on average over the folds."""
 HARM: Final = 1.02
-"""Largest such ratio in any fold."""
+"""Largest such ratio in any fold; an effect above it is passed over, however much it gains on average."""
 
 
 def folds_of(moves: Moves) -> NDArray[np.int64]:
@@ -56,8 +56,9 @@ def grown(
         more = [e for e in tried(found) if e not in found]
         errors = scores([[*found, e] for e in more])
         trials = {e: error / now for e, error in zip(more, errors, strict=True)}
-        best = min(trials, key=lambda e: float(trials[e].mean()), default=None)
-        if best is None or trials[best].mean() > GAIN or trials[best].max() > HARM:
+        harmless = [e for e in trials if trials[e].max() <= HARM]
+        best = min(harmless, key=lambda e: float(trials[e].mean()), default=None)
+        if best is None or trials[best].mean() > GAIN:
             return found, now
         found.append(best)
         now = now * trials[best]

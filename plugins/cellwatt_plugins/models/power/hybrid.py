@@ -55,11 +55,6 @@ class Hybrid:
         load = shared @ self.inertial
         return Motion(rows.q, rows.qd, rows.qdd, load, np.tanh(rows.qd / self.width), rows.warmth)
 
-    def drive(self, torque: Any, qd: Any) -> Drives:
-        """State of the drives for torques and velocities."""
-        current = torque / self.constant
-        return Drives.of(torque, qd, current, self.resistance)
-
     def trace(self, graph: Graph, chain: Chain, columns: int) -> tuple[Motion, Tensor]:
         """The motion and the torque (N, n) in a model file whose rows hold ``columns`` values."""
         joints = chain.joints
@@ -67,7 +62,7 @@ class Hybrid:
         own = chain.with_inertial(self.inertial[: PER_LINK * joints])
         load = Tensor(graph, inverse_dynamics(graph, own, q.name, qd.name, qdd.name))
         if self.carries(joints):
-            unit = inverse_dynamics(graph, self._carried(chain), q.name, qd.name, qdd.name)
+            unit = inverse_dynamics(graph, chain.carrying(self.inertial[-CARRIED:]), q.name, qd.name, qdd.name)
             load = load + Tensor(graph, unit) * self.smoother.trace_as_is(graph, 2 * joints, 1)
         warmth = None
         if self.temperature is not None:
@@ -78,7 +73,7 @@ class Hybrid:
 
     def outputs(self, torque: Any, qd: Any) -> tuple[Any, Any]:
         """Power (N, 1) W, None if the model has none, and currents (N, n) A."""
-        drive = self.drive(torque, qd)
+        drive = Drives.of(torque, qd, torque / self.constant, self.resistance)
         return None if self.supply is None else self.supply.power(drive), drive.current
 
     def estimate(self, rows: Rows, body: Body) -> tuple[Float, Float]:
@@ -107,8 +102,3 @@ class Hybrid:
     def carries(self, joints: int) -> bool:
         """True if a payload is an input."""
         return len(self.inertial) > PER_LINK * joints
-
-    def _carried(self, chain: Chain) -> Chain:
-        carried = np.zeros(PER_LINK * chain.joints)
-        carried[-PER_LINK : CARRIED - PER_LINK] = self.inertial[-CARRIED:]
-        return chain.with_inertial(carried)

@@ -58,9 +58,7 @@ class Nls:
         """Fit the currents joint by joint; then power, with the currents' k_m as prior; then currents with the new
         k_m."""
         sampled = np.arange(0, len(moves), max(1, len(moves) // ROWS))
-        alone = [
-            _joint(moves.current[sampled, j], _part(seen.motion, sampled, j), robot, j) for j in range(moves.joints)
-        ]
+        alone = [_joint(moves.current, seen.motion, sampled, robot, j) for j in range(moves.joints)]
         joints, errors = (np.array(each) for each in zip(*alone, strict=True))
         every = spacing(moves, ROWS, len(moves))
         shown = Shown.of(moves, np.arange(0, len(moves), every))
@@ -78,9 +76,7 @@ class Nls:
         target = np.concatenate([shown.power / noise, np.nan_to_num(joints[:, 0]) / believed])
         power, spread = _solved(lambda x: rows @ x - target, lambda x: rows, _start(shown, robot), low, high)
         constants = power[1 + 2 * n :]
-        again = [
-            _joint(moves.current[sampled, j], _part(seen.motion, sampled, j), robot, j, constants[j]) for j in range(n)
-        ]
+        again = [_joint(moves.current, seen.motion, sampled, robot, j, constants[j]) for j in range(n)]
         values, deviations = (np.array(each) for each in zip(*again, strict=True))
         deviations[:, 0] = spread[1 + 2 * n :]
         doubts = _doubts(values, power, free, joints[:, 0], robot, moves)
@@ -115,23 +111,20 @@ def _current(joints: Float, m: Motion) -> Any:
     return (m.load + inertia * m.qdd + friction) * (1 / constant)
 
 
-def _part(m: Motion, rows: NDArray[np.intp], j: int) -> Motion:
-    return Motion(m.q[rows, j], m.qd[rows, j], m.qdd[rows, j], m.load[rows, j], m.sign[rows, j])
-
-
 def _joint(
-    current: Float, motion: Motion, robot: RobotDescription, j: int, constant: float | None = None
+    current: Float, m: Motion, rows: NDArray[np.intp], robot: RobotDescription, j: int, constant: float | None = None
 ) -> tuple[Float, Float]:
-    """The numbers (7,) of one joint and their standard errors; with a ``constant``, k_m is fixed."""
-    known = np.isfinite(current)
-    if not known.any():
+    """The numbers (7,) of one joint, from some rows, and their standard errors; with a ``constant``, k_m is fixed."""
+    rows = rows[np.isfinite(current[rows, j])]
+    if not len(rows):
         return np.full(7, np.nan), np.full(7, np.nan)
-    start, low, high = _joint_bounds(robot, j, float(np.std(current[known])))
-    rows = Motion(*(each[known] for each in (motion.q, motion.qd, motion.qdd, motion.load, motion.sign)))
+    measured = current[rows, j]
+    start, low, high = _joint_bounds(robot, j, float(np.std(measured)))
+    motion = Motion(*(each[rows, j] for each in (m.q, m.qd, m.qdd, m.load, m.sign)))
 
     def residual(x: Float) -> Float:
         given = x if constant is None else np.concatenate([[constant], x])
-        return np.asarray(_current(given, rows)) - current[known]
+        return np.asarray(_current(given, motion) - measured)
 
     if constant is None:
         return _solved(residual, "2-point", start, low, high)

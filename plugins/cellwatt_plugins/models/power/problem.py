@@ -8,10 +8,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.arrays import Float
+from cellwatt.arrays import Float, rows_of
 from cellwatt_plugins.models.power import torque as torques
 from cellwatt_plugins.models.power.design import Belief, Design, Rows, possible, spread_of
-from cellwatt_plugins.models.power.folds import folds_of
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.smoothing import noise_of
 from cellwatt_plugins.models.power.supply import resistances
@@ -39,6 +38,8 @@ class Problem:
     """(N, n) Nm²: variance of the torque residuals."""
     constant: Float
     """(n,) Nm/A."""
+    scale: Float
+    """(n,) Nm: size of the torques, measured or from the URDF; no drive's is far below the others'."""
     effects: tuple[str, ...]
     """Effects to choose from."""
 
@@ -52,11 +53,13 @@ class Problem:
         rows = Rows.of(moves, tuning.smoother, constant, MOST)
         able = possible(rows, tuning.width) if effects is None else effects
         design, inertial = Design.stated(rows, arm.body, tuning.width, terms_of(able))
-        scale = _scale(rows, design, inertial, constant)
+        torque = rows.torque if np.isfinite(rows.torque).any() else design.shared @ inertial
+        current = spread_of(torque / constant)
+        scale = np.maximum(current, LEAST_SPREAD * np.median(current)) * constant + 1e-6
         noise = np.nan_to_num(noise_of(moves.current * constant), nan=1e-6)
         variance = np.broadcast_to((0.05 * scale) ** 2 + noise**2, rows.q.shape)
         belief = Belief.of(arm, design, scale, doubt)
-        return cls(arm, rows, design, belief, variance, constant, able).reweighed(effects or ())
+        return cls(arm, rows, design, belief, variance, constant, scale, able).reweighed(effects or ())
 
     def chosen(self, effects: tuple[str, ...]) -> list[int]:
         """Indices, among the columns, of the terms of every model and of those of some effects."""
@@ -86,26 +89,10 @@ class Problem:
 
     def doubting(self, doubt: float) -> Belief:
         """Return the prior with ``doubt`` as the factor on links' tolerances."""
-        scale = _scale(self.rows, self.design, self.belief.shared.mean, self.constant)
-        return Belief.of(self.arm, self.design, scale, doubt)
+        return Belief.of(self.arm, self.design, self.scale, doubt)
 
-    def drive(self, torque: Float, qd: Float) -> Drives:
-        """Return the state of the drives for torques (N, n) Nm and velocities (N, n) rad/s."""
-        current = torque / self.constant
-        return Drives.of(torque, qd, current, resistances(self.arm.description))
-
-
-def row_folds(moves: Moves, rows: Rows) -> NDArray[np.int64]:
-    """The fold of each row of the fit."""
-    fold = folds_of(moves)
-    if moves.count < 3:
-        return np.asarray(fold[np.linspace(0, len(moves) - 1, len(rows)).astype(int)])
-    first = np.array([a for a, _ in moves.bounds()])
-    return np.asarray(fold[first[rows.move]])
-
-
-def _scale(rows: Rows, design: Design, inertial: Float, constant: Float) -> Float:
-    """Size (n,) Nm of the torques, measured or from the URDF; no drive's is far below the others'."""
-    torque = rows.torque if np.isfinite(rows.torque).any() else design.shared @ inertial
-    current = spread_of(torque / constant)
-    return np.asarray(np.maximum(current, LEAST_SPREAD * np.median(current)) * constant) + 1e-6
+    def drive(self, torque: Solution, rows: NDArray[np.intp]) -> Drives:
+        """Return the state of the drives in some rows; the work is that of the torque by the fitted constants."""
+        stated = torque.torque(rows_of(self.design, rows))
+        resistance = resistances(self.arm.description)
+        return Drives.of(stated / (1 + torque.own[0]), self.rows.qd[rows], stated / self.constant, resistance)

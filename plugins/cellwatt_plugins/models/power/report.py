@@ -7,7 +7,6 @@ from typing import Final
 
 import numpy as np
 
-from cellwatt.arrays import Float
 from cellwatt.report import (
     Axis,
     Block,
@@ -105,9 +104,7 @@ def _parameters(trained: Trained) -> Sequence[Block]:
     """Coefficients of the torque by joint, and of the supply, with standard errors if power was measured."""
     model, errors = trained.fitted.model, trained.fitted.errors
     shared, joints = len(model.inertial), model.weights.shape[1]
-    unsure: Float = np.full(model.weights.shape, np.nan)
-    if len(errors):
-        unsure = errors[shared : shared + model.weights.size].reshape(joints, -1).T
+    unsure = errors[shared : shared + model.weights.size].reshape(joints, -1).T
     heads = ["Nm per unit of each term", *(f"joint {j + 1}" for j in range(joints))]
     rows = [
         [term, *(measured(v, s) for v, s in zip(values, spread, strict=True))]
@@ -118,7 +115,6 @@ def _parameters(trained: Trained) -> Sequence[Block]:
         supply = model.supply
         names = ["standby, W", "drawn per W of the drives", "saved per W returned", "brakes, W"]
         names += [f"{term}, joint {j + 1}" for term in supply.terms for j in range(joints)]
-        spread: Float = errors[shared + model.weights.size :] if len(errors) else np.full(len(names), np.nan)
-        known = zip(names, supply.vector(), spread, strict=True)
+        known = zip(names, supply.vector(), errors[shared + model.weights.size :], strict=True)
         out.append(Table("Supply", ("supply", "value"), [[name, measured(v, s)] for name, v, s in known]))
     return out

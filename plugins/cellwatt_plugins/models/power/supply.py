@@ -71,8 +71,6 @@ class Supply:
         flow = drawn(taken, self.up, self.down)
         if self.sharing == "joint":
             flow = flow.sum(axis=-1, keepdims=True)
-        if not self.brakes:
-            return self.standby + flow
         return self.standby + flow + self.brakes * moving(drive)
 
     def vector(self) -> Float:

@@ -71,12 +71,12 @@ TORQUE: Final[Mapping[str, Formula]] = {
 }
 """Torque of a joint beyond the rigid bodies', in Nm, each times a coefficient of the joint."""
 
-ALWAYS: Final = ("rotor", "coulomb", "viscous")
+ALWAYS: Final = ("gain", "rotor", "coulomb", "viscous")
+"""Terms of every model. The first one is the deviation of a joint's torque constant, a share of its load."""
 EFFECTS: Final[Mapping[str, tuple[str, ...]]] = {
     **{words: (words,) for words in LAWS},
     "viscous friction that saturates": ("saturating",),
     "viscous friction by load": ("viscous load",),
-    "torque constant": ("gain",),
     "friction by direction": ("direction", "viscous direction"),
     "constant torque": ("offset",),
     "spring": ("offset", "spring"),

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from cellwatt.arrays import Float
+from cellwatt.arrays import Float, rows_of
 from cellwatt_plugins.models.power import supply as supplies
 from cellwatt_plugins.models.power import torque as torques
 from cellwatt_plugins.models.power.problem import Problem
@@ -29,47 +29,34 @@ def fit_together(
 
     Rows without power count for the currents only.
     """
-    rows, shown, known = problem.rows, problem.rows.shown, problem.rows.shown.rows
-    qd, count, shared = rows.qd[known], len(start.row), len(start.shared)
-    columns = _columns(problem, chosen, shared)
-    drive = problem.drive(columns @ start.row, qd)
+    shown, sums, count = problem.rows.shown, problem.everything(), len(start.row)
+    design, drive = rows_of(problem.design, shown.rows), problem.drive(start, shown.rows)
     mean, own = believed = supplies.believed(drive, shown.power, losses, sharing, problem.arm.description)
     prior = Prior.joined(torques.prior_of(problem.belief, chosen), own)
-    currents = torques.together(problem.everything(), shared, chosen).placed(slice(0, count), len(prior.mean))
 
     def linearised(x: Float) -> Products:
-        supply = mean.with_vector(x[count:])
-        drive = problem.drive(columns @ x[:count], qd)
+        supply, torque = mean.with_vector(x[count:]), Solution.of(x[:count], problem.belief, chosen)
+        drive = problem.drive(torque, shown.rows)
         residual = shown.power - supplies.through(shown.matrix, supply.power(drive))[:, 0]
         by_number, by_taken = supply.slopes(drive)
-        by_torque = by_taken * _taken_by_torque(problem, supply, drive)
-        slope = np.concatenate([np.einsum("nj,njp->np", by_torque, columns), by_number], axis=1)
-        slope = supplies.through(shown.matrix, slope)
-        return currents + Products.of(slope, residual + slope @ x, float(np.mean(residual**2)) + 1e-18)
+        by_work, by_current = _taken(supply, drive, problem)
+        slope = torque.slopes(design, by_taken * (by_work * drive.qd / (1 + torque.own[0]) + by_current))
+        slope[:, torque.at_gain] -= by_taken * by_work * drive.mechanical / (1 + torque.own[0])
+        slope = supplies.through(shown.matrix, np.concatenate([slope, by_number], axis=1))
+        power = Products.of(slope, residual + slope @ x, float(np.mean(residual**2)) + 1e-18)
+        return torques.about(sums, torque).placed(slice(0, count), len(x)) + power
 
     first = np.concatenate([start.row, supplies.fit(drive, shown.power, believed, shown.matrix)[0].vector()])
-    rounds = ROUNDS if np.isfinite(rows.torque).any() else ROUNDS_BLIND
+    rounds = ROUNDS if np.isfinite(problem.rows.torque).any() else ROUNDS_BLIND
     x, last = gauss_newton(linearised, prior, first, rounds, STILL, lambda x: supplies.possible(x, count))
-    torque = Solution.of(x[:count], shared, problem.arm.joints, chosen)
-    return torque, mean.with_vector(x[count:]), last.deviations
+    return Solution.of(x[:count], problem.belief, chosen), mean.with_vector(x[count:]), last.deviations
 
 
-def _columns(problem: Problem, chosen: list[int], shared: int) -> Float:
-    """(N, n, p): torque for 1 of each coefficient of ``Solution.row``, in the rows with power."""
-    design, known, terms = problem.design, problem.rows.shown.rows, len(chosen)
-    joints = problem.arm.joints
-    columns = np.zeros((len(known), joints, shared + joints * terms))
-    columns[:, :, :shared] = design.shared[known]
-    for j in range(joints):
-        columns[:, j, shared + j * terms : shared + (j + 1) * terms] = design.own[known, j][:, chosen]
-    return columns
-
-
-def _taken_by_torque(problem: Problem, supply: Supply, drive: Drives) -> Float:
-    """Derivative (N, n) of the power drawn by each drive, by its torque."""
+def _taken(supply: Supply, drive: Drives, problem: Problem) -> tuple[Float, Float]:
+    """Derivatives of the power drawn by each drive: by its work (n,), and by its torque through the current (N, n)."""
     weight = dict(zip(supply.terms, supply.weights, strict=True))
     resistance, constant = supplies.resistances(problem.arm.description), problem.constant
-    out = weight["mechanical"] * drive.qd + weight["copper"] * 2 * drive.current * resistance / constant
+    by_current = weight["copper"] * 2 * drive.current * resistance
     if "switching" in weight:
-        out = out + weight["switching"] * np.sign(drive.current) / constant
-    return np.asarray(out)
+        by_current = by_current + weight["switching"] * np.sign(drive.current)
+    return weight["mechanical"], np.asarray(by_current / constant)

@@ -12,6 +12,7 @@ from cellwatt.scheduler import spread
 from cellwatt_plugins.models.power.design import Belief, Design, Rows, spread_of
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.smoothing import Noise, Smoother, Span
+from cellwatt_plugins.models.power.terms import ALWAYS
 from cellwatt_plugins.models.power.torque import solve, sums_of
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import SIGN_WIDTH
@@ -30,7 +31,7 @@ IN_SHORT: Final = 0.1
 """Share of the rows that may be in moves shorter than two windows: gaps in a recording leave some short pieces."""
 WIDTHS: Final = (0.0005, 0.001, 0.002, 0.003, 0.004, 0.006, 0.008, 0.012, 0.02, 0.04, 0.08)
 """Widths in rad/s that are tried."""
-TERMS: Final = ("rotor", "coulomb", "viscous", "Stribeck friction (0.1 rad/s)", "offset")
+TERMS: Final = (*ALWAYS, "Stribeck friction (0.1 rad/s)", "offset")
 DOUBT: Final = 3.0
 """Factor on the tolerances of links until others are tried."""
 
@@ -52,10 +53,6 @@ class _Known:
     noise: Noise
     arm: Arm
 
-    def smoother(self, velocity: Span, acceleration: Span) -> Smoother:
-        """The smoother of some spans."""
-        return Smoother.design(self.noise, self.moves.step, velocity, acceleration)
-
 
 def tune(moves: Moves, arm: Arm) -> Tuning:
     """Spans of velocity and acceleration one after the other, then the width within which friction reverses."""
@@ -74,7 +71,7 @@ def tune(moves: Moves, arm: Arm) -> Tuning:
         _, acceleration, _ = _best([(velocity, span, width) for span in fast], known)
         velocity, *_ = _best([(span, acceleration, width) for span in slow], known)
         *_, width = _best([(velocity, acceleration, width * near) for near in (0.8, 0.9, 1.0, 1.1, 1.25)], known)
-    return Tuning(known.smoother(velocity, acceleration), width)
+    return Tuning(Smoother.design(known.noise, step, velocity, acceleration), width)
 
 
 def _best(tried: Sequence[Trial], known: _Known) -> Trial:
@@ -92,7 +89,7 @@ def _some(moves: Moves) -> Moves:
 def _misfit(trial: Trial, known: _Known) -> float:
     """Sum over the joints of the logarithm of the mean square torque residual."""
     velocity, acceleration, width = trial
-    arm, smoother = known.arm, known.smoother(velocity, acceleration)
+    arm, smoother = known.arm, Smoother.design(known.noise, known.moves.step, velocity, acceleration)
     rows = Rows.of(known.moves, smoother, arm.column("torque_constant"), TRIED, whole=False)
     design, _ = Design.stated(rows, arm.body, width, TERMS)
     scale = spread_of(rows.torque) + 1e-9

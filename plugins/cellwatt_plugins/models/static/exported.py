@@ -107,7 +107,8 @@ def _load(graph: Graph, model: Identified, arm: HeldArm, q: str, payload: str | 
     gravity = Tensor(graph, inverse_dynamics(graph, _chain(model, arm), turned.name))
     if payload is not None:
         known = graph.op("Where", graph.op("Equal", payload, payload), payload, 0.0)
-        gravity = gravity + Tensor(graph, inverse_dynamics(graph, _one_kilogram(model, arm), q)) * Tensor(graph, known)
+        unit = Chain.of(arm.arm.body).carrying(np.array([1.0, *mean[effects.slices["payload"]]]))
+        gravity = gravity + Tensor(graph, inverse_dynamics(graph, unit, q)) * Tensor(graph, known)
     load = gravity * (1.0 + mean[effects.slices["gain"]])
     if not mean[effects.linear].any() and model.leftover is None:
         return load
@@ -126,14 +127,6 @@ def _chain(model: Identified, arm: HeldArm) -> Chain:
     inertial[:, :PER_GRAVITY] = found.reshape(-1, PER_GRAVITY)
     tilt = np.linalg.norm(chain.gravity) * mean[effects.slices["tilt"]]
     return replace(chain, inertial=inertial, gravity=chain.gravity + tilt @ np.eye(3)[level(chain.gravity)])
-
-
-def _one_kilogram(model: Identified, arm: HeldArm) -> Chain:
-    """A chain whose only mass is a payload of 1 kg at the last link."""
-    chain = Chain.of(arm.arm.body)
-    inertial = np.zeros_like(chain.inertial)
-    inertial[-1, :PER_GRAVITY] = [1.0, *model.posterior.mean[model.effects.slices["payload"]]]
-    return replace(chain, inertial=inertial)
 
 
 def _springs(graph: Graph, model: Identified, share: str) -> str:

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from cellwatt.arrays import Float, Nanoseconds
+from cellwatt.arrays import Float, Nanoseconds, rows_of
 from cellwatt.errors import RecordingError
 from cellwatt.scheduler import spread
 from cellwatt.tables import read_table
@@ -132,8 +132,7 @@ def _joined(parts: Sequence[Poses], paths: Sequence[Path]) -> Poses:
     where = ", ".join(map(str, paths))
     if (off := unpowered(poses.torque)).any() and not off.all():
         note = f"{int(off.sum())} poses without torque at any joint are left out: the drives were off"
-        powered = {name: getattr(poses, name)[~off] for name in COLUMNS}
-        poses = replace(poses, **powered, notes=(*poses.notes, note))
+        poses = replace(rows_of(poses, ~off), notes=(*poses.notes, note))
     if len(poses) < FEWEST:
         left_out = "".join(f"; {note}" for note in poses.notes)
         raise RecordingError(

@@ -9,13 +9,12 @@ import onnx
 import pinocchio as pin
 import pytest
 
-from cellwatt.errors import ConfigError
 from cellwatt_plugins.models.graph import Chain, Graph, inverse_dynamics
 from cellwatt_plugins.robot import Body
 from tests.plugins.models.making import run_graph
 
 
-def written_arm(folder: Path, joints: int, seed: int, kind: str = "revolute") -> Body:
+def written_arm(folder: Path, joints: int, seed: int) -> Body:
     """An arm with random axes, placements and links."""
     draw = np.random.default_rng(seed)
     text = ['<robot name="arm"><link name="link_0"/>']
@@ -26,7 +25,7 @@ def written_arm(folder: Path, joints: int, seed: int, kind: str = "revolute") ->
         text.append(
             f'<link name="link_{i}"><inertial><origin xyz="{c[0]} {c[1]} {c[2]}" rpy="0.3 -0.2 0.9"/>'
             f'<mass value="{m}"/><inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-            f'<joint name="joint_{i}" type="{kind}"><parent link="link_{i - 1}"/><child link="link_{i}"/>'
+            f'<joint name="joint_{i}" type="revolute"><parent link="link_{i - 1}"/><child link="link_{i}"/>'
             f'<origin xyz="{" ".join(map(str, draw.normal(0, 0.3, 3)))}" '
             f'rpy="{" ".join(map(str, draw.uniform(-3, 3, 3)))}"/>'
             f'<axis xyz="{" ".join(map(str, axis / np.linalg.norm(axis)))}"/>'
@@ -88,8 +87,3 @@ def test_a_frame_costs_few_nodes(tmp_path):
     graph, given = split(6)
     file = graph.model(inverse_dynamics(graph, Chain.of(written_arm(tmp_path, 6, seed=3)), *given), 6)
     assert len(onnx.load_from_string(file).graph.node) < 60
-
-
-def test_a_sliding_joint_is_refused(tmp_path):
-    with pytest.raises(ConfigError, match="joint_1 does not turn"):
-        Chain.of(written_arm(tmp_path, 2, seed=0, kind="prismatic"))
