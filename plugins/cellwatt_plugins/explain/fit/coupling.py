@@ -23,6 +23,8 @@ from cellwatt_plugins.robot.regression import Prior, Products
 
 ROWS = 3000
 """Approximate number of samples that are compared."""
+FEWEST = 200
+"""Smallest number of samples with the torques of both joints."""
 FOLDS = 10
 APART = 2
 """Largest difference of the numbers of two joints that may be coupled."""
@@ -73,14 +75,16 @@ def couplings(states: Sequence[States], residuals: Sequence[Float]) -> list[Coup
     residual = np.concatenate([part[::thin] for part in residuals])
     speed, gain = (np.concatenate([getattr(s, name)[::thin] for s in states]) for name in ("qd", "qdd"))
     moving = np.flatnonzero((np.std(speed, axis=0) > SLOWEST) & np.isfinite(residual).any(axis=0)).tolist()
-    own = states[0].arm.body.parameters()
+    body = states[0].arm.body
     found: list[tuple[float, Coupling]] = []
     for a, b in combinations(moving, 2):
-        if b - a > APART:
-            continue
         pair, links = [a, b], slice(PER_LINK * a, None)
-        regressor = np.concatenate([s.regressor[::thin, :, links][:, pair] for s in states])
-        fit = _Fit(regressor, links_prior(own[links], LINKS), speed[:, pair], gain[:, pair], residual[:, pair])
+        known = np.isfinite(residual[:, pair]).all(axis=1)
+        if b - a > APART or body.turns[a] != body.turns[b] or known.sum() < FEWEST:
+            continue
+        regressor = np.concatenate([s.regressor[::thin, :, links][:, pair] for s in states])[known]
+        prior = links_prior(body.parameters()[links], LINKS)
+        fit = _Fit(regressor, prior, *(each[known][:, pair] for each in (speed, gain, residual)))
         before = fit.errors(SEPARATE)
         for turns in STRUCTURES:
             after = fit.errors(turns)
@@ -104,9 +108,7 @@ class _Fit:
     """Regressions of the torques of two joints, for any structure of their motors."""
 
     def __init__(self, regressor: Float, links: Prior, speed: Float, gain: Float, residual: Float) -> None:
-        known = np.isfinite(residual).all(axis=1)
-        regressor, speed, gain, residual = regressor[known], speed[known], gain[known], residual[known]
-        self.rows = max(len(residual), 1)
+        self.rows = len(residual)
         self.size = np.maximum(np.std(residual, axis=0), 1e-9)
         self._links = regressor.shape[2]
         drives = [_courses(speed @ np.array(turn), gain @ np.array(turn)) for turn in SPEEDS]
