@@ -82,7 +82,7 @@ def answer(out: Path, seconds: float, error: str | None) -> Answer:
     try:
         found = json.loads((out / "findings.json").read_text())
         named = [(f["effect"], f["joint"], f["kind"]) for f in found["findings"]]
-        if not all(kind in ("missing", "mistuned") for _, _, kind in named):
+        if not all(kind in ("missing", "structure", "mistuned") for _, _, kind in named):
             raise ValueError(named)
         return Answer(found["findings"], found.get("unexplained", []), found.get("verdict"), seconds, error)
     except (OSError, ValueError, KeyError, TypeError) as broken:
