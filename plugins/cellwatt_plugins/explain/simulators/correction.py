@@ -37,6 +37,8 @@ class Correction:
     """(n,): measured torque over true torque, less 1."""
     gravity: Float
     """(3,) m/s² in the base's frame."""
+    coupling: Float | None = None
+    """Turns (n, n) of each motor per turn of each joint: friction, damping and armature are then the motors'."""
 
 
 def correction(
@@ -78,7 +80,8 @@ def correction(
                 gain[joint] += own[0]
             case "gravity_tilt":
                 gravity += own @ turned(states[0].arm.body.gravity_field, fitted.term.shape)
-    return Correction(friction, damping, armature, links, payload, spring, gain, gravity)
+    coupling = states[0].arm.coupling
+    return Correction(friction, damping, armature, links, payload, spring, gain, gravity, coupling)
 
 
 def holds(term: Term) -> bool:
@@ -90,15 +93,13 @@ def holds(term: Term) -> bool:
 
 
 def of_coupled(term: Term, arm: Arm) -> bool:
-    """True if an effect is of a motor that turns with several joints: ``Correction`` is of one motor a joint."""
-    return term.effect.of_motor and arm.coupled(term.joint)
+    """True if an effect is of a motor that turns with several joints, and no tendon over these has such a term."""
+    return term.effect.of_motor and arm.coupled(term.joint) and term.effect.name not in OF_MOTOR
 
 
-EXPRESSED = frozenset(
+OF_MOTOR = frozenset({"coulomb_friction", "viscous_friction", "rotor_inertia"})
+EXPRESSED = OF_MOTOR | frozenset(
     {
-        "coulomb_friction",
-        "viscous_friction",
-        "rotor_inertia",
         "link_inertial_error",
         "payload",
         "spring_load",
@@ -132,7 +133,7 @@ def why_unwritten(fitted: FittedTerm, arm: Arm) -> str:
     """Why a simulator of an arm has no term for an effect."""
     effect = fitted.term.effect
     if of_coupled(fitted.term, arm):
-        return "its motor turns with several joints and loads them all"
+        return "its motor turns with several joints, and a tendon over them has no such term"
     if effect.place == "supply":
         return "it is in the supply, which the simulator does not have"
     if effect.acts_on == "reading":

@@ -55,15 +55,26 @@ class Simulator:
             data.qpos[at], data.qvel[dof], data.qacc[dof] = q, qd, qdd
             mujoco.mj_inverse(self.model, data)
             out[i] = data.qfrc_inverse[dof]
-        turned = direction(velocity + self._lead[dof] * acceleration if leading else velocity)
-        return np.asarray(out + self.model.dof_frictionloss[dof] * turned)
+        model, turns = self.model, self._tendons()
+        lead = _lead(model.dof_solref[dof], model.dof_solimp[dof]) if leading else 0.0
+        out += model.dof_frictionloss[dof] * direction(velocity + lead * acceleration)
+        if turns.any():
+            lead = _lead(model.tendon_solref_fri, model.tendon_solimp_fri) if leading else 0.0
+            out += (model.tendon_frictionloss * direction(velocity @ turns.T + lead * (acceleration @ turns.T))) @ turns
+        return out
 
-    @property
-    def _lead(self) -> Float:
-        """s by which dry friction of each degree of freedom reverses before its velocity: 1/b of its solver."""
-        time, damping = self.model.dof_solref.T
-        most = self.model.dof_solimp[:, 1]
-        return np.asarray(np.where(time > 0, 0.5 * most * time, most / np.maximum(-damping, 1e-9)))
+    def _tendons(self) -> Float:
+        """Turns (t, n) of each fixed tendon per turn of each joint."""
+        import mujoco
+
+        model, number = self.model, [self.model.joint(name).id for name in self.joints]
+        out = np.zeros((model.ntendon, len(number)))
+        for tendon in range(model.ntendon):
+            first = model.tendon_adr[tendon]
+            for wrap in range(first, first + model.tendon_num[tendon]):
+                if model.wrap_type[wrap] == mujoco.mjtWrap.mjWRAP_JOINT and model.wrap_objid[wrap] in number:
+                    out[tendon, number.index(model.wrap_objid[wrap])] = model.wrap_prm[wrap]
+        return out
 
     def unit(self, joint: int, unit: str) -> str:
         """Unit at a ``joint`` (0-based) of a quantity that has ``unit`` at a hinge: ``N`` for ``N*m`` at a slide."""
@@ -164,3 +175,10 @@ def _check_base(path: Path, model: Any, names: Sequence[str]) -> None:
         raise ConfigError(f"{path}: joint {', '.join(loose)} leaves the base free: give a model whose base is fixed")
     if [j.name for j in chain if j.name in names] != list(names):
         raise ConfigError(f"{path}: its joints do not follow one another from the base in the order of robot.yaml")
+
+
+def _lead(solref: Float, solimp: Float) -> Float:
+    """s (k,) by which dry friction reverses before its velocity: 1/b of its solver's ``solref`` and ``solimp``."""
+    time, damping = solref.T
+    most = solimp[:, 1]
+    return np.asarray(np.where(time > 0, 0.5 * most * time, most / np.maximum(-damping, 1e-9)))

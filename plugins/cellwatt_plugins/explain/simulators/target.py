@@ -53,8 +53,14 @@ class Target:
     notes: tuple[str, ...] = ()
     servo: Servo | None = None
     """Position servos identified from motion; None: the user's."""
+    coupling: Float | None = None
+    """Turns (n, n) of each motor per turn of each joint: friction, damping and armature are then the motors'."""
     turnover: Float | None = None
     """(n,) rad/s within which dry friction reverses; NaN: as in the user's file."""
+
+    def coupled(self, joint: int) -> bool:
+        """True if the motor of a joint (0-based) also turns with other joints."""
+        return self.coupling is not None and int(np.count_nonzero(self.coupling[joint])) > 1
 
 
 def target(user: Placing, found: Correction, states: Sequence[States], floor: Float) -> Target:
@@ -89,6 +95,7 @@ def target(user: Placing, found: Correction, states: Sequence[States], floor: Fl
         (links - own, payload),
         tuple(refused),
         (*notes, *more),
+        coupling=found.coupling,
     )
 
 
@@ -107,11 +114,16 @@ def expected(user: Placing, goal: Target, states: States, q: Float, qd: Float, q
     out = out + regressor @ links.ravel()
     if payload is not None:
         out += regressor[:, :, -10:] @ payload
-    out += (goal.friction - model.dof_frictionloss[dof]) * direction(qd)
-    out += np.einsum("njk,jk->nj", powers(qd), goal.damping - damping_of(simulator))
-    out += (goal.armature - model.dof_armature[dof]) * qdd
+    turns = np.eye(len(dof)) if goal.coupling is None else goal.coupling
+    out += _motors(goal.friction, goal.damping, goal.armature, qd @ turns.T, qdd @ turns.T) @ turns
+    out -= _motors(model.dof_frictionloss[dof], damping_of(simulator), model.dof_armature[dof], qd, qdd)
     stiffness, rest = spring_of(simulator)
     return np.asarray(out + goal.stiffness * (q - goal.rest) - stiffness * (q - rest))
+
+
+def _motors(friction: Float, damping: Float, armature: Float, speed: Float, gain: Float) -> Float:
+    """Torque (N, n) Nm of friction and rotors at motors that turn at ``speed`` (N, n) rad/s."""
+    return np.asarray(friction * direction(speed) + np.einsum("njk,jk->nj", powers(speed), damping) + armature * gain)
 
 
 def damping_of(simulator: Simulator) -> Float:

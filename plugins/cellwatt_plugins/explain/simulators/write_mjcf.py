@@ -31,6 +31,7 @@ def write_mjcf(simulator: Simulator, goal: Target, folder: Path) -> Written:
     joints = [_joint(files, name) for name in simulator.joints]
     for at, joint in enumerate(joints):
         _write_joint(simulator, goal, at, joint, done, _turns(files, simulator, at))
+    _write_tendons(files, simulator, goal, done)
     _write_links(simulator, goal, [_body(joint, simulator.path) for joint in joints], done)
     _write_gravity(files, simulator, goal, done)
     _write_gears(files, simulator, goal, done)
@@ -77,9 +78,10 @@ def _turns(files: Files, simulator: Simulator, at: int) -> float:
 def _write_joint(simulator: Simulator, goal: Target, at: int, joint: Element, done: Written, turn: float) -> None:
     model, name = simulator.model, simulator.joints[at]
     dof, place, own = simulator.places[1][at], simulator.places[0][at], model.joint(name).id
+    alone = not goal.coupled(at)  # else a tendon has them
     numbers = (
-        ("frictionloss", goal.friction[at], model.dof_frictionloss[dof], "N*m", 1.0),
-        ("armature", goal.armature[at], model.dof_armature[dof], "kg*m^2", 1.0),
+        ("frictionloss", alone * goal.friction[at], model.dof_frictionloss[dof], "N*m", 1.0),
+        ("armature", alone * goal.armature[at], model.dof_armature[dof], "kg*m^2", 1.0),
         ("stiffness", goal.stiffness[at], model.jnt_stiffness[own], "N*m/rad", 1.0),
         ("springref", goal.rest[at], model.qpos_spring[place], "rad", turn),
     )
@@ -89,13 +91,27 @@ def _write_joint(simulator: Simulator, goal: Target, at: int, joint: Element, do
         if differs(value, was):
             joint.set(**{what: number(value / per)})
             done.record(what, f"joint {name}", value, was, simulator.unit(at, unit))
-    wanted, damping = goal.damping[at], damping_of(simulator)[at]
+    wanted, damping = alone * goal.damping[at], damping_of(simulator)[at]
     if differ(wanted, damping):
         # One number, or three if powers of the speed are used.
         if not (np.any(wanted[1:] != 0) or np.any(damping[1:] != 0)):
             wanted, damping = wanted[0], damping[0]
         joint.set(damping=" ".join(map(number, np.atleast_1d(wanted))))
         done.record("damping", f"joint {name}", wanted, damping, simulator.unit(at, "N*m*s/rad"))
+
+
+def _write_tendons(files: Files, simulator: Simulator, goal: Target, done: Written) -> None:
+    """Write a tendon for each motor that turns with several joints: its friction and rotor load them all."""
+    for at, name in enumerate(simulator.joints):
+        if goal.coupling is None or not goal.coupled(at):
+            continue
+        turns = zip(simulator.joints, goal.coupling[at], strict=True)
+        parts = "".join(f'<joint joint="{own}" coef="{number(turn)}"/>' for own, turn in turns if turn)
+        known = {"frictionloss": goal.friction[at], "damping": goal.damping[at, 0], "armature": goal.armature[at]}
+        text = " ".join(f'{what}="{number(value)}"' for what, value in known.items())
+        files.root.added.append(f'<tendon><fixed name="motor_of_{name}" {text}>{parts}</fixed></tendon>')
+        for (what, value), unit in zip(known.items(), ("N*m", "N*m*s/rad", "kg*m^2"), strict=True):
+            done.record(what, f"tendon motor_of_{name}", value, None, simulator.unit(at, unit))
 
 
 def _write_turnover(simulator: Simulator, width: float, goal: Target, at: int, joint: Element, done: Written) -> None:

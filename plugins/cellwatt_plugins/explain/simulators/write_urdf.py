@@ -84,7 +84,12 @@ def what_urdf_holds(simulator: Simulator, goal: Target) -> Target:
     """The target with those values that a URDF can hold; the others stay the user's, and are refused with a reason."""
     model, (_, dof) = simulator.model, simulator.places
     armature, (stiffness, rest) = model.dof_armature[dof].copy(), spring_of(simulator)
+    shared = np.array([goal.coupled(at) for at in range(len(dof))])
+    friction = np.where(shared, model.dof_frictionloss[dof], goal.friction)
+    damping = np.where(shared, model.dof_damping[dof], goal.damping[:, 0])
     lacking = (
+        ("coulomb_friction", goal.friction - friction),
+        ("viscous_friction", goal.damping[:, 0] - damping),
         ("rotor_inertia", goal.armature - armature),
         ("nonlinear_viscous_friction", np.abs(goal.damping[:, 1:]).sum(axis=1)),
         ("spring_load", goal.stiffness - stiffness),
@@ -97,8 +102,10 @@ def what_urdf_holds(simulator: Simulator, goal: Target) -> Target:
         refused.append(("gravity_tilt", None, "a URDF does not define the direction of gravity"))
     return replace(
         goal,
+        friction=friction,
         armature=armature,
-        damping=goal.damping * np.array([1.0, 0.0, 0.0]),
+        damping=np.column_stack([damping, np.zeros((len(dof), 2))]),
+        coupling=None,
         stiffness=stiffness,
         rest=rest,
         gear=np.ones_like(goal.gear),

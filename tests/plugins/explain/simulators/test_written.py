@@ -134,6 +134,36 @@ def test_friction_with_powers_of_the_speed(tmp_path):
     np.testing.assert_allclose(torque(*moves(), leading=False), FULL.torque(*moves()) + more, atol=1e-6)
 
 
+FOUND_AT_THE_ELBOWS_MOTOR = [
+    found("coulomb_friction", 1, 1.5), found("viscous_friction", 1, 0.3), found("rotor_inertia", 1, 0.2)
+]  # fmt: skip
+
+
+def test_a_motor_that_turns_with_two_joints_is_a_tendon(tmp_path):
+    cell = Cell(tmp_path, PLAIN.mjcf())
+    cell.arm = cell.arm.with_coupling(np.array([[1.0, 0.0], [1.0, 1.0]]))
+    written = cell.mended(*FOUND_AT_THE_ELBOWS_MOTOR)
+    speed, gain = moves()[1].sum(axis=1), moves()[2].sum(axis=1)
+    motor = 2.5 * np.tanh(speed / 0.004) + 0.7 * speed + 0.2 * gain
+    alone = replace(PLAIN, friction=(2.0, 0.0), damping=(1.5, 0.0)).torque(*moves())
+    torque = load_simulator(written.path, JOINTS).torque(*moves(), leading=False)
+    np.testing.assert_allclose(torque, alone + motor[:, None], atol=1e-8)
+    assert {(each.what, each.value) for each in written.applied if each.where == "tendon motor_of_elbow"} == {
+        ("frictionloss", 2.5), ("damping", 0.7), ("armature", 0.2)
+    }  # fmt: skip
+
+
+def test_a_urdf_holds_no_motor_that_turns_with_two_joints(tmp_path):
+    cell = Cell(tmp_path, PLAIN.urdf(), ".urdf")
+    cell.arm = cell.arm.with_coupling(np.array([[1.0, 0.0], [1.0, 1.0]]))
+    simulator, goal = cell.goal(*FOUND_AT_THE_ELBOWS_MOTOR)
+    held = what_urdf_holds(simulator, goal)
+    assert [each[:2] for each in held.refused] == [
+        ("coulomb_friction", 1), ("viscous_friction", 1), ("rotor_inertia", 1)
+    ]  # fmt: skip
+    same(write_urdf(simulator, held, tmp_path / "out"), PLAIN)
+
+
 def test_inertias_of_no_body_are_the_nearest_that_exists(tmp_path):
     """More mass taken away than the link has: the rest of it must still be a body, and it is said."""
     simulator, goal = Cell(tmp_path, FULL.mjcf()).goal(found("link_inertial_error", 1, -2.0, *(9 * [0.0])))
