@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 
 from cellwatt_plugins.robot import Arm
 from real import kr300, kuka, panda, shanghai, ur10e
+from real.coupled import coupled
 from real.describe import Drives, nothing, write_robot
 from real.identify import BAND, RATE, even_time, identify, low_pass, resampled
 from real.logged import LOGGERS
@@ -89,6 +90,13 @@ def _ur10e_known(data: Path, work: Path, seen: str, unseen: str | None) -> Case:
     return Case(robot, [recording], ur10e.moving(data, unseen))
 
 
+def _coupled(case: Case, first: int, second: int) -> Case:
+    """As if the motor of joint ``second`` (0-based) also turned with joint ``first``."""
+    constants = np.where(case.unseen.torque is None, Arm.load(case.robot).column("torque_constant"), 1.0)
+    *seen, unseen = coupled([*case.seen, case.unseen], first, second, constants)
+    return Case(case.robot, seen, unseen)
+
+
 def _panda(data: Path, work: Path, coulomb: Float) -> Case:
     zero = np.zeros(7)
     robot = write_robot(work, "panda", panda.JOINTS, panda.urdf(), Drives(coulomb, zero, zero, zero), 1000.0)
@@ -138,6 +146,9 @@ CASES: Mapping[str, tuple[str, Callable[[Path, Path], Case]]] = {
     ),
     "kr300-friction": (kr300.FOLDER, lambda data, work: _kr300(data, work, kr300.drives())),
     "panda-friction": (panda.FOLDER, lambda data, work: _panda(data, work, panda.FRICTION)),
+    "ur10e-coupled": (ur10e.FOLDER, lambda data, work: _coupled(_ur10e_urdf(data, work), 4, 5)),
+    "panda-coupled": (panda.FOLDER, lambda data, work: _coupled(_panda(data, work, np.zeros(7)), 5, 6)),
+    "lwr-coupled": (kuka.FOLDER, lambda data, work: _coupled(_lwr(data, work, "identified"), 4, 5)),
     "lwr-a-priori": (kuka.FOLDER, lambda data, work: _lwr(data, work, "a_priori")),
 }
 """The folder that a case needs, and what a user has there."""
