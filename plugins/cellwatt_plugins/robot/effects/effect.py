@@ -183,6 +183,10 @@ class Effect(ABC):
         """Shapes that contain this one as a special case, tried once this one is found."""
         return []
 
+    def unlike(self, runs: Sequence[States], joint: int | None, shape: Shape) -> Sequence[Shape]:
+        """Shapes so different from this one that they must fit clearly worse, if this one is right."""
+        return []
+
     def grid(self, run: States, joint: int | None, shapes: Sequence[Shape]) -> Sequence[Float]:
         """Columns of several shapes; simulated effects compute all shapes at once."""
         return [self.acting(run, joint, shape) for shape in shapes]

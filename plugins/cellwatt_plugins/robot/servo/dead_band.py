@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.robot.effects.declaration import Confusion, Form
+from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form
 from cellwatt_plugins.robot.effects.effect import Effect, Shape
 from cellwatt_plugins.robot.effects.states import States
 
@@ -23,6 +23,7 @@ class DriveDeadBand(Effect):
     name = "drive_dead_band"
     acts_on = "drive"
     form = Form(to_scale=True)
+    acceptance = Acceptance()
     confusions = (
         Confusion("coulomb_friction", "push the joint by hand at rest: within a band it does not resist"),
         Confusion("backlash", "lock the motor: play remains, a dead band does not"),

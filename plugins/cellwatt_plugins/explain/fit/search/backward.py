@@ -28,6 +28,8 @@ STRETCHED = 5.0
 LEFT, COMPLETE = 1.3, 0.9
 """A term completes the explanation if a plainer name leaves a mean square residual above ``LEFT``, in units of the
 noise, and the term removes the share ``COMPLETE`` of it beyond the noise."""
+UNSURE = 0.65
+"""Share of a term's evidence above which a quite different shape fits about as well."""
 
 
 def drop_needless(state: SearchState, now: Solution, beside: Term | None = None) -> Solution:
@@ -96,6 +98,23 @@ def _completes(plain: Solution, now: Solution, joint: int) -> bool:
     """True if the term removes nearly all of a joint's residual beyond the noise that the plainer name leaves."""
     before, after = (float(s.problem.chi2(s.residual)[joint]) for s in (plain, now))
     return before > LEFT and before - after > COMPLETE * (before - 1)
+
+
+def drop_ambiguous(state: SearchState, now: Solution) -> Solution:
+    """Remove terms that fit about as well with a quite different shape."""
+    for term in list(now.terms):
+        rivals = [
+            Term(term.effect, term.joint, s) for s in term.effect.unlike(now.problem.states, term.joint, term.shape)
+        ]
+        if not rivals:
+            continue
+        rest = without(state, now, term)
+        own, *others = rest.fit.gains([rest.problem.block(t) for t in (term, *rivals)])
+        if max(gain for gain, _ in others) > UNSURE * own[0]:
+            best = max(zip(others, rivals, strict=True), key=lambda each: each[0][0])[1]
+            state.refuse(term, own[0], f"its shape could equally be {best.shape[0]:.3g} instead of {term.shape[0]:.3g}")
+            now = rest
+    return now
 
 
 def drop_unconfirmed(state: SearchState, now: Solution) -> Solution:

@@ -15,6 +15,7 @@ from cellwatt.progress import steps
 from cellwatt_plugins.explain.fit.problem import Place, Term, title
 from cellwatt_plugins.explain.fit.retuning import confirmed, freed, looseness
 from cellwatt_plugins.explain.fit.search.backward import (
+    drop_ambiguous,
     drop_for_plainer,
     drop_needless,
     drop_unconfirmed,
@@ -32,7 +33,7 @@ from cellwatt_plugins.explain.fit.thresholds import DEFAULT, Thresholds
 from cellwatt_plugins.robot.effects import EFFECTS
 from cellwatt_plugins.robot.effects.effect import Effect
 
-CHECKS = (drop_within_model_error, drop_for_plainer, drop_ill_formed, drop_unconfirmed)
+CHECKS = (drop_within_model_error, drop_for_plainer, drop_ambiguous, drop_ill_formed, drop_unconfirmed)
 """Checks that each term must pass beside the others, in this order."""
 
 

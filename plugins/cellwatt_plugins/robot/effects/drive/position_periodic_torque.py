@@ -21,6 +21,8 @@ MOST = 60
 """Most cycles per turn that are tried, beside those of the gear."""
 SECOND = 2.0
 """Cycles of the second harmonic per cycle of the first."""
+APART = 1.5
+"""Periods over the joint's range of motion by which two ripples differ clearly."""
 
 
 class PositionPeriodicTorque(Effect):
@@ -43,6 +45,12 @@ class PositionPeriodicTorque(Effect):
     def fuller(self, runs: Sequence[States], joint: int | None, shape: Shape) -> Sequence[Shape]:
         first = [(n, SECOND) for n in (shape[0], shape[0] / SECOND) if n >= LEAST and _seen(runs, joint, SECOND * n)]
         return first if len(shape) == 1 else []
+
+    def unlike(self, runs: Sequence[States], joint: int | None, shape: Shape) -> Sequence[Shape]:
+        span = max(float(np.ptp(run.q[:, joint])) for run in runs)
+        apart = APART * 2 * np.pi / span
+        others = np.arange(1.0, max(shape[0] + 3 * apart, 12.0), max(0.5, apart / 3))
+        return [(float(n), *shape[1:]) for n in others if abs(n - shape[0]) > apart]
 
     def closed(self, shape: Shape) -> bool:
         return shape[0] > FEW or abs(shape[0] - round(shape[0])) < WHOLE
