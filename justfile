@@ -12,6 +12,10 @@ test *arguments:
 slow *arguments:
     {{ python }} -m pytest -m slow {{ arguments }}
 
+# Property tests with other draws in each round; `just test` draws the same in each run.
+explore rounds="10":
+    for round in $(seq {{ rounds }}); do {{ python }} -m pytest -n auto -q --hypothesis-profile explore -m hypothesis || exit 1; done
+
 # Ruff, mypy --strict, import-linter, clean pins.
 lint:
     {{ python }} -m pytest -n auto tests/test_quality.py
