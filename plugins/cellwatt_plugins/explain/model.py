@@ -47,7 +47,7 @@ class FittedTerm:
     def course(self, states: States) -> Float:
         """Contribution of the term along a run: (N, n) Nm at the joints, or (N,) W for the supply."""
         term = self.term
-        course = np.asarray(term.effect.acting(states, term.joint, term.shape) @ self.coefficients)
+        course = np.asarray(term.columns(states) @ self.coefficients)
         return course if term.effect.place == "supply" else on_joints(course, term.joint, states.q.shape[1])
 
 

@@ -119,7 +119,7 @@ class Arm:
 
     def coupled(self, joint: int | None) -> bool:
         """True if the motor of a joint (0-based) also turns with other joints."""
-        return joint is not None and self.coupling is not None and int(np.count_nonzero(self.coupling[joint])) > 1
+        return joint is not None and loads_several(self.coupling, joint)
 
     def at_motors(self, motion: Float) -> Float:
         """Angles, speeds or accelerations (N, n) of the motors, at the joint side, from those of the joints."""
@@ -155,6 +155,11 @@ class Arm:
     def forward(self, q: Float) -> Float:
         """Frames (N, n, 4, 4) m of the joints in the base's frame at ``q`` (N, n) rad; the last one is the flange's."""
         return self.body.forward(q)
+
+
+def loads_several(coupling: Float | None, joint: int) -> bool:
+    """True if the motor of a joint (0-based) turns with several joints; ``coupling``: see ``Arm``."""
+    return coupling is not None and int(np.count_nonzero(coupling[joint])) > 1
 
 
 def _with_kinds(description: RobotDescription, body: Body) -> RobotDescription:

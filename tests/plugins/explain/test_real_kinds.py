@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,6 +28,15 @@ def recorded(missing: Missing, seconds: float = 16.0, seeds: tuple[int, ...] = (
 
 def named(found: Explained) -> set[tuple[str, int | None]]:
     return {(f.effect, f.joint) for f in found.findings.findings}
+
+
+def foretells_an_unseen_motion(found: Explained, missing: Missing, folder: Path) -> None:
+    save_model(found.model, folder / "model.yaml")
+    time = np.arange(1000) / plant.RATE
+    q, qd, qdd = plant.moves(77, 10.0)(time)
+    real = plant.motors(REAL, q, qd, qdd) + missing.added(time, q, qd, "run_09")
+    said = plant.predict(load_model(folder), time, q, qd, qdd).torque
+    assert np.all(np.std(said - real, axis=0) < [0.5, 0.6, 0.4])
 
 
 def pulled(gravity: tuple[float, float, float]) -> Callable[[np.ndarray], np.ndarray]:
@@ -60,12 +70,7 @@ def test_an_arm_that_hangs_sideways_lacks_nothing_but_its_mount(arm, tmp_path):
         assert mount.parameters[f"gravity_{axis}"].value == pytest.approx(value, abs=0.4)
     assert mount.improvement.after < 0.2 * mount.improvement.before
     # What is written for other programs says it, too, of a motion that nobody recorded.
-    save_model(found.model, tmp_path / "model.yaml")
-    time = np.arange(1000) / plant.RATE
-    q, qd, qdd = plant.moves(77, 10.0)(time)
-    real = plant.motors(REAL, q, qd, qdd) + HANGING.added(time, q, qd, "run_09")
-    said = plant.predict(load_model(tmp_path), time, q, qd, qdd).torque
-    assert np.all(np.std(said - real, axis=0) < [0.5, 0.6, 0.4])
+    foretells_an_unseen_motion(found, HANGING, tmp_path)
 
 
 def test_a_torque_that_was_not_read_names_nothing(arm):
@@ -159,12 +164,7 @@ def test_motors_that_turn_with_two_joints(arm, tmp_path, wrist, says):
     assert named(found) == {("joint_coupling", 3)}
     (coupling,) = found.findings.findings
     assert says in coupling.statement
-    save_model(found.model, tmp_path / "model.yaml")
-    time = np.arange(1000) / plant.RATE
-    q, qd, qdd = plant.moves(77, 10.0)(time)
-    real = plant.motors(REAL, q, qd, qdd) + missing.added(time, q, qd, "run_09")
-    said = plant.predict(load_model(tmp_path), time, q, qd, qdd).torque
-    assert np.all(np.std(said - real, axis=0) < [0.5, 0.6, 0.4])
+    foretells_an_unseen_motion(found, missing, tmp_path)
 
 
 @pytest.mark.slow

@@ -51,14 +51,14 @@ def torque_nuisance(states: Sequence[States]) -> tuple[Nominal, ...]:
         )
         for i, own in enumerate(body.parameters().reshape(-1, PER_LINK))
     ]
-    courses = (
+    tolerances = (
         ("coulomb_friction", robot.tolerances.friction),
         ("viscous_friction", robot.tolerances.friction),
         ("rotor_inertia", robot.tolerances.rotor_inertia),
     )
     blocks += [
         _of_motor(states, name, joint, Prior.spread(np.array([tolerance * value])))
-        for name, tolerance in courses
+        for name, tolerance in tolerances
         for joint, value in enumerate(robot.column(name))
         if value > 0
     ]

@@ -51,6 +51,10 @@ class Term:
         """The joint, counted from 1."""
         return None if self.joint is None else self.joint + 1
 
+    def columns(self, states: States) -> Float:
+        """Its columns along one run; see ``Effect.acting``."""
+        return self.effect.acting(states, self.joint, self.shape)
+
 
 def on_joints(course: Float, joint: int | None, joints: int) -> Float:
     """(N, n): the course (N,) of one joint with zeros for the others; a course (N, n) of the whole arm is unchanged."""
@@ -116,17 +120,16 @@ class Problem:
             if len(self.made) > MADE:
                 self.made.clear()
             # Not by ``columns``, which would store each shape that is tried at all samples.
-            fresh = [term.effect.acting(s, term.joint, term.shape) for s in self.states]
-            self.made[key] = self.prior_block(term, self.stack(fresh))
+            self.made[key] = self.prior_block(term, self.stack([term.columns(s) for s in self.states]))
         return self.made[key]
 
     def columns(self, term: Term) -> list[Float]:
         """Columns of a term in each run; simulated once if they depend on the motion alone."""
         if term.effect.acts_on == "supply" or term.effect.depends_on in ("load", "fitted torque"):
-            return [term.effect.acting(s, term.joint, term.shape) for s in self.states]
+            return [term.columns(s) for s in self.states]
         key = (*term.place, term.shape)
         if key not in self.simulated:
-            self.simulated[key] = [term.effect.acting(s, term.joint, term.shape) for s in self.states]
+            self.simulated[key] = [term.columns(s) for s in self.states]
         return self.simulated[key]
 
     def torques(self, term: Term, coefficients: Float) -> list[Float]:

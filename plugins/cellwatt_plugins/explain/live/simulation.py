@@ -136,10 +136,7 @@ def _probe(arm: Arm, samples: int, step: float, warm: bool) -> States:
 
 def _alike(fitted: FittedTerm, long: States, short: States, samples: int) -> bool:
     term = fitted.term
-    whole, last = (
-        (term.effect.acting(states, term.joint, term.shape) @ fitted.coefficients)[-samples:]
-        for states in (long, short)
-    )
+    whole, last = ((term.columns(states) @ fitted.coefficients)[-samples:] for states in (long, short))
     size = float(np.sqrt(np.mean(np.square(whole))))
     if size == 0 and term.effect.form.intermittent:
         return False

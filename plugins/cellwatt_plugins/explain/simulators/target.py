@@ -58,10 +58,6 @@ class Target:
     turnover: Float | None = None
     """(n,) rad/s within which dry friction reverses; NaN: as in the user's file."""
 
-    def coupled(self, joint: int) -> bool:
-        """True if the motor of a joint (0-based) also turns with other joints."""
-        return self.coupling is not None and int(np.count_nonzero(self.coupling[joint])) > 1
-
 
 def target(user: Placing, found: Correction, states: Sequence[States], floor: Float) -> Target:
     """Add the correction ``found`` to the user's values. ``floor`` (n,) Nm is the noise. Raises ``ConfigError``."""

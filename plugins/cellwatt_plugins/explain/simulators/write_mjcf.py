@@ -15,6 +15,7 @@ from cellwatt_plugins.explain.simulators.markup import Element, number
 from cellwatt_plugins.explain.simulators.mujoco import Simulator
 from cellwatt_plugins.explain.simulators.target import Target, damping_of
 from cellwatt_plugins.explain.simulators.written import Written, differ, differs, name_of_payload, write_inertial
+from cellwatt_plugins.robot.arm import loads_several
 from cellwatt_plugins.robot.servo.law import Servo, actuator_of, servo_of
 
 _KINEMATIC = ("body", "frame", "worldbody", "mujocoinclude")
@@ -78,7 +79,7 @@ def _turns(files: Files, simulator: Simulator, at: int) -> float:
 def _write_joint(simulator: Simulator, goal: Target, at: int, joint: Element, done: Written, turn: float) -> None:
     model, name = simulator.model, simulator.joints[at]
     dof, place, own = simulator.places[1][at], simulator.places[0][at], model.joint(name).id
-    alone = not goal.coupled(at)  # else a tendon has them
+    alone = not loads_several(goal.coupling, at)  # else a tendon has them
     numbers = (
         ("frictionloss", alone * goal.friction[at], model.dof_frictionloss[dof], "N*m", 1.0),
         ("armature", alone * goal.armature[at], model.dof_armature[dof], "kg*m^2", 1.0),
@@ -103,7 +104,7 @@ def _write_joint(simulator: Simulator, goal: Target, at: int, joint: Element, do
 def _write_tendons(files: Files, simulator: Simulator, goal: Target, done: Written) -> None:
     """Write a tendon for each motor that turns with several joints: its friction and rotor load them all."""
     for at, name in enumerate(simulator.joints):
-        if goal.coupling is None or not goal.coupled(at):
+        if goal.coupling is None or not loads_several(goal.coupling, at):
             continue
         turns = zip(simulator.joints, goal.coupling[at], strict=True)
         parts = "".join(f'<joint joint="{own}" coef="{number(turn)}"/>' for own, turn in turns if turn)

@@ -16,6 +16,7 @@ from cellwatt_plugins.explain.simulators.markup import Element, number
 from cellwatt_plugins.explain.simulators.mujoco import Simulator
 from cellwatt_plugins.explain.simulators.target import Target, spring_of
 from cellwatt_plugins.explain.simulators.written import Written, differ, differs, name_of_payload, write_inertial
+from cellwatt_plugins.robot.arm import loads_several
 
 NO_TERM = "a URDF has no such term"
 ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
@@ -84,7 +85,7 @@ def what_urdf_holds(simulator: Simulator, goal: Target) -> Target:
     """The target with those values that a URDF can hold; the others stay the user's, and are refused with a reason."""
     model, (_, dof) = simulator.model, simulator.places
     armature, (stiffness, rest) = model.dof_armature[dof].copy(), spring_of(simulator)
-    shared = np.array([goal.coupled(at) for at in range(len(dof))])
+    shared = np.array([loads_several(goal.coupling, at) for at in range(len(dof))])
     friction = np.where(shared, model.dof_frictionloss[dof], goal.friction)
     damping = np.where(shared, model.dof_damping[dof], goal.damping[:, 0])
     lacking = (
