@@ -186,7 +186,7 @@ def _held_out(user: Placing, found: Explained, solution: Solution, runs: Sequenc
 def unwritten(found: Explained, solution: Solution, refused: Sequence[tuple[str, int | None, str]]) -> list[Unwritten]:
     """Findings that the file cannot hold, with the rms torque or power of each."""
     problem, why = found.torque.problem, {(effect, joint): text for effect, joint, text in refused}
-    out = []
+    arm, out = problem.states[0].arm, []
     for term in found.model.terms:
         effect, joint = term.term.effect, term.term.joint
         if (effect.name, joint) in why:
@@ -195,14 +195,11 @@ def unwritten(found: Explained, solution: Solution, refused: Sequence[tuple[str,
         elif effect.place == "supply":
             states = (problem if found.supply is None else found.supply.problem).states
             course = [remainder(term, s, states) for s in states]
-            out.append(
-                Unwritten(
-                    effect.name, None, why_unwritten(term, states[0].arm), float(rms(np.concatenate(course))[0]), "W"
-                )
-            )
-        elif effect.name not in EXPRESSED or of_coupled(term.term, problem.states[0].arm):
+            size = float(rms(np.concatenate(course))[0])
+            out.append(Unwritten(effect.name, None, why_unwritten(term, arm), size, "W"))
+        elif effect.name not in EXPRESSED or of_coupled(term.term, arm):
             course = [remainder(term, s, problem.states) for s in problem.states]
-            out += _entries(effect.name, why_unwritten(term, problem.states[0].arm), course, problem)
+            out += _entries(effect.name, why_unwritten(term, arm), course, problem)
     if reason := next((text for (effect, _), text in why.items() if effect == "rotor_inertia"), None):
         rotor = retuned(solution, None).rotor_inertia
         out += _entries("rotor_inertia", reason, [rotor * s.qdd for s in problem.states], problem)
