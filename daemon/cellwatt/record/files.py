@@ -20,6 +20,7 @@ log = logging.getLogger(__name__)
 
 CHUNK = 1 << 20
 """A chunk is written when it holds this many bytes, or when its first sample has waited long enough."""
+OK = ("ok", "")
 RETRY = 1.0
 """Pause after a disk error, s."""
 RETAIN_EVERY = 60.0
@@ -41,13 +42,11 @@ class Entry(NamedTuple):
 
 
 class Files:
-    """Writes entries into files named after the header; used by the recorder's thread alone.
-
-    ``state`` is ``ok``, ``disk full``, ``read-only`` or ``disk error``, and ``problem`` one line about it.
-    """
+    """Writes entries into files named after the header; used by the recorder's thread alone."""
 
     def __init__(self, settings: RecordSettings, header: Header, upkeep: Upkeep) -> None:
-        self.state, self.problem = "ok", ""
+        self.state = OK
+        """``ok``, ``disk full``, ``read-only`` or ``disk error``, and a line about it: threads read both at once."""
         self.open: OpenFile | None = None
         self.samples: Counter[str] = Counter()
         self.refused: Counter[str] = Counter()
@@ -97,7 +96,7 @@ class Files:
         if now - self._retained_at >= RETAIN_EVERY:
             self._retained_at = now
             self._upkeep.retain()
-            if self.state == "ok":
+            if self.state == OK:
                 self._upkeep.repair_left()
 
     def rotate(self) -> None:
@@ -177,8 +176,8 @@ class Files:
         self.bytes += file.size - before
         self.flushed_at = time.monotonic()
         self.synced = False
-        if self.state != "ok":
-            self.state, self.problem = "ok", ""
+        if self.state != OK:
+            self.state = OK
             self._upkeep.repair_left()
 
     def _displaced(self, error: DisplacedError) -> None:
@@ -205,10 +204,7 @@ class Files:
             file.abandon()
             if file.contents.chunks:
                 self._upkeep.leave(file.part)
-        if is_full(error):
-            self.state = "disk full"
-        else:
-            self.state = "read-only" if error.errno == errno.EROFS else "disk error"
-        self.problem = f"{self._settings.folder} cannot be written: {error.strerror}"
+        kind = "disk full" if is_full(error) else "read-only" if error.errno == errno.EROFS else "disk error"
+        self.state = kind, f"{self._settings.folder} cannot be written: {error.strerror}"
         room = is_full(error) and self._upkeep.make_room()
         self.retry_at = time.monotonic() + (0.0 if room else RETRY)

@@ -15,7 +15,7 @@ from cellwatt.errors import RecordingError
 from cellwatt.frames import Frames
 from cellwatt.record.container import Contents
 from cellwatt.record.encoder import Item, topic_of_block
-from cellwatt.record.files import CHUNK, Entry, Files
+from cellwatt.record.files import CHUNK, OK, Entry, Files
 from cellwatt.record.header import Header
 from cellwatt.record.messages import TOPICS, Health
 from cellwatt.record.settings import RecordSettings
@@ -131,10 +131,10 @@ class Recorder:
         """
         files = self._files
         waiting, age = self._accepted - self._settled, time.monotonic() - files.flushed_at
-        open_file = files.open
+        open_file, (state, problem) = files.open, files.state
         return {
-            "state": files.state,
-            "problem": files.problem,
+            "state": state,
+            "problem": problem,
             "file": open_file.part.name if open_file else None,
             "files": files.count,
             "bytes": files.bytes,
@@ -191,7 +191,7 @@ class Recorder:
         """When to write next, monotonic s."""
         if not self._queue and not self._held:
             return float("inf")
-        if self._files.state != "ok":
+        if self._files.state != OK:
             return self._files.retry_at
         if self._bytes > CHUNK or self._settled < self._flush_to:
             return 0.0
