@@ -31,7 +31,6 @@ from cellwatt.runtime.change import Change
 from cellwatt.runtime.processes.align import align
 from cellwatt.runtime.processes.collect import collect
 from cellwatt.runtime.processes.judge import judge
-from cellwatt.runtime.processes.part import SupervisedProcess
 from cellwatt.runtime.processes.rights import allow_descriptors, settle_memory
 from cellwatt.runtime.processes.shared import (
     CHAINS,
@@ -50,6 +49,7 @@ from cellwatt.runtime.processes.shared import (
     Stop,
     rates,
 )
+from cellwatt.runtime.processes.supervised_process import SupervisedProcess
 from cellwatt.runtime.processes.tell import tell
 
 log = logging.getLogger(__name__)

@@ -1,4 +1,4 @@
-"""Findings in plain words: numbers rounded to their uncertainty, names, locations, and the verdict's sentence."""
+"""Findings in plain words: numbers, names, locations and the verdict; each effect declares its own ``sentence``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Findings from terms: statement, parameters, location, improvement, and the names that fit nearly as well."""
+"""Findings from accepted terms (``fit.acceptance``): statement, confidence, location, improvement, and rival names."""
 
 from __future__ import annotations
 
