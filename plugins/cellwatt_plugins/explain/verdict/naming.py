@@ -121,7 +121,7 @@ def _inseparable(term: Term, gain: float) -> tuple[Alternative, ...]:
     if gain == 0 or not term.effect.uncertainty.torque_gain:
         return ()
     why = (
-        "mass and torque gain are not separable in these recordings, 1 % of gain is 1 % of mass, and the gain is "
+        "mass and torque gain are not separable in these recordings: 1 % of gain is 1 % of mass, and the gain is "
         f"known to {100 * gain:.0f} %; weigh the load, or record once with a known one and set tolerances.torque_gain"
     )
     return (Alternative("torque_gain", None, why),)

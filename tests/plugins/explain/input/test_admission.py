@@ -301,7 +301,7 @@ def test_what_a_robot_may_do_is_no_wrong_input(effect, described, arm, bare):
     run = recorded(described, motion(seed=4), effect=EFFECTS[effect], seed=7)
     for kept in (run, replace(without_plan(run), velocity=None)):
         assert examine([kept], arm)[1] == []
-    assert all("differ from the simulation" in note for note in examine([run], bare)[1])
+    assert all("differs from the simulation" in note for note in examine([run], bare)[1])
 
 
 def tracked(run, seconds, error):

@@ -40,7 +40,7 @@ def description_remarks(runs: Sequence[Run], arm: Arm, base: Baseline) -> list[s
         parts += [f"the supply by {watts:.3g} W"] if watts > WORTH * drawn else []
     if not parts:
         return []
-    what = "robot.yaml or the URDF differ from the simulation"
+    what = "robot.yaml or the URDF differs from the simulation"
     return [f"{what}: {'; '.join(parts)} (rms). The recording is compared with the simulation"]
 
 
