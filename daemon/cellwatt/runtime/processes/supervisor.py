@@ -376,7 +376,7 @@ class Supervisor:
                 return
             rings = zip((self._shared.raw, self._shared.frames), rates(*declared(config)), strict=True)
             if any(2 * ring.size < min(HELD * rate, LARGEST) for ring, rate in rings):
-                log.warning("the settings send over twice the data of the start: restart, or a stall may lose samples")
+                log.warning("the data rate has more than doubled since the start: restart, or a stall may lose samples")
             judges = self._new_judges(config, self._generation + 1) if change.frames else {}
         except Exception as error:  # a mistake in the code of a driver must not end the cell either
             self._refuse(error)
