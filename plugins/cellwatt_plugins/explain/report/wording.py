@@ -29,7 +29,7 @@ def effect_name(effect: str) -> str:
     """An effect's identifier in plain words."""
     if effect == UNKNOWN:
         return "an effect that is not in the library"
-    text = effect.replace("_dependent", "-dependent").replace("_", " ")
+    text = effect.replace("_dependent", "-dependent").replace("_periodic", "-periodic").replace("_", " ")
     return " ".join(_NAMES.get(word, word) for word in text.split(" "))
 
 

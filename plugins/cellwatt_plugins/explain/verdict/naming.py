@@ -104,7 +104,7 @@ def _finding(
 
 def _mistuned(who: str, term: Term, parameters: Mapping[str, Parameter], described: float) -> str:
     """One plain sentence on a parameter of the description that is off."""
-    name, off = term.effect.name.replace("_", " "), next(iter(parameters.values()))
+    name, off = term.effect.name.replace("_", " ").replace("coulomb", "Coulomb"), next(iter(parameters.values()))
     unit = off.unit.replace("N*m", "Nm").replace("*", "·")
     return (
         f"{who}'s {name} is {described + off.value:.3g} ± {off.std:.2g} {unit}, not {described:.3g}: "

@@ -195,7 +195,7 @@ def test_small_motions_in_degrees_are_told_by_the_torques(described, arm):
 def test_joints_are_told_though_wrists_carry_next_to_nothing(change, message, frictionless, bare):
     random = np.random.default_rng(8)
     run = replace(frictionless, torque=frictionless.torque + 0.5 * random.standard_normal(frictionless.torque.shape))
-    assert examine([run], bare)[1] == ["no power recorded: the supply cannot be examined"]
+    assert examine([run], bare)[1] == ["no power recorded: effects that show only in the supply cannot be tested"]
     assert message in refusal([change(run)], bare)
 
 

@@ -107,5 +107,5 @@ def test_where_the_description_says_otherwise_is_one_note(silent):
     _, notes = examine([seen], silent)
     (note,) = [n for n in notes if "differs from the simulation" in n]
     assert "joint 1" in note
-    assert "coulomb friction 0 instead of" in note
+    assert "Coulomb friction 0 instead of" in note
     assert "the supply by" in note
