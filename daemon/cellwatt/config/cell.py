@@ -33,9 +33,9 @@ class CellName(Section):
     """Name of the cell, and the robot in it."""
 
     site: KeyPart
-    """Name of the plant, first element of every Zenoh key: letters, digits, ``_``, ``-``, ``.``."""
+    """Name of the plant, first element of every Zenoh key: letters, digits, ``.``, ``_`` and ``-``."""
     cell: KeyPart
-    """Name of the cell within the site, second element of every Zenoh key: letters, digits, ``_``, ``-``, ``.``."""
+    """Name of the cell within the site, second element of every Zenoh key: letters, digits, ``.``, ``_`` and ``-``."""
     version: int = Field(default=VERSION, ge=VERSION)
     """Format version of this file; a file without this key is read as this version."""
     robot: str | None = None

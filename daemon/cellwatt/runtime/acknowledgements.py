@@ -74,7 +74,7 @@ class Acknowledgements:
         self._publish(back)
 
     def _report(self, kind: str, alarm_id: str, name: str, note: str, **more: int) -> None:
-        text = f"{name} {_DONE[kind]} {alarm_id}{': ' if note else ''}{note}"
+        text = f"{name} {kind} {alarm_id}{': ' if note else ''}{note}"
         alarm = self._book[alarm_id].alarm if alarm_id in self._book else None
         source = alarm.source if alarm is not None else None
         self._take(Event(self._now(), source, kind, text, {"alarm": alarm_id, "name": name, "note": note, **more}))
@@ -112,9 +112,6 @@ class Acknowledgements:
             return f"{folder / FILE} cannot be written: {why(error)}"
         self._written = words
         return None
-
-
-_DONE: Final = {"acknowledged": "acknowledged", "shelved": "shelved", "unshelved": "took off the shelf"}
 
 
 def _person(name: str) -> str:

@@ -80,7 +80,7 @@ class Consumption:
             self._recent.popleft()
 
     def _date(self, time: int) -> None:
-        """Reset the energy at midnight, checked each quarter of an hour, as time zones differ by these."""
+        """Reset the energy at midnight, checked each quarter of an hour: time zones differ by whole quarters."""
         if self._day is None or time // _QUARTER != self._time // _QUARTER:
             day = datetime.fromtimestamp(time * 1e-9).astimezone().date()
             if day != self._day:

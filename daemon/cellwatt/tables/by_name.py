@@ -1,4 +1,4 @@
-"""Columns of joints that are named, not numbered: ``elbow_joint_position``, ``/joint_states/elbow_joint/effort``."""
+"""Columns of named joints (``elbow_joint_position``, ``/joint_states/elbow_joint/effort``), in the robot's order."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ class UrSettings(SourceSettings):
     """Counting of lost packages: ``auto`` on the grid observed in the controller's timestamps, ``requested`` on the
     requested grid, ``off`` not at all."""
     timeout: Seconds = Field(2.0, gt=0)
-    """Silence, s, after which the connection is closed and opened again."""
+    """Silence after which the connection is closed and opened again."""
 
     @field_validator("channels")
     @classmethod

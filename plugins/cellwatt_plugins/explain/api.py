@@ -18,7 +18,7 @@ from cellwatt_plugins.explain.input.reading import read_motion, read_sources
 from cellwatt_plugins.explain.input.selection import select
 from cellwatt_plugins.explain.input.sources import simulator_file, sources
 from cellwatt_plugins.explain.model import Prediction, load_model, predict_states
-from cellwatt_plugins.explain.verdict.others import compare, with_others
+from cellwatt_plugins.explain.verdict.other_recordings import compare, with_others
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.description import robot_file
 from cellwatt_plugins.robot.simulated import described

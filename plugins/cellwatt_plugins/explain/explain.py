@@ -273,8 +273,6 @@ def _notes(runs: Sequence[Run], torque: Solution, supply: Solution | None) -> tu
             "No torque was recorded: it is computed by the law of the simulation's servos. Motion cannot show a common "
             "factor on gains, masses and friction: for that factor, your numbers are assumed right within tolerances."
         )
-    if not any(run.power is not None for run in runs):
-        notes.append("No supply power was recorded: effects that show only in the supply could not be tested.")
     longest = max(float(run.time[-1] - run.time[0]) for run in runs)
     if longest < 100:
         notes.append(f"The longest run lasts {longest:.0f} s: effects of warming up could not be tested.")

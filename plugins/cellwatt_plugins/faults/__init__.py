@@ -1,4 +1,10 @@
-"""Names the faulty joint or encoder by comparing supply power and positions with healthy cycles (Sabry et al.)."""
+"""Names the faulty joint or encoder by comparing supply power and positions with healthy cycles (Sabry et al.).
+
+learn, reference   the healthy reference: learned, and as a file
+intervals          without ``robot``: judges each interval against its limits
+cycles             with ``robot``: judges whole cycles by the physics of the arm
+paper              the method of the paper as published
+"""
 
 from cellwatt_plugins.faults.stage import FaultsSettings, FaultsStage
 

@@ -100,7 +100,7 @@ def reference(
 
     ``recordings`` are cellwatt's own or tables with t (s), q_i (rad) and power (W); each task must occur three times
     or more at each speed. ``robot`` is the robot's name, or as for ``Arm.load``: if the description has ``urdf`` and
-    ``joints``, whole cycles and the parameters of the arm are learnt too. ``meter`` are tables of power on a clock of
+    ``joints``, whole cycles and the parameters of the arm are learned too. ``meter`` are tables of power on a clock of
     their own, one per table of ``recordings``. ``arm`` is the source with the joints, needed if several sources have
     joints; ``power`` is the power channel. Raises ``RecordingError``, ``ConfigError``, and ``ModelError`` if no task
     recurs.
@@ -167,7 +167,7 @@ def _learned_with_cycles(blocks: Sequence[Frames], described: Arm, arm: str | No
 def learn_from(
     blocks: Sequence[Frames], robot: str | None, arm: str | None, power: str
 ) -> tuple[Reference, list[Task]]:
-    """Return the reference learnt from ``blocks``, and every task seen in them. Raises ``CellwattError``."""
+    """Return the reference learned from ``blocks``, and every task seen in them. Raises ``CellwattError``."""
     layout = one_layout(blocks)
     source = layout.channels[layout.joints("position", arm)[0]].source
     parts = list(segmented(blocks, arm, power))

@@ -50,7 +50,8 @@ def reference(out: Path, as_json: bool, **asked: Any) -> None:
     """Learn the healthy reference from RECORDINGs of a healthy robot.
 
     Recordings are cellwatt's own (.mcap, or their folder) or tables (.parquet, .csv) with columns t (s),
-    q_1 … q_n (rad) and power (W). Each task must occur three times or more at each speed.
+    q_1 … q_n (rad) and power (W). Each task must occur three times or more at each speed; with a description of the
+    robot, twice at each speed are enough.
     """
     learned = api.reference(**asked)
     if learned.note:
@@ -97,7 +98,7 @@ def faults() -> None:
 def judge(out: Path | None, page: Path | None, as_json: bool, **asked: Any) -> None:
     """Compare every cycle of RECORDINGs with healthy ones: report harmless changes and faulty joints or encoders.
 
-    RECORDINGs are as for `cellwatt reference`. The reference must have been learnt with the same description of the
+    RECORDINGs are as for `cellwatt reference`. The reference must have been learned with the same description of the
     robot.
     """
     found = api.faults(**asked)

@@ -1,4 +1,4 @@
-"""Learns the intervals of the healthy reference from several cycles of each task."""
+"""Learns the healthy intervals of each task and the spread of their power; ``intervals.compare`` makes the limits."""
 
 from __future__ import annotations
 

@@ -173,7 +173,7 @@ class Reference(_Strict):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The joints' names in the robot's description; () if the reference was learnt without one."""
+        """The joints' names in the robot's description; () if the reference was learned without one."""
         return () if self.power_model is None else tuple(joint.name for joint in self.power_model.joints)
 
     def source(self, layout: Layout, asked: str | None) -> str | None:

@@ -59,7 +59,7 @@ def train(
     """Train networks that name the faulty joint, one file for each task and speed of the reference.
 
     The network of the paper maps the code of each interval (power above, within or below its tolerance) to the joint.
-    It is trained on a table learnt from cycles with a fault of each joint: recorded cycles (--fault, once or more per
+    It is trained on a table learned from cycles with a fault of each joint: recorded cycles (--fault, once or more per
     joint), or else cycles simulated with a spring on the joint of the arm that --robot describes.
 
     The false alarms on RECORDINGs of a healthy robot are counted.

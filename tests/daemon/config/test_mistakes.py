@@ -56,7 +56,7 @@ MISTAKES = {
     "blank in a name": (
         SMALL.replace("cell: b", "cell: weld 3"),
         "2:7",
-        "_.-]*$ (Name of the cell within the site, second element of every Zenoh key: letters, digits, _, -, .)",
+        "_.-]*$ (Name of the cell within the site, second element of every Zenoh key: letters, digits, ., _ and -)",
     ),
     "space of a web page": (arm("note:\u00a0x"), "7:10", "character U+00A0 is no space to YAML"),
     "a star": (arm("note: *"), "7:12", "a value with * or & needs quotes, like '*'"),

@@ -54,7 +54,7 @@ def test_in_words_each_finding_is_a_sentence(cell, tmp_path):
     assert "joint 3" in said.lower()
     assert "held-out error" in said
     assert (
-        said.index("your simulation") < said.index("+ torque offset of joint 3") < said.index("+ your numbers retuned")
+        said.index("Your simulation") < said.index("+ torque offset of joint 3") < said.index("+ your numbers retuned")
     )
     assert str(tmp_path) in said
 

@@ -25,7 +25,7 @@ from cellwatt.runtime.tasks import plain_errors
 from cellwatt.subscriber import LinkSettings
 
 NICENESS: Final = 10
-"""Niceness of the serving process: above that of the stages, 5, as data take precedence over browsers."""
+"""Niceness of the serving process: data take precedence over browsers."""
 
 
 async def serve(daemon: Daemon, hello: Mapping[str, Any]) -> None:

@@ -31,7 +31,6 @@ from cellwatt.runtime.change import Change
 from cellwatt.runtime.processes.align import align
 from cellwatt.runtime.processes.collect import collect
 from cellwatt.runtime.processes.judge import judge
-from cellwatt.runtime.processes.part import SupervisedProcess
 from cellwatt.runtime.processes.rights import allow_descriptors, settle_memory
 from cellwatt.runtime.processes.shared import (
     CHAINS,
@@ -50,6 +49,7 @@ from cellwatt.runtime.processes.shared import (
     Stop,
     rates,
 )
+from cellwatt.runtime.processes.supervised_process import SupervisedProcess
 from cellwatt.runtime.processes.tell import tell
 
 log = logging.getLogger(__name__)
@@ -376,7 +376,7 @@ class Supervisor:
                 return
             rings = zip((self._shared.raw, self._shared.frames), rates(*declared(config)), strict=True)
             if any(2 * ring.size < min(HELD * rate, LARGEST) for ring, rate in rings):
-                log.warning("the settings send over twice the data of the start: restart, or a stall may lose samples")
+                log.warning("the data rate has more than doubled since the start: restart, or a stall may lose samples")
             judges = self._new_judges(config, self._generation + 1) if change.frames else {}
         except Exception as error:  # a mistake in the code of a driver must not end the cell either
             self._refuse(error)

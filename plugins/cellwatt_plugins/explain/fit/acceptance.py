@@ -60,13 +60,13 @@ def rejection(before: Solution, after: Solution, thresholds: Thresholds, gain: f
     """Reason why the last term, which adds ``gain`` nats, is rejected; None if it is accepted."""
     term = after.terms[-1]
     if term.effect.acceptance.inside_bounds and at_bound(term):
-        return "its shape runs to the limit of its range"
+        return "has a shape at the limit of its range"
     if not term.effect.resolved(after.problem.states, term.joint, tuple(BARELY * x for x in term.shape)):
         return "is too small to distinguish from the sampling of the motion"
     if not sound(after, term):
         return "has a value or a shape that is not physical"
     if term.effect.acceptance.several_channels and not seen_by_several(before, after.block(term)[0]):
-        return "only one channel supports it"
+        return "is supported by one channel only"
     if after.problem.side == "supply":
         decrease = before.problem.chi2(before.residual) - after.problem.chi2(after.residual)
         if decrease[0] < SMALLEST**2:
@@ -101,7 +101,7 @@ def unconfirmed(before: Solution, after: Solution, term: Term, thresholds: Thres
         solved = (float(np.max(remaining)) < thresholds.near and found.again) or (shaped and found.share > ALL)
         steady = solved or found.sure > (thresholds.sure if near else thresholds.steady)
         if found.share < share or not steady:
-            return f"takes {100 * max(found.share, 0.0):.1f} % off the mean square error on data left out"
+            return f"does not lower the mean square error on data left out enough: {100 * max(found.share, 0):.1f} %"
     elif found.share < (thresholds.much if term.effect.usual else MOST) or found.sure < thresholds.sure:
         return "adds too little evidence, and lowers the error on data left out too little"
     # A term of one joint raises the errors of others only through the links, which are refitted with it.

@@ -1,7 +1,7 @@
 """Coupled joints: a motor that also turns while another joint moves, as in many wrists and parallelograms.
 
 The friction and the rotor of such a motor follow its own speed, the sum or the difference of two joints' speeds, and
-load both joints. A structure is believed if it predicts the torques of both joints clearly better on data left out
+load both joints. A structure is accepted if it predicts the torques of both joints clearly better on data left out
 than separate motors do.
 """
 
@@ -50,7 +50,7 @@ STRUCTURES = (
 )
 """Turns of both motors per turn of each joint: a motor that also turns with the other joint, and a differential."""
 SPEEDS = (1, 0), (0, 1), (1, 1), (-1, 1)
-"""Speeds of a motor that occur in them, but for their sign."""
+"""Speeds of a motor in these structures, up to the sign, as factors on both joints' speeds."""
 
 Turns = tuple[tuple[int, int], tuple[int, int]]
 

@@ -14,11 +14,11 @@ from cellwatt.arrays import Bool, Float
 MOST_REPEATED = 8
 """Distance, in rows, of two samples above which the arm stands still: rows in between are no repetitions."""
 REPEATED = 0.1
-"""Repetitions per sample of a moving arm above which the logger is faster than what it logs."""
+"""Repetitions per sample of a moving arm above which the logger is faster than the controller."""
 COUNTS = 8.0
 """Step of a position, in its smallest steps, before which a sample would have shown some of the motion."""
 AMID = 0.5
-"""Step of a joint, in its largest ones, that it takes amid a move."""
+"""Step of a joint, as a share of its largest steps, from which the joint is amid a move."""
 HOLE = 4.5
 """Step, in median steps, across which positions are not compared: the motion in between is unknown."""
 BURST, SEVERAL = 60, 2.0
@@ -26,19 +26,19 @@ BURST, SEVERAL = 60, 2.0
 FARTHEST = 4.0
 """Largest distance, in steps, of a stamp from the time that replaces it."""
 STALLED = 0.99
-"""Share of the rows that must have stamps no farther: a logger that stalls stamps rows far too late."""
+"""Share of the rows whose stamps must be within ``FARTHEST``: a logger that stalls stamps a few rows far too late."""
 ROUNDING = 1e-6
 """Relative difference of two sums up to which they are equal."""
 SMOOTHED = 9
 """Rows over which a velocity is fitted, so that it does not follow the noise of a row."""
 SURE = 5.0
-"""Standard errors between what the positions show and the middle of both answers."""
+"""Standard errors between the evidence of the positions and the middle between both answers."""
 STRIDES = (1, 3)
-"""Rows between those that are compared: neighbours show fast changes of the delay, others slower ones."""
+"""Distances, in rows, of the rows compared: neighbours show fast changes of the delay, others slower ones."""
 TOGETHER = 10.0
-"""Least mean square that a row's time takes off, in variances of noise, and in those that it leaves."""
+"""Smallest mean square deviation that one time per row removes, relative to noise and to the remainder."""
 ALONG = 0.3
-"""Share of the fastest joint's speed from which a joint tells the time of a row."""
+"""Share of the fastest joint's speed from which a joint shows the time of a row."""
 LEAST = 0.01
 """Standard deviation of the rows' own times about the stamps, in steps, below which the stamps are right."""
 FINEST = 1e-7
@@ -47,10 +47,10 @@ SLOWEST = 0.065
 """Time, s, between compared rows above which they do not resolve the motion: where joints move alike, it looks like
 wrong times."""
 ALTERNATE = -0.55
-"""Correlation of the deviations of compared rows, below which single rows are late: -0.8 for white noise. Where all
-joints turn or brake at once, the motion itself deviates alike, from row to row with less change of sign."""
+"""Correlation of the deviations of compared rows, below which single rows are late: -0.8 for white noise. If all
+joints turn or brake at once, the motion itself deviates, with fewer changes of sign from row to row."""
 NEIGHBOURS = (0, 1, 3, 4)
-"""Rows, of five a stride apart, from whose cubic the one in the middle deviates."""
+"""Indices, among five rows a stride apart, of the rows whose cubic is compared with the row in the middle."""
 
 
 def repeats(positions: Sequence[Float]) -> Bool:
@@ -197,8 +197,8 @@ def _noise(off: Float, speed: Float, near: Bool) -> Float:
 
 
 def _common(off: Float, speed: Float, near: Bool) -> tuple[Bool, float]:
-    """True (N - 4,) at rows with several moving joints; and the mean square, in those of noise and of what is left,
-    that one time per row takes off their deviations ``off`` (N - 4, n) in units of noise."""
+    """True (N - 4,) at rows with several moving joints; and the mean square that one time per row removes from the
+    deviations ``off`` (N - 4, n), in units of noise, relative to noise and to the remainder."""
     moving = np.abs(speed) >= ALONG * np.max(np.abs(speed), axis=1, keepdims=True)
     rows: Bool = near & (moving.sum(axis=1) > 1) & (np.max(np.abs(speed), axis=1) > 0)
     if not rows.any():

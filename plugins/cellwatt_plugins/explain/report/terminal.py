@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from cellwatt_plugins.explain.explain import Explained
-from cellwatt_plugins.explain.report.falls import NumberRow, number_rows
-from cellwatt_plugins.explain.report.wording import moments, verdict
+from cellwatt_plugins.explain.report.falls import NumberRow, label, number_rows
+from cellwatt_plugins.explain.report.wording import effect_name, moments, verdict
 from cellwatt_plugins.explain.verdict.findings import Findings, Step
 
 BAR = 30
@@ -29,7 +29,7 @@ def in_words(found: Explained, out: Path, report: bool) -> str:
             f"      {gain.channel}: {held_out}error {gain.before:.3g} → {gain.after:.3g} "
             f"{gain.unit.replace('*', '')}{curved}, noise {gain.noise_floor:.3g}"
         )
-        lines += [f"      or {other.effect.replace('_', ' ')}: {other.why}" for other in finding.alternatives]
+        lines += [f"      or {effect_name(other.effect)}: {other.why}" for other in finding.alternatives]
     lines += [f"  ? {rest.statement}" for rest in findings.without_finding]
     lines += [f"  = {moved.statement}" for moved in findings.retuned]
     lines += [f"  ~ {curve.statement}" for curve in findings.curves]
@@ -53,13 +53,13 @@ def _cascade(findings: Findings) -> list[str]:
     steps, units = findings.cascade, {f.channel: f.unit.replace("*", "") for f in findings.fit}
     if not steps:
         return []
-    top, wide = max(step.error for step in steps), max(len(step.label) for step in steps) + 2
+    labels = [label(step, i == 0) for i, step in enumerate(steps)]
+    top, wide = max(step.error for step in steps), max(map(len, labels))
     lines = ["  error of a typical channel in units of its noise, on data left out of the fit (1: noise alone):"]
-    for before, step in zip((None, *steps), steps, strict=False):
-        label = step.label if before is None else f"+ {step.label}"
+    for name, before, step in zip(labels, (None, *steps), steps, strict=False):
         drawn = "█" * max(1, round(BAR * step.error / top))
         gone = "" if before is None else _fallen(before, step, units)
-        lines.append(f"    {label:<{wide}} {step.error:6.1f}  {drawn:<{BAR}}  {gone}".rstrip())
+        lines.append(f"    {name:<{wide}} {step.error:6.1f}  {drawn:<{BAR}}  {gone}".rstrip())
     return lines
 
 

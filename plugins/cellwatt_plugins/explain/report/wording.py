@@ -1,4 +1,4 @@
-"""Findings in plain words: numbers rounded to their uncertainty, names, locations, and the verdict's sentence."""
+"""Findings in plain words: numbers, names, locations and the verdict; each effect declares its own ``sentence``."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def effect_name(effect: str) -> str:
     """An effect's identifier in plain words."""
     if effect == UNKNOWN:
         return "an effect that is not in the library"
-    text = effect.replace("_dependent", "-dependent").replace("_", " ")
+    text = effect.replace("_dependent", "-dependent").replace("_periodic", "-periodic").replace("_", " ")
     return " ".join(_NAMES.get(word, word) for word in text.split(" "))
 
 

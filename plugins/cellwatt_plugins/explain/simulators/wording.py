@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from cellwatt_plugins.explain.report.wording import effect_name
 from cellwatt_plugins.explain.simulators.mend import Mended, Unwritten
 from cellwatt_plugins.explain.simulators.written import Applied
 
@@ -34,7 +35,7 @@ def _plain(unit: str) -> str:
 
 def _unwritten(finding: Unwritten) -> str:
     where = "" if finding.joint is None else f" at joint {finding.joint}"
-    return f"{finding.effect.replace('_', ' ')}{where}, {finding.rms:.3g} {_plain(finding.unit)} rms: {finding.why}"
+    return f"{effect_name(finding.effect)}{where}, {finding.rms:.3g} {_plain(finding.unit)} rms: {finding.why}"
 
 
 def _worth_a_line(change: Applied) -> bool:

@@ -1,4 +1,4 @@
-"""Findings from terms: statement, parameters, location, improvement, and the names that fit nearly as well."""
+"""Findings from accepted terms (``fit.acceptance``): statement, confidence, location, improvement, and rival names."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def _finding(
 
 def _mistuned(who: str, term: Term, parameters: Mapping[str, Parameter], described: float) -> str:
     """One plain sentence on a parameter of the description that is off."""
-    name, off = term.effect.name.replace("_", " "), next(iter(parameters.values()))
+    name, off = term.effect.name.replace("_", " ").replace("coulomb", "Coulomb"), next(iter(parameters.values()))
     unit = off.unit.replace("N*m", "Nm").replace("*", "·")
     return (
         f"{who}'s {name} is {described + off.value:.3g} ± {off.std:.2g} {unit}, not {described:.3g}: "
@@ -121,7 +121,7 @@ def _inseparable(term: Term, gain: float) -> tuple[Alternative, ...]:
     if gain == 0 or not term.effect.uncertainty.torque_gain:
         return ()
     why = (
-        "mass and torque gain are not separable in these recordings, 1 % of gain is 1 % of mass, and the gain is "
+        "mass and torque gain are not separable in these recordings: 1 % of gain is 1 % of mass, and the gain is "
         f"known to {100 * gain:.0f} %; weigh the load, or record once with a known one and set tolerances.torque_gain"
     )
     return (Alternative("torque_gain", None, why),)

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellwatt.arrays import Float
+from cellwatt_plugins.faults.cycles.best_effects import WARM, BestExplanation, explain, odds_of, temper_of
 from cellwatt_plugins.faults.cycles.effects import PART, warm_up
-from cellwatt_plugins.faults.cycles.explain import WARM, BestExplanation, explain, odds_of, temper_of
 from cellwatt_plugins.faults.cycles.identify import FittedArm
 from cellwatt_plugins.faults.cycles.known import Known
 from cellwatt_plugins.faults.cycles.match import Match

@@ -138,7 +138,7 @@ def codes_of(
 def by_agreement(table: Codes, *, signed: bool = False) -> Isolation:
     """Isolate by direct comparison with the columns of a fault table, without a network.
 
-    ``signed``: the table was learnt from faults, so codes must also agree in sign.
+    ``signed``: the table was learned from faults, so codes must also agree in sign.
     """
 
     def isolate(codes: Codes) -> tuple[int, ...]:

@@ -4,7 +4,7 @@ It has one input per interval, three times as many hidden neurons, one output pe
 trained by back-propagation on the columns of the task's fault table and on a column of zeros, and its largest output
 decides (Table III). Training requires scikit-learn and onnx (the extra ``train``), running it onnxruntime.
 
-A table learnt from faults contains the sign of the power change (``signed``). A table made from the motion contains
+A table learned from faults contains the sign of the power change (``signed``). A table made from the motion contains
 only the intervals in which a joint's faults show; its network receives codes without signs.
 
 Joints with equal columns cannot be distinguished: they share one output and are named together.
@@ -61,7 +61,7 @@ def train(
     """Train a network on a fault table (intervals, joints) of -1, 0, 1; returns an ONNX file.
 
     Input ``codes`` (n, intervals) float32, output ``joints`` (n, distinct columns + 1) from 0 to 1, the last one for
-    "free". ``task`` is the task that the network applies to, ``signed`` whether the table was learnt from faults
+    "free". ``task`` is the task that the network applies to, ``signed`` whether the table was learned from faults
     (default: whether it contains -1), ``made`` is copied to the metadata. Raises ``ConfigError`` if scikit-learn or
     onnx is missing, ``ModelError`` if no column has a code or an output stays below ``SURE``.
     """

@@ -62,7 +62,7 @@ def task(number: int, end: int) -> Task:
 
 
 def energy(number: int, end: int) -> Energy:
-    groups = {"motion": 60.0 + number, "rest": 40.0}
+    groups = {"mechanical_losses": 60.0 + number, "electronics": 40.0}
     return Energy("arm", "task_1", "speed=1.00", number, end - 7 * S, end, 100.0 + number, groups, 1.0, 50.0, 50.0)
 
 

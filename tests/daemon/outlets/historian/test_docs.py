@@ -38,10 +38,10 @@ def test_programs_of_the_page_find_what_was_recorded(names: dict[str, Any]) -> N
     watts = [row[2] for row in names["power"]]
     assert watts[:2] == pytest.approx([mean_of(range(59)), mean_of(range(59, 119))])
     assert {row[0] for row in names["power"]} == {"weld-3"}
-    ((task, times, joules, motion),) = names["energy"]
+    ((task, times, joules, losses),) = names["energy"]
     repetitions = [second for second in range(120) if second % 5 == 2]
     assert (task, times) == ("task_1", len(repetitions))
     assert joules == pytest.approx(100 + np.mean(repetitions))
-    assert motion == pytest.approx(60 + np.mean(repetitions))
+    assert losses == pytest.approx(60 + np.mean(repetitions))
     assert names["minutes"]["arm.bus.power"].to_list()[:2] == pytest.approx(watts[:2])
     assert len(names["alarms"]) == len(repetitions)

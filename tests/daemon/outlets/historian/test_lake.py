@@ -100,7 +100,7 @@ def test_results_tell_what_they_told(record: Path, lake: Path) -> None:
     assert (alarm["time"].value, alarm["id"], alarm["active"], alarm["joint"]) == (at, "a2", True, 2)
     assert json.loads(alarm["evidence"]) == {"residual_W": "NaN", "n": 2}  # as the record has it
     assert (task["task"], task["start"].value, task["speed"]) == ("task_1", at - 7 * S, 1.0)
-    assert (energy["total"], dict(energy["groups"])) == (102.0, {"motion": 62.0, "rest": 40.0})
+    assert (energy["total"], dict(energy["groups"])) == (102.0, {"mechanical_losses": 62.0, "electronics": 40.0})
 
 
 def test_the_rows_of_the_largest_file_take_little_memory() -> None:

@@ -61,4 +61,4 @@ def test_results_are_points_of_their_own() -> None:
     done = parse(result_line("cellwatt", TAGS, task(4, TIME)))
     assert (done.tags["task"], done.tags["variant"], done.fields["seconds"]) == ("task_1", "speed=1.00", 7.0)
     used = parse(result_line("cellwatt", TAGS, energy(5, TIME)))
-    assert (used.fields["total"], used.fields["group.motion"], used.fields["repetition"]) == (105.0, 65.0, 5)
+    assert (used.fields["total"], used.fields["group.mechanical_losses"], used.fields["repetition"]) == (105.0, 65.0, 5)

@@ -16,8 +16,8 @@ import pytest
 from cellwatt.config import FrameSettings
 from cellwatt.errors import CellwattError
 from cellwatt.runtime.change import Change
-from cellwatt.runtime.processes.part import SupervisedProcess
 from cellwatt.runtime.processes.shared import Alive, Assignment, Failed, Ready
+from cellwatt.runtime.processes.supervised_process import SupervisedProcess
 from cellwatt.runtime.processes.supervisor import Supervisor, _Reload
 from tests.daemon.runtime.fakes import FakeDriver, config_of, sources, stages
 from tests.patience import PATIENCE, wait_until

@@ -38,7 +38,7 @@ def test_the_short_stroke_of_a_slide_is_compared(tmp_path):
     noise = np.random.default_rng(1).normal(0, (0.1, 0.05, 0.3), q.shape)
     run = Run("press", time, q, qd, scara.torque(q, qd, qdd) + noise)
     admitted = admit([run], Arm.load(scara.write(tmp_path)))
-    assert list(admitted.notes) == ["no power recorded: the supply cannot be examined"]
+    assert list(admitted.notes) == ["no power recorded: effects that show only in the supply cannot be tested"]
     assert torque_problem([run], admitted.states).observed == [0, 1, 2]
 
 

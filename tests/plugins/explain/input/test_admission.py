@@ -195,7 +195,7 @@ def test_small_motions_in_degrees_are_told_by_the_torques(described, arm):
 def test_joints_are_told_though_wrists_carry_next_to_nothing(change, message, frictionless, bare):
     random = np.random.default_rng(8)
     run = replace(frictionless, torque=frictionless.torque + 0.5 * random.standard_normal(frictionless.torque.shape))
-    assert examine([run], bare)[1] == ["no power recorded: the supply cannot be examined"]
+    assert examine([run], bare)[1] == ["no power recorded: effects that show only in the supply cannot be tested"]
     assert message in refusal([change(run)], bare)
 
 
@@ -301,7 +301,7 @@ def test_what_a_robot_may_do_is_no_wrong_input(effect, described, arm, bare):
     run = recorded(described, motion(seed=4), effect=EFFECTS[effect], seed=7)
     for kept in (run, replace(without_plan(run), velocity=None)):
         assert examine([kept], arm)[1] == []
-    assert all("differ from the simulation" in note for note in examine([run], bare)[1])
+    assert all("differs from the simulation" in note for note in examine([run], bare)[1])
 
 
 def tracked(run, seconds, error):

@@ -105,7 +105,7 @@ def test_the_simulations_torque_is_what_is_explained(described):
 def test_where_the_description_says_otherwise_is_one_note(silent):
     seen = plant.record("run", 3)
     _, notes = examine([seen], silent)
-    (note,) = [n for n in notes if "differ from the simulation" in n]
+    (note,) = [n for n in notes if "differs from the simulation" in n]
     assert "joint 1" in note
-    assert "coulomb friction 0 instead of" in note
+    assert "Coulomb friction 0 instead of" in note
     assert "the supply by" in note

@@ -135,7 +135,7 @@ def test_columns_of_a_linear_axis_have_its_units(tmp_path):
     pq.write_table(pa.table(columns), tmp_path / "log.parquet")
     (run,) = read_runs([tmp_path / "log.parquet"], [], arm.description)
     np.testing.assert_allclose(run.position, q)
-    assert examine([run], arm)[1] == ["no power recorded: the supply cannot be examined"]
+    assert examine([run], arm)[1] == ["no power recorded: effects that show only in the supply cannot be tested"]
     columns["tau_2 [N]"] = columns.pop("tau_2")
     pq.write_table(pa.table(columns), tmp_path / "log.parquet")
     with pytest.raises(

@@ -49,7 +49,7 @@ def test_controls_of_motors_are_torques_by_their_gears(tmp_path):
     assert run.command is None
     notes = examine([run], arm)[1]
     assert "arm.xml: held at their reference: grip" in notes
-    assert not any("differ from the simulation" in note for note in notes)
+    assert not any("differs from the simulation" in note for note in notes)
 
 
 def test_a_log_of_all_joints_holds_those_of_a_gripper_behind_the_arm(tmp_path):

@@ -33,7 +33,7 @@ UNSURE = 0.65
 
 
 def drop_needless(state: SearchState, now: Solution, beside: Term | None = None) -> Solution:
-    """Remove terms that others made needless; with ``beside``, only terms that ``beside`` can replace."""
+    """Remove terms that others made unnecessary; with ``beside``, only terms that ``beside`` can replace."""
     for term in _weakest_first(now):
         if term is beside or not shares_channel(term, beside):
             continue
@@ -127,7 +127,7 @@ def drop_unconfirmed(state: SearchState, now: Solution) -> Solution:
             why = "has a value that is not physical"
         several = not term.effect.acceptance.several_channels or relieves_tension(rest, now, state.thresholds)
         if why is None and not several and not seen_by_several(rest, now.block(term)[0]):
-            why = "only one channel supports it"
+            why = "is supported by one channel only"
         if why is None and _murky(state, rest, now, term):
             why = "removes little, or not surely, from a channel with a large unexplained residual"
         if why is None and _as_friction(state, now, term):

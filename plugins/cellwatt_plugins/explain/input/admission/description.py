@@ -40,7 +40,7 @@ def description_remarks(runs: Sequence[Run], arm: Arm, base: Baseline) -> list[s
         parts += [f"the supply by {watts:.3g} W"] if watts > WORTH * drawn else []
     if not parts:
         return []
-    what = "robot.yaml or the URDF differ from the simulation"
+    what = "robot.yaml or the URDF differs from the simulation"
     return [f"{what}: {'; '.join(parts)} (rms). The recording is compared with the simulation"]
 
 
@@ -59,7 +59,8 @@ def _how(described: RobotDescription, simulated: RobotDescription, joint: int) -
     """The numbers of a joint that differ, in words."""
     pairs = {name: (getattr(described.joints[joint], name), getattr(simulated.joints[joint], name)) for name in UNITS}
     parts = [
-        f"{name.replace('_', ' ')} {own:.3g} instead of {other:.3g} {described.unit(joint, UNITS[name])}"
+        f"{name.replace('_', ' ').replace('coulomb', 'Coulomb')} {own:.3g} "
+        f"instead of {other:.3g} {described.unit(joint, UNITS[name])}"
         for name, (own, other) in pairs.items()
         if abs(own - other) > WORTH * max(own, other)
     ]

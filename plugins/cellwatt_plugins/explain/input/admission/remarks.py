@@ -43,7 +43,7 @@ def remarks(runs: Sequence[Run], robot: RobotDescription) -> list[str]:
     if (still := np.flatnonzero(widest < MOVES * lever)).size:
         notes.append(f"{joints_text((still + 1).tolist())} never moved: friction and inertia there cannot be found")
     if all(run.power is None for run in runs):
-        notes.append("no power recorded: the supply cannot be examined")
+        notes.append("no power recorded: effects that show only in the supply cannot be tested")
     notes += unread_remarks(runs)
     notes += _slow(runs)
     for run in runs:
