@@ -12,8 +12,9 @@ REVERSES = 0.02
 """rad/s within which the friction reverses."""
 
 
-def coupled(recordings: list[Recording], first: int, second: int, constants: Float) -> list[Recording]:
-    """The recordings with the friction of joint ``second``, by a plain fit to them, at the sum of both joints' speeds.
+def coupled(recordings: list[Recording], first: int, second: int, ratio: float, constants: Float) -> list[Recording]:
+    """The recordings with the friction of joint ``second``, by a plain fit to them, at its speed plus ``ratio`` times
+    that of joint ``first``.
 
     Joints are 0-based; ``constants`` (n,) Nm/A turn currents to torques, 1 where torques were recorded.
     """
@@ -28,9 +29,9 @@ def coupled(recordings: list[Recording], first: int, second: int, constants: Flo
     out = []
     for each in recordings:
         alone = each.velocity[:, second]
-        together = _friction(each.velocity[:, first] + alone) @ own
+        together = _friction(ratio * each.velocity[:, first] + alone) @ own
         more = np.zeros_like(each.position)
-        more[:, first], more[:, second] = together, together - _friction(alone) @ own
+        more[:, first], more[:, second] = ratio * together, together - _friction(alone) @ own
         if each.current is None:
             out.append(replace(each, torque=each.effort(constants) + more))
         else:

@@ -24,14 +24,15 @@ def _late(recording: Recording) -> Recording:
 
 def _repeated(recording: Recording) -> Recording:
     """Logged at 1.6 of the controller's rate: rows are repeated until there is a new sample."""
-    return _newest(recording, np.arange(0.0, recording.time[-1], np.median(np.diff(recording.time)) / 1.6))
+    return _newest(recording, np.arange(*recording.time[[0, -1]], np.median(np.diff(recording.time)) / 1.6))
 
 
 def _loop(recording: Recording) -> Recording:
     """Logged by a loop with pauses that takes the newest sample, at some 0.8 of the controller's rate."""
     step = 1.21 * float(np.median(np.diff(recording.time)))
-    time = np.cumsum(step + np.random.default_rng(2).exponential(0.03 * step, int(recording.time[-1] / step)))
-    return _newest(recording, time[time < recording.time[-1]])
+    first, last = recording.time[[0, -1]]
+    time = first + np.cumsum(step + np.random.default_rng(2).exponential(0.03 * step, int((last - first) / step)))
+    return _newest(recording, time[time < last])
 
 
 def _newest(recording: Recording, time: Float) -> Recording:

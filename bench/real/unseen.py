@@ -90,10 +90,10 @@ def _ur10e_known(data: Path, work: Path, seen: str, unseen: str | None) -> Case:
     return Case(robot, [recording], ur10e.moving(data, unseen))
 
 
-def _coupled(case: Case, first: int, second: int) -> Case:
-    """As if the motor of joint ``second`` (0-based) also turned with joint ``first``."""
+def _coupled(case: Case, first: int, second: int, ratio: float = 1.0) -> Case:
+    """As if the motor of joint ``second`` (0-based) also turned ``ratio`` times with joint ``first``."""
     constants = np.where(case.unseen.torque is None, Arm.load(case.robot).column("torque_constant"), 1.0)
-    *seen, unseen = coupled([*case.seen, case.unseen], first, second, constants)
+    *seen, unseen = coupled([*case.seen, case.unseen], first, second, ratio, constants)
     return Case(case.robot, seen, unseen)
 
 
@@ -149,6 +149,8 @@ CASES: Mapping[str, tuple[str, Callable[[Path, Path], Case]]] = {
     "ur10e-coupled": (ur10e.FOLDER, lambda data, work: _coupled(_ur10e_urdf(data, work), 4, 5)),
     "panda-coupled": (panda.FOLDER, lambda data, work: _coupled(_panda(data, work, np.zeros(7)), 5, 6)),
     "lwr-coupled": (kuka.FOLDER, lambda data, work: _coupled(_lwr(data, work, "identified"), 4, 5)),
+    "ur10e-geared": (ur10e.FOLDER, lambda data, work: _coupled(_ur10e_urdf(data, work), 3, 4, 0.67)),
+    "panda-geared": (panda.FOLDER, lambda data, work: _coupled(_panda(data, work, np.zeros(7)), 5, 6, -0.45)),
     "lwr-a-priori": (kuka.FOLDER, lambda data, work: _lwr(data, work, "a_priori")),
 }
 """The folder that a case needs, and what a user has there."""

@@ -153,6 +153,7 @@ def driven_through(turns: np.ndarray) -> Missing:
     [
         ([[1, 0], [1, 1]], "the motor of joint 3 turns by the sum"),
         ([[1, -1], [0, 1]], "the motor of joint 2 turns by the difference"),
+        ([[1, -0.6], [0, 1]], "the motor of joint 2 turns by the angle of its joint and -0.60 times that of joint 3"),
         ([[1, 1], [-1, 1]], "their motors turn by the sum and the difference"),
     ],
 )

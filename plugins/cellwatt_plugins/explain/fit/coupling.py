@@ -1,13 +1,13 @@
 """Coupled joints: a motor that also turns while another joint moves, as in many wrists and parallelograms.
 
-The friction and the rotor of such a motor follow its own speed, the sum or the difference of two joints' speeds, and
+The friction and the rotor of such a motor follow its own speed, that of its joint and a multiple of another one's, and
 load both joints. A structure is accepted if it predicts the torques of both joints clearly better on data left out
-than separate motors do.
+than separate motors do; a multiple other than 1 if it does so clearly better than 1.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -19,7 +19,7 @@ from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import direction
 from cellwatt_plugins.robot.priors import links_prior
-from cellwatt_plugins.robot.regression import Prior, Products
+from cellwatt_plugins.robot.regression import Fit, Prior, Products
 
 ROWS = 3000
 """Approximate number of samples that are compared."""
@@ -41,18 +41,14 @@ SHARE, EACH = 0.25, 0.1
 SURE = 4.0
 """Standard errors of the removed share."""
 SEPARATE = (1, 0), (0, 1)
-STRUCTURES = (
-    ((1, 0), (1, 1)),
-    ((1, 0), (-1, 1)),
-    ((1, 1), (0, 1)),
-    ((1, -1), (0, 1)),
-    ((1, 1), (-1, 1)),
-)
-"""Turns of both motors per turn of each joint: a motor that also turns with the other joint, and a differential."""
-SPEEDS = (1, 0), (0, 1), (1, 1), (-1, 1)
-"""Speeds of a motor in these structures, up to the sign, as factors on both joints' speeds."""
+DIFFERENTIAL = (1, 1), (-1, 1)
+RATIOS = (1 / 3, 0.6, 1.0, 5 / 3, 3.0)
+"""Turns of a motor per turn of the other joint that are tried, either way."""
+FINER = 1.3, 1.06, 1.012
+"""Steps between the ratios that are tried next, three either way of the best."""
 
-Turns = tuple[tuple[int, int], tuple[int, int]]
+Turns = tuple[tuple[float, float], tuple[float, float]]
+"""Turns of both motors, a pair each, per turn of each joint."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +58,6 @@ class Coupling:
     joints: tuple[int, int]
     """0-based."""
     turns: Turns
-    """Turns of both joints' motors, a row each, per turn of each joint."""
     before: Float
     """Rms error (2,) Nm of both joints on data left out, with separate motors."""
     after: Float
@@ -86,13 +81,38 @@ def couplings(states: Sequence[States], residuals: Sequence[Float]) -> list[Coup
         prior = links_prior(body.parameters()[links], LINKS)
         fit = _Fit(regressor, prior, *(each[known][:, pair] for each in (speed, gain, residual)))
         before = fit.errors(SEPARATE)
-        for turns in STRUCTURES:
-            after = fit.errors(turns)
-            held = compared(before, after)
-            if held.share > 2 * SHARE and held.sure > SURE and held.again and -held.rise > EACH:
-                rms = [np.sqrt(np.sum(errors, axis=0) / fit.rows) * fit.size for errors in (before, after)]
-                found.append((held.share, Coupling((a, b), turns, *rms)))
+        turns, after = _best(fit, before)
+        held = compared(before, after)
+        if held.share > 2 * SHARE and held.sure > SURE and held.again and -held.rise > EACH:
+            rms = [np.sqrt(np.sum(errors, axis=0) / fit.rows) * fit.size for errors in (before, after)]
+            found.append((held.share, Coupling((a, b), turns, *rms)))
     return _apart(found)
+
+
+def _best(fit: _Fit, before: Float) -> tuple[Turns, Float]:
+    """The structure that removes most of the errors ``before`` (K, 2) of separate motors, and its errors (K, 2)."""
+    errors = dict[Turns, Float]()
+
+    def best(structures: Iterable[Turns]) -> Turns:
+        for turns in (tried := list(structures)):
+            errors[turns] = fit.errors(turns)
+        return max(tried, key=lambda turns: compared(before, errors[turns]).share)
+
+    plain = best([DIFFERENTIAL, *_turned(1.0), *_turned(-1.0)])
+    found = best([plain, *(turns for ratio in RATIOS for way in (1, -1) for turns in _turned(way * ratio))])
+    if found == DIFFERENTIAL or compared(before, errors[found]).share < SHARE:
+        return found, errors[found]
+    motor = 0 if found[0][1] else 1
+    for step in FINER:
+        found = best(_turned(found[motor][1 - motor] * step**k)[motor] for k in range(-3, 4))
+    better = compared(errors[plain], errors[found])
+    chosen = found if better.share > 0 and better.sure > SURE and better.again else plain
+    return chosen, errors[chosen]
+
+
+def _turned(ratio: float) -> tuple[Turns, Turns]:
+    """The motor of the first joint, or that of the second one, also turns with the other joint."""
+    return ((1.0, ratio), (0.0, 1.0)), ((1.0, 0.0), (ratio, 1.0))
 
 
 def _apart(found: Sequence[tuple[float, Coupling]]) -> list[Coupling]:
@@ -110,46 +130,38 @@ class _Fit:
     def __init__(self, regressor: Float, links: Prior, speed: Float, gain: Float, residual: Float) -> None:
         self.rows = len(residual)
         self.size = np.maximum(np.std(residual, axis=0), 1e-9)
-        self._links = regressor.shape[2]
-        drives = [_courses(speed @ np.array(turn), gain @ np.array(turn)) for turn in SPEEDS]
-        courses = np.concatenate([*drives, np.ones((len(speed), 1))], axis=1)
-        fold = np.arange(len(residual)) * FOLDS // self.rows
-        self._products = [
-            [
-                Products.of(
-                    np.concatenate([regressor[rows, c], courses[rows]], axis=1) / self.size[c],
-                    residual[rows, c] / self.size[c],
-                )
-                for rows in (fold == k for k in range(FOLDS))
-            ]
-            for c in (0, 1)
-        ]
-        wide = self.size.max() / np.maximum(np.sqrt(np.mean(drives[0] ** 2 + drives[1] ** 2, axis=0)), 1e-9)
+        self._motion = speed, gain
+        self._links = (regressor / self.size[:, None]).swapaxes(0, 1)
+        self._torques = (residual / self.size).T
+        self._folds = [slice(k * self.rows // FOLDS, (k + 1) * self.rows // FOLDS) for k in range(FOLDS)]
+        self._grams = [[own[rows].T @ own[rows] for rows in self._folds] for own in self._links]
+        drives = np.sqrt(sum(np.mean(_courses(*each) ** 2, axis=0) for each in zip(speed.T, gain.T, strict=True)))
+        wide = self.size.max() / np.maximum(drives, 1e-9)
         self._prior = Prior.joined(links, Prior.spread(np.concatenate([wide, wide, self.size]) * 3))
 
     def errors(self, turns: Turns) -> Float:
         """Squared error (K, 2) of each fold, in units of the residual's variance, in the fit without that fold."""
-        maps = [self._map(turns, c) for c in (0, 1)]
-        grams = np.array([[m.T @ p.gram @ m for p in own] for m, own in zip(maps, self._products, strict=True)])
-        pulls = np.array([[m.T @ p.pull for p in own] for m, own in zip(maps, self._products, strict=True)])
-        squares = np.array([[p.square for p in own] for own in self._products])
-        whole, pulled = grams.sum(axis=(0, 1)) / ALIKE + self._prior.precision, pulls.sum(axis=(0, 1)) / ALIKE
+        drives = [_courses(*(course @ np.array(turn) for course in self._motion)) for turn in turns]
+        held = [self._products([turn[c] * drive for turn, drive in zip(turns, drives, strict=True)], c) for c in (0, 1)]
+        whole = sum((each for own in held for each in own), start=Products(*np.zeros(2)))
         out = np.empty((FOLDS, 2))
-        for k in range(FOLDS):
-            x = np.linalg.solve(whole - grams[:, k].sum(axis=0) / ALIKE, pulled - pulls[:, k].sum(axis=0) / ALIKE)
-            out[k] = squares[:, k] - 2 * pulls[:, k] @ x + np.einsum("i,cij,j->c", x, grams[:, k], x)
+        for k, (first, second) in enumerate(zip(*held, strict=True)):
+            kept = whole - first - second
+            x = Fit(Products(kept.gram / ALIKE, kept.pull / ALIKE), self._prior).coefficients
+            out[k] = first.misfit(x), second.misfit(x)
         return np.maximum(out, 0.0)
 
-    def _map(self, turns: Turns, channel: int) -> Float:
-        """From coefficients (links, both motors, both offsets) to those of the products' columns at a channel."""
-        each = len(_courses(np.zeros(1), np.zeros(1))[0])
-        out = np.zeros((self._links + each * len(SPEEDS) + 1, self._links + 2 * each + 2))
-        out[: self._links, : self._links] = np.eye(self._links)
-        for motor, turn in enumerate(turns):
-            sign, at = next((s, i) for i, own in enumerate(SPEEDS) for s in (1, -1) if (s * own[0], s * own[1]) == turn)
-            rows, columns = (self._links + each * i for i in (at, motor))
-            out[rows : rows + each, columns : columns + each] = sign * turn[channel] * np.eye(each)
-        out[-1, -2 + channel] = 1.0
+    def _products(self, drives: Sequence[Float], channel: int) -> list[Products]:
+        """Equations of each fold at a channel: of the links, of both motors' ``drives``, and of both offsets."""
+        offsets = np.eye(2)[np.full(self.rows, channel)]
+        columns = np.concatenate([*drives, offsets], axis=1) / self.size[channel]
+        links, torque = self._links[channel], self._torques[channel]
+        out = []
+        for rows, gram in zip(self._folds, self._grams[channel], strict=True):
+            own = Products.of(columns[rows], torque[rows])
+            cross = links[rows].T @ columns[rows]
+            pull = np.concatenate([links[rows].T @ torque[rows], own.pull])
+            out.append(Products(np.block([[gram, cross], [cross.T, own.gram]]), pull, own.square))
         return out
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from scipy.linalg import solveh_banded
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
-from scipy.signal import savgol_filter
+from scipy.signal import find_peaks, savgol_filter
 
 from cellwatt.arrays import Bool, Float
 
@@ -51,6 +51,14 @@ ALTERNATE = -0.55
 joints turn or brake at once, the motion itself deviates, with fewer changes of sign from row to row."""
 NEIGHBOURS = (0, 1, 3, 4)
 """Indices, among five rows a stride apart, of the rows whose cubic is compared with the row in the middle."""
+SAMPLES = 0.8, 8.0
+"""Samples of a controller per row of a loop that takes the newest one."""
+COHERENT = 0.45
+"""Mean resultant length of the rows' times, as angles of that controller's period, from which they show the period."""
+FINE = 32
+"""Parts of a step by which times are told apart where a period is looked for."""
+SCANNED = 1 << 17
+"""Number of rows in which a period is looked for."""
 
 
 def repeats(positions: Sequence[Float]) -> Bool:
@@ -88,7 +96,8 @@ def sampled(time: Float, positions: Sequence[Float]) -> tuple[Float, bool]:
     """Times (N,) s of the samples of ``positions``, each (N,), that a logger stamped at ``time`` (N,) s.
 
     Even times if the positions show them; then the times of single rows that joints moving together show, as a row that
-    was sampled late shows each joint ahead by its velocity times the delay. Missing rows stay missing. ``time`` itself
+    was sampled late shows each joint ahead by its velocity times the delay; and if these are multiples of a period, as
+    those of a loop that takes a controller's newest sample, the multiples. Missing rows stay missing. ``time`` itself
     if the positions do not show that it is wrong. The flag is false if times of single rows were estimated.
     """
     if len(time) < SMOOTHED or not positions:
@@ -100,10 +109,11 @@ def sampled(time: Float, positions: Sequence[Float]) -> tuple[Float, bool]:
     # The motion between bursts is unknown if the stamps are right.
     if even is time and (near := _close(time, float(np.median(np.diff(time))))).sum() < SMOOTHED:
         return time, True
-    found = _own(even, values, near)
+    found = _ordered(_own(even, values, near))
     if np.any(np.diff(found) <= 0) or np.abs(found - even).max() > FARTHEST * float(np.median(np.diff(found))):
         return time, True
-    return found, found is even
+    samples = None if found is even else _newest(time, found, values, near)
+    return (found, found is even) if samples is None else (samples, True)
 
 
 def _close(time: Float, usual: float) -> Bool:
@@ -121,7 +131,7 @@ def _evenly(time: Float, values: Float, near: Bool) -> Float:
     """Even times in place of ``time`` (N,) s if ``values`` (N, n), in the stencils ``near`` (N - 4,), show them."""
     best, least = time, np.inf
     if in_bursts(time):  # Long steps hide a part of the motion: what even times leave is compared with what stamps do.
-        least = float(np.sum(np.square(_deviation(_cubic(time), values)[near])))
+        least = _rough(time, values, near)
     # Across a hole, positions do not show which numbers are right: the stamps do.
     for even, step in sorted(_even(time), key=lambda numbered: float(np.sum(np.square(numbered[0] - time)))):
         weights, late = _cubic(even), time - even
@@ -180,6 +190,57 @@ def _own(time: Float, values: Float, near: Bool) -> Float:
             break
         time = time + _delays(weights, sure, late, spread, stride)
     return time
+
+
+def _ordered(found: Float) -> Float:
+    """Times (N,) s without those that are out of order: such a row lies between its neighbours."""
+    later = np.minimum.accumulate(found[::-1])[::-1]
+    known = np.flatnonzero((found >= np.maximum.accumulate(found)) & (found <= later))
+    if len(known) == len(found) or len(known) < STALLED * len(found):
+        return found
+    return np.interp(np.arange(len(found)), known, found[known])
+
+
+def _newest(time: Float, found: Float, values: Float, near: Bool) -> Float | None:
+    """Even times (N,) s of a controller's samples, the newest one at each stamp ``time`` (N,) s; None if the positions
+    ``values`` (N, n) go less well with them than with ``found`` (N,) s, the rows' own times."""
+    joints = max(values.shape[1], 2)  # a time of its own takes off the noise of one
+    most = _rough(found, values, near) * joints / (joints - 1)
+    for start, period, number in _numbered(time, found):
+        age = np.sort((time - start) / period - number)
+        youngest = age[np.argmax(np.searchsorted(age, age + 1) - np.arange(len(age)))] - ROUNDING
+        both = [start + period * n for n in (np.floor((time - start) / period - youngest), number)]
+        rough = [_rough(each, values, near) if np.all(np.diff(each) > 0) else np.inf for each in both]
+        if min(rough) < most:
+            return both[int(np.argmin(rough))]
+    return None
+
+
+def _numbered(time: Float, found: Float) -> Iterator[tuple[float, float, Float]]:
+    """Starts and periods, s, of even samples, and the sample's number (N,) of each row.
+
+    The rows' own times ``found`` (N,) s are close to samples or, if the period is near that of the rows, only the steps
+    between them: how old samples were at their stamps ``time`` (N,) s then changes too slowly for ``found``.
+    """
+    step, seen, scanned = float(np.median(np.diff(found))), found - found[0], min(len(found), SCANNED)
+    counts = np.bincount(np.round(seen[:scanned] * (FINE / step)).astype(np.intp))
+    size = 4 * len(counts)
+    spectrum = np.fft.rfft(counts, size)
+    first, last = (int(size * samples / FINE) for samples in SAMPLES)
+    for peak in first + find_peaks(np.abs(spectrum[first:last]), height=COHERENT * scanned)[0]:
+        period, rows = step * size / (FINE * peak), scanned
+        start = -period * float(np.angle(spectrum[peak])) / (2 * np.pi)
+        while rows < 2 * len(found):  # a period that goes with some rows is good enough to number twice as many
+            period, start = np.polyfit(np.round((seen[:rows] - start) / period), seen[:rows], 1)
+            rows *= 2
+        yield found[0] + start, period, np.round((seen - start) / period)
+    number = np.concatenate([[0.0], np.cumsum(np.round(np.diff(found) / step))])
+    period, start = np.polyfit(number, time, 1)
+    yield start, period, number
+
+
+def _rough(time: Float, values: Float, near: Bool) -> float:
+    return float(np.sum(np.square(_deviation(_cubic(time), values)[near])))
 
 
 def _spread(late: Float, sure: Float, several: Float, stride: int) -> tuple[float, float]:

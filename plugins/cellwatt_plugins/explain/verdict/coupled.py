@@ -38,10 +38,9 @@ def as_coupled(
 def _finding(found: Coupling, robot: RobotDescription) -> Finding:
     first, second = (joint + 1 for joint in found.joints)
     both = [motor for motor, turn in enumerate(found.turns) if all(turn)]
-    ways = [f"the {'sum' if np.prod(found.turns[motor]) > 0 else 'difference'}" for motor in both]
     who = "their motors turn" if len(both) > 1 else f"the motor of joint {found.joints[both[0]] + 1} turns"
     statement = (
-        f"Joints {first} and {second} are coupled: {who} by {listed(ways)} of both joints' angles, so "
+        f"Joints {first} and {second} are coupled: {who} by {_angle(found, both)}, so "
         "friction and rotor load both joints. One motor a joint, as in the simulation, leaves this out."
     )
     ratios = {
@@ -57,3 +56,10 @@ def _finding(found: Coupling, robot: RobotDescription) -> Finding:
     return Finding(
         "joint_coupling", second, "structure", 0.99, statement, ratios, Where(tuple(channels)), error, was=0.0
     )
+
+
+def _angle(found: Coupling, motors: Sequence[int]) -> str:
+    if abs(ratio := found.turns[motors[0]][1 - motors[0]]) != 1:
+        return f"the angle of its joint and {ratio:+.2f} times that of joint {found.joints[1 - motors[0]] + 1}"
+    ways = [f"the {'sum' if np.prod(found.turns[motor]) > 0 else 'difference'}" for motor in motors]
+    return f"{listed(ways)} of both joints' angles"

@@ -90,15 +90,24 @@ def test_one_stall_shows_nothing_of_other_rows_that_were_sampled_unevenly(spread
 
 
 @pytest.mark.parametrize("noise", [1e-6, 1e-5, 1e-4])
-@pytest.mark.parametrize("period", [0.0022, 0.0065])
+@pytest.mark.parametrize("period", [0.0022, 0.0065, 0.0079])
 def test_rows_with_the_newest_sample_of_a_faster_controller_get_its_times(period, noise):
     loop = 100.0 + np.cumsum(STEP + np.random.default_rng(6).exponential(0.03 * STEP, ROWS))
     for stamps in (loop, EVEN + 0.0011):
         truth = np.floor(stamps / period) * period
         found, exact = sampled(stamps, positions(truth, noise))
-        assert not exact
         before, after = (np.std(np.diff(times) - np.diff(truth)) for times in (stamps, found))
+        assert exact
         assert after < 0.2 * before
+
+
+def test_rows_sampled_nearly_at_once_stay_in_order():
+    truth = np.sort(EVEN + np.random.default_rng(4).uniform(-0.6, 0.6, ROWS) * STEP)
+    assert np.diff(truth).min() < 0.01 * STEP
+    found, exact = sampled(EVEN, positions(truth, 1e-5))
+    assert not exact
+    assert np.all(np.diff(found) > 0)
+    assert np.std(np.diff(found) - np.diff(truth)) < 0.2 * np.std(np.diff(EVEN) - np.diff(truth))
 
 
 def test_one_joint_shows_no_time_of_a_row_as_it_may_shake():
