@@ -7,13 +7,14 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from scipy.linalg import solveh_banded
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
+from scipy.optimize import isotonic_regression
 from scipy.signal import find_peaks, savgol_filter
 
 from cellwatt.arrays import Bool, Float
 
 MOST_REPEATED = 8
 """Distance, in rows, of two samples above which the arm stands still: rows in between are no repetitions."""
-REPEATED = 0.1
+REPEATED = 0.02
 """Repetitions per sample of a moving arm above which the logger is faster than the controller."""
 COUNTS = 8.0
 """Step of a position, in its smallest steps, before which a sample would have shown some of the motion."""
@@ -109,11 +110,13 @@ def sampled(time: Float, positions: Sequence[Float]) -> tuple[Float, bool]:
     # The motion between bursts is unknown if the stamps are right.
     if even is time and (near := _close(time, float(np.median(np.diff(time))))).sum() < SMOOTHED:
         return time, True
-    found = _ordered(_own(even, values, near))
+    own = _own(even, values, near)
+    if own is not even and (samples := _newest(time, own, values, near)) is not None:
+        return samples, True
+    found = _ordered(own)
     if np.any(np.diff(found) <= 0) or np.abs(found - even).max() > FARTHEST * float(np.median(np.diff(found))):
         return time, True
-    samples = None if found is even else _newest(time, found, values, near)
-    return (found, found is even) if samples is None else (samples, True)
+    return found, found is even
 
 
 def _close(time: Float, usual: float) -> Bool:
@@ -233,7 +236,9 @@ def _numbered(time: Float, found: Float) -> Iterator[tuple[float, float, Float]]
         while rows < 2 * len(found):  # a period that goes with some rows is good enough to number twice as many
             period, start = np.polyfit(np.round((seen[:rows] - start) / period), seen[:rows], 1)
             rows *= 2
-        yield found[0] + start, period, np.round((seen - start) / period)
+        # Own times that cross belong to successive samples all the same.
+        beyond = isotonic_regression((seen - start) / period - np.arange(len(seen))).x
+        yield found[0] + start, period, np.arange(len(seen)) + np.round(beyond)
     number = np.concatenate([[0.0], np.cumsum(np.round(np.diff(found) / step))])
     period, start = np.polyfit(number, time, 1)
     yield start, period, number
