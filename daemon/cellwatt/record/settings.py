@@ -66,7 +66,7 @@ class RecordSettings(Section):
     file_size: Bytes = 256e6
     """A file is closed at this size, or at a quarter of ``keep`` if that is less …"""
     file_age: Seconds = 600.0
-    """… or after this time."""
+    """… or after this time, 0 for none."""
     flush: Seconds = 0.05
     """Longest time that a sample waits in memory: a killed daemon loses at most this."""
     sync: Seconds = 1.0
