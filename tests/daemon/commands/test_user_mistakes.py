@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import resource
+import sys
 import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
@@ -246,3 +248,11 @@ def test_frames_that_came_from_the_environment(call: Call, tmp_path: Path) -> No
     ended = call("replay", tmp_path)
     assert ended.code == ERROR
     assert "are wrong, or came from the environment: give them with --settings" in ended.err
+
+
+def test_a_terminal_without_the_characters_of_a_table(call: Call, cell: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    cell.write_text(f"{CELL}record: {{folder: Aufträge…}}\n")
+    terminal = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(terminal, "latin-1", write_through=True))
+    assert call("check", cell).code == 0
+    assert "/Aufträge?; outlets: zenoh" in terminal.getvalue().decode("latin-1")
