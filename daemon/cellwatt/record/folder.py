@@ -155,16 +155,16 @@ class RecordFile(Stored):
 
 def listing(folder: Path, cell: str) -> list[RecordFile]:
     """The files of one cell, oldest first; files with other names are never touched."""
-    found = []
+    found, cell = [], plain_cell(cell)
     for path in folder.iterdir() if folder.is_dir() else ():
         name = FileName.parse(path.name)
-        if name is None or name.cell != plain_cell(cell):
+        if name is None or name.cell != cell:
             continue
         with contextlib.suppress(FileNotFoundError):
             status = path.stat()
             closed = path.suffix in (".mcap", DAMAGED)
             found.append(RecordFile(path, status.st_size, status.st_mtime, closed, name))
-    return sorted(found, key=lambda k: (k.name, k.path.name))
+    return sorted(found, key=lambda k: (k.name.session, k.name.number, k.path.name))
 
 
 def files_of(folder: Path, cell: str) -> list[RecordFile]:
