@@ -191,7 +191,7 @@ def _record(check: _Check, top: Mapping[Any, Any], name: CellName | None) -> Rec
     if "folder" not in values:
         try:
             values = {**values, "folder": str(default_folder(name.cell if name is not None else ""))}
-        except ValueError as error:
+        except ConfigError as error:
             check.complain(("record",), str(error), at_key=True)
             return None
     return check.settings(RecordSettings, ("record",), values)

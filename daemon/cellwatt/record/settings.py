@@ -8,6 +8,7 @@ from typing import Final, Literal
 
 from pydantic import Field
 
+from cellwatt.errors import ConfigError
 from cellwatt.quantity import Bytes, Seconds
 from cellwatt.results import Severity
 from cellwatt.section import Section
@@ -36,7 +37,7 @@ def default_folder(cell: str) -> Path:
     """Default folder of a cell's recordings, which this user can create.
 
     The systemd unit's (``StateDirectory=``), for root ``/var/lib/cellwatt/CELL``, for others
-    ``~/.local/state/cellwatt/CELL``, or below ``$XDG_STATE_HOME``. Raises ``ValueError`` for a user without a home.
+    ``~/.local/state/cellwatt/CELL``, or below ``$XDG_STATE_HOME``. Raises ``ConfigError`` for a user without a home.
     """
     if unit := os.environ.get("STATE_DIRECTORY"):
         return Path(unit.partition(":")[0])
@@ -47,9 +48,8 @@ def default_folder(cell: str) -> Path:
         try:
             state = Path.home() / ".local/state"
         except RuntimeError as error:
-            raise ValueError(
-                "this user has no home folder: set the folder of the recordings, record: {folder: …}"
-            ) from error
+            text = "this user has no home folder: set the folder of the recordings, record: {folder: …} or record --out"
+            raise ConfigError(text) from error
     return state / "cellwatt" / cell
 
 
