@@ -189,7 +189,7 @@ def broken(monkeypatch: pytest.MonkeyPatch, error: Exception) -> None:
     monkeypatch.setattr("cellwatt.commands.check.load", Mock(side_effect=error))
 
 
-def test_a_mistake_of_ours_is_one_line_that_says_where_its_traceback_is(
+def test_a_mistake_of_ours_is_one_line_that_says_where_its_traceback_is_or_on_request_the_traceback(
     call: Call, cell: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("CELLWATT_TRACEBACK")
@@ -200,6 +200,8 @@ def test_a_mistake_of_ours_is_one_line_that_says_where_its_traceback_is(
     assert ended.code == BUG
     assert told == "cellwatt: this is a bug in cellwatt, please report it: ZeroDivisionError: division by zero"
     assert "Traceback (most recent call last)" in Path(file.strip().removesuffix(")")).read_text()
+    monkeypatch.setenv("CELLWATT_TRACEBACK", "1")
+    assert call("check", cell).err.startswith("Traceback (most recent call last)")
 
 
 def test_a_package_that_a_command_misses_while_it_runs_is_named(
@@ -234,13 +236,6 @@ def test_channels_that_change_within_recordings(call: Call, tmp_path: Path) -> N
     with pytest.raises(RecordingError, match=changed.format("read")):
         Recording.open(tmp_path).raw("arm/rtde")
     assert len(Recording.open(sorted(tmp_path.glob("*.mcap"))[1]).raw("arm/rtde")) == 15
-
-
-def test_the_traceback_of_a_mistake_of_ours_on_request(call: Call, cell: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    broken(monkeypatch, ZeroDivisionError("division by zero"))
-    ended = call("check", cell)
-    assert ended.code == BUG
-    assert ended.err.startswith("Traceback (most recent call last)")
 
 
 def test_frames_that_came_from_the_environment(call: Call, tmp_path: Path) -> None:

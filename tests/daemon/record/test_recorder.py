@@ -1,7 +1,5 @@
 import asyncio
 import threading
-import time
-from collections import deque
 from dataclasses import replace
 
 import numpy as np
@@ -11,13 +9,11 @@ from blockbuster import blockbuster_ctx
 from cellwatt import Alarm, Channel, Event, RecordingError, Stream, Tick
 from cellwatt.record import Recording, RecordSettings
 from cellwatt.record import files as files_module
-from cellwatt.record.files import Entry, Files
 from cellwatt.record.header import PART
 from cellwatt.record.survey import survey
-from cellwatt.record.upkeep import Upkeep
 from tests.patience import PATIENCE, eventually
 
-from .making import ARM, CELL, HEADER, SESSION, batch_of, frames_of, name_of, same_entry, started, write_chunks
+from .making import ARM, HEADER, SESSION, batch_of, frames_of, name_of, same_entry, started, write_chunks
 
 
 @pytest.fixture
@@ -80,8 +76,8 @@ async def test_a_full_queue_refuses_and_counts(tmp_path, monkeypatch):
     assert len(Recording.open(tmp_path).batches("arm", "rtde")) == 100 * taken.count(True)
 
 
-async def test_files_rotate_by_size(tmp_path):
-    async with started(RecordSettings(folder=tmp_path, file_size=60e3, flush=0.001)) as recorder:
+async def test_files_rotate_by_size_alone_if_the_age_is_0(tmp_path):
+    async with started(RecordSettings(folder=tmp_path, file_size=60e3, file_age=0.0, flush=0.001)) as recorder:
         for n in range(30):
             assert recorder.put(batch_of(n * 100, 100))
             assert await asyncio.to_thread(recorder.flush, PATIENCE)
@@ -103,17 +99,6 @@ async def test_files_rotate_by_age(tmp_path, monkeypatch):
         assert recorder.put(batch_of(1, 1))
         await eventually(lambda: len(list(tmp_path.glob("*.mcap"))) == 2)
     assert [b.sequence for b in Recording.open(tmp_path).entries()] == [0, 1]
-
-
-def test_no_file_is_closed_for_an_age_of_0(tmp_path):
-    settings = RecordSettings(folder=tmp_path, file_age=0.0)
-    upkeep = Upkeep(settings, CELL, SESSION, time.time_ns)
-    files = Files(settings, HEADER, upkeep)
-    files.write(deque([Entry(batch_of(0, 1), 0, "", 1)]))
-    files.look_after()
-    assert files.open is not None
-    files.close()
-    upkeep.close()
 
 
 async def test_another_declaration_goes_into_another_file(recorder, tmp_path):
