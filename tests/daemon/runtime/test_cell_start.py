@@ -7,7 +7,7 @@ from unittest.mock import Mock
 
 import pytest
 
-from cellwatt import Alarm, ConfigError, ConnectError, Event, OutletError, RecordingError
+from cellwatt import Alarm, ConnectError, Event, OutletError
 from cellwatt.record import Recording
 from tests.daemon.runtime.at_once import at_once
 from tests.daemon.runtime.fakes import (
@@ -112,20 +112,6 @@ async def test_history_of_a_cell_that_records(tmp_path):
 async def start(config):
     async with running(config):
         pytest.fail("started")
-
-
-async def test_a_folder_that_cannot_be_made_is_told_as_it_is(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(RecordingError, match=r"record\.folder .* cannot be created: Not a directory"):
-        await start(config_of(record=tmp_path / "file" / "recordings"))
-    assert not DEVICES["arm"].runs
-
-
-async def test_a_stage_that_cannot_be_made_is_told_with_its_place():
-    JUDGES["judge"].refuse = ConfigError("the model is of another robot")
-    with pytest.raises(ConfigError, match=r"stages\.judge: the model is of another robot"):
-        await start(config_of(stages=stages("judge")))
-    assert not DEVICES["arm"].runs
 
 
 async def test_an_outlet_that_cannot_be_made_is_told(monkeypatch):
