@@ -19,13 +19,13 @@ class EvidenceSettings(Section):
 
     severity: Severity | Literal["none"] = "warning"
     """Least severity of the alarms that get a pack: info, warning or error; none for no packs."""
-    before: Seconds = 120.0
+    before: Seconds = Field(default=120.0, ge=0)
     """Time before the first evidence of the alarm."""
-    after: Seconds = 60.0
+    after: Seconds = Field(default=60.0, ge=0)
     """Time after the raise of the alarm."""
     keep: Bytes = 2e9
     """Disk budget of the packs, in addition to that of the record; the oldest packs are removed first."""
-    age: Seconds = 365 * 86400.0
+    age: Seconds = Field(default=365 * 86400.0, ge=0)
     """Age above which packs are removed, 0 for none; the budget limits them too."""
 
 
@@ -61,15 +61,15 @@ class RecordSettings(Section):
     ``/var/lib/cellwatt/CELL``, for others ``~/.local/state/cellwatt/CELL`` (``$XDG_STATE_HOME/cellwatt/CELL``)."""
     keep: Bytes = 20e9
     """Disk budget of the folder; the oldest closed files are removed first."""
-    age: Seconds = 0.0
+    age: Seconds = Field(default=0.0, ge=0)
     """Age above which closed files are removed, 0 for none; the budget limits them too."""
     file_size: Bytes = 256e6
     """A file is closed at this size, or at a quarter of ``keep`` if that is less …"""
-    file_age: Seconds = 600.0
+    file_age: Seconds = Field(default=600.0, ge=0)
     """… or after this time, 0 for none."""
-    flush: Seconds = 0.05
+    flush: Seconds = Field(default=0.05, ge=0)
     """Longest time that a sample waits in memory: a killed daemon loses at most this."""
-    sync: Seconds = 1.0
+    sync: Seconds = Field(default=1.0, ge=0)
     """Longest time until a sample is synced to disk: a power cut loses at most this."""
     queue: Bytes = 64e6
     """Memory for samples that wait while the disk is slow or full; further samples are dropped and counted."""
