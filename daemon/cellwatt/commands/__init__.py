@@ -107,8 +107,6 @@ def main() -> None:
         sys.stdout.reconfigure(errors="replace")  # a terminal of Latin-1 has no "…"
     try:
         code = cli(standalone_mode=False)
-    except click.exceptions.Exit as stop:
-        sys.exit(stop.exit_code)
     except click.Abort:
         sys.exit(130)
     except click.ClickException as error:

@@ -131,7 +131,7 @@ class Table:
     def _open(self, schema: Any) -> Any:
         if self.path.suffix == ".csv":
             # pyarrow would quote every name, and simple readers take the quotes as part of the name.
-            with self.path.open("w", newline="") as file:
+            with self.path.open("w", newline="", encoding="utf-8") as file:
                 csv.writer(file, lineterminator="\n").writerow(
                     [self._named.get(name, (name,))[0] for name in schema.names]
                 )

@@ -148,15 +148,12 @@ def lacking(call: Call, monkeypatch: pytest.MonkeyPatch) -> Iterator[Call]:
     registry.available.cache_clear()
 
 
-def test_a_command_whose_package_is_missing(lacking: Call) -> None:
+def test_a_command_whose_package_is_missing_and_the_help_of_the_others(lacking: Call) -> None:
     ended = lacking("gone", "a", "--out", "b")
     assert ended.code == USAGE
     assert ended.err == (
         "command 'gone' cannot be loaded: ModuleNotFoundError: No module named 'package_that_is_not_there'\n"
     )
-
-
-def test_the_help_of_all_commands_although_one_lacks_its_package(lacking: Call) -> None:
     ended = lacking("--help")
     assert (ended.code, ended.err) == (0, "")
     assert "Check settings files; connects to nothing." in ended.out

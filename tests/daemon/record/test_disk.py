@@ -9,6 +9,7 @@ from concurrent.futures import wait
 from dataclasses import replace
 from io import FileIO
 from pathlib import Path
+from stat import S_ISDIR
 
 import pytest
 
@@ -155,6 +156,18 @@ def test_a_repair_waits_for_room(tmp_path, monkeypatch):
     assert "cannot be repaired now: No space left on device" in str(report)
     assert part.read_bytes() == before
     assert recover(part).messages == 5
+
+
+async def test_a_file_system_that_syncs_no_folders_is_written_all_the_same(tmp_path, monkeypatch):
+    def sync(descriptor, fsync=os.fsync):
+        if S_ISDIR(os.fstat(descriptor).st_mode):
+            raise OSError(errno.EINVAL, os.strerror(errno.EINVAL))
+        fsync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", sync)
+    async with started(RecordSettings(folder=tmp_path)) as recorder:
+        await record(recorder, range(3))
+    assert recorder.stats()["upkeep_problem"] == ""
 
 
 @pytest.mark.parametrize("how", ["moved", "folder removed"])

@@ -79,9 +79,11 @@ def heat(alarms):
 
 
 async def test_what_is_recorded_is_what_was_given(tmp_path):
-    async with running(config_of(record=tmp_path)):
+    async with running(config_of(record=tmp_path)) as cell:
         DEVICES["arm"].tell(answer, give(25), fail(NOBODY), answer, give(5))
         await DEVICES["arm"].done()
+        found = await asyncio.to_thread(cell.view.history, "arm", "supply", cell.session, 5, 10)
+        assert [int(v) for b in found for v in b.values[:, 0]] == list(range(5, 15))
     recording = Recording.open(tmp_path)
     values = [int(v) for b in recording.entries() if hasattr(b, "values") for v in b.values[:, 0]]
     assert values == RECEIVERS["bus"].values == list(range(30))
@@ -96,14 +98,6 @@ async def test_a_cell_may_ask_what_it_is():
         assert [c["name"] for c in schema["frame"]["channels"]] == ["arm.bus.voltage", "arm.bus.current"]
         assert cell.view.config()["sources"]["arm"]["host"] == "arm"
         assert (cell.view.recordings(), cell.view.history("arm", "supply", cell.session, 0, 10)) == ((), ())
-
-
-async def test_history_of_a_cell_that_records(tmp_path):
-    async with running(config_of(record=tmp_path)) as cell:
-        DEVICES["arm"].tell(answer, give(20))
-        await DEVICES["arm"].done()
-        found = await asyncio.to_thread(cell.view.history, "arm", "supply", cell.session, 5, 10)
-        assert [int(v) for b in found for v in b.values[:, 0]] == list(range(5, 15))
 
 
 # what cannot start ------------------------------------------------------------------------------------
