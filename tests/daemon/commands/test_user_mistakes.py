@@ -80,8 +80,6 @@ MISTAKES = [
     (("replay", "recordings", "--settings", "absent.yaml"), USAGE, "absent.yaml: cannot be read"),
     # places that cannot be written
     (("export", "recordings", "--out", "weld.yaml/out"), ERROR, "weld.yaml/out cannot be created: Not a directory"),
-    (("plot", "recordings", "--out", "weld.yaml/a.html"), ERROR, "a.html cannot be written: Not a directory"),
-    (("demo", "--keep", "weld.yaml/kept"), ERROR, "weld.yaml/kept cannot be created: Not a directory"),
     # numbers that are none, too long names, things of another kind
     (("record", "weld.yaml", "--seconds", "nan"), USAGE, "found 'nan', expected a finite number"),
     (("record", "weld.yaml", "--seconds", "-1"), USAGE, "-1.0 is not in the range x>=0"),
