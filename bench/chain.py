@@ -31,7 +31,7 @@ import numpy as np
 from footprint import computed, family, free_port, memory
 from numpy.typing import NDArray
 
-from cellwatt.demo.cells import model_file
+from cellwatt.demo.cells import MODEL
 
 CHANNELS = (
     "actual_q", "actual_qd", "actual_current", "target_q", "target_qd", "target_moment", "target_current",
@@ -203,7 +203,7 @@ def write(path: Path, ports: Sequence[int], endpoint: str, folder: Path, stages:
         for i, port in enumerate(ports)
     )
     named = "".join(f"  tasks_{i}: {{stage: segment, arm: robot_{i}}}\n" for i in range(len(ports)))
-    model = f"  power: {{stage: model, file: {model_file()}, source: robot_0}}\n"
+    model = f"  power: {{stage: model, file: {MODEL}, source: robot_0}}\n"
     judged = f"robot: demo\nstages:\n{model}{named if stages else ''}"
     path.write_text(
         f"site: bench\ncell: bench\nlatency: {latency}\nsources:\n{sources}\n{judged}"

@@ -25,7 +25,7 @@ from typing import Any
 
 import psutil
 
-from cellwatt.demo.cells import model_file, shape_file
+from cellwatt.demo.cells import MODEL, SHAPE
 from cellwatt.emulation import EmulatorProcess, Fault
 from cellwatt.record import Recording
 
@@ -102,8 +102,8 @@ def idle(seconds: float) -> dict[str, float]:
 
 def with_page(address: str) -> str:
     """Settings of the typical cell's stages, a model among them, and of its page."""
-    stages = f"stages:\n  segment: {{arm: arm}}\n  power: {{stage: model, file: {model_file()}, source: arm}}\n"
-    return f'robot: demo\n{stages}page: {{listen: "{address}", arms: {{arm: {shape_file()}}}}}\n'
+    stages = f"stages:\n  segment: {{arm: arm}}\n  power: {{stage: model, file: {MODEL}, source: arm}}\n"
+    return f'robot: demo\n{stages}page: {{listen: "{address}", arms: {{arm: {SHAPE}}}}}\n'
 
 
 @contextlib.asynccontextmanager

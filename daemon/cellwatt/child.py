@@ -14,6 +14,8 @@ from typing import Final
 
 from cellwatt.errors import CellwattError
 
+MODULE: Final = (sys.executable, "-P", "-m")
+"""First words of the command of a child that runs a module; files of the present folder do not count as modules."""
 _PR_SET_PDEATHSIG: Final = 1
 _libc = ctypes.CDLL(None, use_errno=True)
 
@@ -60,8 +62,7 @@ async def output(
     pipe = asyncio.subprocess.PIPE
     try:
         process = await asyncio.create_subprocess_exec(
-            sys.executable,
-            "-m",
+            *MODULE,
             *words,
             cwd=folder,
             stdin=pipe,

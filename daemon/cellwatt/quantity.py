@@ -13,15 +13,17 @@ from cellwatt.units import factors
 
 _NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\d\s].*?)?\s*$")
 
-_HERTZ = {"hz": 1.0, "khz": 1e3}
+_HERTZ = {"Hz": 1.0, "kHz": 1e3}
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0, "h": 3600.0, "d": 86400.0}
-_BYTES = {"b": 1.0, "kb": 1e3, "mb": 1e6, "gb": 1e9, "tb": 1e12, "kib": 2**10, "mib": 2**20, "gib": 2**30}
+_BYTES = {"B": 1.0, "kB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12, "KiB": 2**10, "MiB": 2**20, "GiB": 2**30}
 _BYTES_PER_SECOND = {f"{unit}/s": factor for unit, factor in _BYTES.items()}
 _ANGLES = factors("angle")
 _RADIANS = {"rad": _ANGLES["rad"], "deg": _ANGLES["deg"], "°": _ANGLES["deg"]}
 _RADIANS_PER_SECOND = {f"{unit}/s": factor for unit, factor in _RADIANS.items()}
 _FRACTION = {"%": 0.01}
-_WATT = {name.lower(): factor for name, factor in factors("power").items()}
+_WATT = factors("power")
+TABLES = (_HERTZ, _SECONDS, _BYTES, _BYTES_PER_SECOND, _RADIANS, _RADIANS_PER_SECOND, _FRACTION, _WATT)
+"""The units of each kind of quantity, with their size in the base unit."""
 
 
 def parse(text: object, units: Mapping[str, float], example: str) -> float:
@@ -36,7 +38,7 @@ def parse(text: object, units: Mapping[str, float], example: str) -> float:
     unit = match[2] if match else None
     if match is None or unit is None:
         raise ValueError(f"expected a number with its unit, like {example!r} (units: {names})")
-    factor = units.get(unit.lower())
+    factor = {name.lower(): size for name, size in units.items()}.get(unit.lower())
     if factor is None:
         raise ValueError(f"unknown unit {unit!r}; expected one of {names}, like {example!r}")
     number = float(match[1]) * factor

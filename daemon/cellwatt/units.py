@@ -116,6 +116,17 @@ def named(name: str) -> Unit | None:
     return TABLE[_KINDS[name]][name] if name in _KINDS else None
 
 
+_OTHERS: Final = {"s": "s", "ms": "ms", "percent": "%", "Hz": "Hz", "rpm": "rpm", "bytes": "bytes"}
+"""Units of figures that no quantity in the table has, by their name in a key."""
+
+
+def figure_named(key: str) -> tuple[str, str]:
+    """Name and unit of a figure by its key: ``power residual``, ``W`` for ``power_residual_W``; no unit: ``""``."""
+    name, _, last = key.rpartition("_")
+    unit = _OTHERS.get(last) or (last if named(last) is not None else "")
+    return (name if unit and name else key).replace("_", " "), unit if name else ""
+
+
 def factors(kind: str) -> dict[str, float]:
     """Factor to SI of each unit of a quantity, by unit name, the SI unit first."""
     return {name: unit.factor for name, unit in TABLE[kind].items()}

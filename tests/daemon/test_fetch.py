@@ -68,6 +68,19 @@ def test_a_folder_is_fetched_with_those_below(store: fsspec.AbstractFileSystem) 
     assert found == {"a.mcap": b"a", "day/b.mcap": b"b"}
 
 
+def test_a_folder_that_grows_is_not_fetched_again(
+    store: fsspec.AbstractFileSystem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("monday", "tuesday"):
+        store.pipe(f"/plant/runs/{name}.mcap", name.encode())
+        with monkeypatch.context() as patch:
+            patch.setattr(store, "open", fetched := Mock(side_effect=store.open))
+            path = fetch("memory://plant/runs")
+        assert [call.args[0] for call in fetched.call_args_list] == [f"/plant/runs/{name}.mcap"]
+        assert (path / f"{name}.mcap").read_bytes() == name.encode()
+    assert (path / "monday.mcap").stat().st_nlink == 3  # with the folder before, and itself
+
+
 def test_what_is_cut_off_leaves_nothing(
     store: fsspec.AbstractFileSystem, home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -55,19 +55,6 @@ def test_it_passes_for_every_driver_and_every_default_of_a_source_may_be_switche
     assert load(written).sources["device"].settings == before.sources["device"].settings
 
 
-def test_a_section_is_switched_on_by_taking_its_marks_away(tmp_path):
-    file = tmp_path / "cell.yaml"
-    write_cell(file, "plant", "weld", [source("ur")], record=None)
-    assert load(file).record is None
-    text = file.read_text()
-    section = re.search(r"^# record:.*\n(?:#.*\n)+", text, re.MULTILINE)
-    assert section is not None
-    on = re.sub(r"^# ", "", section[0], flags=re.MULTILINE).replace("folder:", "folder: there", 1)
-    file.write_text(text.replace(section[0], on))
-    config = load(file)
-    assert config.record is not None and config.record.folder == tmp_path / "there" and config.record.keep == 20e9
-
-
 @pytest.mark.parametrize("name", ["frames", "mqtt", "metrics", "opc_ua", "page", "units"])
 def test_a_section_without_required_keys_may_be_switched_on_as_it_stands(name, tmp_path):
     file = tmp_path / "cell.yaml"

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from playwright.async_api import Page, expect
 
-from cellwatt.demo.cells import free_endpoint, shape_file
+from cellwatt.demo.cells import SHAPE, free_endpoint
 from cellwatt.demo.fault import JOINT
 from cellwatt.runtime.acknowledgements import FILE
 from tests.browser import WAIT, barriers, chromium, needs_chromium
@@ -48,7 +48,7 @@ async def test_a_fault_is_seen_acknowledged_and_remembered(tmp_path: Path) -> No
     epoch, address = time.time(), free_endpoint()
     async with (
         judged_arm(epoch) as (devices, text),
-        Daemon(tmp_path, f'{text}page: {{listen: "{address}", arms: {{arm: {shape_file()}}}}}') as daemon,
+        Daemon(tmp_path, f'{text}page: {{listen: "{address}", arms: {{arm: {SHAPE}}}}}') as daemon,
         Audience(daemon) as audience,
         chromium() as browser,
     ):

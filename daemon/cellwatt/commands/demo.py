@@ -19,7 +19,7 @@ import click
 from cellwatt.commands import EXIT_FAILED, FOLDER, Commands
 from cellwatt.commands.doctor import rates
 from cellwatt.commands.options import SECONDS
-from cellwatt.demo.demonstration import Demonstration
+from cellwatt.demo.demonstration import HEALTHY, Demonstration
 from cellwatt.files import make_folder
 from cellwatt.live.bulletin import Bulletin
 from cellwatt.progress.terminal import show_table
@@ -28,8 +28,6 @@ RUNS: Mapping[str, Callable[[Demonstration], Awaitable[dict[str, Any]]]] = {
     "small": Demonstration.small,
     "all": Demonstration.every_driver,
 }
-HEALTHY = 20.0
-"""Shortest run, s, of the small cell: it includes healthy cycles before the fault."""
 STARTING = "starting emulated devices, the daemon and a subscriber"
 PRINTED = ("health", "alarm", "task", "event", "gap")
 """Kinds of messages that are printed, one line each."""

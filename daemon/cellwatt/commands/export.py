@@ -15,12 +15,12 @@ from cellwatt.batch import Batch
 from cellwatt.commands import FOLDER
 from cellwatt.commands.options import INPUT, with_progress, with_scheduler, with_units
 from cellwatt.errors import RecordingError
-from cellwatt.files import make_folder
+from cellwatt.files import make_folder, write_file
 from cellwatt.logs.recorded import open_recording
 from cellwatt.record import Recording, messages
 from cellwatt.record.header import recorded_section
 from cellwatt.record.samples import unchanged
-from cellwatt.record.tables import Table, write_lines
+from cellwatt.record.tables import Table
 from cellwatt.scheduler import spread
 from cellwatt.units import Units
 
@@ -116,8 +116,10 @@ class Export:
         """Write results and events as JSON lines."""
         written: list[Written] = []
         for name, items in {"results.jsonl": recording.results(), "events.jsonl": recording.events()}.items():
-            rows = write_lines(self._path(name), map(_line, items))
-            written += [{"file": name, "rows": rows}] if rows else []
+            path, lines = self._path(name), [_line(item) for item in items]
+            if lines:
+                write_file(path, b"".join(lines))
+                written.append({"file": name, "rows": len(lines)})
         return written
 
     def _table(self, recording: Recording, name: str, channels: Any) -> Table:
@@ -137,4 +139,4 @@ def _written(table: Table) -> Written:
 
 
 def _line(item: messages.Message) -> bytes:
-    return b'{"type":"%s",' % type(item).__name__.lower().encode() + messages.encode(item)[1:]
+    return b'{"type":"%s",' % type(item).__name__.lower().encode() + messages.encode(item)[1:] + b"\n"

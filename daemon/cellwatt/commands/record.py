@@ -60,17 +60,10 @@ def command(file: Path, out: Path | None, seconds: float | None, as_json: bool) 
 def _recorded(file: Path, out: Path | None) -> tuple[CellConfig, RecordSettings]:
     """Settings of the cell without stages and outlets, and its record settings."""
     config = load(file)
-    settings = config.record or RecordSettings(folder=out or _default(config.cell))
+    settings = config.record or RecordSettings(folder=out or default_folder(config.cell))
     if out is not None:
         settings = settings.model_copy(update={"folder": out})
     return replace(config, record=settings, stages={}, outlets={}), settings
-
-
-def _default(cell: str) -> Path:
-    try:
-        return default_folder(cell)
-    except ValueError as error:
-        raise click.UsageError(f"{error}, or --out") from error
 
 
 def _figures(folder: Path, cell: str, session: int) -> Mapping[str, Any]:

@@ -18,7 +18,8 @@ from cellwatt.commands.options import SECONDS
 from cellwatt.config import CellConfig, load
 from cellwatt.config.fields import anchored
 from cellwatt.config.settings_file import read_settings
-from cellwatt.errors import ConfigError, why
+from cellwatt.errors import ConfigError
+from cellwatt.files import write_file
 from cellwatt.outlet import revealed
 from cellwatt.outlets.page import PageSettings
 from cellwatt.outlets.page.sessions import hash_of
@@ -105,10 +106,7 @@ def _write_layout(out: Path, config: CellConfig | None) -> None:
 
     if config is None:
         raise click.UsageError("--foxglove-layout is made from a cell's FILE")
-    try:
-        out.write_text(text_of(layout_of(config)))
-    except OSError as error:
-        raise ConfigError(f"{out} cannot be written: {why(error)}") from None
+    write_file(out, text_of(layout_of(config)))
     click.echo(f"wrote {out}: in the app, import it as a layout")
 
 

@@ -87,10 +87,13 @@ def each_value(
 
 
 def anchored(kind: Any, value: Any, folder: Path) -> Any:
-    """``value`` with each relative path resolved against ``folder``, where ``kind`` declares a ``Path``."""
+    """``value`` with each relative path resolved against ``folder``, where ``kind`` declares a ``Path``.
+
+    ``~`` at the start of a path is the home folder of the user.
+    """
 
     def start(_: KeyPath, types: Types, found: Any) -> Any:
         is_path = any(isinstance(each, type) and issubclass(each, Path) for each in types)
-        return str(folder / found) if is_path and isinstance(found, str) else found
+        return str(folder / Path(found).expanduser()) if is_path and isinstance(found, str) else found
 
     return each_value(members(kind), value, start)

@@ -191,7 +191,7 @@ def _record(check: _Check, top: Mapping[Any, Any], name: CellName | None) -> Rec
     if "folder" not in values:
         try:
             values = {**values, "folder": str(default_folder(name.cell if name is not None else ""))}
-        except ValueError as error:
+        except ConfigError as error:
             check.complain(("record",), str(error), at_key=True)
             return None
     return check.settings(RecordSettings, ("record",), values)
@@ -277,7 +277,7 @@ def _written(files: Iterable[Path]) -> tuple[int, ...]:
 def _outlets(check: _Check, top: Mapping[Any, Any], names: list[str]) -> Iterator[tuple[str, OutletConfig]]:
     for name in names:
         value = top.get(name, {} if name == DEFAULT_OUTLET else "off")
-        if value is False or value == "off":
+        if str(value).lower() in ("off", "no", "false"):
             continue
         if (values := check.mapping((name,), value)) is not None:
             _, settings = check.part(outlet, name, (name,), (name,), values)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -11,16 +10,8 @@ from typing import Any
 
 from pydantic import BaseModel
 
-_LADDERS: tuple[dict[str, float], ...] = (
-    {"kHz": 1e3, "Hz": 1.0},
-    {"d": 86400.0, "h": 3600.0, "min": 60.0, "s": 1.0, "ms": 1e-3, "us": 1e-6},
-    {"TB": 1e12, "GB": 1e9, "MB": 1e6, "kB": 1e3, "B": 1.0},
-    {"GB/s": 1e9, "MB/s": 1e6, "kB/s": 1e3, "B/s": 1.0},
-    {"deg": math.pi / 180},
-    {"deg/s": math.pi / 180},
-    {"%": 0.01},
-    {"kW": 1e3, "W": 1.0, "mW": 1e-3},
-)
+from cellwatt.quantity import TABLES
+
 _PLAIN = re.compile(r"[A-Za-z/][A-Za-z0-9_./+-]*(?: [A-Za-z0-9_./+-]+)*|[0-9]+(?:\.[0-9]+){3}")
 _WORDS = ("true", "false", "null")
 
@@ -137,7 +128,9 @@ def _example(schema: Mapping[str, Any]) -> str | None:
 
 
 def _ladder(unit: str) -> dict[str, float] | None:
-    return next((ladder for ladder in _LADDERS if unit in ladder), None)
+    """The units of the quantity that has this unit, largest first."""
+    table = next((table for table in TABLES if unit in table), None)
+    return table and dict(sorted(table.items(), key=lambda known: -known[1]))
 
 
 def _quantity(value: float, unit: str) -> str:

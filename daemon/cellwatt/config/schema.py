@@ -42,7 +42,7 @@ def json_schema() -> dict[str, Any]:
         "stages": _optional(create_model("Stages", __base__=Stages, **kinds), Stages.__doc__),
         "record": _optional(RecordSettings, RecordSettings.__doc__),
         "units": _optional(Units, Units.__doc__),
-        **{p.name: _optional(_settings(p) | Literal["off", False], p.title) for p in installed("outlet")},
+        **{p.name: _optional(_settings(p) | Literal["off", "no", False], p.title) for p in installed("outlet")},
     }
     schema = create_model("cellwatt cell", __base__=CellName, **fields).model_json_schema()
     for definition in schema["$defs"].values():

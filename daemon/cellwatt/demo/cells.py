@@ -23,6 +23,10 @@ SMALL = ("arm", "board", "positioner", "mains")
 """Sources of ``demo.yaml``. The positioner and the mains belong to a second arm, …"""
 SPEEDS = {"positioner": 0.8, "mains": 0.8}
 """… which moves at another speed."""
+SHAPE = Path(__file__).with_name("arm.urdf")
+"""URDF of the emulated arm."""
+MODEL = SHAPE.with_name("power.onnx")
+"""Trained model of the arm's power; ``bench/models/demo.py`` generates it."""
 
 
 def every_driver() -> dict[str, dict[str, Any]]:
@@ -65,25 +69,14 @@ def packaged(name: str = "demo.yaml") -> Path:
     return found if found.exists() else Path(__file__).resolve().parents[3] / "examples" / name
 
 
-def shape_file() -> Path:
-    """URDF of the emulated arm."""
-    return Path(__file__).with_name("arm.urdf")
-
-
-def model_file() -> Path:
-    """Path of the trained model of the arm's power; ``bench/models/demo.py`` generates it."""
-    return Path(__file__).with_name("power.onnx")
-
-
 def environment(folder: Path, endpoint: str, page: str, settings: Mapping[KeyPath, Any]) -> dict[str, str]:
     """Environment variables for ``demo.yaml``; ``settings`` are the addresses of the emulators, by key path.
 
     ``endpoint`` and ``page`` are the addresses of the bus and of the cell's page, host:port.
     """
     variables = dict(os.environ, CELLWATT_DEMO_FOLDER=str(folder), CELLWATT_DEMO_ENDPOINT=f"tcp/{endpoint}")
-    variables |= {"CELLWATT_DEMO_MODEL": str(model_file()), "CELLWATT_DEMO_SHAPE": str(shape_file())}
-    variables["CELLWATT_DEMO_DESCRIPTION"] = str(shape_file().parent)
-    variables["CELLWATT_DEMO_PAGE"] = page
+    variables |= {"CELLWATT_DEMO_MODEL": str(MODEL), "CELLWATT_DEMO_SHAPE": str(SHAPE), "CELLWATT_DEMO_PAGE": page}
+    variables["CELLWATT_DEMO_DESCRIPTION"] = str(SHAPE.parent)
     for (_, name, key), value in settings.items():
         variables[f"CELLWATT_DEMO_{str(name).upper()}_{str(key).upper()}"] = str(value)
     return variables

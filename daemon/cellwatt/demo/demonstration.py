@@ -21,7 +21,7 @@ from cellwatt.emulation.cell import devices_of, places, running
 from cellwatt.errors import CellwattError
 
 HEALTHY = 20.0
-"""Longest time, s, before the spring is attached."""
+"""Longest time, s, before the spring is attached, and shortest run: it includes healthy cycles before the fault."""
 COMPARED = 17.0
 """Time, s, after the spring is attached until the arm is compared with its simulation: two cycles of its task."""
 SHORTEST = 12.0

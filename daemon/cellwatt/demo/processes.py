@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import sys
 from collections.abc import AsyncIterator, Mapping
 from pathlib import Path
 
-from cellwatt.child import ends_with_parent
+from cellwatt.child import MODULE, ends_with_parent
 from cellwatt.runtime.processes.rights import keep_up
 
 START = 60.0
@@ -24,7 +23,7 @@ async def daemon(
     file: Path, folder: Path, environment: Mapping[str, str] | None = None
 ) -> AsyncIterator[asyncio.subprocess.Process]:
     """Run ``cellwatt run`` on a settings file, with the log ``daemon.log`` in the folder; killed if still running."""
-    command = [sys.executable, "-m", "cellwatt.commands", "run", str(file)]
+    command = [*MODULE, "cellwatt.commands", "run", str(file)]
     with log_of(folder).open("wb") as log:
         process = await asyncio.create_subprocess_exec(
             *command, env=environment, stderr=log, preexec_fn=ends_with_parent()
@@ -37,7 +36,7 @@ async def daemon(
 async def subscriber(endpoint: str) -> AsyncIterator[asyncio.subprocess.Process]:
     """Run ``cellwatt watch`` on the demo's cell, with its messages as JSON lines on standard output."""
     topics = [word for topic in TOPICS for word in ("--topic", topic)]
-    command = [sys.executable, "-m", "cellwatt.commands", "watch", "--json", "--connect", f"tcp/{endpoint}"]
+    command = [*MODULE, "cellwatt.commands", "watch", "--json", "--connect", f"tcp/{endpoint}"]
     command += ["--patience", f"{START:.0f}", "--site", "demo", "--cell", "demo", *topics]
     process = await asyncio.create_subprocess_exec(
         *command, stdout=asyncio.subprocess.PIPE, limit=LONGEST, preexec_fn=ends_with_parent()

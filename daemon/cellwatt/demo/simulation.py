@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from cellwatt.child import output
-from cellwatt.demo.cells import shape_file
+from cellwatt.demo.cells import SHAPE
 from cellwatt.emulation import ArmSignals
 from cellwatt.record import Recording
 from cellwatt.tables import write_table
@@ -35,7 +35,7 @@ async def compared(folder: Path, name: str, epoch: float, since: float, until: f
     out = folder / REPORTS / name
     recording, simulation = await asyncio.to_thread(write_run, folder, out, epoch, since, until)
     words = ["cellwatt.commands", "explain", str(recording), "--simulation", str(simulation), "--quiet"]
-    words += ["--robot", str(shape_file().with_name("robot.yaml")), "--out", str(out), "--time", SECONDS]
+    words += ["--robot", str(SHAPE.with_name("robot.yaml")), "--out", str(out), "--time", SECONDS]
     await output(words, LIMIT, NICENESS)
     found = json.loads(await asyncio.to_thread((out / "findings.json").read_text))
     statements = [finding["statement"] for finding in found["findings"]]

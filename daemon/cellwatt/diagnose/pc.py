@@ -10,6 +10,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
+from cellwatt.record.folder import nearest
+
 _FILES: Final = {
     "distribution": "/etc/os-release",
     "clock source": "/sys/devices/system/clocksource/clocksource0/current_clocksource",
@@ -60,7 +62,6 @@ def _limit(number: int) -> list[str]:
 
 
 def _disk(folder: Path) -> dict[str, Any]:
-    folder = folder.absolute()
-    existing = next(parent for parent in (folder, *folder.parents) if parent.exists())
+    existing = nearest(folder)
     usage = shutil.disk_usage(existing)
     return {"folder": str(existing), "size, GB": usage.total / 1e9, "free, GB": usage.free / 1e9}

@@ -12,12 +12,11 @@ import asyncio
 import contextlib
 import json
 import os
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from cellwatt.child import ends_with_parent
+from cellwatt.child import MODULE, ends_with_parent
 from cellwatt.emulation.faults import Fault
 from cellwatt.errors import CellwattError
 
@@ -44,7 +43,7 @@ class EmulatorProcess:
         self.address = ""
 
     async def __aenter__(self) -> EmulatorProcess:
-        command = [sys.executable, "-m", "cellwatt.commands", "emulate", self.driver, "--control", *self._arguments]
+        command = [*MODULE, "cellwatt.commands", "emulate", self.driver, "--control", *self._arguments]
         self._child = await asyncio.create_subprocess_exec(
             *command,
             stdin=asyncio.subprocess.PIPE,

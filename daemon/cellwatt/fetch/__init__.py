@@ -69,16 +69,16 @@ def fetch(url: str) -> Path:
         raise MissingError(f"{blank(url)} is a folder without files")
     if wrong := next((below for below in files if "\0" in below or ".." in PurePosixPath(below).parts), None):
         raise CellwattError(f"{blank(url)} has a file {wrong!r}, whose name leads out of the folder")
-    version = json.dumps([url, [(below, [str(about.get(tag)) for tag in _TAGS]) for below, about in files.items()]])
-    folder = copies() / hashlib.sha256(version.encode()).hexdigest()[:32]
+    there = copies()
     try:
-        if folder.is_dir():
-            os.utime(folder)
-        else:
-            _copy(url, store, files, folder, name)
+        there.mkdir(0o700, parents=True, exist_ok=True)
+        for old in there.iterdir():  # copies long unused, or of a killed process
+            with suppress(FileNotFoundError):  # another process has removed or finished it
+                if old.stat().st_mtime < time.time() - KEPT:
+                    shutil.rmtree(old, ignore_errors=True)
+        return _copy_of(url, store, files, there, name)
     except OSError as error:
-        raise CellwattError(f"{blank(url)} cannot be stored in {folder.parent}: {why(error)}") from error
-    return folder / name
+        raise CellwattError(f"{blank(url)} cannot be stored in {there}: {why(error)}") from error
 
 
 def _files(store: Any, root: str) -> dict[str, Mapping[str, Any]]:
@@ -91,20 +91,33 @@ def _files(store: Any, root: str) -> dict[str, Mapping[str, Any]]:
     return {path.strip("/").removeprefix(top).lstrip("/"): {**about, "name": path} for path, about in found}
 
 
+def _copy_of(url: str, store: Any, files: Mapping[str, Mapping[str, Any]], there: Path, name: str) -> Path:
+    """Path of the copy of a file or folder in ``there``; made if there is none of this version. Raises ``OSError``."""
+    version = json.dumps([url, [(below, [str(about.get(tag)) for tag in _TAGS]) for below, about in files.items()]])
+    folder = there / hashlib.sha256(version.encode()).hexdigest()[:32]
+    if folder.is_dir():
+        os.utime(folder)
+    else:
+        _copy(url, store, files, folder, name)
+    return folder / name
+
+
 def _copy(url: str, store: Any, files: Mapping[str, Mapping[str, Any]], folder: Path, name: str) -> None:
-    """Copy the files to ``place / name``, all or none."""
-    folder.parent.mkdir(0o700, parents=True, exist_ok=True)
-    for old in folder.parent.iterdir():  # copies long unused, or of a killed process
-        with suppress(FileNotFoundError):  # another process has removed or finished it
-            if old.stat().st_mtime < time.time() - KEPT:
-                shutil.rmtree(old, ignore_errors=True)
+    """Copy the files to ``folder / name``, all or none. Versions of a folder share the copies of their files."""
     part = Path(tempfile.mkdtemp(prefix=".part-", dir=folder.parent))
     try:
-        sizes = [about.get("size") for about in files.values()]
-        with stage(f"fetching {blank(url)}", sum(filter(None, sizes))) as progress:
-            for (below, about), size in zip(files.items(), sizes, strict=True):
-                target = part / name / below
+        total = sum(about.get("size") or 0 for about in files.values())
+        with stage(f"fetching {blank(url)}", total, share=total) as progress:
+            for below, about in files.items():
+                target, size = part / name / below, about.get("size")
                 target.parent.mkdir(parents=True, exist_ok=True)
+                if below:
+                    one = _copy_of(f"{url.rstrip('/')}/{below}", store, {"": about}, folder.parent, target.name)
+                    try:
+                        target.hardlink_to(one)
+                    except OSError:  # a file system without links
+                        shutil.copyfile(one, target)
+                    continue
                 with _reported(url), store.open(about["name"], "rb") as source, target.open("xb") as copy:
                     while piece := source.read(_PIECE):
                         copy.write(piece)

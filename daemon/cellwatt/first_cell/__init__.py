@@ -74,16 +74,15 @@ def write_cell(
     cell: str,
     sources: Sequence[SourcePlan],
     robot: str | None = None,
-    record: str | None = RECORD,
+    record: str = RECORD,
 ) -> None:
     """Validate the settings of a cell, then write the file atomically.
 
-    Without a ``record`` nothing is recorded. Raises ``ConfigError`` if the settings are invalid, ``CellwattError`` if
-    the file cannot be written.
+    Raises ``ConfigError`` if the settings are invalid, ``CellwattError`` if the file cannot be written.
     """
     named = {"version": str(CellName.model_fields["version"].default), "site": in_yaml(site), "cell": in_yaml(cell)}
     named |= {"robot": in_yaml(robot)} if robot else {}
-    recorded = {} if record is None else {"folder": in_yaml(record)}
+    recorded = {"folder": in_yaml(record)}
     try:
         arms = arms_of(_checked(path, cell_text(named, sources, recorded, ())).streams)
         text = cell_text(named, sources, recorded, arms)

@@ -18,7 +18,7 @@ def show_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     table = [tuple(row) for row in rows]
     lines = aligned([header, *table])
     width = shutil.get_terminal_size().columns
-    narrow = sys.stdout.isatty() and max(map(len, lines)) > width
+    narrow = sys.stdout is not None and sys.stdout.isatty() and max(map(len, lines)) > width
     click.echo(stacked(header, table, width) if narrow else "\n".join(lines))
 
 

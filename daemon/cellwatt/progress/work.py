@@ -225,9 +225,6 @@ def steps(
     share: float = 1.0,
 ) -> Iterator[T]:
     """Iterate and show ``name`` and the number of each item, e.g. "fold 3 of 5", or ``name`` and ``label``."""
-    if _LISTENING.get() is None:
-        yield from items
-        return
     count = len(items) if isinstance(items, Sized) else None
     of_all = "" if count is None else f" of {count}"
     with stage("", count, share) as current:

@@ -17,7 +17,7 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Attachment, AttachmentIndex, Channel, McapRecord, Schema, Statistics
+from mcap.records import Attachment, AttachmentIndex, Channel, McapRecord, Schema, Statistics, SummaryOffset
 
 from cellwatt.record.container import CHUNK_HEAD, MAGIC, MESSAGE_HEAD, RECORD, TAIL, Chunk, Contents, read_chunk_index
 
@@ -194,23 +194,31 @@ def read_summary(file: FileIO, *, chunks: bool = True) -> Contents | None:
     tail = read_at(file, TAIL, max(size - TAIL, 0))
     if len(tail) < TAIL or not tail.endswith(MAGIC) or tail[0] != Opcode.FOOTER:
         return None
-    start, _, crc = struct.unpack_from("<QQI", tail, RECORD.size)
+    start, offsets, crc = struct.unpack_from("<QQI", tail, RECORD.size)
     if not 0 < start <= size - TAIL or size - TAIL - start > LARGEST_SUMMARY:
         return None
     summary = read_at(file, size - TAIL - start, start)
     if crc and zlib.crc32(tail[: RECORD.size + 16], zlib.crc32(summary)) != crc:
         return None
     try:
-        return _contents(summary, chunks=chunks)
+        return _contents(summary if chunks or not offsets else _without_chunks(summary, start, offsets - start))
     except (ValueError, struct.error):
         return None
 
 
-def _contents(summary: bytes, *, chunks: bool) -> Contents:
+def _without_chunks(summary: bytes, start: int, offsets: int) -> bytes:
+    """A summary, which is at ``start`` in its file, without its thousands of chunks; its ``offsets`` tell where."""
+    for _, at, length in records_in(known := summary[offsets:]):
+        group = parse(SummaryOffset, known[at : at + length])
+        if group.group_opcode == Opcode.CHUNK_INDEX:
+            first = group.group_start - start
+            return summary[:first] + summary[first + group.group_length :]
+    return summary
+
+
+def _contents(summary: bytes) -> Contents:
     contents = Contents()
     for opcode, at, length in records_in(summary):
-        if opcode == Opcode.CHUNK_INDEX and not chunks:
-            continue
         body = summary[at : at + length]
         contents.define(definition(opcode, body))
         if opcode == Opcode.CHUNK_INDEX:

@@ -11,9 +11,9 @@ import struct
 import zlib
 from array import array
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, overload
+from typing import Any, NamedTuple
 
 import numpy as np
 import zstandard
@@ -58,7 +58,7 @@ class Chunk(NamedTuple):
     index_length: int
 
 
-class Chunks(Sequence[Chunk]):
+class Chunks:
     """The chunks of a file in order, stored as records of the summary: a tenth of the memory of objects."""
 
     def __init__(self) -> None:
@@ -71,7 +71,7 @@ class Chunks(Sequence[Chunk]):
         for channel, _ in chunk.indexes:
             self._holding.setdefault(channel, array("L")).append(len(self._records) - 1)
 
-    def holding(self, channel: int) -> Sequence[Chunk]:
+    def holding(self, channel: int) -> Chunks:
         """The present chunks in which a channel has messages."""
         found = Chunks()
         found._records = [self._records[at] for at in self._holding.get(channel, ())]
@@ -84,16 +84,11 @@ class Chunks(Sequence[Chunk]):
     def __len__(self) -> int:
         return len(self._records)
 
-    @overload
-    def __getitem__(self, at: int) -> Chunk: ...
-
-    @overload
-    def __getitem__(self, at: slice) -> list[Chunk]: ...
-
-    def __getitem__(self, at: int | slice) -> Chunk | list[Chunk]:
-        if isinstance(at, slice):
-            return [read_chunk_index(record[RECORD.size :]) for record in self._records[at]]
+    def __getitem__(self, at: int) -> Chunk:
         return read_chunk_index(self._records[at][RECORD.size :])
+
+    def __iter__(self) -> Iterator[Chunk]:
+        return map(self.__getitem__, range(len(self)))
 
 
 @dataclass

@@ -5,18 +5,19 @@ from __future__ import annotations
 import errno
 import os
 import shutil
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import groupby
 from pathlib import Path
 
 from cellwatt.errors import RecordingError, why
 from cellwatt.record.encoder import Encoder, Item, Redeclared
 from cellwatt.record.files import CHUNK
-from cellwatt.record.folder import files_of
+from cellwatt.record.folder import RecordFile, files_of
 from cellwatt.record.header import PART, Header
 from cellwatt.record.openfile import OpenFile
 from cellwatt.record.reader import Recording
-from cellwatt.record.survey import utc
+from cellwatt.record.survey import survey, utc
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,19 +45,35 @@ def cut(folder: Path, cell: str, start: int, end: int, to: Path, *, reserve: flo
 
     Raises ``RecordingError`` if nothing was recorded in that span or the file cannot be written.
     """
-    files = [stored.path for stored in files_of(folder, cell)]
-    if not files:
-        raise RecordingError(f"{folder}: no recordings of cell {cell}")
-    recording = Recording.open(files).between(start, end)
-    within = [i for i, (_, first, last) in enumerate(recording.spans) if first <= end and last >= start]
-    header = replace(recording.spans[within[-1] if within else -1][0], number=0)
-    file = write_file(to, header, recording.items(), reserve)
+    within = list(_within(files_of(folder, cell), start, end))
+    nothing = f"{folder}: nothing of cell {cell} was recorded from {utc(start)} to {utc(end)}"
+    if not within:
+        raise RecordingError(nothing)
+    recording = Recording.open(within).between(start, end)
+    file = write_file(to, replace(recording.spans[-1][0], number=0), recording.items(), reserve)
     contents = file.contents
     if not contents.chunks:
-        raise RecordingError(f"{folder}: nothing of cell {cell} was recorded from {utc(start)} to {utc(end)}")
+        raise RecordingError(nothing)
     lost = tuple(map(str, recording.damage))
-    sources = tuple(recording.paths[i] for i in within)
-    return Cut(to, contents.start, contents.end, contents.counts.total(), file.size, sources, lost)
+    return Cut(to, contents.start, contents.end, contents.counts.total(), file.size, recording.paths, lost)
+
+
+def _within(files: Iterable[RecordFile], start: int, end: int) -> Iterator[Path]:
+    """Files that may hold data of a span; those of a session are in the order of their times.
+
+    Months of recordings, opened at once, take more memory than the daemon.
+    """
+    for _, session in groupby(files, key=lambda stored: stored.name.session):
+        for stored in reversed([*session]):
+            try:
+                contents = survey(stored.path, chunks=False).contents
+            except RecordingError:
+                yield stored.path  # whoever opens it reports the damage
+                continue
+            if contents.counts and contents.end < start:
+                break
+            if contents.start <= end:
+                yield stored.path
 
 
 def write_file(to: Path, header: Header, items: Iterable[tuple[Header, Item]], reserve: float = 0.0) -> OpenFile:

@@ -86,7 +86,7 @@ class Files:
         """Sync, rotate and remove files when due."""
         now = time.monotonic()
         try:
-            if self.open is not None and now - self._opened_at >= self._settings.file_age:
+            if self.open is not None and 0 < self._settings.file_age <= now - self._opened_at:
                 self.rotate()
             due = not self.synced and now - self._synced_at >= self._settings.sync
             if self.open is not None and due and self._upkeep.sync(self.open):

@@ -34,8 +34,7 @@ class Obstacles:
 
 def obstacles(settings: RecordSettings) -> Obstacles:
     """Test the folder of the record, or its nearest existing parent, with an unnamed file, which leaves no trace."""
-    folder = settings.folder.absolute()
-    there = next(parent for parent in (folder, *folder.parents) if os.access(parent, os.F_OK))
+    folder, there = settings.folder.absolute(), nearest(settings.folder)
     if not there.is_dir():
         return Obstacles(f"folder {folder} cannot be created: {there} is not a folder")
     reason = _tried(there)
@@ -44,6 +43,11 @@ def obstacles(settings: RecordSettings) -> Obstacles:
     if reason:
         return Obstacles(warnings=(f"folder {folder} cannot be written by user {_user()} ({reason}): {_ADVICE}",))
     return Obstacles(warnings=tuple(_space(settings, there)))
+
+
+def nearest(folder: Path) -> Path:
+    """The folder, or its nearest parent that exists."""
+    return next(each for each in (folder.absolute(), *folder.absolute().parents) if os.access(each, os.F_OK))
 
 
 def _tried(folder: Path) -> str:
@@ -76,6 +80,8 @@ def _user() -> str:
 
 log = logging.getLogger(__name__)
 
+YOUNGER: Final = 1_767_225_600.0
+"""2026-01-01, UTC s, before the first release: a recording of before was written while the PC's clock was wrong."""
 LOCK: Final = ".cellwatt.lock"
 _LONGEST = 200  # bytes of the lock's text
 
@@ -155,16 +161,16 @@ class RecordFile(Stored):
 
 def listing(folder: Path, cell: str) -> list[RecordFile]:
     """The files of one cell, oldest first; files with other names are never touched."""
-    found = []
+    found, cell = [], plain_cell(cell)
     for path in folder.iterdir() if folder.is_dir() else ():
         name = FileName.parse(path.name)
-        if name is None or name.cell != plain_cell(cell):
+        if name is None or name.cell != cell:
             continue
         with contextlib.suppress(FileNotFoundError):
             status = path.stat()
             closed = path.suffix in (".mcap", DAMAGED)
             found.append(RecordFile(path, status.st_size, status.st_mtime, closed, name))
-    return sorted(found, key=lambda k: (k.name, k.path.name))
+    return sorted(found, key=lambda k: (k.name.session, k.name.number, k.path.name))
 
 
 def files_of(folder: Path, cell: str) -> list[RecordFile]:
@@ -186,14 +192,15 @@ S = TypeVar("S", bound=Stored)
 def surplus(files: Sequence[S], *, keep: float, age: float, now: float, reserve: float) -> list[S]:
     """Files to remove, oldest first, so that the others and ``reserve`` bytes more fit into ``keep`` bytes.
 
-    Closed files last written more than ``age`` s before ``now`` (UTC s) are included, unless ``age`` is 0.
+    Closed files last written more than ``age`` s before ``now`` (UTC s) are included, unless ``age`` is 0 or they were
+    written by a PC that had no clock yet.
     """
     total = sum(f.size for f in files) + reserve
     gone = []
     for file in files:
         if not file.closed:
             continue
-        if total > keep or (age and now - file.modified > age):
+        if total > keep or (age and file.modified > YOUNGER and now - file.modified > age):
             gone.append(file)
             total -= file.size
     return gone

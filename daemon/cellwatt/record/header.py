@@ -7,7 +7,6 @@ import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
-from functools import lru_cache
 from typing import Annotated, TypeVar
 
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
@@ -77,14 +76,13 @@ class FileName:
         return f"{plain_cell(self.cell)}_{start}_{ns:09d}Z_{self.number:06d}.mcap"
 
     @classmethod
-    @lru_cache(maxsize=16_384)  # weeks of files are listed for every question about the past
     def parse(cls, name: str) -> FileName | None:
         """Parse a file's name (also with the suffix ``.part`` or ``.damaged``); ``None`` if it is another name."""
         match = _NAME.fullmatch(name)
         if match is None:
             return None
         try:
-            start = datetime.strptime(match["second"], "%Y%m%dT%H%M%S").replace(tzinfo=UTC)
+            start = datetime.fromisoformat(f"{match['second']}Z")  # strptime takes ten times as long
         except ValueError:
             return None
         return cls(int(start.timestamp()) * 1_000_000_000 + int(match["ns"]), int(match["number"]), match["cell"])

@@ -7,7 +7,7 @@ import sys
 import threading
 from bisect import bisect_right
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from io import FileIO
@@ -20,7 +20,7 @@ from cellwatt.errors import RecordingError, RepairingError
 from cellwatt.files import open_file
 from cellwatt.frames import Frames, cut
 from cellwatt.record.chunks import read_summary
-from cellwatt.record.container import Chunk, Chunks, Contents
+from cellwatt.record.container import Chunks, Contents
 from cellwatt.record.decoder import Track, tracks_of
 from cellwatt.record.encoder import FRAME_TOPIC, Item, topic_of
 from cellwatt.record.folder import RecordFile, listing
@@ -210,9 +210,7 @@ class History:
         return self._chunks[path]
 
 
-def _since(
-    first: int, file: FileIO, chunks: Sequence[Chunk], tracks: Mapping[int, Track], channel: int
-) -> Iterator[Numbered]:
+def _since(first: int, file: FileIO, chunks: Chunks, tracks: Mapping[int, Track], channel: int) -> Iterator[Numbered]:
     """Items of a channel from the chunk that holds the number ``first`` on; ``chunks`` are those with the channel."""
 
     def items(at: int) -> Iterator[Numbered]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -242,6 +243,9 @@ def rows_of(block: Batch | Frames) -> SampleRows | FrameRows:
 
 def declared_rows(declaration: Mapping[str, str]) -> SampleRows | FrameRows:
     """The rows that a declaration describes. Raises ``ValueError`` or ``KeyError`` if it is damaged."""
-    if "source" in declaration:
-        return SampleRows(declaration["source"], _STREAM.validate_json(declaration["declaration"]))
-    return FrameRows(_LAYOUT.validate_json(declaration["declaration"]))
+    return _declared(declaration.get("source"), declaration["declaration"])
+
+
+@lru_cache(64)  # the files of months have the same few declarations
+def _declared(source: str | None, text: str) -> SampleRows | FrameRows:
+    return FrameRows(_LAYOUT.validate_json(text)) if source is None else SampleRows(source, _STREAM.validate_json(text))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from fnmatch import fnmatchcase
@@ -131,7 +131,7 @@ class Table:
     def _open(self, schema: Any) -> Any:
         if self.path.suffix == ".csv":
             # pyarrow would quote every name, and simple readers take the quotes as part of the name.
-            with self.path.open("w", newline="") as file:
+            with self.path.open("w", newline="", encoding="utf-8") as file:
                 csv.writer(file, lineterminator="\n").writerow(
                     [self._named.get(name, (name,))[0] for name in schema.names]
                 )
@@ -161,17 +161,6 @@ class Table:
 def about(header: Header, start: int) -> dict[str, Any]:
     """Origin of a table: site, cell, session and ``start`` (UTC ns) of its recording."""
     return {"site": header.site, "cell": header.cell, "session": header.session, "start_utc_ns": start}
-
-
-def write_lines(path: Path, items: Iterable[bytes]) -> int:
-    """Write JSON lines; return their number. Without lines no file is written. Raises ``RecordingError``."""
-    lines = list(items)
-    if lines:
-        try:
-            path.write_bytes(b"\n".join(lines) + b"\n")
-        except OSError as error:
-            raise RecordingError(f"{path} cannot be written: {error.strerror}") from error
-    return len(lines)
 
 
 Library = Literal["pandas", "polars", "arrow"]

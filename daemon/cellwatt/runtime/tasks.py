@@ -23,16 +23,11 @@ def plain_errors() -> Iterator[None]:
         yield
     except ExceptionGroup as failures:
         if failures.split(CellwattError)[1] is None:
-            raise next(_leaves(failures)) from None
+            first: Exception = failures
+            while isinstance(first, ExceptionGroup):
+                first = first.exceptions[0]
+            raise first from None
         raise
-
-
-def _leaves(failure: Exception) -> Iterator[Exception]:
-    if isinstance(failure, ExceptionGroup):
-        for inner in failure.exceptions:
-            yield from _leaves(inner)
-    else:
-        yield failure
 
 
 async def end_of(

@@ -12,7 +12,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, chdir, contextmanager, nullcontext, suppress
 from contextvars import ContextVar
 from functools import partial
 from pathlib import Path
@@ -39,14 +39,17 @@ class Pool:
         """Results in the order of the items. Raises as ``spread``; ``CellwattError`` if a worker is killed."""
         if self._pool is None:
             context = multiprocessing.get_context("spawn")
-            self._pool = ProcessPoolExecutor(self._count, context, initializer=_begin, initargs=(os.getpid(),))
+            with chdir("/"):  # Python files of the present folder do not stand in for modules of a new process
+                self._pool = ProcessPoolExecutor(self._count, context, initializer=_begin, initargs=(os.getpid(),))
         results: list[Any] = []
         with tempfile.NamedTemporaryFile(prefix="cellwatt-shared-") as pickled:
             pickled.write(pickle.dumps(shared))
             pickled.flush()
             call = partial(_call, function, Path.cwd(), names_called(), None if shared is None else pickled.name)
             try:
-                for answer in [self._pool.submit(call, item) for item in items]:
+                with chdir("/"):
+                    answers = [self._pool.submit(call, item) for item in items]
+                for answer in answers:
                     result, columns = answer.result()
                     results.append(result)
                     looked_up().update(columns)
@@ -80,13 +83,6 @@ def workers() -> Pool | None:
     return _WORKERS.get()
 
 
-def parse_place(text: str) -> int | None:
-    """Parse ``local`` (None: one worker per core) or ``local:2`` (two workers). Raises ``ConfigError``."""
-    if (local := re.fullmatch(r"local(?::([1-9]\d{0,2}))?", text)) is None:
-        raise ConfigError(f"{text!r} names no scheduler: expected local, or local:2 (that many workers)")
-    return None if local[1] is None else int(local[1])
-
-
 @contextmanager
 def scheduled(place: str | None) -> Iterator[None]:
     """Within the context, ``spread`` distributes its items to workers.
@@ -97,7 +93,9 @@ def scheduled(place: str | None) -> Iterator[None]:
     if place is None:
         yield
         return
-    pool = Pool(parse_place(place))
+    if (local := re.fullmatch(r"local(?::([1-9]\d{0,2}))?", place)) is None:
+        raise ConfigError(f"{place!r} names no scheduler: expected local, or local:2 (that many workers)")
+    pool = Pool(None if local[1] is None else int(local[1]))
     token = _WORKERS.set(pool)
     try:
         yield

@@ -14,7 +14,8 @@ from urllib.parse import unquote
 
 from cellwatt.errors import CellwattError, ConfigError, RecordingError
 from cellwatt.record import Recording
-from cellwatt.record.header import FileName
+from cellwatt.record.header import PART, FileName
+from cellwatt.record.packs import FOLDER as EVIDENCE
 from cellwatt.tables import read_table
 from cellwatt_plugins.robot.description import RobotDescription, load_robot, robot_file
 
@@ -103,9 +104,9 @@ def find(lake: Path, robots: Sequence[str] = (), last: int | None = None) -> Lak
 
 def _is_recording(path: Path, lake: Path) -> bool:
     parts = path.relative_to(lake).parts
-    if any(part.startswith(".") for part in parts) or path.suffix == ".damaged" or parts[0] in RESULTS:
+    if any(part.startswith(".") or part == EVIDENCE for part in parts) or parts[0] in RESULTS:
         return False
-    return path.suffix in TABLES or ".mcap" in path.suffixes
+    return path.suffix in TABLES or path.name.endswith((".mcap", f".mcap{PART}"))
 
 
 def _folder(path: Path, lake: Path) -> Path:

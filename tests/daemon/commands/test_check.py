@@ -54,7 +54,7 @@ def test_json(cell_file):
         "line": 5,
         "column": 46,
         "path": "sources.arm.rate",
-        "message": "found 'fast': expected a number with its unit, like '500 Hz' (units: hz, khz)",
+        "message": "found 'fast': expected a number with its unit, like '500 Hz' (units: Hz, kHz)",
     }
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import resource
+import sys
 import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
@@ -78,8 +80,6 @@ MISTAKES = [
     (("replay", "recordings", "--settings", "absent.yaml"), USAGE, "absent.yaml: cannot be read"),
     # places that cannot be written
     (("export", "recordings", "--out", "weld.yaml/out"), ERROR, "weld.yaml/out cannot be created: Not a directory"),
-    (("plot", "recordings", "--out", "weld.yaml/a.html"), ERROR, "a.html cannot be written: Not a directory"),
-    (("demo", "--keep", "weld.yaml/kept"), ERROR, "weld.yaml/kept cannot be created: Not a directory"),
     # numbers that are none, too long names, things of another kind
     (("record", "weld.yaml", "--seconds", "nan"), USAGE, "found 'nan', expected a finite number"),
     (("record", "weld.yaml", "--seconds", "-1"), USAGE, "-1.0 is not in the range x>=0"),
@@ -146,15 +146,12 @@ def lacking(call: Call, monkeypatch: pytest.MonkeyPatch) -> Iterator[Call]:
     registry.available.cache_clear()
 
 
-def test_a_command_whose_package_is_missing(lacking: Call) -> None:
+def test_a_command_whose_package_is_missing_and_the_help_of_the_others(lacking: Call) -> None:
     ended = lacking("gone", "a", "--out", "b")
     assert ended.code == USAGE
     assert ended.err == (
         "command 'gone' cannot be loaded: ModuleNotFoundError: No module named 'package_that_is_not_there'\n"
     )
-
-
-def test_the_help_of_all_commands_although_one_lacks_its_package(lacking: Call) -> None:
     ended = lacking("--help")
     assert (ended.code, ended.err) == (0, "")
     assert "Check settings files; connects to nothing." in ended.out
@@ -187,7 +184,7 @@ def broken(monkeypatch: pytest.MonkeyPatch, error: Exception) -> None:
     monkeypatch.setattr("cellwatt.commands.check.load", Mock(side_effect=error))
 
 
-def test_a_mistake_of_ours_is_one_line_that_says_where_its_traceback_is(
+def test_a_mistake_of_ours_is_one_line_that_says_where_its_traceback_is_or_on_request_the_traceback(
     call: Call, cell: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("CELLWATT_TRACEBACK")
@@ -198,6 +195,8 @@ def test_a_mistake_of_ours_is_one_line_that_says_where_its_traceback_is(
     assert ended.code == BUG
     assert told == "cellwatt: this is a bug in cellwatt, please report it: ZeroDivisionError: division by zero"
     assert "Traceback (most recent call last)" in Path(file.strip().removesuffix(")")).read_text()
+    monkeypatch.setenv("CELLWATT_TRACEBACK", "1")
+    assert call("check", cell).err.startswith("Traceback (most recent call last)")
 
 
 def test_a_package_that_a_command_misses_while_it_runs_is_named(
@@ -234,15 +233,16 @@ def test_channels_that_change_within_recordings(call: Call, tmp_path: Path) -> N
     assert len(Recording.open(sorted(tmp_path.glob("*.mcap"))[1]).raw("arm/rtde")) == 15
 
 
-def test_the_traceback_of_a_mistake_of_ours_on_request(call: Call, cell: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    broken(monkeypatch, ZeroDivisionError("division by zero"))
-    ended = call("check", cell)
-    assert ended.code == BUG
-    assert ended.err.startswith("Traceback (most recent call last)")
-
-
 def test_frames_that_came_from_the_environment(call: Call, tmp_path: Path) -> None:
     making.write_chunks(tmp_path, [[making.batch_of(0, 15)]], header=making.weld("frames: {rate: '${RATE}'}\n"))
     ended = call("replay", tmp_path)
     assert ended.code == ERROR
     assert "are wrong, or came from the environment: give them with --settings" in ended.err
+
+
+def test_a_terminal_without_the_characters_of_a_table(call: Call, cell: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    cell.write_text(f"{CELL}record: {{folder: Aufträge…}}\n")
+    terminal = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(terminal, "latin-1", write_through=True))
+    assert call("check", cell).code == 0
+    assert "/Aufträge?; outlets: zenoh" in terminal.getvalue().decode("latin-1")

@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import math
 import os
+from pathlib import Path
 
 import pytest
 
@@ -33,7 +34,7 @@ def test_valid_file(cell_file):
     assert config.outlets["zenoh"].settings == BusSettings(connect=["tcp/127.0.0.1:7447"])
 
 
-@pytest.mark.parametrize("line", ["zenoh: off", "zenoh: false", "zenoh: 'off'"])
+@pytest.mark.parametrize("line", ["zenoh: off", "zenoh: No", "zenoh: false", "zenoh: 'off'"])
 def test_zenoh_can_be_switched_off(load_text, line):
     assert load_text(f"{SMALL}{line}\n").outlets == {}
 
@@ -44,6 +45,11 @@ def test_relative_paths_start_at_the_file(cell_file):
     assert config.record.folder == cell_file.parent / "recordings"
     assert config.stages["power"].settings.file == cell_file.parent / "model.txt"
     assert config.folder == cell_file.parent
+
+
+def test_a_tilde_is_the_home_folder(load_text, monkeypatch):
+    monkeypatch.setenv("HOME", "/home/anna")
+    assert load_text(f"{SMALL}record: {{folder: ~/recordings}}\n").record.folder == Path("/home/anna/recordings")
 
 
 def test_a_file_that_a_stage_names_and_that_was_written_again_is_a_change(cell_file):

@@ -95,7 +95,7 @@ MISTAKES = {
     "port too large": (arm("port: 70000"), "7:11", "found 70000, expected at most 65535"),
     "digits without end": (arm(f"port: {'9' * 5000}"), "7:11", "cannot be read as !!int"),
     "rate without a unit": (arm("rate: 500"), "7:11", "found 500: expected a number with its unit, like '500 Hz'"),
-    "wrong unit": (arm("rate: 2 ms"), "7:11", "found '2 ms': unknown unit 'ms'; expected one of hz"),
+    "wrong unit": (arm("rate: 2 ms"), "7:11", "found '2 ms': unknown unit 'ms'; expected one of Hz"),
     "negative rate": (arm("rate: -5 Hz"), "7:11", "found '-5 Hz': must be above zero"),
     "not a number": (arm("payload: .nan"), "7:14", "found .nan, expected a finite number"),
     "unknown choice": (arm("client: natve"), "7:13", "expected 'native' or 'library'; did you mean 'native'?"),
@@ -114,6 +114,7 @@ MISTAKES = {
     "brace left open": (arm("zones: {left: a #b}"), "8:1", "the bracket of line 7 column 12 is still open"),
     "value from a variable": (arm("port: ${PORT}"), "7:11", "found the value of ${PORT}, expected a whole number"),
     # frames, stages, record, outlets
+    "an age below zero": (f"{SMALL}record: {{age: -30 d}}\n", "7:15", "found '-30 d', expected at least 0"),
     "too many frames": (f"{SMALL}frames: {{rate: 2 kHz}}\n", "7:16", "found '2 kHz', expected at most 1 kHz"),
     "latency too short": (
         f"{SMALL}frames: {{latency: 5 ms}}\n",

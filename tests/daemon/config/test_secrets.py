@@ -98,13 +98,9 @@ def test_a_recipient_may_be_named_like_its_channel(tmp_path: Path) -> None:
     assert settings.to["webhook"].webhook.ca == tmp_path / "ca.pem"
 
 
-def test_the_device_still_gets_it(load_text: Load) -> None:
-    settings: Any = load_text(FORMS["plain"]).sources["arm"].settings
-    assert settings.password.get_secret_value() == SECRET
-
-
-def test_the_name_of_a_variable_is_no_secret(load_text: Load) -> None:
-    config = load_text(f"{HEAD}{ABB}password: ${{ABB_PASSWORD}}\n", ABB_PASSWORD=SECRET)
+def test_the_name_of_a_variable_is_no_secret_and_the_device_gets_its_value(load_text: Load) -> None:
+    config: Any = load_text(f"{HEAD}{ABB}password: ${{ABB_PASSWORD}}\n", ABB_PASSWORD=SECRET)
+    assert config.sources["arm"].settings.password.get_secret_value() == SECRET
     assert "${ABB_PASSWORD}" in config.text
     assert public_config(config)["sources"]["arm"]["password"] == "${ABB_PASSWORD}"
 

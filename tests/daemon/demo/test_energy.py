@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cellwatt.demo.cells import shape_file
+from cellwatt.demo.cells import SHAPE
 from cellwatt.emulation import ArmSignals
 from cellwatt_plugins.energy.drive import features, supply_power
 from cellwatt_plugins.energy.known import load_known
@@ -13,8 +13,8 @@ from cellwatt_plugins.robot import Arm
 
 
 def test_the_demos_energy_file_predicts_the_power_of_the_emulated_arm() -> None:
-    arm = Arm.load(shape_file().with_name("robot.yaml"))
-    known = load_known(shape_file().with_name("energy.json"), arm)
+    arm = Arm.load(SHAPE.with_name("robot.yaml"))
+    known = load_known(SHAPE.with_name("energy.json"), arm)
     emulated = ArmSignals(noise=0.0)
     seen = emulated.at(np.arange(0, emulated.period, 0.02))
 

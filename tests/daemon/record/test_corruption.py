@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from cellwatt import Batch, Event, RecordingError, Tick
+from cellwatt import Batch, Event, Tick
 from cellwatt.record import Recording, recover
 from cellwatt.record.container import Chunk
 from cellwatt.record.encoder import Encoder
@@ -100,7 +100,6 @@ class Case:
 
 CASES = {
     "killed between two chunks": Case(lambda d, c: d, says="nothing lost except data still in memory"),
-    "torn behind a record's length": Case(cut(chunk(LAST, 9)), {LAST}, "the file ends within a record", aside=True),
     "torn in a chunk's data": Case(cut(chunk(LAST, 200)), {LAST}, "the file ends within a record", aside=True),
     "torn between a chunk and its index": Case(cut(index(LAST)), says="recovered"),
     "torn in a chunk's index": Case(cut(index(LAST, 40)), says="the index of a chunk is wrong", aside=True),
@@ -193,7 +192,6 @@ NOTHING = {
     "truncated to 0": b"",
     "only the magic": b"\x89MCAP0\r\n",
     "garbage": GARBAGE,
-    "text": b"a letter home\n" * 100,
     "zeros": bytes(100_000),
 }
 
@@ -271,8 +269,6 @@ def test_an_unreadable_file_beside_good_ones_is_damage_not_an_error(whole, tmp_p
     assert [str(d) for d in recording.damage] == [
         f"{name_of(2)}: 7 bytes at 0 cannot be read: it holds no readable data"
     ]
-    with pytest.raises(RecordingError):
-        Recording.open(tmp_path / name_of(2))
 
 
 @settings(deadline=None, max_examples=40)

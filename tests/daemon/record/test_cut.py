@@ -3,6 +3,7 @@
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -74,7 +75,17 @@ def test_a_span_without_anything_is_said_and_leaves_no_file(tmp_path):
     write_record(tmp_path)
     with pytest.raises(RecordingError, match=r"nothing of cell weld-3 was recorded from 2026-11-2\d "):
         cut(tmp_path, CELL, SESSION - 10**9, SESSION - 1, tmp_path / "out" / "pack.mcap")
-    assert not list((tmp_path / "out").iterdir())
+    assert not list(tmp_path.glob("out/*"))
+
+
+def test_of_months_only_the_files_of_the_span_are_opened(tmp_path, monkeypatch):
+    for number in range(12):
+        write_chunks(tmp_path, [[batch_of(50 * number, 50)]], number=number + 1)
+    opened = Mock(side_effect=Recording.open)
+    monkeypatch.setattr(Recording, "open", opened)
+    made = cut(tmp_path, CELL, SESSION + 450 * PERIOD, SESSION + 520 * PERIOD, tmp_path / "out" / "pack.mcap")
+    assert sorted(made.sources) == sorted(opened.call_args.args[0]) == sorted(tmp_path.glob("*.mcap"))[9:11]
+    assert made.messages == 71
 
 
 def test_a_file_removed_meanwhile_is_told(tmp_path, monkeypatch):

@@ -76,8 +76,8 @@ async def test_a_full_queue_refuses_and_counts(tmp_path, monkeypatch):
     assert len(Recording.open(tmp_path).batches("arm", "rtde")) == 100 * taken.count(True)
 
 
-async def test_files_rotate_by_size(tmp_path):
-    async with started(RecordSettings(folder=tmp_path, file_size=60e3, flush=0.001)) as recorder:
+async def test_files_rotate_by_size_alone_if_the_age_is_0(tmp_path):
+    async with started(RecordSettings(folder=tmp_path, file_size=60e3, file_age=0.0, flush=0.001)) as recorder:
         for n in range(30):
             assert recorder.put(batch_of(n * 100, 100))
             assert await asyncio.to_thread(recorder.flush, PATIENCE)

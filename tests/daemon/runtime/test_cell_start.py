@@ -7,7 +7,7 @@ from unittest.mock import Mock
 
 import pytest
 
-from cellwatt import Alarm, ConfigError, ConnectError, Event, OutletError, RecordingError
+from cellwatt import Alarm, ConnectError, Event, OutletError
 from cellwatt.record import Recording
 from tests.daemon.runtime.at_once import at_once
 from tests.daemon.runtime.fakes import (
@@ -79,9 +79,11 @@ def heat(alarms):
 
 
 async def test_what_is_recorded_is_what_was_given(tmp_path):
-    async with running(config_of(record=tmp_path)):
+    async with running(config_of(record=tmp_path)) as cell:
         DEVICES["arm"].tell(answer, give(25), fail(NOBODY), answer, give(5))
         await DEVICES["arm"].done()
+        found = await asyncio.to_thread(cell.view.history, "arm", "supply", cell.session, 5, 10)
+        assert [int(v) for b in found for v in b.values[:, 0]] == list(range(5, 15))
     recording = Recording.open(tmp_path)
     values = [int(v) for b in recording.entries() if hasattr(b, "values") for v in b.values[:, 0]]
     assert values == RECEIVERS["bus"].values == list(range(30))
@@ -98,34 +100,12 @@ async def test_a_cell_may_ask_what_it_is():
         assert (cell.view.recordings(), cell.view.history("arm", "supply", cell.session, 0, 10)) == ((), ())
 
 
-async def test_history_of_a_cell_that_records(tmp_path):
-    async with running(config_of(record=tmp_path)) as cell:
-        DEVICES["arm"].tell(answer, give(20))
-        await DEVICES["arm"].done()
-        found = await asyncio.to_thread(cell.view.history, "arm", "supply", cell.session, 5, 10)
-        assert [int(v) for b in found for v in b.values[:, 0]] == list(range(5, 15))
-
-
 # what cannot start ------------------------------------------------------------------------------------
 
 
 async def start(config):
     async with running(config):
         pytest.fail("started")
-
-
-async def test_a_folder_that_cannot_be_made_is_told_as_it_is(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(RecordingError, match=r"record\.folder .* cannot be created: Not a directory"):
-        await start(config_of(record=tmp_path / "file" / "recordings"))
-    assert not DEVICES["arm"].runs
-
-
-async def test_a_stage_that_cannot_be_made_is_told_with_its_place():
-    JUDGES["judge"].refuse = ConfigError("the model is of another robot")
-    with pytest.raises(ConfigError, match=r"stages\.judge: the model is of another robot"):
-        await start(config_of(stages=stages("judge")))
-    assert not DEVICES["arm"].runs
 
 
 async def test_an_outlet_that_cannot_be_made_is_told(monkeypatch):

@@ -124,9 +124,6 @@ def test_what_is_no_sample_is_told_with_its_reasons_where_there_is_much_of_it() 
     assert [(a.kind, a.source, a.severity) for a in alarms] == [("source_strange", "arm", "warning")]
     assert " duplicates, " in alarms[0].statement and " 9 malformed in the last 3 s. The line" in alarms[0].statement
     assert alarms[0].evidence.keys() == set(names)
-
-
-def test_a_duplicate_now_and_then_is_not_told() -> None:
     assert strange(lambda s: {"duplicates": s // 3}, anomalies=["duplicates"]) == []
 
 

@@ -16,7 +16,7 @@ from click.testing import CliRunner
 from cellwatt import CellwattError, ConfigError
 from cellwatt.commands.options import with_scheduler
 from cellwatt.progress import Stage
-from cellwatt.scheduler import parse_place, scheduled, spread, workers
+from cellwatt.scheduler import scheduled, spread, workers
 from cellwatt.tables.names import called
 from tests.daemon.scheduler import parts
 from tests.daemon.scheduler.parts import Item
@@ -94,6 +94,8 @@ class TestOnWorkers:
 def test_nothing_is_left_of_local_workers(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.setenv("OMP_NUM_THREADS", "2")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "signal.py").write_text("raise ImportError('a file of the user stands in for a module')")
     before, others = dict(os.environ), children()
     with scheduled("local:1"):
         assert spread(abs, [-1, -2], "numbers") == [1, 2]
@@ -102,19 +104,15 @@ def test_nothing_is_left_of_local_workers(monkeypatch: pytest.MonkeyPatch, tmp_p
         everyone = [process, *process.children(recursive=True)]
         assert not [c for p in everyone for c in p.net_connections() if c.status == psutil.CONN_LISTEN]
     assert dict(os.environ) == before
-    assert set(children()) == set(others) and not list(tmp_path.iterdir())
+    assert set(children()) == set(others) and list(tmp_path.iterdir()) == [tmp_path / "signal.py"]
 
 
-def test_local_workers_start_with_the_first_items_that_are_several() -> None:
+@pytest.mark.parametrize(("text", "count"), [("local", len(os.sched_getaffinity(0))), ("local:3", 3)])
+def test_local_workers_start_with_the_first_items_that_are_several(text: str, count: int) -> None:
     others = children()
-    with scheduled("local"):
+    with scheduled(text):
         assert spread(abs, [-1], "numbers") == [1]
-        assert set(children()) == set(others)
-
-
-@pytest.mark.parametrize(("text", "count"), [("local", None), ("local:3", 3)])
-def test_names_of_schedulers(text: str, count: int | None) -> None:
-    assert parse_place(text) == count
+        assert set(children()) == set(others) and workers()._count == count
 
 
 @pytest.mark.parametrize("text", ["", "locale", "local:0", "tcp://host:8786"])

@@ -87,9 +87,13 @@ async def recorded(folder, table, begin, session):
 async def test_a_recording_belongs_to_the_week_in_which_it_began_not_its_daemon(lake, tmp_path):
     source = next((lake / "weld" / "weld-0").glob("*.parquet"))
     day = np.datetime64("2026-03-04T10:00:00", "ns").astype(np.int64)
-    await recorded(tmp_path / "weld-0", read_table(source), int(day), int(day) - 60 * 86_400 * 10**9)
-    (item,) = find(tmp_path, [str(lake / "weld")]).weeks
+    folder = tmp_path / "weld-0"
+    await recorded(folder, read_table(source), int(day), int(day) - 60 * 86_400 * 10**9)
+    (folder / "x.mcap.sig").touch()
+    shutil.copytree(folder, folder / "evidence")
+    found = find(tmp_path, [str(lake / "weld")])
+    (item,) = found.weeks
     assert (item.cell, monday(item.week)) == ("weld-0", date(2026, 3, 2))
     week = week_of_cell(item)
-    assert week.skipped == ()
+    assert found.skipped == [] and week.skipped == ()
     assert len(week.repetitions) == 2

@@ -13,13 +13,12 @@ import resource
 import signal
 import socket
 import struct
-import sys
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from enum import IntEnum
 from typing import Any, Final
 
-from cellwatt.child import ends_with_parent
+from cellwatt.child import MODULE, ends_with_parent
 from cellwatt.errors import OutletError, ProtocolError
 from cellwatt.outlets.zenoh.messages import encode_json
 
@@ -89,7 +88,7 @@ async def running(
     with theirs:
         reader, writer = await asyncio.open_connection(sock=ours, limit=LIMIT)
         number, nothing = theirs.fileno(), asyncio.subprocess.DEVNULL
-        command = (sys.executable, "-m", module, str(number))
+        command = (*MODULE, module, str(number))
         try:
             process = await asyncio.create_subprocess_exec(
                 *command, stdin=nothing, stdout=nothing, pass_fds=(number,), preexec_fn=_bounded(memory)

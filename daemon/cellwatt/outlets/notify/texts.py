@@ -12,13 +12,12 @@ from pydantic_core import to_jsonable_python
 
 from cellwatt.outlets.notify.rules import Item, Notification, rank
 from cellwatt.results import Alarm
-from cellwatt.units import named
+from cellwatt.units import figure_named
 
 LONGEST_SUBJECT: Final = 160  # characters
 LONGEST_STATEMENT: Final = 1000
 FIGURES: Final = 12
 """Most figures of evidence in one message."""
-_PLAIN_UNITS: Final = {"s": "s", "ms": "ms", "percent": "%", "Hz": "Hz", "rpm": "rpm"}
 _OVER: Final = ("Resolved", "Withdrawn")
 
 
@@ -157,18 +156,12 @@ def evidence(figures: Mapping[str, Any]) -> Iterator[str]:
     for key, value in figures.items():
         if stated == FIGURES:
             return
-        name, unit = _named(str(key))
+        name, unit = figure_named(str(key))
         if isinstance(value, bool) or not isinstance(value, int | float | str):
             continue
         stated += 1
         shown = f"{value:.4g}" if isinstance(value, float) else str(value)
         yield short(f"{name} {shown}{f' {unit}' if unit else ''}", 80)
-
-
-def _named(key: str) -> tuple[str, str]:
-    name, _, last = key.rpartition("_")
-    unit = _PLAIN_UNITS.get(last) or (last if named(last) is not None else "")
-    return (name if unit and name else key).replace("_", " "), unit if name else ""
 
 
 def _when(about: About, ns: int) -> str:

@@ -32,7 +32,7 @@ from cellwatt.report.svg import Drawn
 from cellwatt.report.theme import FOUND
 from cellwatt.results import Alarm, Prediction
 from cellwatt.runtime.plotted import channels_over_time
-from cellwatt.units import Units
+from cellwatt.units import Units, figure_named
 
 MOST_POINTS: Final = 1600
 """Largest number of points of a curve: 1.5 per pixel."""
@@ -108,8 +108,8 @@ def _tiles(alarm: Alarm) -> Iterator[Tile]:
     evidence = {key: value for key, value in alarm.evidence.items() if _is_number(value)}
     for key in [key for key in evidence if "residual" in key] or list(evidence)[:3]:
         limit = evidence.get(key.replace("residual", "limit")) if "residual" in key else None
-        remark = f"limit {_figure(key, limit)}" if limit is not None else ""
-        yield Tile(_label(key), _figure(key, evidence[key]), remark, "bad")
+        remark = f"limit {_figure(key, limit)[1]}" if limit is not None else ""
+        yield Tile(*_figure(key, evidence[key]), remark, "bad")
 
 
 def _pictures(pack: Recording, alarm: Alarm) -> list[Block]:
@@ -145,7 +145,7 @@ def _channels(frames: Frames, alarm: Alarm) -> list[str]:
 
 
 def _evidence(alarm: Alarm) -> list[Block]:
-    rows = [(_label(key), _figure(key, value)) for key, value in alarm.evidence.items()]
+    rows = [_figure(key, value) for key, value in alarm.evidence.items()]
     rows += [("first evidence", utc(alarm.since)), ("raised", utc(alarm.time))]
     rows += [("stage", alarm.stage or "the daemon itself")]
     if alarm.interval is not None:
@@ -217,20 +217,10 @@ def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
 
 
-def _label(key: str) -> str:
-    """Readable name of a figure: ``power residual`` for ``power_residual_W``."""
-    name, _, unit = key.rpartition("_")
-    return (name if name and _is_unit(unit) else key).replace("_", " ")
-
-
-def _figure(key: str, value: Any) -> str:
-    unit = key.rpartition("_")[2]
-    text = number(float(value)) if _is_number(value) else str(value)
-    return f"{text} {unit}" if _is_unit(unit) and _is_number(value) else text
-
-
-def _is_unit(text: str) -> bool:
-    return text in ("W", "J", "s", "ms", "rad", "Nm", "A", "V", "Hz", "bytes", "percent", "kWh")
+def _figure(key: str, value: Any) -> tuple[str, str]:
+    """Name of a figure, and its value with its unit."""
+    name, unit = figure_named(key)
+    return name, f"{number(float(value))} {unit}".rstrip() if _is_number(value) else str(value)
 
 
 if __name__ == "__main__":

@@ -18,7 +18,8 @@ from cellwatt.record.container import Chunk, Contents
 from cellwatt.record.decoder import Track, tracks_of
 from cellwatt.record.encoder import Item
 from cellwatt.record.folder import RecordFile, listing
-from cellwatt.record.messages import Message
+from cellwatt.record.history import look_at
+from cellwatt.record.messages import Message, time_of
 from cellwatt.record.reader import numbered_items
 from cellwatt.record.survey import survey
 from cellwatt.results import Event, Result, series_of
@@ -27,6 +28,8 @@ log = logging.getLogger(__name__)
 
 RECENT: Final = 5 * 10**9
 """Time before the end of a file, ns, in which it may hold items still in a ring: *tell* settles them each second."""
+SEARCHED: Final = 86_400 * 10**9
+"""Time before the end of the record, ns, that is searched for the last item of a series: weeks would take minutes."""
 
 
 @dataclass(slots=True)
@@ -37,7 +40,9 @@ class Resume:
     messages: list[Message] = field(default_factory=list)
     """Last recorded messages."""
     ends: dict[str, int] = field(default_factory=dict)
-    """Next number of each series of results or events."""
+    """Next number of each series of results or events that was found …"""
+    since: int = 0
+    """… after this time, UTC ns; older items have been recorded."""
 
     @classmethod
     async def of(cls, recorder: Recorder | None, series: Collection[str], *, restarts: int) -> Resume:
@@ -57,7 +62,7 @@ class Resume:
         for file, contents, tracks in _readable(files[-2:]):
             for chunk in (c for c in contents.chunks if c.end > contents.end - RECENT):
                 found._note(item for _, item in _items(file, chunk, tracks, tracks))
-        found.ends = _ends(files, series)
+        found.ends, found.since = _ends(files, set(series))
         return found
 
     def _note(self, items: Iterable[Item]) -> None:
@@ -69,7 +74,11 @@ class Resume:
 
     def unrecorded(self, published: Iterable[tuple[int, Result | Event]]) -> list[tuple[int, Result | Event]]:
         """Of the published results and events ``published``, those missing in the record, with their numbers."""
-        found = [(number, item) for number, item in published if number >= self.ends.get(series_of(item), 0)]
+        found = [
+            (number, item)
+            for number, item in published
+            if (number >= self.ends[name] if (name := series_of(item)) in self.ends else time_of(item) > self.since)
+        ]
         self.messages += [item for _, item in found]
         return found
 
@@ -90,19 +99,22 @@ class Resume:
         return cut(item, first - item.sequence, len(item))
 
 
-def _ends(files: Sequence[RecordFile], series: Collection[str]) -> dict[str, int]:
-    """Next number of each series that is in the record."""
+def _ends(files: Sequence[RecordFile], series: set[str]) -> tuple[dict[str, int], int]:
+    """Next number of each series that is in the record, and the time from which on it was searched."""
     ends: dict[str, int] = {}
-    for file, contents, tracks in _readable(reversed(files)):
-        for channel, track in tracks.items():
-            if track.series is not None and track.series in series and track.series not in ends:
-                for chunk in reversed(contents.chunks.holding(channel)):
-                    if items := _items(file, chunk, tracks, {channel}):
-                        ends[track.series] = 1 + max(number for number, _ in items)
-                        break
-        if len(ends) == len(series):
+    since = 0
+    for stored in reversed(files):
+        known, missing = look_at(stored), series - ends.keys()
+        since = since or known.end - SEARCHED
+        if not missing or 0 < known.end < since:
             break
-    return ends
+        for file, contents, tracks in _readable([stored] if missing & known.firsts.keys() else []):
+            for channel, track in tracks.items():
+                for chunk in reversed(contents.chunks.holding(channel)) if track.series in missing else ():
+                    if items := _items(file, chunk, tracks, {channel}):
+                        ends[str(track.series)] = 1 + max(number for number, _ in items)
+                        break
+    return ends, since
 
 
 def _readable(files: Iterable[RecordFile]) -> Iterator[tuple[FileIO, Contents, Mapping[int, Track]]]:

@@ -7,7 +7,6 @@ import resource
 import shutil
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ from os import PRIO_PROCESS, setpriority
 from pathlib import Path
 from typing import Any
 
-from cellwatt.child import ends_with_parent
+from cellwatt.child import MODULE, ends_with_parent
 from cellwatt.errors import RecordingError
 from cellwatt.files import COMPUTED, read_text
 
@@ -49,7 +48,7 @@ class Explanation:
         """Start the process. Raises ``RecordingError`` if it cannot be started."""
         self.folder = folder
         self._limit, self._memory = limit, memory
-        command = [sys.executable, "-m", "cellwatt.commands", "explain", str(folder / RECORDING)]
+        command = [*MODULE, "cellwatt.commands", "explain", str(folder / RECORDING)]
         command += [] if simulation is None else ["--simulation", str(simulation)]
         command += ["--robot", str(folder / ROBOT), "--out", str(folder)]
         try:

@@ -89,9 +89,10 @@ def kept(place: Path) -> int:
 
 async def test_a_table_is_drawn_and_what_is_no_recording_is_refused_in_words(place: Path, echo: None) -> None:
     async with browsing() as browser:
-        name = await browser.drop({"run 1.csv": CSV, "bad.csv": CSV})
+        name = await browser.drop({"run 1.csv": CSV, "bad.csv": CSV, "echo.py": b"raise SystemExit('dropped and run')"})
         told = (await browser.ask("GET", f"/{name}"))[1]
-        assert told["items"] == [{"path": p, "kind": "recording"} for p in ("bad.csv", "run 1.csv")]
+        kinds = {"bad.csv": "recording", "echo.py": "other", "run 1.csv": "recording"}
+        assert {item["path"]: item["kind"] for item in told["items"]} == kinds
         assert await browser.ask("POST", f"/{name}/curves/run%201.csv", json={}) == (200, {})
         drawn = await browser.ask("GET", f"/{name}/curves/run%201.csv")
         assert drawn == (200, f"<html>curves of {CSV.decode()}</html>")

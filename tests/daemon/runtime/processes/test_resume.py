@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
-from cellwatt import Alarm
+from cellwatt import Alarm, Event
 from cellwatt.record.openfile import OpenFile
+from cellwatt.record.survey import survey
 from cellwatt.runtime.processes.resume import Resume
-from tests.daemon.record.making import CELL, METER, SESSION, batch_of, frames_of, write_chunks
+from tests.daemon.record.making import CELL, METER, SESSION, batch_of, frames_of, name_of, write_chunks
 
 
 def resume(folder: Path) -> Resume:
@@ -38,6 +41,22 @@ def test_a_slow_stream_goes_on_behind_its_last_sample(tmp_path: Path) -> None:
     found = resume(tmp_path)
     assert found.following == {("supply", "meter"): 1, ("arm", "rtde"): 500}
     assert not found.lacks(raised)
+
+
+def test_weeks_of_files_are_not_searched_for_an_item_of_long_ago(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    weeks = 21 * 86_400 * 10**9
+    old, new = (Event(SESSION + after, "arm", "connected", "UR10e") for after in (0, weeks))
+    later = batch_of(5, 5)
+    write_chunks(tmp_path, [[batch_of(0, 5), old]], number=1)
+    for number in (2, 3):
+        write_chunks(tmp_path, [[replace(later, time=later.time + weeks)]], number=number)
+    opened = Mock(side_effect=survey)
+    monkeypatch.setattr("cellwatt.runtime.processes.resume.survey", opened)
+    found = Resume._read(tmp_path, CELL, SESSION, {"event"})
+    assert [call.args[0].name for call in opened.call_args_list] == [name_of(2), name_of(3)]
+    assert found.unrecorded([(0, old), (1, new)]) == [(1, new)]
 
 
 @pytest.mark.parametrize("offset", [60, 200])

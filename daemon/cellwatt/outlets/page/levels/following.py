@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -34,7 +34,7 @@ Pace = Callable[[], None]
 class Places:
     """The chunks of a recording, in file order, and the decoders of its channels."""
 
-    chunks: Sequence[Chunk] = ()
+    chunks: Iterable[Chunk] = ()
     tracks: Mapping[int, Track] = field(default_factory=dict)
 
     def items(self, file: FileIO, topics: frozenset[str], start: int = 0, end: int = 2**63) -> Iterator[list[Item]]:
