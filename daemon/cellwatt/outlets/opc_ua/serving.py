@@ -140,7 +140,7 @@ class CellServer:
             for node in nodes:
                 await self._set(node, ua.Variant(None), ua.StatusCodes.BadNoCommunication, None)
         units = {name: unit for name, unit in units.items() if name not in self._channels}
-        arms = await self._arms.build(units) if not self._channels else {}
+        arms = await self._arms.build(units)
         for name, unit in units.items():
             plain = await self._values.add_variable(ua.NodeId(name, self._spaces.own), self._name(name), 0.0)
             await plain.add_property(0, "EngineeringUnits", unit_of(unit))

@@ -89,6 +89,7 @@ async def test_a_cell_without_users():
         outlet.offer(frames(1))
         await clients_see_the_cells_values(outlet)
         await an_arm_has_the_nodes_of_the_standard(outlet)
+        await what_a_reload_adds_has_them_too(outlet)
         await nobody_acknowledges_without_a_name(outlet)
         await too_much_is_refused_before_it_is_done(outlet)
         await idle_connections_and_endless_messages_are_cut_off(outlet)
@@ -144,6 +145,16 @@ async def an_arm_has_the_nodes_of_the_standard(outlet: OpcUaOutlet) -> None:
         await inlet.until(lambda o: bool(o.readings) or bool(run.failures))
     assert not run.failures
     assert inlet.values[0] == pytest.approx([0.5, -0.25, 41.0])
+
+
+async def what_a_reload_adds_has_them_too(outlet: OpcUaOutlet) -> None:
+    """A second arm, and a second joint of the first."""
+    added = layout_of(dict.fromkeys(("left.joint_1.position", "arm.joint_2.position", *LAYOUT.names), "rad"))
+    outlet.offer(frames_of(added, 4, [EPOCH + 4 * LAYOUT.step], np.full((1, 7), 0.5)))
+    async with client(outlet) as there:
+        for name in ("robotics:left.joint_1.position", "robotics:arm.joint_2.position", "robotics:arm.joint_1.position"):
+            assert (await has_value(there, name)).Value.Value == pytest.approx(np.degrees(0.5))
+    outlet.offer(frames(5))
 
 
 class Listener:
