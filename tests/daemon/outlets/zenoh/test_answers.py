@@ -3,10 +3,8 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
-from typing import Any
 
 import pytest
-import zenoh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
@@ -23,7 +21,7 @@ from cellwatt.outlets.zenoh.questions import QuestionError
 from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch, frames
 from tests.daemon.outlets.zenoh.serving import serving
 from tests.daemon.outlets.zenoh.test_subscriber import RAW, Cell
-from tests.patience import PATIENCE, eventually
+from tests.patience import PATIENCE
 
 ROOT = f"cellwatt/{SITE}/{CELL}"
 NUMBERING = EPOCH + 5
@@ -197,19 +195,3 @@ async def test_a_consumer_gets_all_of_the_past_at_the_limit_and_status_at_once()
     assert took > (size - limit / 4) / limit - 0.3
     assert counters["answers about the past"] >= 4
     assert counters["answers held back"] >= 1
-
-
-async def test_an_answer_has_the_priority_of_its_question() -> None:
-    """So what ``Subscriber`` asks for goes below live messages on every line."""
-    cell = Cell()
-    cell.give(0, 10, live=False)
-    async with serving(cell.outlet):
-        with await asyncio.to_thread(open_session, cell.link, patience=PATIENCE) as session:
-            question = f"{ROOT}/@/history?source=arm;stream=samples"
-
-            def ask() -> Any:
-                replies = list(session.get(question, priority=zenoh.Priority.DATA_LOW))
-                return replies[0].ok if replies else None
-
-            sample = await eventually(lambda: asyncio.to_thread(ask), "an answer")
-            assert sample.priority == zenoh.Priority.DATA_LOW

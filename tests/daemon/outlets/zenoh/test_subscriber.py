@@ -21,7 +21,7 @@ from cellwatt.outlets.zenoh.link import open_session
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.subscriber import Gap, LinkSettings, Message, Subscriber
 from cellwatt.subscriber.inbox import Mailbox
-from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch, frames
+from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch
 from tests.daemon.outlets.zenoh.processes import free_port
 from tests.daemon.outlets.zenoh.serving import serving
 from tests.patience import PATIENCE, eventually
@@ -74,20 +74,6 @@ async def read(subscriber: Subscriber, count: int, topic: str = "") -> list[Mess
                 if len(found) == count:
                     break
     return found
-
-
-async def test_everything_of_a_cell_in_order(cell: Cell) -> None:
-    async with cell.joined(want=("raw", "frame", "alarm")) as subscriber:
-        cell.give(0, 5)
-        cell.outlet.offer(frames(0, 2))
-        cell.outlet.offer(alarm(1))
-        messages = {m.topic: m for m in await read(subscriber, 3)}
-    assert set(messages) == {RAW, "frame", "alarm"}
-    raw = messages[RAW]
-    assert (raw.session, raw.sequence, raw.count, raw.backfilled) == (EPOCH, 0, 5, False)
-    assert isinstance(raw.content, Batch)
-    assert raw.content.values.tolist() == batch(0, 5).values.tolist()
-    assert messages["alarm"].content == alarm(1)
 
 
 async def test_what_the_record_has_forgotten_is_a_gap(cell: Cell) -> None:
