@@ -152,8 +152,8 @@ async def what_a_reload_adds_has_them_too(outlet: OpcUaOutlet) -> None:
     added = layout_of(dict.fromkeys(("left.joint_1.position", "arm.joint_2.position", *LAYOUT.names), "rad"))
     outlet.offer(frames_of(added, 4, [EPOCH + 4 * LAYOUT.step], np.full((1, 7), 0.5)))
     async with client(outlet) as there:
-        for name in ("robotics:left.joint_1.position", "robotics:arm.joint_2.position", "robotics:arm.joint_1.position"):
-            assert (await has_value(there, name)).Value.Value == pytest.approx(np.degrees(0.5))
+        for name in ("left.joint_1.position", "arm.joint_2.position", "arm.joint_1.position"):
+            assert (await has_value(there, f"robotics:{name}")).Value.Value == pytest.approx(np.degrees(0.5))
     outlet.offer(frames(5))
 
 
