@@ -199,7 +199,7 @@ async def test_an_alarm_is_a_condition_that_users_acknowledge():
         await eventually(lambda: listener.events)
         raised = listener.events[0]
         assert raised.Message.Text == "Joint 1 needs more power than it should."
-        assert (raised.Severity, raised.ConditionName, raised.SourceName) == (800, "joint_fault", "cell")
+        assert (raised.Severity, raised.ConditionName, raised.SourceName) == (800, "joint_fault", "arm")
         condition = there.get_node(raised.NodeId)
         note = ua.LocalizedText("on my way")
         with pytest.raises(ua.UaStatusCodeError, match="BadEventIdUnknown"):
@@ -231,7 +231,7 @@ async def test_a_new_process_takes_alarms_and_acknowledgements_from_the_health()
         listener, _ = await listening(there)
         word = {"name": "eve", "note": "on my way", "time": EPOCH}
         for time, alarms in ((1, [asdict(alarm(1)) | {"acknowledged": word}]), (2, []), (3, [])):
-            outlet.health({"state": "green", "time": EPOCH + time, "alarms": alarms})
+            outlet.health({"state": "green", "time": EPOCH + time * 10**9, "alarms": alarms})
             await eventually(lambda n=time: len(listener.events) >= min(n, 2))
         assert listener.states() == [(True, True, True), (False, True, False)]
         assert listener.events[0].Comment.Text == "on my way" and listener.events[0].ClientUserId == "eve"

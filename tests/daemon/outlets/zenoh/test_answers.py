@@ -98,16 +98,6 @@ def test_where_the_begin_is_gone_the_answer_begins_with_what_is_left(
 # backlog ---
 
 
-def test_frames_are_kept_up_to_a_number_of_bytes() -> None:
-    size = 1000 + 10 * (8 + 2 * 8 + 2 + 2 * 8)  # what objects take, and the numbers
-    kept = Backlog(EPOCH, 3 * size)
-    for first in range(0, 50, 10):
-        kept.add_frames(frames(first, 10))
-    assert [f.sequence for f in kept.frames(EPOCH, 0, 99)] == [20, 30, 40]
-    assert [f.sequence for f in kept.frames(EPOCH, 35, 5)] == [30]
-    assert kept.frames(EPOCH + 1, 0, 99) == []
-
-
 def test_frames_of_a_outlet_that_was_ended_are_still_given_by_the_one_after_it() -> None:
     before, after = Backlog(EPOCH, 1e6), Backlog(EPOCH, 1e6)
     kept = before.add_frames(frames(10, 5))

@@ -181,11 +181,3 @@ def test_blocks_join_up_to_a_hole_and_a_limit() -> None:
     assert not follows(batch(0, 2), batch(2, 2, "meter", HOST_STREAM))
     assert not follows(batch(0, 2), replace(batch(2, 2), device_time=None))
     assert_same(concatenate([frames(0, 3), frames(3, 1)]), frames(0, 4))
-
-
-@settings(deadline=None)
-@given(st.integers(0, 12), st.integers(0, 12))
-def test_cut_keeps_each_row_with_its_number(first: int, last: int) -> None:
-    piece = cut(batch(100, 10), first, last)
-    np.testing.assert_array_equal(piece.values[:, 0], range(100 + first, 100 + max(first, min(last, 10))))
-    assert not len(piece) or piece.values[0, 0] == piece.sequence
