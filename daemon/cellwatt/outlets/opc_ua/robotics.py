@@ -13,6 +13,8 @@ from typing import Any, Final
 
 from asyncua import Node, Server, ua
 
+from cellwatt.units import TABLE
+
 DI: Final = "http://opcfoundation.org/UA/DI/"
 ROBOTICS: Final = "http://opcfoundation.org/UA/Robotics/"
 _DEVICE_SET: Final = 5001
@@ -26,6 +28,7 @@ _ROBOTICS_TYPES: Final = {
     "AxisType": 16601,
     "PowerTrainType": 16794,
 }
+_ROTARY, _LINEAR = 1, 3  # of MotionProfileEnumeration
 _ANALOG_UNIT: Final = 17497
 """Node id of AnalogUnitType in the standard."""
 _JOINT: Final = re.compile(r"joint_(\d+)\.(\w+)")
@@ -120,7 +123,8 @@ class Arms:
             axes, trains = await self._folder(device, "Axes"), await self._folder(device, "PowerTrains")
             for joint, channels in sorted(by_joint.items()):
                 axis = await self._object(axes, f"{source}.Axis_{joint}", f"Axis_{joint}", "AxisType")
-                await self._property(axis, self._spaces.robotics, "MotionProfile", 1)  # ROTARY
+                linear = units.get(channels.get("position", "")) in TABLE["length"]
+                await self._property(axis, self._spaces.robotics, "MotionProfile", _LINEAR if linear else _ROTARY)
                 name = f"PowerTrain_{joint}"
                 train = await self._object(trains, f"{source}.{name}", name, "PowerTrainType")
                 motor = await self._object(train, f"{source}.Motor_{joint}", f"Motor_{joint}", "MotorType")

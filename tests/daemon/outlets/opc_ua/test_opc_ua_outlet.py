@@ -73,6 +73,11 @@ async def value(there: Client, name: str) -> ua.DataValue:
     return await there.get_node(ua.NodeId(name, space)).read_data_value(raise_on_bad_status=False)
 
 
+async def unit_of(there: Client, name: str) -> ua.EUInformation:
+    node = there.get_node(ua.NodeId(name, await there.get_namespace_index(OWN)))
+    return await (await node.get_child("0:EngineeringUnits")).read_value()
+
+
 async def has_value(there: Client, name: str) -> ua.DataValue:
     async def found() -> ua.DataValue | None:
         with suppress(ua.UaStatusCodeError):
@@ -110,8 +115,7 @@ async def clients_see_the_cells_values(outlet: OpcUaOutlet) -> None:
         assert (await has_value(there, "energy:arm.task_1")).Value.Value == 1234.5
         assert (await has_value(there, "Health")).Value.Value in ("{}", f'{{"state":"green","time":{EPOCH}}}')
         space = await there.get_namespace_index(OWN)
-        unit = await there.get_node(ua.NodeId("mains.supply.power", space)).get_child("0:EngineeringUnits")
-        assert (await unit.read_value()).UnitId == 4937556  # KWT, as the table of OPC 10000-8 has it
+        assert (await unit_of(there, "mains.supply.power")).UnitId == 4937556  # KWT, as the table of OPC 10000-8 has it
         with pytest.raises(ua.UaStatusCodeError):
             await there.get_node(ua.NodeId("Health", space)).write_value("{}")
         outlet.offer(frames(2, [np.nan] * 5, Quality.MISSING))
@@ -148,12 +152,16 @@ async def an_arm_has_the_nodes_of_the_standard(outlet: OpcUaOutlet) -> None:
 
 
 async def what_a_reload_adds_has_them_too(outlet: OpcUaOutlet) -> None:
-    """A second arm, and a second joint of the first."""
-    added = layout_of(dict.fromkeys(("left.joint_1.position", "arm.joint_2.position", *LAYOUT.names), "rad"))
-    outlet.offer(frames_of(added, 4, [EPOCH + 4 * LAYOUT.step], np.full((1, 7), 0.5)))
+    """A second arm with a linear axis, a second joint of the first arm, and a meter that gives another unit."""
+    units = dict.fromkeys(("left.joint_1.position", "arm.joint_2.position", *LAYOUT.names), "rad")
+    added = layout_of({**units, "left.joint_2.position": "m"})
+    outlet.offer(frames_of(added, 4, [EPOCH + 4 * LAYOUT.step], np.full((1, 8), 0.5)))
     async with client(outlet) as there:
         for name in ("left.joint_1.position", "arm.joint_2.position", "arm.joint_1.position"):
             assert (await has_value(there, f"robotics:{name}")).Value.Value == pytest.approx(np.degrees(0.5))
+        profiles = [(await value(there, f"robotics:left.Axis_{n}/MotionProfile")).Value.Value for n in (1, 2)]
+        assert profiles == [1, 3], "rotary, linear"
+        assert (await unit_of(there, "mains.supply.power")).DisplayName.Text == "deg"
     outlet.offer(frames(5))
 
 
