@@ -25,7 +25,6 @@ from tests.patience import PATIENCE
 
 ROOT = f"cellwatt/{SITE}/{CELL}"
 NUMBERING = EPOCH + 5
-HEALTH = Mark(EPOCH, 3, 1, EPOCH, backfill=True)
 
 
 @pytest.fixture
@@ -40,9 +39,12 @@ def backlog() -> Backlog:
 
 @pytest.fixture
 def answers(view: FakeView, backlog: Backlog) -> Answers:
-    return Answers(
-        view, CellKeys(SITE, CELL), backlog, lambda what: None, lambda: Answer(b'{"status": {}}', mark=HEALTH)
-    )
+    return answers_of(view, backlog)
+
+
+def answers_of(view: FakeView, backlog: Backlog) -> Answers:
+    health = Answer(b'{"status": {}}', mark=Mark(EPOCH, 3, 1, EPOCH, backfill=True))
+    return Answers(view, CellKeys(SITE, CELL), backlog, lambda what: None, lambda: health)
 
 
 def test_history_ends_at_a_hole_and_is_bounded(answers: Answers, view: FakeView) -> None:

@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ ENERGY = Energy("arm", "task_1", "speed=0.60", 4, EPOCH, EPOCH + 9, 65.25, SPLIT
 EVENT = Event(EPOCH, None, "reloaded", "settings", {"sources": 2})
 ITEMS: list[Any] = [INTERVAL, TASK, ENERGY, replace(ENERGY, total_per_part=None), PREDICTION, alarm(2), EVENT]
 MARK = Mark(EPOCH, 17, 1, EPOCH)
+DEEP = b"[" * 100_000
 
 
 @pytest.mark.parametrize("item", ITEMS, ids=lambda i: type(i).__name__)
@@ -76,11 +78,14 @@ def test_evidence_may_hold_what_stages_work_with() -> None:
         ("prediction", b'{"outputs": []}'),
         ("energy", b'{"group_uncertainty": 3}'),
         ("speed", b"{}"),
+        *product(("event", "interval", "alarm"), (DEEP, b'{"data":' + DEEP, b"[]", b"\xff", b"1e999")),
     ],
 )
 def test_messages_that_break_their_schema_are_refused(kind: str, payload: bytes) -> None:
-    with pytest.raises(ProtocolError):
+    with pytest.raises(ProtocolError) as error:
         decode_item(kind, payload)
+    assert len(str(error.value)) < 600
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("item", ITEMS, ids=lambda i: type(i).__name__)
@@ -104,20 +109,10 @@ def test_schema_in_the_docs_is_the_one_of_the_code(kind: str) -> None:
 # Messages whose checksums are right and that are no use all the same: found by ``python -m fuzz`` ---
 
 
-DEEP = b"[" * 100_000
 PLACE = Mark(1, 0, 1, 5)
 SENT = pa.ipc.open_stream(encode(batch(0, 1))).read_next_batch()
 ABOUT = json.loads(SENT.schema.metadata[b"cellwatt"])
 TOLD = {"mark": {"session": 1, "sequence": 0}, "time": 1, "source": None, "kind": "k", "text": "t", "data": {}}
-
-
-@pytest.mark.parametrize("payload", [DEEP, b'{"data":' + DEEP, b"[]", b"\xff", b"1e999"])
-def test_json_that_is_no_result(payload):
-    for kind in ("event", "interval", "alarm"):
-        with pytest.raises(ProtocolError) as error:
-            decode_item(kind, payload)
-        assert len(str(error.value)) < 500
-        assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("number", [None, "0", 0.5, 1e999, 1 << 63, [], True])
