@@ -25,6 +25,7 @@ from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import encode_item, encode_json, health
 from cellwatt.subscriber import Gap, Health, Subscriber
 from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, alarm, batch
+from tests.daemon.outlets.zenoh.test_messages import DEEP
 from tests.daemon.outlets.zenoh.test_subscriber import RAW, Cell, cell, read
 from tests.patience import PATIENCE, eventually
 
@@ -166,7 +167,6 @@ def test_what_is_small_and_unpacks_to_much_is_not_unpacked() -> None:
     assert pa.total_allocated_bytes() - before < 1_000_000
 
 
-DEEP = b"[" * 100_000
 MARK = Mark(EPOCH, 0, 1, EPOCH)
 
 

@@ -74,9 +74,6 @@ class Site:
         with ExitStack() as stack:
             yield [stack.enter_context(self.session(member)) for member in members]
 
-    def subscriber(self, member: str = "anna", cell: str = CELL, **more: Any) -> Subscriber:
-        return Subscriber(SITE, cell, self.link(member), **more)
-
     @contextmanager
     def router(self) -> Iterator[None]:
         """``zenohd`` in this process: the same router, with the file that was written for it."""
@@ -248,7 +245,7 @@ async def test_a_cell_that_listens_itself(tmp_path: Path, monkeypatch: pytest.Mo
     assert written["listen"] == ["tls/0.0.0.0:7447"]
     assert ZenohSettings(**written).open is False  # the network is let in with TLS and rules alone
     got: list[bytes] = []
-    async with site.cell() as outlet, site.subscriber("anna", want=("alarm",)) as cell:
+    async with site.cell() as outlet, Subscriber(SITE, CELL, site.link("anna"), want=("alarm",)) as cell:
         with site.session("andon") as listener, site.session("anna") as attacker:
             listener.declare_subscriber(ALARMS, lambda sample: got.append(sample.payload.to_bytes()))
             raised, first = count(), asyncio.create_task(asyncio.to_thread(cell.receive, PATIENCE))
