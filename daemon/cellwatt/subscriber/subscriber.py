@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import secrets
 import threading
 import time
@@ -18,6 +19,7 @@ from cellwatt.outlets.zenoh.keys import ALARM, HEALTH, TOPICS, CellKeys, is_want
 from cellwatt.outlets.zenoh.link import LinkSettings, close_session, open_beside, open_session
 from cellwatt.outlets.zenoh.mark import Positions
 from cellwatt.outlets.zenoh.order import Message
+from cellwatt.outlets.zenoh.received import read_refusal
 from cellwatt.outlets.zenoh.signing import MessageVerifier
 from cellwatt.subscriber.inbox import EVERYTHING, Inbox
 
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
 
 _TICK: Final = 0.05  # s, between two checks for missing messages
 _TIMEOUT: Final = 5.0  # s, for the answer to a question
+_AGAIN: Final = 1.0  # s, before another question for the active alarms, if the cell has not answered
 
 
 class Subscriber:
@@ -67,7 +70,7 @@ class Subscriber:
         self._reached: dict[str, tuple[int, int]] = {}
         self._stopped = threading.Event()
         self._session: zenoh.Session | None = None
-        self._standing_asked = following.joined
+        self._standing_due = math.inf if following.joined else -math.inf
         # Not a daemon thread: Zenoh's callback threads would inherit that, and one that runs inside Zenoh while the
         # interpreter ends aborts the process.
         self._asking = threading.Thread(target=self._work, name="cellwatt subscriber", daemon=False)
@@ -155,22 +158,22 @@ class Subscriber:
             following = inbox.following
             telling = following.asks_told(now)
             questions = following.questions(now)
-            standing = following.joined and not self._standing_asked and following.wants(ALARM)
-            self._standing_asked |= standing
+            if standing := following.joined and now >= self._standing_due and following.wants(ALARM):
+                self._standing_due = math.inf
             sessions = following.asks_sessions(now)
         if telling:
             self._ask(self._keys.question("status"), "@/status", inbox.on_status)
         if sessions:
             self._ask(self._keys.question("recordings"), "@/recordings", inbox.on_recordings)
         if standing:
-            self._ask(self._keys.live(f"{ALARM}/**"), ALARM, self._on_standing)
+            self._ask(f"{self._keys.live(f'{ALARM}/**')}?none=1", ALARM, self._on_standing)
         for question in questions:
             self._ask(question.selector(self._keys), question.topic, partial(inbox.on_answer, question))
 
     def _on_standing(self, replies: list[zenoh.Reply]) -> None:
-        """Pass the active alarms to the consumer; ask again if there was only an error, such as a timeout."""
-        if replies and all(reply.err is not None for reply in replies):
-            self._standing_asked = False
+        """Pass the active alarms to the consumer; ask again if the cell answered neither with them nor that none is."""
+        if all(reply.ok is None and (reply.err is None or read_refusal(reply.err) is None) for reply in replies):
+            self._standing_due = time.monotonic() + _AGAIN
         self._inbox.on_standing(replies)
 
     def _ask(self, selector: str, topic: str, then: Callable[[list[zenoh.Reply]], None]) -> None:

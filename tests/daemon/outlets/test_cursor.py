@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-import json
 import os
 from collections import Counter
 from itertools import pairwise
@@ -122,22 +120,6 @@ async def test_another_place_is_owed_nothing_of_this_one(tmp_path: Path) -> None
     await cursor.write()
     assert load(tmp_path / "c.json", "here").gaps == [(1, 2, 0)]
     assert load(tmp_path / "c.json", "there").gaps == []
-
-
-async def test_the_file_follows_and_is_whole_whenever_it_is_looked_at(tmp_path: Path) -> None:
-    path = tmp_path / "c.json"
-    cursor = Cursor(path, Account())
-    await cursor.open()
-    keeping = asyncio.create_task(cursor.keep())
-    for n in range(50):
-        cursor.deliver(10 * n)
-        await asyncio.sleep(0)
-        if await asyncio.to_thread(path.exists):
-            assert json.loads(await asyncio.to_thread(path.read_text))["reached"] <= 10 * n
-    keeping.cancel()
-    await asyncio.wait([keeping])
-    await cursor.write()
-    assert load(path).reached == 490
 
 
 async def test_a_full_disk_is_told_and_made_good_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -52,24 +52,23 @@ class Daemon:
             self._writer.write(wire.from_process(kind, body))
 
     async def serve(self, url: str, counts: Callable[[], Mapping[str, int]], shown: Shown) -> None:
-        """Report ready at ``url``, send a heartbeat each second, and pass the daemon's messages to ``shown``."""
+        """Report ready at ``url``, send a heartbeat each second, and pass the daemon's messages to ``shown``.
+
+        Until the daemon disconnects; a message that fails is skipped and counted.
+        """
         self.say(Kind.READY, {"url": url})
         beating = asyncio.create_task(self._beat(counts))
         try:
-            await self.hear(shown)
+            while (got := await wire.receive(self._reader)) is not None:
+                try:
+                    if (work := self._shown(shown, got[0], pickle.loads(got[1]))) is not None:
+                        await work
+                except Exception:  # one bad message must not end the others
+                    self._broken += 1
+                    if self._broken == 1:
+                        log.exception("a message of kind %s cannot be shown", got[0].name)
         finally:
             beating.cancel()
-
-    async def hear(self, shown: Shown) -> None:
-        """Pass the daemon's messages to ``shown`` until it disconnects; a message that fails is skipped and counted."""
-        while (got := await wire.receive(self._reader)) is not None:
-            try:
-                if (work := self._shown(shown, got[0], pickle.loads(got[1]))) is not None:
-                    await work
-            except Exception:  # one bad message must not end the others
-                self._broken += 1
-                if self._broken == 1:
-                    log.exception("a message of kind %s cannot be shown", got[0].name)
 
     def _shown(self, shown: Shown, kind: Kind, body: Any) -> Awaitable[None] | None:
         match kind:

@@ -77,6 +77,8 @@ class FoxgloveOutlet:
         self._asked: SimpleQueue[str] = SimpleQueue()
         """Topics to which clients have subscribed."""
         self._behind = _Behind()
+        self.behind = self._behind.notices
+        """Number of the library's notices of dropped messages, by client; at most one in 30 s."""
         self._states: dict[tuple[str, str], Outgoing] = {}
         self._clock_time = 0
         self._framed = -math.inf
@@ -98,11 +100,6 @@ class FoxgloveOutlet:
     def is_open(self) -> bool:
         """True if the server listens."""
         return self._channels is not None
-
-    @property
-    def behind(self) -> Counter[str]:
-        """Number of the library's notices of dropped messages, by client; at most one in 30 s."""
-        return self._behind.notices
 
     def knows(self, topic: str) -> bool:
         """True if there is a topic of this name."""

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Final, Literal, Self
 from urllib.parse import urlsplit
 
-from pydantic import Field, PositiveInt, SecretStr, field_validator
+from pydantic import AfterValidator, Field, PositiveInt, SecretStr, field_validator
 from pydantic import model_validator as model_check
 
 from cellwatt.files import unreadable
@@ -23,30 +23,41 @@ _LONGEST_KEEP_ALIVE: Final = 65535.0
 _RESERVED = re.compile(r"[+/#\x00-\x1f\x7f]")
 
 
+def _address(broker: str) -> str:
+    found = _BROKER.fullmatch(broker)
+    if found is None or not 0 < int(found[3] or 1) <= LAST_PORT:
+        raise ValueError(f"expected mqtt://host:port or mqtts://host:port, like {LOCAL}; user and password apart")
+    check_host(found[2].strip("[]"))
+    return broker
+
+
+def _plain(name: str) -> str:
+    if not name or _RESERVED.search(name):
+        raise ValueError(f"{name!r} is not a Sparkplug ID: expected at least one character, without + / #")
+    return name
+
+
+_Broker = Annotated[str, AfterValidator(_address)]
+_Id = Annotated[str, AfterValidator(_plain)]
+
+
 class SparkplugSettings(Section):
     """Names of the cell in a Sparkplug infrastructure."""
 
-    group: str | None = None
+    group: _Id | None = None
     """Group ID; default: the site's name."""
-    node: str | None = None
+    node: _Id | None = None
     """Edge Node ID; default: the cell's name. Each source of the cell is a device of this node."""
-    primary_host: str | None = None
+    primary_host: _Id | None = None
     """Host ID of the application that must be online before anything is sent; rows that it misses are back-filled."""
-
-    @field_validator("group", "node", "primary_host")
-    @classmethod
-    def _plain(cls, name: str | None) -> str | None:
-        if name is not None and (not name or _RESERVED.search(name)):
-            raise ValueError(f"{name!r} is not a Sparkplug ID: expected at least one character, without + / #")
-        return name
 
 
 class MqttSettings(OutletSettings, Selection):
     """Publication over MQTT 5."""
 
-    broker: str = LOCAL
+    broker: _Broker = LOCAL
     """Address of the broker: ``mqtt://host:1883`` on this PC, or ``mqtts://host:8883`` (TLS) anywhere."""
-    fallbacks: tuple[str, ...] = ()
+    fallbacks: tuple[_Broker, ...] = ()
     """Other brokers of the same plant, tried in turn when a connection fails, with the same TLS, user and other
     settings. Rows that one of them accepted are not sent to another."""
     format: Literal["json", "sparkplug"] = "json"
@@ -82,20 +93,6 @@ class MqttSettings(OutletSettings, Selection):
     """Most back-filled rows per second, read from the record and sent beside the live ones."""
     open: bool = False
     """Allow data and password to pass unencrypted through the network."""
-
-    @field_validator("fallbacks")
-    @classmethod
-    def _addresses(cls, brokers: tuple[str, ...]) -> tuple[str, ...]:
-        return tuple(cls._address(broker) for broker in brokers)
-
-    @field_validator("broker")
-    @classmethod
-    def _address(cls, broker: str) -> str:
-        found = _BROKER.fullmatch(broker)
-        if found is None or not 0 < int(found[3] or 1) <= LAST_PORT:
-            raise ValueError(f"expected mqtt://host:port or mqtts://host:port, like {LOCAL}; user and password apart")
-        check_host(found[2].strip("[]"))
-        return broker
 
     @field_validator("keep_alive")
     @classmethod

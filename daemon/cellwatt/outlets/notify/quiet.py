@@ -8,7 +8,7 @@ from datetime import datetime, timedelta, tzinfo
 from typing import Annotated, Final, Literal
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
-from pydantic import AfterValidator, Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from cellwatt.alarms import SEVERITIES
 from cellwatt.results import Severity
@@ -37,12 +37,21 @@ def zone_of(name: str | None) -> tzinfo | None:
     return None if name is None else ZoneInfo(name)
 
 
+def _clock(text: str) -> str:
+    if not _CLOCK.fullmatch(text):
+        raise ValueError("expected a time of day in quotes, like '22:00'")
+    return text
+
+
+_Clock = Annotated[str, AfterValidator(_clock)]
+
+
 class QuietSettings(Section):
     """One quiet time of a recipient."""
 
-    begin: str = Field(default="00:00", alias="from")
+    begin: _Clock = Field(default="00:00", alias="from")
     """Time of day at which it begins, like ``"22:00"``."""
-    end: str = Field(default="24:00", alias="to")
+    end: _Clock = Field(default="24:00", alias="to")
     """Time of day at which it ends; a time earlier than ``from`` is on the next day."""
     days: tuple[Day, ...] = DAYS
     """Days of the week on which it begins: mon, tue, wed, thu, fri, sat, sun."""
@@ -50,13 +59,6 @@ class QuietSettings(Section):
     """Time zone of these times, like Europe/Berlin; default: the ``zone`` of ``notify``."""
     unless: Severity = "error"
     """Least severity that is sent during the quiet time."""
-
-    @field_validator("begin", "end")
-    @classmethod
-    def _time(cls, text: str) -> str:
-        if not _CLOCK.fullmatch(text):
-            raise ValueError(f"found {text!r:.60}, expected a time of day in quotes, like '22:00'")
-        return text
 
     @model_validator(mode="after")
     def _span(self) -> QuietSettings:

@@ -13,6 +13,8 @@ from typing import Any, Final
 
 from asyncua import Node, Server, ua
 
+from cellwatt.units import TABLE
+
 DI: Final = "http://opcfoundation.org/UA/DI/"
 ROBOTICS: Final = "http://opcfoundation.org/UA/Robotics/"
 _DEVICE_SET: Final = 5001
@@ -26,6 +28,7 @@ _ROBOTICS_TYPES: Final = {
     "AxisType": 16601,
     "PowerTrainType": 16794,
 }
+_ROTARY, _LINEAR = 1, 3  # of MotionProfileEnumeration
 _ANALOG_UNIT: Final = 17497
 """Node id of AnalogUnitType in the standard."""
 _JOINT: Final = re.compile(r"joint_(\d+)\.(\w+)")
@@ -106,7 +109,7 @@ class Arms:
         self._cell = cell
 
     async def build(self, units: Mapping[str, str]) -> dict[str, Node]:
-        """Build the system for channels with these units; return the variables by channel."""
+        """Add the nodes of new channels with these units to the system; return the variables by channel."""
         found: dict[str, Node] = {}
         if not (arms := joints(list(units))):
             return found
@@ -120,7 +123,8 @@ class Arms:
             axes, trains = await self._folder(device, "Axes"), await self._folder(device, "PowerTrains")
             for joint, channels in sorted(by_joint.items()):
                 axis = await self._object(axes, f"{source}.Axis_{joint}", f"Axis_{joint}", "AxisType")
-                await self._property(axis, self._spaces.robotics, "MotionProfile", 1)  # ROTARY
+                linear = units.get(channels.get("position", "")) in TABLE["length"]
+                await self._property(axis, self._spaces.robotics, "MotionProfile", _LINEAR if linear else _ROTARY)
                 name = f"PowerTrain_{joint}"
                 train = await self._object(trains, f"{source}.{name}", name, "PowerTrainType")
                 motor = await self._object(train, f"{source}.Motor_{joint}", f"Motor_{joint}", "MotorType")
@@ -147,8 +151,7 @@ class Arms:
 
     async def _object(self, parent: Node, identifier: str, name: str, type_name: str) -> Node:
         kind = ua.NodeId(_ROBOTICS_TYPES[type_name], self._spaces.robotics)
-        node_id = ua.NodeId(f"robotics:{identifier}", self._spaces.own)
-        return await parent.add_object(node_id, ua.QualifiedName(name, self._spaces.own), kind, False)
+        return await self._added(parent, f"robotics:{identifier}", ua.QualifiedName(name, self._spaces.own), kind)
 
     async def _folder(self, parent: Node, name: str) -> Node:
         return await self._child(parent, name, self._spaces.robotics, ua.ObjectIds.FolderType)
@@ -157,8 +160,15 @@ class Arms:
         return await self._child(parent, "ParameterSet", self._spaces.di, ua.ObjectIds.BaseObjectType)
 
     async def _child(self, parent: Node, name: str, namespace: int, kind: int) -> Node:
-        node_id = ua.NodeId(f"{parent.nodeid.Identifier}/{name}", self._spaces.own)
-        return await parent.add_object(node_id, ua.QualifiedName(name, namespace), ua.NodeId(kind), False)
+        identifier = f"{parent.nodeid.Identifier}/{name}"
+        return await self._added(parent, identifier, ua.QualifiedName(name, namespace), ua.NodeId(kind))
+
+    async def _added(self, parent: Node, identifier: str, name: ua.QualifiedName, kind: ua.NodeId) -> Node:
+        """Return an object of the arms; add it if it is new."""
+        node_id = ua.NodeId(identifier, self._spaces.own)
+        if node_id in self._server.iserver.aspace:
+            return self._server.get_node(node_id)
+        return await parent.add_object(node_id, name, kind, False)
 
     async def _identity(self, node: Node, source: str) -> None:
         """Add the properties that the standard requires of each device; the cell knows only the source's name."""
@@ -169,4 +179,5 @@ class Arms:
 
     async def _property(self, node: Node, namespace: int, name: str, value: Any) -> None:
         node_id = ua.NodeId(f"{node.nodeid.Identifier}/{name}", self._spaces.own)
-        await node.add_property(node_id, ua.QualifiedName(name, namespace), value)
+        if node_id not in self._server.iserver.aspace:
+            await node.add_property(node_id, ua.QualifiedName(name, namespace), value)

@@ -136,11 +136,13 @@ class CellServer:
 
     async def _lay_out(self, units: Mapping[str, str]) -> None:
         """Add variables for new channels, and the arms; set the values of existing variables to bad."""
-        for nodes in self._channels.values():
+        for name, nodes in self._channels.items():
             for node in nodes:
                 await self._set(node, ua.Variant(None), ua.StatusCodes.BadNoCommunication, None)
+                if name in units:  # it may have another unit now
+                    await (await node.get_child("0:EngineeringUnits")).write_value(unit_of(units[name]))
         units = {name: unit for name, unit in units.items() if name not in self._channels}
-        arms = await self._arms.build(units) if not self._channels else {}
+        arms = await self._arms.build(units)
         for name, unit in units.items():
             plain = await self._values.add_variable(ua.NodeId(name, self._spaces.own), self._name(name), 0.0)
             await plain.add_property(0, "EngineeringUnits", unit_of(unit))

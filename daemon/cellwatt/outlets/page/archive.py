@@ -20,7 +20,6 @@ from cellwatt.outlets.page.levels.gathering import Samples, Span
 from cellwatt.outlets.page.levels.store import Store
 
 THREADS: Final = 2
-_COUNTED: Final = ("over budget", "unwritten", "damaged")
 WAITING: Final = 8
 """Largest number of requests that wait for a thread; further ones are refused."""
 
@@ -66,13 +65,8 @@ class Archive:
     ) -> None:
         self.folder, self._desk = folder, desk
         self._store = Store(folder, cell, levels)
-        self.start, self.close = self._store.start, self._store.close
+        self.start, self.close, self.counts = self._store.start, self._store.close, self._store.counts
         self._folders = [found for found in (folder, reports) if found is not None]
-
-    def counts(self) -> dict[str, int]:
-        """Number of missing level files, by reason."""
-        counts = self._store.counts
-        return {f"level files {what}": counts[what] for what in _COUNTED if counts.get(what)}
 
     async def curves(
         self, live: LiveCell, channels: Sequence[str], start: float, end: float, points: int

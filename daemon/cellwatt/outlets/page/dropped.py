@@ -36,7 +36,10 @@ DROP: Final = f"{ROOT}/{{name:\\d+}}"
 AT_ONCE: Final = 2
 """Number of commands that run concurrently; further ones wait."""
 _SIMULATORS: Final = (".xml", ".mjcf", ".urdf")
-_TABLES: Final = (".csv", ".tsv", ".txt", ".dat", ".log", ".parquet", ".mcap", ".db3", ".gz", ".xls", ".xlsx", ".ods")
+_TABLES: Final = (
+    ".csv", ".tsv", ".txt", ".dat", ".log", ".parquet", ".mcap", ".db3", ".gz", ".xls", ".xlsx", ".ods", ".zip", ".bag",
+    ".mat", ".h5", ".hdf5", ".npy", ".npz",
+)  # fmt: skip
 """Endings of recordings, and of what is refused as one with advice."""
 _HEAD: Final = 65_536
 

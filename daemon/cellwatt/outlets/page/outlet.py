@@ -10,7 +10,7 @@ from typing import ClassVar, Final, Literal
 from pydantic import Field, PositiveInt, SecretStr, field_validator
 
 from cellwatt.door.settings import Listening
-from cellwatt.host import check_host
+from cellwatt.host import Host
 from cellwatt.outlets.apart.outlet import ApartOutlet
 from cellwatt.outlets.page.sessions import parse
 from cellwatt.quantity import Bytes
@@ -41,7 +41,7 @@ class PageSettings(Listening):
 
     listen: str = LOCAL
     """Address and port at which the page is served; an address other than loopback needs a certificate and users."""
-    names: tuple[str, ...] = ()
+    names: tuple[Host, ...] = ()
     """Further host names of the page, beside the names in the certificate, the name of this PC, and IP addresses.
 
     With names but without users the page is read-only, as a proxy on this PC may give strangers access.
@@ -61,11 +61,6 @@ class PageSettings(Listening):
     """Largest number of browsers that follow the cell at the same time."""
     open: bool = False
     """Serve the network without certificate or users: anybody on the network can then see the cell."""
-
-    @field_validator("names")
-    @classmethod
-    def _hosts(cls, names: tuple[str, ...]) -> tuple[str, ...]:
-        return tuple(check_host(name) for name in names)
 
     @field_validator("users")
     @classmethod

@@ -43,7 +43,7 @@ async def serve(daemon: Daemon, hello: Mapping[str, Any]) -> None:
             archive.start()
             arms = asyncio.create_task(follow_arms(feed, settings.arms))
             try:
-                await daemon.serve(page.url, lambda: {**page.counts, **archive.counts()}, shown)
+                await daemon.serve(page.url, lambda: {**page.counts, **archive.counts}, shown)
             finally:
                 arms.cancel()
     finally:

@@ -5,6 +5,7 @@
     @/history?stream=frame;session=…;first=…;count=…                  stored frames, one Arrow message
     @/results?kind=alarm;session=…;first=…;count=…                    results or events, one JSON list
     alarm/**?cleared=N                                                alarms active now and the last N cleared
+    alarm/**?none=1                                                   alarms active now; an error if there are none
 
 A question about the past gets one bounded piece: ask again from its end. Its answer has the priority of the question,
 and is delayed if answers have a limit in bytes per second. If the data is not stored, or the question is invalid, the
@@ -217,7 +218,7 @@ class Answers:
 
     def _reply_alarms(self, query: zenoh.Query) -> None:
         with query, self._refusing(query):
-            asked = str(query.parameters)
+            asked, found = str(query.parameters), 0
             for mark, alarm in self.alarms(parameters(asked)):
                 payload = encode_item(alarm, mark)
                 attachment = self._seal.answer(ALARM, asked, replace(mark, backfill=True).encode(payload), payload)
@@ -225,7 +226,10 @@ class Answers:
                 for key in (alarm_path(alarm.severity, alarm.kind, alarm.id), alarm_path(alarm.severity, alarm.kind)):
                     if query.key_expr.intersects(self._keys.live(key)):
                         query.reply(self._keys.live(key), payload, encoding=JSON, attachment=attachment)
+                        found += 1
                         break
+            if not found and "none" in parameters(asked):
+                raise NothingKeptError("no alarm is active")
 
 
 def _size(query: zenoh.Query) -> int:

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
-from pydantic import Field, SecretStr, field_validator, model_validator
+from pydantic import AfterValidator, Field, SecretStr, model_validator
 
 from cellwatt.config.secret import SecretKeys
 from cellwatt.errors import OutletError
@@ -85,14 +85,28 @@ class TlsSettings(Certified):
         return self
 
 
+def _endpoint(endpoint: str) -> str:
+    found = ADDRESS.fullmatch(endpoint)
+    if not _OTHER_ADDRESS.fullmatch(endpoint) and (found is None or int(found[3]) > LAST_PORT):
+        raise ValueError(f"{endpoint!r} is not an endpoint; expected protocol/host:port, like tcp/192.0.2.1:7447")
+    if _SECRET.name(endpoint.partition("#")[2]):
+        raise ValueError("a secret in an endpoint is shown with it: use tls: {key: FILE, …}, user and password")
+    if found is not None:
+        check_host(found[2].strip("[]"))
+    return endpoint
+
+
+_Endpoint = Annotated[str, AfterValidator(_endpoint)]
+
+
 class LinkSettings(OutletSettings):
     """Settings of a Zenoh session."""
 
     mode: Literal["peer", "client", "router"] = "peer"
     """``peer`` serves those that connect, ``client`` goes through a router, ``router`` also relays for others."""
-    listen: tuple[str, ...] = ()
+    listen: tuple[_Endpoint, ...] = ()
     """Endpoints to listen on, like ``tcp/127.0.0.1:7447``; none by default, so nothing is exposed."""
-    connect: tuple[str, ...] = ()
+    connect: tuple[_Endpoint, ...] = ()
     """Endpoints to connect to, like ``tls/plant-router:7447``; retried without limit while they are unreachable."""
     scouting: bool = False
     """Find other sessions on the local network, and be found by them, by multicast and gossip."""
@@ -108,21 +122,6 @@ class LinkSettings(OutletSettings):
     """Prefix of every key of this session, sent and received."""
     options: Annotated[Mapping[str, Any], _SECRET] = Field(default_factory=dict, repr=False)
     """Any other Zenoh configuration by path, like ``access_control: {…}`` or ``transport/link/tx/lease: 5000``."""
-
-    @field_validator("listen", "connect")
-    @classmethod
-    def _endpoints(cls, endpoints: tuple[str, ...]) -> tuple[str, ...]:
-        for endpoint in endpoints:
-            found = ADDRESS.fullmatch(endpoint)
-            if not _OTHER_ADDRESS.fullmatch(endpoint) and (found is None or int(found[3]) > LAST_PORT):
-                raise ValueError(
-                    f"{endpoint!r} is not an endpoint; expected protocol/host:port, like tcp/192.0.2.1:7447"
-                )
-            if _SECRET.name(endpoint.partition("#")[2]):
-                raise ValueError("a secret in an endpoint is shown with it: use tls: {key: FILE, …}, user and password")
-            if found is not None:
-                check_host(found[2].strip("[]"))
-        return endpoints
 
     @model_validator(mode="after")
     def _accepted(self) -> LinkSettings:

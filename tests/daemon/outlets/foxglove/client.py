@@ -7,12 +7,14 @@ import base64
 import json
 import struct
 from collections import defaultdict
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Any
 
-from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from mcap.records import Schema
+from mcap_protobuf.decoder import DecoderFactory
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidHandshake
 from websockets.typing import Subprotocol
@@ -91,13 +93,12 @@ class Client:
         channel = self.channels[topic]
         if channel["encoding"] == "json":
             return [json.loads(told.data) for told in self.told[topic]]
-        kind = message_class(channel["schemaName"], base64.b64decode(channel["schema"]))
-        return [kind.FromString(told.data) for told in self.told[topic]]
+        read = decoder_of(channel["schemaName"], base64.b64decode(channel["schema"]))
+        return [read(told.data) for told in self.told[topic]]
 
 
-def message_class(name: str, schema: bytes) -> Any:
-    """The class of a type of messages that a serialised FileDescriptorSet describes."""
-    pool = descriptor_pool.DescriptorPool()
-    for file in descriptor_pb2.FileDescriptorSet.FromString(schema).file:
-        pool.Add(file)
-    return message_factory.GetMessageClass(pool.FindMessageTypeByName(name))
+def decoder_of(name: str, schema: bytes) -> Callable[[bytes], Any]:
+    """Reads a type of messages that a serialised FileDescriptorSet describes."""
+    found = DecoderFactory().decoder_for("protobuf", Schema(id=1, data=schema, encoding="protobuf", name=name))
+    assert found is not None
+    return found

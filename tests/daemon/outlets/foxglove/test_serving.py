@@ -21,13 +21,14 @@ from cellwatt.errors import ConfigError
 from cellwatt.frames import cut
 from cellwatt.outlets.foxglove import serve
 from cellwatt.outlets.zenoh.link import LinkSettings
-from cellwatt.record import Header, Recorder, RecordSettings
+from cellwatt.record import Health
 from tests.blocks import frames_of, layout_of
 from tests.daemon.outlets.foxglove.cell import HEALTH, LOGGED, TOLD, UNITS, frames
 from tests.daemon.outlets.foxglove.client import Client
 from tests.daemon.outlets.foxglove.paths import found
 from tests.daemon.outlets.foxglove.shown import shown
 from tests.daemon.outlets.foxglove.test_layout import PACKAGED
+from tests.daemon.outlets.page.recorded import recording as written
 from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE
 from tests.patience import eventually
 
@@ -87,21 +88,8 @@ def seen() -> Seen:
 @pytest.fixture(scope="module")
 def recording(seen: Seen, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same cell's recording."""
-
-    async def record(folder: Path) -> None:
-        recorder = Recorder(RecordSettings(folder=folder, keep="1 GB"), Header(SITE, CELL, EPOCH))
-        recorder.start()
-        for block in seen.blocks:
-            assert recorder.put(block)
-        for item in TOLD:
-            assert recorder.put(item)
-        assert recorder.health(EPOCH + 9000, HEALTH)
-        await recorder.close()
-
-    folder = tmp_path_factory.mktemp("recording")
-    asyncio.run(record(folder))
-    (file,) = folder.glob("*.mcap")
-    return file
+    items = [*seen.blocks, *TOLD, Health(EPOCH + 9000, HEALTH)]
+    return written(tmp_path_factory.mktemp("recording"), [items], session=EPOCH, cell=CELL)
 
 
 def read(file: Path) -> Iterator[tuple[Any, Any, Any, Any]]:

@@ -8,13 +8,13 @@ from cellwatt.alarms import RESTARTED
 from cellwatt.outlets.foxglove.serving import moments
 from cellwatt.outlets.foxglove.translate import Translator
 from cellwatt.subscriber import Health, Message
-from tests.daemon.outlets.foxglove.client import message_class
+from tests.daemon.outlets.foxglove.client import decoder_of
 from tests.daemon.outlets.zenoh.fake_cell import EPOCH, alarm
 
 
 def test_what_is_lost_is_a_line() -> None:
     (line,) = Translator().lost(5, "frame", 12).messages
-    told = message_class(line.topic.schema_name, line.topic.schema).FromString(line.data)
+    told = decoder_of(line.topic.schema_name, line.topic.schema)(line.data)
     assert told.message == "12 of frame are lost: the cell no longer stores them"
 
 

@@ -51,10 +51,8 @@ def row_truth(second: int, session: int = SESSION) -> dict[str, Any]:
 
 
 def alarm(number: int, time: int, active: bool = True) -> Alarm:
-    evidence = {"residual_W": float("nan"), "n": number}
-    return Alarm(
-        f"a{number}", "joint_fault", "error", active, time, time, f"Joint {number}.", "arm", number, (), None, evidence
-    )
+    words, evidence = f"Joint {number}.", {"residual_W": float("nan"), "n": number}
+    return Alarm(f"a{number}", "joint_fault", "error", active, time, time, words, "arm", number, evidence=evidence)
 
 
 def task(number: int, end: int) -> Task:

@@ -188,6 +188,7 @@ def test_a_session_whose_clock_was_set_back_is_exported_too(record: Path, lake: 
     old = Recorded(record, SESSION + S // 2).seconds(3)
     (old.rotate if dated_back else old.close)()
     export(record, lake)
+    assert sequences(lake, SESSION + S // 2) == [24, 74, 124], "its last row may not be complete yet"
     growing = Recorded(record, earlier)
     for seconds in (3, 5):
         growing.seconds(seconds)
@@ -241,18 +242,6 @@ def test_other_channels_begin_a_new_file(record: Path, lake: Path) -> None:
     check(lake, range(10))
     columns = [set(pq.read_schema(path).names) for path in sorted(lake.glob("frames/**/*.parquet"))]
     assert [("mains.supply.power" in names) for names in columns] == [False, True]
-
-
-def test_a_session_that_ended_gives_its_last_row(record: Path, lake: Path) -> None:
-    first = Recorded(record, SESSION + S // 2)  # its spans begin and end in the middle of seconds
-    first.seconds(3, results=False).rotate()
-    export(record, lake)
-    assert sequences(lake, SESSION + S // 2) == [24, 74, 124]
-    Recorded(record, SESSION + 60 * S).seconds(2).close()
-    export(record, lake)
-    assert sequences(lake, SESSION + S // 2) == [24, 74, 124, 149]
-    check(lake, range(2), SESSION + 60 * S)
-    assert export(record, lake) == []
 
 
 def test_units_and_channels_are_chosen(record: Path, lake: Path) -> None:

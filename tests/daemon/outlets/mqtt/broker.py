@@ -23,8 +23,6 @@ from tests.patience import eventually, wait_until
 PROGRAM = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin:/usr/local/sbin")
 needs_mosquitto = pytest.mark.skipif(PROGRAM is None, reason="the program mosquitto is not installed")
 
-_DEFAULTS = ("persistence false", "allow_anonymous true")
-
 
 class Broker:
     """Mosquitto on a port of its own; ``settings`` are further lines of its file."""
@@ -35,7 +33,8 @@ class Broker:
             f"user {getpass.getuser()}",
             "max_queued_messages 0",
             "set_tcp_nodelay true",
-            *(d for d in _DEFAULTS if not any(s.startswith(d.split()[0]) for s in settings)),
+            "persistence false",
+            *(() if "allow_anonymous false" in settings else ("allow_anonymous true",)),
             *settings,
         ]
         self._process: subprocess.Popen[bytes] | None = None

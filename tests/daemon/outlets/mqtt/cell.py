@@ -61,11 +61,6 @@ class Cell(FakeView):
             self.record.chunk(made)
         return made
 
-    def said(self, alarm: Alarm) -> Alarm:
-        """An alarm as the cell's book has it before outlets are offered it."""
-        self.alarms.take(alarm)
-        return alarm
-
     def close(self) -> None:
         if self.record is not None:
             self.record.close()

@@ -1,19 +1,17 @@
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
 import pytest
 
-from tests.daemon.outlets.mqtt.broker import Broker
+from tests.daemon.outlets.mqtt.broker import Broker, started
 
 
 @pytest.fixture
-def broker(tmp_path: Path) -> Iterator[Broker]:
-    found = Broker(tmp_path)
-    found.start()
-    yield found
-    found.kill()
+async def broker(tmp_path: Path) -> AsyncIterator[Broker]:
+    async with started(tmp_path) as found:
+        yield found
 
 
 @pytest.fixture(autouse=True)

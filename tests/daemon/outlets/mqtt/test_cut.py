@@ -86,38 +86,6 @@ async def test_rows_that_a_full_queue_gives_up_are_sent_from_the_record(broker: 
     cell.close()
 
 
-async def test_an_alarm_that_ended_during_a_cut_is_not_kept(tmp_path: Path) -> None:
-    """At a broker that remembers what it kept before it was killed."""
-    remembers = (
-        "persistence true",
-        f"persistence_location {tmp_path}/",
-        "autosave_on_changes true",
-        "autosave_interval 1",
-    )
-    cell = Cell()
-    async with started(tmp_path, *remembers) as broker, serving(outlet := outlet_of(cell, broker.url), cell) as ends:
-        async with ears(broker, f"{ROOT}/#") as heard:
-            await heard.until(f"{ROOT}/availability")
-            for number in (1, 2, 3):
-                outlet.offer(cell.said(alarm(number)))
-            await heard.until(f"{ROOT}/alarm/#", 3)
-            await eventually(lambda: outlet.account.counters["results sent"] == 3, "confirmed")
-        cell.may_connect.clear()
-        broker.kill()
-        await eventually(lambda: ends, "the cut is noticed")
-        outlet.offer(cell.said(alarm(1, active=False)))
-        await broker.again()
-        async with ears(broker, f"{ROOT}/#") as heard:
-            cell.may_connect.set()
-            assert len(await heard.until(f"{ROOT}/alarm/#", 3)) >= 3, "it remembers"
-            await eventually(lambda: outlet.account.counters["results sent"] == 4, "the clear")
-        async with ears(broker, f"{ROOT}/#") as heard:
-            await heard.until(f"{ROOT}/alarm/#", 2)
-            await heard.until(f"{ROOT}/health")
-            kept = [m.topic.rpartition("/")[2] for m in heard.heard if "/alarm/" in m.topic]
-    assert sorted(kept) == ["faults.arm.2", "faults.arm.3"]
-
-
 async def test_results_and_rows_on_their_way_come_again_where_there_is_no_record(broker: Broker) -> None:
     """What a broker took and forgot before it confirmed it: here, what it was given while it hung."""
     cell = Cell()

@@ -25,13 +25,6 @@ def test_a_broker_has_host_and_port(broker: str, host: str, port: int, encrypted
     assert (found.host, found.port, found.encrypted) == (host, port, encrypted)
 
 
-def test_brokers_take_turns() -> None:
-    found = settings(broker="mqtts://one", fallbacks=["mqtts://two:443", "mqtts://three"])
-    turns = [found.at(turn) for turn in range(4)]
-    assert [(each.host, each.port) for each in turns] == [("one", 8883), ("two", 443), ("three", 8883), ("one", 8883)]
-    assert settings().at(7) == settings()
-
-
 def test_what_is_open_on_purpose_and_what_cannot_be_read_is_warned_of(tmp_path: Path) -> None:
     (opened,) = settings(broker="mqtt://192.0.2.1", open=True).warnings()
     assert opened.startswith("broker: mqtt://192.0.2.1: no TLS") and opened.endswith("(open: true)")

@@ -85,12 +85,11 @@ async def _scene(tap: Tap, broker: Broker, folder: Path) -> Scene:
         return Scene(tap.connections, marks)
 
 
-async def _settled(tap: Tap, host: Ears) -> int:
-    """Packets said, once what was on its way has had its effect."""
+async def _settled(host: Ears) -> None:
+    """Wait until what was on its way has had its effect."""
     for _ in range(5):
         await host.say("something/else", b"")
         await asyncio.sleep(0.02)
-    return len(tap.said())
 
 
 async def _waits_for_its_host(tap: Tap, state: Any, marks: dict[str, int]) -> None:
@@ -113,7 +112,7 @@ async def _is_born_anew(tap: Tap, host: Ears, marks: dict[str, int]) -> None:
     await host.say(NCMD, command("Node Control/Rebirth", False))
     await host.say(NCMD, command("Something else", True))
     await host.say(NCMD, b"no payload")
-    await _settled(tap, host)
+    await _settled(host)
     marks["births without a request"] = tap.verbs().count("NBIRTH") - before
     marks["rebirth"] = len(tap.said())
     await host.say(NCMD, command("Node Control/Rebirth", True))

@@ -7,9 +7,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from google.protobuf.empty_pb2 import Empty
 from google.protobuf.unknown_fields import UnknownFieldSet
+from paho.mqtt.packettypes import PacketTypes
+from paho.mqtt.properties import Properties, VariableByteIntegers
 
+from cellwatt.protobuf import Messages
 from tests.daemon.outlets.zenoh.processes import Link
 
 CONNECT, PUBLISH, SUBSCRIBE, DISCONNECT = 1, 3, 8, 14
@@ -42,16 +44,6 @@ class Packet:
         return payload(self.payload)
 
 
-def _varint(data: bytes, at: int) -> tuple[int, int]:
-    value = shift = 0
-    while True:
-        byte = data[at]
-        value |= (byte & 0x7F) << shift
-        at, shift = at + 1, shift + 7
-        if not byte & 0x80:
-            return value, at
-
-
 def _text(data: bytes, at: int) -> tuple[bytes, int]:
     (length,) = struct.unpack_from(">H", data, at)
     return data[at + 2 : at + 2 + length], at + 2 + length
@@ -61,10 +53,8 @@ def packets(stream: bytes) -> Iterator[Packet]:
     """The whole packets at the begin of what a client sent."""
     at = 0
     while at + 1 < len(stream):
-        try:
-            length, begin = _varint(stream, at + 1)
-        except IndexError:
-            return
+        length, size = VariableByteIntegers.decode(stream[at + 1 : at + 5] + b"\0")
+        begin = at + 1 + size
         if begin + length > len(stream):
             return
         found = _packet(stream[at], stream[begin : begin + length])
@@ -81,12 +71,11 @@ def _packet(head: int, data: bytes) -> Packet | None:
         topic, at = _text(data, 0)
         qos = head >> 1 & 3
         at += 2 if qos else 0
-        size, at = _varint(data, at)
+        _, size = Properties(kind).unpack(data[at:])
         return Packet(kind, topic.decode(), data[at + size :], qos, bool(head & 1))
     if kind == SUBSCRIBE:
-        size, at = _varint(data, 2)
-        at += size
-        filters = []
+        _, size = Properties(kind).unpack(data[2:])
+        at, filters = 2 + size, []
         while at < len(data):
             name, at = _text(data, at)
             filters.append((name.decode(), data[at] & 3))
@@ -99,15 +88,11 @@ def _connect(data: bytes) -> Packet:
     name, at = _text(data, 0)
     assert (name, data[at]) == (b"MQTT", 5)
     flags = data[at + 1]
-    size, at = _varint(data, at + 4)
-    expiry = 0
-    properties = data[at : at + size]
-    if properties[:1] == b"\x11":
-        (expiry,) = struct.unpack_from(">I", properties, 1)
-    _, at = _text(data, at + size)
+    properties, size = Properties(CONNECT).unpack(data[at + 4 :])
+    _, at = _text(data, at + 4 + size)
     topic = body = b""
     if flags & 4:
-        size, at = _varint(data, at)
+        _, size = Properties(PacketTypes.WILLMESSAGE).unpack(data[at:])
         topic, at = _text(data, at + size)
         body, at = _text(data, at)
     return Packet(
@@ -117,70 +102,63 @@ def _connect(data: bytes) -> Packet:
         flags >> 3 & 3,
         bool(flags & 0x20),
         clean=bool(flags & 2),
-        expiry=expiry,
+        expiry=getattr(properties, "SessionExpiryInterval", 0),
         will=bool(flags & 4),
     )
 
 
 # Sparkplug ----------------------------------------------------------------------------------------
 
-_METRIC = {1: "name", 2: "alias", 3: "timestamp", 4: "datatype", 5: "is_historical", 7: "is_null", 9: "properties"}
-_VALUE = {10: "int", 11: "long", 12: "float", 13: "double", 14: "boolean", 15: "string"}
-
-
-def fields(data: bytes) -> Iterator[tuple[int, int, Any]]:
-    """Number, wire type and value of each field of a protobuf message of which no fields are known."""
-    for field in UnknownFieldSet(Empty.FromString(data)):
-        value = field.data
-        if field.wire_type == 1:
-            (value,) = struct.unpack("<d", value.to_bytes(8, "little"))
-        yield field.field_number, field.wire_type, value
+_SPARKPLUG = Messages(
+    "tests.sparkplug",
+    {
+        "PropertyValue": {"type": (1, "uint32"), "string": (8, "string")},
+        "PropertySet": {"keys": (1, "string*"), "values": (2, "PropertyValue*")},
+        "Metric": {
+            "name": (1, "string"),
+            "alias": (2, "uint64"),
+            "timestamp": (3, "uint64"),
+            "datatype": (4, "uint32"),
+            "is_historical": (5, "bool"),
+            "is_null": (7, "bool"),
+            "properties": (9, "PropertySet"),
+            "long": (11, "uint64."),
+            "double": (13, "double."),
+            "boolean": (14, "bool."),
+            "string": (15, "string."),
+        },
+        "Payload": {"timestamp": (1, "uint64"), "metrics": (2, "Metric*"), "seq": (3, "uint64")},
+    },
+)
 
 
 def payload(data: bytes) -> dict[str, Any]:
-    found: dict[str, Any] = {"metrics": []}
-    for number, wire, value in fields(data):
-        if number == 2:
-            found["metrics"].append(_metric(value))
-        else:
-            assert wire == 0 and number in (1, 3)
-            found[{1: "timestamp", 3: "seq"}[number]] = value
-    return found
+    told = _SPARKPLUG.parse("Payload", data, "a payload")
+    return {**_fields(told), "metrics": [_metric(each) for each in told.metrics]}
 
 
-def _metric(data: bytes) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for number, _, value in fields(data):
-        if number in _VALUE:
-            assert "value" not in found
-            found["field"] = _VALUE[number]
-            found["value"] = {"string": lambda v: v.decode(), "boolean": bool}.get(_VALUE[number], lambda v: v)(value)
-        elif number == 9:
-            found["properties"] = _properties(value)
-        else:
-            found[_METRIC[number]] = value.decode() if number == 1 else value
+def _fields(message: Any) -> dict[str, Any]:
+    assert not len(UnknownFieldSet(message))
+    return {field.name: value for field, value in message.ListFields()}
+
+
+def _metric(message: Any) -> dict[str, Any]:
+    found = _fields(message)
+    if (kind := message.WhichOneof("value")) is not None:
+        found |= {"field": kind, "value": found[kind]}
     if found.get("datatype") == 4 and found.get("value", 0) >= MAY_BE_SIGNED:
         found["value"] -= 1 << 64
+    if "properties" in found:
+        told = message.properties
+        found["properties"] = {key: (v.type, v.string) for key, v in zip(told.keys, told.values, strict=True)}
     return found
-
-
-def _properties(data: bytes) -> dict[str, Any]:
-    keys, values = [], []
-    for number, _, value in fields(data):
-        if number == 1:
-            keys.append(value.decode())
-        else:
-            told = {n: v for n, _, v in fields(value)}
-            values.append((told[1], told[8].decode()))
-    assert len(keys) == len(values)
-    return dict(zip(keys, values, strict=True))
 
 
 def command(name: str, value: bool) -> bytes:
-    """An NCMD payload with one metric, encoded by hand."""
-    raw = name.encode()
-    metric = b"\x0a" + bytes([len(raw)]) + raw + b"\x20\x0b" + b"\x70" + bytes([value])
-    return b"\x08\x01\x12" + bytes([len(metric)]) + metric
+    """An NCMD payload with one metric."""
+    metric = _SPARKPLUG.classes["Metric"](name=name, datatype=11, boolean=value)
+    told: bytes = _SPARKPLUG.classes["Payload"](timestamp=1, metrics=[metric]).SerializeToString()
+    return told
 
 
 # the wire -----------------------------------------------------------------------------------------

@@ -26,9 +26,7 @@ def alarm(number: int, active: bool = True, **more: Any) -> Alarm:
         "id": f"faults.arm.joint_fault.{number}",
         "time": EPOCH + number + (0 if active else SECOND),
         "statement": f"Joint {number} is loaded 12 Nm more than it should be",
-        "source": "arm",
         "evidence": {"residual_Nm": 12.04},
-        "stage": "faults",
     }
     return fake_cell.alarm(number, active, **{**about, **more})
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import asyncio
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import aiohttp
+from aiohttp.test_utils import TestServer
 
 from tests.daemon.outlets.notify.cell import View, alarm, offered, running
 from tests.docs.pages import blocks
@@ -21,11 +19,8 @@ async def test_the_receiver_takes_what_we_sign_and_nothing_else(tmp_path: Path) 
     names: dict[str, Any] = {"__name__": "receiver"}
     exec(compile(block.text, PAGE, "exec"), names)
     heard: list[str] = []
-    runner = aiohttp.web.AppRunner(names["application"]("a secret", heard.append))
-    await runner.setup()
-    await aiohttp.web.TCPSite(runner, "127.0.0.1", 0).start()
-    url = f"http://127.0.0.1:{runner.addresses[0][1]}/alarms"
-    try:
+    async with TestServer(names["application"]("a secret", heard.append)) as server:
+        url = str(server.make_url("/alarms"))
         async with running(View(tmp_path), {"desk": {"webhook": {"url": url, "secret": "a secret"}}}) as right:
             await offered(right, alarm(3), "desk: sent")
             assert heard == ["[plant-1/weld-3] error: Joint 3 is loaded 12 Nm more than it should be"]
@@ -36,6 +31,3 @@ async def test_the_receiver_takes_what_we_sign_and_nothing_else(tmp_path: Path) 
             )
         assert len(heard) == 1
         assert not right.account.counters["desk: undelivered"]
-    finally:
-        with suppress(asyncio.CancelledError):
-            await runner.cleanup()

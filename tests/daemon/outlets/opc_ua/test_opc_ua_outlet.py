@@ -73,6 +73,11 @@ async def value(there: Client, name: str) -> ua.DataValue:
     return await there.get_node(ua.NodeId(name, space)).read_data_value(raise_on_bad_status=False)
 
 
+async def unit_of(there: Client, name: str) -> ua.EUInformation:
+    node = there.get_node(ua.NodeId(name, await there.get_namespace_index(OWN)))
+    return await (await node.get_child("0:EngineeringUnits")).read_value()
+
+
 async def has_value(there: Client, name: str) -> ua.DataValue:
     async def found() -> ua.DataValue | None:
         with suppress(ua.UaStatusCodeError):
@@ -89,6 +94,7 @@ async def test_a_cell_without_users():
         outlet.offer(frames(1))
         await clients_see_the_cells_values(outlet)
         await an_arm_has_the_nodes_of_the_standard(outlet)
+        await what_a_reload_adds_has_them_too(outlet)
         await nobody_acknowledges_without_a_name(outlet)
         await too_much_is_refused_before_it_is_done(outlet)
         await idle_connections_and_endless_messages_are_cut_off(outlet)
@@ -109,8 +115,7 @@ async def clients_see_the_cells_values(outlet: OpcUaOutlet) -> None:
         assert (await has_value(there, "energy:arm.task_1")).Value.Value == 1234.5
         assert (await has_value(there, "Health")).Value.Value in ("{}", f'{{"state":"green","time":{EPOCH}}}')
         space = await there.get_namespace_index(OWN)
-        unit = await there.get_node(ua.NodeId("mains.supply.power", space)).get_child("0:EngineeringUnits")
-        assert (await unit.read_value()).UnitId == 4937556  # KWT, as the table of OPC 10000-8 has it
+        assert (await unit_of(there, "mains.supply.power")).UnitId == 4937556  # KWT, as the table of OPC 10000-8 has it
         with pytest.raises(ua.UaStatusCodeError):
             await there.get_node(ua.NodeId("Health", space)).write_value("{}")
         outlet.offer(frames(2, [np.nan] * 5, Quality.MISSING))
@@ -144,6 +149,20 @@ async def an_arm_has_the_nodes_of_the_standard(outlet: OpcUaOutlet) -> None:
         await inlet.until(lambda o: bool(o.readings) or bool(run.failures))
     assert not run.failures
     assert inlet.values[0] == pytest.approx([0.5, -0.25, 41.0])
+
+
+async def what_a_reload_adds_has_them_too(outlet: OpcUaOutlet) -> None:
+    """A second arm with a linear axis, a second joint of the first arm, and a meter that gives another unit."""
+    units = dict.fromkeys(("left.joint_1.position", "arm.joint_2.position", *LAYOUT.names), "rad")
+    added = layout_of({**units, "left.joint_2.position": "m"})
+    outlet.offer(frames_of(added, 4, [EPOCH + 4 * LAYOUT.step], np.full((1, 8), 0.5)))
+    async with client(outlet) as there:
+        for name in ("left.joint_1.position", "arm.joint_2.position", "arm.joint_1.position"):
+            assert (await has_value(there, f"robotics:{name}")).Value.Value == pytest.approx(np.degrees(0.5))
+        profiles = [(await value(there, f"robotics:left.Axis_{n}/MotionProfile")).Value.Value for n in (1, 2)]
+        assert profiles == [1, 3], "rotary, linear"
+        assert (await unit_of(there, "mains.supply.power")).DisplayName.Text == "deg"
+    outlet.offer(frames(5))
 
 
 class Listener:
@@ -188,7 +207,7 @@ async def test_an_alarm_is_a_condition_that_users_acknowledge():
         await eventually(lambda: listener.events)
         raised = listener.events[0]
         assert raised.Message.Text == "Joint 1 needs more power than it should."
-        assert (raised.Severity, raised.ConditionName, raised.SourceName) == (800, "joint_fault", "cell")
+        assert (raised.Severity, raised.ConditionName, raised.SourceName) == (800, "joint_fault", "arm")
         condition = there.get_node(raised.NodeId)
         note = ua.LocalizedText("on my way")
         with pytest.raises(ua.UaStatusCodeError, match="BadEventIdUnknown"):
@@ -220,7 +239,7 @@ async def test_a_new_process_takes_alarms_and_acknowledgements_from_the_health()
         listener, _ = await listening(there)
         word = {"name": "eve", "note": "on my way", "time": EPOCH}
         for time, alarms in ((1, [asdict(alarm(1)) | {"acknowledged": word}]), (2, []), (3, [])):
-            outlet.health({"state": "green", "time": EPOCH + time, "alarms": alarms})
+            outlet.health({"state": "green", "time": EPOCH + time * 10**9, "alarms": alarms})
             await eventually(lambda n=time: len(listener.events) >= min(n, 2))
         assert listener.states() == [(True, True, True), (False, True, False)]
         assert listener.events[0].Comment.Text == "on my way" and listener.events[0].ClientUserId == "eve"

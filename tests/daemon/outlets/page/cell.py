@@ -13,7 +13,7 @@ from typing import Any
 import aiohttp
 import numpy as np
 
-from cellwatt import Alarm, CellwattError, FrameChannel, Frames, Layout
+from cellwatt import CellwattError, FrameChannel, Frames, Layout
 from cellwatt.outlets.page import app
 from cellwatt.outlets.page.app import Page
 from cellwatt.outlets.page.archive import Archive, Desk
@@ -44,11 +44,6 @@ def frames(first: int, count: int, layout: Layout = LAYOUT) -> Frames:
     quality = np.zeros((count, width), np.uint8)
     quality[numbers % 10 == 9, 1] = 4
     return Frames(layout, first, EPOCH + numbers * layout.step, values, quality, np.ones((count, width), np.int64))
-
-
-def alarm(number: int, active: bool = True, **more: Any) -> Alarm:
-    about = {"time": EPOCH + number * 1_000_000, "source": "arm", "stage": "faults"}
-    return fake_cell.alarm(number, active, **{**about, **more})
 
 
 def interval(number: int) -> Interval:

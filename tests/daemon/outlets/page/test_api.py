@@ -23,7 +23,6 @@ from tests.daemon.outlets.page.cell import (
     TASK,
     Served,
     Stream,
-    alarm,
     frames,
     get,
     interval,
@@ -32,6 +31,7 @@ from tests.daemon.outlets.page.cell import (
     shelved,
     status,
 )
+from tests.daemon.outlets.zenoh.fake_cell import alarm
 
 
 @pytest.fixture

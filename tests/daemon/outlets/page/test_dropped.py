@@ -220,6 +220,7 @@ def test_what_files_are(tmp_path: Path) -> None:
     recorded = {
         "RUN.CSV": b"t\n",
         "arm.mjcf": b"<mujoco>",
+        "run.bag": b"#ROSBAG V2.0\n",
         "run.xlsx": b"",
         "runs/real_1.csv": b"t\n",
         "runs/sim_1.csv": b"t\n",
@@ -235,7 +236,7 @@ def test_what_files_are(tmp_path: Path) -> None:
         found.setdefault(kind_of(path), []).append(str(path.relative_to(tmp_path)))
     assert found == {
         "simulation": ["ARM.URDF", "arm.mjcf", "arm.xml", "runs/sim_1.csv"],
-        "recording": ["RUN.CSV", "bag", "run.xlsx", "runs/real_1.csv", "set", "weld_3.mcap.zst"],
+        "recording": ["RUN.CSV", "bag", "run.bag", "run.xlsx", "runs/real_1.csv", "set", "weld_3.mcap.zst"],
         "other": ["mesh.stl", "part.xml"],
         "robot": ["robot.yaml"],
     }

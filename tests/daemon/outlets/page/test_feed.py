@@ -27,13 +27,13 @@ from tests.daemon.outlets.page.cell import (
     MS,
     PREDICTION,
     SITE,
-    alarm,
     frames,
     interval,
     shelved,
     status,
 )
 from tests.daemon.outlets.page.recorded import recording
+from tests.daemon.outlets.zenoh.fake_cell import alarm
 
 
 @pytest.fixture

@@ -274,7 +274,7 @@ def test_curves_of_a_recorder_at_work_are_true_while_files_come_and_go(tmp_path,
         stems = lambda kind: {path.stem for path in tmp_path.rglob(f"*.{kind}")}  # noqa: E731
         wait_until(lambda: stems("levels") == stems("mcap"))
         reader.close()
-    assert reader.counts["damaged"] == 0
+    assert reader.counts["level files damaged"] == 0
     first_file = FileName.parse(min(tmp_path.glob("*.mcap")).name)
     assert first_file is not None and first_file.number > 1, "retention removed some"
 
@@ -348,7 +348,7 @@ def test_levels_keep_to_their_budget_and_the_oldest_go(tmp_path, monkeypatch):
     for _ in range(2):
         reader.look(int)
     assert sorted((tmp_path / "levels").iterdir()) == files[1:]
-    assert reader.counts["over budget"] == 1 and read == [], "it is not made anew at each look"
+    assert reader.counts["level files over budget"] == 1 and read == [], "it is not made anew at each look"
     assert curves(reader, *span) == true and set(read) == {files[0].stem}
     time = SESSION + 3 * 3600 * S + np.arange(3600) * S
     newest = recording(tmp_path, [[frames(time, np.arange(3600.0), rate=1.0)]], number=4)
@@ -370,9 +370,9 @@ def test_a_disk_that_takes_no_level_files_costs_time_alone(tmp_path, monkeypatch
             patch.setattr(level_file, "write", refuse)
         reader = Store(tmp_path, CELL)
         refused = curves(reader, *span)
-        assert refused["complete"] and reader.counts["unwritten"] == 3
+        assert refused["complete"] and reader.counts["level files unwritten"] == 3
         reader.look(int)
-        assert reader.counts["unwritten"] == 3, "not tried again at each look"
+        assert reader.counts["level files unwritten"] == 3, "not tried again at each look"
     assert ("too little disk space for level files" if full else "Read-only file system") in caplog.text
     assert not (tmp_path / "levels").exists()
     assert curves(Store(tmp_path, CELL), *span) == refused
@@ -393,7 +393,7 @@ def test_a_recording_that_holds_nothing_is_told_and_not_read_again_and_again(tmp
     found = curves(reader, *span)
     assert curves(reader, *span) == found
     assert any(v is not None for v in found["v"]["arm.power"]["max"])
-    assert reader.counts["unreadable"] == 1
+    assert reader.counts["unreadable recordings"] == 1
     assert bad.name in caplog.text
 
 

@@ -31,7 +31,6 @@ from tests.daemon.outlets.page.cell import (
     USERS,
     Stream,
     View,
-    alarm,
     client,
     frames,
     get,
@@ -40,7 +39,7 @@ from tests.daemon.outlets.page.cell import (
     status,
 )
 from tests.daemon.outlets.serving import children, serving
-from tests.daemon.outlets.zenoh.fake_cell import batch
+from tests.daemon.outlets.zenoh.fake_cell import alarm, batch
 from tests.daemon.outlets.zenoh.processes import free_port
 from tests.doing import doing
 from tests.patience import eventually

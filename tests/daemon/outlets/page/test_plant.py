@@ -19,8 +19,8 @@ from cellwatt.outlets.page.outlet import PageSettings
 from cellwatt.outlets.page.serving import view
 from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
 from cellwatt.outlets.zenoh.link import LinkSettings, open_session
-from tests.daemon.outlets.page.cell import EPOCH, MS, Stream, alarm, client, get, post, status
-from tests.daemon.outlets.zenoh.fake_cell import FakeView, frames
+from tests.daemon.outlets.page.cell import EPOCH, MS, Stream, client, get, post, status
+from tests.daemon.outlets.zenoh.fake_cell import FakeView, alarm, frames
 from tests.daemon.outlets.zenoh.processes import free_port
 from tests.daemon.outlets.zenoh.serving import serving
 from tests.doing import doing

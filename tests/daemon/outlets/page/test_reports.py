@@ -15,14 +15,8 @@ from cellwatt import report
 from cellwatt.outlets.page.reports import list_reports, newest_mismatch, report_file
 from cellwatt_plugins.explain.report import figures
 from cellwatt_plugins.explain.report import page as explain_page
-from cellwatt_plugins.explain.verdict.findings import (
-    ChannelFit,
-    Finding,
-    Findings,
-    Improvement,
-    UnexplainedChannel,
-    Where,
-)
+from cellwatt_plugins.explain.verdict.findings import ChannelFit, Findings
+from tests.plugins.explain.reported import STANDBY, STRIBECK
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -120,17 +114,12 @@ def test_nothing_outside_is_listed_or_served(tmp_path):
 
 # mismatch -------------------------------------------------------------------------------------------
 
-DRAWS = Improvement("supply.power", "W", 41.0, 4.2, 4.0)
-STANDBY = Finding("standby", None, "missing", 0.7, "The supply draws 40 W.", {}, Where(("supply.power",)), DRAWS)
-STICKS = Improvement("joint_2.torque", "Nm", 9.0, 0.7, 0.6)
-STRIBECK = Finding("stribeck", 2, "missing", 0.98, "Joint 2 sticks.", {}, Where(("joint_2.torque",)), STICKS)
 FIT = (
     ChannelFit("supply.power", "W", 41.0, 40.0, 4.2, 4.0),
     ChannelFit("joint_2.torque", "Nm", 9.0, 8.0, 0.7, 0.6),
     ChannelFit("joint_3.torque", "Nm", float("nan"), 2.0, 2.0, 0.6),
 )
-OPEN = (UnexplainedChannel("joint_3.torque", 2.0, 0.6, "Joint 3 is not explained."),)
-FINDINGS = Findings("partly_explained", (STANDBY, STRIBECK), OPEN, FIT)
+FINDINGS = Findings("partly_explained", (STRIBECK, STANDBY), fit=FIT)
 
 
 def explained(folder: Path, findings: Findings | None = FINDINGS, day: int = 5) -> Path:
@@ -152,8 +141,8 @@ def test_the_newest_comparison_tells_before_and_after(tmp_path):
     assert found["path"] == "new/report.html" and found["tone"] == "part" and found["finding"]
     assert (found["channel"], found["before"], found["after"], found["unit"]) == ("joint_2.torque", 9.0, 0.7, "Nm")
     assert [(e["effect"], e["joint"], e["before"], e["after"], e["unit"]) for e in found["effects"]] == [
-        ("stribeck", 2, 9.0, 0.7, "Nm"),
-        ("standby", None, 41.0, 4.2, "W"),
+        ("standby_power", None, 25.3, 4.02, "W"),
+        ("stribeck_friction", 2, 2.51, 0.63, "N*m"),
     ]
     assert report_file([tmp_path], found["path"]) == tmp_path / "new" / "report.html"
 

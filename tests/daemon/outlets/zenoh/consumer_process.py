@@ -7,7 +7,7 @@ import sys
 import threading
 from typing import Any
 
-from cellwatt import Alarm, Batch, Frames
+from cellwatt import Batch, Frames
 from cellwatt.outlets.zenoh.link import LinkSettings
 from cellwatt.subscriber import Gap, Message, Subscriber
 from tests.blocks import same_frames
@@ -23,8 +23,6 @@ def summary(message: Message) -> dict[str, Any]:
         about["values"] = content.values[:, 0].tolist()
         if isinstance(content, Frames):
             about["as_offered"] = same_frames(content, frames(content.sequence, len(content)))
-    elif isinstance(content, Alarm):
-        about |= {"id": content.id, "active": content.active}
     elif isinstance(content, Gap):
         about["gap"] = content.reason
     return about

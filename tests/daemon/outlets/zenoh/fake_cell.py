@@ -75,8 +75,10 @@ def alarm(number: int, active: bool = True, **more: Any) -> Alarm:
         "severity": "error",
         "active": active,
         "since": EPOCH,
-        "time": EPOCH + number,
+        "time": EPOCH + number * 1_000_000,
         "statement": f"Joint {number} needs more power than it should.",
+        "source": "arm",
+        "stage": "faults",
         "joint": number,
         "evidence": {"residual_W": 12.5},
     }

@@ -3,10 +3,8 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
-from typing import Any
 
 import pytest
-import zenoh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
@@ -23,11 +21,10 @@ from cellwatt.outlets.zenoh.questions import QuestionError
 from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch, frames
 from tests.daemon.outlets.zenoh.serving import serving
 from tests.daemon.outlets.zenoh.test_subscriber import RAW, Cell
-from tests.patience import PATIENCE, eventually
+from tests.patience import PATIENCE
 
 ROOT = f"cellwatt/{SITE}/{CELL}"
 NUMBERING = EPOCH + 5
-HEALTH = Mark(EPOCH, 3, 1, EPOCH, backfill=True)
 
 
 @pytest.fixture
@@ -42,9 +39,12 @@ def backlog() -> Backlog:
 
 @pytest.fixture
 def answers(view: FakeView, backlog: Backlog) -> Answers:
-    return Answers(
-        view, CellKeys(SITE, CELL), backlog, lambda what: None, lambda: Answer(b'{"status": {}}', mark=HEALTH)
-    )
+    return answers_of(view, backlog)
+
+
+def answers_of(view: FakeView, backlog: Backlog) -> Answers:
+    health = Answer(b'{"status": {}}', mark=Mark(EPOCH, 3, 1, EPOCH, backfill=True))
+    return Answers(view, CellKeys(SITE, CELL), backlog, lambda what: None, lambda: health)
 
 
 def test_history_ends_at_a_hole_and_is_bounded(answers: Answers, view: FakeView) -> None:
@@ -98,16 +98,6 @@ def test_where_the_begin_is_gone_the_answer_begins_with_what_is_left(
 
 
 # backlog ---
-
-
-def test_frames_are_kept_up_to_a_number_of_bytes() -> None:
-    size = 1000 + 10 * (8 + 2 * 8 + 2 + 2 * 8)  # what objects take, and the numbers
-    kept = Backlog(EPOCH, 3 * size)
-    for first in range(0, 50, 10):
-        kept.add_frames(frames(first, 10))
-    assert [f.sequence for f in kept.frames(EPOCH, 0, 99)] == [20, 30, 40]
-    assert [f.sequence for f in kept.frames(EPOCH, 35, 5)] == [30]
-    assert kept.frames(EPOCH + 1, 0, 99) == []
 
 
 def test_frames_of_a_outlet_that_was_ended_are_still_given_by_the_one_after_it() -> None:
@@ -197,19 +187,3 @@ async def test_a_consumer_gets_all_of_the_past_at_the_limit_and_status_at_once()
     assert took > (size - limit / 4) / limit - 0.3
     assert counters["answers about the past"] >= 4
     assert counters["answers held back"] >= 1
-
-
-async def test_an_answer_has_the_priority_of_its_question() -> None:
-    """So what ``Subscriber`` asks for goes below live messages on every line."""
-    cell = Cell()
-    cell.give(0, 10, live=False)
-    async with serving(cell.outlet):
-        with await asyncio.to_thread(open_session, cell.link, patience=PATIENCE) as session:
-            question = f"{ROOT}/@/history?source=arm;stream=samples"
-
-            def ask() -> Any:
-                replies = list(session.get(question, priority=zenoh.Priority.DATA_LOW))
-                return replies[0].ok if replies else None
-
-            sample = await eventually(lambda: asyncio.to_thread(ask), "an answer")
-            assert sample.priority == zenoh.Priority.DATA_LOW

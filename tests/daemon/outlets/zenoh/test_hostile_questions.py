@@ -15,15 +15,13 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from cellwatt import CellwattError, OutletError
-from cellwatt.outlets.zenoh.answer_queue import Answer
 from cellwatt.outlets.zenoh.answers import Answers
 from cellwatt.outlets.zenoh.backlog import Backlog
-from cellwatt.outlets.zenoh.keys import CellKeys
 from cellwatt.outlets.zenoh.link import open_session
-from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.questions import LARGEST, QuestionError, number_of, parameters
 from cellwatt.runtime.delivery import Delivery
 from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch, frames
+from tests.daemon.outlets.zenoh.test_answers import answers_of
 from tests.daemon.outlets.zenoh.test_subscriber import Cell
 from tests.doing import doing
 from tests.patience import PATIENCE, eventually
@@ -60,9 +58,7 @@ def filled() -> Answers:
     for number in range(5):
         backlog.add(alarm(number))
         backlog.add(alarm(number, active=False))
-    return Answers(
-        view, CellKeys(SITE, CELL), backlog, lambda _: None, lambda: Answer(b"{}", mark=Mark(EPOCH, 3, 1, EPOCH))
-    )
+    return answers_of(view, backlog)
 
 
 VALUES = st.one_of(

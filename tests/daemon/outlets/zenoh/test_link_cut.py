@@ -59,7 +59,7 @@ def check_all(cell: Child, consumer: Child, seconds: float) -> dict[str, int]:
     for topic, name in ends.items():
         wait_until(lambda t=topic, n=name: reached(consumer, t, end[n]), f"all of {topic}")
         assert_complete(received(consumer, topic), 0, end[name])
-    consumer.finish()
+    assert consumer.finish() == 0
     # not the last it said: a message may still come while it closes
     counts = next(s["counts"] for s in consumer.said if isinstance(s, dict) and "counts" in s)
     assert counts.get("lost", 0) == 0
@@ -91,6 +91,7 @@ def test_cut_beside_a_router() -> None:
                 publish(publisher, 0.5, begin=2.0)
                 counts = check_all(publisher, consumer, 2.5)
                 assert counts["backfilled"] >= RATE / 2
+            assert publisher.finish() == 0 and publisher.said[-1]["account"]["residue"] == 0
         assert router.finish() == 0
 
 

@@ -155,8 +155,6 @@ async def test_questions(consumer: Consumer, outlet: ZenohOutlet, view: FakeView
     assert (await consumer.ask_json("@/status"))["session"] == EPOCH
     everything = await consumer.ask("@/*")
     assert {str(r.ok.key_expr).rsplit("/", 1)[1] for r in everything} == {"status", "config", "schema", "recordings"}
-    (refused,) = await consumer.ask("@/stat")
-    assert "unknown question 'stat'" in json.loads(refused.err.payload.to_bytes())["error"]
     assert [str(r.ok.key_expr) for r in await consumer.ask("**")] == [], "questions are asked by name, never by **"
 
 
@@ -258,8 +256,7 @@ async def test_what_was_offered_before_a_stop_arrives(outlet: ZenohOutlet, endpo
                 outlet.offer(batch(first, 3))
         assert outlet.account.received == 3000
         assert outlet.account.residue == 0
-        last = lambda: mark_of(consumer.samples[-1])  # noqa: E731
-        await eventually(lambda: consumer.samples and last().end == 3000, "the last sample")
+        await eventually(lambda: consumer.samples and mark_of(consumer.samples[-1]).end == 3000, "the last sample")
 
 
 async def test_without_a_router_nothing_waits_and_its_alarms_are_for_who_asks_later(

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -19,7 +18,7 @@ from cellwatt.outlets.zenoh.encode import decode
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import from_json, parse_json
 from cellwatt.outlets.zenoh.questions import NothingKeptError
-from cellwatt.record import History
+from cellwatt.record import History, Recorder, RecordSettings
 from cellwatt.record.encoder import Encoder
 from cellwatt.record.openfile import OpenFile
 from cellwatt.results import Event, Result
@@ -27,7 +26,7 @@ from tests.blocks import same_frames
 from tests.daemon.outlets.zenoh.fake_cell import FakeView, task
 from tests.daemon.outlets.zenoh.fake_cell import frames as numbered_frames
 from tests.daemon.outlets.zenoh.recorded_cell import RecordedView
-from tests.daemon.record.making import CELL, HEADER, SESSION, frames_of, name_of, write_chunks
+from tests.daemon.record.making import HEADER, SESSION, frames_of, name_of, write_chunks
 
 BLOCK = 10
 END = 6000
@@ -43,13 +42,7 @@ class Recorded(RecordedView):
     """A cell that is recorded in ``folder``; nobody writes there now."""
 
     def __init__(self, folder: Path, session: int = SESSION) -> None:
-        recorder: Any = SimpleNamespace(
-            cell=CELL,
-            live=lambda: None,
-            flush=lambda timeout: False,
-            upkeep=SimpleNamespace(repairing=lambda session: False),
-        )
-        super().__init__(History(folder, recorder), session)
+        super().__init__(History(folder, Recorder(RecordSettings(folder=folder), HEADER)), session)
 
     def result_history(self, series: str, session: int, first: int, count: int) -> Sequence[tuple[int, Result | Event]]:
         assert 0 < count <= MOST_RESULTS

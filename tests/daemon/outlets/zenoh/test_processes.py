@@ -20,7 +20,6 @@ from tests.daemon.outlets.zenoh.test_link_cut import (
     reached,
     received,
     start_consumer,
-    stream,
 )
 from tests.docs.pages import blocks
 from tests.patience import PATIENCE, wait_until
@@ -62,15 +61,6 @@ def test_a_consumer_that_is_frozen_holds_up_neither_the_cell_nor_another_consume
         assert figures["dropped"] == {}
         assert figures["residue"] == 0
         assert figures["received"] == 120_000 + 600 + 60
-
-
-def test_cell_and_consumer_end_by_themselves(cell: Child, port: int) -> None:
-    with start_consumer(port) as consumer:
-        cell.send(stream=stream(0.2))
-        wait_until(lambda: reached(consumer, "raw/arm/samples", 100), "data")
-        assert consumer.finish() == 0
-    assert cell.finish() == 0
-    assert cell.said[-1]["account"]["residue"] == 0
 
 
 PROGRAMS = {

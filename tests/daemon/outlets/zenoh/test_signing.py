@@ -7,17 +7,14 @@ import subprocess
 from collections import Counter
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
-from datetime import UTC, datetime, timedelta
 from itertools import count
 from pathlib import Path
 from typing import Any
 
 import pytest
 import zenoh
-from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric import ec
-from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, load_pem_private_key
-from cryptography.x509.oid import NameOID
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
 
 from cellwatt import Alarm, ConfigError, OutletError
 from cellwatt.door.signing import Signer, Verifier
@@ -89,21 +86,13 @@ def test_a_refusal_holds_for_its_question_alone(keys: Path) -> None:
 def test_a_certificate_or_several_keys_will_do(keys: Path) -> None:
     signature = Signer(keys / "cell.key").sign("part")
     both = keys / "both.pem"
-    both.write_bytes((keys / "other.pub").read_bytes() + certificate(keys / "cell.key"))
+    command = "openssl req -x509 -key cell.key -subj /CN=weld-3"
+    certificate = subprocess.run(command.split(), cwd=keys, check=True, capture_output=True).stdout
+    both.write_bytes((keys / "other.pub").read_bytes() + certificate)
     assert Verifier(both).holds(signature, "part")
     both.write_bytes((keys / "other.pub").read_bytes() + (keys / "cell.pub").read_bytes())
     assert Verifier(both).holds(signature, "part")
     assert not Verifier(keys / "other.pub").holds(signature, "part")
-
-
-def certificate(key_file: Path) -> bytes:
-    """A certificate of its own, for an Ed25519 key."""
-    key: Any = load_pem_private_key(key_file.read_bytes(), None)
-    name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "weld-3")])
-    begin = datetime.now(UTC)
-    builder = x509.CertificateBuilder().subject_name(name).issuer_name(name).public_key(key.public_key())
-    builder = builder.serial_number(5).not_valid_before(begin).not_valid_after(begin + timedelta(days=1))
-    return builder.sign(key, None).public_bytes(Encoding.PEM)
 
 
 def test_files_that_hold_no_such_key_are_named(keys: Path) -> None:

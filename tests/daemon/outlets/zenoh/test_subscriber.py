@@ -21,7 +21,7 @@ from cellwatt.outlets.zenoh.link import open_session
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.subscriber import Gap, LinkSettings, Message, Subscriber
 from cellwatt.subscriber.inbox import Mailbox
-from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch, frames
+from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch
 from tests.daemon.outlets.zenoh.processes import free_port
 from tests.daemon.outlets.zenoh.serving import serving
 from tests.patience import PATIENCE, eventually
@@ -76,20 +76,6 @@ async def read(subscriber: Subscriber, count: int, topic: str = "") -> list[Mess
     return found
 
 
-async def test_everything_of_a_cell_in_order(cell: Cell) -> None:
-    async with cell.joined(want=("raw", "frame", "alarm")) as subscriber:
-        cell.give(0, 5)
-        cell.outlet.offer(frames(0, 2))
-        cell.outlet.offer(alarm(1))
-        messages = {m.topic: m for m in await read(subscriber, 3)}
-    assert set(messages) == {RAW, "frame", "alarm"}
-    raw = messages[RAW]
-    assert (raw.session, raw.sequence, raw.count, raw.backfilled) == (EPOCH, 0, 5, False)
-    assert isinstance(raw.content, Batch)
-    assert raw.content.values.tolist() == batch(0, 5).values.tolist()
-    assert messages["alarm"].content == alarm(1)
-
-
 async def test_what_the_record_has_forgotten_is_a_gap(cell: Cell) -> None:
     async with cell.joined(want=("raw",)) as subscriber:
         cell.give(0, 100, live=False)
@@ -136,22 +122,36 @@ async def test_resume_goes_on_where_an_earlier_run_stopped(cell: Cell) -> None:
     assert messages["alarm"].content == alarm(1)
 
 
+@pytest.mark.parametrize("unanswered", ["late", "not at all"])
 async def test_alarms_that_are_up_are_asked_for_until_the_cell_answers(
-    cell: Cell, monkeypatch: pytest.MonkeyPatch
+    cell: Cell, monkeypatch: pytest.MonkeyPatch, unanswered: str
 ) -> None:
     cell.outlet.offer(alarm(1))
-    alarms, asked = cell.outlet._answers.alarms, itertools.count(1)
+    reply, asked = cell.outlet._answers._reply_alarms, itertools.count(1)
 
-    def late(question: Any) -> Any:
-        if next(asked) == 1:
+    def unsure(query: Any) -> None:
+        if next(asked) > 1:
+            reply(query)
+        elif unanswered == "late":
             time.sleep(0.5)
-        return alarms(question)
+        else:
+            query.drop()  # as where too many questions wait
 
-    monkeypatch.setattr(cell.outlet._answers, "alarms", late)
+    monkeypatch.setattr(cell.outlet._answers, "_reply_alarms", unsure)
     monkeypatch.setattr("cellwatt.subscriber.subscriber._TIMEOUT", 0.2)
     async with cell.subscriber(want=("alarm",)) as subscriber:
         (message,) = await read(subscriber, 1)
     assert message.content == alarm(1) and next(asked) > 2
+
+
+async def test_the_answer_that_no_alarm_is_up_is_asked_for_once(cell: Cell, monkeypatch: pytest.MonkeyPatch) -> None:
+    reply, asked = cell.outlet._answers._reply_alarms, list[Any]()
+    monkeypatch.setattr(cell.outlet._answers, "_reply_alarms", lambda query: asked.append(query) or reply(query))
+    monkeypatch.setattr("cellwatt.subscriber.subscriber._AGAIN", 0.0)
+    async with cell.joined(want=("alarm", "health")) as subscriber:
+        await eventually(lambda: asked, "the question")
+        await read(subscriber, 5, "health")
+    assert len(asked) == 1
 
 
 async def test_threads_read_with_receive_and_for(cell: Cell) -> None:

@@ -159,7 +159,7 @@ class Store:
         except (OSError, RecordingError) as error:
             # A recording removed to free disk space is not an error.
             if not isinstance(error, FileNotFoundError) and not isinstance(error.__cause__, FileNotFoundError):
-                self.counts["unreadable"] += 1
+                self.counts["unreadable recordings"] += 1
                 self._failed(recording.path, f"{recording.path} has no curves: {error}")
             return None
 
@@ -197,7 +197,7 @@ class Store:
     def spoiled(self, recording: RecordFile, reason: str) -> None:
         """Remove a damaged level file, so that it is written again."""
         self._files.pop(recording.name, None)
-        self.counts["damaged"] += 1
+        self.counts["level files damaged"] += 1
         path = level_file.path_of(recording.path)
         log.warning("%s %s: it is written again", path, reason)
         try:
@@ -215,7 +215,7 @@ class Store:
                 level_file.write(recording, digest)
                 self._hold()
             except (OSError, ValueError) as error:
-                self.counts["unwritten"] += 1
+                self.counts["level files unwritten"] += 1
                 self._failed(self.folder, f"{level_file.path_of(recording.path)} cannot be written: {error}")
         return digest
 
@@ -251,7 +251,7 @@ class Store:
         files = level_file.listing(self.folder, self.cell)
         if over := surplus(files, keep=self._most, age=0, now=0, reserve=0):
             remove(over)
-            self.counts["over budget"] += len(over)
+            self.counts["level files over budget"] += len(over)
             self._over = over[-1].name
             for file in over:
                 self._files.pop(file.name, None)

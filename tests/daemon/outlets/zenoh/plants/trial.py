@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import subprocess
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
@@ -112,48 +111,3 @@ def assert_whole(consumer: Process, made: dict[str, int]) -> None:
     """Everything that the cell made came once, in order, with its own values."""
     for topic, name in NAMES.items():
         assert_complete(received(consumer, topic), 0, made[name])
-
-
-def cut_and_catch_up(
-    folder: Path,
-    seconds: float,
-    rate: float,
-    *,
-    backfill: str | None = None,
-    line: float | None = None,
-    before: float,
-    after: float,
-    patience: float,
-) -> dict[str, Any]:
-    """Cut plant 1 off for ``seconds`` s; plant 2 goes on, and both get everything.
-
-    What plant 1 made and how many samples came late, its account, the time to catch up and the live blocks meanwhile.
-    The line to headquarters carries ``line`` bytes a second; answers about the past get ``backfill``.
-    """
-    with plants(folder) as trial:
-        cells = [trial.cell(n, backfill=backfill) for n in PLANTS]
-        consumers = [trial.consumer(n) for n in PLANTS]
-        board = trial.board(1)
-        trial.ready(*consumers)
-        for cell in cells:
-            cell.publish(rate)
-        for consumer in consumers:
-            begun(consumer)
-        if line is not None:
-            trial.net.narrow(1, line)
-        time.sleep(before)
-        trial.net.cut(1)
-        time.sleep(seconds)
-        live = board.said[-1]["live"]
-        trial.net.restore(1)
-        back = time.monotonic()
-        caught_up(consumers[0], cells[0].answer("published", tell=True), patience)
-        caught, live = time.monotonic() - back, board.said[-1]["live"] - live
-        time.sleep(after)
-        made = [cell.answer("published", halt=True) for cell in cells]
-        for consumer, whole in zip(consumers, made, strict=True):
-            caught_up(consumer, whole, patience)
-            assert_whole(consumer, whole)
-        late = sum(m["count"] for m in received(consumers[0], RAW) if m["backfilled"])
-        account = cells[0].answer("account", account=True)
-        return {"caught_up_s": caught, "live": live, "made": made[0]["samples"], "late": late, "account": account}
