@@ -10,6 +10,7 @@ from cellwatt.channel import Quality, Stream
 from cellwatt.clock import unwrapped
 from cellwatt.driver import Inlet
 from cellwatt.errors import ProtocolError
+from cellwatt_drivers.abb import wire
 from cellwatt_drivers.abb.wire import CYCLE, Columns, Packet, decode
 from cellwatt_drivers.shared.rows import Row, Rows
 
@@ -36,6 +37,8 @@ class Intake:
 
     def __init__(self, inlet: Inlet, stream: Stream, columns: Columns, delivers: Callable[[], None]) -> None:
         """``delivers`` is called before each block is handed over."""
+        self.refused = ""
+        """Why the newest datagram was invalid; empty since a valid one."""
         self.stream = stream
         self.rates: dict[str, float] = {}
         self._delivers = delivers
@@ -63,9 +66,13 @@ class Intake:
         for datagram in datagrams:
             try:
                 packet = decode(datagram)
-            except ProtocolError:
+            except ProtocolError as error:
                 self._inlet.account.anomaly("malformed")
+                self.refused = str(error)
                 continue
+            if self._newest is None:
+                self._report_surplus(packet)
+            self.refused = ""
             self._continue(packet, arrival)
         self._hand_over(arrival)
 
@@ -101,6 +108,13 @@ class Intake:
         self._newest = packet
         row = self._columns.row(packet.message)
         self._rows.append(Row(time, row, Quality.MISSING if all(map(math.isnan, row)) else Quality.GOOD))
+
+    def _report_surplus(self, packet: Packet) -> None:
+        """Report axes that the controller sends and the settings leave out."""
+        sent, taken = wire.axes_of(packet.message), (len(self._columns.arm), len(self._columns.external))
+        if any(n > known for n, known in zip(sent, taken, strict=True)):
+            text = "the controller sends {} joints and {} external axes, 'axes' and 'external' name {} and {}"
+            self._inlet.event("axes_left_out", f"{text.format(*sent, *taken)}: the others are left out")
 
     def _repeated(self, packet: Packet, ahead: int) -> None:
         """Count a packet whose number was already received or skipped."""

@@ -17,7 +17,7 @@ _FASTER: Final = 10.0
 _SURE: Final = 3
 """Number of values that confirm a new level, or of rises after a fall."""
 _STANDS: Final = 60.0
-"""s for which a counter at rest near 0 confirms that it was reset, or without a confirmed value that it is no counter."""
+"""s for which a counter at rest near 0 confirms that it was reset; so long without a confirmed value is told."""
 _REGAINED: Final = 0.1
 """Share of a fall; a value that regains more at once does not continue from the value before."""
 _ALIKE: Final = 0.001

@@ -3,6 +3,7 @@ from __future__ import annotations
 import asyncio
 import socket
 import time
+from itertools import count
 
 import numpy as np
 import pytest
@@ -14,14 +15,15 @@ from cellwatt.results import Event
 from cellwatt.runtime.source import Source
 from cellwatt.slots import HOST
 from cellwatt_drivers.abb import AbbDriver, AbbSettings
+from cellwatt_drivers.abb.emulated_robot import EmulatedRobot
 from cellwatt_drivers.abb.rws import MODE
 from cellwatt_drivers.abb.web import session
 from tests.doing import doing
 from tests.patience import PATIENCE, eventually
 
 from ..certificates import self_signed
-from ..running import once
-from .rig import ANGLES, driver, emulated, running
+from ..running import Steady, once
+from .rig import ANGLES, driver, emulated, free_port, running
 
 
 def assert_only_late(inlet):
@@ -136,6 +138,12 @@ async def test_pages_that_fail_again_in_the_same_way_are_told_again(monkeypatch)
             monkeypatch.setattr(emulator.pages, "answer", well)
 
 
+def unblocking() -> socket.socket:
+    opened = socket.socket(type=socket.SOCK_DGRAM)
+    opened.setblocking(False)
+    return opened
+
+
 async def is_taken(port: int) -> None:
     """Return once a UDP port of this machine is listened at."""
     while True:
@@ -152,8 +160,7 @@ async def test_an_outage_ends_the_source_and_a_new_start_counts_what_was_lost():
         arm = driver(place, web=[], timeout="500 ms")
         inlet, first = arm.inlet, asyncio.create_task(arm.run())
         await inlet.until(lambda o: o.account.received > 10)
-        with socket.socket(type=socket.SOCK_DGRAM) as stranger:  # of whom nothing is told: the address is right
-            stranger.setblocking(False)
+        with unblocking() as stranger:  # of whom nothing is told: the address is right
             stranger.bind(("127.0.0.2", 0))
             stranger.sendto(b"?", ("127.0.0.1", int(str(place["egm_port"]))))
         heard = inlet.account.received
@@ -169,6 +176,43 @@ async def test_an_outage_ends_the_source_and_a_new_start_counts_what_was_lost():
     assert inlet.account.missed["outage"] == emulator.counts["loss"] > 50
     assert len(inlet.identities) == 2
     assert inlet.resets == []
+
+
+async def test_a_second_robot_at_the_port_is_left_out_until_the_first_one_ends():
+    """Two robots of one controller, whose EGM goes to one port by mistake."""
+    port = free_port()
+    arm = driver({"host": "127.0.0.1", "bind": "127.0.0.1", "egm_port": port}, web=[], egm=["joints"])
+    robots = [EmulatedRobot(Steady({"joint_1.position": angle}), 7, 6, 0.004) for angle in (1.0, 2.0)]
+    sockets = [unblocking() for _ in robots]
+    numbers = count(1)
+
+    def send(*which: int) -> None:
+        number = next(numbers)
+        for i in which:
+            sockets[i].sendto(robots[i].packet(0, number, 1_700_000_000.0 + 0.004 * number, True), ("127.0.0.1", port))
+
+    async with once(arm) as (inlet, _):
+        await is_taken(port)
+        for n in range(1, 20):
+            send(0, 1)
+            await inlet.until(lambda o, n=n: o.account.received == n)
+        await inlet.until(lambda o: o.account.counters["packets of a second robot"] == 19)
+        assert set(inlet.values[:, 0]) == {1.0}
+        await eventually(lambda: send(1) or inlet.account.received > 19, "the second one alone")
+        assert inlet.values[-1, 0] == 2.0
+    for each in sockets:
+        each.close()
+
+
+async def test_data_that_are_not_egm_are_told():
+    port = free_port()
+    arm = driver({"host": "127.0.0.1", "bind": "127.0.0.1", "egm_port": port}, web=[], timeout="300 ms")
+    with unblocking() as other:
+        run = asyncio.create_task(arm.run())
+        await is_taken(port)
+        other.sendto(b"hello", ("127.0.0.1", port))
+        with pytest.raises(ConnectError, match=r"no EGM packet .*, but other data from it: 5 bytes that are not EGM"):
+            await run
 
 
 async def test_a_controller_with_another_sample_rate_than_the_settings_is_not_too_slow():
