@@ -32,8 +32,7 @@ class EmulatedWt310(EmulatedAnalyzer):
     def _commands(self) -> Mapping[str, Callable[[str], str | None]]:
         shared = super()._commands()
         return {
-            **{name: shared[name] for name in ("*IDN?", "*OPC?", "*RST")},
-            **self._status_commands(),
+            "*IDN?": shared["*IDN?"],
             "STATus:ERRor?": shared["SYSTem:ERRor?"],
             "NUMeric:FORMat": lambda p: self._one_of(p, {"ASC", "ASCII"}),
             "NUMeric:NORMal:NUMber": self._set_number,
@@ -87,9 +86,7 @@ class EmulatedLmg670(EmulatedAnalyzer):
 
     def _commands(self) -> Mapping[str, Callable[[str], str | None]]:
         shared = super()._commands()
-        common = ("*IDN?", "*OPC?", "*RST", "SYSTem:ERRor?", "SYSTem:ERRor:ALL?", "SYSTem:VERSion?")
-        named = {name: shared[name] for name in common}
-        return {**named, **self._status_commands(), "*ZLANG": self._set_language}
+        return {name: shared[name] for name in ("*IDN?", "SYSTem:ERRor?")} | {"*ZLANG": self._set_language}
 
     def _run(self, header: str, parameter: str) -> str | None:
         if self.short:
