@@ -152,6 +152,7 @@ SLOW = {"rate": "4 Hz", "silence": "100 ms", "timeout": "200 ms", "retries": 0}
     [
         (lambda r: answer(r, b"\x65\x01\x02"), {}, "malformed"),
         (lambda r: answer(r, b"\x04\x04\x43"), {}, "malformed"),
+        (lambda r: answer(r, b"\x04\x02\x43\x66"), {}, "malformed"),
         (lambda r: answer(r, b"\x00"), {}, "malformed"),
         (lambda r: answer(r, b"\x84\x06"), {}, None),  # it is busy
         (lambda r: b"", SLOW, "timeout"),  # one lost answer is no silence at a slow rate
