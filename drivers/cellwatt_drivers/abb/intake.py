@@ -10,7 +10,6 @@ from cellwatt.channel import Quality, Stream
 from cellwatt.clock import unwrapped
 from cellwatt.driver import Inlet
 from cellwatt.errors import ProtocolError
-from cellwatt_drivers.abb import wire
 from cellwatt_drivers.abb.wire import CYCLE, Columns, Packet, decode
 from cellwatt_drivers.shared.rows import Row, Rows
 
@@ -111,7 +110,8 @@ class Intake:
 
     def _report_surplus(self, packet: Packet) -> None:
         """Report axes that the controller sends and the settings leave out."""
-        sent, taken = wire.axes_of(packet.message), (len(self._columns.arm), len(self._columns.external))
+        measured, taken = packet.message.feedBack, (len(self._columns.arm), len(self._columns.external))
+        sent = len(measured.joints.joints), len(measured.externalJoints.joints)
         if any(n > known for n, known in zip(sent, taken, strict=True)):
             text = "the controller sends {} joints and {} external axes, 'axes' and 'external' name {} and {}"
             self._inlet.event("axes_left_out", f"{text.format(*sent, *taken)}: the others are left out")

@@ -140,12 +140,6 @@ def _angles(motion: Any, arm: _Kinds, external: _Kinds) -> list[float]:
     return found + _fit(motion.externalJoints.joints, [_FACTOR[kind] for kind in external]) if external else found
 
 
-def axes_of(message: Any) -> tuple[int, int]:
-    """Number of joints and of external axes in a message."""
-    measured = message.feedBack
-    return len(measured.joints.joints), len(measured.externalJoints.joints)
-
-
 def _tool(message: Any, arm: _Kinds, external: _Kinds) -> list[float]:
     pose = message.feedBack.cartesian
     at, turn = pose.pos, pose.orient

@@ -20,15 +20,12 @@ OVERFLOW = 9.9e37
 FREQUENCY = 50.0
 AFTER_RESET = ("URMS", "IRMS", "P", "FPLL", "URAN", "IRAN", "S", "Q", "LAMB", "PHI")
 
-FUNCTIONS = frozenset(AFTER_RESET) | {"FU", "FI", "WH", "TIME"}
+FUNCTIONS = frozenset(AFTER_RESET) | {"FU", "FI", "WH"}
 _SAMPLES = 20  # samples of the signals per update
 _MOST_SAMPLES = 2000  # most samples of a longer update, after a long time without a query
-_QUEUE = 16
 
 NO_HEADER = (-113, "Undefined header")
-NO_PARAMETER = (-109, "Missing parameter")
 BAD_PARAMETER = (-224, "Illegal parameter value")
-OVERRUN = (-350, "Queue overflow")
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,13 +50,12 @@ class EmulatedAnalyzer:
         self.functions: tuple[str, ...] = AFTER_RESET
         self.overload: Set[str] = frozenset()
         self.measurements = 0
-        self.errors: deque[tuple[int, str]] = deque()
+        self.errors: deque[tuple[int, str]] = deque(maxlen=16)
         self.running = False
         self._signals = signals
         self._update = -1
         self._electric = _Electric(0.0, 0.0, 0.0)
         self._energy = 0.0  # Wh
-        self._seconds = 0.0
         self._tree = [(_pattern(notation), action) for notation, action in self._commands().items()]
 
     def execute(self, line: str, t: float) -> str | None:
@@ -83,7 +79,7 @@ class EmulatedAnalyzer:
         for pattern, action in self._tree:
             if pattern.fullmatch(header):
                 return action(parameter)
-        self._fail(NO_HEADER)
+        self.errors.append(NO_HEADER)
         return None
 
     def _commands(self) -> Mapping[str, Callable[[str], str | None]]:
@@ -102,26 +98,20 @@ class EmulatedAnalyzer:
             "INTegrator:STARt": lambda _: self._integrate(),
         }
 
-    def _fail(self, error: tuple[int, str]) -> None:
-        if len(self.errors) < _QUEUE:
-            self.errors.append(error)
-        else:
-            self.errors[-1] = OVERRUN
-
     def _next_error(self) -> str:
         code, text = self.errors.popleft() if self.errors else (0, "No error")
         return f'{code},"{text}"'
 
     def _one_of(self, parameter: str, known: set[str]) -> None:
         if parameter.upper() not in known:
-            self._fail(BAD_PARAMETER if parameter else NO_PARAMETER)
+            self.errors.append(BAD_PARAMETER)
 
     def _select(self, parameter: str) -> None:
         names = tuple(name.strip().upper().replace("LAMBDA", "LAMB") for name in parameter.split(","))
         if parameter and set(names) <= FUNCTIONS:
             self.functions = names
         else:
-            self._fail(BAD_PARAMETER if parameter else NO_PARAMETER)
+            self.errors.append(BAD_PARAMETER)
 
     def _integrate(self) -> None:
         self.running = True
@@ -137,7 +127,6 @@ class EmulatedAnalyzer:
         self._electric = self._mean(update, 1)
         if self.running:
             self._energy += self._mean(update, passed).power * passed * UPDATE / 3600.0
-            self._seconds += passed * UPDATE
 
     def _mean(self, update: int, updates: int) -> _Electric:
         """Root mean squares and mean power over the ``updates`` updates up to this one."""
@@ -152,7 +141,7 @@ class EmulatedAnalyzer:
         )
 
     def _values(self) -> dict[str, float]:
-        return _functions(self._electric) | {"WH": self._energy, "TIME": self._seconds}
+        return _functions(self._electric) | {"WH": self._energy}
 
     def _measured(self) -> str:
         values = self._values()

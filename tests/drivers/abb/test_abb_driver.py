@@ -3,11 +3,11 @@ from __future__ import annotations
 import asyncio
 import socket
 import time
-from itertools import count
 
 import numpy as np
 import pytest
 
+from cellwatt.account import Account
 from cellwatt.emulation import Fault
 from cellwatt.emulation.relay import clients
 from cellwatt.errors import ConnectError, DeviceError, WrongDeviceError
@@ -15,14 +15,14 @@ from cellwatt.results import Event
 from cellwatt.runtime.source import Source
 from cellwatt.slots import HOST
 from cellwatt_drivers.abb import AbbDriver, AbbSettings
-from cellwatt_drivers.abb.emulated_robot import EmulatedRobot
+from cellwatt_drivers.abb.egm import listening
 from cellwatt_drivers.abb.rws import MODE
 from cellwatt_drivers.abb.web import session
 from tests.doing import doing
 from tests.patience import PATIENCE, eventually
 
 from ..certificates import self_signed
-from ..running import Steady, once
+from ..running import once
 from .rig import ANGLES, driver, emulated, free_port, running
 
 
@@ -180,28 +180,16 @@ async def test_an_outage_ends_the_source_and_a_new_start_counts_what_was_lost():
 
 async def test_a_second_robot_at_the_port_is_left_out_until_the_first_one_ends():
     """Two robots of one controller, whose EGM goes to one port by mistake."""
-    port = free_port()
-    arm = driver({"host": "127.0.0.1", "bind": "127.0.0.1", "egm_port": port}, web=[], egm=["joints"])
-    robots = [EmulatedRobot(Steady({"joint_1.position": angle}), 7, 6, 0.004) for angle in (1.0, 2.0)]
-    sockets = [unblocking() for _ in robots]
-    numbers = count(1)
-
-    def send(*which: int) -> None:
-        number = next(numbers)
-        for i in which:
-            sockets[i].sendto(robots[i].packet(0, number, 1_700_000_000.0 + 0.004 * number, True), ("127.0.0.1", port))
-
-    async with once(arm) as (inlet, _):
-        await is_taken(port)
-        for n in range(1, 20):
-            send(0, 1)
-            await inlet.until(lambda o, n=n: o.account.received == n)
-        await inlet.until(lambda o: o.account.counters["packets of a second robot"] == 19)
-        assert set(inlet.values[:, 0]) == {1.0}
-        await eventually(lambda: send(1) or inlet.account.received > 19, "the second one alone")
-        assert inlet.values[-1, 0] == 2.0
-    for each in sockets:
-        each.close()
+    place, account, taken = ("127.0.0.1", free_port()), Account(), list[bytes]()
+    port = listening(place[0], *place, account, lambda packets, _: taken.extend(packets))
+    with unblocking() as first, unblocking() as second:
+        async with port:
+            for n in range(1, 6):
+                first.sendto(b"1", place)
+                second.sendto(b"2", place)
+                await eventually(lambda n=n: account.counters["packets of a second robot"] == n)
+            assert taken == [b"1"] * 5
+            await eventually(lambda: second.sendto(b"2", place) and b"2" in taken, "the second one alone")
 
 
 async def test_data_that_are_not_egm_are_told():
