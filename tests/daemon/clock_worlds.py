@@ -33,7 +33,6 @@ class World:
     drift_ppm: float = 30.0
     wander_ppm: float = 0.0
     wander_period: float = 600.0
-    resolution: float = 0.0
     least: float = 0.0001
     jitter: float = 0.0003
     delay: Literal["exponential", "uniform", "heavy"] = "exponential"
@@ -83,8 +82,6 @@ def device_clock(world: World, t: np.ndarray) -> np.ndarray:
     for at, by in world.steps:
         after = t >= at
         shown = np.where(after, shown + by if by is not None else shown - shown[np.argmax(after)], shown)
-    if world.resolution:
-        shown = np.floor(shown / world.resolution) * world.resolution
     return world.base + np.rint(shown * 1e9).astype(np.int64)
 
 
@@ -168,7 +165,6 @@ NAMED = (
     World("rtde, clock steps and reboot", steps=((15.0, 0.4), (25.0, -2.0), (40.0, None), (50.0, 86400.0)), **_RTDE),
     World("lan, heavy tail", delay="heavy", jitter=0.0004, **_RTDE),
     World("radio 10-100 ms", **_RADIO),
-    World("radio, 1 ms clock", **_RADIO | {"resolution": 0.001, "settings": RADIO | {"resolution": 0.001}}),
     World("radio, drift wanders", drift_ppm=150.0, wander_ppm=45.0, wander_period=3000.0, **_RADIO),
 )
 

@@ -12,6 +12,8 @@ from cellwatt.clock.lines import BLOCK, MAX_DRIFT, SECOND, SPAN, Facts, Lines, c
 
 _STALL = SPAN * BLOCK
 """Largest delay of the first sample, ns."""
+_WANDER = 0.15e-6 / SECOND
+"""Fastest change of the drift per ns: 0.1 ppm/s of the device's, and 0.05 ppm/s of the cell's own slew."""
 _FRESH = 30 * SECOND
 """Brackets are measured facts: while the newest is no older than this, claims from ``least_delay`` are not used."""
 _BACK = "the device's time went back"
@@ -47,20 +49,15 @@ class ClockModel:
 
     ``least_delay`` (lowest, highest) in s bounds the least transport delay: no sample takes less than the lowest,
     and in 8 s of arrivals at least one takes no more than the highest. Only brackets bound the offset from below
-    more tightly. ``wander`` is the fastest change of the drift in ppm/s, by default 0.1 for the device and 0.05 for
-    the cell's own slew; ``resolution`` is the step in s to which the device rounds its time down.
+    more tightly.
     """
 
-    def __init__(
-        self, least_delay: tuple[float, float] = (0.0, 0.010), *, wander: float = 0.15, resolution: float = 0.0
-    ) -> None:
+    def __init__(self, least_delay: tuple[float, float] = (0.0, 0.010)) -> None:
         low, high = least_delay
         if not 0.0 <= low <= high:
             raise ValueError(f"least_delay must be two times in s, the lower one first, not {least_delay}")
         self._least = low * SECOND
         self._leeway = (high - low) * SECOND
-        self._wander = wander * 1e-6 / SECOND
-        self._rounding = resolution * SECOND
         self.resets = 0
         """Number of resets of the map."""
         self._samples = 0
@@ -106,8 +103,8 @@ class ClockModel:
         """Note that the sample with ``device_time`` was made no earlier than the cell's time ``not_before``, ns."""
         if self._zero is None:
             self._zero = (device_time, not_before - device_time)
-        at, offset = device_time - self._zero[0], float(not_before - device_time - self._zero[1]) - self._rounding
-        there = self._lines.moved(at, self._wander)
+        at, offset = device_time - self._zero[0], float(not_before - device_time - self._zero[1])
+        there = self._lines.moved(at, _WANDER)
         if offset > there.upper:
             self._restart(_LATE)
             self.bracket(device_time, not_before)
@@ -151,7 +148,7 @@ class ClockModel:
         if steps or self._zero is None or self._last is None:
             return steps
         offset = arrival - last - self._zero[1] - self._least
-        if offset >= self._lines.moved(last - self._zero[0], self._wander).lower:
+        if offset >= self._lines.moved(last - self._zero[0], _WANDER).lower:
             return []
         inside = gaps is not None and int(gaps.max()) > first - self._last
         return [(int(gaps.argmax()) + 1 if inside and gaps is not None else 0, _EARLY)]
@@ -177,7 +174,7 @@ class ClockModel:
         if zero is None:
             zero = self._zero = (last, arrival - last)
         at, offset = last - zero[0], arrival - last - zero[1] - self._least
-        at_, lower, upper, slow, fast = self._lines.moved(at, self._wander)
+        at_, lower, upper, slow, fast = self._lines.moved(at, _WANDER)
         if self._last is None:
             lower = max(lower, self._begin(at, offset, arrival))
         if offset < lower:
@@ -186,20 +183,20 @@ class ClockModel:
         self._last_arrival = arrival
         self._lines = Lines(at_, lower, min(upper, offset), slow, fast)
         if self._above.add(arrival, (at, offset), (slow + fast) / 2):
-            lines = possible(self._above.all(), self._from_below(arrival), self._wander)
+            lines = possible(self._above.all(), self._from_below(arrival), _WANDER)
             if lines is None:
                 self._restart(_CONFLICT)
                 return self._learn(last, arrival)
-            lines = lines.moved(at, self._wander)
+            lines = lines.moved(at, _WANDER)
             self._lines = lines._replace(upper=min(lines.upper, offset))
         return self._estimate(zero[1])
 
     def _begin(self, at: int, offset: float, arrival: int) -> float:
         """Facts from below that the first sample of a map gives: no stall was longer, and samples come in order."""
         self._first_arrival = arrival
-        lower = offset - self._leeway - self._rounding - _STALL
+        lower = offset - self._leeway - _STALL
         if self._floor is not None:
-            in_order = offset + self._least - (arrival - self._floor) - self._rounding
+            in_order = offset + self._least - (arrival - self._floor)
             self._below.add(arrival, (at, in_order), 0.0)
             lower = max(lower, in_order)
         return lower
@@ -211,12 +208,12 @@ class ClockModel:
             return brackets
         blocks = self._above.closed()
         waived = 0 if len(blocks) >= SPAN else max(0, _STALL - (arrival - self._first_arrival))
-        claimed = claims(blocks, self._leeway + self._rounding + waived, self._lines, self._wander)
+        claimed = claims(blocks, self._leeway + waived, self._lines, _WANDER)
         return np.concatenate([brackets, claimed])
 
     def _estimate(self, zero: int) -> tuple[int, int]:
         """Offset and half width at the newest sample, ns: middle, or near the upper edge if the lower is a guess."""
-        lower, upper = self._lines.lower, self._lines.upper + self._rounding
+        lower, upper = self._lines.lower, self._lines.upper
         offset = max((lower + upper) / 2, upper - self._leeway)
         return zero + round(offset), math.ceil(max(upper - offset, offset - lower)) + 2
 

@@ -125,19 +125,20 @@ class Source:
         else:
             asked = reading.arrival if reading.asked is None else reading.asked
             stamped, bound = middle(asked, reading.arrival, n, self._last_time[stream.name])
-        quality = np.zeros(n, np.uint8) if reading.quality is None else reading.quality
-        if reading.quality is None and np.isnan(reading.values).any():
-            quality = np.where(np.isnan(reading.values).all(axis=1), Quality.MISSING, quality).astype(np.uint8)
+        quality, values = np.zeros(n, np.uint8) if reading.quality is None else reading.quality, reading.values
+        if not (finite := np.isfinite(values)).all():
+            self.account.anomaly("infinite values", int(np.isinf(values).sum()))
+            values = np.where(finite, values, np.nan)
+            if reading.quality is None:
+                quality = np.where(finite.any(axis=1), quality, Quality.MISSING).astype(np.uint8)
         sequence = self.sequence[stream.name]
         self.sequence[stream.name] = sequence + n
         self._last_time[stream.name] = int(stamped[-1])
         self.account.receive(n)
         self.meters[stream.name].add(stamped)
         if stream.name in self._blank:
-            self._look_for_numbers(stream.name, reading.values)
-        self._take(
-            Batch(self.name, stream, sequence, reading.arrival, stamped, bound, reading.values, quality, device_time)
-        )
+            self._look_for_numbers(stream.name, values)
+        self._take(Batch(self.name, stream, sequence, reading.arrival, stamped, bound, values, quality, device_time))
 
     def bracket(self, stream: Stream, device_time: int, not_before: int) -> None:
         """See ``Inlet.bracket``."""

@@ -156,6 +156,8 @@ class AbbDriver(Driver[AbbSettings]):
         what = f"no EGM packet from {s.host} at UDP port {s.egm_port} for {seconds:.1f} s"
         if others := ", ".join(self._strangers):
             return ConnectError(f"{what}; {others} sends to that port: is it this robot's address?")
+        if self._intake is not None and self._intake.refused:
+            return ConnectError(f"{what}, but other data from it: {self._intake.refused}")
         return ConnectError(
             f"{what}; check that RAPID has run EGMStreamStart, and the remote address, port and firewall of its UDPUC "
             "device"

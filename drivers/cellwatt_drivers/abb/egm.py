@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
+import time
 from collections import deque
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
@@ -16,6 +17,7 @@ from cellwatt_drivers.shared.datagrams import addresses, datagram_socket
 
 _BUFFER = 1 << 20  # bytes; some seconds of packets while this process is delayed
 _MOST = 64  # datagrams read at once
+_ALONE = 500_000_000  # ns without a packet after which one from another port of the controller is the robot's
 
 Take = Callable[[list[bytes], int], None]
 """Takes packets in order, and the time, ns, for which the last of them has waited in this PC."""
@@ -24,6 +26,8 @@ Take = Callable[[list[bytes], int], None]
 @asynccontextmanager
 async def listening(host: str, bind: str, port: int, account: Account, take: Take) -> AsyncIterator[deque[str]]:
     """Pass packets that ``host`` sends to UDP ``bind``:``port`` to ``take``; other senders' count as ``strangers``.
+
+    Each robot of a controller sends from a port of its own: those of a second one are counted and left out.
 
     Yields the newest address of the latter, as long as the former sends nothing.
     Raises ``ConnectError`` if the port is in use or the host's name is unknown.
@@ -39,31 +43,53 @@ async def listening(host: str, bind: str, port: int, account: Account, take: Tak
                 f"UDP port {port} of {bind} cannot be opened for EGM: {why(error)}; another program, or another source "
                 "of this cell, may use it: give each robot its own egm_port"
             ) from error
-        strangers = deque[str](maxlen=1)
-        loop.add_reader(opened, _receive, opened, senders, strangers, account, take)
+        listener = _Listener(opened, senders, account, take)
+        loop.add_reader(opened, listener.receive)
         try:
-            yield strangers
+            yield listener.strangers
         finally:
             loop.remove_reader(opened)
 
 
-def _receive(opened: socket.socket, senders: set[str], strangers: deque[str], account: Account, take: Take) -> None:
-    datagrams: list[bytes] = []
-    waited = 0
-    for _ in range(_MOST):
-        try:
-            datagram, sender, age = receive(opened, LARGEST)
-        except (BlockingIOError, InterruptedError):
-            break
-        except OSError:  # a network error on a socket that never sends: received packets are unaffected
-            account.count("socket errors")
-            break
-        if sender[0] in senders:
-            datagrams.append(datagram)
-            waited = age
-            strangers.clear()
-        else:
-            account.anomaly("strangers")
-            strangers.append(sender[0])
-    if datagrams:
-        take(datagrams, waited)
+class _Listener:
+    """Receives from ``opened``; see ``listening``."""
+
+    def __init__(self, opened: socket.socket, senders: set[str], account: Account, take: Take) -> None:
+        self.strangers = deque[str](maxlen=1)
+        self._opened = opened
+        self._senders = senders
+        self._account = account
+        self._take = take
+        self._own = ""
+        self._heard = 0
+
+    def receive(self) -> None:
+        """Read what has come; called by the loop."""
+        datagrams: list[bytes] = []
+        waited = 0
+        for _ in range(_MOST):
+            try:
+                datagram, sender, age = receive(self._opened, LARGEST)
+            except (BlockingIOError, InterruptedError):
+                break
+            except OSError:  # a network error on a socket that never sends: received packets are unaffected
+                self._account.count("socket errors")
+                break
+            if sender[0] not in self._senders:
+                self._account.anomaly("strangers")
+                self.strangers.append(sender[0])
+            elif self._is_own(str(sender), time.monotonic_ns() - age):
+                datagrams.append(datagram)
+                waited = age
+                self.strangers.clear()
+            else:
+                self._account.anomaly("packets of a second robot")
+        if datagrams:
+            self._take(datagrams, waited)
+
+    def _is_own(self, sender: str, arrival: int) -> bool:
+        """False for a second port of the robot's address while the first one sends."""
+        if sender != self._own and arrival - self._heard < _ALONE:
+            return False
+        self._own, self._heard = sender, arrival
+        return True

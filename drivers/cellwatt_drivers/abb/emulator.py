@@ -26,10 +26,10 @@ class AbbEmulator(Emulator):
 
     The address is that of the pages (127.0.0.1:8080 by default). Options: ``egm`` (receiver of packets:
     127.0.0.1:6510), ``robotware`` (7, or 6), ``rate`` (a number: 250 Hz, or 250 Hz divided by a whole number), ``axes``
-    (6), ``clock`` (1; 0 omits the controller's time), ``user`` and ``password`` (Default User, robotics; an empty
-    password: any is accepted), ``certificate`` (file with key and certificate: pages over HTTPS), ``energy`` (yes; no:
-    there is no page of energy). A disturbance ``motors=off``, ``program=off`` (or ``on``) or ``session=1`` (packet
-    numbers restart) changes the controller; all others change the signals.
+    (6), ``user`` and ``password`` (Default User, robotics; an empty password: any is accepted), ``certificate`` (file
+    with key and certificate: pages over HTTPS), ``energy`` (yes; no: there is no page of energy). A disturbance
+    ``motors=off``, ``program=off`` (or ``on``) or ``session=1`` (packet numbers restart) changes the controller; all
+    others change the signals.
 
     Faults on EGM packets: ``loss``, ``duplicate``, ``reorder`` (held back until after the next), ``delay`` (sent
     ``seconds`` late), ``half_frame`` (cut), ``garbage`` (a datagram of random bytes first), ``stall`` (nothing is sent
@@ -75,7 +75,6 @@ class AbbEmulator(Emulator):
         robotware: RobotWare = 6 if options.choice("robotware", "7", ("6", "7")) == "6" else 7
         self._rate = options.number("rate", 1 / CYCLE)
         axes = options.whole("axes", 6)
-        self._clocked = options.flag("clock", True)
         user, password = options.text("user", "Default User"), options.text("password", "robotics")
         certificate = options.text("certificate")
         measures = options.flag("energy", True)
@@ -120,7 +119,7 @@ class AbbEmulator(Emulator):
         self.tally["made"] += 1
         self._number += 1
         controllers_time = self.epoch + index / self._rate + self._shift
-        self._packets.put(self.robot.packet(index, self._number, controllers_time, self._clocked))
+        self._packets.put(self.robot.packet(index, self._number, controllers_time, True))
 
     async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         while await self._exchange(reader, writer):

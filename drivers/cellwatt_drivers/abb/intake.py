@@ -36,6 +36,8 @@ class Intake:
 
     def __init__(self, inlet: Inlet, stream: Stream, columns: Columns, delivers: Callable[[], None]) -> None:
         """``delivers`` is called before each block is handed over."""
+        self.refused = ""
+        """Why the newest datagram was invalid; empty since a valid one."""
         self.stream = stream
         self.rates: dict[str, float] = {}
         self._delivers = delivers
@@ -63,9 +65,13 @@ class Intake:
         for datagram in datagrams:
             try:
                 packet = decode(datagram)
-            except ProtocolError:
+            except ProtocolError as error:
                 self._inlet.account.anomaly("malformed")
+                self.refused = str(error)
                 continue
+            if self._newest is None:
+                self._report_surplus(packet)
+            self.refused = ""
             self._continue(packet, arrival)
         self._hand_over(arrival)
 
@@ -101,6 +107,14 @@ class Intake:
         self._newest = packet
         row = self._columns.row(packet.message)
         self._rows.append(Row(time, row, Quality.MISSING if all(map(math.isnan, row)) else Quality.GOOD))
+
+    def _report_surplus(self, packet: Packet) -> None:
+        """Report axes that the controller sends and the settings leave out."""
+        measured, taken = packet.message.feedBack, (len(self._columns.arm), len(self._columns.external))
+        sent = len(measured.joints.joints), len(measured.externalJoints.joints)
+        if any(n > known for n, known in zip(sent, taken, strict=True)):
+            text = "the controller sends {} joints and {} external axes, 'axes' and 'external' name {} and {}"
+            self._inlet.event("axes_left_out", f"{text.format(*sent, *taken)}: the others are left out")
 
     def _repeated(self, packet: Packet, ahead: int) -> None:
         """Count a packet whose number was already received or skipped."""

@@ -27,15 +27,22 @@ _CREEP = 0.02
 class Cycle:
     """Detects losses of one message with period ``period`` s (0: unknown) and a counter of 0 … ``counts_to`` - 1.
 
+    ``wraps_at``: as ``counts_to``, if the DBC file states fewer values; it holds until the counter has a higher one.
+    ``shared``: the counter also counts frames of other pages, of which ``others`` came since the last message. How many
+    of the missing ones are of this page is known from the time.
+
     The counter shows at once how many messages were lost, except for whole rounds of it. Those, and all losses of a
     message without a counter, show in the time: later messages stay behind. Messages that were only late (a stalled
     adapter or PC) catch up, and are not counted as lost.
     """
 
-    def __init__(self, period: float, counts_to: int | None) -> None:
+    def __init__(self, period: float, counts_to: int | None, wraps_at: int | None = None, shared: bool = False) -> None:
+        self.others = 0
         self._period = period
         self._counts_to = counts_to
-        self._round = counts_to or 1
+        self._wraps_at = wraps_at or counts_to or 1
+        self._round = 1 if shared else self._wraps_at
+        self._shared = shared
         self._start: float | None = None
         self._time = 0.0
         self._count = 0
@@ -51,14 +58,21 @@ class Cycle:
         """
         if self._start is None:
             self._start = self._time = time
-            self._count = count
+            self._count, self.others = count, 0
             return 0
+        if self._counts_to is not None and count >= self._wraps_at:
+            self._wraps_at = self._counts_to
+            self._round = 1 if self._shared else self._counts_to
         cycles = (time - self._time) / self._period if self._period else 0.0
-        step = (count - self._count) % self._round
+        step = (count - self._count) % self._wraps_at
         if step == 0:
-            if self._counts_to is not None and cycles < self._round / 2:
+            if self._counts_to is not None and cycles < self._wraps_at / 2:
                 return DUPLICATE
             step = self._round
+        if self._shared:
+            missing = max(0, step - 1 - self.others)
+            step = 1 + (min(missing, max(0, round(cycles) - 1)) if self._period else missing)
+            self.others = 0
         self._time, self._count = time, count
         if resumed:
             step += self._round * max(0, round((cycles - step) / self._round))
@@ -103,7 +117,7 @@ class Intake:
         self._decoding = decoding
         self._inlet = inlet
         self._period = period
-        self._cycle = Cycle(period, decoding.counts_to)
+        self._cycle = self._new_cycle()
         self._losses = Losses(inlet.account, "disconnected")
         self._bracketed = 0
         self._ahead: int | None = None
@@ -115,6 +129,9 @@ class Intake:
     def identifier(self) -> tuple[int, bool]:
         """The frame's identifier, and whether it is extended."""
         return self._decoding.message.frame_id, self._decoding.message.is_extended_frame
+
+    def _new_cycle(self) -> Cycle:
+        return Cycle(self._period, *self._decoding.counter)
 
     def resume(self) -> None:
         """Mark that the bus was opened again: frames missing now were lost while it was closed."""
@@ -131,6 +148,7 @@ class Intake:
             return
         if not signals:  # a multiplexed message with another page
             self._inlet.account.count("frames without the signals")
+            self._cycle.others += 1
             return
         wanted = self._decoding.wanted
         if len(signals) < len(wanted.needed):
@@ -178,7 +196,7 @@ class Intake:
         not_before, stamp = self._inlet.now(), time.time_ns()
         before, self._ahead = self._ahead, stamp - not_before
         if before is not None and self._ahead - before > _BACK * 1e9:
-            self._cycle = Cycle(self._period, self._decoding.counts_to)  # the old one would see all messages as behind
+            self._cycle = self._new_cycle()  # the old one would see all messages as behind
             self._inlet.clock_reset(self.stream, f"the PC's clock jumped by {(self._ahead - before) / 1e9:.3f} s")
         if not_before - self._bracketed >= _BRACKET_EVERY:
             self._bracketed = not_before

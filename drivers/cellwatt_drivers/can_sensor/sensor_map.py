@@ -133,9 +133,14 @@ class Decoding:
         }
 
     @property
-    def counts_to(self) -> int | None:
-        """Number of values of the message's counter before it restarts."""
-        return None if self.wanted.counter is None else 1 << _signal(self.message, self.wanted.counter).length
+    def counter(self) -> tuple[int | None, int | None, bool]:
+        """Number of values of the message's counter by its bits and by its range; whether it counts all pages."""
+        if self.wanted.counter is None:
+            return None, None, False
+        signal = _signal(self.message, self.wanted.counter)
+        whole = 1 << signal.length
+        stated = min(whole, int(signal.maximum) + 1) if signal.maximum and not signal.minimum else None
+        return whole, stated, bool(self.pages) and signal.multiplexer_ids is None
 
     @cached_property
     def _flat(self) -> Message:

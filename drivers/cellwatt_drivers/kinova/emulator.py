@@ -28,9 +28,9 @@ _DEG = math.degrees(1.0)
 class KinovaEmulator(PortEmulator):
     """A Gen3 with 7 joints: registers 0 to 13 and 34 to 139 as in its published map; any other read is an error.
 
-    Listens on 127.0.0.1:5020 by default. Options: ``wrap`` (1: positions are 0 … 360 degrees, as from real arms; 0: as
-    in the signals). Disturbances, beside those of the signals: ``state=NUMBER``, ``fault_flags=NUMBER`` and
-    ``warning_flags=NUMBER``. The supply has the values of ``bus.current`` and ``bus.voltage``.
+    Listens on 127.0.0.1:5020 by default. Positions are 0 … 360 degrees, as from real arms. Disturbances, beside those
+    of the signals: ``state=NUMBER``, ``fault_flags=NUMBER`` and ``warning_flags=NUMBER``. The supply has the values of
+    ``bus.current`` and ``bus.voltage``.
 
     Faults on answers: ``loss`` (not sent), ``half_frame`` (cut, then silence), ``delay`` (late by ``seconds``),
     ``garbage`` (random bytes before it). At the next request, ``stall`` delays the answer by ``seconds``;
@@ -44,8 +44,7 @@ class KinovaEmulator(PortEmulator):
 
     def set_up(self, options: Options) -> None:
         """See ``Emulator.set_up``."""
-        wrap = options.flag("wrap", True)
-        self.arm = EmulatedArm(self.signals, wrap)
+        self.arm = EmulatedArm(self.signals)
         self.asked: Counter[tuple[int, int]] = Counter()
         self.tally.update(written=0)
         self.port = modbus_port(self, self._read)
@@ -74,10 +73,9 @@ _SCALES = np.array([_DEG if channel.unit.startswith("rad") else 1.0 for channel 
 class EmulatedArm:
     """Signals as the registers of an arm; absent signals are 0."""
 
-    def __init__(self, signals: Signals, wrap: bool) -> None:
+    def __init__(self, signals: Signals) -> None:
         self.state, self.fault_flags, self.warning_flags = 7, 0, 0
         self._signals = signals
-        self._wrap = wrap
         self._blocks = Blocks(self._compute, _CYCLE, _BLOCK)
 
     def block(self, first: int, t: float) -> list[int]:
@@ -93,6 +91,5 @@ class EmulatedArm:
     def _compute(self, t: Float) -> tuple[Float, Float]:
         values = self._signals.at(t)
         motion = table_of(values, [channel.name for channel in _MOTION], len(t)) * _SCALES
-        if self._wrap:
-            motion[:, :MOST_JOINTS] %= 360.0
+        motion[:, :MOST_JOINTS] %= 360.0
         return table_of(values, ("bus.current", "bus.voltage"), len(t)), motion

@@ -8,7 +8,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Final, Literal, NamedTuple
 
-Change = Literal["wrapped", "reset", "misread"]
+Change = Literal["wrapped", "reset", "misread", "held"]
 
 _NEAR: Final = 0.1
 """Share of a counter's range, from either end, within which a fall across the end counts as a wrap."""
@@ -17,7 +17,7 @@ _FASTER: Final = 10.0
 _SURE: Final = 3
 """Number of values that confirm a new level, or of rises after a fall."""
 _STANDS: Final = 60.0
-"""s for which a counter at rest near 0 confirms that it was reset."""
+"""s for which a counter at rest near 0 confirms that it was reset; so long without a confirmed value is told."""
 _REGAINED: Final = 0.1
 """Share of a fall; a value that regains more at once does not continue from the value before."""
 _ALIKE: Final = 0.001
@@ -30,7 +30,10 @@ class _Point(NamedTuple):
 
 
 class Counted(NamedTuple):
-    """The value of a counter. ``held``: the last good value, because the new one is not confirmed yet."""
+    """The value of a counter. ``held``: the last good value, because the new one is not confirmed yet.
+
+    The change ``held`` says once that no value has been confirmed for ``_STANDS`` s.
+    """
 
     value: float
     held: bool = False
@@ -83,14 +86,25 @@ class RisingCounter:
         """Highest of these values and the confirmed one: a counter may wrap while its rise is not confirmed yet."""
         self._former: tuple[_Point, float] | None = None
         """Last value before the latest change of level, and the amount added then."""
+        self._waits: float | None = None
+        """Time of the first value since the last confirmed one; infinite once that was told."""
 
     def take(self, reading: float, time: float) -> Counted:
         """Return the value after a ``reading`` at ``time`` s; NaN is returned unchanged."""
         if math.isnan(reading):
             return Counted(math.nan)
         point = _Point(time, reading)
-        if not self._settled:
-            return self._begin(point)
+        counted = self._continue(point) if self._settled else self._begin(point)
+        if self._settled and self._level is None:
+            self._waits = None
+            return counted
+        self._waits = time if self._waits is None else self._waits
+        if time - self._waits < _STANDS:
+            return counted
+        self._waits = math.inf
+        return counted._replace(change="held")
+
+    def _continue(self, point: _Point) -> Counted:
         change, readings = self._place(point)
         value = self._seen[-1].reading + self._added
         held = self._level is not None or value < self._top

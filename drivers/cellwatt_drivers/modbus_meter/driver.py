@@ -50,6 +50,8 @@ _CHANGES = {
     "wrapped": "restarted at its end",
     "reset": "was reset; the published value continues to rise",
     "misread": "jumped or fell, and returned: its value was held",
+    "held": "has not risen evenly for a minute: no new value is published; a value that may fall, like import less "
+    "export, needs 'counter: false' in the map",
 }
 
 

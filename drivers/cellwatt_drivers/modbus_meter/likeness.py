@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError, WrongDeviceError
 from cellwatt_drivers.modbus_meter.meter_map import METERS, MeterMap, packaged_map
 from cellwatt_drivers.modbus_meter.reader import Reader
-from cellwatt_drivers.shared.modbus import ILLEGAL_FUNCTION, Bus, RefusedError
+from cellwatt_drivers.shared.modbus import FAILURE, ILLEGAL_FUNCTION, Bus, RefusedError
 
 _LOOKS = 3
 """Consecutive reads that must contain a contradiction."""
@@ -117,7 +117,7 @@ async def _numbers(bus: Bus, unit: int, meter: MeterMap, names: Sequence[str]) -
     except WrongDeviceError:
         return {}
     except RefusedError as error:
-        if error.code == ILLEGAL_FUNCTION:
+        if error.code in (ILLEGAL_FUNCTION, FAILURE):
             return {}
         raise
     return {n: float(v) for n, v in zip(names, row, strict=True) if n not in reader.left_out}

@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 from cellwatt.errors import ProtocolError, WrongDeviceError
 from cellwatt_drivers.modbus_meter.meter_map import MeterMap
 from cellwatt_drivers.modbus_meter.registers import Block, plan
-from cellwatt_drivers.shared.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, LATER, Bus, RefusedError
+from cellwatt_drivers.shared.modbus import FAILURE, ILLEGAL_ADDRESS, ILLEGAL_VALUE, LATER, Bus, RefusedError
 from cellwatt_drivers.shared.polling import NoAnswerError
 
 _LARGEST_POWER = 10
 """Largest power of ten of a number, as in SunSpec; -32768 means that there is none."""
+_ABSENT = {ILLEGAL_ADDRESS, ILLEGAL_VALUE, FAILURE}
+"""Exceptions for registers that a meter does not have, or not together; a ``FAILURE`` may also be of the meter."""
 
 
 class Reader:
@@ -62,21 +64,22 @@ class Reader:
             self.left_out.clear()
         row = np.full(len(self._labels) + 1, np.nan)
         row[-1] = 0.0
-        pending, blocks = deque(self.blocks), list[Block]()
+        pending, blocks, failure = deque(self.blocks), list[Block](), None
         while pending:
             block = pending.popleft()
             try:
                 numbers = await self._ask(bus, block)
             except RefusedError as error:
-                if not anew or error.code not in {ILLEGAL_ADDRESS, ILLEGAL_VALUE}:
+                if not anew or error.code not in _ABSENT:
                     raise
+                failure = error if error.code == FAILURE else failure
                 pending.extendleft(reversed(self._apart(block, error)))
                 continue
             self.asked = self.asked if blocks else bus.asked
             blocks.append(block)
             row[block.columns] = numbers
         if not blocks:
-            raise WrongDeviceError(
+            raise failure or WrongDeviceError(
                 f"unit {self._unit} at {bus.place} has none of the registers of a {self._meter.model}"
             )
         self.blocks = tuple(blocks)

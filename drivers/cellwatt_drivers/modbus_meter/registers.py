@@ -7,8 +7,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from cellwatt.errors import ProtocolError
-
 RegisterType = Literal["int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"]
 WordOrder = Literal["big", "little", "badc", "dcba"]
 
@@ -57,9 +55,7 @@ class Block:
         self._values = struct.Struct(">" + "".join(_FORMAT[s.kind] for s in slots))
 
     def decode(self, registers: Sequence[int]) -> tuple[float, ...]:
-        """Decode the slots' register numbers. Raises ``ProtocolError`` unless there are ``count`` registers."""
-        if len(registers) != self.count:
-            raise ProtocolError(f"{len(registers)} registers from {self.address}; expected {self.count}")
+        """Decode the slots' register numbers from ``count`` registers."""
         return self._values.unpack(self._packed.pack(*[registers[i] for i in self._words]))
 
     def encode(self, numbers: Sequence[float], registers: list[int], start: int) -> None:

@@ -19,6 +19,9 @@ from cellwatt_drivers.shared.requirements import require
 
 _WAY = 0.005
 """Longest delay, s, of a message from the server to the daemon on a free network."""
+_REMOVED = "the server has removed nodes (BadNodeIdUnknown): was its program changed?"
+_LOOKS = 2
+"""Consecutive looks at which a value has changed and was not published in between."""
 
 
 class OpcUaDriver(Driver[OpcUaSettings]):
@@ -45,6 +48,10 @@ class OpcUaDriver(Driver[OpcUaSettings]):
         channels = tuple(tag.channel(channel) for channel, tag in self._tags.items())
         self._stream = Stream("tags", channels, settings.rate, "device")
         self._intake = Intake(name, inlet, self._stream, messages.status_name)
+        self._heard: set[int] = set()
+        """Columns that were published since the last look."""
+        self._seen: dict[int, tuple[str, int]] = {}
+        """Value at the last look, and number of changes without publication, by the node's first column."""
         # The newest sample of a message is at most this old, and always this old if sampling and sending run in step.
         vars(self)["least_delay"] = (0.0, min(settings.publish, 1 / settings.rate) + _WAY)
 
@@ -69,8 +76,13 @@ class OpcUaDriver(Driver[OpcUaSettings]):
                 self.inlet.event("revised", f"{self.name}: the server {', and '.join(revised)}")
             self.inlet.connected(identity)
             self._intake.resume(made.sampling, made.publishing)
+            self._seen.clear()
+            loop, pause = asyncio.get_running_loop(), max(self.settings.silence, 3 * made.sampling, 3 * made.publishing)
             while True:
-                await self._take(session, made)
+                look = loop.time() + pause
+                while loop.time() < look:
+                    await self._take(session, made)
+                await self._look(session, made)
 
     async def _take(self, session: Session, made: Subscribed) -> None:
         url, silence = self.settings.url, max(self.settings.silence, 2 * made.life_sign)
@@ -85,9 +97,26 @@ class OpcUaDriver(Driver[OpcUaSettings]):
             if message.ended:
                 raise DeviceError(f"{url}: the server ended the subscription: {message.ended}")
             self._intake.take(message, arrival)
+            self._heard.update(item.column for item in message.items)
             if any(item.unknown for item in message.items):  # it stays so, even if a new node has the same id
-                raise DeviceError(f"{url}: the server has removed nodes (BadNodeIdUnknown): was its program changed?")
+                raise DeviceError(f"{url}: {_REMOVED}")
         await asyncio.sleep(0)
+
+    async def _look(self, session: Session, made: Subscribed) -> None:
+        """Raise ``DeviceError`` if a node is gone, or changes without being published: the subscription is dead."""
+        from asyncua import ua
+
+        url, places = self.settings.url, [places[0] for places in made.sources.values()]
+        values = await session.read([place.node for place in places], ua.AttributeIds.Value)
+        for place, value in zip(places, values, strict=True):
+            if value.StatusCode is not None and value.StatusCode.name == "BadNodeIdUnknown":
+                raise DeviceError(f"{url}: {_REMOVED}")
+            now, (before, changes) = repr(value.Value), self._seen.get(place.column, ("", -1))
+            changes = changes + 1 if now != before and place.column not in self._heard else 0
+            self._seen[place.column] = now, changes
+            if changes >= _LOOKS:
+                raise DeviceError(f"{url}: {place.node.to_string()} changes, but the server no longer publishes it")
+        self._heard.clear()
 
     async def _find(self, session: Session) -> tuple[list[TagPlace], list[str]]:
         sources, lacking = await Search(session, self.settings.url, self._map.namespaces).find(self._tags)

@@ -16,7 +16,7 @@ from cellwatt.emulation.faults import FaultKind
 from cellwatt.emulation.relay import pass_on
 from cellwatt.ticker import Ticker
 from cellwatt_drivers.opc_ua.emulated_server import OVERFLOW, EmulatedServer, Entry
-from cellwatt_drivers.opc_ua.tag_map import TagMap, load_map, packaged_map
+from cellwatt_drivers.opc_ua.tag_map import TagMap, packaged_map
 
 _BAD = 0x808C_0000  # BadSensorFailure
 
@@ -24,10 +24,9 @@ _BAD = 0x808C_0000  # BadSensorFailure
 class OpcUaEmulator(Emulator):
     """A server with the nodes of OPC 40010-1, or of other tags; it samples them and stamps them with its own clock.
 
-    Options: ``rate`` (samples a second; 10), ``map`` (file of the map whose nodes it has), ``tags`` and ``namespaces``
-    (the same as JSON), ``security`` (``none``, ``sign``, ``encrypt``, several with commas), ``certificate`` and ``key``
-    (PEM files of the server), ``trusted`` (PEM file of the only client certificate that it accepts), ``user`` and
-    ``password``.
+    Options: ``rate`` (samples a second; 10), ``tags`` and ``namespaces`` (of its nodes, JSON as in a map), ``security``
+    (``none``, ``sign``, ``encrypt``, several with commas), ``certificate`` and ``key`` (PEM files of the server),
+    ``trusted`` (PEM file of the only client certificate that it accepts), ``user`` and ``password``.
 
     Faults strike samples of all tags. ``loss``: the values are overwritten in the queue, the next ones carry the
     overflow bit; ``duplicate``: the values carry the time stamps of the previous sample; ``garbage``: their status is
@@ -59,7 +58,7 @@ class OpcUaEmulator(Emulator):
     def set_up(self, options: Options) -> None:
         """See ``Emulator.set_up``."""
         self._rate = options.number("rate", 10.0)
-        self._map = _map(options.text("map"), options.text("tags"), options.text("namespaces"))
+        self._map = _map(options.text("tags"), options.text("namespaces"))
         modes = tuple(options.text("security", "none").split(","))
         if not set(modes) <= {"none", "sign", "encrypt"}:
             raise ValueError(f"security is none, sign or encrypt, not {', '.join(modes)}")
@@ -114,9 +113,7 @@ class OpcUaEmulator(Emulator):
         await pass_on(reader, writer, f"127.0.0.1:{self._server.port}", down=lambda _: self._flows.wait())
 
 
-def _map(file: str, tags: str, namespaces: str) -> TagMap:
-    if file:
-        return load_map(Path(file))
+def _map(tags: str, namespaces: str) -> TagMap:
     if not tags:
         return packaged_map("opc_40010")
     try:

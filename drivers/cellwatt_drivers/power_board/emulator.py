@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
 
@@ -16,44 +16,6 @@ from cellwatt.emulation.blocks import Blocks
 from cellwatt.emulation.faults import FAULT_KINDS
 from cellwatt_drivers.power_board import payload, wire, xbee
 from cellwatt_drivers.power_board.virtual_port import VirtualPort
-
-_FIXED = {
-    b"HV": b"\x42\x47",
-    b"VR": b"\x10\x0a",
-    b"SH": b"\x00\x13\xa2\x00",
-    b"SL": b"\x40\x40\x11\x00",
-    b"NI": b"CELLWATT",
-    b"MY": b"\x00\x00",
-    b"CE": b"\x01",
-}
-_OK, _BAD_COMMAND = b"\x00", b"\x02"
-JOINED = bytes([xbee.MODEM_STATUS, 2])
-
-
-class Modem:
-    """A receiver in API mode, a coordinator; ``feed`` takes a client's bytes and returns the responses."""
-
-    def __init__(self, *, escaped: bool) -> None:
-        self._escaped = escaped
-        self._values = {**_FIXED, b"AP": b"\x02" if escaped else b"\x01"}
-        self._frames = (xbee.EscapedApiFrames if escaped else xbee.api_frames)(self._obey, Counter())
-        self._answers = b""
-
-    def feed(self, data: bytes) -> bytes:
-        """Response frames to the commands completed by these bytes; other frames get no response."""
-        self._answers = b""
-        self._frames.scan(data)
-        return self._answers
-
-    def _obey(self, command: bytes) -> bool:
-        if len(command) >= 4 and command[0] in {xbee.AT_COMMAND, xbee.AT_COMMAND_QUEUED}:
-            name = command[2:4]
-            value = self._values.get(name)
-            status = _BAD_COMMAND if value is None else _OK
-            answer = bytes([xbee.AT_RESPONSE, command[1]]) + name + status + (value or b"")
-            self._answers += xbee.frame(answer, escaped=self._escaped)
-        return True
-
 
 SENDER, NETWORK = 0x0013A20040401122, 0x1A2B
 TICK = 0.004
@@ -115,7 +77,6 @@ class PowerBoardEmulator(Emulator):
         if not self.on_terminal:
             raise ValueError(f"a power board's emulator listens at pty or a path, not at {self.address!r}")
         self._set_options(options)
-        self._modem = None if self._mode == "transparent" else Modem(escaped=self._mode == "api_escaped")
         self.tally.update(unheard=0, packets=0, heard=0)
         self._blocks = Blocks(self._phase_values, 1 / self._rate, self._batch * -(-AHEAD // self._batch))
         self._began: float | None = None
@@ -200,15 +161,14 @@ class PowerBoardEmulator(Emulator):
             self._opened, self._listened = None, False
             return
         self._opened = now if self._opened is None else self._opened
-        asked = port.read()
-        self.tally["heard"] += len(asked)
-        if self._modem is not None and (answer := self._modem.feed(asked)):
-            self._line.append(_Item(now, answer, 0))
+        self.tally["heard"] += len(port.read())
         if self._listened or not (port.flushed or now >= self._opened + SETTLE):
             return
         self._listened = True
-        if self._modem is not None:
-            self._line.append(_Item(now, xbee.frame(JOINED, escaped=self._mode == "api_escaped"), 0))
+        if self._mode != "transparent":
+            self._line.append(
+                _Item(now, xbee.frame(bytes([xbee.MODEM_STATUS, 2]), escaped=self._mode == "api_escaped"), 0)
+            )
         if self._began is None:
             self._began, self._woke = now, time.time()
 

@@ -21,7 +21,7 @@ START = b"\x7e"
 ESCAPE = b"\x7d"
 _SPECIAL = b"\x7e\x7d\x11\x13"
 RECEIVE, RECEIVE_EXPLICIT = 0x90, 0x91
-AT_COMMAND, AT_COMMAND_QUEUED, AT_RESPONSE, MODEM_STATUS = 0x08, 0x09, 0x88, 0x8A
+MODEM_STATUS = 0x8A
 
 LONGEST = 273
 """Frame data of the longest receive frame: 18 bytes of 0x91 before 255 bytes of payload."""
@@ -29,7 +29,7 @@ LONGEST = 273
 _LONGEST_ESCAPED = 2 * (2 + LONGEST + 1)
 _PAYLOAD_AT = {RECEIVE: 12, RECEIVE_EXPLICIT: 18}
 _OTHERS = {  # type → (name, shortest frame data, longest)
-    AT_RESPONSE: ("AT response", 5, LONGEST),
+    0x88: ("AT response", 5, LONGEST),
     0x89: ("transmit status 16", 3, 3),
     MODEM_STATUS: ("modem status", 2, 2),
     0x8B: ("transmit status", 7, 7),

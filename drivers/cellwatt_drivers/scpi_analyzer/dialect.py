@@ -76,8 +76,8 @@ class Dialect:
         return tuple(self.item.format(function=word, element=element.upper()) for word in words)
 
     def found(self, item: str) -> str:
-        """Convert an item from the analyzer to the notation of ``items``: without a header, in short spelling."""
-        function, comma, element = item.strip().split(" ")[-1].partition(",")
+        """Convert an item from the analyzer to the notation of ``items``: no header and quotes, in short spelling."""
+        function, comma, element = item.strip(' "').split(" ")[-1].partition(",")
         where = element.strip().upper()
         return self.short(function) + comma + ("SIGMA" if where == "SIGM" else where)
 

@@ -171,10 +171,9 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
             await analyzer.choose(wanted)
             order = await analyzer.selected(wanted)
         if missing := [f for f in wanted if f not in order]:
-            raise DeviceError(
-                f"the analyzer's list {', '.join(order)} lacks {', '.join(missing)}: choose them there, "
-                "or set select: true"
-            )
+            refused = "it does not take the selection: is it locked or in local mode?"
+            advice = refused if self.settings.select else "choose them there, or set select: true"
+            raise DeviceError(f"the analyzer's list {', '.join(order)} lacks {', '.join(missing)}: {advice}")
         if self.settings.integrate:
             analyzer.tell(self._dialect.integrate)
             self._report(await analyzer.errors(), "at the start of the integrator")
@@ -189,6 +188,8 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
                 if time.monotonic() >= check:
                     check = time.monotonic() + self.settings.error_check
                     self._report(await analyzer.errors(), "while measuring")
+                    if (found := await analyzer.selected(self._items)) != order:
+                        raise ProtocolError(f"the analyzer's list became {', '.join(found)}: by whom was it changed?")
 
     async def _read(self, analyzer: Analyzer, columns: list[int], order: tuple[str, ...]) -> None:
         try:

@@ -20,21 +20,12 @@ OVERFLOW = 9.9e37
 FREQUENCY = 50.0
 AFTER_RESET = ("URMS", "IRMS", "P", "FPLL", "URAN", "IRAN", "S", "Q", "LAMB", "PHI")
 
-FUNCTIONS = frozenset(AFTER_RESET) | {"FU", "FI", "WH", "TIME"}
+FUNCTIONS = frozenset(AFTER_RESET) | {"FU", "FI", "WH"}
 _SAMPLES = 20  # samples of the signals per update
 _MOST_SAMPLES = 2000  # most samples of a longer update, after a long time without a query
-_QUEUE = 16
-_COMPLETE, _DEVICE, _EXECUTION, _COMMAND = 1, 8, 16, 32
-"""Bits of the event status register, IEEE 488.2, 11.5.1."""
-_EVENTS = {1: _COMMAND, 2: _EXECUTION, 3: _DEVICE}
-"""Event bits by the hundreds of an error's number (SCPI-99, 21.8)."""
-_QUEUED, _SUMMARY = 4, 32
-"""Bits of the status byte: an error is queued, an enabled event is set."""
 
 NO_HEADER = (-113, "Undefined header")
-NO_PARAMETER = (-109, "Missing parameter")
 BAD_PARAMETER = (-224, "Illegal parameter value")
-OVERRUN = (-350, "Queue overflow")
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,15 +50,12 @@ class EmulatedAnalyzer:
         self.functions: tuple[str, ...] = AFTER_RESET
         self.overload: Set[str] = frozenset()
         self.measurements = 0
-        self.errors: deque[tuple[int, str]] = deque()
-        self._events = 0
-        self._enabled = 0
+        self.errors: deque[tuple[int, str]] = deque(maxlen=16)
         self.running = False
         self._signals = signals
         self._update = -1
         self._electric = _Electric(0.0, 0.0, 0.0)
         self._energy = 0.0  # Wh
-        self._seconds = 0.0
         self._tree = [(_pattern(notation), action) for notation, action in self._commands().items()]
 
     def execute(self, line: str, t: float) -> str | None:
@@ -91,18 +79,16 @@ class EmulatedAnalyzer:
         for pattern, action in self._tree:
             if pattern.fullmatch(header):
                 return action(parameter)
-        self._fail(NO_HEADER)
+        self.errors.append(NO_HEADER)
         return None
 
     def _commands(self) -> Mapping[str, Callable[[str], str | None]]:
         return {
             "*IDN?": lambda _: self.identification,
+            "*CLS": lambda _: self.errors.clear(),
             "*OPC?": lambda _: "1",
-            **self._status_commands(),
-            "*RST": lambda _: self._reset(),
+            "*STB?": lambda _: "4" if self.errors else "0",
             "SYSTem:ERRor?": lambda _: self._next_error(),
-            "SYSTem:ERRor:ALL?": lambda _: ",".join(self._next_error() for _ in range(max(1, len(self.errors)))),
-            "SYSTem:VERSion?": lambda _: "1999.0",
             "CHANnel1:MEASurement:FORMat": lambda p: self._one_of(p, {"ASC", "ASCII"}),
             "CHANnel1:MEASurement:FUNCtions": self._select,
             "CHANnel1:MEASurement:FUNCtions?": lambda _: ",".join(self.functions),
@@ -112,66 +98,23 @@ class EmulatedAnalyzer:
             "INTegrator:STARt": lambda _: self._integrate(),
         }
 
-    def _status_commands(self) -> Mapping[str, Callable[[str], str | None]]:
-        """Return those commands of IEEE 488.2 with which clients check for errors."""
-        return {
-            "*CLS": lambda _: self._clear_status(),
-            "*STB?": lambda _: str(self._status_byte()),
-            "*ESR?": lambda _: str(self._take_events()),
-            "*ESE": self._enable,
-            "*ESE?": lambda _: str(self._enabled),
-            "*OPC": lambda _: self._note(_COMPLETE),
-        }
-
-    def _clear_status(self) -> None:
-        self.errors.clear()
-        self._events = 0
-
-    def _status_byte(self) -> int:
-        return (_QUEUED if self.errors else 0) | (_SUMMARY if self._events & self._enabled else 0)
-
-    def _take_events(self) -> int:
-        events, self._events = self._events, 0
-        return events
-
-    def _enable(self, parameter: str) -> None:
-        if parameter.isdigit() and int(parameter) < 256:
-            self._enabled = int(parameter)
-        else:
-            self._fail(BAD_PARAMETER if parameter else NO_PARAMETER)
-
-    def _note(self, event: int) -> None:
-        self._events |= event
-
-    def _fail(self, error: tuple[int, str]) -> None:
-        self._note(_EVENTS[error[0] // -100])
-        if len(self.errors) < _QUEUE:
-            self.errors.append(error)
-        else:
-            self.errors[-1] = OVERRUN
-
     def _next_error(self) -> str:
         code, text = self.errors.popleft() if self.errors else (0, "No error")
         return f'{code},"{text}"'
 
     def _one_of(self, parameter: str, known: set[str]) -> None:
         if parameter.upper() not in known:
-            self._fail(BAD_PARAMETER if parameter else NO_PARAMETER)
+            self.errors.append(BAD_PARAMETER)
 
     def _select(self, parameter: str) -> None:
         names = tuple(name.strip().upper().replace("LAMBDA", "LAMB") for name in parameter.split(","))
         if parameter and set(names) <= FUNCTIONS:
             self.functions = names
         else:
-            self._fail(BAD_PARAMETER if parameter else NO_PARAMETER)
+            self.errors.append(BAD_PARAMETER)
 
     def _integrate(self) -> None:
         self.running = True
-
-    def _reset(self) -> None:
-        self.functions = AFTER_RESET
-        self.running = False
-        self._energy = self._seconds = 0.0
 
     def _advance(self, t: float) -> None:
         """Advance the measurement and the integrator to the last update before t."""
@@ -184,7 +127,6 @@ class EmulatedAnalyzer:
         self._electric = self._mean(update, 1)
         if self.running:
             self._energy += self._mean(update, passed).power * passed * UPDATE / 3600.0
-            self._seconds += passed * UPDATE
 
     def _mean(self, update: int, updates: int) -> _Electric:
         """Root mean squares and mean power over the ``updates`` updates up to this one."""
@@ -199,7 +141,7 @@ class EmulatedAnalyzer:
         )
 
     def _values(self) -> dict[str, float]:
-        return _functions(self._electric) | {"WH": self._energy, "TIME": self._seconds}
+        return _functions(self._electric) | {"WH": self._energy}
 
     def _measured(self) -> str:
         values = self._values()

@@ -11,7 +11,7 @@ from cellwatt_drivers.scpi_analyzer.emulated_analyzer import BAD_PARAMETER, Emul
 
 _WT300_WORDS = {
     "U": "URMS", "I": "IRMS", "P": "P", "S": "S", "Q": "Q", "LAMB": "LAMB", "LAMBDA": "LAMB", "PHI": "PHI", "FU": "FU",
-    "FI": "FI", "WH": "WH", "TIME": "TIME",
+    "FI": "FI", "WH": "WH",
 }  # fmt: skip
 _LMG600_WORDS = {"UTRMS": "URMS", "ITRMS": "IRMS", "P": "P", "S": "S", "Q": "Q", "PF": "LAMB", "FCYC": "FU"}
 _WT300_AFTER_RESET = ("U,1", "I,1", "P,1")
@@ -32,8 +32,7 @@ class EmulatedWt310(EmulatedAnalyzer):
     def _commands(self) -> Mapping[str, Callable[[str], str | None]]:
         shared = super()._commands()
         return {
-            **{name: shared[name] for name in ("*IDN?", "*OPC?", "*RST")},
-            **self._status_commands(),
+            "*IDN?": shared["*IDN?"],
             "STATus:ERRor?": shared["SYSTem:ERRor?"],
             "NUMeric:FORMat": lambda p: self._one_of(p, {"ASC", "ASCII"}),
             "NUMeric:NORMal:NUMber": self._set_number,
@@ -52,7 +51,7 @@ class EmulatedWt310(EmulatedAnalyzer):
             return self.items[at] if at < len(self.items) else "NONE"
         word, _, element = parameter.upper().replace(" ", "").partition(",")
         if word not in _WT300_WORDS or element not in {"", "1"}:
-            self._fail(BAD_PARAMETER)
+            self.errors.append(BAD_PARAMETER)
             return None
         self.items += ["NONE"] * (at + 1 - len(self.items))
         self.items[at] = f"{word},1"
@@ -62,7 +61,7 @@ class EmulatedWt310(EmulatedAnalyzer):
         if parameter.isdigit() and 1 <= int(parameter) <= 255:
             self.number = int(parameter)
         else:
-            self._fail(BAD_PARAMETER)
+            self.errors.append(BAD_PARAMETER)
 
     def _measured(self) -> str:
         values = self._values()
@@ -87,9 +86,7 @@ class EmulatedLmg670(EmulatedAnalyzer):
 
     def _commands(self) -> Mapping[str, Callable[[str], str | None]]:
         shared = super()._commands()
-        common = ("*IDN?", "*OPC?", "*RST", "SYSTem:ERRor?", "SYSTem:ERRor:ALL?", "SYSTem:VERSion?")
-        named = {name: shared[name] for name in common}
-        return {**named, **self._status_commands(), "*ZLANG": self._set_language}
+        return {name: shared[name] for name in ("*IDN?", "SYSTem:ERRor?")} | {"*ZLANG": self._set_language}
 
     def _run(self, header: str, parameter: str) -> str | None:
         if self.short:

@@ -15,11 +15,11 @@ LONGEST = 4096
 
 _MOST_VALUES = 255
 _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
-_UNAVAILABLE = re.compile(r"NAN|-+", re.IGNORECASE)
-_INFINITE = re.compile(r"[-+]?INF(?:INITY)?|-*O[FL]-*", re.IGNORECASE)
+_UNAVAILABLE = re.compile(r"[-+]?(?:NAN|1\.#(?:QNAN|SNAN|IND)0*)|-+", re.IGNORECASE)
+_INFINITE = re.compile(r"[-+]?(?:INF(?:INITY)?|1\.#INF0*)|-*O(?:[FL]|VLD|VER(?:LOAD)?)-*", re.IGNORECASE)
 _NOT_A_NUMBER = 9.91e37  # SCPI 1999, 7.2.1.5
 _LARGEST = 9.9e36
-_ERROR = re.compile(r"(?::\S+ )?([-+]?[0-9]+)\s*,\s*\"?([^\"]*)\"?")
+_ERROR = re.compile(r"(?::\S+ )?([-+]?[0-9]+)\s*(?:,\s*\"?([^\"]*)\"?)?")
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class Value:
 
 
 def parse_value(text: str) -> Value:
-    """Parse a number, or one of the marks for "none" (NAN, dashes, 9.91E37) and "overload" (9.9E37, INF, -OL-, -OF-).
+    """Parse a number, or a mark for "none" (NAN, 1.#QNAN, dashes, 9.91E37) or "overload" (9.9E37, INF, -OL-, OVLD).
 
     Raises ``ProtocolError`` for any other text.
     """
@@ -49,8 +49,8 @@ def parse_value(text: str) -> Value:
 
 
 def parse_values(line: str, count: int, separator: str = ",") -> tuple[Value, ...]:
-    """Parse the values of one answer. Raises ``ProtocolError`` unless there are ``count`` values."""
-    tokens = line.split(separator)
+    """Parse the values of one answer, which may end with a separator; raises ``ProtocolError`` unless ``count``."""
+    tokens = line.rstrip().removesuffix(separator).split(separator)
     if len(tokens) != count:
         raise ProtocolError(f"{len(tokens)} values in {line[:60]!r}; expected {count}")
     return tuple(parse_value(token) for token in tokens)
@@ -61,7 +61,7 @@ def parse_error(line: str) -> tuple[int, str]:
     found = _ERROR.fullmatch(line.strip())
     if not found:
         raise ProtocolError(f"{line[:60]!r} is not an entry of the error queue")
-    return int(found[1]), found[2].strip()
+    return int(found[1]), (found[2] or "").strip()
 
 
 def parse_count(line: str) -> int:

@@ -30,7 +30,7 @@ Function = Literal["input", "holding"]
 Framing = Literal["tcp", "rtu"]
 Parity = Literal["none", "even", "odd"]
 
-ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE = 1, 2, 3
+ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE, FAILURE = 1, 2, 3, 4
 LATER = frozenset({5, 6, 11})
 """Exceptions after which the same request may succeed: it needs time, it is busy, the gateway got no answer."""
 _HEADER = 6
@@ -39,7 +39,7 @@ _WORDS = {
     ILLEGAL_FUNCTION: "it does not know the function",
     ILLEGAL_ADDRESS: "it has no such register",
     ILLEGAL_VALUE: "it does not return so many registers",
-    4: "it failed",
+    FAILURE: "it failed",
     5: "it needs time",
     6: "it is busy",
     10: "the gateway has no path to it",
@@ -75,6 +75,8 @@ class Numbering:
         self._asked = self._unit = 0
         self._ignored: tuple[type[NoAnswerError], str] | None = None
         """Error and text for an answer since the last request that is not its answer."""
+        self._rest = b""
+        """Start of an answer that is not complete."""
 
     def trace(self, sending: bool, data: bytes) -> bytes:
         """Record the numbers of sent or received frames; return the frames.
@@ -83,6 +85,7 @@ class Numbering:
         """
         if sending:
             self._asked, self._unit, self._ignored = int.from_bytes(data[:2], "big"), data[_HEADER], None
+            self._rest = b""
             self._unanswered.add(self._asked)
             return data
         frames, start = bytearray(data), 0
@@ -100,13 +103,18 @@ class Numbering:
                 self._ignored = OtherUnitError, f"answers as unit {unit}: write unit: {unit}"
             self._unanswered.discard(number or self._asked)
             start += end
+        self._rest = bytes(rest)
         return bytes(frames)
 
     def of(self, unanswered: NoAnswerError) -> NoAnswerError:
         """Return the error that explains why the last request has no answer."""
-        if self._ignored is None:
+        if self._ignored is not None:
+            kind, text = self._ignored
+        elif self._rest:
+            start = self._rest[:16].hex(" ")
+            kind, text = NoAnswerError, f"sends an answer that is not complete ({start}): is its stated length wrong?"
+        else:
             return unanswered
-        kind, text = self._ignored
         return kind(f"{str(unanswered).removesuffix('gave no answer')}{text}")
 
 
@@ -204,24 +212,22 @@ class Bus:
         """
         client = self._client
         ask = client.read_input_registers if function == "input" else client.read_holding_registers
-        answer = await self._exchange(lambda: ask(address, count=count, device_id=unit), unit)
+        who, what = f"unit {unit} at {self.place}", f"registers {address} to {address + count - 1}"
+        asked = f"{who}, asked for {what},"
+        answer = await self._exchange(lambda: ask(address, count=count, device_id=unit), asked)
         if answer.isError():
             code = int(answer.exception_code)
             text = _WORDS.get(code, "no reason given")
-            raise RefusedError(
-                f"unit {unit} at {self.place} refuses registers {address} to {address + count - 1}: {text} "
-                f"(exception {code})",
-                code,
-            )
+            raise RefusedError(f"{who} refuses {what}: {text} (exception {code})", code)
         registers: list[int] = answer.registers
         if len(registers) != count:
-            raise ProtocolError(f"unit {unit} at {self.place} gives {len(registers)} registers of {count}")
+            raise ProtocolError(f"{asked} gives {len(registers)} registers")
         return registers
 
-    async def _exchange(self, ask: Callable[[], Awaitable[Any]], unit: int) -> Any:
+    async def _exchange(self, ask: Callable[[], Awaitable[Any]], asked: str) -> Any:
         rested = self._client.connected
         try:
-            return await self._once(ask, unit)
+            return await self._once(ask, asked)
         except NoAnswerError:
             await asyncio.sleep(self._settle)
             raise
@@ -229,9 +235,9 @@ class Bus:
             if not rested:
                 raise
         await asyncio.sleep(self._settle)  # a device server may pass the first answer on to the next connection
-        return await self._exchange(ask, unit)
+        return await self._exchange(ask, asked)
 
-    async def _once(self, ask: Callable[[], Awaitable[Any]], unit: int) -> Any:
+    async def _once(self, ask: Callable[[], Awaitable[Any]], asked: str) -> Any:
         from pymodbus.exceptions import ModbusException
 
         if not self._client.connected:
@@ -241,19 +247,19 @@ class Bus:
             answer = await ask()
         except ModbusException as error:
             obey_cancellation()
-            raise self._meaning(error, unit) from error
+            raise self._meaning(error, asked) from error
         obey_cancellation()
         return answer
 
-    def _meaning(self, error: ModbusException, unit: int) -> SourceError:
+    def _meaning(self, error: ModbusException, asked: str) -> SourceError:
         from pymodbus.exceptions import ConnectionException, ModbusIOException
 
         text = str(error)
         if isinstance(error, ModbusIOException) and ("received" not in text or "No response" in text):
-            return self._numbering.of(NoAnswerError(f"unit {unit} at {self.place} gave no answer"))
+            return self._numbering.of(NoAnswerError(f"{asked} gave no answer"))
         if isinstance(error, ConnectionException) or not self._client.connected:
-            reason = "it closed the connection in place of an answer; does another client use it?"
-            return ConnectError(f"unit {unit} at {self.place}: {reason}")
+            reason = "closed the connection in place of an answer; does another client use it?"
+            return ConnectError(f"{asked} {reason}")
         return ProtocolError(f"{self.place}: the answer does not match the request: {text}")
 
     async def _open(self) -> None:

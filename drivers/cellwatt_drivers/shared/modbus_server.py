@@ -7,6 +7,8 @@ import struct
 from collections.abc import Callable
 from typing import Final
 
+from pymodbus.framer import FramerRTU
+
 from cellwatt.emulation import Emulator, Port
 from cellwatt.emulation.terminal import Writer, port_of
 from cellwatt_drivers.shared.modbus import ILLEGAL_FUNCTION
@@ -68,9 +70,4 @@ def modbus_port(emulator: Emulator, read: Read, *, rtu: bool = False) -> Port:
 
 def checksum(frame: bytes) -> bytes:
     """CRC-16/MODBUS of a frame, low byte first."""
-    crc = 0xFFFF
-    for byte in frame:
-        crc ^= byte
-        for _ in range(8):
-            crc = crc >> 1 ^ (0xA001 if crc & 1 else 0)
-    return crc.to_bytes(2, "little")
+    return FramerRTU.compute_CRC(frame).to_bytes(2, "big")

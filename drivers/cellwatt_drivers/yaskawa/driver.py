@@ -20,8 +20,7 @@ from cellwatt.quantity import Fraction, Hertz, Radians, Seconds
 from cellwatt.slots import Slots
 from cellwatt_drivers.shared.choice import Chosen
 from cellwatt_drivers.shared.polling import deliver
-from cellwatt_drivers.yaskawa import payload, polls, wire
-from cellwatt_drivers.yaskawa.greeting import greet
+from cellwatt_drivers.yaskawa import greeting, payload, polls, wire
 from cellwatt_drivers.yaskawa.link import Exchange, Link, TakeLate, UnansweredError, open_link
 from cellwatt_drivers.yaskawa.polls import Poll
 from cellwatt_drivers.yaskawa.robotstate import ALARM_CODE, STATUS_CHANNELS, AlarmWatch, TorqueWatch
@@ -150,10 +149,10 @@ class YaskawaDriver(Driver[YaskawaSettings]):
         return open_link(self.settings.host, self.settings.port, self.settings.timeout, self.inlet)
 
     async def _greet(self, link: Link) -> Identity:
-        reads = {p.stream.name: p.request for p in self._polls}
+        reads: dict[str, greeting.Read] = {p.stream.name: (p.request, p.values) for p in self._polls}
         if self._state:
-            reads["status"] = _STATUS
-        return await greet(link, self.settings.control_group, self.settings.axes, reads)
+            reads["status"] = _STATUS, payload.decode_status
+        return await greeting.greet(link, self.settings.control_group, self.settings.axes, reads)
 
     def _miss_slots(self, slots: int, reason: str) -> None:
         due = slots * len(self._polls)

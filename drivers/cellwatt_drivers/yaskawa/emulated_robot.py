@@ -27,24 +27,23 @@ _POSE_COUNTS = np.array([1 / payload.METRES] * 3 + [1 / math.radians(payload.DEG
 Counts = NDArray[np.int32]
 
 
+AXES = 8
+"""Axes in an answer."""
+
+
 class EmulatedRobot:
     """Gives pulses, torque counts (whole per cent of the rated torque) and the tool's pose at a time.
 
-    ``answer_axes`` (6 to 8) is the number of axes in an answer; joints that the signals lack are 0.
+    An answer has ``AXES``; joints that the signals lack are 0.
     """
 
-    def __init__(
-        self, signals: Signals, pulses_per_degree: Sequence[float], rated_torque: Sequence[float], answer_axes: int
-    ) -> None:
-        if answer_axes not in (6, 7, 8):
-            raise ValueError(f"answer_axes must be 6, 7 or 8, not {answer_axes}")
-        if not 0 < len(pulses_per_degree) == len(rated_torque) <= answer_axes:
-            raise ValueError(f"pulses_per_degree and rated_torque need the same number of values, up to {answer_axes}")
+    def __init__(self, signals: Signals, pulses_per_degree: Sequence[float], rated_torque: Sequence[float]) -> None:
+        if not 0 < len(pulses_per_degree) == len(rated_torque) <= AXES:
+            raise ValueError(f"pulses_per_degree and rated_torque need the same number of values, up to {AXES}")
         self.axes = len(pulses_per_degree)
         self._signals = signals
         self._pulses = np.degrees(1.0) * np.asarray(pulses_per_degree)
         self._counts = 100.0 / np.asarray(rated_torque)
-        self._answer_axes = answer_axes
         self._blocks = Blocks(self._compute, _CYCLE, _BLOCK)
 
     def pulses(self, t: float) -> tuple[int, ...]:
@@ -68,7 +67,7 @@ class EmulatedRobot:
         values = self._signals.at(t)
 
         def table(names: Sequence[str], scale: NDArray[np.float64]) -> Counts:
-            counts = np.zeros((len(t), self._answer_axes), np.int32)
+            counts = np.zeros((len(t), AXES), np.int32)
             counts[:, : len(names)] = np.rint(table_of(values, names, len(t)) * scale)
             return counts
 

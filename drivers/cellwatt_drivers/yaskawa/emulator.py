@@ -30,8 +30,8 @@ class YaskawaEmulator(Emulator):
     """One controller with one robot (R1) over UDP; listens on 127.0.0.1:10040 by default.
 
     Options: ``model`` (DX200, YRC1000 or FS100: sets the answer time), ``answer_ms`` (instead of the model's),
-    ``pulses_per_degree`` and ``rated_torque`` (Nm at the joint at 100 %; comma-separated), ``answer_axes`` (6, 7 or 8:
-    positions of 44, 48 or 52 bytes), ``busy`` (share of requests answered BUSY), ``alarm`` (``CODE:NAME``).
+    ``pulses_per_degree`` and ``rated_torque`` (Nm at the joint at 100 %; comma-separated), ``busy`` (share of requests
+    answered BUSY), ``alarm`` (``CODE:NAME``).
 
     Services that write are refused: remote is not set.
 
@@ -65,12 +65,8 @@ class YaskawaEmulator(Emulator):
         self._busy = options.number("busy", 0.0)
         code, _, name = options.text("alarm").partition(":")
         self.alarm = payload.Alarm(int(code), time="2024/01/01 00:00", name=name) if code or name else payload.Alarm(0)
-        self.robot = EmulatedRobot(
-            self.signals,
-            options.numbers("pulses_per_degree", PULSES_PER_DEGREE),
-            options.numbers("rated_torque", RATED_TORQUE),
-            options.whole("answer_axes", 8),
-        )
+        pulses = options.numbers("pulses_per_degree", PULSES_PER_DEGREE)
+        self.robot = EmulatedRobot(self.signals, pulses, options.numbers("rated_torque", RATED_TORQUE))
         self.system = payload.System("EMULATED", model, "0")
         self.asked: Counter[wire.Request] = Counter()
         self._datagrams = Datagrams(self, take=self._take)

@@ -11,17 +11,20 @@ from cellwatt_drivers.yaskawa import payload, wire
 from cellwatt_drivers.yaskawa.link import Link, UnansweredError
 
 T = TypeVar("T")
+Read = tuple[wire.Request, Callable[[bytes], object]]
+"""A request and the decoder of its answer."""
 
 _SYSTEM = wire.Request(wire.SYSTEM, 11)
 _RETRIES = 3
 _HINT = "check the address, the cable, and that the controller's Ethernet server is set up"
 
 
-async def greet(link: Link, group: int, axes: int, reads: Mapping[str, wire.Request]) -> Identity:
+async def greet(link: Link, group: int, axes: int, reads: Mapping[str, Read]) -> Identity:
     """Read system information, axis names of the control group, and each of ``reads`` (by name) once.
 
     Raises ``ConnectError`` if no device answers, ``WrongDeviceError`` if the answers are not this protocol or the robot
-    has fewer axes than configured, ``DeviceError`` if the controller refuses one of the reads.
+    has fewer axes than configured, ``DeviceError`` if the controller refuses one of the reads, and ``ProtocolError`` if
+    its answer has another form.
     """
     system = await _optional(link, _SYSTEM, payload.decode_system) or payload.System("", "", "")
     names = await _optional(link, wire.Request(wire.AXIS_NAMES, group), payload.decode_axis_names) or ()
@@ -29,11 +32,14 @@ async def greet(link: Link, group: int, axes: int, reads: Mapping[str, wire.Requ
         raise WrongDeviceError(
             f"robot R{group} at {link.place} has {len(names)} axes ({' '.join(names)}), the settings say {axes}"
         )
-    for name, request in reads.items():
+    for name, (request, decode) in reads.items():
         try:
-            await link.ask(request, _RETRIES)
+            decode((await link.ask(request, _RETRIES)).answer.data)
         except UnansweredError as failure:
             raise _refusal(link, name, failure) from failure
+        except ProtocolError as error:
+            link.count_malformed()
+            raise ProtocolError(f"{link.place}, {name}: {error}") from error
     notes = {"axes": " ".join(names), "parameters": system.parameters}
     return Identity(
         "Yaskawa", system.model or "unknown", firmware=system.software, notes={k: v for k, v in notes.items() if v}

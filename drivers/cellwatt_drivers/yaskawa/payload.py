@@ -20,7 +20,7 @@ DEGREES = 1e-4
 
 _KIND = struct.Struct("<i")
 _POSITION_HEAD = 20  # kind, figure, tool, user frame, extended figure
-_AXES = {4 * n: struct.Struct(f"<{n}i") for n in (6, 7, 8)}
+_AXES = {4 * n: struct.Struct(f"<{n}i") for n in range(1, 10)}
 _STATUS = struct.Struct("<Q")
 _ALARM = struct.Struct("<3I16s32s")
 _SYSTEM = struct.Struct("<24s16s8s")
@@ -70,13 +70,13 @@ def encode_status(*names: str) -> bytes:
 
 
 def decode_position(data: bytes, kind: int) -> tuple[int, ...]:
-    """Decode a position of 6, 7 or 8 axes (44, 48 or 52 bytes) in pulses, or in µm and 1e-4 degrees.
+    """Decode a position of up to 9 axes (usually 44, 48 or 52 bytes) in pulses, or in µm and 1e-4 degrees.
 
     Raises ``ProtocolError`` for another length, and if the data are not of the requested ``kind``.
     """
     axes = _AXES.get(len(data) - _POSITION_HEAD)
     if axes is None:
-        raise ProtocolError(f"a position of {len(data)} bytes; expected 44, 48 or 52")
+        raise ProtocolError(f"a position of {len(data)} bytes; expected 20, and 4 for each of up to 9 axes")
     (found,) = _KIND.unpack_from(data)
     if found != kind:
         raise ProtocolError(f"a position of data type {found}; asked for {kind}")
@@ -89,10 +89,10 @@ def encode_position(kind: int, axes: tuple[int, ...]) -> bytes:
 
 
 def decode_axes(data: bytes) -> tuple[int, ...]:
-    """Decode torque counts, or any other table of 6, 7 or 8 axes. Raises ``ProtocolError`` for another length."""
+    """Decode torque counts, or any other table of up to 9 axes. Raises ``ProtocolError`` for another length."""
     axes = _AXES.get(len(data))
     if axes is None:
-        raise ProtocolError(f"a torque of {len(data)} bytes; expected 24, 28 or 32")
+        raise ProtocolError(f"a torque of {len(data)} bytes; expected 4 for each of up to 9 axes")
     return axes.unpack(data)
 
 

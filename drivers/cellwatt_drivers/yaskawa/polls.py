@@ -70,7 +70,7 @@ def cartesian(group: int, rate: float) -> Poll:
     """Poll of the tool's pose in the robot's base frame: m and rad."""
 
     def values(data: bytes) -> Float:
-        axes = payload.decode_position(data, payload.BASE)[:6]
+        axes = _first(6, payload.decode_position(data, payload.BASE))
         pose: Float = np.array(axes, dtype=np.float64) * _POSE_UNITS
         return pose
 

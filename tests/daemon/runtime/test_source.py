@@ -91,8 +91,11 @@ async def test_a_source_is_well_with_its_first_number():
         assert source.status()["streams"]["supply"]["blank"] == ["bus.voltage", "bus.current"]
         source.emit(Reading(STREAM, np.full((1, 2), np.nan), 1))
         assert source.status()["state"] == "starting"
-        source.emit(Reading(STREAM, np.array([[np.nan, 1.0], [np.nan, np.nan]]), 2))
+        source.emit(Reading(STREAM, np.array([[np.inf, 1.0], [np.nan, -np.inf]]), 2))
         assert source.status()["state"] == "ok"
+        assert [b.quality.tolist() for b in cellar.batches[-2:]] == [[Quality.MISSING], [Quality.GOOD, Quality.MISSING]]
+        assert not np.isinf(cellar.batches[-1].values).any(), "an infinite number is none"
+        assert source.account.counters["infinite values"] == 2 and "infinite values" in source.account.anomalies
         assert source.status()["streams"]["supply"]["blank"] == ["bus.voltage"]
         source.emit(Reading(STREAM, np.array([[230.0, np.nan]]), 3))
         assert source.status()["streams"]["supply"]["blank"] == []

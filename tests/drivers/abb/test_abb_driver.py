@@ -7,6 +7,7 @@ import time
 import numpy as np
 import pytest
 
+from cellwatt.account import Account
 from cellwatt.emulation import Fault
 from cellwatt.emulation.relay import clients
 from cellwatt.errors import ConnectError, DeviceError, WrongDeviceError
@@ -14,6 +15,7 @@ from cellwatt.results import Event
 from cellwatt.runtime.source import Source
 from cellwatt.slots import HOST
 from cellwatt_drivers.abb import AbbDriver, AbbSettings
+from cellwatt_drivers.abb.egm import listening
 from cellwatt_drivers.abb.rws import MODE
 from cellwatt_drivers.abb.web import session
 from tests.doing import doing
@@ -21,7 +23,7 @@ from tests.patience import PATIENCE, eventually
 
 from ..certificates import self_signed
 from ..running import once
-from .rig import ANGLES, driver, emulated, running
+from .rig import ANGLES, driver, emulated, free_port, running
 
 
 def assert_only_late(inlet):
@@ -136,6 +138,12 @@ async def test_pages_that_fail_again_in_the_same_way_are_told_again(monkeypatch)
             monkeypatch.setattr(emulator.pages, "answer", well)
 
 
+def unblocking() -> socket.socket:
+    opened = socket.socket(type=socket.SOCK_DGRAM)
+    opened.setblocking(False)
+    return opened
+
+
 async def is_taken(port: int) -> None:
     """Return once a UDP port of this machine is listened at."""
     while True:
@@ -152,8 +160,7 @@ async def test_an_outage_ends_the_source_and_a_new_start_counts_what_was_lost():
         arm = driver(place, web=[], timeout="500 ms")
         inlet, first = arm.inlet, asyncio.create_task(arm.run())
         await inlet.until(lambda o: o.account.received > 10)
-        with socket.socket(type=socket.SOCK_DGRAM) as stranger:  # of whom nothing is told: the address is right
-            stranger.setblocking(False)
+        with unblocking() as stranger:  # of whom nothing is told: the address is right
             stranger.bind(("127.0.0.2", 0))
             stranger.sendto(b"?", ("127.0.0.1", int(str(place["egm_port"]))))
         heard = inlet.account.received
@@ -169,6 +176,31 @@ async def test_an_outage_ends_the_source_and_a_new_start_counts_what_was_lost():
     assert inlet.account.missed["outage"] == emulator.counts["loss"] > 50
     assert len(inlet.identities) == 2
     assert inlet.resets == []
+
+
+async def test_a_second_robot_at_the_port_is_left_out_until_the_first_one_ends():
+    """Two robots of one controller, whose EGM goes to one port by mistake."""
+    place, account, taken = ("127.0.0.1", free_port()), Account(), list[bytes]()
+    port = listening(place[0], *place, account, lambda packets, _: taken.extend(packets))
+    with unblocking() as first, unblocking() as second:
+        async with port:
+            for n in range(1, 6):
+                first.sendto(b"1", place)
+                second.sendto(b"2", place)
+                await eventually(lambda n=n: account.counters["packets of a second robot"] == n)
+            assert taken == [b"1"] * 5
+            await eventually(lambda: second.sendto(b"2", place) and b"2" in taken, "the second one alone")
+
+
+async def test_data_that_are_not_egm_are_told():
+    port = free_port()
+    arm = driver({"host": "127.0.0.1", "bind": "127.0.0.1", "egm_port": port}, web=[], timeout="300 ms")
+    with unblocking() as other:
+        run = asyncio.create_task(arm.run())
+        await is_taken(port)
+        other.sendto(b"hello", ("127.0.0.1", port))
+        with pytest.raises(ConnectError, match=r"no EGM packet .*, but other data from it: 5 bytes that are not EGM"):
+            await run
 
 
 async def test_a_controller_with_another_sample_rate_than_the_settings_is_not_too_slow():

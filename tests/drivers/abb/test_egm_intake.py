@@ -17,9 +17,9 @@ START = 1_700_000_000.0
 
 
 class Rig:
-    def __init__(self, *groups):
+    def __init__(self, *groups, axes=6):
         self.inlet = CollectingInlet()
-        found = columns(groups or ("joints",), 6, ())
+        found = columns(groups or ("joints",), axes, ())
         self.intake = Intake(self.inlet, Stream("egm", found.channels, 250.0, "device"), found, lambda: None)
         self.robot = EmulatedRobot(STILL, 7, 6, 0.004)
 
@@ -45,6 +45,17 @@ def test_gaps_duplicates_and_late_ones(rig):
     rig.take(1, 2, 5, 5, 4, 6)
     assert rig.count == (6, 4, {"gap": 2}, {"duplicates": 1, "late packets": 1})
     assert rig.inlet.resets == []
+
+
+def test_axes_that_the_settings_leave_out_are_told_once():
+    rig = Rig(axes=4)
+    rig.take(1, 2)
+    rig.intake.opened()
+    rig.take(3)
+    told = (
+        "the controller sends 6 joints and 0 external axes, 'axes' and 'external' name 4 and 0: the others are left out"
+    )
+    assert rig.inlet.texts() == [told]
 
 
 def test_a_packet_without_any_of_the_values_is_missing():

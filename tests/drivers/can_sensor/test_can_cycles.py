@@ -28,6 +28,26 @@ def test_every_loss_is_known_soon_after(counts_to, gap):
     assert sum(found) == gap
 
 
+@pytest.mark.parametrize(("stated", "counts"), [(15, [13, 14, 0, 3]), (4, [14, 15, 0, 3])])
+def test_a_counter_restarts_at_its_stated_range_unless_it_exceeds_it(stated, counts):
+    """As AUTOSAR's, of 0 to 14 in 4 bits; a stated range may be wrong."""
+    cycle = Cycle(PERIOD, 16, stated)
+    assert [cycle.lost(n * PERIOD, count) for n, count in zip((0, 1, 2, 5), counts, strict=True)] == [0, 0, 0, 2]
+
+
+@pytest.mark.parametrize("period", [2 * PERIOD, 0.0])
+def test_a_counter_of_all_pages_tells_what_this_page_lost(period):
+    cycle, found = Cycle(period, 256, shared=True), []
+    for n in range(250, 300):
+        if n in (260, 271):  # one of this page, one of the other
+            continue
+        if n % 2:
+            cycle.others += 1
+        else:
+            found.append(cycle.lost(n * PERIOD, n % 256))
+    assert sum(found) == (1 if period else 2)
+
+
 def test_a_frame_that_comes_twice():
     assert losses(16, [5, 5, 6], [0.0, 0.0001, 0.02]) == [0, DUPLICATE, 0]
 

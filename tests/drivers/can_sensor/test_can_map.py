@@ -46,7 +46,7 @@ def test_a_unit_is_read_in_any_encoding(folder, encoding):
 def test_the_worked_frame_of_an_ivt_s():
     _, decodings = load_decodings("ivt_s", None)
     current = decodings["current"]
-    assert (current.message.frame_id, current.counts_to) == (0x521, 16)
+    assert (current.message.frame_id, current.counter) == (0x521, (16, 16, False))
     found = current.decode(bytes.fromhex("00 45 FF FE 1D C0"))
     assert found["I"] * current.factors[0] == pytest.approx(-123.456)  # -123 456 mA
     assert (found["I_Counter"], found["I_Measurement_Error"], found["I_Channel_Error"]) == (5, 1, 0)

@@ -104,6 +104,14 @@ def test_a_reset_that_is_taken_back_late_is_undone(zeros):
     assert max(c.value for c in found if c.value == c.value) <= truth[-1] + 1e-9
 
 
+@pytest.mark.parametrize("rises", [0, N])
+def test_a_value_that_falls_steadily_is_told_once(rises):
+    """As import less export."""
+    found = taken(rising(n=rises) + [13423.0 - 0.001 * n for n in range(700)])
+    assert changes(found) == ["held"]
+    assert 60 / PERIOD <= [c.change for c in found].index("held") - rises <= 60 / PERIOD + 2
+
+
 def test_load_that_begins_at_once_is_believed_soon():
     found = taken(rising(step=1e-5) + rising(13423.8, step=0.01))
     assert changes(found) == []

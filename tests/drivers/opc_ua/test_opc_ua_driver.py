@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from datetime import UTC, datetime
 from pathlib import Path
@@ -26,6 +27,7 @@ from cellwatt_drivers.opc_ua.emulator import OpcUaEmulator
 from cellwatt_drivers.opc_ua.nodes import misplaced
 from cellwatt_drivers.opc_ua.session import Session, open_session
 from cellwatt_drivers.opc_ua.tag_map import Tag
+from tests.patience import eventually
 
 from ..running import Steady, served
 from .rig import PLC, TAGS, certificate, driver, emulated, running, settings
@@ -307,15 +309,30 @@ async def test_a_server_that_takes_one_node_at_once_is_read_node_by_node(monkeyp
     assert not run.failures
 
 
-async def test_nodes_that_were_removed_are_subscribed_again():
-    async with emulated() as (emulator, place), running(place) as run:
+@pytest.mark.parametrize("how", ["told", "untold", "unpublished"])
+async def test_nodes_that_were_removed_or_are_no_longer_published_end_the_session(how):
+    """eclipse-milo/milo #393: after a download to the PLC, notifications stop."""
+    async with emulated() as (emulator, place), running(place, silence="200 ms") as run:
         await run.inlet.until(lambda o: len(o.readings) > 2)
         server: Server = emulator._server._server
         node = ua.NodeId('"DB_Arm"."current"', await server.get_namespace_index("urn:plant:plc"))
-        gone = ua.DataValue(StatusCode=ua.StatusCode(ua.StatusCodes.BadNodeIdUnknown))
-        await server.write_attribute_value(node, gone)
-        await run.inlet.until(lambda o: len(o.identities) > 1)
-    assert "the server has removed nodes (BadNodeIdUnknown)" in str(run.failures[0])
+        nodes, currents = server.iserver.aspace, itertools.count(7)
+        if how == "told":
+            gone = ua.DataValue(StatusCode=ua.StatusCode(ua.StatusCodes.BadNodeIdUnknown))
+            await server.write_attribute_value(node, gone)
+        else:
+            nodes[node].attributes[ua.AttributeIds.Value].datachange_callbacks.clear()
+        if how == "untold":
+            del nodes[node]
+
+        async def has_ended() -> bool:
+            if how == "unpublished":
+                await server.write_attribute_value(node, ua.DataValue(ua.Variant(float(next(currents)))))
+            return bool(run.failures)
+
+        await eventually(has_ended)
+    told = "no longer publishes it" if how == "unpublished" else "the server has removed nodes (BadNodeIdUnknown)"
+    assert told in str(run.failures[0])
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,7 @@
-"""The emulator with Digi's own library as its client, and what it refuses."""
+"""The emulator in virtual time, and what it refuses."""
 
 from __future__ import annotations
 
-import asyncio
-import threading
 from itertools import pairwise
 from pathlib import Path
 
@@ -11,50 +9,9 @@ import pytest
 
 from cellwatt_drivers.power_board import wire
 from cellwatt_drivers.power_board.clock import BoardClock
-from cellwatt_drivers.power_board.emulator import AHEAD, MOST_WAITING, SENDER, PowerBoardEmulator
-from cellwatt_drivers.power_board.payload import parse
+from cellwatt_drivers.power_board.emulator import AHEAD, MOST_WAITING, PowerBoardEmulator
 from tests.drivers.power_board.rig import emulated
 from tests.drivers.power_board.samples import Slope
-from tests.patience import PATIENCE
-
-
-def receive_with_digi(port: str, wanted: int) -> tuple[list[bytes], set[str], str]:
-    """Payloads, senders and the node's name as Digi's library gives them."""
-    payloads: list[bytes] = []
-    senders: set[str] = set()
-    enough = threading.Event()
-
-    def take(message) -> None:
-        payloads.append(bytes(message.data))
-        senders.add(str(message.remote_device.get_64bit_addr()))
-        if len(payloads) >= wanted:
-            enough.set()
-
-    from digi.xbee.devices import ZigBeeDevice
-
-    device = ZigBeeDevice(port, 115200)
-    device.open()
-    try:
-        device.add_data_received_callback(take)
-        assert enough.wait(PATIENCE), f"only {len(payloads)} packets"
-        return payloads, senders, device.get_node_id()
-    finally:
-        device.close()
-
-
-@pytest.mark.leaves_behind  # the library keeps a pool of threads for what it calls back
-@pytest.mark.parametrize("mode", ["api", "api_escaped"])
-async def test_digi_library_opens_it_and_receives_our_payloads(mode: str) -> None:
-    pytest.importorskip("digi.xbee", reason="digi-xbee is not installed")
-    async with emulated(mode=mode, rate="200", batch="2", phases="3") as (emulator, port):
-        payloads, senders, name = await asyncio.to_thread(receive_with_digi, port, 50)
-        packets = [parse(data) for data in payloads]
-        assert all(p is not None and p.samples == 2 and p.board == 7 for p in packets)
-        numbers = sorted(p.sequence for p in packets if p is not None)
-        assert numbers == list(range(numbers[0], numbers[0] + 2 * len(numbers), 2)), "none lost, none twice"
-        assert senders == {f"{SENDER:016X}"}
-        assert name == "CELLWATT"
-        assert emulator.counts["heard"] > 0
 
 
 @pytest.mark.parametrize(

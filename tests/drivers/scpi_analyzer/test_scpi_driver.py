@@ -9,7 +9,7 @@ from cellwatt.channel import Quality
 from cellwatt.emulation.relay import clients
 from cellwatt.errors import ConnectError, DeviceError, WrongDeviceError
 from cellwatt_drivers.scpi_analyzer import ScpiAnalyzerDriver
-from cellwatt_drivers.scpi_analyzer.emulated_analyzer import AFTER_RESET
+from cellwatt_drivers.scpi_analyzer.emulated_analyzer import AFTER_RESET, EmulatedAnalyzer
 from tests.patience import eventually
 
 from .rig import Inlet, emulated, running, settings
@@ -57,11 +57,22 @@ async def test_without_select_only_queries_leave():
     assert run.inlet.readings[0].values[0] == pytest.approx(TRUTH, rel=1e-4)
 
 
-async def test_a_list_that_lacks_a_function_is_refused():
+async def test_a_list_that_lacks_a_function_is_refused(monkeypatch):
+    monkeypatch.setattr(EmulatedAnalyzer, "_select", lambda *_: None)  # as in local mode
     async with emulated() as (_, place):
-        driver = ScpiAnalyzerDriver("supply", settings(place, select=False, functions=["P", "WH"]), Inlet())
-        with pytest.raises(DeviceError, match="lacks WH: choose them there, or set select: true"):
-            await driver.run()
+        for select, why in ((False, "choose them there, or set select: true"), (True, "is it locked or in local mode")):
+            driver = ScpiAnalyzerDriver("supply", settings(place, select=select, functions=["P", "WH"]), Inlet())
+            with pytest.raises(DeviceError, match=f"lacks WH: .*{why}"):
+                await driver.run()
+
+
+async def test_a_list_that_another_client_changes_is_told_and_set_again():
+    async with emulated() as (emulator, place), running(settings(place, error_check="1 ms")) as run:
+        await eventually(lambda: len(run.inlet.readings) >= 2)
+        emulator.analyzer.functions = DEFAULT[::-1]
+        await eventually(lambda: emulator.analyzer.functions == DEFAULT)
+    told = "the analyzer's list became LAMB, Q, S, P, IRMS, URMS: by whom was it changed?"
+    assert told in run.inlet.texts("reopened")[0]
 
 
 async def test_energy_counts_only_while_the_integrator_runs():

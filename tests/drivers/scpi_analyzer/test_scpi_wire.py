@@ -23,16 +23,19 @@ def test_the_worked_exchange():
     values = parse_values(WORKED, 6)
     assert [v.number for v in values] == [230.12, 10.5, 2410.0, 2416.2, 0.99743, 49.998]
     assert not any(v.overload for v in values)
+    assert parse_values(f"{WORKED}, ", 6) == values, "some analyzers end a list with a separator"
 
 
-@pytest.mark.parametrize("text", ["9.9E+37", "-9.9E37", "9.9e36", "-INF", "1e999", "--OL--", "-OF-"])
+@pytest.mark.parametrize(
+    "text", ["9.9E+37", "-9.9E37", "9.9e36", "-INF", "1.#INF00", "1e999", "--OL--", "-OF-", "OVLD"]
+)
 def test_overload(text):
     value = parse_value(text)
     assert math.isnan(value.number)
     assert value.overload
 
 
-@pytest.mark.parametrize("text", ["9.91E+37", "9.910000E+37", "NAN", "nan", "---", "----"])
+@pytest.mark.parametrize("text", ["9.91E+37", "9.910000E+37", "NAN", "-nan", "1.#QNAN", "---", "----"])
 def test_nothing_measured(text):
     value = parse_value(text)
     assert math.isnan(value.number)
@@ -56,6 +59,7 @@ def test_a_shifted_or_cut_answer_is_refused(count):
     [
         ('0,"No error"', (0, "No error")),
         ('+0,"No error"', (0, "No error")),
+        ("0", (0, "")),
         ('-113,"Undefined header"', (-113, "Undefined header")),
         ("-222, Data out of range", (-222, "Data out of range")),
         ('-350,"Queue overflow"\r', (-350, "Queue overflow")),

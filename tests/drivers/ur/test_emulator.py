@@ -85,16 +85,6 @@ def recording(n: int = 40, step: float = 0.004, loop: bool = False) -> RecordedS
     return RecordedSignals(time, columns, loop)
 
 
-async def test_the_worked_conversation():
-    async with serving(polyscope="5.12.0.1101319") as (_, connect):
-        peer = await connect()
-        assert (await peer.ask(ASK_VERSION)).hex() == "00045601"
-        assert (await peer.ask(bytes.fromhex("000376"))).hex() == "001376000000050000000c000000000010ce07"
-        assert (await peer.ask(OUTPUTS)).hex() == "00194f01444f55424c452c564543544f5236442c494e543332"
-        assert (await peer.ask(bytes.fromhex("000353"))).hex() == "00045301"
-        assert (await peer.frame())[:4].hex() == "00405501"
-
-
 @pytest.mark.parametrize(("polyscope", "rate", "step"), [("5.12.0", 500, 2), ("5.12.0", 100, 10), ("3.15.0", 125, 8)])
 async def test_packages_keep_the_grid_of_the_controller(polyscope, rate, step):
     async with serving(polyscope=polyscope) as (emulator, connect):

@@ -5,8 +5,9 @@ import asyncio
 import numpy as np
 import pytest
 
-from cellwatt.errors import DeviceError, WrongDeviceError
+from cellwatt.errors import DeviceError, ProtocolError, WrongDeviceError
 from cellwatt_drivers.yaskawa import YaskawaDriver, wire
+from cellwatt_drivers.yaskawa.emulated_robot import EmulatedRobot
 from cellwatt_drivers.yaskawa.payload import Alarm, encode_axes
 from cellwatt_drivers.yaskawa.robotstate import TorqueWatch
 from tests.patience import eventually
@@ -21,6 +22,16 @@ async def test_counts_become_radians_and_newton_metres():
     half_pulse = np.radians(0.5 / np.abs(PULSES))
     assert np.all(np.abs(inlet.of("position")[0].values[0] - ANGLES) <= half_pulse)
     assert inlet.of("torque")[0].values[0] == pytest.approx(TORQUES)
+
+
+async def test_answers_with_fewer_axes_are_read_or_told_at_the_start(monkeypatch):
+    for name in ("pulses", "torques"):
+        monkeypatch.setattr(EmulatedRobot, name, lambda *_: (1000,) * 4)
+    few = {"axes": 4, "pulses_per_degree": PULSES[:4], "rated_torque": None}
+    async with emulated() as (_, port), running(settings(port, **few)) as (_, inlet, _):
+        await eventually(lambda: inlet.of("torque") and inlet.of("position"))
+        with pytest.raises(ProtocolError, match=rf":{port}, position: the controller gives 4 axes, the settings say 6"):
+            await YaskawaDriver("arm", settings(port), Inlet()).identify()
 
 
 async def test_state_channels_and_identity():

@@ -50,7 +50,6 @@ def reading_is_whole(reading: Reading, streams: Sequence[object]) -> None:
     shape, wanted = reading.values.shape, (n, len(reading.stream.channels))
     require(n > 0 and shape == wanted, f"{name}: values have the shape {shape}, expected (n, channels) = {wanted}")
     require(reading.values.dtype == np.float64, f"{name}: values are {reading.values.dtype}, expected float64")
-    require(not np.isinf(reading.values).any(), f"{name}: infinite values; write NaN for absent values")
     quality = reading.quality
     if quality is not None:
         good = quality.shape == (n,) and quality.dtype == np.uint8 and int(quality.max()) <= max(Quality)
