@@ -17,6 +17,7 @@ from cellwatt.scheduler import spread
 from cellwatt_plugins.explain.input.alignment import LATE, SAME, delay
 from cellwatt_plugins.explain.input.driven import driven
 from cellwatt_plugins.explain.input.factors import joints_text
+from cellwatt_plugins.explain.input.grid import with_sides
 from cellwatt_plugins.explain.input.moved import moved
 from cellwatt_plugins.explain.input.run import Run, Simulated
 from cellwatt_plugins.explain.input.signals import Signals, motor_torque, read_signals
@@ -94,7 +95,7 @@ def _prepared(entry: tuple[Source, Signals], known: tuple[RobotDescription, Floa
             temperature=signals.joints.get("temperature"),
             command=signals.joints.get("command"),
             exact_times=signals.exact_times,
-            gaps=signals.gaps,
+            gaps=with_sides(signals.gaps, signals.step),
             averaged=signals.averaged,
             torque_from="current" if "current" in signals.joints and "torque" not in signals.joints else "torque",
             notes=signals.notes,

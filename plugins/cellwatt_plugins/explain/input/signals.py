@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -33,6 +33,10 @@ PAUSE, SHORT = 10.0, 2.0
 """s without a sample at which a recording is divided, and s of its shortest part that is used."""
 FOLLOWS = 0.3
 """Standard deviation of control minus position, as a share of the position's, up to which controls are positions."""
+
+
+LEAP = 10.0
+"""rad/s (m/s) that no joint has in the row after a rest."""
 
 
 @dataclass(frozen=True)
@@ -168,7 +172,8 @@ def read_signals(path: Path, robot: RobotDescription) -> Signals:
     columns = {name: column for q in joints for name, column in zip(names[q], joints[q].T, strict=True) if name}
     columns |= {} if power is None else {POWER: power}
     # Rows without the position of any joint are removed, which turns them into holes in time.
-    recorded = np.isfinite(joints[positions]).any(axis=1)
+    held = _held(time, [joints[q] for q in (positions, "velocity", *LOSSY) if q in joints])
+    recorded = np.isfinite(joints[positions]).any(axis=1) & ~held
     columns = {name: column[recorded] for name, column in columns.items()}
     of: dict[str, Kind] = {positions: "position", **dict.fromkeys(LOSSY, "lossy"), **WHOLE}
     kinds: dict[str, Kind] = {POWER: "power", **{n: kind for q, kind in of.items() for n in names.get(q, ())}}
@@ -183,7 +188,7 @@ def read_signals(path: Path, robot: RobotDescription) -> Signals:
         power=grid.columns.get(POWER),
         gaps=grid.gaps,
         exact_times=grid.exact_times,
-        notes=(*_turned(path.name, table, names), *grid.notes),
+        notes=(*_turned(path.name, table, names), *_unread(path.name, time[held]), *grid.notes),
         columns=table.names,
         hint="" if {"torque", "current", "control", "command"} & joints.keys() else hint(table),
     )
@@ -234,6 +239,32 @@ def _turned(place: str, table: Table, names: Mapping[str, tuple[str, ...]]) -> I
     if found:
         times = ", ".join(f"{name} ({count} times)" for name, count in found.items())
         yield f"{place}: angles modulo a turn, unwrapped by whole turns: {times}"
+
+
+def _held(time: Float, state: Sequence[Float]) -> Bool:
+    """True (N,) at rows that only repeat a row, if positions leap at either end: nothing was read there.
+
+    ``state``: positions and what else was measured, (N, n) each. Programs log the last values, or 0, until they receive
+    others.
+    """
+    every = np.column_stack(state)
+    same = np.append(False, np.all(every[1:] == every[:-1], axis=1))
+    way = np.abs(np.diff(state[0], axis=0)) - LEAP * np.abs(np.diff(time))[:, None]
+    leaps = np.append(False, np.any(way > 0, axis=1))
+    held = np.zeros(len(time), np.bool_)
+    for first, end in stretches(same):
+        entered = first == 1 or leaps[first - 1]
+        if leaps[first - 1] or leaps[min(end, len(time) - 1)]:
+            held[first - entered : end] = True
+    return held
+
+
+def _unread(place: str, time: Float) -> Iterator[str]:
+    if len(time):
+        yield (
+            f"{place}: {len(time)} rows repeat one row up to a leap of the positions, first at t = {time[0]:.3f} s: "
+            "nothing was read there. They are left out"
+        )
 
 
 def motor_torque(signals: Signals, robot: RobotDescription) -> Float:
