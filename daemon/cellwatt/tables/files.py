@@ -253,10 +253,10 @@ def _counted(names: Sequence[str]) -> list[str]:
 
 def _timed(table: Table) -> Table:
     """The rows that have a time, the earliest first. A table without times is returned unchanged."""
-    if table.clock is None or table.clock not in table.columns:
+    if (clock := table.clock) is None or clock not in table.columns:
         return table
-    table = _without(table, ~np.isfinite(table.columns[table.clock]), "have no time")
-    time = table.columns[table.clock]
+    table = _without(table, ~np.isfinite(table.columns[clock]), "have no time")
+    time = table.columns[clock]
     if len(time) < 2 or not time[-1] < time[0] or np.any(np.diff(time) > 0):
         return table
     log.warning("%s: its times fall from row to row: it is read from the last row to the first", table.path)

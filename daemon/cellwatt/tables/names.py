@@ -30,7 +30,7 @@ JOINT: Final[Mapping[str, tuple[str, ...]]] = {
         "velocity": "qd actual_qd velocity qvel joint_vel joint_velocity joint_velocities dof_vel dq jointvelocity "
         "measured_velocity actual_velocity theta_dot qdot",
         "acceleration": "qdd acceleration qacc joint_acc joint_accelerations ddq",
-        "torque": "tau torque actual_current_as_torque qfrc_actuator actuator_force applied_torque effort joint_torque "
+        "torque": "tau torque actual_current_as_torque qfrc_actuator applied_torque effort joint_torque "
         "joint_torques joint_effort joint_efforts measured_effort dof_torque dof_force tau_j jointtorque "
         "measured_torque actual_torque appliedjointmotortorque",
         "torque_ratio": "torque_percent torque_ratio",
@@ -40,6 +40,7 @@ JOINT: Final[Mapping[str, tuple[str, ...]]] = {
         "target_velocity": "target_qd target_velocity dq_d",
         "target_acceleration": "target_qdd target_acceleration",
         "command": "command joint_pos_target",
+        "actuator_force": "actuator_force",
         "control": "ctrl",
         "came_from": "q_from came_from",
     }.items()
@@ -68,11 +69,12 @@ _ACCELERATION: Final = {
     "°/s^2": _DEGREE,
     **{f"{name}/s^2": Unit(f"{name}/s^2", unit.factor) for name, unit in _LENGTH.items()},
 }
+_EFFORT: Final = {**TABLE["torque"], **TABLE["force"]}
 _UNITS: Final[Mapping[str, Mapping[str, Unit]]] = {
     **dict.fromkeys(("position", "target_position", "command", "came_from"), _POSITION),
     **dict.fromkeys(("velocity", "target_velocity"), _VELOCITY),
     **dict.fromkeys(("acceleration", "target_acceleration"), _ACCELERATION),
-    "torque": {**TABLE["torque"], **TABLE["force"]},
+    **dict.fromkeys(("torque", "actuator_force"), _EFFORT),
     "torque_ratio": {"1": _ONE, "%": _PERCENT, "percent": _PERCENT},
     "current": TABLE["current"],
     "temperature": {
@@ -278,5 +280,7 @@ def _named(text: str, unit: str | None) -> Name | None:
         return None
     stem = match["stem"]
     unit = unit or ("%" if stem == "torque_percent" else None)
+    if unit in ("%", "percent") and stem in JOINT["torque"]:
+        return Name("torque_ratio", family, int(number), unit, stem=stem)
     found = (quantity for quantity, stems in JOINT.items() if stem in stems)
     return next((Name(each, family, int(number), unit, stem=stem) for each in found), None)

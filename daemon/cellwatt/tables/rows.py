@@ -22,6 +22,8 @@ NUMBER: Final = re.compile(
     r"[-+\u2212]?(?=[.,]?\d)[\d.,'’\xa0\u202f]*(e[+-]?\d+)?|nan|\d+[-./:][-\d./:T ,]*Z?", re.IGNORECASE
 )
 """A number, a date or a time, which is not a name."""
+_BEGUN: Final = re.compile(r"[-+](?:[.,]?)|[-+]?(?=[.,]?\d)[\d.,]*e[-+]?", re.IGNORECASE)
+"""The beginning of a number."""
 _DECIMAL: Final = re.compile(r"\d[.,]\d")
 _BLANK: Final = ' \t\xa0,;|"'
 _OPENED: Final = re.compile(r'(?:^|[,;\t|])\s*"(?:[^"]|"")*$')
@@ -71,10 +73,7 @@ def rows_of(text: str) -> Rows:
     numbers, records, torn = [numbers[i] for i in kept], [records[i] for i in kept], 0
     if records and not text.endswith("\n"):
         last = cells_in(records[-1], separator)
-        before = cells_in(records[-2], separator) if len(records) > 1 else []
-        words = [cell for cell, above in zip(last, before, strict=False) if cell and NUMBER.fullmatch(above)]
-        cut = bool(words) and len(last) == len(names) and words[-1] == last[-1] and not NUMBER.fullmatch(last[-1])
-        if cut or (len(last) < len(names) and not _fits(last, names)):
+        if _BEGUN.fullmatch(last[-1]) or (len(last) < len(names) and not _fits(last, names)):
             torn, numbers, records = numbers[-1], numbers[:-1], records[:-1]
     fitted = [_fitted(record, number, names, separator) for number, record in zip(numbers, records, strict=True)]
     return Rows(separator, tuple(names), tuple(fitted), tuple(numbers), torn)

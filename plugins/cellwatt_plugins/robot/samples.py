@@ -11,7 +11,7 @@ from cellwatt.errors import ConfigError
 from cellwatt.tables import Table
 from cellwatt_plugins.robot.description import RobotDescription
 
-EFFORTS: Final = {"torque": "", "torque_ratio": "rated_torque", "current": "torque_constant"}
+EFFORTS: Final = {"torque": "", "actuator_force": "", "torque_ratio": "rated_torque", "current": "torque_constant"}
 """Quantities that give a joint's torque, the best first, and the key of the description that each is multiplied by."""
 
 NO_TORQUE: Final = 0.02

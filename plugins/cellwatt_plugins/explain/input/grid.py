@@ -280,5 +280,5 @@ def _holes(time: Float, grid: Float) -> Bool:
 def with_sides(gaps: Bool, step: float) -> Bool:
     """``gaps`` (N,), one sample every ``step`` s, with the samples beside the long ones; see ``BESIDE``."""
     rows = max(1, round(BESIDE / step))
-    sides: Bool = binary_dilation(binary_opening(gaps, np.ones(rows)), np.ones(2 * rows + 1))
+    sides: Bool = binary_dilation(binary_opening(gaps, np.ones(rows, np.bool_)), np.ones(2 * rows + 1, np.bool_))
     return gaps | sides

@@ -13,16 +13,20 @@ from cellwatt.errors import ConfigError, RecordingError
 from cellwatt.tables import Table, listed, read_table, usual
 from cellwatt.tables.likely import hint
 from cellwatt_plugins.explain.input.grid import EVEN, Kind, even
+from cellwatt_plugins.explain.simulators.mujoco import Actuators
 from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.meter.held import held, onto
 from cellwatt_plugins.robot.motion import slope
+from cellwatt_plugins.robot.samples import EFFORTS
 from cellwatt_plugins.robot.simulated import joints_in
 from cellwatt_plugins.robot.stretches import stretches
 
-OPTIONAL = ("velocity", "acceleration", "torque", "current", "temperature", "command", "control")
-"""Quantities that count as not recorded if all their columns are empty."""
-LOSSY = ("torque", "current")
+LOSSY = ("torque", "torque_ratio", "current")
 """Quantities that may lack joints or samples of joints; missing values are NaN."""
+BY_ACTUATOR = ("actuator_force", "control")
+"""Quantities of a simulator's actuators, whose number and order may differ from those of the joints."""
+OPTIONAL = ("velocity", "acceleration", *LOSSY, "temperature", "command", *BY_ACTUATOR)
+"""Quantities that count as not recorded if all their columns are empty."""
 WHOLE: Mapping[str, Kind] = {"temperature": "slow", "velocity": "spare", "acceleration": "spare"}
 """Quantities that are not used if a column lacks many values: two of them can be derived."""
 NEEDED = ("position", "target_position", "target_velocity", "target_acceleration")
@@ -41,7 +45,7 @@ LEAP = 10.0
 
 @dataclass(frozen=True)
 class Signals:
-    """Content of one file: N samples, evenly spaced, (N, n) by quantity."""
+    """Content of one file: N samples, evenly spaced, (N, n) by quantity; ``BY_ACTUATOR``: one column each, or n."""
 
     place: str
     """Name of the file in messages."""
@@ -77,24 +81,36 @@ class Signals:
             f"{self.place}: no {quantities[0]}: expected {names}; there are: {listed(self.columns)}{self.hint}"
         )
 
-    def with_controls(self, gains: Float | None) -> Signals:
-        """Convert a simulator's controls to torques, by ``gains`` (n,) Nm per unit; to commands where a gain is NaN.
+    def with_controls(self, drives: Actuators | None) -> Signals:
+        """Convert forces and controls of a simulator's ``drives`` to torques, controls of other drives to commands.
 
-        Without gains, controls are commands at joints whose positions follow them, otherwise torques. Torques, currents
-        and commands that the file already has are not replaced.
+        Without drives, controls are commands at joints whose positions follow them, otherwise torques. Torques,
+        currents and commands that the file already has are not replaced.
         """
-        if "control" not in self.joints:
-            return self
-        control = self.joints["control"]
-        if gains is None:
-            gains = np.where(self._followed(control), np.nan, 1.0)
-        motors = np.isfinite(gains)
-        found = dict(self.joints)
-        if motors.any() and "current" not in found:
-            found.setdefault("torque", control * gains)
-        if not motors.all():
-            found.setdefault("command", np.where(motors, np.nan, control))
+        found = {quantity: values for quantity, values in self.joints.items() if quantity not in BY_ACTUATOR}
+        if "actuator_force" in self.joints:
+            gears = 1.0 if drives is None else drives.gears
+            found.setdefault("torque", self._at_joints("actuator_force", drives) * gears)
+        if "control" in self.joints:
+            control = self._at_joints("control", drives)
+            gains = np.where(self._followed(control), np.nan, 1.0) if drives is None else drives.gains
+            motors = np.isfinite(gains)
+            if motors.any() and "current" not in found:
+                found.setdefault("torque", control * gains)
+            if not motors.all():
+                found.setdefault("command", np.where(motors, np.nan, control))
         return replace(self, joints=found)
+
+    def _at_joints(self, quantity: str, drives: Actuators | None) -> Float:
+        """Values (N, n) of the actuators of the joints, NaN where a joint has none. Raises ``RecordingError``."""
+        values, joints = self.joints[quantity], self.needed("position", "target_position").shape[1]
+        if drives is not None and values.shape[1] == drives.count:
+            return np.where(drives.numbers < 0, np.nan, values[:, drives.numbers])
+        if values.shape[1] != joints:
+            there = "" if drives is None else f" and {drives.count} actuators"
+            columns = f"{values.shape[1]} columns {usual(quantity, 0)}, …"
+            raise RecordingError(f"{self.place}: {columns}, but the robot has {joints} joints{there}")
+        return values
 
     def _followed(self, control: Float) -> Bool:
         """True (n,) where the positions follow the controls."""
@@ -190,7 +206,7 @@ def read_signals(path: Path, robot: RobotDescription) -> Signals:
         exact_times=grid.exact_times,
         notes=(*_turned(path.name, table, names), *_unread(path.name, time[held]), *grid.notes),
         columns=table.names,
-        hint="" if {"torque", "current", "control", "command"} & joints.keys() else hint(table),
+        hint="" if {*LOSSY, *BY_ACTUATOR, "command"} & joints.keys() else hint(table),
     )
 
 
@@ -208,6 +224,9 @@ def _joints(table: Table, robot: RobotDescription) -> tuple[dict[str, tuple[str,
         own = table.some_joint_names(quantity, expected, "position") if lossy else table.joint_names(quantity)
         found = [np.full(len(table), np.nan) if (one := table.channel(name)) is None else one for name in own]
         if not found or (quantity in OPTIONAL and not np.isfinite(found).any()):
+            continue
+        if quantity in BY_ACTUATOR:
+            names[quantity], joints[quantity] = own, np.column_stack(found)
             continue
         if has_gripper:
             own, found = own[:expected], found[:expected]
@@ -268,23 +287,23 @@ def _unread(place: str, time: Float) -> Iterator[str]:
 
 
 def motor_torque(signals: Signals, robot: RobotDescription) -> Float:
-    """Torque (N, n) Nm as recorded, or current times torque constant; NaN where a joint's value is missing.
+    """Torque (N, n) Nm as recorded, or of ``EFFORTS``; NaN where a joint's value is missing.
 
-    All values are NaN if only commands were recorded. Raises ``RecordingError`` if torque, current and command are all
-    missing, and ``ConfigError`` if a torque constant is unknown.
+    All values are NaN if only commands were recorded. Raises ``RecordingError`` if efforts and command are all missing,
+    and ``ConfigError`` if a number of the description that converts them is unknown.
     """
-    if not {"torque", "current"} & signals.joints.keys() and "command" in signals.joints:
+    quantity = next((quantity for quantity in EFFORTS if quantity in signals.joints), "torque")
+    if quantity not in signals.joints and "command" in signals.joints:
         return np.full_like(signals.joints["command"], np.nan)
-    if "torque" in signals.joints or "current" not in signals.joints:
-        return signals.needed("torque", "current")
-    currents, constants = signals.joints["current"], robot.column("torque_constant")
-    recorded = np.flatnonzero(np.isfinite(currents).any(axis=0) & (constants == 0)).tolist()
+    values, key = signals.needed(quantity, "current"), EFFORTS[quantity]
+    factors = robot.column(key) if key else np.ones(len(robot.joints))
+    recorded = np.flatnonzero(np.isfinite(values).any(axis=0) & (factors == 0)).tolist()
     if unknown := [robot.joints[i].name for i in recorded]:
         raise ConfigError(
-            f"{signals.place} has currents, no torques, and the torque_constant of {listed(unknown)} is 0: "
-            "write it into the robot's description, in Nm/A at the joint side"
+            f"{signals.place} has no torques, and the {key} of {listed(unknown)}, which its {quantity} needs, is 0: "
+            "write it into the robot's description, at the joint side"
         )
-    return np.asarray(currents * constants)
+    return np.asarray(values * factors)
 
 
 def _family(quantity: str) -> str:

@@ -139,6 +139,17 @@ def test_currents_need_torque_constants(tmp_path):
     assert "torque_constant of axis_1, axis_2" in message
 
 
+@pytest.mark.parametrize("name", ["torque_percent_{}", "tau_{} [%]"])
+def test_shares_of_the_rated_torque_are_torques(tmp_path, arm, name):
+    rated = [joint.model_copy(update={"rated_torque": 50.0}) for joint in arm.description.joints]
+    robot = arm.description.model_copy(update={"joints": tuple(rated)})
+    columns = recording(times())
+    for i in range(JOINTS):
+        columns[name.format(i + 1)] = columns.pop(f"tau_{i + 1}") / 0.5
+    (run,) = read_runs([parquet(tmp_path / "a.parquet", columns)], [], robot)
+    np.testing.assert_allclose(run.torque, motion(times())[3])
+
+
 def test_uneven_times_are_brought_onto_an_even_grid(tmp_path, arm):
     random = np.random.default_rng(4)
     t = times() + random.uniform(-0.3, 0.3, len(times())) / RATE
