@@ -41,7 +41,7 @@ JITTER = 0.01
 JERKED = 1.0
 """rad/s at which a position may deviate from its neighbours: in slow recordings a short move is a single row."""
 DENSE = 0.02
-"""Longest step between rows, s, at which a torque of one or two rows is no move of the arm."""
+"""Longest step between rows, s, at which a torque or velocity of one or two rows is no move of the arm."""
 BESIDE = 0.15
 """s on each side of a hole of that length or more in which the smoothed motion depends on what was filled in."""
 
@@ -76,9 +76,9 @@ def even(
     Holes in time and single missing values are filled in and marked as gaps, unless the column's kind is one of these:
     ``slow`` columns change over minutes: missing values are filled in without a mark, and a column without any value is
     omitted. If more than a few values are missing, ``lossy`` columns stay NaN there, and ``spare`` columns and the
-    ``power`` are omitted. The power of a slow meter is held. Glitches of a ``position`` or ``lossy`` column count as
-    missing, rows that repeat all positions are left out, and stamps corrected by them. Raises ``RecordingError`` if too
-    much is missing, or if the time does not rise or jumps.
+    ``power`` are omitted. The power of a slow meter is held. Glitches of ``position``, ``lossy`` and ``spare`` columns
+    count as missing, rows that repeat all positions are left out, and stamps corrected by them. Raises
+    ``RecordingError`` if too much is missing, or if the time does not rise or jumps.
     """
     positions = [name for name in columns if kinds.get(name) == "position"]
     valid, notes = _rising(place, time, rows)
@@ -116,7 +116,7 @@ def _filled(
     filled, bad = dict[str, Float](), np.zeros(len(time), np.bool_)
     for name, values in columns.items():
         kind, wrong = kinds.get(name), ~(np.abs(values) < ABSURD)
-        if kind in ("position", "lossy") and not wrong.all():
+        if kind in ("position", "lossy", "spare") and not wrong.all():
             wrong |= _glitches(time, np.where(wrong, np.nan, values), kind)
         if kind == "lossy" and not _few(time, wrong):
             filled[name] = np.where(wrong, np.nan, values)
@@ -194,13 +194,13 @@ def _in_seconds(place: str, time: Float) -> None:
 def _glitches(time: Float, values: Float, kind: Kind) -> Bool:
     """True (R,) at single or paired values that no motion reaches, judged by the median of five.
 
-    A torque must also exceed all torques that last longer.
+    A torque or velocity must also exceed all those that last longer.
     """
     clean = np.interp(np.arange(len(values)), np.flatnonzero(~np.isnan(values)), values[~np.isnan(values)])
     middle = median_filter(clean, 5, mode="mirror")
     step, largest = float(np.median(np.diff(time))), float(np.max(np.abs(np.diff(middle))))
     least = max(JITTER, JERKED * step)
-    if kind == "lossy":
+    if kind != "position":
         least = float(np.max(np.abs(middle))) if largest and step <= DENSE else np.inf
     wild: Bool = np.isnan(values) | (np.abs(clean - middle) > max(GLITCH * largest, least))
     return wild

@@ -9,15 +9,16 @@ from pathlib import Path
 import numpy as np
 
 from cellwatt.arrays import Bool, Float, rows_of
-from cellwatt.errors import ConfigError, RecordingError
+from cellwatt.errors import RecordingError
 from cellwatt.tables import Table, listed, read_table, usual
 from cellwatt.tables.likely import hint
+from cellwatt_plugins.explain.input.factors import MOVES
 from cellwatt_plugins.explain.input.grid import EVEN, Kind, even
 from cellwatt_plugins.explain.simulators.mujoco import Actuators
 from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.meter.held import held, onto
 from cellwatt_plugins.robot.motion import slope
-from cellwatt_plugins.robot.samples import EFFORTS
+from cellwatt_plugins.robot.samples import EFFORTS, in_torques
 from cellwatt_plugins.robot.simulated import joints_in
 from cellwatt_plugins.robot.stretches import stretches
 
@@ -41,6 +42,8 @@ FOLLOWS = 0.3
 
 LEAP = 10.0
 """rad/s (m/s) that no joint has in the row after a rest."""
+HELD = 0.25
+"""Time, s, over which the torques of moving joints cannot all stay at one value."""
 
 
 @dataclass(frozen=True)
@@ -185,10 +188,13 @@ def read_signals(path: Path, robot: RobotDescription) -> Signals:
     if positions is None:
         wanted = f"{_family('position')} or {_family('target_position')}"
         raise RecordingError(f"{path}: no position: expected {wanted}; {table.there()}{hint(table)}")
+    torques = [joints[q] for q in LOSSY if q in joints]
+    unread = _unread(joints[positions], time, torques)
+    joints |= {q: np.where(unread[:, None], np.nan, joints[q]) for q in LOSSY if q in joints}
     columns = {name: column for q in joints for name, column in zip(names[q], joints[q].T, strict=True) if name}
     columns |= {} if power is None else {POWER: power}
     # Rows without the position of any joint are removed, which turns them into holes in time.
-    held = _held(time, [joints[q] for q in (positions, "velocity", *LOSSY) if q in joints])
+    held = _held(time, [joints[q] for q in (positions, "velocity") if q in joints] + torques)
     recorded = np.isfinite(joints[positions]).any(axis=1) & ~held
     columns = {name: column[recorded] for name, column in columns.items()}
     of: dict[str, Kind] = {positions: "position", **dict.fromkeys(LOSSY, "lossy"), **WHOLE}
@@ -204,7 +210,7 @@ def read_signals(path: Path, robot: RobotDescription) -> Signals:
         power=grid.columns.get(POWER),
         gaps=grid.gaps,
         exact_times=grid.exact_times,
-        notes=(*_turned(path.name, table, names), *_unread(path.name, time[held]), *grid.notes),
+        notes=(*_turned(path.name, table, names), *_not_read(path.name, time[held], time[unread]), *grid.notes),
         columns=table.names,
         hint="" if {*LOSSY, *BY_ACTUATOR, "command"} & joints.keys() else hint(table),
     )
@@ -266,23 +272,41 @@ def _held(time: Float, state: Sequence[Float]) -> Bool:
     ``state``: positions and what else was measured, (N, n) each. Programs log the last values, or 0, until they receive
     others.
     """
-    every = np.column_stack(state)
-    same = np.append(False, np.all(every[1:] == every[:-1], axis=1))
     way = np.abs(np.diff(state[0], axis=0)) - LEAP * np.abs(np.diff(time))[:, None]
     leaps = np.append(False, np.any(way > 0, axis=1))
     held = np.zeros(len(time), np.bool_)
-    for first, end in stretches(same):
-        entered = first == 1 or leaps[first - 1]
-        if leaps[first - 1] or leaps[min(end, len(time) - 1)]:
-            held[first - entered : end] = True
+    for first, end in _repeated(state):
+        if leaps[first] or leaps[min(end, len(time) - 1)]:
+            held[first + (first > 0 and not leaps[first]) : end] = True
     return held
 
 
-def _unread(place: str, time: Float) -> Iterator[str]:
-    if len(time):
+def _unread(position: Float, time: Float, torques: Sequence[Float]) -> Bool:
+    """True (N,) where the torques of all joints stay at one value for ``HELD`` s although several joints move."""
+    unread = np.zeros(len(time), np.bool_)
+    for first, end in _repeated(torques) if torques else ():
+        several = np.count_nonzero(np.ptp(position[first:end], axis=0) > MOVES) > 1
+        unread[first:end] = several and time[end - 1] - time[first] > HELD
+    return unread
+
+
+def _repeated(state: Sequence[Float]) -> Iterator[tuple[int, int]]:
+    """First and one past the last row of each stretch of equal rows, (N, n) each."""
+    every = np.nan_to_num(np.column_stack(state))
+    for first, end in stretches(np.append(False, np.all(every[1:] == every[:-1], axis=1))):
+        yield first - 1, end
+
+
+def _not_read(place: str, held: Float, unread: Float) -> Iterator[str]:
+    if len(held):
         yield (
-            f"{place}: {len(time)} rows repeat one row up to a leap of the positions, first at t = {time[0]:.3f} s: "
+            f"{place}: {len(held)} rows repeat one row up to a leap of the positions, first at t = {held[0]:.3f} s: "
             "nothing was read there. They are left out"
+        )
+    if len(unread):
+        yield (
+            f"{place}: {len(unread)} rows have the same torques while joints move, first at t = {unread[0]:.3f} s: "
+            "no torque was read there, and none is used"
         )
 
 
@@ -295,15 +319,7 @@ def motor_torque(signals: Signals, robot: RobotDescription) -> Float:
     quantity = next((quantity for quantity in EFFORTS if quantity in signals.joints), "torque")
     if quantity not in signals.joints and "command" in signals.joints:
         return np.full_like(signals.joints["command"], np.nan)
-    values, key = signals.needed(quantity, "current"), EFFORTS[quantity]
-    factors = robot.column(key) if key else np.ones(len(robot.joints))
-    recorded = np.flatnonzero(np.isfinite(values).any(axis=0) & (factors == 0)).tolist()
-    if unknown := [robot.joints[i].name for i in recorded]:
-        raise ConfigError(
-            f"{signals.place} has no torques, and the {key} of {listed(unknown)}, which its {quantity} needs, is 0: "
-            "write it into the robot's description, at the joint side"
-        )
-    return np.asarray(values * factors)
+    return in_torques(signals.needed(quantity, "current"), quantity, robot, signals.place)
 
 
 def _family(quantity: str) -> str:

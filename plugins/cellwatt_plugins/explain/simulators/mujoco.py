@@ -99,22 +99,16 @@ class Simulator:
         """The body that each joint moves, (n,)."""
         return np.array([self.model.joint(name).bodyid[0] for name in self.joints], np.intp)
 
-    def motor(self, joint: int) -> int | None:
-        """The actuator that converts control to a joint's (0-based) torque by its gear alone; None if there is none."""
+    def actuators(self) -> Actuators:
+        """The actuators of the joints; those that convert control to torque by their gear alone have a gain."""
         import mujoco
 
         model = self.model
-        own = actuator_of(model, model.joint(self.joints[joint]).id)
-        if own < 0 or model.actuator_gaintype[own] != mujoco.mjtGain.mjGAIN_FIXED:
-            return None
-        return own if model.actuator_biastype[own] == mujoco.mjtBias.mjBIAS_NONE else None
-
-    def actuators(self) -> Actuators:
-        """The actuators of the joints."""
-        model, joints = self.model, range(len(self.joints))
         numbers = np.array([actuator_of(model, model.joint(name).id) for name in self.joints], np.intp)
+        fixed = model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED
+        motors = fixed & (model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE)
         gears = np.array([np.nan if i < 0 else model.actuator_gear[i, 0] for i in numbers])
-        gains = np.array([np.nan if (i := self.motor(j)) is None else model.actuator_gainprm[i, 0] for j in joints])
+        gains = np.array([model.actuator_gainprm[i, 0] if i >= 0 and motors[i] else np.nan for i in numbers])
         return Actuators(model.nu, numbers, gears, gears * gains)
 
     def poses(self, position: Float) -> tuple[Float, Float, Float]:
