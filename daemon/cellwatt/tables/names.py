@@ -58,52 +58,39 @@ WHOLE: Final[Mapping[str, tuple[str, ...]]] = {
 """Names of quantities without a joint, likewise; names with a dot may follow the name of a source."""
 
 _STEMS: Final = {**JOINT, **WHOLE}
-_DEGREE: Final = TABLE["angle"]["deg"]
-_LENGTH: Final = TABLE["length"]
 _TEMPERATURE: Final = TABLE["temperature"]
-_ONE, _PERCENT = Unit("1"), Unit("%", 0.01)
-_POSITION: Final = {**TABLE["angle"], "°": _DEGREE, **_LENGTH}
-_VELOCITY: Final = {**TABLE["angular_velocity"], "°/s": _DEGREE, **TABLE["velocity"]}
-_ACCELERATION: Final = {
-    **TABLE["angular_acceleration"],
-    "°/s^2": _DEGREE,
-    **{f"{name}/s^2": Unit(f"{name}/s^2", unit.factor) for name, unit in _LENGTH.items()},
-}
+_POSITION: Final = {**TABLE["angle"], **TABLE["length"]}
+_VELOCITY: Final = {**TABLE["angular_velocity"], **TABLE["velocity"]}
+_LINEAR: Final = {f"{name}/s^2": Unit(f"{name}/s^2", unit.factor) for name, unit in TABLE["length"].items()}
+_ACCELERATION: Final = {**TABLE["angular_acceleration"], **_LINEAR}
 _EFFORT: Final = {**TABLE["torque"], **TABLE["force"]}
 _UNITS: Final[Mapping[str, Mapping[str, Unit]]] = {
     **dict.fromkeys(("position", "target_position", "command", "came_from"), _POSITION),
     **dict.fromkeys(("velocity", "target_velocity"), _VELOCITY),
     **dict.fromkeys(("acceleration", "target_acceleration"), _ACCELERATION),
     **dict.fromkeys(("torque", "actuator_force"), _EFFORT),
-    "torque_ratio": {"1": _ONE, "%": _PERCENT, "percent": _PERCENT},
+    "torque_ratio": {"1": Unit("1"), "%": Unit("%", 0.01)},
     "current": TABLE["current"],
-    "temperature": {
-        **_TEMPERATURE,
-        **dict.fromkeys(("C", "°C"), _TEMPERATURE["degC"]),
-        "°F": _TEMPERATURE["degF"],
-    },
-    "control": {"1": _ONE},
-    "time": {
-        name: Unit(name, factor)
-        for factor, names in ((1.0, "s sec seconds"), (1e-3, "ms"), (1e-6, "us µs"), (1e-9, "ns"))
-        for name in names.split()
-    },
+    "temperature": {**_TEMPERATURE, "C": _TEMPERATURE["degC"]},
+    "control": {"1": Unit("1")},
+    "time": {"s": Unit("s"), "ms": Unit("ms", 1e-3), "us": Unit("us", 1e-6), "ns": Unit("ns", 1e-9)},
     **dict.fromkeys(("supply.power", "bus.power"), TABLE["power"]),
     "tool.payload": TABLE["mass"],
 }
-"""Units of each quantity by their spellings, the SI unit first."""
+"""Units of each quantity by name, the SI unit first."""
 
 _SHORT: Final = {
-    "degrees?": "deg",
+    "degrees?|°": "deg",
     "radians?": "rad",
     "newtons?-?": "n",
     "met(?:er|re)s?": "m",
     "milli": "m",
-    "micro": "u",
+    "micro|\u03bc": "u",
     "nano": "n",
     "sec(?:ond)?s?": "s",
     "watts?": "w",
     "amp(?:ere)?s?": "a",
+    "percent": "%",
     "s\\^?[-\u2212]1": "/s",
     "s\\^?[-\u2212]2": "/s^2",
     "\\*\\*2|(?<=s)2": "^2",

@@ -12,7 +12,6 @@ from cellwatt.arrays import Bool, Float, rows_of
 from cellwatt.errors import RecordingError
 from cellwatt.tables import Table, listed, read_table, usual
 from cellwatt.tables.likely import hint
-from cellwatt_plugins.explain.input.factors import MOVES
 from cellwatt_plugins.explain.input.grid import EVEN, Kind, even
 from cellwatt_plugins.explain.simulators.mujoco import Actuators
 from cellwatt_plugins.robot import RobotDescription
@@ -42,8 +41,6 @@ FOLLOWS = 0.3
 
 LEAP = 10.0
 """rad/s (m/s) that no joint has in the row after a rest."""
-HELD = 0.25
-"""Time, s, over which the torques of moving joints cannot all stay at one value."""
 
 
 @dataclass(frozen=True)
@@ -188,13 +185,10 @@ def read_signals(path: Path, robot: RobotDescription) -> Signals:
     if positions is None:
         wanted = f"{_family('position')} or {_family('target_position')}"
         raise RecordingError(f"{path}: no position: expected {wanted}; {table.there()}{hint(table)}")
-    torques = [joints[q] for q in LOSSY if q in joints]
-    unread = _unread(joints[positions], time, torques)
-    joints |= {q: np.where(unread[:, None], np.nan, joints[q]) for q in LOSSY if q in joints}
     columns = {name: column for q in joints for name, column in zip(names[q], joints[q].T, strict=True) if name}
     columns |= {} if power is None else {POWER: power}
     # Rows without the position of any joint are removed, which turns them into holes in time.
-    held = _held(time, [joints[q] for q in (positions, "velocity") if q in joints] + torques)
+    held = _held(time, [joints[q] for q in (positions, "velocity", *LOSSY) if q in joints])
     recorded = np.isfinite(joints[positions]).any(axis=1) & ~held
     columns = {name: column[recorded] for name, column in columns.items()}
     of: dict[str, Kind] = {positions: "position", **dict.fromkeys(LOSSY, "lossy"), **WHOLE}
@@ -210,7 +204,7 @@ def read_signals(path: Path, robot: RobotDescription) -> Signals:
         power=grid.columns.get(POWER),
         gaps=grid.gaps,
         exact_times=grid.exact_times,
-        notes=(*_turned(path.name, table, names), *_not_read(path.name, time[held], time[unread]), *grid.notes),
+        notes=(*_turned(path.name, table, names), *_unread(path.name, time[held]), *grid.notes),
         columns=table.names,
         hint="" if {*LOSSY, *BY_ACTUATOR, "command"} & joints.keys() else hint(table),
     )
@@ -275,38 +269,18 @@ def _held(time: Float, state: Sequence[Float]) -> Bool:
     way = np.abs(np.diff(state[0], axis=0)) - LEAP * np.abs(np.diff(time))[:, None]
     leaps = np.append(False, np.any(way > 0, axis=1))
     held = np.zeros(len(time), np.bool_)
-    for first, end in _repeated(state):
-        if leaps[first] or leaps[min(end, len(time) - 1)]:
-            held[first + (first > 0 and not leaps[first]) : end] = True
+    every = np.nan_to_num(np.column_stack(state))
+    for first, end in stretches(np.all(every[1:] == every[:-1], axis=1)):
+        if leaps[first] or leaps[min(end + 1, len(time) - 1)]:
+            held[first + (first > 0 and not leaps[first]) : end + 1] = True
     return held
 
 
-def _unread(position: Float, time: Float, torques: Sequence[Float]) -> Bool:
-    """True (N,) where the torques of all joints stay at one value for ``HELD`` s although several joints move."""
-    unread = np.zeros(len(time), np.bool_)
-    for first, end in _repeated(torques) if torques else ():
-        several = np.count_nonzero(np.ptp(position[first:end], axis=0) > MOVES) > 1
-        unread[first:end] = several and time[end - 1] - time[first] > HELD
-    return unread
-
-
-def _repeated(state: Sequence[Float]) -> Iterator[tuple[int, int]]:
-    """First and one past the last row of each stretch of equal rows, (N, n) each."""
-    every = np.nan_to_num(np.column_stack(state))
-    for first, end in stretches(np.append(False, np.all(every[1:] == every[:-1], axis=1))):
-        yield first - 1, end
-
-
-def _not_read(place: str, held: Float, unread: Float) -> Iterator[str]:
+def _unread(place: str, held: Float) -> Iterator[str]:
     if len(held):
         yield (
             f"{place}: {len(held)} rows repeat one row up to a leap of the positions, first at t = {held[0]:.3f} s: "
             "nothing was read there. They are left out"
-        )
-    if len(unread):
-        yield (
-            f"{place}: {len(unread)} rows have the same torques while joints move, first at t = {unread[0]:.3f} s: "
-            "no torque was read there, and none is used"
         )
 
 

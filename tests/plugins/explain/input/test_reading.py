@@ -241,17 +241,6 @@ def test_rows_in_which_nothing_was_read_do_not_count(tmp_path, arm, rows, held):
     assert np.max(np.abs(run.position[~run.filled] - motion(t)[0][own])) < 1e-9
 
 
-@pytest.mark.parametrize("joints", [JOINTS, JOINTS - 1])
-def test_torques_that_all_stay_while_joints_move_were_not_read(tmp_path, arm, joints):
-    columns = recording(times())
-    for i in range(joints):
-        columns[f"tau_{i + 1}"][300:400] = 0.0
-    run = one(parquet(tmp_path / "a.parquet", columns), arm)
-    wanted = np.arange(300, 400) if joints == JOINTS else []
-    np.testing.assert_array_equal(np.flatnonzero(np.isnan(run.torque).any(axis=1)), wanted)
-    assert any("100 rows have the same torques while joints move" in note for note in run.notes) == bool(len(wanted))
-
-
 def test_torques_of_single_rows_that_exceed_all_others_do_not_count(tmp_path, arm):
     columns = recording(times())
     columns["tau_2"][100:900:50] = 1e4
