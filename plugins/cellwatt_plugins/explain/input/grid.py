@@ -34,8 +34,9 @@ EVEN = 0.02
 """Share of a step by which the times of an evenly sampled file may deviate."""
 HOLE = 2.5
 """Distance of two rows, in steps, above which samples are missing between them."""
-GLITCH = 3.0
-"""Deviation of a value from its neighbours, in largest steps of the signal, above which it is a glitch."""
+GLITCH = (3.0, 10.0)
+"""Deviation of a value from its neighbours, in largest steps of the signal, above which it is a glitch: in ``DENSE``
+recordings, and in others, in which a short move is a single row."""
 JITTER = 0.01
 """rad by which a position may always deviate from its neighbours: encoder noise or a brake at rest causes as much."""
 JERKED = 1.0
@@ -199,10 +200,10 @@ def _glitches(time: Float, values: Float, kind: Kind) -> Bool:
     clean = np.interp(np.arange(len(values)), np.flatnonzero(~np.isnan(values)), values[~np.isnan(values)])
     middle = median_filter(clean, 5, mode="mirror")
     step, largest = float(np.median(np.diff(time))), float(np.max(np.abs(np.diff(middle))))
-    least = max(JITTER, JERKED * step)
+    least, dense = max(JITTER, JERKED * step), step <= DENSE
     if kind != "position":
-        least = float(np.max(np.abs(middle))) if largest and step <= DENSE else np.inf
-    wild: Bool = np.isnan(values) | (np.abs(clean - middle) > max(GLITCH * largest, least))
+        least = float(np.max(np.abs(middle))) if largest and dense else np.inf
+    wild: Bool = np.isnan(values) | (np.abs(clean - middle) > max(GLITCH[not dense] * largest, least))
     return wild
 
 

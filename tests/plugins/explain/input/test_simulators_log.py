@@ -15,7 +15,6 @@ from tests.plugins.explain.simulators.arms import TwoLinks
 
 pytest.importorskip("mujoco")
 
-GEAR = (3.0, 0.5)
 LINKS = TwoLinks(friction=(2.0, 1.0), damping=(0.4, 0.2), armature=(0.1, 0.05))
 GRIPPER = """
 <body name="finger" pos="0 0 -0.3"><joint name="grip" type="slide" axis="1 0 0"/>
@@ -40,10 +39,12 @@ def logged(folder, actuators, controls, hand=GRIPPER, name="ctrl"):
     return folder / "arm.xml", folder / "log.parquet"
 
 
-def test_controls_of_motors_are_torques_by_their_gears(tmp_path):
+@pytest.mark.parametrize("name", ["ctrl", "actuator_force"])
+def test_controls_and_forces_are_torques_by_the_gears_of_their_actuators(tmp_path, name):
     torque = LINKS.torque(*motion()[1:])
-    motors = "".join(f'<motor joint="{n}" gear="{g}"/>' for n, g in zip(("shoulder", "elbow"), GEAR, strict=True))
-    simulator, log = logged(tmp_path, motors, torque / GEAR)
+    motors = '<position joint="grip" kp="9"/><motor joint="elbow" gear="0.5"/><motor joint="shoulder" gear="3"/>'
+    values = np.column_stack([torque[:, 0], torque[:, 1] / 0.5, torque[:, 0] / 3])
+    simulator, log = logged(tmp_path, motors, values, name=name)
     arm = arm_of(None, simulator, [log])
     assert [joint.name for joint in arm.description.joints] == ["shoulder", "elbow"]
     (run,) = read_runs([log], [simulator], arm.description)
@@ -52,16 +53,6 @@ def test_controls_of_motors_are_torques_by_their_gears(tmp_path):
     notes = examine([run], arm)[1]
     assert "arm.xml: held at their reference: grip" in notes
     assert not any("differ from the simulation" in note for note in notes)
-
-
-@pytest.mark.parametrize("name", ["ctrl", "actuator_force"])
-def test_controls_and_forces_are_in_the_order_of_the_actuators(tmp_path, name):
-    torque = LINKS.torque(*motion()[1:])
-    motors = '<position joint="grip" kp="9"/><motor joint="elbow" gear="0.5"/><motor joint="shoulder" gear="3"/>'
-    values = np.column_stack([torque[:, 0], torque[:, 1] / 0.5, torque[:, 0] / 3])
-    simulator, log = logged(tmp_path, motors, values, name=name)
-    (run,) = read_runs([log], [simulator], arm_of(None, simulator, [log]).description)
-    np.testing.assert_allclose(run.torque, torque)
 
 
 def test_controls_of_some_of_several_actuators_are_refused(tmp_path):
