@@ -91,7 +91,7 @@ def by_name(table: Table, joints: Sequence[str]) -> Table:
         for column, name in found.items()
         if name.family == path
     }
-    return replace(table, meant=meant, named=tuple(joints))
+    return replace(table, meant=meant, named=tuple(joints) or tuple(own))
 
 
 def _metered(table: Table) -> Table:

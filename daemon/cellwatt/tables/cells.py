@@ -31,7 +31,7 @@ _COMMA: Final = rf"^[+-]?(?:\d+,?\d*|,\d+){_END}"
 _POINT_GROUPS: Final = r"^[+-]?[1-9]\d{0,2}(?:\.\d{3})+(?:,\d*)?$"
 _COMMA_GROUPS: Final = r"^[+-]?[1-9]\d{0,2}(?:,\d{3})+(?:\.\d*)?$"
 _BLANK_GROUPS: Final = r"^[+-]?\d{1,3}(?:[ \x{a0}\x{202f}'’]\d{3})+(?:[.,]\d*)?$"
-_LIST: Final = re.compile(r"^\s*(?:array\('?\w+'?, *)?[\[(]\s*")
+_LIST: Final = re.compile(r"^\s*(?:\w+\((?:'\w+', *)?)?[\[(]+\s*")
 _MEASURE: Final = r"^(?P<number>[+-]?\d+\.?\d*(?:[eE][+-]?\d+)?) ?(?P<unit>[a-zA-Zµ°%]+[/a-z0-9^]*)$"
 _TRIMMED: Final = ' \t\u00a0\ufeff"'
 
@@ -162,7 +162,7 @@ def listed(names: Sequence[str], columns: Sequence[Any]) -> tuple[list[str], lis
         there = meant is not None and (meant.quantity, meant.family) in known
         if there or not _LIST.match(first_of(column) or ""):
             continue
-        inner = pc.replace_substring_regex(column.combine_chunks(), rf"{_LIST.pattern}|[\])\s]+$", "")
+        inner = pc.replace_substring_regex(column.combine_chunks(), rf"{_LIST.pattern}|\s*(?:[\])][^\[(]*)?$", "")
         mark = next((each for each in ";," if pc.any(pc.match_substring(inner, each)).as_py()), r"\s")
         parts = pc.split_pattern_regex(inner, rf"\s*{mark}\s*")
         widths = pc.unique(pc.list_value_length(parts)).to_pylist()

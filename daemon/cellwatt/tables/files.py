@@ -22,7 +22,7 @@ from cellwatt.tables.cells import TEXT, Cells, cells_of, grouped, listed
 from cellwatt.tables.encoding import text_of
 from cellwatt.tables.fractions import joined
 from cellwatt.tables.names import is_unit, scale, understood
-from cellwatt.tables.rows import Rows, cells_in, rows_of
+from cellwatt.tables.rows import NUMBER, Rows, cells_in, rows_of
 from cellwatt.tables.table import Table
 from cellwatt.tables.times import CLOCKS, DAY
 
@@ -37,6 +37,8 @@ LARGEST_TEXT: Final = 1_000_000_000
 """Largest size of the texts of a Parquet file in memory in bytes."""
 MOST_COLUMNS: Final = 5_000
 """Largest number of columns of a table; a file of some kB may claim any number."""
+_HEAD: Final = 3
+"""Largest number of rows between the names and the first numbers that may hold units."""
 _LONGEST: Final = 40
 """Largest number of characters of a cell that a message quotes."""
 
@@ -166,14 +168,22 @@ def _csv(path: Path) -> Table:
 
 
 def _units(rows: Rows) -> tuple[Mapping[str, str], Sequence[str], Sequence[int]]:
-    """Units in the row below the names, if it holds units only, and the rows after it with their numbers."""
-    first = cells_in(rows.records[0], rows.separator) if rows.records else []
-    found = {name: cell.strip(" \t[]()") for name, cell in zip(rows.names, first, strict=False) if name}
-    written = {name: unit for name, unit in found.items() if unit and unit != "-"}
-    if not written or not all(is_unit(unit) for unit in written.values()):
-        return {}, rows.records, rows.numbers
-    below = [i for i, record in enumerate(rows.records) if record != rows.records[0]]  # loggers may append their head
-    return written, [rows.records[i] for i in below], [rows.numbers[i] for i in below]
+    """Units in a row below the names, and the rows after it with their numbers; descriptions may stand between.
+
+    The known names have units there, or all names if none is known.
+    """
+    for end, record in enumerate(rows.records[:_HEAD], start=1):
+        cells = cells_in(record, rows.separator)
+        if any(map(NUMBER.fullmatch, cells)):
+            break
+        found = {name: cell.strip(" \t[]()") for name, cell in zip(rows.names, cells, strict=False) if name}
+        written = {name: unit for name, unit in found.items() if unit and unit != "-"}
+        known = [unit for name, unit in written.items() if understood(name) is not None] or list(written.values())
+        if known and all(map(is_unit, known)):
+            head = rows.records[:end]  # loggers may append it again
+            below = [i for i, each in enumerate(rows.records) if each not in head]
+            return written, [rows.records[i] for i in below], [rows.numbers[i] for i in below]
+    return {}, rows.records, rows.numbers
 
 
 def _agreed(cells: Cells, name: str, stated: str | None) -> Cells:
@@ -209,6 +219,7 @@ def _placed(
     texts: dict[str, NDArray[np.object_]] = {}
     index = "" if "time" in written else "time"  # pandas writes the times of an index without a name
     names = [name or (index if cells.kind in CLOCKS else "") for name, cells in zip(written, found, strict=True)]
+    names = _counted(names)
     letters = {} if numbers is None else dict(zip(names, map(letters_of, range(len(names))), strict=True))
     clocks = tuple(name for name, cells in zip(names, found, strict=True) if name and cells.kind in CLOCKS)
     table = Table(path, values, unfit, units, None if numbers is None else np.asarray(numbers), letters, clocks)
@@ -229,10 +240,27 @@ def _placed(
     return _timed(replace(table, clocks=joined(values, clocks), texts=texts))
 
 
+def _counted(names: Sequence[str]) -> list[str]:
+    """Number a joint's quantity whose name stands above several columns, as ``q, q, q`` or pandas' ``q, q.1, q.2``."""
+
+    def repeated(name: str) -> bool:
+        of_joint = understood(name) is None and (known := understood(f"{name}.1")) is not None and known.number == 1
+        again = names.count(name) > 1 or (f"{name}.1" in names and f"{name}.0" not in names)
+        return of_joint and again
+
+    return [f"{name}.{names[:i].count(name)}" if repeated(name) else name for i, name in enumerate(names)]
+
+
 def _timed(table: Table) -> Table:
-    """The rows that have a time. A table without times is returned unchanged."""
-    time = None if table.clock is None else table.columns.get(table.clock)
-    return table if time is None else _without(table, ~np.isfinite(time), "have no time")
+    """The rows that have a time, the earliest first. A table without times is returned unchanged."""
+    if (clock := table.clock) is None or clock not in table.columns:
+        return table
+    table = _without(table, ~np.isfinite(table.columns[clock]), "have no time")
+    time = table.columns[clock]
+    if len(time) < 2 or not time[-1] < time[0] or np.any(np.diff(time) > 0):
+        return table
+    log.warning("%s: its times fall from row to row: it is read from the last row to the first", table.path)
+    return table.at(slice(None, None, -1))
 
 
 def _once(table: Table) -> Table:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
@@ -34,7 +35,7 @@ class Likely:
         stem = usual(self.quantity)
         return (
             f"{self.names[0]} … {self.names[-1]} look like the {self.quantity} of joints 1 to {len(self.names)}: "
-            f"pass --columns '{stem}={self.pattern}'"
+            f"pass --columns {shlex.quote(f'{stem}={self.pattern}')}"
         )
 
 
@@ -77,7 +78,8 @@ def _families(table: Table) -> Iterator[tuple[str, tuple[str, ...]]]:
     by_pattern: dict[str, dict[int, str]] = {}
     for name in table.columns:
         match = _NUMBERED.fullmatch(name)
-        if match is not None and understood(name) is None and np.isfinite(table.columns[name]).all():
+        unknown = understood(name) is None and name not in table.meant
+        if match is not None and unknown and np.isfinite(table.columns[name]).all():
             by_pattern.setdefault(f"{match['before']}{{}}{match['after']}", {})[int(match["number"])] = name
     for pattern, numbered in by_pattern.items():
         numbers = sorted(numbered)

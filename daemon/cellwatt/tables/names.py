@@ -12,6 +12,7 @@ linear axis, ``tau_1 (Nm)``, ``power_kW``; without one, values are in the SI uni
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -24,11 +25,14 @@ from cellwatt.units import TABLE, Unit, kind_of
 JOINT: Final[Mapping[str, tuple[str, ...]]] = {
     quantity: tuple(names.split())
     for quantity, names in {
-        "position": "q actual_q position qpos joint_pos joint_position joint_positions dof_pos",
-        "velocity": "qd actual_qd velocity qvel joint_vel joint_velocity joint_velocities dof_vel dq",
+        "position": "q actual_q position qpos joint_pos joint_position joint_positions dof_pos jointposition "
+        "joint_angle measured_position actual_position theta",
+        "velocity": "qd actual_qd velocity qvel joint_vel joint_velocity joint_velocities dof_vel dq jointvelocity "
+        "measured_velocity actual_velocity theta_dot qdot",
         "acceleration": "qdd acceleration qacc joint_acc joint_accelerations ddq",
-        "torque": "tau torque actual_current_as_torque qfrc_actuator actuator_force applied_torque effort joint_torque "
-        "joint_torques joint_effort joint_efforts measured_effort dof_torque dof_force tau_j",
+        "torque": "tau torque actual_current_as_torque qfrc_actuator applied_torque effort joint_torque "
+        "joint_torques joint_effort joint_efforts measured_effort dof_torque dof_force tau_j jointtorque "
+        "measured_torque actual_torque appliedjointmotortorque",
         "torque_ratio": "torque_percent torque_ratio",
         "current": "current actual_current",
         "temperature": "temperature joint_temperatures",
@@ -36,6 +40,7 @@ JOINT: Final[Mapping[str, tuple[str, ...]]] = {
         "target_velocity": "target_qd target_velocity dq_d",
         "target_acceleration": "target_qdd target_acceleration",
         "command": "command joint_pos_target",
+        "actuator_force": "actuator_force",
         "control": "ctrl",
         "came_from": "q_from came_from",
     }.items()
@@ -53,45 +58,49 @@ WHOLE: Final[Mapping[str, tuple[str, ...]]] = {
 """Names of quantities without a joint, likewise; names with a dot may follow the name of a source."""
 
 _STEMS: Final = {**JOINT, **WHOLE}
-_DEGREE: Final = TABLE["angle"]["deg"]
-_LENGTH: Final = TABLE["length"]
 _TEMPERATURE: Final = TABLE["temperature"]
-_ONE, _PERCENT = Unit("1"), Unit("%", 0.01)
-_POSITION: Final = {**TABLE["angle"], "°": _DEGREE, **_LENGTH}
-_VELOCITY: Final = {**TABLE["angular_velocity"], "°/s": _DEGREE, **TABLE["velocity"]}
-_ACCELERATION: Final = {
-    **TABLE["angular_acceleration"],
-    "°/s^2": _DEGREE,
-    **{f"{name}/s^2": Unit(f"{name}/s^2", unit.factor) for name, unit in _LENGTH.items()},
-}
+_POSITION: Final = {**TABLE["angle"], **TABLE["length"]}
+_VELOCITY: Final = {**TABLE["angular_velocity"], **TABLE["velocity"]}
+_LINEAR: Final = {f"{name}/s^2": Unit(f"{name}/s^2", unit.factor) for name, unit in TABLE["length"].items()}
+_ACCELERATION: Final = {**TABLE["angular_acceleration"], **_LINEAR}
+_EFFORT: Final = {**TABLE["torque"], **TABLE["force"]}
 _UNITS: Final[Mapping[str, Mapping[str, Unit]]] = {
     **dict.fromkeys(("position", "target_position", "command", "came_from"), _POSITION),
     **dict.fromkeys(("velocity", "target_velocity"), _VELOCITY),
     **dict.fromkeys(("acceleration", "target_acceleration"), _ACCELERATION),
-    "torque": {**TABLE["torque"], **TABLE["force"]},
-    "torque_ratio": {"1": _ONE, "%": _PERCENT, "percent": _PERCENT},
+    **dict.fromkeys(("torque", "actuator_force"), _EFFORT),
+    "torque_ratio": {"1": Unit("1"), "%": Unit("%", 0.01)},
     "current": TABLE["current"],
-    "temperature": {
-        **_TEMPERATURE,
-        **dict.fromkeys(("C", "°C"), _TEMPERATURE["degC"]),
-        "°F": _TEMPERATURE["degF"],
-    },
-    "control": {"1": _ONE},
-    "time": {
-        name: Unit(name, factor)
-        for factor, names in ((1.0, "s sec seconds"), (1e-3, "ms"), (1e-6, "us µs"), (1e-9, "ns"))
-        for name in names.split()
-    },
+    "temperature": {**_TEMPERATURE, "C": _TEMPERATURE["degC"]},
+    "control": {"1": Unit("1")},
+    "time": {"s": Unit("s"), "ms": Unit("ms", 1e-3), "us": Unit("us", 1e-6), "ns": Unit("ns", 1e-9)},
     **dict.fromkeys(("supply.power", "bus.power"), TABLE["power"]),
     "tool.payload": TABLE["mass"],
 }
-"""Units of each quantity by their spellings, the SI unit first."""
+"""Units of each quantity by name, the SI unit first."""
 
-_DEGREES = re.compile("degrees?", re.IGNORECASE)
-_BRACKETS = re.compile(r"(?P<name>.*?)\s*[\[(]\s*(?P<unit>[^\[\]()]*?)\s*[\])]")
+_SHORT: Final = {
+    "degrees?|°": "deg",
+    "radians?": "rad",
+    "newtons?-?": "n",
+    "met(?:er|re)s?": "m",
+    "milli": "m",
+    "micro|\u03bc": "u",
+    "nano": "n",
+    "sec(?:ond)?s?": "s",
+    "watts?": "w",
+    "amp(?:ere)?s?": "a",
+    "percent": "%",
+    "s\\^?[-\u2212]1": "/s",
+    "s\\^?[-\u2212]2": "/s^2",
+    "\\*\\*2|(?<=s)2": "^2",
+    "[ ·⋅.*]|(?<=n)-(?=m)": "",
+}
+"""Spellings of units, in small letters, and their abbreviations."""
+_BRACKETS = re.compile(r"(?P<name>.*?)(?:\s*[\[(]|\s+/(?=\s))\s*(?P<unit>[^\[\]()]*?)\s*[\])]?")
 _CHANNEL = re.compile(r"(?:(?P<source>.+)\.)?joint_?(?P<number>\d+)[._](?P<stem>\w+)")
 _NUMBERED = re.compile(
-    r"(?P<path>(?:.*/|data\.|field\.|state\.)?)(?P<stem>[a-z_]*[a-z])(?:[_.]?(?P<number>\d+)|\[(?P<index>\d+)\])"
+    r"(?P<path>(?:.*/|data\.|field\.|(?:robot_)?state\.)?)(?P<stem>[a-z_]*[a-z])(?:[_.]?(?P<number>\d+)|\[(?P<index>\d+)\])"
 )
 
 
@@ -190,12 +199,11 @@ def parsed(written: str, parse: Callable[[str, str | None], Name | None]) -> Nam
         return parse(match["name"], match["unit"] or None)
     if (name := parse(text, None)) is not None:
         return name
-    for units in _UNITS.values():
-        for unit in units:  # at the end: ``q_1_deg``, ``velocity_2_deg_s``
-            ending = "_" + unit.replace("/", "_").replace("^", "")
-            name = parse(text[: -len(ending)], unit) if text.casefold().endswith(ending.casefold()) else None
-            if name is not None and unit in _UNITS[name.quantity]:
-                return name
+    for cut in re.finditer("[_ ]", text):  # a unit at the end: ``q_1_deg``, ``velocity_2_deg_s``
+        unit = text[cut.end() :].replace("_", "/")
+        name = parse(text[: cut.start()], unit)
+        if name is not None and scale(name.quantity, unit) is not None:
+            return name
     return None
 
 
@@ -206,13 +214,11 @@ def scale(quantity: str, unit: str | None) -> tuple[float, float] | None:
     """
     if unit is None:
         return 1.0, 0.0
-    plain = re.sub(r"[ ·.]", "", _DEGREES.sub("deg", unit))
-    plain = plain.replace("²", "^2").replace("**2", "^2").replace("s2", "s^2")
-    known = {each.casefold(): each for each in _UNITS[quantity]}
-    found = plain if plain in _UNITS[quantity] else known.get(plain.casefold())
-    if found is None:
-        return None
-    return _UNITS[quantity][found].factor, float(_UNITS[quantity][found].si(0.0))
+    plain = unicodedata.normalize("NFKC", unit).casefold()
+    for spelling, short in _SHORT.items():
+        plain = re.sub(spelling, short, plain)
+    known = {each.casefold(): found for each, found in _UNITS[quantity].items()}
+    return None if plain not in known else (known[plain].factor, float(known[plain].si(0.0)))
 
 
 def along(unit: str | None) -> bool | None:
@@ -261,5 +267,7 @@ def _named(text: str, unit: str | None) -> Name | None:
         return None
     stem = match["stem"]
     unit = unit or ("%" if stem == "torque_percent" else None)
+    if unit in ("%", "percent") and stem in JOINT["torque"]:
+        return Name("torque_ratio", family, int(number), unit, stem=stem)
     found = (quantity for quantity, stems in JOINT.items() if stem in stems)
     return next((Name(each, family, int(number), unit, stem=stem) for each in found), None)

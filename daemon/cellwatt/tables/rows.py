@@ -18,10 +18,12 @@ _LOOKED_AT: Final = 100
 """Number of rows from which the separator is found."""
 _COMMENT: Final = re.compile(r"\s*(#(?!N/A|NA\b|DIV/0|VALUE!|REF!|NUM!|NAME\?|NULL!)|%|//)")
 _DIRECTIVE: Final = re.compile(r'"?sep=(.)"?', re.IGNORECASE)
-_NUMBER: Final = re.compile(
+NUMBER: Final = re.compile(
     r"[-+\u2212]?(?=[.,]?\d)[\d.,'’\xa0\u202f]*(e[+-]?\d+)?|nan|\d+[-./:][-\d./:T ,]*Z?", re.IGNORECASE
 )
 """A number, a date or a time, which is not a name."""
+_BEGUN: Final = re.compile(r"[-+](?:[.,]?)|[-+]?(?=[.,]?\d)[\d.,]*e[-+]?", re.IGNORECASE)
+"""The beginning of a number."""
 _DECIMAL: Final = re.compile(r"\d[.,]\d")
 _BLANK: Final = ' \t\xa0,;|"'
 _OPENED: Final = re.compile(r'(?:^|[,;\t|])\s*"(?:[^"]|"")*$')
@@ -56,14 +58,14 @@ def rows_of(text: str) -> Rows:
     separator, names = stated or _separator(looked_at), list[str]()
     first = _first_of_names(records, separator)
     words = filter(None, re.split(r'[;\t|, "]+', records[first]))  # whatever the separator is
-    if all(map(_NUMBER.fullmatch, words)) or _holds_numbers(cells_in(records[first], separator)):
+    if all(map(NUMBER.fullmatch, words)) or _holds_numbers(cells_in(records[first], separator)):
         comments = [_COMMENT.sub("", record).strip(" #%/") for number, record in every if number < numbers[0]]
         commented, names = _commented(comments, looked_at, stated)
         first, separator = 0, commented if names else separator
     if not names:
         names = _names(records[first], separator, _width(records[first + 1 : first + 1 + _LOOKED_AT], separator))
         first += 1
-    no_names = [name for name in names if _NUMBER.fullmatch(name)]
+    no_names = [name for name in names if NUMBER.fullmatch(name)]
     if len(no_names) == sum(map(bool, names)) or (_holds_numbers(names) and any(map(_DECIMAL.search, no_names))):
         raise ValueError("no names in its first row: write t, q_1, …, tau_1, … above the columns")
     again = records[first - 1] if first else None  # loggers that were started again append their names
@@ -71,7 +73,7 @@ def rows_of(text: str) -> Rows:
     numbers, records, torn = [numbers[i] for i in kept], [records[i] for i in kept], 0
     if records and not text.endswith("\n"):
         last = cells_in(records[-1], separator)
-        if len(last) < len(names) and not _fits(last, names):
+        if _BEGUN.fullmatch(last[-1]) or (len(last) < len(names) and not _fits(last, names)):
             torn, numbers, records = numbers[-1], numbers[:-1], records[:-1]
     fitted = [_fitted(record, number, names, separator) for number, record in zip(numbers, records, strict=True)]
     return Rows(separator, tuple(names), tuple(fitted), tuple(numbers), torn)
@@ -94,7 +96,9 @@ def _records(text: str) -> list[str]:
             within = [line]
         else:
             out.append(line)
-    if within:
+    if len(within) == 1:  # the file ends within a cell
+        out.append(within[0].rpartition('"')[0].rstrip(_BLANK))
+    elif within:
         raise ValueError(f"the quotes that begin in row {len(out) + 1} are not closed")
     return out
 
@@ -122,7 +126,9 @@ def _separator(records: Sequence[str]) -> str:
         first, *below = records[_first_of_names(records, each) :]
         rows = [cells_in(record, each) for record in below]
         names = _names(first, each, max(map(_filled, rows), default=0))
-        if len(names) > 1 and (fit := sum(_fits(row, names) for row in rows) or not rows) > best:
+        # Commas or semicolons with blanks behind them.
+        both = all(cell.endswith((",", ";")) for row in (names, *rows[:1]) for cell in row[:-1])
+        if len(names) > 1 and not both and (fit := sum(_fits(row, names) for row in rows) or not rows) > best:
             best, separator = fit, each
     if not best and records:  # none fits: the first separator in the row of names
         separator = next((each for each in SEPARATORS[:-1] if each in records[0]), ALONE)
@@ -149,7 +155,7 @@ def _first_of_names(records: Sequence[str], separator: str) -> int:
 
 def _holds_numbers(cells: Sequence[str]) -> bool:
     """True for a row that holds numbers, and no name that is known: it is not the row of names."""
-    return any(_NUMBER.fullmatch(cell.strip(_BLANK)) for cell in cells) and not any(map(understood, cells))
+    return any(NUMBER.fullmatch(cell.strip(_BLANK)) for cell in cells) and not any(map(understood, cells))
 
 
 def _names(record: str, separator: str, width: int) -> list[str]:
@@ -173,7 +179,7 @@ def _commented(comments: Sequence[str], records: Sequence[str], separator: str) 
         each = separator or _separator([comment, *records])
         width = _width(records, each)
         names = [name.strip(",;") for name in _names(comment, each, width)]
-        named = _filled(names) == width and not any(map(_NUMBER.fullmatch, filter(None, names)))
+        named = _filled(names) == width and not any(map(NUMBER.fullmatch, filter(None, names)))
         if named and len(names) > len(best[1]):
             best = each, names
     return best

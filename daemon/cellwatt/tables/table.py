@@ -114,8 +114,8 @@ class Table:
         letters = f", column {self.letters[name]}" if name in self.letters else ""
         return f"row {self.row(index)}{letters}"
 
-    def at(self, rows: NDArray[np.bool_]) -> Table:
-        """The table restricted to the rows where ``rows`` (N,) is true."""
+    def at(self, rows: NDArray[np.bool_] | slice) -> Table:
+        """The table restricted to the rows where ``rows`` (N,) is true, or to those of a slice."""
         columns = {name: values[rows] for name, values in self.columns.items()}
         texts = {name: labels[rows] for name, labels in self.texts.items()}
         return replace(self, columns=columns, texts=texts, rows=self.row_numbers[rows])

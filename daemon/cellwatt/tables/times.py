@@ -17,6 +17,7 @@ Kind = Literal["date", "clock", "moment"]
 CLOCKS: Final = ("clock", "moment")
 """Kinds with a time of day."""
 DAY: Final = 86_400.0
+HOUR: Final = 3_600.0
 EPOCH: Final = date(1970, 1, 1).toordinal()
 _TIME: Final = re.compile(
     r"(?:(?P<days>\d+) days?,? )?(?:(?P<date>\d{1,4}(?P<mark>[-./])\d{1,2}(?P=mark)\d{1,4})\.?)?"
@@ -62,7 +63,8 @@ def times_of(column: Any) -> tuple[Float, Kind] | None:
     if timed:
         seconds = seconds + np.array([np.nan if m is None else _of_day(m) for m in matches])
     if not dated:
-        return unwrapped(seconds), "clock"
+        short = all(match is None or _is_short(match) for match in matches)
+        return unwrapped(seconds, HOUR if short else DAY), "clock"
     return seconds, "moment" if timed else "date"
 
 
@@ -70,19 +72,24 @@ def _in_numbers(match: re.Match[str]) -> str:
     return f"{match[3]}-{_MONTHS.index(match[2].casefold()) + 1:02}-{int(match[1]):02}"
 
 
-def unwrapped(seconds: Float) -> Float:
-    """Times of day (N,), continued past midnight."""
+def unwrapped(seconds: Float, period: float) -> Float:
+    """Times (N,) s of a clock that begins anew after ``period`` s, continued past it."""
     known = np.flatnonzero(np.isfinite(seconds))
-    past = np.cumsum(np.diff(seconds[known], prepend=seconds[known[:1]]) < -DAY / 2)
+    past = np.cumsum(np.diff(seconds[known], prepend=seconds[known[:1]]) < -period / 2)
     out = seconds.copy()
-    out[known] += DAY * past
+    out[known] += period * past
     return out
+
+
+def _is_short(match: re.Match[str]) -> bool:
+    """True for minutes and seconds alone, the short format of spreadsheets."""
+    return match["second"] is None and match["fraction"] is not None
 
 
 def _of_day(match: re.Match[str]) -> float:
     hour, minute, second = int(match["hour"]), int(match["minute"]), match["second"]
     fraction = float(f"0.{match['fraction'] or 0}")
-    if second is None and match["fraction"] is not None:  # minutes and seconds: the short format of spreadsheets
+    if _is_short(match):
         return 60.0 * hour + minute + fraction
     if match["half"] is not None:
         hour = hour % 12 + (12 if match["half"][0] in "pP" else 0)

@@ -242,7 +242,7 @@ def urdf_bytes(path: Path, joints: Sequence[str]) -> bytes:
 
     Raises ``ConfigError`` where MuJoCo cannot read the file, and ``OSError`` where a URDF cannot be read.
     """
-    return urdf_of(path, joints).encode() if is_mjcf(path) else read_bytes(path)
+    return urdf_of(path, joints).encode() if is_mjcf(path) else read_bytes(path).lstrip()
 
 
 def with_one_angle_each(urdf: bytes) -> str:

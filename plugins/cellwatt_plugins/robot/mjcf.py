@@ -12,8 +12,10 @@ import pinocchio as pin
 
 from cellwatt.arrays import Float
 from cellwatt.errors import ConfigError
-from cellwatt.files import WRITTEN, check_file, read_text
+from cellwatt.files import WRITTEN, check_file, read_bytes
 
+LEAST_INERTIA = "1e-9"
+"""Inertia, kg m², of a link of a URDF that states a mass without any: MuJoCo refuses points."""
 ANYWHERE = 1e3
 """Range in m, each way from 0, of a slide joint without a range: a URDF must state one."""
 
@@ -29,8 +31,12 @@ def compiled(path: Path) -> Any:
     try:
         if is_mjcf(path):
             check_file(path, WRITTEN)
-            return mujoco.MjModel.from_xml_path(str(path))
-        return mujoco.MjModel.from_xml_string(_without_shapes(read_text(path)))
+            model = mujoco.MjModel.from_xml_path(str(path))
+        else:
+            model = mujoco.MjModel.from_xml_string(_without_shapes(read_bytes(path)))
+        if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY:
+            model.opt.gravity[:] = 0.0
+        return model
     except (OSError, UnicodeDecodeError, ET.ParseError, ValueError) as error:
         raise ConfigError(f"{path}: MuJoCo cannot read it: {' '.join(str(error).split())}") from error
 
@@ -154,14 +160,16 @@ def _numbers(values: Float) -> str:
     return " ".join(repr(float(value)) for value in values)
 
 
-def _without_shapes(text: str) -> str:
+def _without_shapes(urdf: bytes) -> str:
     """A URDF without visual and collision shapes, whose mesh files are often missing. Each link is a body."""
-    root = ET.fromstring(text)
+    root = ET.fromstring(urdf.lstrip())
     for link in root.iter("link"):
         for shape in [child for child in link if child.tag in ("visual", "collision")]:
             link.remove(shape)
     own = root.find("mujoco")
     own = ET.SubElement(root, "mujoco") if own is None else own
     compiler = own.find("compiler")
-    (ET.SubElement(own, "compiler") if compiler is None else compiler).set("fusestatic", "false")
+    compiler = ET.SubElement(own, "compiler") if compiler is None else compiler
+    compiler.set("fusestatic", "false")
+    compiler.set("boundinertia", compiler.get("boundinertia", LEAST_INERTIA))
     return ET.tostring(root, encoding="unicode")

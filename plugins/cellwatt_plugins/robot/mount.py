@@ -42,7 +42,7 @@ def mount(body: Body, q: Float, qd: Float, qdd: Float, residual: Float) -> Mount
     q, qd, qdd, residual = q[::thin], qd[::thin], qdd[::thin], residual[::thin]
     known = np.all(np.isfinite(residual) | ~np.isfinite(residual).any(axis=0), axis=1)
     measured = np.flatnonzero(np.isfinite(residual[known]).all(axis=0)) if known.any() else np.empty(0, np.intp)
-    if not len(measured):
+    if not len(measured) or not body.gravity_field.any():
         return None
     q, qd, qdd, residual = q[known], qd[known], qdd[known], residual[known][:, measured]
     loads = np.stack([body.with_gravity(axis).gravity(q)[:, measured] for axis in np.eye(3)], axis=2)

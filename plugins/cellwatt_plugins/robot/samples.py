@@ -11,7 +11,7 @@ from cellwatt.errors import ConfigError
 from cellwatt.tables import Table
 from cellwatt_plugins.robot.description import RobotDescription
 
-EFFORTS: Final = {"torque": "", "torque_ratio": "rated_torque", "current": "torque_constant"}
+EFFORTS: Final = {"torque": "", "actuator_force": "", "torque_ratio": "rated_torque", "current": "torque_constant"}
 """Quantities that give a joint's torque, the best first, and the key of the description that each is multiplied by."""
 
 NO_TORQUE: Final = 0.02
@@ -26,17 +26,25 @@ def torque_in(table: Table, robot: RobotDescription) -> Float:
     Raises ``RecordingError`` if the table has none of them, ``ConfigError`` if the description lacks the key.
     """
     joints = len(robot.joints)
-    for quantity, key in EFFORTS.items():
+    for quantity in EFFORTS:
         found = table.joints(quantity)
         if found is None or found.shape[1] < joints or not np.isfinite(found).any():
             continue
-        unit = robot.column(key) if key else np.ones(joints)
-        if not (unit > 0).all():
-            lacking = robot.joints[int(np.argmin(unit))].name
-            name = table.joint_names(quantity)[0]
-            raise ConfigError(f"{robot.robot}: {lacking} has no {key}, which {name} of {table.path} needs: add it")
-        return found[:, :joints] * unit
+        return in_torques(found[:, :joints], quantity, robot, str(table.path))
     return table.needed("torque", joints)
+
+
+def in_torques(values: Float, quantity: str, robot: RobotDescription, place: str) -> Float:
+    """Torques (N, n) Nm of the ``values`` of a quantity of ``EFFORTS``; NaN stays. Raises ``ConfigError``."""
+    key = EFFORTS[quantity]
+    units = robot.column(key) if key else np.ones(len(robot.joints))
+    recorded = np.isfinite(values).any(axis=0)
+    if unknown := [joint.name for joint, needed in zip(robot.joints, recorded & (units == 0), strict=True) if needed]:
+        raise ConfigError(
+            f"{place}: its {quantity} needs the {key} of {', '.join(unknown)}: write it into the robot's description, "
+            "at the joint side"
+        )
+    return np.asarray(values * units)
 
 
 def unpowered(torque: Float, least: Float | float = 0.0) -> Bool:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from cellwatt.errors import ConfigError
-from cellwatt.logs.log import alike
+from cellwatt.logs.log import alike, numbered
 from cellwatt_plugins.robot.body import read_urdf
 from cellwatt_plugins.robot.description import Joint, RobotDescription
 from cellwatt_plugins.robot.mjcf import compiled, is_mjcf, parents
@@ -92,15 +92,18 @@ def _row(above: Mapping[str, str | None], name: str) -> list[str]:
 
 
 def _chain(path: Path, above: Mapping[str, str | None], joints: int | Sequence[str] | None) -> list[str]:
-    """The first ``joints`` of the longest chain of joints from the base; names: only joints of these."""
+    """The first ``joints`` of the longest chain of joints from the base; names: only joints of these.
+
+    Names that differ in their numbers alone, none of which the file has, give the number of joints.
+    """
     if joints is not None and not isinstance(joints, int):
         there = {name for name in above if any(alike(name, each) for each in joints)}
         known = {name: before for name, before in above.items() if there.issuperset(_row(above, name))}
-        if not known:
+        if not known and not numbered(joints):
             raise ConfigError(
                 f"{path} has the joints {', '.join(above)}, the recording {', '.join(joints)}: use the same names"
             )
-        above, joints = known, None
+        above, joints = (known, None) if known else (above, len(joints))
     rows = [_row(above, name) for name in above]
     longest = max(rows, key=len, default=[])
     ends = [row for row in rows if row[-1] not in above.values()]  # of a gripper, one for each finger

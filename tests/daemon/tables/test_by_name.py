@@ -82,7 +82,9 @@ def test_lists_of_names_in_parquet(tmp_path: Path) -> None:
 
 
 def test_without_a_robot_only_numbers_give_an_order(tmp_path: Path) -> None:
-    assert read(tmp_path, "t,joint_2_pos,joint_1_pos\n0,2,1\n1,4,3\n", ()).needed("position", 2).tolist() == POSITION
+    counted = read(tmp_path, "t,joint_2_pos,joint_1_pos\n0,2,1\n1,4,3\n", ())
+    assert counted.needed("position", 2).tolist() == POSITION
+    assert counted.named == ("joint_1", "joint_2")
     named = read(tmp_path, "t,shoulder_pos,elbow_pos\n0,1,2\n1,3,4\n", ())
     assert named.joints("position") is None
     assert named.named == ("shoulder", "elbow"), "as the columns are"

@@ -9,6 +9,7 @@ import pytest
 
 from cellwatt.errors import ConfigError
 from cellwatt.tables import Table, usual
+from cellwatt.tables.by_name import by_name
 from cellwatt.tables.likely import likely
 from cellwatt.tables.names import called, understood
 
@@ -35,6 +36,12 @@ def test_what_is_known_already_is_not_offered() -> None:
     [torque] = likely(table("qpos", "qvel", "Moment"))
     assert str(torque) == ("Moment0 … Moment1 look like the torque of joints 1 to 2: pass --columns 'tau=Moment{}'")
     assert likely(table("qpos", "qvel", "tau_")) == []
+
+
+def test_columns_that_name_their_joints_are_known() -> None:
+    log = by_name(table("Pos_J", "Vel_J", "Trq_J"), ())
+    [torque] = likely(log)
+    assert str(torque).endswith("pass --columns 'tau=Trq_J{}'")
 
 
 @pytest.mark.parametrize("rows", [0, 1])

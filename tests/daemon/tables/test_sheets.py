@@ -78,6 +78,18 @@ def read(folder: Path, text: str | bytes):
         ("t,q_1\n40000.0001,1\n40000.0002,2\n", [40000.0001, 40000.0002], [1, 2]),  # 10 kHz, no date
         ("Uhrzeit;sec;q_1\n12:00:01;5;1\n12:00:02;5;2\n", [43201, 43202], [1, 2]),  # of each step
         ("t,q_1\n0,1\n0,1\n1,2\n1,2\n", [0, 1], [1, 2]),  # polled faster than values came
+        ("t / s,q_1 / mrad\n0,1000\n1,2000\n", [0, 1], [1, 2]),
+        ("time [msec];q_1 [radians]\n0;1\n20;2\n", [0, 0.02], [1, 2]),
+        ("time_usec,q_1 rad\n0,1\n20000,2\n", [0, 0.02], [1, 2]),
+        ("t;q_1;U\ns;rad;V\n0;1;48\n1;2;48\n", [0, 1], [1, 2]),  # V is no unit of an arm
+        ("t;q_1;state\nTime;Axis 1;Mode\n[s];[rad];\n0;1;3\n1;2;3\n", [0, 1], [1, 2]),
+        ("t,q_1\n1,2\n0.5,1.5\n0,1\n", [0, 0.5, 1], [1, 1.5, 2]),  # the newest row first
+        ("t,position,position.1\n0,1,9\n1,2,9\n", [0, 1], [1, 2]),  # names that pandas numbered
+        ("t,q,q\n0,1,9\n1,2,9\n", [0, 1], [1, 2]),
+        ("t,\tq_1\n0,\t1\n1,\t2\n", [0, 1], [1, 2]),
+        ("time,q_1\n59:59.5,1\n00:00.5,2\n", [3599.5, 3600.5], [1, 2]),  # minutes of a spreadsheet
+        ('t,position\n0,"tensor([[1., 9.]], device=\'cuda:0\')"\n1,"tensor([[2., 9.]])"\n', [0, 1], [1, 2]),
+        ('t,position\n0,"array([1., 9.], dtype=float32)"\n1,"array([2., 9.])"\n', [0, 1], [1, 2]),
         ("time,q_1\n2026-03-01T01:00:00.5+01:00,1\n2026-03-01T00:00:01Z,2\n", [1772323200.5, 1772323201], [1, 2]),
     ],
 )
@@ -134,12 +146,13 @@ def test_a_refusal_names_the_cell_in_one_line(tmp_path: Path, text: str | bytes,
     assert len(str(caught.value).splitlines()) == 1
 
 
+@pytest.mark.parametrize("last", ["2", "2;-", "2;1.2e", '2"', '2;"1'])
 def test_a_row_within_which_the_file_ends_is_left_out_and_named(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, last: str
 ) -> None:
     """Of a logger that was killed."""
-    assert read(tmp_path, "t;q_1\n0;1\n1;2\n2").needed("position", 1)[:, 0].tolist() == [1, 2]
-    assert "ends within row 4, which is left out" in caplog.text
+    assert read(tmp_path, f"t;q_1\n0;1\n1;2\n{last}").needed("position", 1)[:, 0].tolist() == [1, 2]
+    assert "row 4" in caplog.text
     assert read(tmp_path, "t;q_1\n0;1\n1;2").time.tolist() == [0, 1]
 
 

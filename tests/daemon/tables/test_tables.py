@@ -105,7 +105,7 @@ def test_a_channel_of_no_joint_is_found_with_its_source() -> None:
         ({"q_1": ONE, "q_4": ONE}, "no column q_2, q_3; there are q_1, q_4"),
         (
             {"q_1 [grad]": ONE},  # German for degree
-            "column q_1 [grad]: unknown unit 'grad' (expected rad, mrad, deg, °, m, mm)",
+            "column q_1 [grad]: unknown unit 'grad' (expected rad, mrad, deg, m, mm)",
         ),
         ({"qq_1": ONE, "t": ONE}, "no column q_1; did you mean 'qq_1'?; there are: qq_1"),
     ],

@@ -95,7 +95,8 @@ def test_a_mujoco_file_stands_for_robot_yaml(file):
 
 
 def test_as_many_joints_as_the_file_has_are_those_of_the_arm_before_its_gripper(file):
-    assert tuple(joint.name for joint in described(file, 5).joints) == NAMES
+    for joints in (5, [f"axis_{i}" for i in range(5)]):
+        assert tuple(joint.name for joint in described(file, joints).joints) == NAMES
 
 
 def test_all_joints_of_two_arms_are_no_arm_and_its_gripper(tmp_path):

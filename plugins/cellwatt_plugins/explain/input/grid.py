@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import Akima1DInterpolator
-from scipy.ndimage import median_filter
+from scipy.ndimage import binary_dilation, binary_opening, median_filter
 
 from cellwatt.arrays import Bool, Float
 from cellwatt.errors import RecordingError
@@ -34,12 +34,17 @@ EVEN = 0.02
 """Share of a step by which the times of an evenly sampled file may deviate."""
 HOLE = 2.5
 """Distance of two rows, in steps, above which samples are missing between them."""
-GLITCH = 10.0
-"""Deviation of a position from its neighbours, in largest steps of the motion, above which it is a glitch."""
+GLITCH = (3.0, 10.0)
+"""Deviation of a value from its neighbours, in largest steps of the signal, above which it is a glitch: in ``DENSE``
+recordings, and in others, in which a short move is a single row."""
 JITTER = 0.01
 """rad by which a position may always deviate from its neighbours: encoder noise or a brake at rest causes as much."""
 JERKED = 1.0
 """rad/s at which a position may deviate from its neighbours: in slow recordings a short move is a single row."""
+DENSE = 0.02
+"""Longest step between rows, s, at which a torque or velocity of one or two rows is no move of the arm."""
+BESIDE = 0.15
+"""s on each side of a hole of that length or more in which the smoothed motion depends on what was filled in."""
 
 
 Kind = Literal["position", "slow", "lossy", "spare", "power"]
@@ -72,9 +77,9 @@ def even(
     Holes in time and single missing values are filled in and marked as gaps, unless the column's kind is one of these:
     ``slow`` columns change over minutes: missing values are filled in without a mark, and a column without any value is
     omitted. If more than a few values are missing, ``lossy`` columns stay NaN there, and ``spare`` columns and the
-    ``power`` are omitted. The power of a slow meter is held. Glitches of a ``position`` are replaced, rows that repeat
-    all positions left out, and stamps corrected by them. Raises ``RecordingError`` if too much is missing, or if the
-    time does not rise or jumps.
+    ``power`` are omitted. The power of a slow meter is held. Glitches of ``position``, ``lossy`` and ``spare`` columns
+    count as missing, rows that repeat all positions are left out, and stamps corrected by them. Raises
+    ``RecordingError`` if too much is missing, or if the time does not rise or jumps.
     """
     positions = [name for name in columns if kinds.get(name) == "position"]
     valid, notes = _rising(place, time, rows)
@@ -112,8 +117,8 @@ def _filled(
     filled, bad = dict[str, Float](), np.zeros(len(time), np.bool_)
     for name, values in columns.items():
         kind, wrong = kinds.get(name), ~(np.abs(values) < ABSURD)
-        if kind == "position" and not wrong.all():
-            wrong |= _glitches(time, np.where(wrong, np.nan, values))
+        if kind in ("position", "lossy", "spare") and not wrong.all():
+            wrong |= _glitches(time, np.where(wrong, np.nan, values), kind)
         if kind == "lossy" and not _few(time, wrong):
             filled[name] = np.where(wrong, np.nan, values)
             if not wrong.all():
@@ -187,13 +192,18 @@ def _in_seconds(place: str, time: Float) -> None:
         )
 
 
-def _glitches(time: Float, values: Float) -> Bool:
-    """True (R,) at single or paired values that no motion reaches, judged by the largest step of the median of five."""
+def _glitches(time: Float, values: Float, kind: Kind) -> Bool:
+    """True (R,) at single or paired values that no motion reaches, judged by the median of five.
+
+    A torque or velocity must also exceed all those that last longer.
+    """
     clean = np.interp(np.arange(len(values)), np.flatnonzero(~np.isnan(values)), values[~np.isnan(values)])
-    middle = median_filter(clean, 5, mode="nearest")
-    largest = float(np.max(np.abs(np.diff(middle))))
-    least = max(GLITCH * largest, JITTER, JERKED * float(np.median(np.diff(time))))
-    wild: Bool = np.isnan(values) | (np.abs(clean - middle) > least)
+    middle = median_filter(clean, 5, mode="mirror")
+    step, largest = float(np.median(np.diff(time))), float(np.max(np.abs(np.diff(middle))))
+    least, dense = max(JITTER, JERKED * step), step <= DENSE
+    if kind != "position":
+        least = float(np.max(np.abs(middle))) if largest and dense else np.inf
+    wild: Bool = np.isnan(values) | (np.abs(clean - middle) > max(GLITCH[not dense] * largest, least))
     return wild
 
 
@@ -266,3 +276,10 @@ def _holes(time: Float, grid: Float) -> Bool:
     near = np.minimum(grid - time[row], time[row + 1] - grid) < 0.5 * middle
     holes: Bool = (steps[row] > HOLE * middle) & ~near
     return holes
+
+
+def with_sides(gaps: Bool, step: float) -> Bool:
+    """``gaps`` (N,), one sample every ``step`` s, with the samples beside the long ones; see ``BESIDE``."""
+    rows = max(1, round(BESIDE / step))
+    sides: Bool = binary_dilation(binary_opening(gaps, np.ones(rows, np.bool_)), np.ones(2 * rows + 1, np.bool_))
+    return gaps | sides

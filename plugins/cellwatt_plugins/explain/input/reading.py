@@ -17,16 +17,18 @@ from cellwatt.scheduler import spread
 from cellwatt_plugins.explain.input.alignment import LATE, SAME, delay
 from cellwatt_plugins.explain.input.driven import driven
 from cellwatt_plugins.explain.input.factors import joints_text
+from cellwatt_plugins.explain.input.grid import with_sides
 from cellwatt_plugins.explain.input.moved import moved
 from cellwatt_plugins.explain.input.run import Run, Simulated
 from cellwatt_plugins.explain.input.signals import Signals, motor_torque, read_signals
 from cellwatt_plugins.explain.input.sources import Source, run_name
 from cellwatt_plugins.explain.input.unread import without_unread
 from cellwatt_plugins.explain.simulators import Simulator, load_simulator
+from cellwatt_plugins.explain.simulators.mujoco import Actuators
 from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.meter.file import power_beside
 from cellwatt_plugins.robot.motion import Moved, Plan, exact
-from cellwatt_plugins.robot.samples import interpolated
+from cellwatt_plugins.robot.samples import EFFORTS, interpolated
 
 SAME_CLOCK = 0.5
 """Least overlap of recording and simulation, as a share of the shorter one; with less, their clocks differ."""
@@ -56,8 +58,9 @@ def read_sources(
         for file, own in zip(files, parts, strict=True)
         for i, part in enumerate(own, start=1)
     ]
-    loaded, gains = _loaded(simulator, robot)
-    runs = spread(_prepared, slowed, "preparing runs", shared=(robot, gains))
+    loaded = None if simulator is None else load_simulator(simulator, robot.names)
+    drives = loaded.actuators() if loaded is not None and loaded.model.nu else None
+    runs = spread(_prepared, slowed, "preparing runs", shared=(robot, drives))
     if loaded is None:
         return runs
     return [_run_through(loaded, run) for run in steps(driven(runs, loaded), "simulating run")]
@@ -68,21 +71,11 @@ def seconds(every: Iterable[Signals]) -> float:
     return sum(float(signals.time[-1] - signals.time[0]) for signals in every)
 
 
-def _loaded(simulator: Path | None, robot: RobotDescription) -> tuple[Simulator | None, Float | None]:
-    """The arm in a simulator's file, and the torque (n,) Nm per unit of its controls."""
-    if simulator is None:
-        return None, None
-    loaded = load_simulator(simulator, robot.names)
-    return loaded, loaded.control_gains()
-
-
-def _prepared(entry: tuple[Source, Signals], known: tuple[RobotDescription, Float | None]) -> Run:
-    """Make a run from its source and its signals.
-
-    ``known``: the robot, and the torque (n,) Nm per unit of a simulator's controls, NaN where a control is no torque.
-    """
-    (source, signals), (robot, gains) = entry, known
-    signals = signals.with_controls(gains)
+def _prepared(entry: tuple[Source, Signals], known: tuple[RobotDescription, Actuators | None]) -> Run:
+    """Make a run from its source and its signals; ``known``: the robot, and a simulator's actuators."""
+    (source, signals), (robot, drives) = entry, known
+    signals = signals.with_controls(drives)
+    effort = EFFORTS.keys() & signals.joints.keys()
     run = without_unread(
         Run(
             name=source.name,
@@ -94,9 +87,9 @@ def _prepared(entry: tuple[Source, Signals], known: tuple[RobotDescription, Floa
             temperature=signals.joints.get("temperature"),
             command=signals.joints.get("command"),
             exact_times=signals.exact_times,
-            gaps=signals.gaps,
+            gaps=with_sides(signals.gaps, signals.step),
             averaged=signals.averaged,
-            torque_from="current" if "current" in signals.joints and "torque" not in signals.joints else "torque",
+            torque_from="torque" if "torque" in signals.joints or not effort else "current",
             notes=signals.notes,
         )
     )

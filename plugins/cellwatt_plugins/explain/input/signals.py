@@ -2,27 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from cellwatt.arrays import Bool, Float, rows_of
-from cellwatt.errors import ConfigError, RecordingError
+from cellwatt.errors import RecordingError
 from cellwatt.tables import Table, listed, read_table, usual
 from cellwatt.tables.likely import hint
 from cellwatt_plugins.explain.input.grid import EVEN, Kind, even
+from cellwatt_plugins.explain.simulators.mujoco import Actuators
 from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.meter.held import held, onto
 from cellwatt_plugins.robot.motion import slope
+from cellwatt_plugins.robot.samples import EFFORTS, in_torques
 from cellwatt_plugins.robot.simulated import joints_in
 from cellwatt_plugins.robot.stretches import stretches
 
-OPTIONAL = ("velocity", "acceleration", "torque", "current", "temperature", "command", "control")
-"""Quantities that count as not recorded if all their columns are empty."""
-LOSSY = ("torque", "current")
+LOSSY = ("torque", "torque_ratio", "current")
 """Quantities that may lack joints or samples of joints; missing values are NaN."""
+BY_ACTUATOR = ("actuator_force", "control")
+"""Quantities of a simulator's actuators, whose number and order may differ from those of the joints."""
+OPTIONAL = ("velocity", "acceleration", *LOSSY, "temperature", "command", *BY_ACTUATOR)
+"""Quantities that count as not recorded if all their columns are empty."""
 WHOLE: Mapping[str, Kind] = {"temperature": "slow", "velocity": "spare", "acceleration": "spare"}
 """Quantities that are not used if a column lacks many values: two of them can be derived."""
 NEEDED = ("position", "target_position", "target_velocity", "target_acceleration")
@@ -35,9 +39,13 @@ FOLLOWS = 0.3
 """Standard deviation of control minus position, as a share of the position's, up to which controls are positions."""
 
 
+LEAP = 10.0
+"""rad/s (m/s) that no joint has in the row after a rest."""
+
+
 @dataclass(frozen=True)
 class Signals:
-    """Content of one file: N samples, evenly spaced, (N, n) by quantity."""
+    """Content of one file: N samples, evenly spaced, (N, n) by quantity; ``BY_ACTUATOR``: one column each, or n."""
 
     place: str
     """Name of the file in messages."""
@@ -73,24 +81,36 @@ class Signals:
             f"{self.place}: no {quantities[0]}: expected {names}; there are: {listed(self.columns)}{self.hint}"
         )
 
-    def with_controls(self, gains: Float | None) -> Signals:
-        """Convert a simulator's controls to torques, by ``gains`` (n,) Nm per unit; to commands where a gain is NaN.
+    def with_controls(self, drives: Actuators | None) -> Signals:
+        """Convert forces and controls of a simulator's ``drives`` to torques, controls of other drives to commands.
 
-        Without gains, controls are commands at joints whose positions follow them, otherwise torques. Torques, currents
-        and commands that the file already has are not replaced.
+        Without drives, controls are commands at joints whose positions follow them, otherwise torques. Torques,
+        currents and commands that the file already has are not replaced.
         """
-        if "control" not in self.joints:
-            return self
-        control = self.joints["control"]
-        if gains is None:
-            gains = np.where(self._followed(control), np.nan, 1.0)
-        motors = np.isfinite(gains)
-        found = dict(self.joints)
-        if motors.any() and "current" not in found:
-            found.setdefault("torque", control * gains)
-        if not motors.all():
-            found.setdefault("command", np.where(motors, np.nan, control))
+        found = {quantity: values for quantity, values in self.joints.items() if quantity not in BY_ACTUATOR}
+        if "actuator_force" in self.joints:
+            gears = 1.0 if drives is None else drives.gears
+            found.setdefault("torque", self._at_joints("actuator_force", drives) * gears)
+        if "control" in self.joints:
+            control = self._at_joints("control", drives)
+            gains = np.where(self._followed(control), np.nan, 1.0) if drives is None else drives.gains
+            motors = np.isfinite(gains)
+            if motors.any() and "current" not in found:
+                found.setdefault("torque", control * gains)
+            if not motors.all():
+                found.setdefault("command", np.where(motors, np.nan, control))
         return replace(self, joints=found)
+
+    def _at_joints(self, quantity: str, drives: Actuators | None) -> Float:
+        """Values (N, n) of the actuators of the joints, NaN where a joint has none. Raises ``RecordingError``."""
+        values, joints = self.joints[quantity], self.needed("position", "target_position").shape[1]
+        if drives is not None and values.shape[1] == drives.count:
+            return np.where(drives.numbers < 0, np.nan, values[:, drives.numbers])
+        if values.shape[1] != joints:
+            there = "" if drives is None else f" and {drives.count} actuators"
+            columns = f"{values.shape[1]} columns {usual(quantity, 0)}, …"
+            raise RecordingError(f"{self.place}: {columns}, but the robot has {joints} joints{there}")
+        return values
 
     def _followed(self, control: Float) -> Bool:
         """True (n,) where the positions follow the controls."""
@@ -168,7 +188,8 @@ def read_signals(path: Path, robot: RobotDescription) -> Signals:
     columns = {name: column for q in joints for name, column in zip(names[q], joints[q].T, strict=True) if name}
     columns |= {} if power is None else {POWER: power}
     # Rows without the position of any joint are removed, which turns them into holes in time.
-    recorded = np.isfinite(joints[positions]).any(axis=1)
+    held = _held(time, [joints[q] for q in (positions, "velocity", *LOSSY) if q in joints])
+    recorded = np.isfinite(joints[positions]).any(axis=1) & ~held
     columns = {name: column[recorded] for name, column in columns.items()}
     of: dict[str, Kind] = {positions: "position", **dict.fromkeys(LOSSY, "lossy"), **WHOLE}
     kinds: dict[str, Kind] = {POWER: "power", **{n: kind for q, kind in of.items() for n in names.get(q, ())}}
@@ -183,9 +204,9 @@ def read_signals(path: Path, robot: RobotDescription) -> Signals:
         power=grid.columns.get(POWER),
         gaps=grid.gaps,
         exact_times=grid.exact_times,
-        notes=(*_turned(path.name, table, names), *grid.notes),
+        notes=(*_turned(path.name, table, names), *_unread(path.name, time[held]), *grid.notes),
         columns=table.names,
-        hint="" if {"torque", "current", "control", "command"} & joints.keys() else hint(table),
+        hint="" if {*LOSSY, *BY_ACTUATOR, "command"} & joints.keys() else hint(table),
     )
 
 
@@ -203,6 +224,9 @@ def _joints(table: Table, robot: RobotDescription) -> tuple[dict[str, tuple[str,
         own = table.some_joint_names(quantity, expected, "position") if lossy else table.joint_names(quantity)
         found = [np.full(len(table), np.nan) if (one := table.channel(name)) is None else one for name in own]
         if not found or (quantity in OPTIONAL and not np.isfinite(found).any()):
+            continue
+        if quantity in BY_ACTUATOR:
+            names[quantity], joints[quantity] = own, np.column_stack(found)
             continue
         if has_gripper:
             own, found = own[:expected], found[:expected]
@@ -236,24 +260,40 @@ def _turned(place: str, table: Table, names: Mapping[str, tuple[str, ...]]) -> I
         yield f"{place}: angles modulo a turn, unwrapped by whole turns: {times}"
 
 
-def motor_torque(signals: Signals, robot: RobotDescription) -> Float:
-    """Torque (N, n) Nm as recorded, or current times torque constant; NaN where a joint's value is missing.
+def _held(time: Float, state: Sequence[Float]) -> Bool:
+    """True (N,) at rows that only repeat a row, if positions leap at either end: nothing was read there.
 
-    All values are NaN if only commands were recorded. Raises ``RecordingError`` if torque, current and command are all
-    missing, and ``ConfigError`` if a torque constant is unknown.
+    ``state``: positions and what else was measured, (N, n) each. Programs log the last values, or 0, until they receive
+    others.
     """
-    if not {"torque", "current"} & signals.joints.keys() and "command" in signals.joints:
-        return np.full_like(signals.joints["command"], np.nan)
-    if "torque" in signals.joints or "current" not in signals.joints:
-        return signals.needed("torque", "current")
-    currents, constants = signals.joints["current"], robot.column("torque_constant")
-    recorded = np.flatnonzero(np.isfinite(currents).any(axis=0) & (constants == 0)).tolist()
-    if unknown := [robot.joints[i].name for i in recorded]:
-        raise ConfigError(
-            f"{signals.place} has currents, no torques, and the torque_constant of {listed(unknown)} is 0: "
-            "write it into the robot's description, in Nm/A at the joint side"
+    way = np.abs(np.diff(state[0], axis=0)) - LEAP * np.abs(np.diff(time))[:, None]
+    leaps = np.append(False, np.any(way > 0, axis=1))
+    held = np.zeros(len(time), np.bool_)
+    every = np.nan_to_num(np.column_stack(state))
+    for first, end in stretches(np.all(every[1:] == every[:-1], axis=1)):
+        if leaps[first] or leaps[min(end + 1, len(time) - 1)]:
+            held[first + (first > 0 and not leaps[first]) : end + 1] = True
+    return held
+
+
+def _unread(place: str, held: Float) -> Iterator[str]:
+    if len(held):
+        yield (
+            f"{place}: {len(held)} rows repeat one row up to a leap of the positions, first at t = {held[0]:.3f} s: "
+            "nothing was read there. They are left out"
         )
-    return np.asarray(currents * constants)
+
+
+def motor_torque(signals: Signals, robot: RobotDescription) -> Float:
+    """Torque (N, n) Nm as recorded, or of ``EFFORTS``; NaN where a joint's value is missing.
+
+    All values are NaN if only commands were recorded. Raises ``RecordingError`` if efforts and command are all missing,
+    and ``ConfigError`` if a number of the description that converts them is unknown.
+    """
+    quantity = next((quantity for quantity in EFFORTS if quantity in signals.joints), "torque")
+    if quantity not in signals.joints and "command" in signals.joints:
+        return np.full_like(signals.joints["command"], np.nan)
+    return in_torques(signals.needed(quantity, "current"), quantity, robot, signals.place)
 
 
 def _family(quantity: str) -> str:

@@ -29,6 +29,10 @@ TURNED = 0.02
 ROWS_EACH = 10
 """Rows per term that a regression needs to distinguish relation from chance."""
 
+HELD = (0.25, 1.0)
+"""Time, s, over which the torques of all moving joints, or of one, cannot stay at one value."""
+LEVELS = 50
+"""Number of different torques of a joint from which a constant one is no rounding."""
 STILL = 0.01
 """rad/s below which a joint rests."""
 CHANCE = 4.0
@@ -40,11 +44,19 @@ SELDOM = 3.0
 
 
 def without_unread(run: Run) -> Run:
-    """The run with NaN for the torque of each joint whose channel is constant, or noise unrelated to the motion; and
-    for all torques while the drives are off. Where power was recorded, such rows before and after all motion count as
-    filled in."""
+    """The run with NaN for the torque of each joint whose channel is constant, or noise unrelated to the motion; while
+    torques stay at one value although joints move; and for all torques while the drives are off. Where power was
+    recorded, rows without drives before and after all motion count as filled in."""
     dead = _dead(run)
     run = replace(run, torque=np.where(dead, np.nan, run.torque)) if dead.any() else run
+    if (held := _held(run)).any():
+        names = joints_text((1 + np.flatnonzero(held.any(axis=0))).tolist())
+        rows = held.any(axis=1)
+        note = (
+            f"{run.name}: the torque of {names} stays at one value for {number(run.step * np.sum(rows), 2)} s in all "
+            f"while joints move, first at {run.time[np.argmax(rows)]:.2f} s: it was not read there, and is not used"
+        )
+        run = replace(run, torque=np.where(held, np.nan, run.torque), notes=(*run.notes, note))
     off = _off(run)
     if not off.any():
         return run
@@ -98,6 +110,22 @@ def _dead(run: Run) -> Bool:
         terms = _terms(run)[rows]
         dead[suspect] = [_related(terms, torque[:, i]) < RELATED for i in np.flatnonzero(suspect)]
     return dead
+
+
+def _held(run: Run) -> Bool:
+    """(N, n) true where the torques of all joints stay at one value for ``HELD[0]`` s while several move, or the torque
+    of one for ``HELD[1]`` s while it moves; not at their extremes, where they may be cut off."""
+    held, read = np.zeros(run.torque.shape, np.bool_), np.flatnonzero(~unread(run)).tolist()
+    alone = [j for j in read if len(np.unique(run.torque[:, j])) >= LEVELS]
+    for joints, least, several in ((read, HELD[0], 2), *(([j], HELD[1], 1) for j in alone)):
+        torque = run.torque[:, joints]
+        same = np.all(np.diff(torque, axis=0) == 0, axis=1)
+        for first, last in stretches(same) if joints else ():
+            moved = np.ptp(run.position[first : last + 1, joints], axis=0) > MOVES
+            inside = (torque[first] > np.nanmin(torque, axis=0)) & (torque[first] < np.nanmax(torque, axis=0))
+            if (last - first) * run.step > least and moved.sum() >= several and inside.any():
+                held[first : last + 1, joints] = True
+    return held
 
 
 def _off(run: Run) -> Bool:

@@ -161,7 +161,7 @@ def verify(user: Placing, goal: Target, problem: Problem, written: Written) -> N
 def _mended(simulator: Simulator, written: Written) -> tuple[Simulator, Float]:
     """The written simulator, and the ratio (n,) of its gears to the user's, which is true over measured torque."""
     new = load_simulator(written.path, simulator.joints)
-    factor = new.control_gains() / simulator.control_gains()
+    factor = new.actuators().gains / simulator.actuators().gains
     return new, np.where(np.isnan(factor), 1.0, factor)
 
 

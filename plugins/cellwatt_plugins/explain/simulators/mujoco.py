@@ -23,6 +23,19 @@ LEFT_OUT = ("mjDSBL_CONTACT", "mjDSBL_LIMIT", "mjDSBL_EQUALITY", "mjDSBL_FRICTIO
 
 
 @dataclass(frozen=True)
+class Actuators:
+    """Actuators of n joints, among all ``count`` of a file, in whose order MuJoCo's ``ctrl`` and forces are."""
+
+    count: int
+    numbers: NDArray[np.intp]
+    """(n,) number of the one actuator of each joint; -1 without one."""
+    gears: Float
+    """(n,) Nm at the joint per unit of the actuator's force; NaN without an actuator."""
+    gains: Float
+    """(n,) Nm at the joint per unit of control; NaN where the control is not a torque."""
+
+
+@dataclass(frozen=True)
 class Simulator:
     """An arm of n joints in MuJoCo."""
 
@@ -86,21 +99,17 @@ class Simulator:
         """The body that each joint moves, (n,)."""
         return np.array([self.model.joint(name).bodyid[0] for name in self.joints], np.intp)
 
-    def motor(self, joint: int) -> int | None:
-        """The actuator that converts control to a joint's (0-based) torque by its gear alone; None if there is none."""
+    def actuators(self) -> Actuators:
+        """The actuators of the joints; those that convert control to torque by their gear alone have a gain."""
         import mujoco
 
         model = self.model
-        own = actuator_of(model, model.joint(self.joints[joint]).id)
-        if own < 0 or model.actuator_gaintype[own] != mujoco.mjtGain.mjGAIN_FIXED:
-            return None
-        return own if model.actuator_biastype[own] == mujoco.mjtBias.mjBIAS_NONE else None
-
-    def control_gains(self) -> Float:
-        """Torque (n,) Nm per unit of control at each joint; NaN where its control is not a torque."""
-        motors = [self.motor(joint) for joint in range(len(self.joints))]
-        gear, gain = self.model.actuator_gear, self.model.actuator_gainprm
-        return np.array([np.nan if i is None else gear[i, 0] * gain[i, 0] for i in motors])
+        numbers = np.array([actuator_of(model, model.joint(name).id) for name in self.joints], np.intp)
+        fixed = model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED
+        motors = fixed & (model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE)
+        gears = np.array([np.nan if i < 0 else model.actuator_gear[i, 0] for i in numbers])
+        gains = np.array([model.actuator_gainprm[i, 0] if i >= 0 and motors[i] else np.nan for i in numbers])
+        return Actuators(model.nu, numbers, gears, gears * gains)
 
     def poses(self, position: Float) -> tuple[Float, Float, Float]:
         """Frames (N, n, 4, 4) of ``bodies`` and anchors and axes (N, n, 3) of the joints, all in the world."""
@@ -143,6 +152,8 @@ def load_simulator(path: Path, joints: Sequence[str]) -> Simulator:
         notes.append(f"{path.name}: held at their reference: {', '.join(others)}")
     absent = {"equality constraints": model.neq > 0, "frictions of tendons": np.any(model.tendon_frictionloss > 0)}
     notes += [f"{path.name}: its {what} are left out" for what, present in absent.items() if present]
+    if not model.opt.gravity.any():
+        notes.append(f"{path.name}: its gravity is switched off: its torques are without weight")
     if np.any(model.body_gravcomp > 0) and not np.any(model.jnt_actgravcomp):
         notes.append(f"{path.name}: gravity is compensated (gravcomp): its torques are without that weight")
     return Simulator(path, model, tuple(names), tuple(notes))

@@ -16,7 +16,7 @@ from cellwatt_plugins.explain.simulators.mujoco import Simulator
 from cellwatt_plugins.explain.simulators.target import Target, damping_of
 from cellwatt_plugins.explain.simulators.written import Written, differ, differs, name_of_payload, write_inertial
 from cellwatt_plugins.robot.arm import loads_several
-from cellwatt_plugins.robot.servo.law import Servo, actuator_of, servo_of
+from cellwatt_plugins.robot.servo.law import Servo, servo_of
 
 _KINEMATIC = ("body", "frame", "worldbody", "mujocoinclude")
 HARDNESS = (0.05, 0.9999)
@@ -165,14 +165,14 @@ def _write_gravity(files: Files, simulator: Simulator, goal: Target, done: Writt
 
 
 def _write_gears(files: Files, simulator: Simulator, goal: Target, done: Written) -> None:
+    drives = simulator.actuators()
     for at in np.flatnonzero(np.abs(goal.gear - 1) > 1e-9):
         name = simulator.joints[at]
         motors = [e for e in files.all("motor") if e.attributes.get("joint") == name]
-        number_of = simulator.motor(int(at))
-        if len(motors) != 1 or number_of is None:
+        if len(motors) != 1 or np.isnan(drives.gains[at]):
             done.refused.append(("torque_gain", int(at), "the joint has no motor of its own whose gear could hold it"))
             continue
-        gear = simulator.model.actuator_gear[number_of].copy()
+        gear = simulator.model.actuator_gear[drives.numbers[at]].copy()
         was = float(gear[0])
         gear[0] *= goal.gear[at]
         last = int(np.flatnonzero(gear)[-1]) + 1
@@ -182,7 +182,7 @@ def _write_gears(files: Files, simulator: Simulator, goal: Target, done: Written
 
 def _write_servos(files: Files, simulator: Simulator, goal: Servo, done: Written) -> None:
     """Write gains, limits and delay of the joints' position actuators, in the actuators' own units."""
-    own = servo_of(simulator.path, simulator.joints)
+    own, gears = servo_of(simulator.path, simulator.joints), simulator.actuators().gears
     assert own is not None
     for at, name in enumerate(simulator.joints):
         acting = [
@@ -200,7 +200,7 @@ def _write_servos(files: Files, simulator: Simulator, goal: Servo, done: Written
             done.refused.append(("drive_gain", at, "the joint has no position actuator with kp and kv of its own"))
             continue
         drive = acting[0]
-        gear = float(simulator.model.actuator_gear[actuator_of(simulator.model, simulator.model.joint(name).id), 0])
+        gear = float(gears[at])
         stiffness, damping = new[0] / gear**2, new[1] / gear**2
         if drive.tag == "position":
             drive.set(kp=number(stiffness), kv=number(damping))

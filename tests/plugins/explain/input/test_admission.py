@@ -384,14 +384,6 @@ def test_concealed_cases_are_admitted_without_a_word(case):
     assert examine([without_plan(run) for run in runs], arm)[1] == []
 
 
-def test_a_torque_that_was_not_read_for_a_while_is_a_note(described, arm):
-    run = recorded(described, excitation(1))
-    torque = run.torque.copy()
-    torque[400:700, 2] = torque[400, 2]
-    (note,) = examine([replace(run, torque=torque)], arm)[1]
-    assert f"the torque of joint 3 stays at {torque[400, 2]:.4g} Nm from 4.00 to 6.99 s while the joint moves" in note
-
-
 def test_a_wrist_that_carries_nothing_is_in_no_other_unit(described, arm):
     """Its friction and load are below what friction may be; only the description has a tool there."""
     run = recorded(described, excitation(1))

@@ -139,6 +139,17 @@ def test_currents_need_torque_constants(tmp_path):
     assert "torque_constant of axis_1, axis_2" in message
 
 
+@pytest.mark.parametrize("name", ["torque_percent_{}", "tau_{} [%]"])
+def test_shares_of_the_rated_torque_are_torques(tmp_path, arm, name):
+    rated = [joint.model_copy(update={"rated_torque": 50.0}) for joint in arm.description.joints]
+    robot = arm.description.model_copy(update={"joints": tuple(rated)})
+    columns = recording(times())
+    for i in range(JOINTS):
+        columns[name.format(i + 1)] = columns.pop(f"tau_{i + 1}") / 0.5
+    (run,) = read_runs([parquet(tmp_path / "a.parquet", columns)], [], robot)
+    np.testing.assert_allclose(run.torque, motion(times())[3])
+
+
 def test_uneven_times_are_brought_onto_an_even_grid(tmp_path, arm):
     random = np.random.default_rng(4)
     t = times() + random.uniform(-0.3, 0.3, len(times())) / RATE
@@ -152,12 +163,12 @@ def test_uneven_times_are_brought_onto_an_even_grid(tmp_path, arm):
     assert not run.gaps.any()
 
 
-def test_holes_in_time_are_marked(tmp_path, arm):
+def test_holes_in_time_are_marked_with_what_their_filling_smooths(tmp_path, arm):
     t = times()
     kept = (t < 3.0) | (t > 3.4)
     run = one(parquet(tmp_path / "a.parquet", recording(t[kept])), arm)
     assert len(run.time) == len(t)
-    np.testing.assert_array_equal(run.gaps, ~kept)
+    np.testing.assert_array_equal(run.gaps, (t > 2.84) & (t < 3.56))
     np.testing.assert_allclose(run.position[kept], motion(t)[0][kept], atol=1e-9)
 
 
@@ -213,6 +224,29 @@ def test_few_unusable_values_are_filled_and_marked(tmp_path, arm):
     assert np.max(np.abs(run.torque - motion(t)[3])) < 1e-2
     assert np.max(np.abs(run.position - motion(t)[0])) < 1e-2
     assert any("3 unusable values of tau_3 filled in, first at t = 1.600 s" in note for note in run.notes)
+
+
+@pytest.mark.parametrize(("rows", "held"), [(slice(999, 1000), False), (slice(0, 60), False), (slice(400, 500), True)])
+def test_rows_in_which_nothing_was_read_do_not_count(tmp_path, arm, rows, held):
+    """A program logs 0 until it receives something, and the last values while it receives nothing."""
+    t = times()
+    columns = recording(t)
+    for name in columns.keys() - {"t"}:
+        columns[name][rows] = columns[name][rows.start] if held else 0.0
+    run = one(parquet(tmp_path / "a.parquet", columns), arm)
+    rows = slice(rows.start + held, rows.stop)
+    own = np.searchsorted(t, run.time[~run.filled] - 1e-6)
+    assert not set(own) & set(range(*rows.indices(len(t))))
+    assert len(own) >= len(t) - (rows.stop - rows.start) - 40
+    assert np.max(np.abs(run.position[~run.filled] - motion(t)[0][own])) < 1e-9
+
+
+def test_torques_of_single_rows_that_exceed_all_others_do_not_count(tmp_path, arm):
+    columns = recording(times())
+    columns["tau_2"][100:900:50] = 1e4
+    run = one(parquet(tmp_path / "a.parquet", columns), arm)
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(run.torque[:, 1])), np.arange(100, 900, 50))
+    assert any("tau_2 has no number in 1.6 % of its rows" in note for note in run.notes)
 
 
 def test_many_unusable_values_are_refused(tmp_path, arm):

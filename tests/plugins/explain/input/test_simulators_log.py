@@ -1,10 +1,12 @@
 """A log with MuJoCo's own names, and the simulator's file alone."""
 
+import re
+
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from cellwatt.errors import ConfigError
+from cellwatt.errors import ConfigError, RecordingError
 from cellwatt.tables import write_table
 from cellwatt_plugins.explain.api import arm_of
 from tests.plugins.explain.input.reading import examine, read_runs
@@ -13,7 +15,6 @@ from tests.plugins.explain.simulators.arms import TwoLinks
 
 pytest.importorskip("mujoco")
 
-GEAR = (3.0, 0.5)
 LINKS = TwoLinks(friction=(2.0, 1.0), damping=(0.4, 0.2), armature=(0.1, 0.05))
 GRIPPER = """
 <body name="finger" pos="0 0 -0.3"><joint name="grip" type="slide" axis="1 0 0"/>
@@ -27,21 +28,23 @@ def motion():
     return time, 0.8 * np.sin(angle), 0.8 * w * np.cos(angle), -0.8 * w**2 * np.sin(angle)
 
 
-def logged(folder, actuators, controls, hand=GRIPPER):
+def logged(folder, actuators, controls, hand=GRIPPER, name="ctrl"):
     """The file of the arm and a log of it, as a user of MuJoCo writes them."""
     before, _, after = LINKS.mjcf(hand=hand).partition("<actuator>")
     text = before + f"<actuator>{actuators}</actuator>" + after.partition("</actuator>")[2]
     (folder / "arm.xml").write_text(text)
     time, q, qd, _ = motion()
-    columns = {"time": time, **numbered("qpos", q, 0), **numbered("qvel", qd, 0), **numbered("ctrl", controls, 0)}
-    write_table(folder / "log.parquet", {name.replace("_", ""): values for name, values in columns.items()})
+    columns = {"time": time, **numbered("qpos", q, 0), **numbered("qvel", qd, 0), **numbered(name, controls, 0)}
+    write_table(folder / "log.parquet", {re.sub(r"_(?=\d)", "", name): values for name, values in columns.items()})
     return folder / "arm.xml", folder / "log.parquet"
 
 
-def test_controls_of_motors_are_torques_by_their_gears(tmp_path):
+@pytest.mark.parametrize("name", ["ctrl", "actuator_force"])
+def test_controls_and_forces_are_torques_by_the_gears_of_their_actuators(tmp_path, name):
     torque = LINKS.torque(*motion()[1:])
-    motors = "".join(f'<motor joint="{n}" gear="{g}"/>' for n, g in zip(("shoulder", "elbow"), GEAR, strict=True))
-    simulator, log = logged(tmp_path, motors, torque / GEAR)
+    motors = '<position joint="grip" kp="9"/><motor joint="elbow" gear="0.5"/><motor joint="shoulder" gear="3"/>'
+    values = np.column_stack([torque[:, 0], torque[:, 1] / 0.5, torque[:, 0] / 3])
+    simulator, log = logged(tmp_path, motors, values, name=name)
     arm = arm_of(None, simulator, [log])
     assert [joint.name for joint in arm.description.joints] == ["shoulder", "elbow"]
     (run,) = read_runs([log], [simulator], arm.description)
@@ -50,6 +53,13 @@ def test_controls_of_motors_are_torques_by_their_gears(tmp_path):
     notes = examine([run], arm)[1]
     assert "arm.xml: held at their reference: grip" in notes
     assert not any("differs from the simulation" in note for note in notes)
+
+
+def test_controls_of_some_of_several_actuators_are_refused(tmp_path):
+    motors = "".join(f'<motor joint="{n}"/>' for n in ("shoulder", "elbow", "grip"))
+    simulator, log = logged(tmp_path, motors, motion()[1][:, :1])
+    with pytest.raises(RecordingError, match="1 columns ctrl_0, …, but the robot has 2 joints and 3 actuators"):
+        read_runs([log], [simulator], arm_of(None, simulator, [log]).description)
 
 
 def test_a_log_of_all_joints_holds_those_of_a_gripper_behind_the_arm(tmp_path):

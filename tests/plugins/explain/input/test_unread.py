@@ -200,3 +200,16 @@ def test_power_of_braked_joints_between_two_motions_is_used(run):
     assert "run: 120 s at rest without torque at any joint, first at 0.00 s" in found.notes[0]
     np.testing.assert_array_equal(found.filled, off & (np.arange(len(off)) < half))
     assert [np.sum(off[:half]), np.sum(off[half:])] == pytest.approx([rest, rest], abs=0.2 / run.step)
+
+
+@pytest.mark.parametrize(("joints", "rows"), [(JOINTS, 100), (1, 300), (1, 90), (JOINTS - 1, 90)])
+def test_torques_that_stay_while_joints_move_are_not_used(joints, rows, described):
+    run = recorded(described, excitation(1))
+    torque = run.torque.copy()
+    torque[400 : 400 + rows, :joints] = torque[400, :joints]
+    found = without_unread(replace(run, torque=torque))
+    missing = np.zeros(torque.shape, bool)
+    missing[400 : 400 + rows, :joints] = rows > 90
+    np.testing.assert_array_equal(np.isnan(found.torque), missing)
+    assert [note for note in found.notes if "first at 4.00 s: it was not read there" in note] == [*found.notes]
+    assert len(found.notes) == (rows > 90)

@@ -1,3 +1,4 @@
+import re
 import sys
 
 import numpy as np
@@ -5,6 +6,7 @@ import pytest
 
 from cellwatt.errors import ConfigError
 from cellwatt_plugins.explain.simulators import load_simulator
+from cellwatt_plugins.robot.simulated import described
 from tests.plugins.explain.simulators.arms import FULL, TwoLinks, moves
 
 pytest.importorskip("mujoco")
@@ -30,10 +32,26 @@ def test_torque_is_that_of_the_equations_of_motion(tmp_path):
 
 
 def test_a_urdf_needs_no_meshes(tmp_path):
-    described = TwoLinks(friction=(2.0, 1.0), damping=(1.5, 0.4))
+    links = TwoLinks(friction=(2.0, 1.0), damping=(1.5, 0.4))
     mesh = '<visual><geometry><mesh filename="package://nowhere/upper.dae"/></geometry></visual>'
-    arm = load_simulator(written(tmp_path, described.urdf(shape=mesh), "arm.urdf"), JOINTS)
-    np.testing.assert_allclose(arm.torque(*moves(), leading=False), described.torque(*moves()), atol=1e-9)
+    text = f'\n<?xml version="1.0" encoding="ISO-8859-1"?><!-- Gerät -->{links.urdf(shape=mesh)}'
+    (tmp_path / "arm.urdf").write_text(text, encoding="latin-1")
+    arm = load_simulator(tmp_path / "arm.urdf", JOINTS)
+    np.testing.assert_allclose(arm.torque(*moves(), leading=False), links.torque(*moves()), atol=1e-9)
+
+
+def test_links_of_a_urdf_may_be_points(tmp_path):
+    text = re.sub(r'(i[xyz]{2})="[^"]*"', r'\1="0"', TwoLinks().urdf())
+    torque = load_simulator(written(tmp_path, text, "arm.urdf"), JOINTS).torque(*moves())
+    assert 0.1 < np.max(np.abs(torque - TwoLinks().torque(*moves()))) < np.max(np.abs(torque))
+
+
+@pytest.mark.parametrize("off", ['<option gravity="0 0 0"/>', '<option><flag gravity="disable"/></option>'])
+def test_gravity_that_is_switched_off_is_said(tmp_path, off):
+    path = written(tmp_path, re.sub("<option[^>]*/>", "", FULL.mjcf()).replace("<worldbody>", f"{off}<worldbody>"))
+    arm = load_simulator(path, JOINTS)
+    assert arm.notes == ("arm.xml: its gravity is switched off: its torques are without weight",)
+    assert described(path).gravity == (0, 0, 0)
 
 
 def test_fingers_rest_and_contacts_do_not_push(tmp_path):

@@ -124,5 +124,5 @@ def test_recordings_of_one_pose_each_do_not_show_the_side_of_approach(tmp_path, 
 def test_per_cent_need_rated_torques(tmp_path, robot):
     joints = tuple(joint.model_copy(update={"rated_torque": 0.0}) for joint in robot.joints)
     table = samples(20)
-    with pytest.raises(ConfigError, match=r"joint_1 has no rated_torque, which torque_percent_1 of .* needs"):
+    with pytest.raises(ConfigError, match=r"its torque_ratio needs the rated_torque of joint_1"):
         read_poses([save(tmp_path, table)], robot.model_copy(update={"joints": joints}))

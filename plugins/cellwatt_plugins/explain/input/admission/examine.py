@@ -84,8 +84,9 @@ def _turning_over(
     def made(lead: float | None) -> tuple[float, Baseline, list[States]]:
         law = replace(base, lead=lead)
         states = [law.along(run, i, *course) for i, (run, course) in enumerate(zip(runs, courses, strict=True))]
-        pairs = [(run.torque, s.nominal) for run, s in zip(runs, states, strict=True)]
-        off = [np.diff((torque - nominal) / np.nanstd(torque), axis=0) for torque, nominal in pairs]
+        measured = [np.where(run.filled[:, None], np.nan, run.torque) for run in runs]
+        pairs = zip(measured, states, strict=True)
+        off = [np.diff((torque - s.nominal) / np.nanstd(torque), axis=0) for torque, s in pairs]
         return float(np.nansum(np.square(np.concatenate(off)))), law, states
 
     first = made(None)

@@ -25,8 +25,6 @@ LEVELS = 50
 """Number of different torque values below which the steps between them are visible …"""
 OFTEN = 2
 """… if each value occurs this many times on average."""
-FROZEN = 1.0
-"""Duration at exactly one value, s, that noise does not permit."""
 ROUGH = 1.0
 """Uncertainty of the torque that a motion needs, over its rms, above which it carries little information."""
 SHORT = 0.15
@@ -53,7 +51,6 @@ def remarks(runs: Sequence[Run], robot: RobotDescription) -> list[str]:
             notes.append(f"{run.name}: {share} % of the samples were filled in and do not count")
         notes += _cut_off(run, robot)
         notes += _coarse(run, robot)
-        notes += _frozen(run, robot)
     return notes
 
 
@@ -106,30 +103,6 @@ def _coarse(run: Run, robot: RobotDescription) -> Iterator[str]:
             yield (
                 f"{run.name}: the torque of joint {i + 1} comes in steps of {np.min(np.diff(levels)):.3g} "
                 f"{robot.unit(i, 'Nm')}: smaller effects cannot be found"
-            )
-
-
-def _frozen(run: Run, robot: RobotDescription) -> Iterator[str]:
-    """The longest stretch in which a torque stays at one value, not its extreme, while its joint moves."""
-    least = MOVES * levers(robot)
-    for i in np.flatnonzero(travel(run) > least).tolist():
-        torque, position = run.torque[:, i], run.position[:, i]
-        if len(np.unique(torque)) < LEVELS:
-            continue
-        found = [
-            (end - start, start, end)
-            for start, end in stretches(np.diff(torque) == 0)
-            if (end - start) * run.step > FROZEN
-            and np.ptp(position[start:end]) > least[i]
-            and torque[start] not in (np.nanmax(torque), np.nanmin(torque))
-        ]
-        if found:
-            _, start, end = max(found)
-            others = f", nor at {len(found) - 1} other times" if len(found) > 1 else ""
-            yield (
-                f"{run.name}: the torque of joint {i + 1} stays at {torque[start]:.4g} {robot.unit(i, 'Nm')} from "
-                f"{run.time[start]:.2f} to {run.time[end]:.2f} s while the joint moves: "
-                f"it seems not to have been read there{others}"
             )
 
 
