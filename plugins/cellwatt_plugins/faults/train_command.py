@@ -69,9 +69,17 @@ def train(
     if not courses:
         raise ModelError("the reference has whole cycles only, and no intervals, which a fault table needs")
 
+    fitted = None
+    if robot is not None:
+        from cellwatt_plugins.faults.cycles.known import known_of
+
+        fitted = known_of(reference, file, robot).arm
+    slides = fitted.body.slides if fitted else ()
+
     def codes_in(files: Sequence[_Files]) -> dict[Key, list[Codes]]:
         paths, meters = zip(*files, strict=True)
-        blocks = list(frames_of_files(paths, [each for each in meters if each is not None], reference.names))
+        beside = [each for each in meters if each is not None]
+        blocks = list(frames_of_files(paths, beside, reference.names, slides))
         return recorded(blocks, courses, tolerance, reference.source(one_layout(blocks), arm), power or reference.power)
 
     known = _by_joint(faulty, reference.joints)
@@ -82,11 +90,6 @@ def train(
         faulty_codes[joint] = codes_in([each for (j, _), each in zip(known, of_faults, strict=True) if j == joint])
         if not faulty_codes[joint]:
             raise ModelError(f"--fault {joint}: no whole cycle of a task of the reference in these recordings")
-    fitted = None
-    if robot is not None:
-        from cellwatt_plugins.faults.cycles.known import known_of
-
-        fitted = known_of(reference, file, robot).arm
     sources = Sources(faulty_codes, fitted, codes_in(healthy) if healthy else {}, tolerance, seed)
     names = Counter(f"{course.task}-{course.speed:.2f}" for course in courses)
     report = []

@@ -77,6 +77,14 @@ def test_an_encoder_and_another_joint_are_both_named(reference):
     assert {a.joint for a in alarms if a.active and a.kind != "joint_fault"} == {3}
 
 
+def test_of_two_encoders_each_alarm_gives_its_own_deviation(reference):
+    both = {2: 0.03, 3: 0.05}
+    faults = (Fault("encoder_offset", joint, size) for joint, size in both.items())
+    alarms, _ = alarms_of(reference, *faults, seed=5, counts=(2, 2, 0))
+    found = {alarm.joint: alarm.evidence["position_residual_rad"] for alarm in alarms}
+    assert found == pytest.approx(both, abs=2e-3)
+
+
 def test_a_fault_at_a_learned_lower_speed(rich_reference):
     cycles = [Cycle(speed=0.6)] * 2 + [Cycle(speed=0.6, faults=(Fault("friction", 1, 25.0),))] * 2
     alarms = watch(rich_reference, recorded(cycles, seed=8))
