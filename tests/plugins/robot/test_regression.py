@@ -86,7 +86,7 @@ def test_a_curve_is_fitted_along_its_slopes():
     found, fit = gauss_newton(linearised, prior, start, 30, settled=1e-10)
     assert found == pytest.approx(truth, rel=1e-5)
     assert fit.coefficients == pytest.approx(found)
-    held, _ = gauss_newton(linearised, prior, start, 30, within=lambda x: np.minimum(x, 1.5))
+    held, _ = gauss_newton(linearised, prior, start, 30, within=lambda fit: np.minimum(fit.coefficients, 1.5))
     assert held.max() <= 1.5
 
 
