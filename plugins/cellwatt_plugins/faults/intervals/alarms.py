@@ -21,6 +21,8 @@ PATIENCE = 10
 """Factor on the clean intervals that clear an alarm whose deviating interval has not run again."""
 UNKNOWN = 3
 """Consecutive intervals that are not in the reference, after which a new task is reported."""
+NOTICES = ("new_speed", "new_task")
+"""Kinds of alarms that the arm is not judged."""
 
 _WHAT = {
     "joint_fault": "Joint {joint} {power}, though it follows its path: a fault in the joint or a load on it",
@@ -44,7 +46,6 @@ class IntervalAlarms:
     clear_after: int = 3
     _book: AlarmBook = field(default_factory=AlarmBook)
     _codes: dict[tuple[int, int], Finding] = field(default_factory=dict)
-    _reported: set[str] = field(default_factory=set)
     _unknown: int = 0
 
     def take(self, finding: Finding, *, final: bool) -> list[Alarm]:
@@ -54,13 +55,13 @@ class IntervalAlarms:
             self._unknown += 1
             if self._unknown >= UNKNOWN:
                 text = "The arm runs a task that is not in the reference; it is not judged"
-                out += self._report_once("new_task", finding, text)
+                out += self._report("new_task", finding, text)
             return out
         self._unknown = 0
         if finding.course == "other_speed":
             task = self.reference.tasks[finding.key.task].name
             text = f"{task} runs at a speed that is not in the reference; it is not judged at this speed"
-            return [*out, *self._report_once("new_speed", finding, text)]
+            return [*out, *self._report("new_speed", finding, text)]
         if final and finding.course == "follows":
             out += self._known_again(finding)
         for joint, verdict in finding.verdicts.items():
@@ -200,19 +201,16 @@ class IntervalAlarms:
         about = "" if joint is None else f"joint_{joint}."
         return f"{self.prefix}.{self.source}.{about}{kind}"
 
-    def _report_once(self, kind: str, finding: Finding, statement: str) -> list[Alarm]:
-        """Report information once."""
-        if kind in self._reported:
-            return []
-        self._reported.add(kind)
+    def _report(self, kind: str, finding: Finding, statement: str) -> list[Alarm]:
+        """Report that the arm is not judged, once until it is again."""
         number, since, time = finding.interval.number, finding.since, finding.time
-        name, source = self._name(kind), self.source
-        return self._book.raise_(Alarm(name, kind, "info", True, since, time, statement, source, interval=number))
+        alarm = Alarm(self._name(kind), kind, "info", True, since, time, statement, self.source, interval=number)
+        return self._book.raise_(alarm, update=False)
 
     def _known_again(self, finding: Finding) -> list[Alarm]:
         """Clear the notices, as the arm runs a task of the reference again."""
         text = "Resolved: the arm runs as in the reference again"
-        return [a for kind in sorted(self._reported) for a in self._book.clear(self._name(kind), finding.time, text)]
+        return [a for kind in NOTICES for a in self._book.clear(self._name(kind), finding.time, text)]
 
 
 def _statement(joint: int, kind: str, alternatives: tuple[int, ...], evidence: dict[str, Any], travel: str) -> str:
