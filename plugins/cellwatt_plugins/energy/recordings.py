@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -81,7 +81,7 @@ def read_reading(path: Path) -> PowerTrace:
     power = table.whole("supply.power")
     if power is None:
         raise table.lacks("power")
-    return PowerTrace(str(path), _check(table, {"power": power}), power)
+    return PowerTrace(str(path), *_whole(table, power))
 
 
 def read_motion(path: Path, joints: Sequence[str]) -> RobotTrace:
@@ -90,9 +90,8 @@ def read_motion(path: Path, joints: Sequence[str]) -> RobotTrace:
     Raises ``RecordingError``.
     """
     table = read_table(path, joints)
-    columns = {quantity: table.needed(quantity, len(joints)) for quantity in ("position", "velocity", "torque")}
-    time = _check(table, columns)
-    position, velocity, torque = columns.values()
+    columns = (table.needed(quantity, len(joints)) for quantity in ("position", "velocity", "torque"))
+    time, position, velocity, torque = _whole(table, *columns)
     steps = np.diff(time)
     if steps.max() > 5 * np.median(steps):
         at = float(time[int(np.argmax(steps))])
@@ -137,12 +136,10 @@ def _read(pair: _Pair, joints: Sequence[str]) -> Recorded:
     return Recorded(name, speed, payload, read_motion(robot, joints), read_reading(analyzer))
 
 
-def _check(table: Table, columns: Mapping[str, Float]) -> Float:
-    """The times (N,) s. Raises ``RecordingError`` if a value of the columns is missing."""
-    time = table.rising_time(FEWEST)
-    for name, values in columns.items():
-        empty = ~np.isfinite(values.reshape(len(time), -1)).all(axis=1)
-        if empty.any():
-            at = time[np.argmax(empty)]
-            raise RecordingError(f"{table.path}: {name} is empty at t = {at:.2f} s: record it again, or cut it there")
-    return time
+def _whole(table: Table, *columns: Float) -> list[Float]:
+    """Time and columns in the rows without a missing value. Raises ``RecordingError`` if these are too few."""
+    time = table.rising_time()
+    whole = np.isfinite(np.column_stack(columns)).all(axis=1)
+    if whole.sum() < FEWEST:
+        raise RecordingError(f"{table.path}: {whole.sum()} rows without a missing value, expected {FEWEST} or more")
+    return [values[whole] for values in (time, *columns)]
