@@ -58,7 +58,7 @@ def fit_joint(
     arm: Arm, i: int, prior: Prior, rows: Float, qd: Float, qdd: Float, torque: Float, ends: NDArray[np.intp]
 ) -> JointFit:
     """Fit joint ``i`` (0-based) to its torque (N,) Nm with its regressor ``rows`` (N, k)."""
-    slides = np.abs(qd) > SLIDES
+    slides = np.abs(qd) > SLIDES * arm.body.levers[i]
     if slides.sum() < FEWEST:
         return JointFit(np.nan, np.nan, np.nan, np.full(len(ends), np.nan))
     rotor = arm.description.joints[i].rotor_inertia
