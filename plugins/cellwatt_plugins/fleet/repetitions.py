@@ -88,4 +88,4 @@ def _rests_at_home(stretch: Stretch) -> list[tuple[int, int]]:
 
 def _still(stretch: Stretch) -> NDArray[np.bool_]:
     """(N,) true while no joint moves."""
-    return np.all(np.abs(stretch.velocity) <= STILL * stretch.levers, axis=1)
+    return np.asarray(np.all(np.abs(stretch.velocity) <= STILL * stretch.levers, axis=1))
