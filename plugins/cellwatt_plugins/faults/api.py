@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel
 
+from cellwatt.arrays import joined
 from cellwatt.config import read_settings
 from cellwatt.errors import ModelError, RecordingError
 from cellwatt.files import Place, Places, paths_of
@@ -19,7 +20,7 @@ from cellwatt_plugins.faults.cycles.recording import Recording, recording_of
 from cellwatt_plugins.faults.learn import learn
 from cellwatt_plugins.faults.recordings import frames_of_files
 from cellwatt_plugins.faults.reference import Reference, load, save
-from cellwatt_plugins.faults.trace import Trace, one_layout, segmented
+from cellwatt_plugins.faults.trace import one_layout, segmented
 from cellwatt_plugins.robot.description import packaged, robot_file
 from cellwatt_plugins.robot.simulated import is_simulator
 
@@ -171,7 +172,7 @@ def learn_from(
     layout = one_layout(blocks)
     source = layout.channels[layout.joints("position", arm)[0]].source
     parts = list(segmented(blocks, arm, power))
-    trace = Trace.joined(part for part, *_ in parts)
+    trace = joined([part for part, *_ in parts])
     intervals = [interval for _, each, _ in parts for interval in each]
     tasks = [task for *_, each in parts for task in each]
     with stage("learning intervals"):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydantic import Field
 
+from cellwatt.arrays import joined
 from cellwatt.errors import ModelError
 from cellwatt.frames import Frames, Layout
 from cellwatt.quantity import Fraction
@@ -72,7 +73,7 @@ class FaultsStage(ReferenceStage[FaultsSettings]):
         if self._cycles is not None:
             return self._cycles.process(Trace.of(frames, self._positions, self._power))
         block, intervals = self._seen(frames, upstream)
-        self._trace = Trace.joined([self._trace, block])
+        self._trace = joined([self._trace, block])
         out: list[Alarm] = []
         first = int(frames.time[0]) if len(frames) else 0
         for known_at, interval in _when_known(intervals):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cellwatt.arrays import Float, Nanoseconds
+from cellwatt.arrays import Float, Nanoseconds, rows_of
 from cellwatt.errors import RecordingError
 from cellwatt.frames import Frames, Layout
 from cellwatt.registry import stage as find_stage
@@ -34,12 +34,6 @@ class Trace:
         return cls(frames.time, frames.values[:, list(positions)], frames.values[:, power])
 
     @classmethod
-    def joined(cls, parts: Iterable[Trace]) -> Trace:
-        """Concatenate traces given in the order of time."""
-        time, position, power = zip(*((part.time, part.position, part.power) for part in parts), strict=True)
-        return cls(np.concatenate(time), np.concatenate(position), np.concatenate(power))
-
-    @classmethod
     def empty(cls, joints: int) -> Trace:
         """No frames yet."""
         return cls(np.empty(0, np.int64), np.empty((0, joints)), np.empty(0))
@@ -53,8 +47,7 @@ class Trace:
 
     def between(self, start: int, end: int) -> Trace:
         """The frames from ``start`` to ``end`` ns, both included."""
-        first, last = np.searchsorted(self.time, start), np.searchsorted(self.time, end, side="right")
-        return Trace(self.time[first:last], self.position[first:last], self.power[first:last])
+        return rows_of(self, slice(np.searchsorted(self.time, start), np.searchsorted(self.time, end, side="right")))
 
 
 def in_angles(trace: Trace, intervals: Iterable[Interval], levers: Float) -> tuple[Trace, list[Interval]]:
