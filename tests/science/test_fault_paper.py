@@ -133,7 +133,7 @@ def test_both_speeds_of_fig_19_have_patterns_of_their_own(speed):
 def test_table_III(table, seed):
     """The right output is 0.95 or more, and the largest; so is Y7 for a healthy cycle."""
     network = FaultNetwork(train(table, seed=seed))
-    outputs = network.outputs(np.vstack([table.T, np.zeros(len(table), np.int8)]))
+    outputs = network.output_of(np.vstack([table.T, np.zeros(len(table), np.int8)]))
     assert outputs.shape == (7, 7)
     assert np.diag(outputs).min() >= SURE
     assert (outputs - np.diag(np.diag(outputs))).max() <= 0.05

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -91,13 +90,10 @@ def train(
         if not faulty_codes[joint]:
             raise ModelError(f"--fault {joint}: no whole cycle of a task of the reference in these recordings")
     sources = Sources(faulty_codes, fitted, codes_in(healthy) if healthy else {}, tolerance, seed)
-    names = Counter(f"{course.task}-{course.speed:.2f}" for course in courses)
     report = []
     for about, content in spread(train_codes, courses, "networks of codes", shared=sources):
         if content is not None:
-            name = f"{about['task']}-{about['speed']:.2f}"
-            name = name if names[name] == 1 else f"{about['task']}-{about['speed']:.3f}"
-            about["file"] = str(out / f"{name}-codes.onnx")
+            about["file"] = str(out / f"{about['task']}-{about['speed']:g}-codes.onnx")
             write_file(Path(about["file"]), content)
         report.append(about)
     click.echo(json.dumps({"networks": report}) if as_json else "\n".join(map(_in_words, report)))

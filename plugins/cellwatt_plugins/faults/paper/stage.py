@@ -26,7 +26,6 @@ from cellwatt_plugins.faults.paper.judging import (
 )
 from cellwatt_plugins.faults.paper.network import FaultNetwork
 from cellwatt_plugins.faults.paper.pattern import by_equations
-from cellwatt_plugins.onnx_file import OnnxFile
 from cellwatt_plugins.travel import residual, travel_text
 
 TRAIN = "train it with `cellwatt faults train`"
@@ -44,9 +43,8 @@ def networks_of(path: Path, courses: Sequence[Course], where: Path) -> dict[Key,
     if not courses:
         raise ModelError(f"fault networks {path}: reference {where} has no tasks by intervals to use them for")
     out: dict[Key, FaultNetwork] = {}
-    by_task: dict[Key, Path] = {}
     for file in files:
-        network = FaultNetwork(OnnxFile(file))
+        network = FaultNetwork(file)
         task = network.task
         if task is None:
             raise ModelError(f"fault network {file}: names no task; {TRAIN}")
@@ -58,9 +56,9 @@ def networks_of(path: Path, courses: Sequence[Course], where: Path) -> dict[Key,
                 f"reference {where}: its {course.words} has {task.differs(course)}; {TRAIN}"
             )
         for course in fits:
-            if other := by_task.get(course.key):
-                raise ModelError(f"fault network {file}: is for {course.words}, as is {other}: keep one of them")
-            out[course.key], by_task[course.key] = network, file
+            if other := out.get(course.key):
+                raise ModelError(f"fault network {file}: is for {course.words}, as is {other.path}: keep one of them")
+            out[course.key] = network
     return out
 
 
