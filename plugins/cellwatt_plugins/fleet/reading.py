@@ -74,9 +74,7 @@ def read_stretches(path: Path, arm: Arm) -> list[Stretch]:
     return out
 
 
-def _even(
-    table: Table, rows: NDArray[np.intp], position: Float, torque: Float, step: float, levers: Float
-) -> Stretch:
+def _even(table: Table, rows: NDArray[np.intp], position: Float, torque: Float, step: float, levers: Float) -> Stretch:
     time, speed, power = table.time[rows], table.joints("velocity"), table.whole("supply.power")
     even = time[0] + step * np.arange(int((time[-1] - time[0]) / step + 0.5) + 1)
     as_it_is = len(even) == len(time) and np.abs(even - time).max() < 0.05 * step

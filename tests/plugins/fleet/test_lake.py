@@ -101,7 +101,7 @@ def test_the_friction_of_a_slide_whose_strokes_are_slow(tmp_path):
     t = np.arange(125) / 125
     there = (10 * t**3 - 15 * t**4 + 6 * t**5)[:, None] * [0.5, 0.3, -0.015]
     way = np.concatenate([there, there[-1:].repeat(50, axis=0), there[::-1], np.zeros((50, 3))])
-    q = np.tile(way, (12, 1)) + [0.3, 0.5, 0.1]
+    q = np.array([0.3, 0.5, 0.1]) + np.tile(way, (12, 1))
     qd = np.gradient(q, 1 / 125, axis=0)
     tau = scara.torque(q, qd, np.gradient(qd, 1 / 125, axis=0))
     scara.write(tmp_path)
