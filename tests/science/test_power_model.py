@@ -13,10 +13,10 @@ from cellwatt_plugins.models.power.nls import Nls
 from cellwatt_plugins.models.power.paper import Seen
 from cellwatt_plugins.models.power.scg_network import Scg
 from cellwatt_plugins.models.power.scores import Score
-from cellwatt_plugins.models.power.training import estimate, model_of, train
+from cellwatt_plugins.models.power.training import estimate, train
 from cellwatt_plugins.models.power.tuning import tune
 from cellwatt_plugins.robot import Arm
-from tests.plugins.models.power.cases import read_case
+from tests.plugins.models.power.cases import model_of, read_case
 from tests.plugins.models.power.emulated_arm import ARMS, course, six_axes, supply, torques
 
 DATA = Path(__file__).resolve().parents[2] / ".." / "shared" / "data"
