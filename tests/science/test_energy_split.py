@@ -19,7 +19,6 @@ from cellwatt_plugins.energy.identify import Belief, Observed, begin, identify
 from cellwatt_plugins.energy.recordings import PowerTrace, Recorded, RobotTrace
 from cellwatt_plugins.energy.repetitions import Repetition
 from cellwatt_plugins.robot import Arm
-from tests.plugins.energy.running import run_on, worst_error
 
 ROOT = Path(__file__).resolve().parents[2]
 SHARED = ROOT / ".." / "shared" / "energy_runs"
@@ -71,24 +70,6 @@ def test_every_row_of_table_iii_by_our_equations(robot):
         assert electrical_losses(total, electronics, brakes, mechanical) == pytest.approx(electrical, abs=2.0)
     for row in TABLE_III[robot]:
         assert payload_efficiency(row[5], row[0]) == pytest.approx(row[10], abs=0.06)
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(300)
-@pytest.mark.parametrize("name", ["ur_big", "gen3_like", "seven_by_current"])
-def test_arms_that_nothing_was_tuned_on(name, tmp_path):
-    from energy.arms import CASES
-    from energy.plant import write_campaign
-
-    case = next(case for case in CASES if case.name == name)
-    key = write_campaign(case, tmp_path)
-    findings = run_on(tmp_path).findings
-    assert worst_error(key, findings) < 1.0
-    for fixed, value in key["fixed"].items():
-        assert getattr(findings.fixed, fixed) == pytest.approx(value, abs=0.2)
-    found = {run.run: run for run in findings.runs}
-    for run in key["runs"]:
-        assert found[run["run"]].regeneration == pytest.approx(run["regeneration"], abs=0.01 * run["total"])
 
 
 @pytest.mark.slow

@@ -74,16 +74,6 @@ def test_the_evidence_charges_a_coefficient_as_occams_factor_says():
     assert gain == pytest.approx(fit - occam, abs=0.05)
 
 
-def test_the_rigid_body_is_linear_in_its_parameters(arm):
-    """Y(q, qd, qdd) · π = torques: Khalil, Dombre, Modeling, Identification and Control of Robots, ch. 12."""
-    states = plant.states(arm, seconds=3.0)
-    heavier = plant.loaded(plant.NOMINAL, 1.0, 0.25)
-    extra = np.zeros(30)
-    extra[20:] = [1.0, 0.25, 0, 0, 0, 0, 0.0625, 0, 0, 0.0625]
-    torque = states.regressor @ (arm.body.parameters() + extra)
-    assert np.allclose(torque, plant.links(heavier, states.q, states.qd, states.qdd), atol=1e-9)
-
-
 COVERED = 40
 """Recordings drawn."""
 MOTIONS = 4

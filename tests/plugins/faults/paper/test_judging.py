@@ -1,5 +1,3 @@
-import math
-
 import numpy as np
 import pytest
 from bench.faults.paper import from_cycles, judge
@@ -60,25 +58,6 @@ def test_intervals_are_those_of_the_plan(moves):
 def test_the_table_of_a_new_task_says_who_moves_when(pick_and_place):
     rows = [[int(j in move.by) for j in range(1, 7)] for move in PICK_AND_PLACE]
     assert fault_table(pick_and_place).tolist() == rows
-
-
-@pytest.mark.parametrize("seed", range(2))
-def test_healthy_cycles_have_no_fault(pick_and_place, polishing, seed):
-    assert named(pick_and_place, one(PICK_AND_PLACE, seed=seed)) == {}
-    assert named(polishing, one(POLISHING, seed=seed)) == {}
-
-
-def test_scenario_2_two_joints_and_scenario_3_an_encoder_too(polishing):
-    cut, belt = Fault("cut", 2), Fault("belt_off", 5)
-    assert named(polishing, one(POLISHING, cut, belt)) == {2: "joint", 5: "joint"}
-    creep = Fault("encoder_creep", 2, 0.1)
-    assert named(polishing, one(POLISHING, cut, belt, creep)) == {2: "joint_and_encoder", 5: "joint"}
-
-
-@pytest.mark.parametrize("joint", [1, 4])
-def test_rule_1_an_encoder_alone(pick_and_place, joint):
-    faulty = one(PICK_AND_PLACE, Fault("encoder_offset", joint, math.radians(4)))
-    assert named(pick_and_place, faulty) == {joint: "encoder"}
 
 
 def test_friction_is_named_by_the_intervals_in_which_its_joint_moves(pick_and_place):
