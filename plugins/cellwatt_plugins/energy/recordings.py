@@ -24,41 +24,36 @@ FEWEST = 20
 
 
 @dataclass(frozen=True)
-class PowerTrace:
-    """Power measured by the analyzer; each value is the mean over a window of one step.
-
-    ``place`` is the file's name for messages, ``time`` (N,) s the middle of each value's window on the analyzer's
-    clock, ``power`` (N,) W.
-    """
+class _Trace:
+    """What one device reported at times ``time`` (N,) s of its own clock; ``place`` is the file's name for messages."""
 
     place: str
     time: Float
-    power: Float
-
-    @cached_property
-    def step(self) -> float:
-        """Length of a value's window, s."""
-        return float(np.median(np.diff(self.time)))
-
-
-@dataclass(frozen=True)
-class RobotTrace:
-    """Motion and torque reported by the robot, evenly spaced on its own clock.
-
-    ``place`` is the file's name for messages, ``time`` (N,) s; ``position`` rad, ``velocity`` rad/s and ``torque`` Nm
-    (N, n).
-    """
-
-    place: str
-    time: Float
-    position: Float
-    velocity: Float
-    torque: Float
 
     @cached_property
     def step(self) -> float:
         """Sample interval, s (median, so that holes do not count)."""
         return float(np.median(np.diff(self.time)))
+
+
+@dataclass(frozen=True)
+class PowerTrace(_Trace):
+    """Power measured by the analyzer; each value is the mean over a window of one step.
+
+    ``time`` is the middle of each value's window, ``power`` (N,) W.
+    """
+
+    power: Float
+
+
+@dataclass(frozen=True)
+class RobotTrace(_Trace):
+    """Motion and torque reported by the robot, evenly spaced: ``position`` rad, ``velocity`` rad/s and ``torque`` Nm
+    (N, n)."""
+
+    position: Float
+    velocity: Float
+    torque: Float
 
 
 @dataclass(frozen=True)

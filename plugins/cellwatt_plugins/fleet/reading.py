@@ -14,7 +14,7 @@ from cellwatt.errors import RecordingError
 from cellwatt.tables import Table, read_table
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import differentiate, rates, smooth
-from cellwatt_plugins.robot.samples import interpolated, torque_in
+from cellwatt_plugins.robot.samples import Even, interpolated, torque_in
 
 HOLE: Final = 3.0
 """Longest interval between samples of a stretch, in steps."""
@@ -29,7 +29,7 @@ BANDWIDTH: Final = 10.0
 
 
 @dataclass(frozen=True)
-class Stretch:
+class Stretch(Even):
     """N evenly spaced samples of n joints: ``time`` (N,) s; rad, rad/s, rad/s² and Nm reported by the robot (N, n).
 
     ``temperature`` (n,) °C is the mean of each joint, ``power`` (N,) W.
@@ -44,11 +44,6 @@ class Stretch:
     power: Float | None
     levers: Float
     """(n,): see ``Body.levers``."""
-
-    @property
-    def step(self) -> float:
-        """Sample interval, s."""
-        return float(self.time[1] - self.time[0])
 
 
 def read_stretches(path: Path, arm: Arm) -> list[Stretch]:

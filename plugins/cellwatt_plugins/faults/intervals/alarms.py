@@ -154,16 +154,13 @@ class IntervalAlarms:
             **residual(*way),
             **({} if score is None else {"score": round(score, 2)}),
         }
-        before = self._book[name].alarm if name in self._book else None
-        same = before is not None and before.alternatives == alternatives
-        if not (before and same):
-            text = _statement(joint, kind, alternatives, evidence, travel_text(*way))
-        else:
-            text = before.statement
+        up = self._book[name].alarm if name in self._book else None
+        same = up if up and up.alternatives == alternatives else None
+        text = same.statement if same else _statement(joint, kind, alternatives, evidence, travel_text(*way))
         number, since, time = finding.interval.number, finding.since, finding.time
         about = self.source, joint, alternatives, number, evidence
         alarm = Alarm(name, kind, "error", True, since, time, text, *about)
-        return self._book.raise_(alarm, update=not (before and same and before.interval == number))
+        return self._book.raise_(alarm, update=same is None or same.interval != number)
 
     def _count_clean(self, finding: Finding) -> list[Alarm]:
         """Count an interval without deviation for the alarms of its joints; clear those with enough such intervals."""
