@@ -66,11 +66,6 @@ def test_friction_is_named_by_the_intervals_in_which_its_joint_moves(pick_and_pl
     assert faults[0].watts > 15
 
 
-def test_another_speed_is_a_fault_to_this_method(pick_and_place):
-    """Its limit (section VI): a new initialization for each task or change in its conditions."""
-    assert named(pick_and_place, one(PICK_AND_PLACE, speed=0.9)) != {}
-
-
 SECONDS = np.linspace(0, 2, 201)
 HUNDRED = np.full(201, 100.0)
 """W."""
