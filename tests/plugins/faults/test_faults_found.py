@@ -56,12 +56,6 @@ def test_a_tie_is_told_and_solved(reference, seed):
     assert {(a.joint, a.alternatives) for a in later} == {(3, ())}
 
 
-def test_a_joint_fault_is_raised_while_the_joint_moves(reference):
-    alarms, starts = alarms_of(reference, Fault("friction", 1, 25.0))
-    assert starts[HEALTHY] < since_start(alarms[0].time) < starts[HEALTHY] + 0.9
-    assert alarms[0].since < alarms[0].time
-
-
 @pytest.mark.slow
 def test_two_faults_are_both_named(reference):
     both = (Fault("friction", 1, 25.0), Fault("friction", 2, 25.0))

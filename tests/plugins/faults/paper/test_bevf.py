@@ -26,14 +26,6 @@ def test_bode_gives_the_phase_of_a_response_of_least_phase():
     assert np.abs(np.angle(found) - np.angle(truth)).max() < 0.002
 
 
-def test_the_magnitude_of_a_pole_pair_is_found_again():
-    t = np.arange(0, 40, 0.02)
-    equation = fit(t, np.abs(PAIR.at(1j * t)), order=2)
-    assert equation.response.poles.real == pytest.approx([-0.4, -0.4], abs=0.01)
-    assert sorted(equation.response.poles.imag) == pytest.approx([-2, 2], abs=0.01)
-    assert equation.response.constant == pytest.approx(100.0, rel=1e-3)
-
-
 def test_equation_17_as_printed_by_hand():
     by_hand = np.sqrt(45) / np.sqrt((SOME - 2) ** 2 + 0.16) + np.sqrt(45) / np.sqrt((SOME + 2) ** 2 + 0.16) + 100
     assert power_17(PAIR, SOME) == pytest.approx(by_hand)
