@@ -3,7 +3,7 @@ import pytest
 from bench.faults.paper import from_cycles, judge
 
 from cellwatt_plugins.faults.criteria import Tolerance
-from cellwatt_plugins.faults.paper.codes import of_energy, of_samples
+from cellwatt_plugins.faults.paper.codes import of_energy
 from cellwatt_plugins.faults.paper.expected import Readings, fault_table
 from cellwatt_plugins.faults.paper.judging import by_agreement
 from tests.plugins.faults.paper.irb1200 import PICK_AND_PLACE, POLISHING, Fault, Run, period, run
@@ -32,8 +32,8 @@ def polishing():
     return expected_of(POLISHING)
 
 
-def one(moves, *faults, speed=1.0, seed=5):
-    return cycles_of(Run(moves, 1, speed, faults, lead=1.0, seed=seed))[0]
+def one(moves, *faults):
+    return cycles_of(Run(moves, 1, faults=faults, lead=1.0, seed=5))[0]
 
 
 def judged(expected, cycle, residual="samples"):
@@ -71,19 +71,18 @@ HUNDRED = np.full(201, 100.0)
 """W."""
 
 
-def codes(seen):
-    """Codes of an interval of 100 W for 2 s by samples and by energy."""
+def energy_code(seen):
+    """Code of an interval of 100 W for 2 s by its energy."""
     q = np.zeros((len(SECONDS), 1))
-    told = (Readings(SECONDS, q, HUNDRED), Readings(SECONDS, q, seen), TEN_PER_CENT)
-    return of_samples(*told), of_energy(*told)
+    return of_energy(Readings(SECONDS, q, HUNDRED), Readings(SECONDS, q, seen), TEN_PER_CENT)
 
 
 @pytest.mark.parametrize(("joules", "code"), [(19, 0), (21, 1), (-19, 0), (-21, -1)])
 def test_equation_20_is_about_the_energy_of_an_interval(joules, code):
     """Of 200 J, 19 J more or less are healthy and 21 J are not, whenever they come."""
     early = np.where(SECONDS < 1, 1.0, 0.0)
-    assert codes(HUNDRED + joules / 2)[1] == code
-    assert codes(HUNDRED + joules * early / np.trapezoid(early, SECONDS))[1] == code
+    assert energy_code(HUNDRED + joules / 2) == code
+    assert energy_code(HUNDRED + joules * early / np.trapezoid(early, SECONDS)) == code
 
 
 def test_rules_under_16_keep_to_the_samples_whatever_codes_are_about(polishing):
