@@ -15,7 +15,6 @@ import pyarrow.parquet as pq
 from energy.chain import Link
 from energy.chain import rotations as turned
 from energy.chain import write_robot as write_described
-from scipy.stats import qmc
 
 G = 9.81
 RATED = np.array([420.0, 460.0, 260.0, 60.0, 55.0, 32.0])
@@ -125,8 +124,16 @@ class Arm:
         return energy
 
 
-def halton(count):
-    return qmc.Halton(6, scramble=False).random(count + 1)[1:]
+def halton(count, bases=(2, 3, 5, 7, 11, 13)):
+    out = np.zeros((count, len(bases)))
+    for d, base in enumerate(bases):
+        for row in range(count):
+            i, f = row + 1, 1.0
+            while i:
+                f /= base
+                out[row, d] += f * (i % base)
+                i //= base
+    return out
 
 
 def within(limits, share):

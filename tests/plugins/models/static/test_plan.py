@@ -30,6 +30,7 @@ def mh12():
 def test_the_sequence_is_haltons():
     np.testing.assert_allclose(halton(8, 2)[:, 0], [1 / 2, 1 / 4, 3 / 4, 1 / 8, 5 / 8, 3 / 8, 7 / 8, 1 / 16])
     np.testing.assert_allclose(halton(5, 2)[:, 1], [1 / 3, 2 / 3, 1 / 9, 4 / 9, 7 / 9])
+    np.testing.assert_allclose(halton(200, 6), arms.halton(200), atol=1e-12)
 
 
 def test_the_packaged_robot_has_the_limits_of_the_paper(mh12):
