@@ -28,6 +28,7 @@ from faults.cases import make_case  # noqa: E402
 from faults.scoring import Count, count  # noqa: E402
 from real.browser import drawn  # noqa: E402
 from tests.plugins.explain import plant  # noqa: E402
+from tests.plugins.models.power.cases import model_of  # noqa: E402
 from tests.plugins.models.power.emulated_arm import write_case  # noqa: E402
 from tests.plugins.robot.slow_meter import shown  # noqa: E402
 
@@ -38,7 +39,7 @@ from cellwatt_plugins.faults.cycles.known import learn_known  # noqa: E402
 from cellwatt_plugins.faults.cycles.recording import Recording  # noqa: E402
 from cellwatt_plugins.models.power.moves import read_moves  # noqa: E402
 from cellwatt_plugins.models.power.scores import Score  # noqa: E402
-from cellwatt_plugins.models.power.training import estimate, model_of  # noqa: E402
+from cellwatt_plugins.models.power.training import estimate  # noqa: E402
 from cellwatt_plugins.robot import Arm  # noqa: E402
 
 Float = NDArray[np.float64]

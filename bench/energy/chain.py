@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import yaml
 
 GRAVITY = np.array([0.0, 0.0, 9.81])
 
@@ -88,3 +89,14 @@ def write_urdf(links, path: Path) -> None:
             '<limit lower="-6.28" upper="6.28" effort="1000" velocity="10"/></joint>'
         )
     path.write_text("".join([*parts, "</robot>"]))
+
+
+def write_robot(folder: Path, links, joints, **head) -> Path:
+    """robot.urdf of the arm and the robot.yaml beside it: ``joints`` are values (n,) by key, ``head`` other keys."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_urdf(links, folder / "robot.urdf")
+    columns = {key: np.asarray(values).tolist() for key, values in joints.items()}
+    told = [{"name": f"joint_{i + 1}"} | {key: values[i] for key, values in columns.items()} for i in range(len(links))]
+    content = {"urdf": "robot.urdf", **head, "joints": told}
+    (folder / "robot.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
+    return folder / "robot.yaml"

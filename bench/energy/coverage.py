@@ -50,12 +50,12 @@ def drawn(seed: int) -> tuple[Case, float]:
     return case, accuracy
 
 
-def pulls(case: Case, accuracy: float, folder: Path, tasks: int = TASKS) -> dict[str, list[float]]:
+def pulls(case: Case, accuracy: float, folder: Path) -> dict[str, list[float]]:
     """Errors of each group in stated standard deviations, one a task, of an arm that is measured to ``folder``."""
     key = disaggregated(case, folder)
     rng = np.random.default_rng([case.seed, 5])
     found: dict[str, list[float]] = {}
-    for number in range(tasks):
+    for number in range(TASKS):
         points = None if number == 0 else _way(case, rng)
         speed, payload = float(rng.uniform(100, 1.2 * max(case.speeds))), float(rng.choice([0, 0.5, 1])) * case.payload
         seen, power, means = production(case, key["fixed"], speed, payload, 4, 2.0, RATE, points)

@@ -13,10 +13,9 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-import yaml
 
 from .arms import Case, Truth, make_arm
-from .chain import torques, write_urdf
+from .chain import torques, write_robot
 
 STEP = 1e-3
 ANALYZER = 0.1
@@ -29,9 +28,7 @@ def write_campaign(case: Case, folder: Path) -> dict:
     """Write robot.yaml, robot.urdf, readings and runs to ``folder``; returns the key (true J and W)."""
     rng = np.random.default_rng([case.seed, 7])
     truth = make_arm(case)
-    folder.mkdir(parents=True, exist_ok=True)
-    write_urdf(truth.known, folder / "robot.urdf")
-    _write_robot(case, truth, folder / "robot.yaml")
+    _write_robot(case, truth, folder)
     fixed = {
         "controller": float(rng.uniform(20, 60)),
         "robot_electronics": float(rng.uniform(25, 35)),
@@ -50,19 +47,15 @@ def write_campaign(case: Case, folder: Path) -> dict:
     return key
 
 
-def _write_robot(case: Case, truth: Truth, path: Path) -> None:
-    joints = [
-        {
-            "name": f"joint_{i + 1}",
-            "torque_constant": float(truth.constant[i]),
-            "rotor_inertia": float(truth.known_rotor[i]),
-            "winding_resistance": float(truth.known_resistance[i]),
-        }
-        for i in range(case.joints)
-    ]
-    head = {"robot": case.name, "urdf": "robot.urdf", "payload": case.payload, "brakes": case.brakes > 0}
+def _write_robot(case: Case, truth: Truth, folder: Path) -> None:
+    joints = {
+        "torque_constant": truth.constant,
+        "rotor_inertia": truth.known_rotor,
+        "winding_resistance": truth.known_resistance,
+    }
+    head = {"robot": case.name, "payload": case.payload, "brakes": case.brakes > 0}
     head |= {"controller_separate": case.separate, "torque_from": "current" if case.current else "sensor"}
-    path.write_text(yaml.safe_dump({**head, "joints": joints}, sort_keys=False))
+    write_robot(folder, truth.known, joints, **head)
 
 
 def _write_states(case: Case, fixed: dict, hold: float, rng: np.random.Generator, folder: Path) -> None:

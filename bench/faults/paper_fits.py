@@ -76,7 +76,7 @@ def compare(pattern: Pattern) -> tuple[dict[str, object], PowerEquation]:
 def table_iii() -> dict[str, list[list[float]]]:
     """Outputs of the networks of both tables for the faults of joints 1 to 6 and for a healthy cycle."""
     return {
-        name: FaultNetwork(train(table)).outputs(np.vstack([table.T, np.zeros(len(table), np.int8)])).round(3).tolist()
+        name: FaultNetwork(train(table)).output_of(np.vstack([table.T, 0 * table[:, 0]])).round(3).tolist()
         for name, table in (("I", PICK_AND_PLACE), ("II", POLISHING))
     }
 

@@ -19,13 +19,17 @@ from typing import Any
 import yaml
 from threadpoolctl import threadpool_limits
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from tests.plugins.models.power.cases import model_of
+
 from cellwatt.config import load
 from cellwatt.demo import processes
 from cellwatt.emulation.cell import devices_of, places, running
 from cellwatt_plugins.models.metadata import Metadata
 from cellwatt_plugins.models.power.api import write
 from cellwatt_plugins.models.power.moves import read_moves
-from cellwatt_plugins.models.power.training import model_of
 from cellwatt_plugins.robot import Arm
 
 SOURCES = {"arm": {"driver": "ur", "host": "127.0.0.1"}, "board": {"driver": "power_board", "port": "/dev/ttyUSB0"}}

@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from tests.plugins.models.power.cases import read_case
+from tests.plugins.models.power.cases import model_of, read_case
 from tests.plugins.models.power.emulated_arm import ARMS
 
 from cellwatt_plugins.models.network import open_network
@@ -29,7 +29,7 @@ from cellwatt_plugins.models.power.nls import Nls
 from cellwatt_plugins.models.power.paper import Seen
 from cellwatt_plugins.models.power.scg_network import Scg
 from cellwatt_plugins.models.power.scores import Score
-from cellwatt_plugins.models.power.training import Trained, estimate, model_of, train
+from cellwatt_plugins.models.power.training import Trained, estimate, train
 from cellwatt_plugins.models.power.tuning import tune
 from cellwatt_plugins.robot import Arm
 from models import ur3e

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,9 +14,13 @@ import yaml
 from real import ur10e
 from real.recording import Recording
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from tests.plugins.models.power.cases import model_of
+
 from cellwatt_plugins.models.power.moves import Moves, read_moves
 from cellwatt_plugins.models.power.scores import Score
-from cellwatt_plugins.models.power.training import estimate, model_of
+from cellwatt_plugins.models.power.training import estimate
 from cellwatt_plugins.robot import Arm
 
 TRAINED = (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -18,6 +19,12 @@ Qualities = NDArray[np.uint8]
 """``Quality`` of each sample, as a number."""
 
 Record = TypeVar("Record", bound="DataclassInstance")
+
+
+def joined(parts: Sequence[Record]) -> Record:
+    """One dataclass with the rows of the arrays of all ``parts``, in order; what is no array is that of the first."""
+    names = [f.name for f in fields(parts[0]) if isinstance(getattr(parts[0], f.name), np.ndarray)]
+    return replace(parts[0], **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
 
 def rows_of(record: Record, kept: slice | NDArray[Any]) -> Record:

@@ -12,7 +12,6 @@ from cellwatt_plugins.energy.procedure.recorded import motion_of, power_of
 from cellwatt_plugins.energy.recordings import read_reading, read_runs
 from cellwatt_plugins.robot import Arm
 from tests.plugins.energy.procedure.cube import TABLE_SECONDS
-from tests.plugins.energy.running import MEASURED
 
 REPETITIONS = 3
 
@@ -49,25 +48,6 @@ def disaggregated(arm, folder):
     alone = steady_power(read_reading(controller)) if controller.exists() else states["connected"]
     rest = AtRest(alone, states["connected"], states["released"])
     return disaggregate(arm, rest, read_runs(folder / "runs", arm.description.names)).findings
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(600)
-@pytest.mark.parametrize("robot", ["UR5e", "UR10e", "FR3", "Gen3"])
-def test_what_an_arm_truly_spent(robot, tmp_path):
-    plant, findings = measured(robot, tmp_path)
-    worst, epsilon = 0.0, 0.0
-    for run in findings.runs:
-        true = plant.truth(run.speed_mm_s, run.payload_kg)
-        for group in MEASURED:
-            worst = max(worst, 100 * abs(getattr(run, group) - true[group]) / true["total"])
-        epsilon = max(epsilon, abs(run.motion_efficiency_percent - 100 * true["positive_mechanical"] / true["total"]))
-        assert run.regeneration == pytest.approx(true["regeneration"], abs=0.01 * true["total"])
-    for speed, found in findings.payload_efficiency_percent.items():
-        empty, loaded = (plant.truth(float(speed), payload)["total"] for payload in (0.0, plant.cube.payload))
-        epsilon = max(epsilon, abs(found - 100 * (loaded - empty) / loaded))
-    assert worst < 1.0
-    assert epsilon < 0.3
 
 
 @pytest.mark.parametrize("robot", ["UR5e", "UR10e", "FR3", "Gen3"])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,6 @@ from cellwatt_plugins.energy.identify import Belief, Observed, begin, identify
 from cellwatt_plugins.energy.recordings import PowerTrace, Recorded, RobotTrace
 from cellwatt_plugins.energy.repetitions import Repetition
 from cellwatt_plugins.robot import Arm
-from tests.plugins.energy.running import run_on, worst_error
 
 ROOT = Path(__file__).resolve().parents[2]
 SHARED = ROOT / ".." / "shared" / "energy_runs"
@@ -75,24 +73,6 @@ def test_every_row_of_table_iii_by_our_equations(robot):
 
 @pytest.mark.slow
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize("name", ["ur_big", "gen3_like", "seven_by_current"])
-def test_arms_that_nothing_was_tuned_on(name, tmp_path):
-    from energy.arms import CASES
-    from energy.plant import write_campaign
-
-    case = next(case for case in CASES if case.name == name)
-    key = write_campaign(case, tmp_path)
-    findings = run_on(tmp_path).findings
-    assert worst_error(key, findings) < 1.0
-    for fixed, value in key["fixed"].items():
-        assert getattr(findings.fixed, fixed) == pytest.approx(value, abs=0.2)
-    found = {run.run: run for run in findings.runs}
-    for run in key["runs"]:
-        assert found[run["run"]].regeneration == pytest.approx(run["regeneration"], abs=0.01 * run["total"])
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(300)
 @pytest.mark.parametrize("arm", ["ur5", "panda"])
 def test_the_shared_campaigns_by_their_own_scorer(arm, tmp_path):
     if not SHARED.exists():
@@ -135,16 +115,3 @@ def recorded_ur3e(folder):
     arm = Arm.load(folder)
     feature = [features(arm, run.motion.torque, run.motion.velocity) for run in runs]
     return arm, [Observed(*each, Offset(0.0, 0.04), ONE) for each in zip(runs, feature, strict=True)]
-
-
-@needs_ur3e
-def test_energy_balance_of_a_real_ur3e(tmp_path):
-    """Groups add up to the measured energy of every move; of a move that was left out, nearly."""
-    arm, seen = recorded_ur3e(tmp_path)
-    whole = fit(arm, seen)
-    for one in whole.observed:
-        assert abs(one.residual(whole.drive).sum()) < 0.02 * one.power.sum()
-    for i, one in enumerate(seen):
-        others = fit(arm, seen[:i] + seen[i + 1 :])
-        later = replace(one, offset=whole.observed[i].offset)
-        assert abs(later.residual(others.drive).sum()) < 0.1 * later.power.sum()

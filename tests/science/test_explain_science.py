@@ -14,11 +14,9 @@ from cellwatt_plugins.explain.fit.sides import torque_problem
 from cellwatt_plugins.explain.fit.solution import Solution
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.explain.verdict.estimates import estimates
-from cellwatt_plugins.robot.blocks import Block, Design, Regression
 from cellwatt_plugins.robot.drive import nominal_power
 from cellwatt_plugins.robot.effects import BY_NAME
 from cellwatt_plugins.robot.effects.friction.presliding_hysteresis import dahl_state
-from cellwatt_plugins.robot.regression import Prior
 from tests.plugins.explain import plant
 
 
@@ -59,29 +57,6 @@ def test_windings_grow_by_copper_s_coefficient(arm):
     warm = replace(states, temperature=np.full_like(states.q, 70.0))
     more = BY_NAME["winding_temperature"].columns(warm, None, (0.0,))[:, 0]
     assert np.allclose(more, 50 * 0.00393 * np.sum(plant.heat(plant.NOMINAL, states.torque), axis=1))
-
-
-def test_the_evidence_charges_a_coefficient_as_occams_factor_says():
-    """With much data: the likelihood's gain less ln(prior width / posterior width). MacKay, Bayesian Interpolation."""
-    random = np.random.default_rng(1)
-    column, width = random.standard_normal((4000, 1)), 2.0
-    target = 0.3 * column + random.standard_normal((4000, 1))
-    regression = Regression(Design(target, np.ones_like(target), []), [], np.ones(1))
-    gain, (found,) = regression.gain(Block(column, 0, Prior.spread(np.array([width]))))
-    information = float(np.sum(column**2))
-    fit = 0.5 * found**2 * information
-    occam = 0.5 * np.log(width**2 * information) + 0.5 * found**2 / width**2
-    assert gain == pytest.approx(fit - occam, abs=0.05)
-
-
-def test_the_rigid_body_is_linear_in_its_parameters(arm):
-    """Y(q, qd, qdd) · π = torques: Khalil, Dombre, Modeling, Identification and Control of Robots, ch. 12."""
-    states = plant.states(arm, seconds=3.0)
-    heavier = plant.loaded(plant.NOMINAL, 1.0, 0.25)
-    extra = np.zeros(30)
-    extra[20:] = [1.0, 0.25, 0, 0, 0, 0, 0.0625, 0, 0, 0.0625]
-    torque = states.regressor @ (arm.body.parameters() + extra)
-    assert np.allclose(torque, plant.links(heavier, states.q, states.qd, states.qdd), atol=1e-9)
 
 
 COVERED = 40

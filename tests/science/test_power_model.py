@@ -13,31 +13,15 @@ from cellwatt_plugins.models.power.nls import Nls
 from cellwatt_plugins.models.power.paper import Seen
 from cellwatt_plugins.models.power.scg_network import Scg
 from cellwatt_plugins.models.power.scores import Score
-from cellwatt_plugins.models.power.training import estimate, model_of, train
+from cellwatt_plugins.models.power.training import estimate, train
 from cellwatt_plugins.models.power.tuning import tune
 from cellwatt_plugins.robot import Arm
-from tests.plugins.models.power.cases import read_case
-from tests.plugins.models.power.emulated_arm import ARMS, course, six_axes, supply, torques
+from tests.plugins.models.power.cases import model_of, read_case
+from tests.plugins.models.power.emulated_arm import ARMS, six_axes
 
 DATA = Path(__file__).resolve().parents[2] / ".." / "shared" / "data"
 NOISE = {"six axes": 0.7, "seven axes": 0.7, "burdened": 1.2, "rippled": 0.7}
 """W of the emulated power."""
-
-
-def test_the_emulated_arm_is_one():
-    """Its torques do the work that its energy gains, with friction off."""
-    arm = six_axes(np.random.default_rng(0))
-    draw = np.random.default_rng(1)
-    true = course(arm, draw, 3, (0.5, 1.5))
-    load, _ = torques(arm, true["q"], true["qd"], true["qdd"])
-    for k in range(3):
-        rows = true["move"] == k
-        q, qd = true["q"][rows], true["qd"][rows]
-        work = np.trapezoid((load[rows] * qd).sum(axis=1), dx=1 / arm.rate)
-        still, _ = torques(arm, q, 0 * qd, 0 * qd)
-        lifted = np.trapezoid((still * qd).sum(axis=1), dx=1 / arm.rate)
-        assert work == pytest.approx(lifted, abs=0.05)  # kinetic energy is zero at both ends
-    assert supply(arm, 0 * load, 0 * load) == pytest.approx(arm.standby)
 
 
 @pytest.mark.slow  # both are trained and scored in tests/plugins/models/power/test_train_command.py

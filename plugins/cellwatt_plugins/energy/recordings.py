@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -24,41 +24,36 @@ FEWEST = 20
 
 
 @dataclass(frozen=True)
-class PowerTrace:
-    """Power measured by the analyzer; each value is the mean over a window of one step.
-
-    ``place`` is the file's name for messages, ``time`` (N,) s the middle of each value's window on the analyzer's
-    clock, ``power`` (N,) W.
-    """
+class _Trace:
+    """What one device reported at times ``time`` (N,) s of its own clock; ``place`` is the file's name for messages."""
 
     place: str
     time: Float
-    power: Float
-
-    @cached_property
-    def step(self) -> float:
-        """Length of a value's window, s."""
-        return float(np.median(np.diff(self.time)))
-
-
-@dataclass(frozen=True)
-class RobotTrace:
-    """Motion and torque reported by the robot, evenly spaced on its own clock.
-
-    ``place`` is the file's name for messages, ``time`` (N,) s; ``position`` rad, ``velocity`` rad/s and ``torque`` Nm
-    (N, n).
-    """
-
-    place: str
-    time: Float
-    position: Float
-    velocity: Float
-    torque: Float
 
     @cached_property
     def step(self) -> float:
         """Sample interval, s (median, so that holes do not count)."""
         return float(np.median(np.diff(self.time)))
+
+
+@dataclass(frozen=True)
+class PowerTrace(_Trace):
+    """Power measured by the analyzer; each value is the mean over a window of one step.
+
+    ``time`` is the middle of each value's window, ``power`` (N,) W.
+    """
+
+    power: Float
+
+
+@dataclass(frozen=True)
+class RobotTrace(_Trace):
+    """Motion and torque reported by the robot, evenly spaced: ``position`` rad, ``velocity`` rad/s and ``torque`` Nm
+    (N, n)."""
+
+    position: Float
+    velocity: Float
+    torque: Float
 
 
 @dataclass(frozen=True)
@@ -81,7 +76,7 @@ def read_reading(path: Path) -> PowerTrace:
     power = table.whole("supply.power")
     if power is None:
         raise table.lacks("power")
-    return PowerTrace(str(path), _check(table, {"power": power}), power)
+    return PowerTrace(str(path), *_whole(table, power))
 
 
 def read_motion(path: Path, joints: Sequence[str]) -> RobotTrace:
@@ -90,9 +85,8 @@ def read_motion(path: Path, joints: Sequence[str]) -> RobotTrace:
     Raises ``RecordingError``.
     """
     table = read_table(path, joints)
-    columns = {quantity: table.needed(quantity, len(joints)) for quantity in ("position", "velocity", "torque")}
-    time = _check(table, columns)
-    position, velocity, torque = columns.values()
+    columns = (table.needed(quantity, len(joints)) for quantity in ("position", "velocity", "torque"))
+    time, position, velocity, torque = _whole(table, *columns)
     steps = np.diff(time)
     if steps.max() > 5 * np.median(steps):
         at = float(time[int(np.argmax(steps))])
@@ -137,12 +131,10 @@ def _read(pair: _Pair, joints: Sequence[str]) -> Recorded:
     return Recorded(name, speed, payload, read_motion(robot, joints), read_reading(analyzer))
 
 
-def _check(table: Table, columns: Mapping[str, Float]) -> Float:
-    """The times (N,) s. Raises ``RecordingError`` if a value of the columns is missing."""
-    time = table.rising_time(FEWEST)
-    for name, values in columns.items():
-        empty = ~np.isfinite(values.reshape(len(time), -1)).all(axis=1)
-        if empty.any():
-            at = time[np.argmax(empty)]
-            raise RecordingError(f"{table.path}: {name} is empty at t = {at:.2f} s: record it again, or cut it there")
-    return time
+def _whole(table: Table, *columns: Float) -> list[Float]:
+    """Time and columns in the rows without a missing value. Raises ``RecordingError`` if these are too few."""
+    time = table.rising_time()
+    whole = np.isfinite(np.column_stack(columns)).all(axis=1)
+    if whole.sum() < FEWEST:
+        raise RecordingError(f"{table.path}: {whole.sum()} rows without a missing value, expected {FEWEST} or more")
+    return [values[whole] for values in (time, *columns)]

@@ -95,7 +95,7 @@ def fit_rigid(arm: Arm, runs: Sequence[Recorded], expected: Float, uncertainty: 
     lower = np.full(len(prior.mean), -np.inf)
     # Friction dissipates energy: all its coefficients but the offset are positive.
     lower[-(len(LAWS) + 1) * n : -n] = 0.0
-    bounded = fit.bounded(lower, np.full(len(lower), np.inf))
+    bounded = fit.bounded(lower)
     friction = bounded[-(len(LAWS) + 1) * n :].reshape(-1, n) / given
     return RigidFit(1.0 / given, fit.deviations[:n] / given**2, dict(zip((*LAWS, OFFSET), friction, strict=True)))
 

@@ -9,17 +9,18 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel
 
+from cellwatt.arrays import joined
 from cellwatt.config import read_settings
 from cellwatt.errors import ModelError, RecordingError
 from cellwatt.files import Place, Places, paths_of
 from cellwatt.frames import Frames
 from cellwatt.progress import stage
-from cellwatt.results import Interval, Task
+from cellwatt.results import Task
 from cellwatt_plugins.faults.cycles.recording import Recording, recording_of
 from cellwatt_plugins.faults.learn import learn
 from cellwatt_plugins.faults.recordings import frames_of_files
 from cellwatt_plugins.faults.reference import Reference, load, save
-from cellwatt_plugins.faults.trace import Trace, one_layout, segmented
+from cellwatt_plugins.faults.trace import one_layout, segmented
 from cellwatt_plugins.robot.description import packaged, robot_file
 from cellwatt_plugins.robot.simulated import is_simulator
 
@@ -106,11 +107,11 @@ def reference(
     recurs.
     """
     name, described = _known(robot)
-    names = () if described is None else described.description.names
-    blocks = list(frames_of_files(paths_of(recordings), paths_of(meter), names))
     if described is not None:
+        known = described.description.names, described.body.slides
+        blocks = list(frames_of_files(paths_of(recordings), paths_of(meter), *known))
         return _learned_with_cycles(blocks, described, arm, power)
-    found, tasks = learn_from(blocks, name, arm, power)
+    found, tasks = learn_from(list(frames_of_files(paths_of(recordings), paths_of(meter))), name, arm, power)
     return Learned(found, tuple(tasks))
 
 
@@ -171,11 +172,11 @@ def learn_from(
     layout = one_layout(blocks)
     source = layout.channels[layout.joints("position", arm)[0]].source
     parts = list(segmented(blocks, arm, power))
-    trace = Trace.joined(part for part, _ in parts)
-    found = [result for _, results in parts for result in results]
-    tasks = [r for r in found if isinstance(r, Task)]
+    trace = joined([part for part, *_ in parts])
+    intervals = [interval for _, each, _ in parts for interval in each]
+    tasks = [task for *_, each in parts for task in each]
     with stage("learning intervals"):
-        learned = learn(layout.step * 1e-9, trace, [r for r in found if isinstance(r, Interval)], tasks)
+        learned = learn(layout.step * 1e-9, trace, intervals, tasks)
     return Reference(1, robot, source, power, trace.position.shape[1], learned), tasks
 
 

@@ -12,8 +12,9 @@ from cellwatt.results import Interval, Result
 from cellwatt.stage import CellInfo, Stage
 from cellwatt_plugins.faults.criteria import Tolerance
 from cellwatt_plugins.faults.reference import load
-from cellwatt_plugins.faults.trace import Trace
+from cellwatt_plugins.faults.trace import Trace, in_angles
 from cellwatt_plugins.robot_name import RobotStageSettings, robot_name
+from cellwatt_plugins.travel import levers_of
 
 
 class ReferenceSettings(RobotStageSettings):
@@ -49,6 +50,7 @@ class ReferenceStage(Stage[S]):
         if reference.robot and robot and reference.robot != robot:
             raise ModelError(f"reference {path}: is of robot {reference.robot}, the cell's robot is {robot}")
         self._positions = layout.joints("position", reference.source(layout, settings.arm))
+        self._levers = levers_of(layout, self._positions)
         self._source = layout.channels[self._positions[0]].source
         if len(self._positions) != reference.joints:
             raise ModelError(
@@ -57,6 +59,6 @@ class ReferenceStage(Stage[S]):
         self._power = layout.index(settings.power or reference.power, "W")
 
     def _seen(self, frames: Frames, upstream: Sequence[Result]) -> tuple[Trace, list[Interval]]:
-        """The arm's channels of a block, and the arm's intervals found with it."""
+        """The arm's channels of a block, and the arm's intervals found with it, ``in_angles``."""
         intervals = [r for r in upstream if isinstance(r, Interval) and r.source == self._source]
-        return Trace.of(frames, self._positions, self._power), intervals
+        return in_angles(Trace.of(frames, self._positions, self._power), intervals, self._levers)

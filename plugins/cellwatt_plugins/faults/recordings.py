@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -33,11 +33,13 @@ SAME_RATE = 0.02
 """Largest relative difference of the rates of tables that are read at the rate of the first: time stamps jitter."""
 
 
-def frames_of_files(paths: Sequence[Path], meters: Sequence[Path] = (), joints: Sequence[str] = ()) -> Iterator[Frames]:
+def frames_of_files(
+    paths: Sequence[Path], meters: Sequence[Path] = (), joints: Sequence[str] = (), slides: Collection[int] = ()
+) -> Iterator[Frames]:
     """Frames of several files in the order given; ``meters[i]`` holds the power that belongs to table ``paths[i]``.
 
-    ``joints`` are the robot's joint names in order, for tables and logs that name their joints. Raises
-    ``RecordingError``.
+    ``joints`` are the robot's joint names in order, for tables and logs that name their joints; ``slides`` are
+    its linear axes (0-based), which else only the units of a table's columns show. Raises ``RecordingError``.
     """
     recordings = [path for path in paths if (path.is_dir() or ".mcap" in path.suffixes) and not is_log(path)]
     if len(recordings) == len(paths):
@@ -49,14 +51,15 @@ def frames_of_files(paths: Sequence[Path], meters: Sequence[Path] = (), joints: 
         raise RecordingError("recordings and tables cannot be mixed: give only .mcap files, or only .parquet and .csv")
     start, rate = 0, None
     columns = spread(_columns, with_meters(paths, meters), "reading tables", shared=tuple(joints))
-    for path, each in zip(paths, columns, strict=True):
-        frames = _from(frames_of_table(*each, str(path), rate), start)
+    for path, (along, time, position, power) in zip(paths, columns, strict=True):
+        frames = _from(frames_of_table(time, position, power, str(path), rate, slides or along), start)
         start, rate = int(frames.time[-1]) + APART, rate or frames.layout.rate
         yield frames
 
 
-def _columns(files: tuple[Path, Path | None], joints: Sequence[str]) -> tuple[Float, Float, Float]:
-    """Time, positions and power of a table; the power is that of its meter's table if one is given."""
+def _columns(files: tuple[Path, Path | None], joints: Sequence[str]) -> tuple[list[int], Float, Float, Float]:
+    """Joints (0-based) in units of a linear axis, time, positions and power of a table; power is that of its meter's
+    table if one is given."""
     path, meter = files
     table = read_table(path, joints)
     time = table.rising_time()
@@ -71,7 +74,7 @@ def _columns(files: tuple[Path, Path | None], joints: Sequence[str]) -> tuple[Fl
         power = power_beside(meter, time, position)
     if power is None:
         raise table.lacks("power")
-    return time, position, power
+    return [j for j, name in enumerate(table.joint_names("position")) if table.along(name)], time, position, power
 
 
 def _from(frames: Frames, start: int) -> Frames:
@@ -81,9 +84,14 @@ def _from(frames: Frames, start: int) -> Frames:
 
 
 def frames_of_table(
-    time: Float, position: Float, power: Float, name: str = SOURCE, usual: float | None = None
+    time: Float,
+    position: Float,
+    power: Float,
+    name: str = SOURCE,
+    usual: float | None = None,
+    slides: Collection[int] = (),
 ) -> Frames:
-    """Resample a table: ``time`` (N,) s rising, ``position`` (N, n) rad, ``power`` (N,) W.
+    """Resample a table: ``time`` (N,) s rising, ``position`` (N, n) rad, or m of ``slides``, ``power`` (N,) W.
 
     The rate is the table's median rate, or ``usual`` Hz if that is nearly the same. Values are interpolated, and
     missing where rows are more than 2.5 steps apart. Raises ``RecordingError`` with the ``name`` of the table where
@@ -103,7 +111,7 @@ def frames_of_table(
     values = np.column_stack([*(np.interp(grid, time, column) for column in position.T), onto(grid, time, power)])
     row = np.clip(np.searchsorted(time, grid, side="right") - 1, 0, len(steps) - 1)
     values[(steps[row] > 2.5 / rate) & (grid > time[row])] = np.nan
-    layout = Layout(_channels(position.shape[1]), rate)
+    layout = Layout(_channels(position.shape[1], slides), rate)
     first = -(-round(time[0] * 1e9) // layout.step)
     return Frames(
         layout=layout,
@@ -123,7 +131,9 @@ def _numbers(time: Float, rate: float) -> NDArray[np.int64]:
     return np.concatenate([np.arange(a, b + 1, dtype=np.int64) for a, b in zip(first, last, strict=True)])
 
 
-def _channels(joints: int) -> tuple[FrameChannel, ...]:
-    names = (f"{SOURCE}.joint_{joint}.position" for joint in range(1, joints + 1))
-    positions = [FrameChannel(name, "rad", "continuous", "linear") for name in names]
+def _channels(joints: int, slides: Collection[int]) -> tuple[FrameChannel, ...]:
+    positions = [
+        FrameChannel(f"{SOURCE}.joint_{j + 1}.position", "m" if j in slides else "rad", "continuous", "linear")
+        for j in range(joints)
+    ]
     return (*positions, FrameChannel(f"{SOURCE}.supply.power", "W", "continuous", "average"))

@@ -13,7 +13,7 @@ tasks:
     cycles: 7
     intervals:                those with a moving joint, in order
     - moving: [3]
-      pose: [...]             rad, at its start
+      pose: [...]             rad, at its start; 0.2 m of a linear axis are 1 rad
       displacement: [...]     rad
       duration: 0.7           s
       rest: 0.25              s at rest before it
@@ -31,7 +31,7 @@ cycles:                       whole cycles, for `cellwatt faults`; absent withou
   repeat: [...]               rad, standard deviation of the rest poses
   power: [...]                W
   spread: [...]               W
-  position: {1: [...], ...}   rad
+  position: {1: [...], ...}   rad, or m of a linear axis
 """
 
 from __future__ import annotations

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydantic import Field
 
+from cellwatt.arrays import joined
 from cellwatt.errors import ModelError
 from cellwatt.frames import Frames, Layout
 from cellwatt.quantity import Fraction
@@ -62,17 +63,17 @@ class FaultsStage(ReferenceStage[FaultsSettings]):
             )
         rules = Rules(settings.tolerance, settings.confirm, settings.jitter * layout.step * 1e-9)
         self._judge = Judge(self._reference, rules)
-        self._alarms = IntervalAlarms(name, self._source, self._reference, settings.clear)
+        self._alarms = IntervalAlarms(name, self._source, self._reference, self._levers, settings.clear)
         self._trace = Trace.empty(len(self._positions))
         self._open: Interval | None = None
         self._cycles = None if settings.robot is None else self._watched(cell.folder / settings.robot)
 
     def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
         """Return the alarms that changed with this block."""
-        block, intervals = self._seen(frames, upstream)
         if self._cycles is not None:
-            return self._cycles.process(block)
-        self._trace = Trace.joined([self._trace, block])
+            return self._cycles.process(Trace.of(frames, self._positions, self._power))
+        block, intervals = self._seen(frames, upstream)
+        self._trace = joined([self._trace, block])
         out: list[Alarm] = []
         first = int(frames.time[0]) if len(frames) else 0
         for known_at, interval in _when_known(intervals):

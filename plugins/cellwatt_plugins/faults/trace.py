@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from cellwatt.arrays import Float, Nanoseconds
+from cellwatt.arrays import Float, Nanoseconds, rows_of
 from cellwatt.errors import RecordingError
 from cellwatt.frames import Frames, Layout
 from cellwatt.registry import stage as find_stage
-from cellwatt.results import Result
+from cellwatt.results import Interval, Result, Task
 from cellwatt.stage import CellInfo
+from cellwatt_plugins.travel import levers_of, scaled
 
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """n frames: ``time`` (n,) ns rising, ``position`` (n, joints) rad, ``power`` (n,) W; NaN where missing."""
+    """n frames: ``time`` (n,) ns rising, ``position`` (n, joints) rad, ``power`` (n,) W; NaN where missing.
+
+    In the traces of intervals, 1 rad of a linear axis stands for a travel of ``LEVER``.
+    """
 
     time: Nanoseconds
     position: Float
@@ -28,12 +32,6 @@ class Trace:
     def of(cls, frames: Frames, positions: Sequence[int], power: int) -> Trace:
         """The trace of the arm whose positions and power are these columns of ``frames``."""
         return cls(frames.time, frames.values[:, list(positions)], frames.values[:, power])
-
-    @classmethod
-    def joined(cls, parts: Iterable[Trace]) -> Trace:
-        """Concatenate traces given in the order of time."""
-        time, position, power = zip(*((part.time, part.position, part.power) for part in parts), strict=True)
-        return cls(np.concatenate(time), np.concatenate(position), np.concatenate(power))
 
     @classmethod
     def empty(cls, joints: int) -> Trace:
@@ -49,8 +47,12 @@ class Trace:
 
     def between(self, start: int, end: int) -> Trace:
         """The frames from ``start`` to ``end`` ns, both included."""
-        first, last = np.searchsorted(self.time, start), np.searchsorted(self.time, end, side="right")
-        return Trace(self.time[first:last], self.position[first:last], self.power[first:last])
+        return rows_of(self, slice(np.searchsorted(self.time, start), np.searchsorted(self.time, end, side="right")))
+
+
+def in_angles(trace: Trace, intervals: Iterable[Interval], levers: Float) -> tuple[Trace, list[Interval]]:
+    """A trace and intervals whose linear axes have positions in m, with all positions in rad; see ``levers_of``."""
+    return replace(trace, position=trace.position / levers), [scaled(each, 1 / levers) for each in intervals]
 
 
 def one_layout(blocks: Sequence[Frames]) -> Layout:
@@ -63,14 +65,24 @@ def one_layout(blocks: Sequence[Frames]) -> Layout:
     return layout
 
 
-def segmented(blocks: Sequence[Frames], arm: str | None, power: str) -> Iterator[tuple[Trace, Sequence[Result]]]:
-    """The trace of each block with its results of the segment stage, then an empty trace with the stage's last results.
+def segmented(
+    blocks: Sequence[Frames], arm: str | None, power: str
+) -> Iterator[tuple[Trace, list[Interval], list[Task]]]:
+    """The trace of each block with the intervals and tasks found with it, then an empty trace with the last ones.
 
-    ``arm`` is the source with the joints, ``power`` the power channel. Raises ``RecordingError`` as ``one_layout``.
+    Positions of linear axes are ``in_angles``. ``arm`` is the source with the joints, ``power`` the power channel.
+    Raises ``RecordingError`` as ``one_layout``.
     """
     layout, kind = one_layout(blocks), find_stage("segment")
     segment = kind("segment", kind.Settings.model_validate({"arm": arm}), layout, CellInfo("", "", None, Path()))
     positions, channel = layout.joints("position", arm), layout.index(power, "W")
-    for frames in blocks:
-        yield Trace.of(frames, positions, channel), segment.process(frames, ())
-    yield Trace.empty(len(positions)), segment.close()
+
+    def cut() -> Iterator[tuple[Trace, Sequence[Result]]]:
+        for frames in blocks:
+            yield Trace.of(frames, positions, channel), segment.process(frames, ())
+        yield Trace.empty(len(positions)), segment.close()
+
+    for trace, results in cut():
+        intervals = [each for each in results if isinstance(each, Interval)]
+        tasks = [each for each in results if isinstance(each, Task)]
+        yield *in_angles(trace, intervals, levers_of(layout, positions)), tasks

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -69,9 +68,17 @@ def train(
     if not courses:
         raise ModelError("the reference has whole cycles only, and no intervals, which a fault table needs")
 
+    fitted = None
+    if robot is not None:
+        from cellwatt_plugins.faults.cycles.known import known_of
+
+        fitted = known_of(reference, file, robot).arm
+    slides = fitted.body.slides if fitted else ()
+
     def codes_in(files: Sequence[_Files]) -> dict[Key, list[Codes]]:
         paths, meters = zip(*files, strict=True)
-        blocks = list(frames_of_files(paths, [each for each in meters if each is not None], reference.names))
+        beside = [each for each in meters if each is not None]
+        blocks = list(frames_of_files(paths, beside, reference.names, slides))
         return recorded(blocks, courses, tolerance, reference.source(one_layout(blocks), arm), power or reference.power)
 
     known = _by_joint(faulty, reference.joints)
@@ -82,19 +89,11 @@ def train(
         faulty_codes[joint] = codes_in([each for (j, _), each in zip(known, of_faults, strict=True) if j == joint])
         if not faulty_codes[joint]:
             raise ModelError(f"--fault {joint}: no whole cycle of a task of the reference in these recordings")
-    fitted = None
-    if robot is not None:
-        from cellwatt_plugins.faults.cycles.known import known_of
-
-        fitted = known_of(reference, file, robot).arm
     sources = Sources(faulty_codes, fitted, codes_in(healthy) if healthy else {}, tolerance, seed)
-    names = Counter(f"{course.task}-{course.speed:.2f}" for course in courses)
     report = []
     for about, content in spread(train_codes, courses, "networks of codes", shared=sources):
         if content is not None:
-            name = f"{about['task']}-{about['speed']:.2f}"
-            name = name if names[name] == 1 else f"{about['task']}-{about['speed']:.3f}"
-            about["file"] = str(out / f"{name}-codes.onnx")
+            about["file"] = str(out / f"{about['task']}-{about['speed']:g}-codes.onnx")
             write_file(Path(about["file"]), content)
         report.append(about)
     click.echo(json.dumps({"networks": report}) if as_json else "\n".join(map(_in_words, report)))

@@ -18,7 +18,7 @@ from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.motion import direction
 from cellwatt_plugins.robot.priors import body_prior, links_prior
-from cellwatt_plugins.robot.regression import Fit, Prior, Products
+from cellwatt_plugins.robot.regression import Prior, solve
 
 SLIDES: Final = 0.05
 """Speed above which a joint slides with full friction, rad/s."""
@@ -58,7 +58,7 @@ def fit_joint(
     arm: Arm, i: int, prior: Prior, rows: Float, qd: Float, qdd: Float, torque: Float, ends: NDArray[np.intp]
 ) -> JointFit:
     """Fit joint ``i`` (0-based) to its torque (N,) Nm with its regressor ``rows`` (N, k)."""
-    slides = np.abs(qd) > SLIDES
+    slides = np.abs(qd) > SLIDES * arm.body.levers[i]
     if slides.sum() < FEWEST:
         return JointFit(np.nan, np.nan, np.nan, np.full(len(ends), np.nan))
     rotor = arm.description.joints[i].rotor_inertia
@@ -76,12 +76,10 @@ def fit_joint(
 
 def _solved(matrix: Float, target: Float, prior: Prior, size: float) -> Float:
     """Most probable coefficients, with the noise estimated from their residual."""
-    products = Products.of(matrix, target)
     noise = (0.05 * size) ** 2
     for _ in range(2):
-        scaled = Products(products.gram / noise, products.pull / noise, products.square / noise, products.rows)
-        found = Fit(scaled, prior).coefficients
-        noise = max(products.misfit(found) / len(target), (1e-4 * size) ** 2)
+        found = solve(matrix, target, noise, prior).coefficients
+        noise = max(float(np.mean((target - matrix @ found) ** 2)), (1e-4 * size) ** 2)
     return found
 
 
@@ -90,11 +88,10 @@ def _by_repetition(
 ) -> Float:
     """Deviation (K,) of each repetition's friction from the week's, as a share; rigid torque may deviate as well."""
     out = np.full(len(ends), np.nan)
-    weight = np.diag(1 / np.square([OFF, OFF, 0.2 * size]))
+    prior = Prior.spread(np.array([OFF, OFF, 0.2 * size]))
     noise = float(np.mean(np.square(residual[slides])))
     for k, (first, last) in enumerate(pairwise([0, *ends.tolist()])):
         rows = np.arange(first, last)[slides[first:last]]
         if len(rows) >= FEWEST // 2:
-            own = columns[rows]
-            out[k] = np.linalg.solve(own.T @ own + noise * weight, own.T @ residual[rows])[0]
+            out[k] = solve(columns[rows], residual[rows], noise, prior).coefficients[0]
     return out

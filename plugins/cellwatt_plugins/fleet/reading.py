@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
 from cellwatt.tables import Table, read_table
-from cellwatt_plugins.robot import RobotDescription
+from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import differentiate, rates, smooth
-from cellwatt_plugins.robot.samples import interpolated, torque_in
+from cellwatt_plugins.robot.samples import Even, interpolated, torque_in
 
 HOLE: Final = 3.0
 """Longest interval between samples of a stretch, in steps."""
@@ -29,7 +29,7 @@ BANDWIDTH: Final = 10.0
 
 
 @dataclass(frozen=True)
-class Stretch:
+class Stretch(Even):
     """N evenly spaced samples of n joints: ``time`` (N,) s; rad, rad/s, rad/s² and Nm reported by the robot (N, n).
 
     ``temperature`` (n,) °C is the mean of each joint, ``power`` (N,) W.
@@ -42,17 +42,14 @@ class Stretch:
     torque: Float
     temperature: Float | None
     power: Float | None
-
-    @property
-    def step(self) -> float:
-        """Sample interval, s."""
-        return float(self.time[1] - self.time[0])
+    levers: Float
+    """(n,): see ``Body.levers``."""
 
 
-def read_stretches(path: Path, robot: RobotDescription) -> list[Stretch]:
+def read_stretches(path: Path, arm: Arm) -> list[Stretch]:
     """Read a recording. Raises ``RecordingError``, or ``ConfigError`` if the robot's description lacks a key."""
-    table = read_table(path, robot.names)
-    position, torque = table.needed("position", len(robot.joints)), torque_in(table, robot)
+    table = read_table(path, arm.description.names)
+    position, torque = table.needed("position", arm.joints), torque_in(table, arm.description)
     time = table.rising_time()
     step = float(np.median(np.diff(time)))
     if step > 1 / SLOWEST:
@@ -63,7 +60,7 @@ def read_stretches(path: Path, robot: RobotDescription) -> list[Stretch]:
     usable = np.flatnonzero(whole)
     late = np.flatnonzero(np.diff(time[usable]) > HOLE * step) + 1
     out = [
-        _even(table, rows, position, torque, step)
+        _even(table, rows, position, torque, step, arm.body.levers)
         for rows in np.split(usable, late)
         if len(rows) > FEWEST and time[rows[-1]] - time[rows[0]] >= SHORTEST
     ]
@@ -72,7 +69,7 @@ def read_stretches(path: Path, robot: RobotDescription) -> list[Stretch]:
     return out
 
 
-def _even(table: Table, rows: NDArray[np.intp], position: Float, torque: Float, step: float) -> Stretch:
+def _even(table: Table, rows: NDArray[np.intp], position: Float, torque: Float, step: float, levers: Float) -> Stretch:
     time, speed, power = table.time[rows], table.joints("velocity"), table.whole("supply.power")
     even = time[0] + step * np.arange(int((time[-1] - time[0]) / step + 0.5) + 1)
     as_it_is = len(even) == len(time) and np.abs(even - time).max() < 0.05 * step
@@ -86,7 +83,7 @@ def _even(table: Table, rows: NDArray[np.intp], position: Float, torque: Float, 
     else:
         q, qd, qdd = rates(placed(position), step, BANDWIDTH)
     watts = placed(power) if power is not None and np.isfinite(power[rows]).all() else None
-    return Stretch(even, q, qd, qdd, placed(torque), _temperature(table, rows, position.shape[1]), watts)
+    return Stretch(even, q, qd, qdd, placed(torque), _temperature(table, rows, position.shape[1]), watts, levers)
 
 
 def _temperature(table: Table, rows: NDArray[np.intp], joints: int) -> Float | None:

@@ -51,14 +51,14 @@ def spans_of(stretch: Stretch) -> list[Span]:
 
 def at_work(stretch: Stretch, span: Span) -> tuple[int, int]:
     """Return the first moving sample and one past the last, without the rests before and after."""
-    moves = np.flatnonzero((np.abs(stretch.velocity[span.first : span.last]) > STILL).any(axis=1))
+    moves = np.flatnonzero(~_still(stretch)[span.first : span.last])
     return (span.first + int(moves[0]), span.first + int(moves[-1]) + 1) if len(moves) else (span.first, span.first)
 
 
 def signature(stretch: Stretch, span: Span) -> tuple[float, ...]:
     """Return the features that distinguish programs: duration, s, and path (n,) rad of each joint."""
     first, last = at_work(stretch, span)
-    way = np.abs(np.diff(stretch.position[first:last], axis=0)).sum(axis=0)
+    way = np.abs(np.diff(stretch.position[first:last] / stretch.levers, axis=0)).sum(axis=0)
     return ((last - first) * stretch.step, *way.tolist())
 
 
@@ -82,6 +82,10 @@ def programs(signatures: list[tuple[float, ...]]) -> NDArray[np.intp]:
 
 def _rests_at_home(stretch: Stretch) -> list[tuple[int, int]]:
     """Rests at the most frequent rest pose, the first among equals."""
-    still = np.all(np.abs(stretch.velocity) < STILL, axis=1)
-    rests = [(a, b) for a, b in stretches(still) if (b - a) * stretch.step >= REST]
-    return at_one_pose(stretch.position, rests, SAME_POSE, [1.0] * len(rests))
+    rests = [(a, b) for a, b in stretches(_still(stretch)) if (b - a) * stretch.step >= REST]
+    return at_one_pose(stretch.position / stretch.levers, rests, SAME_POSE, [1.0] * len(rests))
+
+
+def _still(stretch: Stretch) -> NDArray[np.bool_]:
+    """(N,) true while no joint moves."""
+    return np.asarray(np.all(np.abs(stretch.velocity) <= STILL * stretch.levers, axis=1))

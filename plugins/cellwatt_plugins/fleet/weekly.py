@@ -99,7 +99,7 @@ def _parts(item: CellWeek, arm: Arm) -> tuple[list[_Part], list[Skipped]]:
             break
         path = item.files[number]
         try:
-            found = read_stretches(path, arm.description)
+            found = read_stretches(path, arm)
         except CellwattError as error:
             skipped.append(Skipped.of(item.cell, path, error))
             continue

@@ -18,7 +18,7 @@ from cellwatt.arrays import Float
 from cellwatt.errors import ConfigError
 from cellwatt.files import read_bytes
 from cellwatt_plugins.robot.mjcf import is_mjcf, urdf_of
-from cellwatt_plugins.robot.units import LEVER
+from cellwatt_plugins.travel import LEVER
 
 PER_LINK = 10
 """Inertial parameters of a link: m, m·c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the joint frame's origin."""
@@ -115,6 +115,11 @@ class Body:
     def turns(self) -> NDArray[np.bool_]:
         """(n,) true where a joint is revolute, false where it is prismatic."""
         return np.asarray(np.linalg.norm(self._subspaces[:, 3:], axis=1) > 0.5)
+
+    @property
+    def slides(self) -> list[int]:
+        """Prismatic joints (0-based)."""
+        return np.flatnonzero(~self.turns).tolist()
 
     @cached_property
     def levers(self) -> Float:

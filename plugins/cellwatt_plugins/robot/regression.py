@@ -154,8 +154,10 @@ class Fit:
         pull = information @ self.coefficients[part] - own.precision @ own.mean
         return float(log_evidence((information - own.precision)[None], pull[None], [own])[0][0])
 
-    def bounded(self, lower: Float, upper: Float) -> Float:
+    def bounded(self, lower: Float, upper: Float | float = np.inf) -> Float:
         """Return the most probable coefficients (k,) between ``lower`` and ``upper`` (k,), infinite where unbounded."""
+        if np.all((self.coefficients >= lower) & (self.coefficients <= upper)):
+            return self.coefficients
         root = np.tril(self._factor[0]).T
         found = lsq_linear(
             root, root @ (self.coefficients / self.scale), (lower / self.scale, upper / self.scale), method="bvls"
@@ -174,18 +176,18 @@ def gauss_newton(
     start: Float,
     rounds: int,
     settled: float = 0.0,
-    within: Callable[[Float], Float] = np.asarray,
+    within: Callable[[Fit], Float] = lambda fit: fit.coefficients,
 ) -> tuple[Float, Fit]:
     """Fit a nonlinear model: coefficients (k,) and the last linear fit, after at most ``rounds``.
 
     ``linearised`` gives the equations about coefficients x: slopes J (N, k) and the target y - f(x) + J x. The rounds
-    end when a step is below ``settled`` standard deviations of the prior; ``within`` moves each result to possible
-    values.
+    end when a step is below ``settled`` standard deviations of the prior; ``within`` gives the possible coefficients of
+    each linear fit.
     """
     found = start
     for _ in range(rounds):
         fit = Fit(linearised(found), prior)
-        before, found = found, within(fit.coefficients)
+        before, found = found, within(fit)
         if np.abs((found - before) / prior.deviations).max() < settled:
             break
     return found, fit

@@ -20,6 +20,17 @@ LARGEST, SPARSE = 2_000_000, 20
 """Most points of an even grid: this number, or this multiple of the table's rows if that is more."""
 
 
+class Even:
+    """Something with samples on an even grid."""
+
+    time: Float
+
+    @property
+    def step(self) -> float:
+        """Seconds between samples."""
+        return float((self.time[-1] - self.time[0]) / max(1, len(self.time) - 1))
+
+
 def torque_in(table: Table, robot: RobotDescription) -> Float:
     """Torques (N, n) Nm of a table as they are recorded, or from shares of the rated torques, or from currents.
 

@@ -6,8 +6,6 @@ import re
 from typing import Final, Literal
 
 Kind = Literal["revolute", "prismatic"]
-LEVER = 0.2
-"""Travel, m, of a prismatic joint that counts as 1 rad of a revolute one."""
 
 _ALONG: Final = {"N*m": "N", "N·m": "N", "Nm": "N", "kg*m^2": "kg", "kg·m²": "kg", "kg m²": "kg", "rad": "m"}
 _UNITS: Final = re.compile("|".join(rf"(?<![A-Za-z]){re.escape(unit)}(?![A-Za-z²])" for unit in _ALONG))

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from energy.arms import make_arm
 
+from cellwatt.errors import RecordingError
+from cellwatt.tables import write_table
 from cellwatt_plugins.energy.campaign import observed
 from cellwatt_plugins.energy.identify import begin
-from cellwatt_plugins.energy.recordings import PowerTrace, read_runs
+from cellwatt_plugins.energy.recordings import PowerTrace, read_motion, read_reading, read_runs
 from cellwatt_plugins.robot import Arm
 from tests.plugins.energy.running import run_on, with_truth, worst_error
 
@@ -71,6 +73,21 @@ def test_an_arm_without_brakes_that_cannot_be_unplugged(variant):
     assert all(run.brakes == 0 for run in findings.runs)
     assert any("cannot be unplugged" in note for note in findings.fixed.notes)
     assert worst_error(key, findings) < 1.0
+
+
+def test_a_blank_in_a_row_is_a_row_that_is_missing(tmp_path):
+    time = np.arange(200) / 100
+    blank = np.where(np.arange(200) == 50, np.nan, np.sin(time))
+    write_table(tmp_path / "analyzer.csv", {"t": time, "power": blank})
+    columns = {f"{name}_{joint}": np.sin(time + joint) for name in ("q", "qd", "tau") for joint in (1, 2)}
+    write_table(tmp_path / "robot.csv", {"t": time, **columns, "tau_2": blank})
+    reading, motion = read_reading(tmp_path / "analyzer.csv"), read_motion(tmp_path / "robot.csv", ("a", "b"))
+    assert np.array_equal(reading.time, np.delete(time, 50))
+    assert np.diff(motion.time) == pytest.approx(0.01)
+    assert motion.torque[:, 1] == pytest.approx(np.sin(motion.time), abs=1e-3)
+    write_table(tmp_path / "analyzer.csv", {"t": time[41:61], "power": blank[41:61]})
+    with pytest.raises(RecordingError, match="19 rows without a missing value, expected 20 or more"):
+        read_reading(tmp_path / "analyzer.csv")
 
 
 def test_a_repetition_in_which_the_analyzer_fell_silent_is_left_out(measured):

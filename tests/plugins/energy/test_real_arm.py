@@ -48,6 +48,7 @@ def test_groups_add_up_to_what_was_measured_within_the_stated_uncertainty(arm_an
         energy = task_energy(arm, known, stretch_of(one), at_campaign(known))
         assert sum(energy.groups.values()) == pytest.approx(energy.total, rel=1e-9)
         assert abs(energy.groups["unexplained"]) < 2 * energy.uncertainty < 0.05 * energy.total
+        assert abs(energy.groups["unexplained"]) < 0.02 * energy.total
         assert energy.groups["mechanical_losses"] > 0
         assert energy.groups["electrical_losses"] > 0
 
@@ -58,3 +59,4 @@ def test_a_move_left_out_is_met_within_the_uncertainty_of_the_fit(arm_and_moves)
         others = known_from(fit(arm, moves[:i] + moves[i + 1 :]))
         energy = task_energy(arm, others, stretch_of(one), at_campaign(others))
         assert abs(energy.groups["unexplained"]) < 2 * energy.uncertainty < 0.15 * energy.total
+        assert abs(energy.groups["unexplained"]) < 0.1 * energy.total

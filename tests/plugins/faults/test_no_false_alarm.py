@@ -58,9 +58,9 @@ OTHER_NEW = [(Cycle(speed=0.4), "new_speed"), (Cycle(speed=0.8), "new_speed")]
 
 
 @pytest.mark.parametrize(("new", "kind"), [*NEW, *more(*OTHER_NEW)])
-def test_an_unknown_task_or_speed_is_said_once(reference, new, kind):
+def test_an_unknown_task_or_speed_is_said_each_time_that_it_begins(reference, new, kind):
     found = alarms_of(reference, [Cycle()] * 2 + [new] * 4 + [Cycle()] * 2 + [new] * 3)
-    assert [(a.kind, a.severity, a.active) for a in found] == [(kind, "info", True), (kind, "info", False)]
+    assert [(a.kind, a.severity, a.active) for a in found] == [(kind, "info", up) for up in (True, False, True)]
 
 
 @pytest.mark.parametrize("learned", [Cycle(OTHER), Cycle(speed=0.6)])

@@ -100,7 +100,7 @@ def test_speeds_that_look_alike_have_files_of_their_own(folder, monkeypatch):
     told = [({"task": each.task, "speed": each.speed}, b"") for each in several]
     monkeypatch.setattr(train_command, "spread", lambda *_, **__: told)
     networks = json.loads(train(folder, "--json").stdout)["networks"]
-    names = [f"task_1-{speed}-codes.onnx" for speed in ("1.00", "0.304", "0.301")]
+    names = [f"task_1-{speed}-codes.onnx" for speed in ("1", "0.304", "0.301")]
     assert [Path(network["file"]).name for network in networks] == names
 
 

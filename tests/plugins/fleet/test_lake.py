@@ -8,10 +8,11 @@ import pytest
 
 from cellwatt.errors import ConfigError
 from cellwatt.record import Header, Recorder, RecordSettings
-from cellwatt.tables import read_table
+from cellwatt.tables import read_table, write_table
 from cellwatt_plugins.fleet.lake import find, monday, week_of
 from cellwatt_plugins.fleet.weekly import week_of_cell
 from tests.blocks import frames_of, layout_of
+from tests.plugins.robot import scara
 
 
 def historians(table, begin):
@@ -97,3 +98,20 @@ async def test_a_recording_belongs_to_the_week_in_which_it_began_not_its_daemon(
     week = week_of_cell(item)
     assert found.skipped == [] and week.skipped == ()
     assert len(week.repetitions) == 2
+
+
+def test_the_friction_of_a_slide_whose_strokes_are_slow(tmp_path):
+    """15 mm in 1 s: no faster than 28 mm/s."""
+    t = np.arange(125) / 125
+    there = (10 * t**3 - 15 * t**4 + 6 * t**5)[:, None] * [0.5, 0.3, -0.015]
+    way = np.concatenate([there, there[-1:].repeat(50, axis=0), there[::-1], np.zeros((50, 3))])
+    q = np.array([0.3, 0.5, 0.1]) + np.tile(way, (12, 1))
+    qd = np.gradient(q, 1 / 125, axis=0)
+    tau = scara.torque(q, qd, np.gradient(qd, 1 / 125, axis=0))
+    scara.write(tmp_path)
+    columns = {f"{name}_{j + 1}": rows[:, j] for name, rows in (("q", q), ("tau", tau)) for j in range(3)}
+    (tmp_path / "cell-1").mkdir()
+    write_table(tmp_path / "cell-1" / "2026-01-05.parquet", {"t": np.arange(len(q)) / 125, **columns})
+    week = week_of_cell(find(tmp_path).weeks[0])
+    assert week.coulomb == pytest.approx(scara.FRICTION, rel=0.05)
+    assert len(week.repetitions) == 11

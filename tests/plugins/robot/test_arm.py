@@ -41,9 +41,3 @@ def test_what_every_joint_needs_is_told(tmp_path):
     assert Arm.load(tmp_path, needs=("coulomb_friction",)).name == "planar"
     with pytest.raises(ConfigError, match=r"yaml:8:3: joints\[1\]\.torque_constant: elbow has no torque_constant: add"):
         Arm.load(str(tmp_path / "robot.yaml"), needs=("torque_constant",))
-
-
-def test_packaged_robots_are_known_by_name():
-    arm = Arm.load("mh12")
-    assert (arm.name, arm.joints) == ("mh12", 6)
-    assert arm.gravity(np.zeros((2, 6))).shape == (2, 6)

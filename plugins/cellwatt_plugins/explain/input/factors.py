@@ -11,7 +11,7 @@ from cellwatt.arrays import Float
 from cellwatt.report.numbers import number
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.robot import RobotDescription
-from cellwatt_plugins.robot.units import LEVER
+from cellwatt_plugins.travel import LEVER
 
 DEGREES = float(np.degrees(1.0))
 RPM = 30 / np.pi

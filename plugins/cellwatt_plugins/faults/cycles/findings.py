@@ -20,7 +20,8 @@ from cellwatt_plugins.faults.cycles.off_path import STOPPED
 from cellwatt_plugins.faults.cycles.pattern import MARGIN, Pattern
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import Run, find_runs
-from cellwatt_plugins.faults.cycles.words import note_on, statement_on, travel_text
+from cellwatt_plugins.faults.cycles.words import note_on, statement_on
+from cellwatt_plugins.travel import travel_text
 
 Kind = Literal["joint", "encoder", "joint_and_encoder"]
 Status = Literal["healthy", "changed", "fault", "new_task"]
@@ -185,7 +186,7 @@ def _faults(
     recording: Recording, match: Match, known: Known, verdict: Verdict, kind_certain: float
 ) -> tuple[FaultFinding, ...]:
     """The faults of a verdict; the kind of fault of a joint off its path is open below probability ``kind_certain``."""
-    pattern, turns = known.patterns[match.pattern], known.arm.body.turns
+    pattern, levers = known.patterns[match.pattern], known.arm.body.levers
     blamed = {blame.joint: blame for blame in verdict.blames}
     gone = pattern.time[pattern.time <= verdict.tau[-1]]
     out = []
@@ -200,7 +201,7 @@ def _faults(
         confidence = min(c for c in (encoder, blame.confidence if blame else None) if c is not None)
         stands = encoder if encoder is not None else blame.confidence if blame and blame.what in STOPPED else 1.0
         other: Kind | None = None if stands >= kind_certain else "encoder" if encoder is None else "joint"
-        largest = travel_text(float(deviation.max()), turns=bool(turns[joint]))
+        largest = travel_text(float(deviation.max()), float(levers[joint]))
         out.append(
             FaultFinding(
                 joint=joint + 1,

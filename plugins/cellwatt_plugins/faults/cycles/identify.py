@@ -55,12 +55,10 @@ def identify(arm: Arm, patterns: Sequence[Pattern], meter: Meter | None) -> Fitt
     ``meter`` is the slow meter that measured the power; None if it was sampled.
     """
     prior = _prior(arm)
-
-    def possible(values: Float) -> Float:
-        # Inertia, friction and resistance must stay positive; link moments may be negative.
-        return np.where((values < 0) & (prior.mean > 0), LEAST * prior.mean, values)
-
-    values, _ = gauss_newton(_Equations(arm.body, patterns, meter), prior, prior.mean, ROUNDS, within=possible)
+    # Inertia, friction and resistance must stay positive; link moments may be negative.
+    least = np.where(prior.mean > 0, LEAST * prior.mean, -np.inf)
+    equations = _Equations(arm.body, patterns, meter)
+    values, _ = gauss_newton(equations, prior, prior.mean, ROUNDS, within=lambda fit: fit.bounded(least))
     return with_covariance(arm, Parameters.unpacked(values, arm.joints), patterns, meter)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -56,8 +56,8 @@ def stored(known: Known, arm: Arm) -> tuple[StoredModel, tuple[Pattern, ...]]:
     return StoredModel(p.standby, p.drive, p.regenerate, joints, known.meter), cycles
 
 
-def restored(model: StoredModel, cycles: tuple[Pattern, ...], arm: Arm) -> Known:
-    """The inverse of ``stored``. Raises ``ModelError`` if the file belongs to another arm."""
+def restored(model: StoredModel, cycles: tuple[Pattern, ...], arm: Arm, false_alarms: float = 1e-4) -> Known:
+    """The inverse of ``stored``; ``false_alarms`` as in ``Known``. Raises ``ModelError`` if it is of another arm."""
     joints = model.joints
     if [joint.name for joint in joints] != list(arm.body.names):
         names = ", ".join(joint.name for joint in joints)
@@ -67,7 +67,7 @@ def restored(model: StoredModel, cycles: tuple[Pattern, ...], arm: Arm) -> Known
     rotor, coulomb, viscous, copper = (np.array([getattr(joint, key) for joint in joints]) for key in keys)
     parameters = Parameters(link, rotor, coulomb, viscous, copper, model.standby, model.drive, model.regenerate)
     patterns = tuple(cycle.scaled(1 / arm.body.levers) for cycle in cycles)
-    return Known(with_covariance(arm, parameters, patterns, model.meter), patterns, meter=model.meter)
+    return Known(with_covariance(arm, parameters, patterns, model.meter), patterns, false_alarms, model.meter)
 
 
 def known_of(reference: Reference, path: Path, robot: Path, false_alarms: float = 1e-4) -> Known:
@@ -81,5 +81,4 @@ def known_of(reference: Reference, path: Path, robot: Path, false_alarms: float 
         raise ModelError(f"reference {path}: is of robot {reference.robot}, {robot} describes {arm.name}")
     if reference.power_model is None or not reference.cycles:
         raise ModelError(f"reference {path}: has no cycles; learn it again with --robot {robot}")
-    known = restored(reference.power_model, reference.cycles, arm)
-    return replace(known, false_alarms=false_alarms)
+    return restored(reference.power_model, reference.cycles, arm, false_alarms)

@@ -8,7 +8,7 @@ from itertools import pairwise, takewhile
 
 import numpy as np
 
-from cellwatt.arrays import Float
+from cellwatt.arrays import Float, joined, rows_of
 from cellwatt.progress import steps
 from cellwatt.results import Alarm
 from cellwatt_plugins.faults.cycles.alarms import CycleAlarms
@@ -89,9 +89,8 @@ class CycleWatch:
     def _bridged(self, time: Float, position: Float, power: Float) -> tuple[Float, Float, Float]:
         """The new frames up to the last one with all positions, short holes interpolated; later frames wait."""
         before = len(self._waiting.time) > 0
-        time = np.concatenate([self._waiting.time, time])
-        position = np.concatenate([self._waiting.position, position])
-        power = np.concatenate([self._waiting.power, power])
+        new = joined([self._waiting, Recording(time, position, power)])
+        time, position, power = new.time, new.position, new.power
         known = np.flatnonzero(~np.isnan(position).any(axis=1))
         if not len(known):
             return time[:0], position[:0], power[:0]
@@ -103,8 +102,7 @@ class CycleWatch:
         grid = np.append(begun + np.arange(len(begun)), there[-1])[before:]
         row = np.searchsorted(number, grid)
         late = time[-1] - time[known[-1]] > self._longest_hole
-        waiting = slice(known[-1], known[-1] + 1 if late else None)
-        self._waiting = replace(self._waiting, time=time[waiting], position=position[waiting], power=power[waiting])
+        self._waiting = rows_of(new, slice(known[-1], known[-1] + 1 if late else None))
         columns = interpolated(grid, there, np.column_stack([time[known], position[known]]))
         return columns[:, 0], columns[:, 1:], np.where(number[row] == grid, power[row], np.nan)
 
@@ -113,12 +111,7 @@ class CycleWatch:
         if len(self._seen.time) and time[0] - self._seen.time[-1] > self._longest_hole:
             found = self._look(ended=True)
             self._forget()
-        self._seen = replace(
-            self._seen,
-            time=np.concatenate([self._seen.time, time]),
-            position=np.concatenate([self._seen.position, position]),
-            power=np.concatenate([self._seen.power, power]),
-        )
+        self._seen = joined([self._seen, Recording(time, position, power)])
         if self._move_has_ended():
             found += self._glance()
         return [*found, *self._look(ended=False)] if self._worth_a_look(len(time)) else found
@@ -210,8 +203,7 @@ class CycleWatch:
 
     def _drop(self, before: int) -> None:
         """Discard frames before the sample with index ``before``."""
-        rows, seen = slice(max(0, before), None), self._seen
-        self._seen = replace(seen, time=seen.time[rows], position=seen.position[rows], power=seen.power[rows])
+        self._seen = rows_of(self._seen, slice(max(0, before), None))
 
 
 class CycleStage:

@@ -15,6 +15,7 @@ from cellwatt.frames import Frames
 from cellwatt_plugins.faults.trace import one_layout
 from cellwatt_plugins.robot.meter.held import held
 from cellwatt_plugins.robot.meter.model import Meter, Readings
+from cellwatt_plugins.robot.samples import Even
 
 LONGEST_HOLE = 0.5
 """Longest hole in the positions that is interpolated, s; in longer ones the pose is unknown."""
@@ -23,7 +24,7 @@ LONGEST_PAUSE = 60.0
 
 
 @dataclass(frozen=True)
-class Recording:
+class Recording(Even):
     """``time`` (N,) s on an even grid, ``position`` (N, n) rad, ``power`` (N,) W; NaN in power where missing.
 
     ``position`` of a prismatic joint is in m as recorded; once ``in_angles``, 1 rad stands for a travel of its lever.
@@ -61,11 +62,6 @@ class Recording:
         last = np.maximum.accumulate(np.where(known, np.arange(len(known)), np.argmax(known)))
         found = held([(self.time, self.power[last])], interval)
         return None if found is None else found[0]
-
-    @property
-    def step(self) -> float:
-        """Grid step, s."""
-        return float((self.time[-1] - self.time[0]) / (len(self.time) - 1))
 
     @property
     def joints(self) -> int:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from itertools import pairwise
 
 from cellwatt_plugins.faults.cycles.examine import Blame, Verdict
 from cellwatt_plugins.faults.cycles.match import Match
-from cellwatt_plugins.robot.units import LEVER
 
 ANOTHER_PACE = 0.01
 """Smallest relative difference of pace that is reported."""
@@ -44,11 +42,6 @@ def statement_on(
         others = " or ".join(str(j + 1) for j in blame.alternatives)
         text += f"; joint {others} explains it nearly as well"
     return f"{text}." if kind == "joint" else f"{text}. {off}."
-
-
-def travel_text(angle: float, *, turns: bool) -> str:
-    """A joint's travel in words; ``angle`` rad stands for a travel of ``LEVER`` m/rad if the joint does not turn."""
-    return f"{math.degrees(angle):.1f}°" if turns else f"{1000 * LEVER * angle:.1f} mm"
 
 
 def note_on(match: Match, verdict: Verdict) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,36 +9,43 @@ from typing import Any
 import numpy as np
 
 from cellwatt.alarms import AT_ONCE, AlarmBook, Patience
+from cellwatt.arrays import Float
 from cellwatt.results import Alarm
 from cellwatt_plugins.faults.criteria import Verdict
 from cellwatt_plugins.faults.intervals.judge import Finding
 from cellwatt_plugins.faults.isolate import Suspect, suspects
 from cellwatt_plugins.faults.reference import Reference
+from cellwatt_plugins.travel import residual, travel_text
 
 PATIENCE = 10
 """Factor on the clean intervals that clear an alarm whose deviating interval has not run again."""
 UNKNOWN = 3
 """Consecutive intervals that are not in the reference, after which a new task is reported."""
+NOTICES = ("new_speed", "new_task")
+"""Kinds of alarms that the arm is not judged."""
 
 _WHAT = {
     "joint_fault": "Joint {joint} {power}, though it follows its path: a fault in the joint or a load on it",
-    "encoder_fault": "The encoder of joint {joint} is off by up to {degrees}, while power is as in healthy cycles",
-    "joint_and_encoder_fault": "Joint {joint} is off its path by up to {degrees} and power differs too: "
+    "encoder_fault": "The encoder of joint {joint} is off by up to {travel}, while power is as in healthy cycles",
+    "joint_and_encoder_fault": "Joint {joint} is off its path by up to {travel} and power differs too: "
     "a fault in the joint, and possibly in its encoder",
 }
 
 
 @dataclass
 class IntervalAlarms:
-    """The alarms of one arm; ids start with ``prefix``, ``clear_after`` clean intervals clear an alarm."""
+    """The alarms of one arm; ids start with ``prefix``, ``clear_after`` clean intervals clear an alarm.
+
+    ``levers`` (n,) are those of ``levers_of``.
+    """
 
     prefix: str
     source: str
     reference: Reference
+    levers: Float
     clear_after: int = 3
     _book: AlarmBook = field(default_factory=AlarmBook)
     _codes: dict[tuple[int, int], Finding] = field(default_factory=dict)
-    _reported: set[str] = field(default_factory=set)
     _unknown: int = 0
 
     def take(self, finding: Finding, *, final: bool) -> list[Alarm]:
@@ -49,13 +55,13 @@ class IntervalAlarms:
             self._unknown += 1
             if self._unknown >= UNKNOWN:
                 text = "The arm runs a task that is not in the reference; it is not judged"
-                out += self._report_once("new_task", finding, text)
+                out += self._report("new_task", finding, text)
             return out
         self._unknown = 0
         if finding.course == "other_speed":
             task = self.reference.tasks[finding.key.task].name
             text = f"{task} runs at a speed that is not in the reference; it is not judged at this speed"
-            return [*out, *self._report_once("new_speed", finding, text)]
+            return [*out, *self._report("new_speed", finding, text)]
         if final and finding.course == "follows":
             out += self._known_again(finding)
         for joint, verdict in finding.verdicts.items():
@@ -139,20 +145,22 @@ class IntervalAlarms:
         """
         assert finding.key is not None
         name, task = self._name(kind, joint), self.reference.tasks[finding.key.task]
+        way = finding.off[joint - 1], float(self.levers[joint - 1])
         evidence = {
             "task": task.name,
             "speed": task.variants[finding.key.variant].speed,
             "task_interval": finding.key.index + 1,
             **finding.evidence,
+            **residual(*way),
             **({} if score is None else {"score": round(score, 2)}),
         }
-        before = self._book[name].alarm if name in self._book else None
-        same = before is not None and before.alternatives == alternatives
-        text = before.statement if before and same else _statement(joint, kind, alternatives, evidence)
+        up = self._book[name].alarm if name in self._book else None
+        same = up if up and up.alternatives == alternatives else None
+        text = same.statement if same else _statement(joint, kind, alternatives, evidence, travel_text(*way))
         number, since, time = finding.interval.number, finding.since, finding.time
         about = self.source, joint, alternatives, number, evidence
         alarm = Alarm(name, kind, "error", True, since, time, text, *about)
-        return self._book.raise_(alarm, update=not (before and same and before.interval == number))
+        return self._book.raise_(alarm, update=same is None or same.interval != number)
 
     def _count_clean(self, finding: Finding) -> list[Alarm]:
         """Count an interval without deviation for the alarms of its joints; clear those with enough such intervals."""
@@ -190,29 +198,25 @@ class IntervalAlarms:
         about = "" if joint is None else f"joint_{joint}."
         return f"{self.prefix}.{self.source}.{about}{kind}"
 
-    def _report_once(self, kind: str, finding: Finding, statement: str) -> list[Alarm]:
-        """Report information once."""
-        if kind in self._reported:
-            return []
-        self._reported.add(kind)
+    def _report(self, kind: str, finding: Finding, statement: str) -> list[Alarm]:
+        """Report that the arm is not judged, once until it is again."""
         number, since, time = finding.interval.number, finding.since, finding.time
-        name, source = self._name(kind), self.source
-        return self._book.raise_(Alarm(name, kind, "info", True, since, time, statement, source, interval=number))
+        alarm = Alarm(self._name(kind), kind, "info", True, since, time, statement, self.source, interval=number)
+        return self._book.raise_(alarm, update=False)
 
     def _known_again(self, finding: Finding) -> list[Alarm]:
         """Clear the notices, as the arm runs a task of the reference again."""
         text = "Resolved: the arm runs as in the reference again"
-        return [a for kind in sorted(self._reported) for a in self._book.clear(self._name(kind), finding.time, text)]
+        return [a for kind in NOTICES for a in self._book.clear(self._name(kind), finding.time, text)]
 
 
-def _statement(joint: int, kind: str, alternatives: tuple[int, ...], evidence: dict[str, Any]) -> str:
+def _statement(joint: int, kind: str, alternatives: tuple[int, ...], evidence: dict[str, Any], travel: str) -> str:
     """The statement of an alarm, for the person at the cell."""
     residual = evidence.get("power_residual_W", 0.0)
     more = "more" if residual > 0 else "less"
     power = (
         f"draws {abs(residual):.0f} W {more} than in healthy cycles (limit {evidence.get('power_limit_W', 0.0):.0f} W)"
     )
-    degrees = f"{math.degrees(evidence.get('position_residual_rad', 0.0)):.1f}°"
     where = f", in interval {evidence['task_interval']} of {evidence['task']}"
     others = f"; it may also be joint {' or '.join(map(str, alternatives))}" if alternatives else ""
-    return _WHAT[kind].format(joint=joint, power=power, degrees=degrees) + where + others + "."
+    return _WHAT[kind].format(joint=joint, power=power, travel=travel) + where + others + "."

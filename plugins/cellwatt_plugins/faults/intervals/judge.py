@@ -44,7 +44,8 @@ class Finding:
 
     ``key`` is ``None`` if the interval is not in the reference. ``code`` is the code of equation (20) for power
     while the motion follows the reference, ``None`` if power could not be judged. ``verdicts`` are for joints whose
-    encoder deviates; ``clean`` are joints whose encoder agrees. ``since`` and ``time`` in ns.
+    encoder deviates; ``clean`` are joints whose encoder agrees; ``off`` is the largest deviation of each joint, rad.
+    ``since`` and ``time`` in ns.
     """
 
     interval: Interval
@@ -56,6 +57,7 @@ class Finding:
     shape: Mapping[int, float] = field(default_factory=dict)
     verdicts: Mapping[int, Verdict] = field(default_factory=dict)
     clean: tuple[int, ...] = ()
+    off: tuple[float, ...] = ()
     evidence: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -152,6 +154,7 @@ class Judge:
             code=code,
             shape=_shape(reference, comparison, usable) if code else {},
             clean=reference.moving if course == "follows" else (),
+            off=tuple(np.nanmax(np.abs(comparison.position), axis=0, initial=0.0).tolist()),
             evidence=_evidence(comparison, worst),
         )
 
@@ -177,8 +180,8 @@ class Judge:
             whole = doubt.finding.course != "interrupted"
             short = [j for j in doubt.joints if whole or missed[j - 1] > rules.tolerance.position]
             verdicts = dict.fromkeys(short, verdict(position_outside=True, power_outside=doubt.power_outside))
-            then, evidence = doubt.finding.interval, doubt.finding.evidence
-            off = Finding(then, doubt.finding.key, "deviates", then.start, end, verdicts=verdicts, evidence=evidence)
+            since = doubt.finding.interval.start
+            off = replace(doubt.finding, course="deviates", since=since, time=end, verdicts=verdicts)
             return [off] if short else []
         if match.skipped == 1 and self.follower.last is not None:
             key = self.follower.after(self.follower.last)
@@ -187,9 +190,8 @@ class Judge:
             if still:
                 agrees = power_agrees(reference, trace, self._last_end, interval.start, rules.tolerance, rules.frames)
                 verdicts = dict.fromkeys(still, verdict(position_outside=True, power_outside=not agrees))
-                largest = {"position_residual_rad": float(max(missed[j - 1] for j in still))}
-                start = interval.start
-                return [Finding(interval, key, "deviates", start, end, verdicts=verdicts, evidence=largest)]
+                start, largest = interval.start, tuple(missed.tolist())
+                return [Finding(interval, key, "deviates", start, end, verdicts=verdicts, off=largest)]
         return []
 
 
@@ -249,5 +251,4 @@ def _evidence(comparison: Comparison, worst: int) -> dict[str, float]:
         "power_limit_W": round(float(comparison.limit[worst]), 1),
         "power_reference_W": round(float(comparison.reference[worst]), 1),
         "seconds_from_onset": round(float(comparison.t[worst]), 2),
-        "position_residual_rad": round(float(np.nanmax(np.abs(comparison.position), initial=0.0)), 4),
     }

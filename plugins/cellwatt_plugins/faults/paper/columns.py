@@ -9,7 +9,6 @@ import numpy as np
 
 from cellwatt.arrays import Float
 from cellwatt.frames import Frames
-from cellwatt.results import Interval
 from cellwatt_plugins.faults.criteria import Codes, Tolerance
 from cellwatt_plugins.faults.cycles.arm import Motion, supply_power, torque
 from cellwatt_plugins.faults.cycles.identify import FittedArm
@@ -18,6 +17,7 @@ from cellwatt_plugins.faults.paper.expected import ExpectedInterval, Readings
 from cellwatt_plugins.faults.paper.following import CyclesSeen
 from cellwatt_plugins.faults.paper.judging import codes_of
 from cellwatt_plugins.faults.trace import segmented
+from cellwatt_plugins.robot import Body
 from cellwatt_plugins.robot.drive import drive_power
 from cellwatt_plugins.robot.motion import differentiate
 
@@ -32,9 +32,9 @@ def recorded(
     """Codes (20), (intervals,), of every whole cycle in ``blocks``, by course."""
     found: defaultdict[Key, list[Codes]] = defaultdict(list)
     seen: CyclesSeen | None = None
-    for block, results in segmented(blocks, arm, power):
+    for block, intervals, _ in segmented(blocks, arm, power):
         seen = seen or CyclesSeen(courses, tolerance, block.position.shape[1])
-        for cycle in seen.feed(block, [result for result in results if isinstance(result, Interval)]):
+        for cycle in seen.feed(block, intervals):
             if cycle.over:
                 found[cycle.course.key].append(np.array([verdict.code for verdict in cycle.verdicts], np.int8))
     return dict(found)
@@ -43,7 +43,7 @@ def recorded(
 def simulated(arm: FittedArm, course: Course, joint: int, tolerance: Tolerance) -> list[Codes]:
     """Codes (20) of a course's healthy cycle with each spring on a joint (1-based), by the arm's equations."""
     slack = float(course.intervals[0].readings.q[0, joint - 1])
-    motions = [_motion(interval.readings) for interval in course.intervals]
+    motions = [_motion(arm.body, interval.readings) for interval in course.intervals]
     regressors = [arm.body.regressor(m.q, m.qd, m.qdd) for m in motions]
     out = []
     for size in SPRINGS:
@@ -66,8 +66,8 @@ def column_of(cycles: Sequence[Codes]) -> Codes:
     return np.where(share[0] > 0.5, 1, np.where(share[1] > 0.5, -1, 0)).astype(np.int8)
 
 
-def _motion(readings: Readings) -> Motion:
-    return Motion(readings.q, *differentiate(readings.q, float(readings.t[1] - readings.t[0])))
+def _motion(body: Body, readings: Readings) -> Motion:
+    return Motion.of(body, readings.q, *differentiate(readings.q, float(readings.t[1] - readings.t[0])))
 
 
 def _with_spring(
@@ -78,6 +78,6 @@ def _with_spring(
     p, readings = arm.parameters, expected.readings
     forces = torque(p, regressor, motion)
     pulled = forces.copy()
-    pulled[:, j] += stiffness * (motion.q[:, j] - slack)
+    pulled[:, j] += stiffness * (readings.q[:, j] - slack)
     before, after = (supply_power(p, drive_power(p.copper, each, motion.qd)) for each in (forces, pulled))
     return Readings(readings.t, readings.q, readings.power + (after - before))

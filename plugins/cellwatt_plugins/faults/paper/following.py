@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from cellwatt.arrays import joined
 from cellwatt.results import Interval
 from cellwatt_plugins.faults.criteria import Tolerance
 from cellwatt_plugins.faults.paper.codes import Residual
@@ -58,7 +59,7 @@ class CyclesSeen:
 
     def feed(self, block: Trace, intervals: Iterable[Interval]) -> Iterator[CycleSoFar]:
         """Yield the running cycle after each of its finished intervals; ``intervals`` are those of this block."""
-        self._trace = Trace.joined([self._trace, block])
+        self._trace = joined([self._trace, block])
         for interval in intervals:
             # An interval is reported open, ending at the frame that confirmed it, and closed later.
             if interval.moving and not interval.closed:

@@ -80,7 +80,7 @@ def train(
         "made": {**{name: version(name) for name in MADE_BY}, **(made or {})},
     }
     content = _written(layers, {KEY: table.tolist(), MADE: about})
-    sure = np.diag(FaultNetwork(content).outputs(inputs))
+    sure = np.diag(FaultNetwork(content).output_of(inputs))
     if sure.min() < SURE:
         raise ModelError(
             f"the network did not learn the fault table: its output for column {int(sure.argmin()) + 1} "
@@ -89,7 +89,7 @@ def train(
     return content
 
 
-class FaultNetwork:
+class FaultNetwork(OnnxFile):
     """A trained network, run by onnxruntime, with ``intervals`` inputs and an output for each of ``groups`` and "free".
 
     ``groups`` are the joints (1-based) with equal columns, by the first joint of each; ``task`` is the task of the
@@ -99,30 +99,30 @@ class FaultNetwork:
     load the model, or the model is not a network of fault codes or disagrees with its metadata.
     """
 
-    def __init__(self, model: Path | bytes | OnnxFile) -> None:
-        network = self._network = model if isinstance(model, OnnxFile) else OnnxFile(model)
-        self.table = _table(network)
+    def __init__(self, model: Path | bytes) -> None:
+        super().__init__(model)
+        self.table = _table(self)
         self.groups = groups_of(self.table)
         self.intervals = len(self.table)
-        about = network.entry(MADE, _Made)
+        about = self.entry(MADE, _Made)
         self.task, self.signed = about.task, about.signed
-        columns = [tensor.shape[-1] for tensor in network.inputs], [tensor.shape[-1] for tensor in network.outputs]
+        columns = [tensor.shape[-1] for tensor in self.inputs], [tensor.shape[-1] for tensor in self.outputs]
         sizes = [self.intervals], [len(self.groups) + 1]
         if columns != sizes:
-            raise network.refused(
+            raise self.refused(
                 f"it has {columns[0]} inputs and {columns[1]} outputs, expected {sizes[0]} and {sizes[1]} for the "
                 "table in its metadata"
             )
 
-    def outputs(self, codes: Codes) -> Float:
+    def output_of(self, codes: Codes) -> Float:
         """Outputs Y1 … Yn and that of "free", (m, groups + 1), for the codes of m cycles (m, intervals)."""
         if codes.ndim != 2 or codes.shape[1] != self.intervals:
             raise ModelError(f"fault network: codes are {codes.shape}, expected (cycles, {self.intervals} intervals)")
-        return self._network.run((codes if self.signed else np.abs(codes)).astype(np.float32))
+        return self.run((codes if self.signed else np.abs(codes)).astype(np.float32))
 
     def joints(self, codes: Codes) -> tuple[int, ...]:
         """The joints (1-based) of the largest output for one cycle's codes (intervals,); none for "free"."""
-        largest = int(np.argmax(self.outputs(codes[None])[0]))
+        largest = int(np.argmax(self.output_of(codes[None])[0]))
         return () if largest == len(self.groups) else self.groups[largest]
 
 

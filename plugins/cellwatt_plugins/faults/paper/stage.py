@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -27,7 +26,7 @@ from cellwatt_plugins.faults.paper.judging import (
 )
 from cellwatt_plugins.faults.paper.network import FaultNetwork
 from cellwatt_plugins.faults.paper.pattern import by_equations
-from cellwatt_plugins.onnx_file import OnnxFile
+from cellwatt_plugins.travel import residual, travel_text
 
 TRAIN = "train it with `cellwatt faults train`"
 
@@ -44,9 +43,8 @@ def networks_of(path: Path, courses: Sequence[Course], where: Path) -> dict[Key,
     if not courses:
         raise ModelError(f"fault networks {path}: reference {where} has no tasks by intervals to use them for")
     out: dict[Key, FaultNetwork] = {}
-    by_task: dict[Key, Path] = {}
     for file in files:
-        network = FaultNetwork(OnnxFile(file))
+        network = FaultNetwork(file)
         task = network.task
         if task is None:
             raise ModelError(f"fault network {file}: names no task; {TRAIN}")
@@ -58,16 +56,16 @@ def networks_of(path: Path, courses: Sequence[Course], where: Path) -> dict[Key,
                 f"reference {where}: its {course.words} has {task.differs(course)}; {TRAIN}"
             )
         for course in fits:
-            if other := by_task.get(course.key):
-                raise ModelError(f"fault network {file}: is for {course.words}, as is {other}: keep one of them")
-            out[course.key], by_task[course.key] = network, file
+            if other := out.get(course.key):
+                raise ModelError(f"fault network {file}: is for {course.words}, as is {other.path}: keep one of them")
+            out[course.key] = network
     return out
 
 
 _WHAT = {
     "joint": "Joint {joint}: power differs by up to {watts:+.0f} W from healthy cycles: a fault in the joint",
-    "encoder": "The encoder of joint {joint} is off by up to {degrees:.1f}°, while power is as in healthy cycles",
-    "joint_and_encoder": "Joint {joint} is off its path by up to {degrees:.1f}° and power differs by up to "
+    "encoder": "The encoder of joint {joint} is off by up to {travel}, while power is as in healthy cycles",
+    "joint_and_encoder": "Joint {joint} is off its path by up to {travel} and power differs by up to "
     "{watts:+.0f} W: a fault in the joint and in its encoder",
 }
 
@@ -129,11 +127,11 @@ class PaperFaultsStage(ReferenceStage[PaperFaultsSettings]):
 
     def _alarm(self, fault: NamedFault, cycle: CycleSoFar, now: int) -> Alarm:
         shown = [v for v in cycle.verdicts if v.interval.number in fault.intervals]
-        evidence = _evidence(fault, cycle.course, shown)
-        degrees = math.degrees(evidence["position_residual_rad"])
+        off, lever = max(each.off_by[fault.joint - 1] for each in shown), float(self._levers[fault.joint - 1])
+        evidence = {**_evidence(fault, cycle.course, shown), **residual(off, lever)}
         where = f", in interval {', '.join(map(str, fault.intervals))} of {cycle.course.task}"
         others = f"; it may also be joint {' or '.join(map(str, fault.alternatives))}" if fault.alternatives else ""
-        what = _WHAT[fault.kind].format(joint=fault.joint, watts=fault.watts, degrees=degrees)
+        what = _WHAT[fault.kind].format(joint=fault.joint, watts=fault.watts, travel=travel_text(off, lever))
         since = cycle.start + round(shown[0].interval.start * 1e9)
         kind, text = f"{fault.kind}_fault", f"{what}{where}{others}."
         about = fault.joint, fault.alternatives, self._following.latest, evidence
@@ -151,5 +149,4 @@ def _evidence(fault: NamedFault, course: Course, shown: Sequence[IntervalVerdict
         "codes": [verdict.code for verdict in shown],
         "power_residual_W": round(worst.watts, 1),
         "power_limit_W": round(worst.limit, 1),
-        "position_residual_rad": round(max(verdict.off_by[fault.joint - 1] for verdict in shown), 4),
     }

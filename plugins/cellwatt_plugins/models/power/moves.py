@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-from cellwatt.arrays import Float, rows_of
+from cellwatt.arrays import Float, joined, rows_of
 from cellwatt.errors import RecordingError
 from cellwatt.scheduler import spread
 from cellwatt.tables import Table, read_table, usual
@@ -122,9 +122,7 @@ def read_moves(paths: Sequence[Path], joints: Sequence[str], meters: Sequence[Pa
     steps = np.concatenate([np.full(len(part), part.step) for part in parts])
     step = float(np.quantile(steps, 0.5, method="lower"))  # that of most rows, not a mean of two files' steps
     numbered = [replace(part, move=np.full(len(part), i)) for i, part in enumerate(_even(p, step) for p in parts)]
-    names = [f.name for f in fields(Moves) if getattr(numbered[0], f.name) is not None]
-    whole: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in numbered]) for name in names}
-    return Moves(**whole)
+    return joined(numbered)
 
 
 def _parts(file: tuple[Path, Path | None], names: Sequence[str]) -> list[Moves]:

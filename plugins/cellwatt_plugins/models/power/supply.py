@@ -16,7 +16,7 @@ from cellwatt_plugins.models.power.folds import GAIN, grown
 from cellwatt_plugins.models.power.terms import DRIVE_ALWAYS, LOSSES
 from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.drive import TERMS, Drives, drawn
-from cellwatt_plugins.robot.regression import Prior, Products, gauss_newton
+from cellwatt_plugins.robot.regression import Fit, Prior, Products, gauss_newton
 
 Sharing = Literal["bus", "joint"]
 
@@ -156,10 +156,11 @@ def fit(drive: Drives, power: Float, belief: Believed, meter: csr_array | None =
     return found, float(np.sqrt(np.mean(residual(found) ** 2)))
 
 
-def possible(x: Float, at: int = 0) -> Float:
-    """Return coefficients, the supply's from index ``at``, with ``down`` limited to 0 … ``up``."""
-    x = x.copy()
-    x[at + 2] = np.clip(x[at + 2], 0.0, max(x[at + 1], 0.0))
+def possible(fit: Fit, at: int = 0) -> Float:
+    """Return the most probable coefficients, the supply's from index ``at``: brakes and losses take power, and what
+    drives return is worth at most what they draw."""
+    x = fit.bounded(np.repeat([-np.inf, 0.0], [at + 2, len(fit.coefficients) - at - 2])).copy()
+    x[at + 2] = min(x[at + 2], max(x[at + 1], 0.0))
     return x
 
 

@@ -48,7 +48,7 @@ def fit_together(
 
     first = np.concatenate([start.row, supplies.fit(drive, shown.power, believed, shown.matrix)[0].vector()])
     rounds = ROUNDS if np.isfinite(problem.rows.torque).any() else ROUNDS_BLIND
-    x, last = gauss_newton(linearised, prior, first, rounds, STILL, lambda x: supplies.possible(x, count))
+    x, last = gauss_newton(linearised, prior, first, rounds, STILL, lambda fit: supplies.possible(fit, count))
     return Solution.of(x[:count], problem.belief, chosen), mean.with_vector(x[count:]), last.deviations
 
 

@@ -61,8 +61,15 @@ class Trained:
 
 @stage("", sum(SHARES))
 def train(moves: Moves, arm: Arm, seed: int = 0) -> Trained:
-    """Select, fit, and score on held-out moves. The same moves and seed give the same model."""
-    check_known(arm)
+    """Select, fit, and score on held-out moves. The same moves and seed give the same model.
+
+    Raises ``ConfigError`` if a torque constant is missing: without it, currents give no torque.
+    """
+    if lacking := [joint.name for joint in arm.description.joints if not joint.torque_constant]:
+        raise ConfigError(
+            f"torque_constant of {', '.join(lacking)} is missing in robot.yaml (Nm/A at the joint): "
+            "write the data sheet's; an error of 20 % does no harm"
+        )
     moves = through_its_meter(moves, arm)
     with stage("smoothing of the encoders", share=SHARES[0]):
         tuning = tune(moves, arm)
@@ -86,23 +93,6 @@ def train(moves: Moves, arm: Arm, seed: int = 0) -> Trained:
         current_noise=noise_of(moves.current),
         meter=moves.meter,
     )
-
-
-def model_of(moves: Moves, arm: Arm) -> Fitted:
-    """The best model alone, without scores: for short recordings and the demonstration, in seconds."""
-    check_known(arm)
-    moves = through_its_meter(moves, arm)
-    tuning = tune(moves, arm)
-    return fit(moves, arm, tuning, structure_of(moves, arm, tuning))
-
-
-def check_known(arm: Arm) -> None:
-    """Raises ``ConfigError`` if a torque constant is missing: without it, currents give no torque."""
-    if lacking := [joint.name for joint in arm.description.joints if not joint.torque_constant]:
-        raise ConfigError(
-            f"torque_constant of {', '.join(lacking)} is missing in robot.yaml (Nm/A at the joint): "
-            "write the data sheet's; an error of 20 % does no harm"
-        )
 
 
 def estimate(fitted: Fitted, moves: Moves, arm: Arm) -> tuple[Float, Float]:

@@ -6,11 +6,11 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
-from cellwatt.arrays import Float, Nanoseconds, rows_of
+from cellwatt.arrays import Float, Nanoseconds, joined, rows_of
 from cellwatt.errors import RecordingError
 from cellwatt.scheduler import spread
 from cellwatt.tables import read_table
@@ -21,8 +21,6 @@ from cellwatt_plugins.robot.samples import torque_in, unpowered
 FEWEST: Final = 12
 """Fewest poses for a training."""
 _LIGHT: Final = 0.05  # kg: payloads that differ by less do not show a payload's effect
-COLUMNS: Final = ("q", "torque", "approach", "payload")
-"""Fields of ``Poses`` with one row per pose."""
 _ALIKE: Final = 1e-3  # rad: poses in which no joint differs by more are one
 _SHORT: Final = 0.25
 """Poses with less than this share of the usual number of samples are left out."""
@@ -127,8 +125,7 @@ def _grouped(pose: Float, q: Float, torque: Float, came_from: Float, payload: Fl
 
 
 def _joined(parts: Sequence[Poses], paths: Sequence[Path]) -> Poses:
-    columns: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS}
-    poses = Poses(**columns, notes=tuple(note for part in parts for note in part.notes))
+    poses = replace(joined(parts), notes=tuple(note for part in parts for note in part.notes))
     where = ", ".join(map(str, paths))
     if (off := unpowered(poses.torque)).any() and not off.all():
         note = f"{int(off.sum())} poses without torque at any joint are left out: the drives were off"

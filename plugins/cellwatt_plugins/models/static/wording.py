@@ -12,7 +12,7 @@ from cellwatt_plugins.models.static.training import COVERAGE, PUBLISHED, Method,
 
 TITLES: Final = {
     "gravity": "gravity of the CAD model",
-    "network": "network, 6 angles",
+    "network": "network of the angles",
     "hybrid": "network on top of gravity",
     "best": "best model",
 }

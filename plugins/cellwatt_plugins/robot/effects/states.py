@@ -15,6 +15,7 @@ from cellwatt_plugins.robot.arm import Arm
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.drive import nominal_power
 from cellwatt_plugins.robot.motion import Moved, Turning
+from cellwatt_plugins.robot.samples import Even
 
 if TYPE_CHECKING:
     from cellwatt_plugins.robot.servo.law import Drive
@@ -27,7 +28,7 @@ MOVING = 0.002
 
 
 @dataclass(frozen=True)
-class States:
+class States(Even):
     """The arm along one run: N samples, n joints; everything that an effect's torque or power is computed from."""
 
     name: str
@@ -58,11 +59,6 @@ class States:
         """The servos of an arm that is known by its motion alone."""
         assert self.drive is not None
         return self.drive
-
-    @property
-    def step(self) -> float:
-        """Seconds between samples."""
-        return float((self.time[-1] - self.time[0]) / max(1, len(self.time) - 1))
 
     @property
     def robot(self) -> RobotDescription:

@@ -11,9 +11,8 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-import yaml
 from energy.arms import rod
-from energy.chain import Link, rotations, torques, write_urdf
+from energy.chain import Link, rotations, torques, write_robot
 from scipy.interpolate import CubicSpline
 from scipy.optimize import nnls
 
@@ -270,16 +269,11 @@ class Arm:
 
     def describe(self, folder: Path):
         """robot.yaml and robot.urdf as the user has them: masses and resistances a little off."""
-        folder.mkdir(parents=True, exist_ok=True)
-        write_urdf(self.links, folder / "robot.urdf")
         drives = {"torque_constant": self.constant, "rotor_inertia": self.rotor, "winding_resistance": self.described}
-        told = [{name: float(values[i]) for name, values in drives.items()} for i in range(self.made.joints)]
-        joints = [{"name": f"joint_{i}", **drive} for i, drive in enumerate(told, start=1)]
-        head = {"robot": self.made.name, "urdf": "robot.urdf", "payload": self.cube.payload}
+        head = {"robot": self.made.name, "payload": self.cube.payload}
         head |= {"brakes": self.made.brakes > 0, "controller_separate": self.made.separate}
         head |= {"torque_from": "current" if self.made.by_current else "sensor"}
-        (folder / "robot.yaml").write_text(yaml.safe_dump({**head, "joints": joints}, sort_keys=False))
-        return folder / "robot.yaml"
+        return write_robot(folder, self.links, drives, **head)
 
 
 def _timing(count):

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from cellwatt_plugins.energy.procedure.command import SPEEDS
-from tests.plugins.energy.procedure.cube import CUBES, TABLE_SECONDS
+from tests.plugins.energy.procedure.cube import CUBES
 
 SIDE = {"UR5e": 0.4, "UR10e": 0.8, "FR3": 0.4, "Gen3": 0.4}
 
@@ -15,11 +14,3 @@ def test_the_points_are_the_corners_of_a_plane_through_the_cube(robot):
     assert legs == pytest.approx([np.sqrt(2) * side, side, np.sqrt(2) * side])
     assert path[0] == pytest.approx((path[4] + path[1]) / 2)
     np.testing.assert_array_equal(path[0], path[5])
-
-
-@pytest.mark.parametrize("robot", list(SIDE))
-def test_a_repetition_takes_as_long_as_in_the_papers_tables(robot):
-    cube = CUBES[robot]
-    assert cube.seconds(50.0).sum() == pytest.approx(TABLE_SECONDS[robot], rel=0.01)
-    for speed in SPEEDS:
-        assert 1000 * cube.legs.sum() / cube.seconds(speed).sum() == pytest.approx(speed)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from energy.chain import Link, torques, write_urdf
+from energy.chain import Link, torques, write_robot
 
 from cellwatt.errors import ConfigError
 from cellwatt_plugins.energy.procedure.rest_pose import rest_pose
@@ -22,12 +22,8 @@ def arm_of(folder, ranges):
         Link((0, 0, 0), (0, 1, 0), 3.0, (ROD / 2, 0, 0), THIN),
         Link((ROD, 0, 0), (0, 1, 0), 2.0, (ROD / 2, 0.02, 0), THIN),
     )
-    folder.mkdir(exist_ok=True)
-    write_urdf(links, folder / "robot.urdf")
-    joints = "\n".join(
-        f"- {{name: joint_{i + 1}, lower_limit: {low}, upper_limit: {high}}}" for i, (low, high) in enumerate(ranges)
-    )
-    (folder / "robot.yaml").write_text(f"robot: planar\nurdf: robot.urdf\njoints:\n{joints}\n")
+    low, high = zip(*ranges, strict=True)
+    write_robot(folder, links, {"lower_limit": low, "upper_limit": high}, robot="planar")
     arm = Arm.load(folder)
     limits = arm.finite_limits()
     return links, arm, limits, Checker(arm, limits)

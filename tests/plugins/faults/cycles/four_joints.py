@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import yaml
-from energy.chain import Link, torques, write_urdf
+from energy.chain import Link, torques, write_robot
 
 from tests.plugins.faults.watching import write_recording
 
@@ -179,21 +178,15 @@ def shown(path: np.ndarray, faults: Sequence[Fault]) -> np.ndarray:
 
 def describe(folder: Path) -> Path:
     """Writes ``robot.yaml`` with a URDF; masses, friction and resistances are ``OFF`` the truth."""
-    write_urdf([replace(link, mass=OFF * link.mass) for link in LINKS], folder / "robot.urdf")
-    joints = [
-        {
-            "name": f"joint_{j + 1}",
-            "torque_constant": float(CONSTANT[j]),
-            "rotor_inertia": float(ROTOR[j]),
-            "coulomb_friction": float(COULOMB[j] / OFF),
-            "viscous_friction": float(VISCOUS[j] * OFF),
-            "winding_resistance": float(RESISTANCE[j] * OFF),
-        }
-        for j in range(4)
-    ]
-    content = {"robot": "points", "urdf": "robot.urdf", "joints": joints, "standby_power": STANDBY + 2.0}
-    (folder / "robot.yaml").write_text(yaml.safe_dump(content))
-    return folder / "robot.yaml"
+    joints = {
+        "torque_constant": CONSTANT,
+        "rotor_inertia": ROTOR,
+        "coulomb_friction": COULOMB / OFF,
+        "viscous_friction": VISCOUS * OFF,
+        "winding_resistance": RESISTANCE * OFF,
+    }
+    links = [replace(link, mass=OFF * link.mass) for link in LINKS]
+    return write_robot(folder, links, joints, robot="points", standby_power=STANDBY + 2.0)
 
 
 def write_table(path: Path, measured: Run) -> Path:

@@ -133,12 +133,6 @@ def test_a_move_with_several_stops_is_a_pause(known, shares):
     assert found[1].note == f"paused for {1.5 * len(shares):.1f} s"
 
 
-def test_a_task_that_was_never_learned_is_new(known):
-    found = of_cycles(known, Cycle("C"), Cycle("C"))
-    assert [cycle.status for cycle in found] == ["new_task", "new_task"]
-    assert not any(cycle.faults for cycle in found)
-
-
 def test_a_cycle_without_power_is_not_judged(known):
     measured = run([Cycle("B"), Cycle("A", faults=(Fault("encoder_scale", 0, 0.2),)), Cycle("A")], seed=21)
     start, end = measured.spans[1]

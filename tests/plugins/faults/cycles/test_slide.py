@@ -7,6 +7,7 @@ import pytest
 
 from cellwatt_plugins.faults import api
 from cellwatt_plugins.faults.cycles.known import known_of
+from cellwatt_plugins.travel import LEVER
 from tests.plugins.faults.cycles.conftest import fed, names
 from tests.plugins.faults.cycles.four_joints import RATE, STANDBY, TASKS, Cycle, Run, way, write_table
 from tests.plugins.robot import scara
@@ -73,7 +74,10 @@ def test_a_deviation_of_the_slide_is_in_mm(folder, tmp_path):
     assert told and float(told[1]) == pytest.approx(6.0, abs=1.5)
 
 
-def test_the_reference_has_metres(folder):
-    (cycle,) = api.load(folder / "reference.yaml").cycles
+def test_the_reference_has_metres_for_cycles_and_angles_for_intervals(folder):
+    reference = api.load(folder / "reference.yaml")
+    (cycle,) = reference.cycles
     assert np.ptp(cycle.position, axis=0) == pytest.approx([0.9, 0.8, STROKE], abs=1e-3)
     assert cycle.repeat.max() < 1e-4
+    ways = [interval.displacement[2] for interval in reference.tasks[0].variants[0].intervals]
+    assert np.ptp(ways) == pytest.approx(2 * STROKE / LEVER, abs=1e-3)

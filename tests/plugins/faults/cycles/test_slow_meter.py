@@ -45,12 +45,6 @@ def recording():
     return through(run(CYCLES, seed=20), 0.8)
 
 
-def test_the_meter_is_found(known):
-    assert known.meter is not None
-    assert known.meter.window == pytest.approx(WINDOW, abs=0.01)
-    assert known.meter.late == pytest.approx(LATE, abs=0.01)
-
-
 def test_the_meter_is_reported(tmp_path):
     healthy = through(run(HEALTHY, seed=1), 0.4)
     table = write_recording(tmp_path / "healthy.parquet", healthy.time, healthy.position, healthy.power)

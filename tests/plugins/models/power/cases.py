@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
+from cellwatt_plugins.models.power.fitting import Fitted, fit, structure_of
 from cellwatt_plugins.models.power.moves import Moves, read_moves
+from cellwatt_plugins.models.power.shown import through_its_meter
 from cellwatt_plugins.models.power.smoothing import Noise, Smoother, Span
-from cellwatt_plugins.models.power.tuning import Tuning
+from cellwatt_plugins.models.power.tuning import Tuning, tune
 from cellwatt_plugins.robot import Arm
 from tests.plugins.models.power.emulated_arm import recorded, six_axes, write_case, write_known
 
@@ -20,6 +22,13 @@ def read_case(folder: Path, kind: str, seed: int, **counts: int) -> tuple[Arm, M
     arm = Arm.load(robot)
     known, unseen = (read_moves([table], arm.description.names) for table in tables)
     return arm, known, unseen
+
+
+def model_of(moves: Moves, arm: Arm) -> Fitted:
+    """The best model alone, without scores, in seconds."""
+    moves = through_its_meter(moves, arm)
+    tuning = tune(moves, arm)
+    return fit(moves, arm, tuning, structure_of(moves, arm, tuning))
 
 
 def six_axes_recorded(folder: Path, seed: int, moves: int, speeds: tuple[float, float]) -> tuple[Arm, pa.Table]:

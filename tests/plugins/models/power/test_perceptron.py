@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import check_grad
 
-from cellwatt_plugins.models.graph import Graph, Tensor
 from cellwatt_plugins.models.power.perceptron import Perceptron, _Shape
-from tests.plugins.models.making import run_graph
 
 DRAW = np.random.default_rng(0)
 X = DRAW.normal(size=(400, 3)) * [1, 10, 0.1]
@@ -30,10 +28,3 @@ def test_what_is_curved_is_learnt_and_the_same_seed_gives_the_same():
     assert np.sqrt(np.mean((network(X) - y) ** 2)) < 0.1 * y.std()
     assert np.array_equal(network.hidden, again.hidden)
     assert not np.array_equal(network.hidden, other.hidden)
-
-
-def test_in_a_graph_it_gives_the_same():
-    network = trained(np.sin(X[:, :1]))
-    graph = Graph(columns=3)
-    found = run_graph(graph, network(Tensor(graph, graph.input)).name, 1, X)
-    assert np.abs(found - network(X)).max() < 1e-12

@@ -11,8 +11,8 @@ from cellwatt.errors import RecordingError
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.scores import Score
 from cellwatt_plugins.models.power.shown import through_its_meter
-from cellwatt_plugins.models.power.training import estimate, model_of
-from tests.plugins.models.power.cases import read_case
+from cellwatt_plugins.models.power.training import estimate
+from tests.plugins.models.power.cases import model_of, read_case
 from tests.plugins.robot.slow_meter import shown
 
 pytestmark = pytest.mark.timeout(300)

@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cellwatt_plugins.models.graph import Graph
 from cellwatt_plugins.models.power import smoothing
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.smoothing import Noise, Smoother, Span
-from tests.plugins.models.making import run_graph
 
 STEP = 0.008
 NOISE = Noise(2e-5, 2.5e-3)
@@ -48,19 +46,3 @@ def test_noise_falls_as_the_weights_say():
     found = [values.std() for values in smoother.apply(moves)]
     assert found == pytest.approx(expected, rel=0.1)
     assert found[1] < 0.4 * NOISE.velocity
-
-
-def test_in_a_graph_it_gives_the_same():
-    q, qd, _ = polynomial(60)
-    smoother = Smoother.design(NOISE, STEP, Span(7, 2), Span(11, 3))
-    moves = move_of(q, qd)
-    graph = Graph(columns=5, window=11)
-    traced = smoother.trace(graph, joints=2, columns=5)
-    here = smoother.trace_as_is(graph, 4, 1)
-    table = np.concatenate([q, qd, np.arange(60.0)[:, None]], axis=1)
-    windows = np.stack([table[i : i + 11] for i in range(50)])
-    found = run_graph(graph, graph.concat([each.name for each in [*traced, here]]), 7, windows)
-    rows = np.arange(50) + 10 - smoother.delay
-    expected = np.concatenate([each[rows] for each in smoother.apply(moves)], axis=1)
-    assert np.abs(found[:, :6] - expected).max() < 1e-9
-    assert np.array_equal(found[:, 6], rows)

@@ -13,6 +13,7 @@ from cellwatt_plugins.robot.drive import Drives
 CONSTANT, RESISTANCE = np.array([12.0, 10.0, 8.0]), np.array([0.6, 0.8, 1.2])
 JOINTS = tuple(Joint(name=f"joint_{i}", winding_resistance=r) for i, r in enumerate(RESISTANCE))
 STATED = RobotDescription(robot="arm", urdf="arm.urdf", joints=JOINTS)
+UNSTATED = RobotDescription(robot="arm", urdf="arm.urdf", joints=tuple(Joint(name=j.name) for j in JOINTS))
 FOLD = np.repeat(np.arange(6), 500)
 
 
@@ -61,3 +62,14 @@ def test_energy_that_is_fed_back_and_brakes():
     assert tuple(chosen) == ((BRAKES,), "bus")
     assert found.down / found.up == pytest.approx(1, abs=0.02)
     assert found.brakes == pytest.approx(8, abs=0.3)
+
+
+def test_a_loss_that_a_joint_lacks_is_none_and_never_gives_power():
+    drive, noise = driven(3)
+    flow = (drive.mechanical + drive.copper * [1, 1, 0] + np.abs(drive.qd) * [4, 4, 0]).sum(axis=1)
+    power = 80 + np.maximum(flow, 0) / 0.9 + 10 * noise
+    found, _ = supplies.fit(drive, power, supplies.believed(drive, power, ("iron loss",), "bus", UNSTATED))
+    copper, iron = (found.weights[found.terms.index(name)] for name in ("copper", "hysteresis"))
+    assert found.weights.min() == 0
+    assert copper == pytest.approx([1, 1, 0], abs=0.15)
+    assert iron == pytest.approx([4, 4, 0], abs=1)

@@ -12,7 +12,6 @@ from cellwatt_plugins.models.command import predict, train
 from cellwatt_plugins.models.power import scg_network
 from tests.calling import called
 from tests.daemon.report.reading import check, numbers, read
-from tests.plugins.models.making import undated
 from tests.plugins.models.power.emulated_arm import write_case
 
 POWER = train, "power"
@@ -79,17 +78,3 @@ def test_too_few_rows_for_a_model_are_refused(case, tmp_path):
     pq.write_table(pq.read_table(table)[:12], tmp_path / "few.parquet")
     with pytest.raises(CellwattError, match="12 rows do not determine a model"):
         called(*POWER, tmp_path / "few.parquet", "--robot", robot, "--out", tmp_path)
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(300)
-def test_the_same_recording_and_seed_give_the_same_model(case, tmp_path, monkeypatch):
-    monkeypatch.setattr(scg_network, "ITERATIONS", 20)
-    robot, table, _ = case
-    reports, models = [], []
-    for name in ("one", "other"):
-        words = ("--robot", robot, "--out", tmp_path / name, "--seed", 3, "--json")
-        reports.append(json.loads(called(*POWER, table, *words)))
-        models.append(undated(tmp_path / name / "model.onnx"))
-    assert models[0] == models[1]
-    assert reports[0]["held_out"] == reports[1]["held_out"]

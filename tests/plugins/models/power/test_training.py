@@ -16,10 +16,10 @@ from cellwatt_plugins.models.power import fitting, scg_network, training, tuning
 from cellwatt_plugins.models.power.folds import folds_of
 from cellwatt_plugins.models.power.moves import Moves, read_moves
 from cellwatt_plugins.models.power.scores import Score
-from cellwatt_plugins.models.power.training import estimate, model_of, train
+from cellwatt_plugins.models.power.training import estimate, train
 from cellwatt_plugins.models.power.wording import findings
 from cellwatt_plugins.robot import Arm
-from tests.plugins.models.power.cases import read_case, tuning_of
+from tests.plugins.models.power.cases import model_of, read_case, tuning_of
 from tests.plugins.models.power.emulated_arm import recorded, six_axes, write_known
 from tests.plugins.robot import planar_arm
 

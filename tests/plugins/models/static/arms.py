@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from energy.chain import Link, write_urdf
+from energy.chain import Link
 from energy.chain import rotations as turned
+from energy.chain import write_robot as write_described
 
 G = 9.81
 RATED = np.array([420.0, 460.0, 260.0, 60.0, 55.0, 32.0])
@@ -161,16 +162,10 @@ def unseen(arm: Arm, rng, count=400):
 
 def write_robot(folder: Path, cad: Arm) -> Path:
     """``robot.yaml`` and ``robot.urdf`` of the arm as its CAD model says."""
-    folder.mkdir(parents=True, exist_ok=True)
     links = [Link(OFFSETS[i], AXES[i], cad.mass[i], cad.centre[i], (0.1, 0.1, 0.1)) for i in range(6)]
-    write_urdf(links, folder / "robot.urdf")
-    lines = ["robot: mh12", "urdf: robot.urdf", "joints:"]
-    for i in range(6):
-        low, high = cad.limits[i]
-        lines += [f"- name: joint_{i + 1}", f"  rated_torque: {cad.rated[i]}"]
-        lines += [f"  lower_limit: {low}", f"  upper_limit: {high}"]
-    (folder / "robot.yaml").write_text("\n".join(lines) + "\n")
-    return folder / "robot.yaml"
+    low, high = cad.limits.T
+    joints = {"rated_torque": cad.rated, "lower_limit": low, "upper_limit": high}
+    return write_described(folder, links, joints, robot="mh12")
 
 
 def write_case(folder: Path, arm: Arm, seed: int, count: int = 532):

@@ -26,20 +26,3 @@ def test_it_finds_parameters_noise_and_which_groups_are_there():
     assert (np.abs(found.mean[:4] - truth[:4]) < 3.5 * found.deviation[:4]).all()
     np.testing.assert_array_equal(found.mean[4:], 0.0)
     np.testing.assert_allclose(found.noise, [0.1, 0.3], rtol=0.15)
-
-
-def test_curved_models_are_followed():
-    rng = np.random.default_rng(1)
-    x = rng.normal(size=(300, 1, 2))
-    truth = np.array([0.8, 0.5])
-
-    def evaluate(p):
-        """(a + x₁)·(1 + b) − x₁ + b x₂."""
-        value = (p[0] + x[..., 0]) * (1 + p[1]) - x[..., 0] + p[1] * x[..., 1]
-        slope = np.stack([np.full(value.shape, 1 + p[1]), p[0] + x[..., 0] + x[..., 1]], axis=-1)
-        return value, slope
-
-    measured = evaluate(truth)[0] + 0.05 * rng.normal(size=(300, 1))
-    prior = Belief((slice(0, 1), slice(1, 2)), np.ones(2), np.zeros(2), np.array([0.1]), ((0,), (0,)))
-    found = fit(evaluate, measured, np.ones((300, 1), bool), prior)
-    np.testing.assert_allclose(found.mean, truth, atol=0.02)

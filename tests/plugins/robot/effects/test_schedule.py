@@ -50,11 +50,6 @@ def test_noise_is_no_schedule_of_many_switches(seed):
     assert len(found([noisy(np.zeros(3000), 1.0, seed)])) <= 3
 
 
-def test_short_spikes_are_no_stretches():
-    got = found([noisy(course([(300, 800), (1200, 1209)], 2000), 0.1)])
-    assert len(got) == 1
-
-
 def test_samples_that_tell_nothing_do_not_count():
     values = noisy(course([(500, 1199)], 2000), 0.1)
     weight = np.ones(2000)

@@ -9,11 +9,6 @@ def states(tmp_path_factory):
     return plant.states(plant.load(plant.write_robot(tmp_path_factory.mktemp("plant"))), seconds=6.0)
 
 
-def test_what_the_links_need_is_what_the_closed_form_says(states):
-    expected = plant.links(plant.NOMINAL, states.q, states.qd, states.qdd)
-    assert np.allclose(states.rigid, expected, atol=1e-10)
-
-
 def test_what_a_joint_feels_alone_is_the_diagonal_of_the_mass_matrix(states):
     expected = np.diagonal(plant.inertia(plant.NOMINAL, states.q), axis1=1, axis2=2)
     assert np.allclose(states.own_inertia, expected, atol=1e-10)
