@@ -1,9 +1,9 @@
+from google.protobuf import descriptor_pool, message_factory
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorSet
 from hypothesis import given
 from hypothesis import strategies as st
 
 from cellwatt.protobuf import Field, Kind, file_descriptor_set, identifiers
-from tests.daemon.outlets.foxglove.client import message_class
 
 FIELDS = (
     Field("quality", 1, Kind.BYTES),
@@ -17,7 +17,9 @@ FIELDS = (
 def test_the_library_understands_the_descriptor():
     described = file_descriptor_set("cellwatt", "frame", FIELDS)
     (file,) = FileDescriptorSet.FromString(described).file
-    frame = message_class("cellwatt.frame", described)
+    pool = descriptor_pool.DescriptorPool()
+    pool.Add(file)
+    frame = message_factory.GetMessageClass(pool.FindMessageTypeByName("cellwatt.frame"))
     assert (file.name, file.package) == ("cellwatt/frame.proto", "cellwatt")
     fields = {f.name: f for f in file.message_type[0].field}
     assert fields["quality"].type == FieldDescriptorProto.TYPE_BYTES

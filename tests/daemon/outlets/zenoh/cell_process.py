@@ -109,6 +109,8 @@ class Cell:
                     self.halted = True
                 elif "tell" in order:
                     self.say_published()
+                elif "alarm" in order:
+                    self.outlet.offer(alarm(**order["alarm"]))
                 elif "account" in order:
                     say({"account": self.outlet.account.snapshot()})
             self.halted = True
