@@ -13,7 +13,8 @@ from scipy.ndimage import binary_dilation, binary_opening, median_filter
 
 from cellwatt.arrays import Bool, Float
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.explain.input.stamps import in_bursts, repeats, sampled
+from cellwatt_plugins.explain.input.repeated_rows import repeats
+from cellwatt_plugins.explain.input.stamps import in_bursts, sampled
 from cellwatt_plugins.robot.meter.held import onto
 from cellwatt_plugins.robot.samples import SPARSE, most_points
 from cellwatt_plugins.robot.stretches import stretches
