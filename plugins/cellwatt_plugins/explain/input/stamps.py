@@ -50,7 +50,7 @@ COHERENT = 0.45
 """Mean resultant length of the rows' times, as angles of that controller's period, from which they show the period."""
 FINE = 32
 """Parts of a step by which times are told apart where a period is looked for."""
-SCANNED = 1 << 17
+SCANNED = 1 << 15
 """Number of rows in which a period is looked for."""
 
 
