@@ -129,7 +129,7 @@ class PowerBoardDriver(Driver[PowerBoardSettings]):
 
     def _wait(self) -> float:
         """Time, s, until a board skips a gap."""
-        deadlines = [b.deadline for b in self._boards.values() if b.deadline is not None]
+        deadlines = [at for b in self._boards.values() if (at := b.order.deadline) is not None]
         return max(0.0, (min(deadlines) - self.inlet.now()) / 1e9) if deadlines else self.settings.silence
 
 
