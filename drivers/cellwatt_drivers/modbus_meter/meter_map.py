@@ -164,17 +164,15 @@ class MeterMap(MapPart):
         return 2.0 ** (16 * width(kind)) * value.factor if known else None
 
 
-def load_map(path: Path) -> MeterMap:
-    """Read a map. Raises ``ConfigError`` with every mistake and its line and column."""
-    return read_settings(path, MeterMap)
-
-
 def chosen_map(name: MeterName | None, path: Path | None) -> MeterMap:
-    """Read the map at ``path``, or else the packaged one."""
-    return packaged_map(name) if path is None else load_map(path)
+    """Read the map at ``path``, or else the packaged one.
+
+    Raises ``ConfigError`` with every mistake and its line and column.
+    """
+    return packaged_map(name) if path is None else read_settings(path, MeterMap)
 
 
 @cache
 def packaged_map(name: MeterName | None) -> MeterMap:
     """Read one of ``METERS``."""
-    return load_map(Path(__file__).parent / "meters" / f"{name}.yaml")
+    return read_settings(Path(__file__).parent / "meters" / f"{name}.yaml", MeterMap)

@@ -125,14 +125,9 @@ def check_prefixes(tags: dict[str, Tag], namespaces: dict[str, str]) -> None:
                 raise ValueError(f"{name}: no prefix {prefix!r} in 'namespaces'{did_you_mean(prefix, namespaces)}")
 
 
-def load_map(path: Path) -> TagMap:
-    """Read a map. Raises ``ConfigError`` with every mistake and its line and column."""
-    return read_settings(path, TagMap)
-
-
 def packaged_map(name: ModelName) -> TagMap:
     """Read a packaged map."""
-    return load_map(Path(__file__).parent / "maps" / f"{name}.yaml")
+    return read_settings(Path(__file__).parent / "maps" / f"{name}.yaml", TagMap)
 
 
 def unit_named(unit_id: int, text: str) -> str | None:
