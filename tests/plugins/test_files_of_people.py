@@ -15,7 +15,7 @@ import pytest
 
 from cellwatt.config import load
 from cellwatt.errors import CellwattError
-from cellwatt_drivers.can_sensor.sensor_map import load_map as load_sensor
+from cellwatt_drivers.can_sensor.sensor_map import load_decodings
 from cellwatt_drivers.modbus_meter.meter_map import chosen_map
 from cellwatt_plugins.energy.known import load_known
 from cellwatt_plugins.explain.model import load_model
@@ -40,7 +40,7 @@ CASES: dict[str, tuple[str, Callable[[Path], object], str, str]] = {
     "equation": ("equation.yaml", equation.load, "cellwatt_power_equation: 1\npower: p\norder: 2\nduration: 1\nrms: []\nK: 1\np: []\nr: []\n", "3:8: order: order 2 needs as many p and r"),
     "model": ("model.yaml", load_model, "format: 1\nrobot: {robot: a, urdf: a, joints: [{name: a}]}\neffects: []\nretuned: {}\n", "1:9: format: found 1: this cellwatt reads version 2: run `cellwatt explain` again"),
     "meter": ("meter.yaml", partial(chosen_map, None), "title: a\nvalues: 5\n", "2:9: values: found 5, expected settings (key: value)"),
-    "sensor": ("sensor.yaml", load_sensor, "streams: 5\n", "1:10: streams: found 5, expected "),
+    "sensor": ("sensor.yaml", partial(load_decodings, None), "streams: 5\n", "1:10: streams: found 5, expected "),
 }  # fmt: skip
 
 

@@ -208,18 +208,17 @@ def _without_pages(message: Message, names: Iterable[str]) -> Message:
     )
 
 
-def load_map(path: Path) -> SensorMap:
-    """Read a map. Raises ``ConfigError`` with every mistake and its line and column."""
-    made = read_settings(path, SensorMap)
-    return made.model_copy(update={"dbc": path.parent / made.dbc})
-
-
 def load_decodings(sensor: SensorName | None, path: Path | None) -> tuple[SensorMap, dict[str, Decoding]]:
-    """Read the packaged map, or the one at ``path``, with its DBC file. Raises ``ConfigError``."""
+    """Read the packaged map, or the one at ``path``, with its DBC file.
+
+    Raises ``ConfigError`` with every mistake of the map and its line and column.
+    """
     import cantools
     from cantools.database.errors import Error
 
-    made = load_map(path or Path(__file__).parent / "sensors" / f"{sensor}.yaml")
+    path = path or Path(__file__).parent / "sensors" / f"{sensor}.yaml"
+    made = read_settings(path, SensorMap)
+    made = made.model_copy(update={"dbc": path.parent / made.dbc})
     try:
         text = text_of(read_bytes(made.dbc))
         database: Any = cantools.database.load_string(text, database_format="dbc", strict=False)

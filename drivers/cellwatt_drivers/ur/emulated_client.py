@@ -31,15 +31,12 @@ class Listener:
     client: EmulatedClient | None
     first: int = 0
     made: bytes = b""
+    """Packages made ahead, from number ``first`` on; empty if they are out of date."""
 
     @property
     def lost(self) -> bool:
         """True if no client receives this listener's packages."""
         return self.client is None or not self.client.listening
-
-    def forget(self) -> None:
-        """Discard packages made ahead, which are out of date."""
-        self.made = b""
 
 
 class EmulatedClient(asyncio.Protocol):
