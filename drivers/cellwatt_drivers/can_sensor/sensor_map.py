@@ -19,8 +19,9 @@ from cellwatt.config.wording import did_you_mean
 from cellwatt.errors import ConfigError
 from cellwatt.files import read_bytes
 from cellwatt.quantity import Seconds
+from cellwatt.section import Section
 from cellwatt.tables.encoding import text_of
-from cellwatt_drivers.shared.maps import SCALED, ChannelName, MapPart
+from cellwatt_drivers.shared.maps import SCALED, ChannelName
 
 if TYPE_CHECKING:
     from cantools.database.can import Message
@@ -44,7 +45,7 @@ _SI = SCALED | {
 """Units as written in DBC files, with SI units per such a unit."""
 
 
-class SensorSignal(MapPart):
+class SensorSignal(Section):
     """A signal whose unit is missing or wrong in the DBC file, or a counter."""
 
     channel: ChannelName
@@ -55,7 +56,7 @@ class SensorSignal(MapPart):
     """The value only rises: it is held, not interpolated."""
 
 
-class SensorStream(MapPart):
+class SensorStream(Section):
     """One message and the signals read from it."""
 
     message: str
@@ -77,7 +78,7 @@ class SensorStream(MapPart):
         return frozenset((*self.signals, *self.flags, *([self.counter] if self.counter else [])))
 
 
-class SensorMap(MapPart):
+class SensorMap(Section):
     """A model of sensor."""
 
     maker: str

@@ -10,8 +10,9 @@ from pydantic import Field, model_validator
 
 from cellwatt.channel import Channel
 from cellwatt.config import read_settings
+from cellwatt.section import Section
 from cellwatt_drivers.modbus_meter.registers import LONGEST, RegisterType, Slot, WordOrder, width
-from cellwatt_drivers.shared.maps import SCALED, ChannelName, MapPart, ScaledUnit
+from cellwatt_drivers.shared.maps import SCALED, ChannelName, ScaledUnit
 
 MeterName = Literal[
     "eastron_sdm630",
@@ -26,7 +27,7 @@ METERS: tuple[MeterName, ...] = get_args(MeterName)
 """Packaged maps."""
 
 
-class MeterValue(MapPart):
+class MeterValue(Section):
     """One value of a meter."""
 
     address: int = Field(ge=0, le=65535)
@@ -73,7 +74,7 @@ class MeterValue(MapPart):
         )
 
 
-class MeterMap(MapPart):
+class MeterMap(Section):
     """A model of meter: how its registers are read, and their contents."""
 
     maker: str
