@@ -57,28 +57,27 @@ def _take(data: bytes, decoder: Decoder | None, intake: Intake) -> int:
 
 
 def _answer(frame: wire.Frame, intake: Intake) -> None:
-    payload = frame.payload
+    kind, payload = frame.kind, frame.payload
     with suppress(ProtocolError):
-        accepted = wire.parse_accept(payload)
-        assert wire.accept_reply(frame.kind, accepted)[3:] == payload
-    with suppress(ProtocolError):
-        version = wire.parse_controller(payload)
-        assert wire.controller_reply(version)[3:] == payload
-    with suppress(ProtocolError):
-        recipe, types = wire.parse_recipe(payload)
-        assert wire.parse_recipe(wire.recipe_reply(frame.kind, recipe, types)[3:]) == (recipe, types)
-        Decoder(SELECTION, recipe, types)
-    with suppress(ProtocolError):
-        intake.message(wire.parse_text(payload))
+        if kind == wire.Kind.CONTROLLER_VERSION:
+            assert wire.controller_reply(wire.parse_controller(payload))[3:] == payload
+        elif kind == wire.Kind.SETUP_OUTPUTS:
+            recipe, types = wire.parse_recipe(payload)
+            assert wire.parse_recipe(wire.recipe_reply(kind, recipe, types)[3:]) == (recipe, types)
+            Decoder(SELECTION, recipe, types)
+        elif kind == wire.Kind.TEXT_MESSAGE:
+            intake.message(wire.parse_text(payload))
+        elif kind != wire.Kind.DATA_PACKAGE:
+            assert wire.accept_reply(kind, wire.parse_accept(payload))[3:] == payload
 
 
 def _request(frame: wire.Frame) -> None:
+    if frame.kind != wire.Kind.SETUP_OUTPUTS:
+        return
     with suppress(ProtocolError):
         rate, names = wire.parse_ask_outputs(frame.payload)
         if all(names):
             assert wire.parse_ask_outputs(wire.ask_outputs(rate, names)[3:]) == (rate, names)
-    with suppress(ProtocolError):
-        wire.parse_protocol(frame.payload)
 
 
 def seeds() -> Iterable[bytes]:

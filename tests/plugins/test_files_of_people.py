@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,8 +15,8 @@ import pytest
 
 from cellwatt.config import load
 from cellwatt.errors import CellwattError
-from cellwatt_drivers.can_sensor.sensor_map import load_map as load_sensor
-from cellwatt_drivers.modbus_meter.meter_map import load_map as load_meter
+from cellwatt_drivers.can_sensor.sensor_map import load_decodings
+from cellwatt_drivers.modbus_meter.meter_map import chosen_map
 from cellwatt_plugins.energy.known import load_known
 from cellwatt_plugins.explain.model import load_model
 from cellwatt_plugins.faults import reference
@@ -38,8 +39,8 @@ CASES: dict[str, tuple[str, Callable[[Path], object], str, str]] = {
     "reference": ("reference.yaml", reference.load, "cellwatt_reference: 1\nrobot: a\narm: a\npower: p\njoints: 0\ntasks: []\n", "5:9: joints: found 0, expected at least 1"),
     "equation": ("equation.yaml", equation.load, "cellwatt_power_equation: 1\npower: p\norder: 2\nduration: 1\nrms: []\nK: 1\np: []\nr: []\n", "3:8: order: order 2 needs as many p and r"),
     "model": ("model.yaml", load_model, "format: 1\nrobot: {robot: a, urdf: a, joints: [{name: a}]}\neffects: []\nretuned: {}\n", "1:9: format: found 1: this cellwatt reads version 2: run `cellwatt explain` again"),
-    "meter": ("meter.yaml", load_meter, "title: a\nvalues: 5\n", "2:9: values: found 5, expected settings (key: value)"),
-    "sensor": ("sensor.yaml", load_sensor, "streams: 5\n", "1:10: streams: found 5, expected "),
+    "meter": ("meter.yaml", partial(chosen_map, None), "title: a\nvalues: 5\n", "2:9: values: found 5, expected settings (key: value)"),
+    "sensor": ("sensor.yaml", partial(load_decodings, None), "streams: 5\n", "1:10: streams: found 5, expected "),
 }  # fmt: skip
 
 

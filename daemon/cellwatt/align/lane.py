@@ -42,13 +42,12 @@ class Lane:
         self.track = Track(len(stream.channels))
         self.start = NEVER
         """Time from which the stream could have delivered, ns."""
-        slack = latency if self.held else 0
-        self._limits = Limits(_PLAIN * period + slack, gap * period + slack)
+        self._overdue = latency if self.held else 0
+        self._limits = Limits(_PLAIN * period + self._overdue, gap * period + self._overdue)
         if not stream.rate:
             self._limits = Limits(hold * _SECOND, hold * _SECOND)
         self._period, self._gap, self._shortest, self._steps = period, gap, -NEVER, 0
         self._step = step
-        self._overdue = latency if self.held else 0
         self._patience = max(_PATIENCE, _PATIENCE_PERIODS * period)
         self._columns = slice(first, first + len(stream.channels))
         self._groups = _groups(self.methods)

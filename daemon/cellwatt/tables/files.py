@@ -347,8 +347,6 @@ def _typed(name: str, column: Any) -> Cells:
     import pyarrow as pa
 
     kind = column.type
-    if pa.types.is_dictionary(kind):
-        column, kind = column.cast(kind.value_type), kind.value_type
     if (moments := _is(kind, "timestamp")) or _is(kind, "duration"):
         unit = pa.timestamp("ns") if moments else pa.duration("ns")
         ns = column.cast(unit).cast(pa.int64()).cast(pa.float64(), safe=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
 from cellwatt.emulation.relay import MOST, clients, pass_on
@@ -81,30 +81,22 @@ class OutletRig:
         return self.outlet("peer", self.outlet.Settings.model_validate({**self.settings, **self.at(address)}), view)
 
 
-@dataclass
-class RunningOutlet:
-    """An outlet run as by the daemon: again after each ``OutletError``."""
+@asynccontextmanager
+async def running_outlet(outlet: Outlet[Any]) -> AsyncIterator[list[str]]:
+    """Run an outlet as the daemon does, again after each ``OutletError``, whose texts are yielded."""
+    ends: list[str] = []
 
-    outlet: Outlet[Any]
-    ends: list[str] = field(default_factory=list)
-
-    async def supervise(self) -> None:
-        """Run the outlet until cancelled."""
+    async def supervise() -> None:
         while True:
             try:
-                await self.outlet.run()
+                await outlet.run()
             except OutletError as error:
-                self.ends.append(str(error))
+                ends.append(str(error))
             await asyncio.sleep(0.05)
 
-
-@asynccontextmanager
-async def running_outlet(outlet: Outlet[Any]) -> AsyncIterator[RunningOutlet]:
-    """Run an outlet until the end of the context."""
-    found = RunningOutlet(outlet)
-    task = asyncio.create_task(found.supervise())
+    task = asyncio.create_task(supervise())
     try:
-        yield found
+        yield ends
     finally:
         task.cancel()
         await asyncio.wait([task])

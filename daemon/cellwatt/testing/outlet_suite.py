@@ -94,12 +94,12 @@ async def arrives(trial: _Trial) -> None:
 async def survives_a_cut(trial: _Trial) -> None:
     """Require that rows made while the peer was disconnected arrive later, along with new ones."""
     outlet = trial.make()
-    async with running_outlet(outlet) as run:
+    async with running_outlet(outlet) as ends:
         trial.rows(20, outlet)
         await trial.until(lambda: len(trial.peer.got) >= 19, "rows", outlet)
         trial.line.be("cut")
         trial.rows(30, outlet)
-        await trial.until(lambda: outlet.trouble() or run.ends, "reported trouble", outlet)
+        await trial.until(lambda: outlet.trouble() or ends, "reported trouble", outlet)
         await trial.recovers(outlet)
 
 
@@ -136,9 +136,9 @@ async def is_owed_from_its_first_start(trial: _Trial) -> None:
     """Require that rows of a start that never reached its peer arrive after the next start, with those in between."""
     first, second = trial.make(), trial.make()
     trial.line.be("cut")
-    async with running_outlet(first) as run:
+    async with running_outlet(first) as ends:
         trial.rows(20, first)
-        await trial.until(lambda: first.trouble() or run.ends, "reported trouble", first)
+        await trial.until(lambda: first.trouble() or ends, "reported trouble", first)
     trial.rows(10)
     trial.line.be("well")
     async with running_outlet(second):
@@ -149,10 +149,10 @@ async def is_not_held_up_by_silence(trial: _Trial) -> None:
     """Require that a peer that accepts data but never answers is reported, and blocks neither loop nor rows."""
     outlet = trial.make()
     trial.line.be("silent")
-    async with running_outlet(outlet) as run:
+    async with running_outlet(outlet) as ends:
         worst, last = 0.0, time.monotonic()
         trial.rows(20, outlet)
-        while not (outlet.trouble() or run.ends):
+        while not (outlet.trouble() or ends):
             await asyncio.sleep(0.01)
             worst, last = max(worst, time.monotonic() - last), time.monotonic()
         require(worst < _STILL, f"the event loop was blocked for {worst:.2f} s: block in a thread")
@@ -164,9 +164,9 @@ async def believes_no_garbage(trial: _Trial) -> None:
     """Require that an invalid answer is reported, and confirms nothing."""
     outlet = trial.make()
     trial.line.be("lies")
-    async with running_outlet(outlet) as run:
+    async with running_outlet(outlet) as ends:
         trial.rows(20, outlet)
-        await trial.until(lambda: outlet.trouble() or run.ends, "reported trouble", outlet)
+        await trial.until(lambda: outlet.trouble() or ends, "reported trouble", outlet)
         require(outlet.account.received == 0, "garbage counts as a confirmation")
         await trial.recovers(outlet)
 

@@ -122,23 +122,20 @@ class AbbEmulator(Emulator):
         self._packets.put(self.robot.packet(index, self._number, controllers_time, True))
 
     async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        while await self._exchange(reader, writer):
-            pass
-
-    async def _exchange(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> bool:
-        head = await reader.readuntil(b"\r\n\r\n")
-        if len(head) > _LONGEST_HEAD:
-            return False
-        request, *lines = head.decode("latin-1").split("\r\n")
-        fields = {k.strip().lower(): v.strip() for k, _, v in (line.partition(":") for line in lines if line)}
-        await reader.readexactly(min(int(fields.get("content-length", "0")), _LONGEST_HEAD))
-        method, path, *_ = [*request.split(" "), "", ""]
-        status, headers, body = self.pages.answer(method, path, fields)
-        headers = {"Content-Type": "application/xhtml+xml;v=2.0", "Content-Length": str(len(body))} | headers
-        text = "".join(f"{name}: {value}\r\n" for name, value in headers.items())
-        writer.write(f"HTTP/1.1 {status} {_WORDS[status]}\r\n{text}\r\n".encode("latin-1") + body)
-        await writer.drain()
-        return fields.get("connection", "").lower() != "close"
+        fields: dict[str, str] = {}
+        while fields.get("connection", "").lower() != "close":
+            head = await reader.readuntil(b"\r\n\r\n")
+            if len(head) > _LONGEST_HEAD:
+                return
+            request, *lines = head.decode("latin-1").split("\r\n")
+            fields = {k.strip().lower(): v.strip() for k, _, v in (line.partition(":") for line in lines if line)}
+            await reader.readexactly(min(int(fields.get("content-length", "0")), _LONGEST_HEAD))
+            method, path, *_ = [*request.split(" "), "", ""]
+            status, headers, body = self.pages.answer(method, path, fields)
+            headers = {"Content-Type": "application/xhtml+xml;v=2.0", "Content-Length": str(len(body))} | headers
+            text = "".join(f"{name}: {value}\r\n" for name, value in headers.items())
+            writer.write(f"HTTP/1.1 {status} {_WORDS[status]}\r\n{text}\r\n".encode("latin-1") + body)
+            await writer.drain()
 
 
 def _header(packet: bytes) -> int:

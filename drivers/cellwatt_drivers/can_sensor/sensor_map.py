@@ -19,8 +19,9 @@ from cellwatt.config.wording import did_you_mean
 from cellwatt.errors import ConfigError
 from cellwatt.files import read_bytes
 from cellwatt.quantity import Seconds
+from cellwatt.section import Section
 from cellwatt.tables.encoding import text_of
-from cellwatt_drivers.shared.maps import SCALED, ChannelName, MapPart
+from cellwatt_drivers.shared.maps import SCALED, ChannelName
 
 if TYPE_CHECKING:
     from cantools.database.can import Message
@@ -44,7 +45,7 @@ _SI = SCALED | {
 """Units as written in DBC files, with SI units per such a unit."""
 
 
-class SensorSignal(MapPart):
+class SensorSignal(Section):
     """A signal whose unit is missing or wrong in the DBC file, or a counter."""
 
     channel: ChannelName
@@ -55,7 +56,7 @@ class SensorSignal(MapPart):
     """The value only rises: it is held, not interpolated."""
 
 
-class SensorStream(MapPart):
+class SensorStream(Section):
     """One message and the signals read from it."""
 
     message: str
@@ -77,7 +78,7 @@ class SensorStream(MapPart):
         return frozenset((*self.signals, *self.flags, *([self.counter] if self.counter else [])))
 
 
-class SensorMap(MapPart):
+class SensorMap(Section):
     """A model of sensor."""
 
     maker: str
@@ -208,18 +209,17 @@ def _without_pages(message: Message, names: Iterable[str]) -> Message:
     )
 
 
-def load_map(path: Path) -> SensorMap:
-    """Read a map. Raises ``ConfigError`` with every mistake and its line and column."""
-    made = read_settings(path, SensorMap)
-    return made.model_copy(update={"dbc": path.parent / made.dbc})
-
-
 def load_decodings(sensor: SensorName | None, path: Path | None) -> tuple[SensorMap, dict[str, Decoding]]:
-    """Read the packaged map, or the one at ``path``, with its DBC file. Raises ``ConfigError``."""
+    """Read the packaged map, or the one at ``path``, with its DBC file.
+
+    Raises ``ConfigError`` with every mistake of the map and its line and column.
+    """
     import cantools
     from cantools.database.errors import Error
 
-    made = load_map(path or Path(__file__).parent / "sensors" / f"{sensor}.yaml")
+    path = path or Path(__file__).parent / "sensors" / f"{sensor}.yaml"
+    made = read_settings(path, SensorMap)
+    made = made.model_copy(update={"dbc": path.parent / made.dbc})
     try:
         text = text_of(read_bytes(made.dbc))
         database: Any = cantools.database.load_string(text, database_format="dbc", strict=False)

@@ -88,7 +88,7 @@ class FrankaEmulator(Emulator):
     def disturb(self, change: Mapping[str, float | str]) -> None:
         """See ``Emulator.disturb``."""
         super().disturb(change)
-        self.robot.forget()
+        self.robot.blocks.forget()
 
     def change(self, kind: str, value: float | str) -> None:
         """Set mode or error."""
@@ -166,15 +166,12 @@ class EmulatedRobot:
     def __init__(self, signals: Signals) -> None:
         self.mode, self.error = 2, 0
         self._signals = signals
-        self._blocks = Blocks(self._compute, 1 / _RATE, _AHEAD)
-
-    def forget(self) -> None:
-        """Discard states computed ahead."""
-        self._blocks.forget()
+        self.blocks = Blocks(self._compute, 1 / _RATE, _AHEAD)
+        """States computed ahead."""
 
     def state(self, index: int, time: int) -> bytes:
         """Return the datagram ``index`` ms after the epoch, at the robot's ``time``, ms since its start."""
-        states, row = self._blocks.at(index)
+        states, row = self.blocks.at(index)
         state = states[row : row + 1]
         state["message_id"] = time
         return state.tobytes()

@@ -7,7 +7,6 @@ from contextlib import AbstractAsyncContextManager
 
 from pydantic import Field, field_validator
 
-from cellwatt.arrays import Float
 from cellwatt.channel import Stream
 from cellwatt.driver import Driver, Identity, Inlet, SourceSettings
 from cellwatt.errors import SourceError
@@ -23,7 +22,6 @@ from cellwatt_drivers.shared.requirements import require
 from cellwatt_drivers.shared.states import State, StateWatch
 
 _ADVICE = "check the address, and that the arm's Modbus server is on (web application, Configurations, Networks)"
-_NUMBER = {name: i for i, name in enumerate(c.name for c in registers.ARM_CHANNELS)}
 
 
 class KinovaSettings(SourceSettings):
@@ -70,8 +68,9 @@ class KinovaDriver(Driver[KinovaSettings]):
         self._slots = Slots(settings.rate, lambda n, reason: inlet.account.lose(n * len(self._reads), reason))
         self._turns = Turns()
         self._last: dict[str, list[int]] = {}
-        self._flags: dict[str, int] = {}
         states = {"robot.state": State("state", name, registers.STATES, "unknown")}
+        for kind in ("fault", "warning"):
+            states[f"robot.{kind}_flags"] = State(kind, f"{name}: {kind} flags", {}, digits=_flags)
         self._watches = {read.stream.name: StateWatch(inlet, read.stream, states) for read in self._reads}
 
     @property
@@ -125,7 +124,6 @@ class KinovaDriver(Driver[KinovaSettings]):
         self._last[name] = answer
         if name == "arm":
             values = registers.arm_values(answer)
-            self._report_flags(values)
         else:
             axes = self.settings.axes
             values = registers.motion_values(answer, axes)
@@ -133,12 +131,6 @@ class KinovaDriver(Driver[KinovaSettings]):
         deliver(self.inlet, read.stream, values, asked, arrival)
         self._watches[name].see(values.reshape(1, -1))
 
-    def _report_flags(self, values: Float) -> None:
-        """Report changed fault and warning flags."""
-        for kind in ("fault", "warning"):
-            flags = int(values[_NUMBER[f"robot.{kind}_flags"]])
-            before = self._flags.get(kind, flags)
-            self._flags[kind] = flags
-            if before != flags:
-                text = f"{self.name}: {kind} flags 0x{before:08x} → 0x{flags:08x}"
-                self.inlet.event(kind, text, before=before, after=flags)
+
+def _flags(value: float) -> str:
+    return f"0x{int(value):08x}"

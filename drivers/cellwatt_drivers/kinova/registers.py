@@ -116,7 +116,6 @@ class Turns:
     def unwrap(self, angles: Float) -> Float:
         """Angles (axes,), rad, each within half a turn of the previous ones."""
         before = np.zeros_like(angles) if self._last is None else self._last
-        step = angles - before
-        found: Float = before + step - np.round(step / (2 * math.pi)) * 2 * math.pi
+        found: Float = np.unwrap([before, angles], axis=0)[1]
         self._last = np.where(np.isnan(found), before, found)  # a NaN must not stay in a joint's angle for good
         return found

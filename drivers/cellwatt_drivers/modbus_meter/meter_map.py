@@ -10,8 +10,9 @@ from pydantic import Field, model_validator
 
 from cellwatt.channel import Channel
 from cellwatt.config import read_settings
+from cellwatt.section import Section
 from cellwatt_drivers.modbus_meter.registers import LONGEST, RegisterType, Slot, WordOrder, width
-from cellwatt_drivers.shared.maps import SCALED, ChannelName, MapPart, ScaledUnit
+from cellwatt_drivers.shared.maps import SCALED, ChannelName, ScaledUnit
 
 MeterName = Literal[
     "eastron_sdm630",
@@ -26,7 +27,7 @@ METERS: tuple[MeterName, ...] = get_args(MeterName)
 """Packaged maps."""
 
 
-class MeterValue(MapPart):
+class MeterValue(Section):
     """One value of a meter."""
 
     address: int = Field(ge=0, le=65535)
@@ -73,7 +74,7 @@ class MeterValue(MapPart):
         )
 
 
-class MeterMap(MapPart):
+class MeterMap(Section):
     """A model of meter: how its registers are read, and their contents."""
 
     maker: str
@@ -164,17 +165,15 @@ class MeterMap(MapPart):
         return 2.0 ** (16 * width(kind)) * value.factor if known else None
 
 
-def load_map(path: Path) -> MeterMap:
-    """Read a map. Raises ``ConfigError`` with every mistake and its line and column."""
-    return read_settings(path, MeterMap)
-
-
 def chosen_map(name: MeterName | None, path: Path | None) -> MeterMap:
-    """Read the map at ``path``, or else the packaged one."""
-    return packaged_map(name) if path is None else load_map(path)
+    """Read the map at ``path``, or else the packaged one.
+
+    Raises ``ConfigError`` with every mistake and its line and column.
+    """
+    return packaged_map(name) if path is None else read_settings(path, MeterMap)
 
 
 @cache
 def packaged_map(name: MeterName | None) -> MeterMap:
     """Read one of ``METERS``."""
-    return load_map(Path(__file__).parent / "meters" / f"{name}.yaml")
+    return read_settings(Path(__file__).parent / "meters" / f"{name}.yaml", MeterMap)

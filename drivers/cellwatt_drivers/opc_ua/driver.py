@@ -47,7 +47,7 @@ class OpcUaDriver(Driver[OpcUaSettings]):
         self._tags = {name: self._map.values[name] for name in among(settings.read, self._map.values, "the map")}
         channels = tuple(tag.channel(channel) for channel, tag in self._tags.items())
         self._stream = Stream("tags", channels, settings.rate, "device")
-        self._intake = Intake(name, inlet, self._stream, messages.status_name)
+        self._intake = Intake(name, inlet, self._stream)
         self._heard: set[int] = set()
         """Columns that were published since the last look."""
         self._seen: dict[int, tuple[str, int]] = {}

@@ -22,18 +22,16 @@ from asyncua.server.internal_server import InternalServer
 from asyncua.server.user_managers import UserManager
 from cryptography import x509
 
+from cellwatt_drivers.opc_ua.messages import EPOCH
 from cellwatt_drivers.opc_ua.tag_map import Tag, TagMap, prefix_of
 from cellwatt_drivers.shared.maps import KNOWN
 
-_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _POLICIES = {
     "none": ua.SecurityPolicyType.NoSecurity,
     "sign": ua.SecurityPolicyType.Basic256Sha256_Sign,
     "encrypt": ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt,
 }
 _TURNS = 3
-OVERFLOW = 0x0480
-"""Info bits of a value whose queue has overflowed."""
 
 
 @dataclass(frozen=True)
@@ -124,7 +122,7 @@ class EmulatedServer:
 
     async def set(self, world: Mapping[str, float], stamp: int, status: int) -> None:
         """Set all variables from a world in SI units, with a time stamp, ns UTC, and a status."""
-        moment = _EPOCH + timedelta(microseconds=stamp // 1000)
+        moment = EPOCH + timedelta(microseconds=stamp // 1000)
         for variable in self.variables.values():
             value = ua.DataValue(
                 ua.Variant(variable.value(world), ua.VariantType.Double),

@@ -15,7 +15,8 @@ from cellwatt.emulation import Emulator, Options, TcpPort
 from cellwatt.emulation.faults import FaultKind
 from cellwatt.emulation.relay import pass_on
 from cellwatt.ticker import Ticker
-from cellwatt_drivers.opc_ua.emulated_server import OVERFLOW, EmulatedServer, Entry
+from cellwatt_drivers.opc_ua.emulated_server import EmulatedServer, Entry
+from cellwatt_drivers.opc_ua.messages import OVERFLOW
 from cellwatt_drivers.opc_ua.tag_map import TagMap, packaged_map
 
 _BAD = 0x808C_0000  # BadSensorFailure

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from cellwatt.account import Losses
 from cellwatt.channel import Quality, Stream
 from cellwatt.driver import Inlet
-from cellwatt_drivers.opc_ua.messages import Item, Message
+from cellwatt_drivers.opc_ua.messages import Item, Message, status_name
 from cellwatt_drivers.shared.rows import Row, Rows
 
 _SECOND = 1_000_000_000
@@ -35,14 +35,13 @@ class Intake:
 
     A server publishes a value when it changes. So a sample that was not published, without any sign of a loss, has the
     previous values: it is filled in with them, up to the time of the last message, with the source's clock extrapolated
-    by the server's. ``status_name`` returns the name of a status code.
+    by the server's.
     """
 
-    def __init__(self, name: str, inlet: Inlet, stream: Stream, status_name: Callable[[int], str]) -> None:
+    def __init__(self, name: str, inlet: Inlet, stream: Stream) -> None:
         self.stream = stream
         self._name = name
         self._inlet = inlet
-        self._status_name = status_name
         self._period = round(_SECOND / stream.rate)
         self._publishing = self._period
         self._losses = Losses(inlet.account)
@@ -238,10 +237,10 @@ class Intake:
         before = dict(self._bad)
         for item in items:
             if item.bad:
-                account.count(f"status {self._status_name(item.status)}")
+                account.count(f"status {status_name(item.status)}")
                 self._bad[item.column] = item.status
             else:
                 self._bad.pop(item.column, None)
         if self._bad.keys() != before.keys():
-            listed = ", ".join(f"{self.stream.names[c]} {self._status_name(s)}" for c, s in sorted(self._bad.items()))
+            listed = ", ".join(f"{self.stream.names[c]} {status_name(s)}" for c, s in sorted(self._bad.items()))
             self._inlet.event("bad_status", f"{self._name}: {listed or 'all values are good again'}", channels=listed)

@@ -12,12 +12,12 @@ from cellwatt_drivers.opc_ua.nodes import TagPlace
 if TYPE_CHECKING:
     from asyncua import ua
 
-_EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
+EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 _NEVER: Final = 2200
 """Year from which on a time means "no time": ns of 64 bits end in 2262."""
 _SEVERITY: Final = 0xC000_0000
 _UNCERTAIN: Final = 0x4000_0000
-_OVERFLOW: Final = 0x0480
+OVERFLOW: Final = 0x0480
 """Info bits of a data value whose queue has overflowed: type DataValue and the overflow bit."""
 
 
@@ -49,7 +49,7 @@ class Item:
     @property
     def overflow(self) -> bool:
         """True if the server's queue lost values before or after this one."""
-        return self.status & _OVERFLOW == _OVERFLOW
+        return self.status & OVERFLOW == OVERFLOW
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +99,7 @@ def nanoseconds(moment: datetime | None) -> int:
     if moment is None or moment.year >= _NEVER:
         return 0
     aware = moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)
-    since = aware - _EPOCH
+    since = aware - EPOCH
     return max(0, ((since.days * 86_400 + since.seconds) * 1_000_000 + since.microseconds) * 1000)
 
 

@@ -7,10 +7,11 @@ from typing import ClassVar, Literal
 
 from pydantic import Field, FilePath, SecretStr, model_validator
 
+from cellwatt.config import read_settings
 from cellwatt.driver import SourceSettings
 from cellwatt.host import Host, in_url
 from cellwatt.quantity import Hertz, Seconds
-from cellwatt_drivers.opc_ua.tag_map import ModelName, Prefix, Tag, TagMap, check_prefixes, load_map, packaged_map
+from cellwatt_drivers.opc_ua.tag_map import ModelName, Prefix, Tag, TagMap, check_prefixes, packaged_map
 from cellwatt_drivers.shared.choice import Chosen
 from cellwatt_drivers.shared.maps import ChannelName
 
@@ -110,7 +111,7 @@ class OpcUaSettings(SourceSettings):
     @property
     def tag_map(self) -> TagMap:
         """Map of all tags: the packaged one or the file's, and those of ``tags``. Raises ``ConfigError``."""
-        made = load_map(self.map) if self.map else packaged_map(self.model) if self.model else None
+        made = read_settings(self.map, TagMap) if self.map else packaged_map(self.model) if self.model else None
         if made is None:
             return TagMap(source="settings", namespaces=self.namespaces, values=self.tags)
         both = {"values": made.values | self.tags, "namespaces": made.namespaces | self.namespaces}

@@ -11,8 +11,9 @@ from cellwatt.channel import Channel, Kind
 from cellwatt.config import read_settings
 from cellwatt.config.wording import did_you_mean
 from cellwatt.quantity import Seconds
+from cellwatt.section import Section
 from cellwatt_drivers.opc_ua.browse_path import Step, parsed
-from cellwatt_drivers.shared.maps import KNOWN, AnyUnit, ChannelName, MapPart
+from cellwatt_drivers.shared.maps import KNOWN, AnyUnit, ChannelName
 
 ModelName = Literal["opc_40010"]
 Prefix = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
@@ -33,7 +34,7 @@ _CODES: Final = {
 _BY_NUMBER: Final = {int.from_bytes(code.encode(), "big"): name for code, name in _CODES.items()}
 
 
-class Tag(MapPart):
+class Tag(Section):
     """One variable of the server, or one element of an array."""
 
     node: str | None = None
@@ -89,7 +90,7 @@ class Tag(MapPart):
         return Channel(name, unit, self.kind, "hold" if unit == "J" else None, self.window)
 
 
-class TagMap(MapPart):
+class TagMap(Section):
     """Tags of a controller."""
 
     maker: str = ""
@@ -125,14 +126,9 @@ def check_prefixes(tags: dict[str, Tag], namespaces: dict[str, str]) -> None:
                 raise ValueError(f"{name}: no prefix {prefix!r} in 'namespaces'{did_you_mean(prefix, namespaces)}")
 
 
-def load_map(path: Path) -> TagMap:
-    """Read a map. Raises ``ConfigError`` with every mistake and its line and column."""
-    return read_settings(path, TagMap)
-
-
 def packaged_map(name: ModelName) -> TagMap:
     """Read a packaged map."""
-    return load_map(Path(__file__).parent / "maps" / f"{name}.yaml")
+    return read_settings(Path(__file__).parent / "maps" / f"{name}.yaml", TagMap)
 
 
 def unit_named(unit_id: int, text: str) -> str | None:

@@ -38,12 +38,8 @@ class Board:
         self._phases = phases
         self._inlet = inlet
         self._clock = BoardClock(stream.rate)
-        self._order = Resequencer(window)
-
-    @property
-    def deadline(self) -> int | None:
-        """The cell's time, ns, at which ``release`` must be called even if no packet arrives."""
-        return self._order.deadline
+        self.order = Resequencer(window)
+        """Its ``deadline`` is the cell's time, ns, at which ``release`` must be called even if no packet arrives."""
 
     def take(self, packet: Packet, arrival: int) -> None:
         """Take a packet that arrived at the cell's time ``arrival``, ns; ``release`` then emits due samples."""
@@ -55,12 +51,12 @@ class Board:
         if position.verdict in {"jumped", "restarted"}:
             self.release(arrival, everything=True)
             if position.verdict == "restarted":
-                self._order.restart()
+                self.order.restart()
             jumped = f"its clock jumped by {position.jump / 1e6:+.3f} s"
             text = jumped if position.verdict == "jumped" else "it restarted"
             self._inlet.clock_reset(self.stream, text)
             self._inlet.event(f"board {position.verdict}", f"{self._label}: {text}", jump_s=position.jump / 1e6)
-        outcome = self._order.put(Placed(packet, position.sequence, position.time, arrival))
+        outcome = self.order.put(Placed(packet, position.sequence, position.time, arrival))
         if outcome == "reordered":
             self._inlet.account.count(outcome)
         elif outcome:
@@ -80,7 +76,7 @@ class Board:
         ``now`` is the cell's time, ns.
         """
         account = self._inlet.account
-        released = self._order.release(now, everything=everything)
+        released = self.order.release(now, everything=everything)
         if not released:
             return
         for gap, placed in released:

@@ -129,7 +129,7 @@ class PowerBoardDriver(Driver[PowerBoardSettings]):
 
     def _wait(self) -> float:
         """Time, s, until a board skips a gap."""
-        deadlines = [b.deadline for b in self._boards.values() if b.deadline is not None]
+        deadlines = [at for b in self._boards.values() if (at := b.order.deadline) is not None]
         return max(0.0, (min(deadlines) - self.inlet.now()) / 1e9) if deadlines else self.settings.silence
 
 
@@ -213,7 +213,7 @@ class Listening:
         s = self._settings
         where, span = f"{s.port}: in {s.silence:g} s", f"at {s.baud} baud"
         if self._others:
-            wanted, others = _numbers(self._wanted), _numbers(tuple(sorted(self._others)))
+            wanted, others = (", ".join(map(str, boards)) for boards in (self._wanted, sorted(self._others)))
             return WrongDeviceError(f"{where} only board {others} is received, but not the wanted board {wanted}")
         if self._evidence:
             reason = wire.diagnose(self._evidence, s.mode)
@@ -221,7 +221,3 @@ class Listening:
         return ConnectError(
             f"{where} not one byte {span}: is the board on and joined, and is this the receiver's port?"
         )
-
-
-def _numbers(boards: tuple[int, ...]) -> str:
-    return ", ".join(str(b) for b in boards)

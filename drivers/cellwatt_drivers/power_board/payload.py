@@ -34,7 +34,6 @@ _CRC = struct.Struct("<H")
 _MEASURED = "HHi"
 _PER_SI = np.array([100.0, 1000.0, 100.0])
 _TOP = np.array([0xFFFF, 0xFFFF, 0x7FFF_FFFF])
-_SINGLE = {10 + 8 * n: (n, struct.Struct("<BBHI" + _MEASURED * n)) for n in range(1, MAX_PHASES + 1)}
 
 
 class Packet(NamedTuple):
@@ -67,23 +66,15 @@ def parse(data: bytes) -> Packet | None:
     """The packet in ``data``, or ``None`` if CRC, version or length do not match a board's payload."""
     if len(data) < SHORTEST or crc_hqx(data[:-2], 0xFFFF) != data[-2] | data[-1] << 8:
         return None
-    version = data[0]
-    if version == 1:
-        form = _SINGLE.get(len(data))
-        if form is None:
-            return None
-        _, board, sequence, time, *raw = form[1].unpack_from(data)
-        return Packet(board, sequence, time, 0, form[0], tuple(raw))
-    return _parse_batch(data) if version == 2 else None
-
-
-def _parse_batch(data: bytes) -> Packet | None:
-    _, board, sequence, time = _HEADER.unpack_from(data)
-    samples, phases, step = _BATCH.unpack_from(data, _HEADER.size)
+    version, board, sequence, time = _HEADER.unpack_from(data)
+    start, samples, phases, step = _HEADER.size, 1, (len(data) - SHORTEST) // 8 + 1, 0
+    if version == 2:
+        start, (samples, phases, step) = start + _BATCH.size, _BATCH.unpack_from(data, start)
     count = samples * phases
-    if not (samples and 1 <= phases <= MAX_PHASES and step and len(data) == 14 + 8 * count):
+    known = version == 1 or (version == 2 and samples and step)
+    if not known or not 1 <= phases <= MAX_PHASES or len(data) != start + 8 * count + _CRC.size:
         return None
-    return Packet(board, sequence, time, step, phases, _fields(count).unpack_from(data, 12))
+    return Packet(board, sequence, time, step, phases, _fields(count).unpack_from(data, start))
 
 
 def build(packet: Packet) -> bytes:

@@ -6,7 +6,6 @@ import math
 import re
 from collections import deque
 from collections.abc import Callable, Mapping, Set
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -28,15 +27,6 @@ NO_HEADER = (-113, "Undefined header")
 BAD_PARAMETER = (-224, "Illegal parameter value")
 
 
-@dataclass(frozen=True, slots=True)
-class _Electric:
-    """Values of one update: rms voltage V, rms current A, mean power W."""
-
-    voltage: float
-    current: float
-    power: float
-
-
 class EmulatedAnalyzer:
     """Executes lines of SCPI. ``overload`` names the functions whose input is too large for the range.
 
@@ -54,7 +44,8 @@ class EmulatedAnalyzer:
         self.running = False
         self._signals = signals
         self._update = -1
-        self._electric = _Electric(0.0, 0.0, 0.0)
+        self._electric = (0.0, 0.0, 0.0)
+        """Rms voltage V, rms current A and mean power W of the last update."""
         self._energy = 0.0  # Wh
         self._tree = [(_pattern(notation), action) for notation, action in self._commands().items()]
 
@@ -126,22 +117,21 @@ class EmulatedAnalyzer:
         self.measurements += 1
         self._electric = self._mean(update, 1)
         if self.running:
-            self._energy += self._mean(update, passed).power * passed * UPDATE / 3600.0
+            *_, power = self._mean(update, passed)
+            self._energy += power * passed * UPDATE / 3600.0
 
-    def _mean(self, update: int, updates: int) -> _Electric:
-        """Root mean squares and mean power over the ``updates`` updates up to this one."""
+    def _mean(self, update: int, updates: int) -> tuple[float, float, float]:
+        """Rms voltage V, rms current A and mean power W over the ``updates`` updates up to this one."""
         n = min(_SAMPLES * updates, _MOST_SAMPLES)
         t = (update - updates + (np.arange(n) + 0.5) / n * updates) * UPDATE
         values = self._signals.at(t)
         zero = np.zeros(n)
         voltage, current = values.get("supply.voltage", zero), values.get("supply.current", zero)
         power = values.get("supply.power", zero)
-        return _Electric(
-            math.sqrt(float(np.mean(voltage**2))), math.sqrt(float(np.mean(current**2))), float(np.mean(power))
-        )
+        return math.sqrt(float(np.mean(voltage**2))), math.sqrt(float(np.mean(current**2))), float(np.mean(power))
 
     def _values(self) -> dict[str, float]:
-        return _functions(self._electric) | {"WH": self._energy}
+        return _functions(*self._electric) | {"WH": self._energy}
 
     def _measured(self) -> str:
         values = self._values()
@@ -153,8 +143,7 @@ class EmulatedAnalyzer:
         return f"{value:.6E}" if name == "WH" else f"{value:.4E}"
 
 
-def _functions(electric: _Electric) -> dict[str, float]:
-    u, i, p = electric.voltage, electric.current, electric.power
+def _functions(u: float, i: float, p: float) -> dict[str, float]:
     apparent = u * i
     factor = p / apparent if apparent else NOT_A_NUMBER
     reactive = math.sqrt(max(apparent**2 - p**2, 0.0))

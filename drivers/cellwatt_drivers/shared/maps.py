@@ -8,7 +8,6 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 from cellwatt.channel import UNITS
 from cellwatt.config.wording import did_you_mean
-from cellwatt.section import Section
 from cellwatt.units import TABLE, Unit
 
 ChannelName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*(\.[a-z][a-z0-9_]*)+$")]
@@ -35,10 +34,6 @@ KNOWN: Final[dict[str, tuple[str, Unit]]] = {
 """Units in which devices deliver values: the SI unit of each, and the unit itself."""
 SCALED: Final = {name: (si, unit.factor) for name, (si, unit) in KNOWN.items() if not unit.zero}
 """Units of ``KNOWN`` with the same zero as SI: the SI unit, and SI units per unit."""
-
-
-class MapPart(Section):
-    """A mapping of such a file: unknown keys are refused, and values are immutable."""
 
 
 def _written(unit: object) -> object:

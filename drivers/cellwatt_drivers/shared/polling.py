@@ -38,8 +38,11 @@ def reason_of(error: SourceError) -> str:
 def deliver(
     inlet: Inlet, stream: Stream, values: Float, asked: int, arrival: int, quality: Quality = Quality.GOOD
 ) -> None:
-    """Count and hand over one sample (channels,), requested and received at these times of the cell, ns."""
-    inlet.account.expect()
+    """Count and hand over one sample (channels,), requested and received at these times of the cell, ns.
+
+    A ``LATE`` one was counted when it was due.
+    """
+    inlet.account.expect(quality is not Quality.LATE)
     flags = np.array([quality], dtype=np.uint8)
     inlet.emit(Reading(stream, values.reshape(1, -1), arrival, asked=asked, quality=flags))
 

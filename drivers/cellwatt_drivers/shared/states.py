@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,16 +14,20 @@ from cellwatt.driver import Inlet
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """A channel whose values have ``names``; a change is an event of this ``kind``, its text begins with ``title``."""
+    """A channel whose values have ``names``; a change is an event of this ``kind``, its text begins with ``title``.
+
+    ``digits`` writes a value without a name.
+    """
 
     kind: str
     title: str
     names: Mapping[int, str]
     unknown: str = "nan"
+    digits: Callable[[float], str] = "{:g}".format
 
     def name(self, value: float) -> str:
         """Return the name of a value, or its digits; ``unknown`` for NaN."""
-        return self.unknown if np.isnan(value) else self.names.get(value, f"{value:g}")  # type: ignore[call-overload]
+        return self.unknown if np.isnan(value) else self.names.get(value) or self.digits(value)  # type: ignore[call-overload]
 
 
 class StateWatch:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import asyncio
-from collections import Counter
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from cellwatt.errors import ProtocolError
 from cellwatt_drivers.ur import wire
 from cellwatt_drivers.ur.emulated_samples import Encoder
 from cellwatt_drivers.ur.fields import FIELDS
-from cellwatt_drivers.ur.wire import ControllerVersion, Kind
+from cellwatt_drivers.ur.wire import Kind
+
+if TYPE_CHECKING:
+    from cellwatt_drivers.ur.emulator import UrEmulator
 
 OUTPUTS = 1
 """Id of the only output recipe of a connection."""
@@ -29,46 +31,18 @@ class Listener:
     client: EmulatedClient | None
     first: int = 0
     made: bytes = b""
+    """Packages made ahead, from number ``first`` on; empty if they are out of date."""
 
     @property
     def lost(self) -> bool:
         """True if no client receives this listener's packages."""
         return self.client is None or not self.client.listening
 
-    def forget(self) -> None:
-        """Discard packages made ahead, which are out of date."""
-        self.made = b""
-
-
-class Controller(Protocol):
-    """The emulated controller as its connections use it."""
-
-    version: ControllerVersion
-    clients: set[EmulatedClient]
-    tally: Counter[str]
-
-    @property
-    def down(self) -> bool:
-        """True while connections are refused."""
-        ...
-
-    def start(self, client: EmulatedClient) -> None:
-        """Send the client its packages from now on."""
-        ...
-
-    def stop(self, client: EmulatedClient) -> None:
-        """Send the client no more packages."""
-        ...
-
-    def lost(self, client: EmulatedClient) -> None:
-        """Remove a client whose connection is closed."""
-        ...
-
 
 class EmulatedClient(asyncio.Protocol):
     """One client's connection to the emulated controller."""
 
-    def __init__(self, controller: Controller) -> None:
+    def __init__(self, controller: UrEmulator) -> None:
         self._controller = controller
         self._rest = b""
         self._spoken = 1  # protocol version
@@ -112,7 +86,7 @@ class EmulatedClient(asyncio.Protocol):
     def _answer(self, kind: Kind, payload: bytes) -> None:
         match kind:
             case Kind.PROTOCOL_VERSION:
-                accepted = wire.parse_protocol(payload) == wire.PROTOCOL
+                accepted = int.from_bytes(payload, "big") == wire.PROTOCOL
                 self._spoken = wire.PROTOCOL if accepted else self._spoken
                 self.put(wire.accept_reply(kind, accepted))
             case Kind.CONTROLLER_VERSION:

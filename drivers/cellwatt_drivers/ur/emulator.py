@@ -79,7 +79,7 @@ class UrEmulator(Emulator):
         """See ``Emulator.disturb``; also discards packages made ahead."""
         super().disturb(change)
         for listener in self._listeners:
-            listener.forget()
+            listener.made = b""
 
     def change(self, kind: str, value: float | str) -> None:
         """Reboot, or send a text message to all clients."""
@@ -139,7 +139,7 @@ class UrEmulator(Emulator):
         if listener.client is not None:
             listener.client.listener = None
         listener.client, listener.stride = client, stride
-        listener.forget()
+        listener.made = b""
         start = 0 if begins else max(self._samples.due(now - self._began), listener.next)
         listener.next = -(-start // stride) * stride
         client.listener = listener
@@ -206,7 +206,7 @@ class UrEmulator(Emulator):
         if fault := self.injector.once("clock_jump"):
             self._shift += fault.seconds
             for listener in self._listeners:
-                listener.forget()
+                listener.made = b""
         if fault := self.injector.once("stall"):
             for client in self.clients:
                 client.hold(now + fault.seconds)

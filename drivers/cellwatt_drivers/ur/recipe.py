@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from cellwatt.arrays import Float
 from cellwatt.channel import Channel
+from cellwatt.config.wording import did_you_mean
 from cellwatt.errors import ProtocolError
 from cellwatt_drivers.ur.fields import FIELDS, Field
 from cellwatt_drivers.ur.wire import ELEMENTS, Package
@@ -79,8 +79,8 @@ def _lookup(name: str) -> tuple[Field, Sequence[int]]:
         raise ValueError("timestamp is always read: it is the time of the samples, not a channel")
     if known is not None:
         raise ValueError(f"{name} is not offered: its unit is unknown or not supported")
-    near = difflib.get_close_matches(name, [*_OFFERED, *FIELDS, BUS_POWER.name], n=1)
-    raise ValueError(f"no RTDE field or channel {name!r}" + (f"; did you mean {near[0]!r}?" if near else ""))
+    hint = did_you_mean(name, [*_OFFERED, *FIELDS, BUS_POWER.name])
+    raise ValueError(f"no RTDE field or channel {name!r}{hint}")
 
 
 class Decoder:

@@ -224,13 +224,10 @@ async def _socket(host: str, port: int) -> socket.socket:
             raw.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             await loop.sock_connect(raw, address)
             return raw
-        except OSError:
+        except BaseException as error:
             raw.close()
-            if i == len(found) - 1:
+            if not isinstance(error, OSError) or i == len(found) - 1:
                 raise
-        except BaseException:
-            raw.close()
-            raise
     raise OSError(f"no address for {host}")
 
 

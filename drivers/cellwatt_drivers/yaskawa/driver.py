@@ -11,7 +11,6 @@ import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from cellwatt.arrays import Float
-from cellwatt.batch import Reading
 from cellwatt.channel import Quality, Stream
 from cellwatt.driver import Driver, Identity, Inlet, SourceSettings
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError
@@ -229,9 +228,9 @@ class YaskawaDriver(Driver[YaskawaSettings]):
         self._last_answer = time.monotonic_ns()
         return exchange, found
 
-    def _emit(self, stream: Stream, exchange: Exchange, values: Float) -> None:
+    def _emit(self, stream: Stream, exchange: Exchange, values: Float, quality: Quality = Quality.GOOD) -> None:
         self._newest[stream.name] = exchange.asked + exchange.arrival
-        deliver(self.inlet, stream, values, exchange.asked, exchange.arrival)
+        deliver(self.inlet, stream, values, exchange.asked, exchange.arrival, quality)
 
     def _emit_late(self, link: Link, poll: Poll, exchange: Exchange) -> None:
         """Emit a sample that arrived after its time-out, with its actual times."""
@@ -241,12 +240,8 @@ class YaskawaDriver(Driver[YaskawaSettings]):
             link.count_malformed()
             return
         self._last_answer = time.monotonic_ns()
-        self._newest[poll.stream.name] = exchange.asked + exchange.arrival
         self.inlet.account.late(1, "timeout")
-        quality = np.array([Quality.LATE], np.uint8)
-        self.inlet.emit(
-            Reading(poll.stream, values.reshape(1, -1), exchange.arrival, asked=exchange.asked, quality=quality)
-        )
+        self._emit(poll.stream, exchange, values, Quality.LATE)
 
     def _miss(self, failure: UnansweredError) -> None:
         self.inlet.account.lose(1, failure.reason)

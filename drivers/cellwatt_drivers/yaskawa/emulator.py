@@ -70,7 +70,14 @@ class YaskawaEmulator(Emulator):
         self.system = payload.System("EMULATED", model, "0")
         self.asked: Counter[wire.Request] = Counter()
         self._datagrams = Datagrams(self, take=self._take)
-        self._reads = self._tables()
+        self._reads: Mapping[int, Callable[[int], bytes | None]] = {
+            wire.STATUS: lambda i: self._status() if i == 1 else None,
+            wire.AXIS_NAMES: self._axis_names,
+            wire.POSITION: self._position,
+            wire.TORQUE: lambda i: payload.encode_axes(self.robot.torques(self.elapsed)) if i == 1 else None,
+            wire.ALARM: lambda i: payload.encode_alarm(self.alarm if i == 1 else payload.Alarm(0)) if i < 5 else None,
+            wire.SYSTEM: lambda i: payload.encode_system(self.system) if i == 11 else None,
+        }
 
     async def serve(self, ready: Callable[[str], None]) -> None:
         """See ``Emulator.serve``."""
@@ -107,16 +114,6 @@ class YaskawaEmulator(Emulator):
         if data is None:
             return _refusal(request, number, NO_INSTANCE)
         return wire.Answer(number, request.service | wire.ANSWER, 0, 0, data)
-
-    def _tables(self) -> Mapping[int, Callable[[int], bytes | None]]:
-        return {
-            wire.STATUS: lambda i: self._status() if i == 1 else None,
-            wire.AXIS_NAMES: self._axis_names,
-            wire.POSITION: self._position,
-            wire.TORQUE: lambda i: payload.encode_axes(self.robot.torques(self.elapsed)) if i == 1 else None,
-            wire.ALARM: lambda i: payload.encode_alarm(self.alarm if i == 1 else payload.Alarm(0)) if i < 5 else None,
-            wire.SYSTEM: lambda i: payload.encode_system(self.system) if i == 11 else None,
-        }
 
     def _axis_names(self, instance: int) -> bytes | None:
         names = {1: _AXIS_NAMES[: self.robot.axes], 101: _POSE_NAMES}.get(instance)

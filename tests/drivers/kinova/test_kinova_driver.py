@@ -32,7 +32,7 @@ async def test_states_and_faults_are_reported():
         await inlet.until(lambda o: len(o.of("arm")) > 2)
         emulator.disturb({"state": 4, "fault_flags": 1 << 23})
         await inlet.until(lambda o: {"state", "fault"} <= set(o.kinds()))
-    assert inlet.texts() == ["arm: fault flags 0x00000000 → 0x00800000", "arm: ready → fault"]
+    assert inlet.texts() == ["arm: ready → fault", "arm: fault flags: 0x00000000 → 0x00800000"]
 
 
 @pytest.mark.parametrize("kind", ["loss", "half_frame", "delay"])

@@ -5,7 +5,7 @@ from importlib.resources import files
 import pytest
 
 from cellwatt.errors import ConfigError
-from cellwatt_drivers.modbus_meter.meter_map import METERS, load_map, packaged_map
+from cellwatt_drivers.modbus_meter.meter_map import METERS, chosen_map, packaged_map
 
 GOOD = """
 maker: Acme
@@ -52,14 +52,14 @@ def test_what_the_manuals_say(meter, channel, address, kind, unit, function, ord
 def test_an_own_map(tmp_path):
     file = tmp_path / "a1.yaml"
     file.write_text(GOOD)
-    made = load_map(file)
+    made = chosen_map(None, file)
     assert made.values["supply.power"].channel("supply.power").unit == "W"
     assert made.values["supply.power_factor"].unit == "1"
     assert made.wrap("supply.energy") == pytest.approx(2**32 * 10 * 3600.0)
     assert made.values["supply.energy"].channel("supply.energy").kind == "counter"
     assert made.window == 0.0
     file.write_text("window: 0.5\n" + GOOD)
-    assert load_map(file).window == 0.5
+    assert chosen_map(None, file).window == 0.5
 
 
 @pytest.mark.parametrize(
@@ -77,7 +77,7 @@ def test_mistakes_are_told_with_their_place(tmp_path, old, new, place, why):
     assert old in GOOD
     file.write_text(GOOD.replace(old, new))
     with pytest.raises(ConfigError, match=why) as caught:
-        load_map(file)
+        chosen_map(None, file)
     places = [p.place.removeprefix(f"{file}:") for p in caught.value.problems]
     assert not place or set(places) & set(place.split("|")), (places, str(caught.value))
 
@@ -96,4 +96,4 @@ def test_numbers_that_stand_for_no_value(tmp_path, value, marks):
     file = tmp_path / "map.yaml"
     head = "maker: A\nmodel: B\nfunction: input\ntype: float64\nvalues:\n"
     file.write_text(f"{head}  supply.power: {{address: 0, unit: W, {value}}}\n")
-    assert load_map(file).marks("supply.power") == marks
+    assert chosen_map(None, file).marks("supply.power") == marks

@@ -7,7 +7,7 @@ import pytest
 from cellwatt.errors import ConfigError
 from cellwatt_drivers.opc_ua import OpcUaDriver, OpcUaSettings
 from cellwatt_drivers.opc_ua.browse_path import Child, Step, chosen, parsed
-from cellwatt_drivers.opc_ua.tag_map import load_map, packaged_map, unit_named
+from cellwatt_drivers.opc_ua.tag_map import packaged_map, unit_named
 
 from ..inlet import CollectingInlet
 
@@ -78,7 +78,7 @@ def test_a_map_of_ones_own_is_told_with_line_and_column(tmp_path):
     file = tmp_path / "plc.yaml"
     file.write_text("values:\n  a.x: {node: 'ns=3;s=P', unit: kWatt}\n")
     with pytest.raises(ConfigError, match=r"plc\.yaml:2:\d+: .*kWatt"):
-        load_map(file)
+        make(map=file)
 
 
 def test_the_clock_allows_for_the_time_that_a_sample_waits_in_the_server():

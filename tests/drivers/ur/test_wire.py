@@ -42,18 +42,14 @@ def test_worked_bytes_are_read():
     assert wire.parse_ask_outputs(payload(ASK_OUTPUTS)) == (500.0, NAMES)
     assert wire.parse_text(payload(TEXT)) == TextMessage("hello", "ctl", 2)
     assert wire.parse_accept(b"\x01") and not wire.parse_accept(b"\x00")
-    assert wire.parse_protocol(b"\x00\x02") == 2
 
 
 @pytest.mark.parametrize(
     ("parse", "data"),
     [
         (wire.parse_accept, b"\x02"),
-        (wire.parse_protocol, b"\x02"),
-        (wire.parse_controller, bytes(15)),
         (wire.parse_recipe, b"\x01FLOAT"),
         (wire.parse_recipe, b"\x01DOUBLE,,DOUBLE"),
-        (wire.parse_ask_outputs, bytes(7)),
         (wire.parse_ask_outputs, struct.pack(">d", float("nan")) + b"timestamp"),
         (wire.parse_text, b"\x05hello\x03ctl"),
         (wire.parse_text, b"\x05hello\x03ctl\x02\x00"),
@@ -99,8 +95,6 @@ def test_names_and_frames_have_their_limits():
     assert len(wire.ask_outputs(1.0, ["a" * wire.NAMES_LIMIT])) == 11 + wire.NAMES_LIMIT
     with pytest.raises(ValueError, match="2048"):
         wire.ask_outputs(1.0, ["a" * 2049])
-    with pytest.raises(ValueError, match="at most"):
-        wire.frame(Kind.TEXT_MESSAGE, bytes(0xFFFF))
     with pytest.raises(ValueError, match="255"):
         wire.text_message(TextMessage("x" * 256, "", 0))
 

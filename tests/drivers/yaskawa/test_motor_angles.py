@@ -2,17 +2,11 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from cellwatt_drivers.yaskawa.polls import motor_angles
-
-
-def test_pulses_of_an_mh24():
-    angles = motor_angles((1341.4, 1341.4, 1341.4, 1000.0, 1000.0, 622.0))((13414, -26828, 0, 1000, -2000, 622))
-    assert np.degrees(angles) == pytest.approx([10.0, -20.0, 0.0, 1.0, -2.0, 1.0], abs=1e-12)
 
 
 def test_coupling_comes_before_zero():
