@@ -23,11 +23,14 @@ Record = TypeVar("Record", bound="DataclassInstance")
 
 def joined(parts: Sequence[Record]) -> Record:
     """One dataclass with the rows of the arrays of all ``parts``, in order; what is no array is that of the first."""
-    names = [f.name for f in fields(parts[0]) if isinstance(getattr(parts[0], f.name), np.ndarray)]
-    return replace(parts[0], **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+    whole = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _arrays(parts[0])}
+    return replace(parts[0], **whole)
 
 
 def rows_of(record: Record, kept: slice | NDArray[Any]) -> Record:
     """The same dataclass with some rows of each of its arrays; what is no array stays."""
-    arrays = {f.name: value for f in fields(record) if isinstance(value := getattr(record, f.name), np.ndarray)}
-    return replace(record, **{name: value[kept] for name, value in arrays.items()})
+    return replace(record, **{name: getattr(record, name)[kept] for name in _arrays(record)})
+
+
+def _arrays(record: Record) -> list[str]:
+    return [f.name for f in fields(record) if f.init and isinstance(getattr(record, f.name), np.ndarray)]

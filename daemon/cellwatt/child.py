@@ -82,16 +82,24 @@ async def output(
     except TimeoutError:
         raise CellwattError(f"it took longer than {limit:.0f} s") from None
     finally:
-        if process.returncode is None:
-            with contextlib.suppress(ProcessLookupError):
-                process.kill()
-            await process.wait()
+        await ended(process, 0.0)
     code = process.returncode or 0
     if code < 0:
         raise CellwattError(f"it was ended by {signal.Signals(-code).name}")
     if code:
         raise CellwattError(last.removeprefix("cellwatt: ") or f"it ended with {code}")
     return printed.decode(errors="replace").strip()
+
+
+async def ended(process: asyncio.subprocess.Process, patience: float) -> None:
+    """Wait up to ``patience`` s for the end of a child; then kill it."""
+    # Do not signal a process that has ended: the signal reaps it, and asyncio's child watcher misses its exit.
+    with contextlib.suppress(TimeoutError):
+        await asyncio.wait_for(process.wait(), patience)
+    if process.returncode is None:
+        with contextlib.suppress(ProcessLookupError):
+            process.kill()
+        await process.wait()
 
 
 async def _last(stream: asyncio.StreamReader, heard: Callable[[str], object]) -> str:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.arrays import joined, rows_of
 from cellwatt.batch import Batch
 from cellwatt.channel import Align, Kind
 from cellwatt.errors import ConfigError
@@ -146,10 +147,8 @@ def concatenate(blocks: Sequence[Block]) -> Block:
     """Join consecutive blocks; a batch gets the ``arrival`` of the last one."""
     if len(blocks) == 1:
         return blocks[0]
-    changed: dict[str, Any] = {n: np.concatenate([getattr(b, n) for b in blocks]) for n in _arrays(blocks[0])}
-    if isinstance(blocks[-1], Batch):
-        changed["arrival"] = blocks[-1].arrival
-    return replace(blocks[0], **changed)
+    changed: dict[str, Any] = {"arrival": blocks[-1].arrival} if isinstance(blocks[-1], Batch) else {}
+    return replace(joined(blocks), **changed)
 
 
 def cut(content: Block, first: int, last: int) -> Block:
@@ -157,9 +156,4 @@ def cut(content: Block, first: int, last: int) -> Block:
     if first <= 0 and last >= len(content):
         return content
     first = max(first, 0)
-    changed: dict[str, Any] = {name: getattr(content, name)[first:last] for name in _arrays(content)}
-    return replace(content, sequence=content.sequence + first, **changed)
-
-
-def _arrays(block: Batch | Frames) -> list[str]:
-    return [f.name for f in fields(block) if f.init and isinstance(getattr(block, f.name), np.ndarray)]
+    return replace(rows_of(content, slice(first, last)), sequence=content.sequence + first)

@@ -10,7 +10,7 @@ import json
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +59,6 @@ class Document:
     environment: dict[KeyPath, str]
     secrets: dict[str, str]
     mistakes: Mapping[KeyPath, tuple[Problem, ...]]
-    environ: Mapping[str, str] = field(repr=False)
 
     def problem(self, path: KeyPath, message: str, *, at_key: bool = False) -> Problem:
         """A problem at a value or at its key; for a mapping, at its key; for a missing key, at the nearest parent key.
@@ -146,7 +145,7 @@ def read(
     builder = _Builder(file, environ)
     value = builder.build(node, (), mark_of(node))
     mistakes = {path: tuple(found) for path, found in builder.mistakes.items()}
-    return Document(file, text, value, builder.places, builder.environment, builder.secrets, mistakes, environ)
+    return Document(file, text, value, builder.places, builder.environment, builder.secrets, mistakes)
 
 
 class _Builder:

@@ -7,7 +7,7 @@ import contextlib
 from collections.abc import AsyncIterator, Mapping
 from pathlib import Path
 
-from cellwatt.child import MODULE, ends_with_parent
+from cellwatt.child import MODULE, ended, ends_with_parent
 from cellwatt.runtime.processes.rights import keep_up
 
 START = 60.0
@@ -61,9 +61,4 @@ async def _ended(process: asyncio.subprocess.Process) -> AsyncIterator[None]:
             process.terminate()
         raise
     finally:
-        # Do not signal a process that has ended: the signal reaps it, and asyncio's child watcher misses its exit.
-        with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(process.wait(), _PATIENCE)
-        if process.returncode is None:
-            process.kill()
-            await process.wait()
+        await ended(process, _PATIENCE)

@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from cellwatt.child import MODULE, ends_with_parent
+from cellwatt.child import MODULE, ended, ends_with_parent
 from cellwatt.emulation.faults import Fault
 from cellwatt.errors import CellwattError
 
@@ -130,9 +130,4 @@ class EmulatorProcess:
             return
         if child.stdin is not None:
             child.stdin.close()
-        try:
-            await asyncio.wait_for(child.wait(), 5)
-        except TimeoutError:
-            with contextlib.suppress(ProcessLookupError):
-                child.kill()
-            await child.wait()
+        await ended(child, 5.0)

@@ -178,14 +178,6 @@ def files_of(folder: Path, cell: str) -> list[RecordFile]:
     return [stored for stored in listing(folder, cell) if stored.path.name.endswith((".mcap", f".mcap{PART}"))]
 
 
-def oldest_first(folder: Path, cell: str, session: int) -> list[RecordFile]:
-    """The files of one cell in the order in which ``session``, the present one, removes them.
-
-    Sessions that begin later were recorded before the PC's clock was set back.
-    """
-    return sorted(listing(folder, cell), key=lambda file: file.name.session <= session)
-
-
 S = TypeVar("S", bound=Stored)
 
 

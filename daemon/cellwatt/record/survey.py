@@ -29,7 +29,6 @@ class Survey:
     """A file's header, contents and damage; ``closed`` if the file has a valid end."""
 
     path: Path
-    size: int
     header: Header
     contents: Contents
     damage: tuple[Damage, ...]
@@ -59,7 +58,7 @@ def survey_open(file: FileIO, path: Path, *, chunks: bool = True) -> Survey:
     # Channels whose declaration is damaged are not read.
     undeclared = (Damage(path, 0, 0, wrong) for wrong in tracks_of(contents.channels)[1])
     damage = (*(d for d in found.damage if d.offset < sound), *undeclared)
-    return Survey(path, found.size, header, contents, damage, found.closed, (status.st_dev, status.st_ino))
+    return Survey(path, header, contents, damage, found.closed, (status.st_dev, status.st_ino))
 
 
 def _header(file: FileIO, contents: Contents) -> Header | None:

@@ -16,7 +16,7 @@ from cellwatt.door.signing import Signer
 from cellwatt.errors import ConfigError
 from cellwatt.files import sync_folder
 from cellwatt.record import seal
-from cellwatt.record.folder import RecordFile, oldest_first, remove, surplus
+from cellwatt.record.folder import RecordFile, listing, remove, surplus
 from cellwatt.record.header import FileName
 from cellwatt.record.openfile import DisplacedError, OpenFile, check_place
 from cellwatt.record.recovery import Recovery, left_open, recover
@@ -213,7 +213,11 @@ class Upkeep:
             self._problem = f"old recordings cannot be removed: {error.strerror}"
 
     def _oldest_first(self) -> list[RecordFile]:
-        return oldest_first(self._settings.folder, self._cell, self._session)
+        """The files of the cell in the order in which they are removed.
+
+        Sessions that begin later than this one were recorded before the PC's clock was set back.
+        """
+        return sorted(listing(self._settings.folder, self._cell), key=lambda file: file.name.session <= self._session)
 
     def _count_removed(self, sizes: list[int]) -> None:
         self._removed_files += len(sizes)

@@ -128,7 +128,7 @@ def _fixed_power(arm: Arm, rest: AtRest) -> tuple[float, float]:
 def _belief(arm: Arm, rest: AtRest, runs: Sequence[Recorded]) -> tuple[Belief, RigidFit]:
     """Prior of fixed power and torque from the measurements at rest and the description."""
     ones = np.ones(arm.joints)
-    rigid = fit_rigid(arm, runs, ones, FROM_CURRENT * ones)
+    rigid = fit_rigid(arm, runs, FROM_CURRENT * ones)
     torque, unsure = ones, FROM_SENSOR * ones
     if arm.description.torque_from == "current":
         torque = rigid.torque

@@ -108,15 +108,11 @@ class Observed:
 
 @dataclass(frozen=True)
 class Identified:
-    """An arm's fitted drive with the ``covariance`` (2 + 5 n, 2 + 5 n) of fixed, weights and returned.
-
-    ``scatter`` W is the error of a measured value of each run in the fit.
-    """
+    """An arm's fitted drive with the ``covariance`` (2 + 5 n, 2 + 5 n) of fixed, weights and returned."""
 
     drive: Drive
     covariance: Float
     observed: tuple[Observed, ...]
-    scatter: tuple[float, ...]
 
     def drawn(self, generator: np.random.Generator, count: int) -> list[Drive]:
         """Random parameters within their uncertainty."""
@@ -147,7 +143,7 @@ def identify(observed: Sequence[Observed], drive: Drive, belief: Belief) -> Iden
             for table, mine, one in zip(tables, own, runs, strict=True)
         ]
         runs = [replace(o, offset=refine(o.run.reading, o.modelled(drive), o.offset.seconds)) for o in runs]
-    return Identified(drive, covariance, tuple(runs), tuple(scatter))
+    return Identified(drive, covariance, tuple(runs))
 
 
 def _weighed(table: tuple[Float, Float], found: Float, noise: float, repetitions: int) -> float:

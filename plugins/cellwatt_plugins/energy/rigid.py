@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cellwatt.arrays import Float
+from cellwatt.arrays import Float, joined
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.energy.recordings import Recorded
 from cellwatt_plugins.robot import Arm
@@ -73,15 +73,15 @@ class _Samples:
     payload: Float
 
 
-def fit_rigid(arm: Arm, runs: Sequence[Recorded], expected: Float, uncertainty: Float) -> RigidFit:
-    """Fit all runs; ``expected`` and ``uncertainty`` (n,) are the prior of the factors.
+def fit_rigid(arm: Arm, runs: Sequence[Recorded], uncertainty: Float) -> RigidFit:
+    """Fit all runs; ``uncertainty`` (n,) is that of the factors, which are expected to be 1.
 
     Raises ``RecordingError`` if no run moves for long enough.
     """
     samples = _gather(runs)
     value = samples.torque.reshape(-1)
-    n, given = arm.joints, 1.0 / expected
-    prior = _prior(arm, float(samples.payload.max()), given, uncertainty * given**2)
+    n, given = arm.joints, np.ones(arm.joints)
+    prior = _prior(arm, float(samples.payload.max()), uncertainty)
     largest = np.abs(samples.torque).max(axis=0)
     least = LEAST * float(largest.max())
     variance = np.tile((MISSED * largest + least) ** 2, len(samples.position))
@@ -101,7 +101,7 @@ def fit_rigid(arm: Arm, runs: Sequence[Recorded], expected: Float, uncertainty: 
 
 
 def _gather(runs: Sequence[Recorded]) -> _Samples:
-    parts: list[tuple[Float, Float, Float, Float, Float]] = []
+    parts: list[_Samples] = []
     for run in runs:
         motion = run.motion
         moving = np.flatnonzero(np.abs(motion.velocity).max(axis=1) > SLOWEST)
@@ -112,10 +112,10 @@ def _gather(runs: Sequence[Recorded]) -> _Samples:
         bandwidth = CYCLES / (window * motion.step)
         q, tau = (smooth(s, motion.step, bandwidth)[chosen] for s in (motion.position, motion.torque))
         qd, qdd, _ = (s[chosen] for s in rates(motion.velocity, motion.step, bandwidth))
-        parts.append((q, qd, qdd, tau, np.full(len(chosen), run.payload)))
+        parts.append(_Samples(q, qd, qdd, tau, np.full(len(chosen), run.payload)))
     if not parts:
         raise RecordingError(f"{runs[0].motion.place}: no run has {SAMPLES} samples in motion: record longer or faster")
-    return _Samples(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    return joined(parts)
 
 
 def _equations(arm: Arm, samples: _Samples, given: Float) -> Float:
@@ -138,14 +138,14 @@ def _diagonal(values: Float) -> Float:
     return np.asarray(values[:, :, None] * np.eye(values.shape[1]))
 
 
-def _prior(arm: Arm, payload: float, expected: Float, uncertainty: Float) -> Prior:
+def _prior(arm: Arm, payload: float, uncertainty: Float) -> Prior:
     """Return the prior of every unknown, in the order of the equations' columns."""
     n, tolerance = arm.joints, arm.description.tolerances
     rotor = tolerance.rotor_inertia * np.maximum(arm.column("rotor_inertia"), 1e-3)
     carried = body_prior(max(payload, 1e-3), TOOL).deviations[1:]
     friction = np.repeat([*(wide for _, wide, _ in LAWS.values()), 1.0], n)
     return Prior.joined(
-        Prior.spread(uncertainty, expected),
+        Prior.spread(uncertainty, np.ones(n)),
         links_prior(arm.body.parameters(), tolerance.link),
         Prior.spread(np.concatenate([rotor, carried, friction])),
     )

@@ -48,9 +48,9 @@ class Trend:
         """Weeks from the first to the last week."""
         return self.line.last - self.line.first
 
-    def interval(self, level: float = 0.95) -> tuple[float, float]:
-        """Return the ends of the slope's confidence interval."""
-        wide = float(stdtrit(self.free, (1 + level) / 2)) * self.error
+    def interval(self) -> tuple[float, float]:
+        """Return the ends of the slope's 95 % confidence interval."""
+        wide = float(stdtrit(self.free, 0.975)) * self.error
         return self.slope - wide, self.slope + wide
 
 

@@ -44,10 +44,7 @@ TYPO = CELL.replace("password:", "pasword:").replace("user: ann\n", f"user: ann\
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, real_parts: None) -> Path:
     monkeypatch.setenv("PLANT_PASSWORD", SECRETS["environment"])
     monkeypatch.setenv("ANOTHER_SECRET", SECRETS["beside"])
-
-    def nobody(config: object, question: str) -> None:
-        raise OutletError("tcp/127.0.0.1:1: nobody answers")
-
+    nobody = Mock(side_effect=OutletError("tcp/127.0.0.1:1: nobody answers"))
     monkeypatch.setattr("cellwatt.diagnose.contents.ask_cell", nobody)
     return tmp_path
 

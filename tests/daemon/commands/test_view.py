@@ -7,10 +7,11 @@ import signal
 import subprocess
 import sys
 import urllib.request
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock, create_autospec
 
 import pytest
 from click.testing import CliRunner, Result
@@ -108,36 +109,30 @@ def test_mistakes_in_its_settings_are_one_line(tmp_path: Path, content: str, tex
     assert "plain" not in str(error)
 
 
-def kept(monkeypatch: pytest.MonkeyPatch) -> list[Mapping[str, Any]]:
+@pytest.fixture
+def shown(monkeypatch: pytest.MonkeyPatch) -> Mock:
     """What would be shown, in place of showing it."""
-    shown: list[Mapping[str, Any]] = []
-
-    def note(settings: Any, link: Any, site: str, cell: str | None, verify: Any, seconds: Any) -> None:
-        shown.append({"settings": settings, "link": link, "site": site, "cell": cell})
-
-    monkeypatch.setattr(view, "_run", note)
-    return shown
+    monkeypatch.setattr(view, "_run", noted := create_autospec(view._run))
+    return noted
 
 
-def test_paths_of_its_settings_start_at_their_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    shown = kept(monkeypatch)
+def test_paths_of_its_settings_start_at_their_file(tmp_path: Path, shown: Mock) -> None:
     page = tmp_path / "page.yaml"
     page.write_text(
         f"users: {{ada: {{password: {HASH}, may: act}}}}\ncertificate: c.pem\nkey: c.key\narms: {{arm: a.urdf}}"
     )
     assert run(*WHERE, "--page", page, "--listen", "[::1]:1").exit_code == 0
-    settings = shown[0]["settings"]
+    settings = shown.call_args.args[0]
     assert (settings.certificate, settings.listen) == (tmp_path / "c.pem", "[::1]:1")
     assert settings.arms == {"arm": tmp_path / "a.urdf"}
     assert settings.may_act("ada")
 
 
-def test_a_file_gives_the_cell(cell_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    shown = kept(monkeypatch)
+def test_a_file_gives_the_cell(cell_file: Path, shown: Mock) -> None:
     assert run(cell_file, "--connect", "tcp/127.0.0.1:7", "--arm", "arm=x.urdf").exit_code == 0
-    (told,) = shown
-    assert (told["site"], told["cell"], told["link"].connect) == (SITE, CELL, ("tcp/127.0.0.1:7",))
-    assert told["settings"].arms == {"arm": Path("x.urdf")}
+    ((settings, link, site, cell, *_),) = (told.args for told in shown.call_args_list)
+    assert (site, cell, link.connect) == (SITE, CELL, ("tcp/127.0.0.1:7",))
+    assert settings.arms == {"arm": Path("x.urdf")}
 
 
 def test_foxglove_gets_the_same_cell(monkeypatch: pytest.MonkeyPatch) -> None:

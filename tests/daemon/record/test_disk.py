@@ -10,6 +10,7 @@ from dataclasses import replace
 from io import FileIO
 from pathlib import Path
 from stat import S_ISDIR
+from unittest.mock import Mock
 
 import pytest
 
@@ -146,10 +147,7 @@ def test_a_repair_waits_for_room(tmp_path, monkeypatch):
     write_chunks(tmp_path, [[batch_of(0, 5)]], close=False)
     part = tmp_path / (name_of() + PART)
     before = part.read_bytes()
-
-    def full(file, data):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
+    full = Mock(side_effect=OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)))
     with monkeypatch.context() as patch:
         patch.setattr("cellwatt.record.recovery.write_all", full)
         report = recover(part)

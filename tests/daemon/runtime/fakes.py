@@ -6,6 +6,7 @@ import asyncio
 from collections import defaultdict
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
+from functools import partial
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
@@ -147,20 +148,15 @@ def give(n: int) -> Order:
     return order
 
 
-def miss(n: int, why: str) -> Order:
+def _lose(outcome: str, n: int, why: str) -> Order:
     async def order(driver: FakeDriver) -> None:
         driver.inlet.account.expect(n)
-        driver.inlet.account.miss(n, why)
+        getattr(driver.inlet.account, outcome)(n, why)
 
     return order
 
 
-def drop(n: int, where: str) -> Order:
-    async def order(driver: FakeDriver) -> None:
-        driver.inlet.account.expect(n)
-        driver.inlet.account.drop(n, where)
-
-    return order
+miss, drop = partial(_lose, "miss"), partial(_lose, "drop")
 
 
 def fail(error: BaseException) -> Order:

@@ -14,7 +14,7 @@ def test_a_known_payload_gives_the_gain_of_the_joints_that_carry_it_and_friction
     """Without the analyzer: links, rotors and friction are off by some per cent or unknown."""
     case, folder, _ = measured
     arm = Arm.load(folder)
-    fit = fit_rigid(arm, read_runs(folder / "runs", arm.description.names), np.ones(6), np.full(6, 0.15))
+    fit = fit_rigid(arm, read_runs(folder / "runs", arm.description.names), np.full(6, 0.15))
     true = make_arm(case)
     assert fit.torque[1:3] == pytest.approx(1 / true.gains[1:3], rel=0.04)
     assert np.all(np.abs(fit.torque - 1 / true.gains)[1:3] < 5 * fit.uncertainty[1:3])
@@ -33,4 +33,4 @@ def test_runs_with_too_little_motion_are_refused(measured):
     names = ("time", "position", "velocity", "torque")
     short = replace(run, motion=replace(run.motion, **{name: getattr(run.motion, name)[:300] for name in names}))
     with pytest.raises(RecordingError, match="no run has 250 samples in motion"):
-        fit_rigid(arm, [short], np.ones(6), np.full(6, 0.15))
+        fit_rigid(arm, [short], np.full(6, 0.15))

@@ -7,6 +7,7 @@ import struct
 import sys
 from datetime import UTC, datetime
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import onnx
@@ -94,11 +95,7 @@ def test_a_file_that_does_not_agree_stays_as_it_was(tmp_path):
 
 def test_a_file_that_cannot_be_written_is_told(tmp_path, monkeypatch):
     path = Mlp.random(1).save(tmp_path / "m.onnx", None)
-
-    def full(self: Path, target: Path) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(Path, "replace", full)
+    monkeypatch.setattr(Path, "replace", Mock(side_effect=OSError(28, "No space left on device")))
     with pytest.raises(ModelError, match="cannot be written: no space left"):
         describe(path, metadata())
     assert [p.name for p in tmp_path.iterdir()] == ["m.onnx"]

@@ -20,7 +20,7 @@ from cellwatt_plugins.robot.regression import Fit, Prior, Products, Whitener
 
 ROUNDS = 5
 SETTLED = 0.02
-"""The fit ends when the sizes change by less than this share."""
+"""The fit ends after this many rounds, or when the sizes change by less than this share."""
 EFFECT_DOUBT = 0.03
 COPPER_DOUBT = 0.15
 """Model error as a share of a fault's power, and of its copper loss (one sigma)."""
@@ -45,21 +45,14 @@ class Bent:
     doubt: Float
 
 
-def weigh(
-    parameters: Parameters,
-    load: Load,
-    white: Whitener,
-    residual: Float,
-    effects: Sequence[Effect],
-    rounds: int = ROUNDS,
-) -> Weighed:
-    """Fit effects to a white residual (N,) in up to ``rounds`` iterations."""
+def weigh(parameters: Parameters, load: Load, white: Whitener, residual: Float, effects: Sequence[Effect]) -> Weighed:
+    """Fit effects to a white residual (N,)."""
     widths = [effect.columns.shape[1] for effect in effects]
     cuts: list[int] = np.cumsum(widths)[:-1].tolist()
     sizes = tuple(np.zeros(width) for width in widths)
     count = sum(widths)
     gain = misfit = 0.0
-    for _ in range(rounds):
+    for _ in range(ROUNDS):
         bent = bend(parameters, load, effects, sizes)
         columns = white(np.column_stack([bent.slope, bent.doubt]))
         flat = residual - white(bent.power) + columns[:, :count] @ np.concatenate(sizes)

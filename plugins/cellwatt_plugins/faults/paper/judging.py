@@ -128,11 +128,9 @@ def by_codes(verdicts: Sequence[IntervalVerdict], isolate: Isolation) -> tuple[N
     return (NamedFault(joints[0], "joint", tuple(v.interval.number for v in outside), watts, joints[1:]),)
 
 
-def codes_of(
-    expected: Sequence[ExpectedInterval], cycle: Readings, tolerance: Tolerance, residual: Residual = "samples"
-) -> Codes:
+def codes_of(expected: Sequence[ExpectedInterval], cycle: Readings, tolerance: Tolerance) -> Codes:
     """Codes (20) of a cycle, (intervals,); those of a cycle with a known fault are the fault's column of the table."""
-    return np.array([judge_interval(interval, cycle, tolerance, residual).code for interval in expected], np.int8)
+    return np.array([judge_interval(interval, cycle, tolerance).code for interval in expected], np.int8)
 
 
 def by_agreement(table: Codes, *, signed: bool = False) -> Isolation:

@@ -38,8 +38,6 @@ class Basis:
     """(N, n): −1, 0 or 1, the direction in which each joint came to the pose; 0 if unknown."""
     payload: Float
     """(N,): kg at the tool beside the arm's permanent load; 0 if unknown."""
-    half: Float
-    """(n,): half of each joint's range, rad."""
 
     @classmethod
     def of(cls, body: Body, limits: Float, q: Float, direction: Float, payload: Float) -> Basis:
@@ -52,9 +50,7 @@ class Basis:
             slopes[joint] = (_gravity(body, q + step) - _gravity(body, q - step)) / (2 * _STEP)
         aside = [_gravity(body, q, -np.eye(3)[axis]) for axis in level(body.gravity_field)]
         share = np.clip((q - limits.mean(axis=1)) / half, -BEYOND, BEYOND)
-        return cls(
-            _gravity(body, q), np.stack(aside), slopes, share, np.nan_to_num(direction), np.nan_to_num(payload), half
-        )
+        return cls(_gravity(body, q), np.stack(aside), slopes, share, np.nan_to_num(direction), np.nan_to_num(payload))
 
     def rows(self, which: NDArray[np.intp] | NDArray[np.bool_]) -> Basis:
         """Some of the poses."""
