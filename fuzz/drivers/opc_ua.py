@@ -68,7 +68,7 @@ bound_arrays()
 
 
 def _told(data: bytes) -> None:
-    intake = Intake("cell", CheckingInlet(), STREAM, lambda code: ua.StatusCode(code & 0xFFFF_0000).name)
+    intake = Intake("cell", CheckingInlet(), STREAM)
     arrival = SESSION
     at = 0
     while at + 2 <= len(data):

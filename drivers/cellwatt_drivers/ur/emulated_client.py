@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+from collections import Counter
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from cellwatt.errors import ProtocolError
 from cellwatt_drivers.ur import wire
 from cellwatt_drivers.ur.emulated_samples import Encoder
 from cellwatt_drivers.ur.fields import FIELDS
-from cellwatt_drivers.ur.wire import Kind
-
-if TYPE_CHECKING:
-    from cellwatt_drivers.ur.emulator import UrEmulator
+from cellwatt_drivers.ur.wire import ControllerVersion, Kind
 
 OUTPUTS = 1
 """Id of the only output recipe of a connection."""
@@ -39,10 +37,35 @@ class Listener:
         return self.client is None or not self.client.listening
 
 
+class Controller(Protocol):
+    """The emulated controller as its connections use it."""
+
+    version: ControllerVersion
+    clients: set[EmulatedClient]
+    tally: Counter[str]
+
+    @property
+    def down(self) -> bool:
+        """True while connections are refused."""
+        ...
+
+    def start(self, client: EmulatedClient) -> None:
+        """Send the client its packages from now on."""
+        ...
+
+    def stop(self, client: EmulatedClient) -> None:
+        """Send the client no more packages."""
+        ...
+
+    def lost(self, client: EmulatedClient) -> None:
+        """Remove a client whose connection is closed."""
+        ...
+
+
 class EmulatedClient(asyncio.Protocol):
     """One client's connection to the emulated controller."""
 
-    def __init__(self, controller: UrEmulator) -> None:
+    def __init__(self, controller: Controller) -> None:
         self._controller = controller
         self._rest = b""
         self._spoken = 1  # protocol version

@@ -56,13 +56,13 @@ class Sigmoids:
         return 1.0 / (1.0 + np.exp(-z)) @ self.out[:, None] + self.offset
 
 
-def split(count: int, seed: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows for training and for testing; ``TEST`` of the rows are for testing.
+def split(count: int, seed: int, share: float = TEST) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows for training and for testing; ``share`` of the rows are for testing.
 
     The paper states 80/20 but n = 132 of 532 in the test, which is 24.8 %: a fifth is 106.
     """
     rows = np.random.default_rng(seed).permutation(count)
-    test = max(1, round(TEST * count))
+    test = max(1, round(share * count))
     return np.sort(rows[test:]), np.sort(rows[:test])
 
 
