@@ -50,8 +50,8 @@ COHERENT = 0.45
 """Mean resultant length of the rows' times, as angles of that controller's period, from which they show the period."""
 FINE = 32
 """Parts of a step by which times are told apart where a period is looked for."""
-SCANNED = 1 << 15
-"""Number of rows in which a period is looked for."""
+SCANNED, FEWEST = 1 << 15, 200
+"""Time, in steps, from the first row on in which a period is looked for, and the fewest rows that show one."""
 
 
 def in_bursts(time: Float) -> bool:
@@ -192,12 +192,15 @@ def _numbered(time: Float, found: Float) -> Iterator[tuple[float, float, Float]]
     The rows' own times ``found`` (N,) s are close to samples or, if the period is near that of the rows, only the steps
     between them: how old samples were at their stamps ``time`` (N,) s then changes too slowly for ``found``.
     """
-    step, seen, scanned = float(np.median(np.diff(found))), found - found[0], min(len(found), SCANNED)
+    step, first = float(np.median(np.diff(found))), float(np.min(found))
+    seen = found - first
+    scanned = int(np.searchsorted(np.maximum.accumulate(seen), SCANNED * step))
     counts = np.bincount(np.round(seen[:scanned] * (FINE / step)).astype(np.intp))
     size = 4 * len(counts)
     spectrum = np.fft.rfft(counts, size)
-    first, last = (int(size * samples / FINE) for samples in SAMPLES)
-    for peak in first + find_peaks(np.abs(spectrum[first:last]), height=COHERENT * scanned)[0]:
+    low, high = (int(size * samples / FINE) for samples in SAMPLES)
+    peaks = low + find_peaks(np.abs(spectrum[low:high]), height=COHERENT * scanned)[0]
+    for peak in peaks if scanned >= FEWEST else ():
         period, rows = step * size / (FINE * peak), scanned
         start = -period * float(np.angle(spectrum[peak])) / (2 * np.pi)
         while rows < 2 * len(found):  # a period that goes with some rows is good enough to number twice as many
@@ -205,7 +208,7 @@ def _numbered(time: Float, found: Float) -> Iterator[tuple[float, float, Float]]
             rows *= 2
         # Own times that cross belong to successive samples all the same.
         beyond = isotonic_regression((seen - start) / period - np.arange(len(seen))).x
-        yield found[0] + start, period, np.arange(len(seen)) + np.round(beyond)
+        yield first + start, period, np.arange(len(seen)) + np.round(beyond)
     number = np.concatenate([[0.0], np.cumsum(np.round(np.diff(found) / step))])
     period, start = np.polyfit(number, time, 1)
     yield start, period, number

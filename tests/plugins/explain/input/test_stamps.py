@@ -101,6 +101,15 @@ def test_rows_with_the_newest_sample_of_a_faster_controller_get_its_times(period
         assert after < 0.2 * before
 
 
+@pytest.mark.parametrize("row", [3, 1000])
+def test_a_long_pause_hides_no_period(row):
+    loop = 100.0 + np.cumsum(STEP + np.random.default_rng(6).exponential(0.03 * STEP, ROWS))
+    truth = np.floor(loop / 0.0065) * 0.0065
+    found, _ = sampled(loop + np.where(np.arange(ROWS) < row, 0, 86_400.0), positions(truth, 1e-5))
+    before, after = (np.delete(np.diff(times) - np.diff(truth), row - 1) for times in (loop, found))
+    assert np.std(after) < 0.2 * np.std(before)
+
+
 def test_rows_sampled_nearly_at_once_stay_in_order():
     truth = np.sort(EVEN + np.random.default_rng(4).uniform(-0.6, 0.6, ROWS) * STEP)
     assert np.diff(truth).min() < 0.01 * STEP
