@@ -8,6 +8,7 @@ import time
 from collections import deque
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from typing import Any
 
 from cellwatt.account import Account
 from cellwatt.errors import ConnectError, why
@@ -60,7 +61,7 @@ class _Listener:
         self._senders = senders
         self._account = account
         self._take = take
-        self._own = ""
+        self._own: Any = None
         self._heard = 0
 
     def receive(self) -> None:
@@ -78,7 +79,7 @@ class _Listener:
             if sender[0] not in self._senders:
                 self._account.anomaly("strangers")
                 self.strangers.append(sender[0])
-            elif self._is_own(str(sender), time.monotonic_ns() - age):
+            elif self._is_own(sender, time.monotonic_ns() - age):
                 datagrams.append(datagram)
                 waited = age
                 self.strangers.clear()
@@ -87,7 +88,7 @@ class _Listener:
         if datagrams:
             self._take(datagrams, waited)
 
-    def _is_own(self, sender: str, arrival: int) -> bool:
+    def _is_own(self, sender: Any, arrival: int) -> bool:
         """False for a second port of the robot's address while the first one sends."""
         if sender != self._own and arrival - self._heard < _ALONE:
             return False

@@ -33,7 +33,7 @@ class EmulatedRobot:
         scales = np.array([_DEGREES] * axes + [1e3] * len(_PLACE) + [1.0] * len(_WRENCH))
         self._blocks = Blocks(lambda t: table_of(signals.at(t), names, len(t)) * scales, period, _BLOCK)
 
-    def packet(self, index: int, number: int, time: float, clocked: bool) -> bytes:
+    def packet(self, index: int, number: int, time: float, clocked: bool = True) -> bytes:
         """Packet ``number`` with the values at ``index`` periods after the epoch.
 
         ``time`` is the controller's time, s since 1970; ``clocked``: the packet includes it.

@@ -119,7 +119,7 @@ class AbbEmulator(Emulator):
         self.tally["made"] += 1
         self._number += 1
         controllers_time = self.epoch + index / self._rate + self._shift
-        self._packets.put(self.robot.packet(index, self._number, controllers_time, True))
+        self._packets.put(self.robot.packet(index, self._number, controllers_time))
 
     async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         fields: dict[str, str] = {}

@@ -95,7 +95,8 @@ def _best(fit: _Fit, before: Float) -> tuple[Turns, Float]:
 
     def best(structures: Iterable[Turns]) -> Turns:
         for turns in (tried := list(structures)):
-            errors[turns] = fit.errors(turns)
+            if turns not in errors:
+                errors[turns] = fit.errors(turns)
         return max(tried, key=lambda turns: compared(before, errors[turns]).share)
 
     plain = best([DIFFERENTIAL, *_turned(1.0), *_turned(-1.0)])

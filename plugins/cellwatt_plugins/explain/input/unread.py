@@ -32,7 +32,7 @@ ROWS_EACH = 10
 HELD = (0.25, 1.0)
 """Time, s, over which the torques of all moving joints, or of one, cannot stay at one value."""
 LEVELS = 50
-"""Number of different torques of a joint from which a constant one is no rounding."""
+"""Number of different torques of a joint below which the steps between them are visible: one value may be rounding."""
 STILL = 0.01
 """rad/s below which a joint rests."""
 CHANCE = 4.0

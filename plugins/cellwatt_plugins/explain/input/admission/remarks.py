@@ -11,7 +11,7 @@ from cellwatt.report.numbers import number
 from cellwatt_plugins.explain.input.admission.motion import AT_REST, travel
 from cellwatt_plugins.explain.input.factors import MOVES, joints_text, levers, usable
 from cellwatt_plugins.explain.input.run import Run
-from cellwatt_plugins.explain.input.unread import unread_remarks
+from cellwatt_plugins.explain.input.unread import LEVELS, unread_remarks
 from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import FAST
@@ -21,10 +21,8 @@ CLIPPED = 0.01
 """Share of samples at exactly the largest or smallest value above which a torque looks clipped."""
 ROW = 3
 """Consecutive samples at the extreme that noise does not produce."""
-LEVELS = 50
-"""Number of different torque values below which the steps between them are visible …"""
 OFTEN = 2
-"""… if each value occurs this many times on average."""
+"""Average number of times that each value occurs where fewer than ``LEVELS`` show the steps between them."""
 ROUGH = 1.0
 """Uncertainty of the torque that a motion needs, over its rms, above which it carries little information."""
 SHORT = 0.15
