@@ -16,14 +16,14 @@ START = 1_700_000_000 * SECOND
 class Host:
     """A host whose wall clock can be set by hand."""
 
-    monotonic_ns: int = 5_000
+    since_boot_ns: int = 5_000
     set_by: int = 0
 
-    def monotonic(self) -> int:
-        return self.monotonic_ns
+    def since_boot(self) -> int:
+        return self.since_boot_ns
 
     def wall(self) -> int:
-        return START + self.monotonic_ns + self.set_by
+        return START + self.since_boot_ns + self.set_by
 
 
 def slew_ppm(clock: CellClock) -> float:
@@ -33,7 +33,7 @@ def slew_ppm(clock: CellClock) -> float:
 
 def on_a_host() -> tuple[CellClock, Host]:
     host = Host()
-    return CellClock(wall=host.wall, monotonic=host.monotonic), host
+    return CellClock(wall=host.wall, since_boot=host.since_boot), host
 
 
 def test_reads_utc_of_this_machine():
@@ -47,16 +47,29 @@ def test_reads_utc_of_this_machine():
 def test_follows_the_host_while_nobody_sets_its_clock():
     clock, host = on_a_host()
     for _ in range(10):
-        host.monotonic_ns += SECOND
+        host.since_boot_ns += SECOND
         assert clock.discipline() == 0
         assert clock.now() == host.wall()
         assert clock.utc_error_ns == slew_ppm(clock) == 0
 
 
+def test_runs_on_while_the_pc_is_suspended(monkeypatch):
+    host = Host()
+    suspended = 0
+    clocks = {time.CLOCK_BOOTTIME: host.since_boot, time.CLOCK_MONOTONIC: lambda: host.since_boot() - suspended}
+    monkeypatch.setattr(time, "clock_gettime_ns", lambda clock: clocks[clock]())
+    monkeypatch.setattr(time, "monotonic_ns", clocks[time.CLOCK_MONOTONIC])
+    clock = CellClock(wall=host.wall)
+    suspended = 3600 * SECOND
+    host.since_boot_ns += suspended
+    assert clock.now() == host.wall()
+    assert clock.discipline() == 0
+
+
 @pytest.mark.parametrize("step", [3 * SECOND, -3 * SECOND, 2_000_000, -3600 * SECOND])
 def test_a_step_of_the_wall_clock_is_reported_and_not_followed_by_a_jump(step):
     clock, host = on_a_host()
-    host.monotonic_ns += SECOND
+    host.since_boot_ns += SECOND
     clock.discipline()
     before = clock.now()
     host.set_by += step
@@ -74,7 +87,7 @@ def test_a_deviation_is_slewed_away_gently(step, within):
     host.set_by = step
     slews = [0.0]
     for _ in range(within):
-        host.monotonic_ns += SECOND
+        host.since_boot_ns += SECOND
         clock.discipline()
         slews.append(slew_ppm(clock))
         assert clock.utc_error_ns * -step >= -abs(step) * 20_000  # it does not swing past by more than 20 µs
@@ -92,7 +105,7 @@ def test_never_steps_back(moves):
     clock, host = on_a_host()
     last = clock.now()
     for passed, step, disciplined in moves:
-        host.monotonic_ns += passed
+        host.since_boot_ns += passed
         host.set_by += step
         if disciplined:
             clock.discipline()

@@ -13,34 +13,37 @@ _MAX_TURN = 0.05e-6
 _HORIZON = 20.0
 """Time in s within which small deviations are slewed away, approximately."""
 _STEP_NS = 1_000_000
-"""The kernel slews CLOCK_REALTIME and CLOCK_MONOTONIC alike; a change of their difference above this is a step."""
+"""The kernel slews CLOCK_REALTIME and CLOCK_BOOTTIME alike; a change of their difference above this is a step."""
+
+
+def _since_boot() -> int:
+    """CLOCK_BOOTTIME, ns: unlike CLOCK_MONOTONIC, it runs on while the PC is suspended."""
+    return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
 
 
 class CellClock:
-    """UTC in ns, anchored to the host's wall clock once and carried on by CLOCK_MONOTONIC.
+    """UTC in ns, anchored to the host's wall clock once and carried on by CLOCK_BOOTTIME.
 
     Call ``discipline`` once a second: it compares with the host's wall clock and slews towards it by at most
     500 ppm, changed by 0.05 ppm per second. A step of the wall clock is reported and followed by slewing, never
-    by a jump. ``wall`` and ``monotonic`` are the host's clocks, ns.
+    by a jump. ``wall`` and ``since_boot`` are the host's clocks, ns.
     """
 
-    def __init__(
-        self, wall: Callable[[], int] = time.time_ns, monotonic: Callable[[], int] = time.monotonic_ns
-    ) -> None:
+    def __init__(self, wall: Callable[[], int] = time.time_ns, since_boot: Callable[[], int] = _since_boot) -> None:
         self._wall = wall
-        self._monotonic = monotonic
+        self._since_boot = since_boot
         at, utc = self._compare()
         self._difference = utc - at
         self._line = (at, utc, 0.0)
-        """Monotonic ns, the cell's time then, and its rate relative to the host's clock minus 1; replaced as a whole,
-        so that other threads may read the time."""
+        """Time since boot, ns, the cell's time then, and its rate relative to the host's clock minus 1; replaced as a
+        whole, so that other threads may read the time."""
         self.utc_error_ns = 0
         """The cell's time minus the host's UTC at the last ``discipline``, ns."""
 
     def now(self) -> int:
         """The cell's time, UTC ns; never steps back."""
         at, zero, slew = self._line
-        elapsed = self._monotonic() - at
+        elapsed = self._since_boot() - at
         return zero + elapsed + int(elapsed * slew)
 
     def discipline(self) -> int:
@@ -58,12 +61,12 @@ class CellClock:
         return step if abs(step) >= _STEP_NS else 0
 
     def _compare(self) -> tuple[int, int]:
-        """CLOCK_MONOTONIC and the wall clock at one moment, ns: the closest of three pairs."""
+        """CLOCK_BOOTTIME and the wall clock at one moment, ns: the closest of three pairs."""
         readings = []
         for _ in range(3):
-            before = self._monotonic()
+            before = self._since_boot()
             utc = self._wall()
-            after = self._monotonic()
+            after = self._since_boot()
             readings.append((after - before, (before + after) // 2, utc))
         _, at, utc = min(readings)
         return at, utc

@@ -3,6 +3,7 @@
     cellwatt/<site>/<cell>/<topic>             live messages; liveliness token at cellwatt/<site>/<cell>
     cellwatt/<site>/<cell>/backfill/<topic>    the same messages, requested later
     cellwatt/<site>/<cell>/@/<name>            questions
+    cellwatt/<site>/<cell>/@/daemon/<pc>/<session>    liveliness token of one daemon
 
 Each topic has one numbering: ``raw/<source>/<stream>``, ``frame``, ``interval``, ``task``, ``energy``,
 ``prediction/<model>``, ``alarm``, ``event``, ``health``. An alarm's key has ``/<severity>/<kind>`` after its topic.
@@ -94,6 +95,15 @@ class CellKeys:
     def question(self, name: str) -> str:
         """Key of a question, such as ``status``; see ``answers``."""
         return f"{self.root}/@/{name}"
+
+    def daemon(self, pc: str, session: int) -> str:
+        """Key of the liveliness token of a daemon."""
+        return f"{self.root}/@/daemon/{escape(pc)}/{session}"
+
+    @property
+    def daemons(self) -> str:
+        """Keys of all daemons that publish as this cell."""
+        return f"{self.root}/@/daemon/*/*"
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,7 @@ from cellwatt.outlets.zenoh.link import (
 )
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.messages import health, topic_of
+from cellwatt.outlets.zenoh.namesakes import Namesakes
 from cellwatt.outlets.zenoh.publisher import Publisher
 from cellwatt.outlets.zenoh.questions import LARGEST
 from cellwatt.outlets.zenoh.signing import MessageSigner
@@ -135,6 +136,7 @@ class ZenohOutlet(Outlet[ZenohSettings]):
         """Mark of the last health message; health has this outlet's own numbering."""
         self._status: Mapping[str, Any] = {}
         self._publisher: Publisher | None = None
+        self._namesakes: Namesakes | None = None
 
     def offer(self, item: Item) -> None:
         """Number and publish one item."""
@@ -175,8 +177,8 @@ class ZenohOutlet(Outlet[ZenohSettings]):
         return self._publisher is not None and self._publisher.awaited
 
     def trouble(self) -> str | None:
-        """Reason why questions are not answered, or ``None``."""
-        return self._answers.trouble()
+        """Reason why questions are not answered, or why consumers cannot trust what they hear, or ``None``."""
+        return self._answers.trouble() or (self._namesakes and self._namesakes.trouble())
 
     async def run(self) -> None:
         """Open, publish until cancelled, close. Raises ``OutletError`` if no session can be opened, or it fails."""
@@ -187,10 +189,11 @@ class ZenohOutlet(Outlet[ZenohSettings]):
         try:
             publisher = Publisher(session, self._keys, self.account, self._seal)
             self._answers.start(session)
+            self._namesakes = Namesakes(session, self._keys, self.view.session)
             self._publisher = publisher
             await publisher.watch(self.settings)
         finally:
-            self._publisher = None
+            self._publisher = self._namesakes = None
             await asyncio.to_thread(self._answers.stop)
             await asyncio.to_thread(close_session, session)
 

@@ -17,7 +17,7 @@ import zenoh
 
 from cellwatt import Event, Prediction, Stream
 from cellwatt.errors import OutletError
-from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings, publisher
+from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings, namesakes, publisher
 from cellwatt.outlets.zenoh.encode import decode, schema_in
 from cellwatt.outlets.zenoh.link import LinkSettings, open_session
 from cellwatt.outlets.zenoh.mark import Mark
@@ -181,6 +181,26 @@ async def test_liveliness_comes_and_goes_with_the_cell(outlet: ZenohOutlet, endp
             await eventually(lambda: seen, "the token")
         await eventually(lambda: len(seen) == 2, "the end of the token")
     assert seen == [(ROOT, "SampleKind.PUT"), (ROOT, "SampleKind.DELETE")]
+
+
+async def test_a_second_daemon_under_the_cells_name_is_reported_by_both(
+    outlet: ZenohOutlet, endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(namesakes, "PATIENCE", 0.0)
+    linked = ZenohSettings(mode="client", connect=(endpoint,))
+    successor = ZenohOutlet("zenoh", linked, FakeView())  # the same daemon, after a reload
+    second = ZenohOutlet("zenoh", linked, FakeView(EPOCH + 3_600_000_000_000))
+    neighbour = ZenohOutlet("zenoh", linked, FakeView(EPOCH + 1, cell="weld-4"))
+    async with doing(outlet.run()), doing(successor.run()), doing(neighbour.run()):
+        await opened(neighbour)
+        await opened(successor)
+        assert outlet.trouble() is None
+        async with doing(second.run()):
+            await eventually(outlet.trouble, "the second daemon is noticed")
+            await eventually(second.trouble, "and notices the first")
+            assert "a second daemon publishes as plant-1/weld-3" in (outlet.trouble() or "")
+            assert neighbour.trouble() is None
+        await eventually(lambda: outlet.trouble() is None, "the end of the second daemon")
 
 
 async def test_what_is_not_to_be_published_is_not(view: FakeView, endpoint: str) -> None:
