@@ -66,6 +66,18 @@ def test_the_link_that_is_off_is_told_from_its_neighbours(arm, real):
     assert places(solution) == {("link_inertial_error", 2)}
 
 
+@pytest.mark.parametrize("share", [0.3, 1.0])
+def test_rotors_that_no_description_has_are_no_error_of_a_link(tmp_path, share):
+    """An error of one link can stand for the rotors of two joints, and for each rotor alone there is less evidence."""
+    bare = plant.load(plant.write_robot(tmp_path, rotor_inertia=0.0))
+    rotors = [share * rotor for rotor in plant.REAL.rotor]
+    missing = plant.Missing(arm=replace(plant.REAL, rotor=tuple(rotors)))
+    solution = searched(bare, missing, ("link_inertial_error", "rotor_inertia"))
+    assert places(solution) == {("rotor_inertia", joint) for joint in (1, 2, 3)}
+    found = {term.joint: float(solution.coefficients(term)[0]) for term in solution.terms}
+    assert [found[joint] for joint in range(3)] == pytest.approx(rotors, rel=0.1)
+
+
 def test_a_delay_of_about_half_a_sample_is_how_torque_was_sampled(arm):
     run = plant.record("run_01", 1, plant.NOTHING)
     states = [States(run.name, 0, run.time, moved(run), arm)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 
 from cellwatt.progress import steps
-from cellwatt_plugins.explain.fit.acceptance import collinear, rejection
+from cellwatt_plugins.explain.fit.acceptance import collinear, physical, rejection, unset
 from cellwatt_plugins.explain.fit.problem import Term, title
 from cellwatt_plugins.explain.fit.search.backward import shares_channel
 from cellwatt_plugins.explain.fit.search.candidates import candidates, rivals
@@ -83,4 +83,24 @@ def swap(state: SearchState, now: Solution, beside: Term | None = None) -> Solut
             if gain + ahead > own + AHEAD and rejection(others, new, state.thresholds, gain) is None:
                 state.refuse(term, own, f"{new.terms[-1].effect.name} explains it better")
                 now, own = new, gain
+        if term in now.terms and (instead := _rotors(state, others, own, term)) is not None:
+            state.refuse(term, own, "the rotors that the description lacks explain it as well")
+            now = instead
     return now
+
+
+def _rotors(state: SearchState, others: Solution, own: float, link: Term) -> Solution | None:
+    """The solution with rotors in place of a link's error of evidence ``own``; None if they explain less.
+
+    The error of a link can stand for the rotors of its joint and of those before it, of which none alone replaces it.
+    """
+    if link.effect.acts_on != "links" or link.joint is None:
+        return None
+    joints = [joint for joint in range(link.joint, -1, -1) if joint in state.moving]
+    new, gain, count = others, 0.0, 0
+    for term in (Term(e, joint, ()) for e in state.effects if e.name == "rotor_inertia" for joint in joints):
+        added, mean = new.fit.gain(new.problem.block(term))
+        known = not unset(term, state.robot) or any(t.place == term.place for t in new.terms)
+        if not known and physical(term, mean, state.robot):
+            new, gain, count = solve(state, [*new.terms, term]), gain + added, count + 1
+    return new if count and gain > own - count * AHEAD else None
