@@ -33,7 +33,7 @@ from cellwatt_plugins.explain.verdict.estimates import model_of
 from cellwatt_plugins.explain.verdict.events import merged
 from cellwatt_plugins.explain.verdict.findings import ChannelFit, Finding, Findings, FoundCurve, RetunedNumber, Verdict
 from cellwatt_plugins.explain.verdict.lack_of_fit import LackOfFit, lack_of_fit, unexplained_channel
-from cellwatt_plugins.explain.verdict.mounting import as_mounted, errors
+from cellwatt_plugins.explain.verdict.mounting import Mounting, as_mounted
 from cellwatt_plugins.explain.verdict.naming import curves_of, findings_of
 from cellwatt_plugins.explain.verdict.retuned import retuned_of
 from cellwatt_plugins.explain.verdict.unfollowed import rattling_findings, unknown_findings
@@ -108,7 +108,6 @@ def explain(runs: Sequence[Run], admitted: Admitted, seconds: float = np.inf) ->
     """
     until = now() + seconds
     with stage("checking how the arm is mounted"):
-        upright = errors(runs, admitted.states)
         base, states, mounted = as_mounted(runs, admitted.states, admitted.base)
     with stage("checking which motors turn with which joints"):
         base, states, coupled = as_coupled(runs, states, base)
@@ -124,7 +123,7 @@ def explain(runs: Sequence[Run], admitted: Admitted, seconds: float = np.inf) ->
     with stage("looking for effects in the supply"):
         supply = None if supplied is None else search(lambda *_: supplied, 1, until=until)
     with stage("judging on data left out"):
-        findings = _findings(runs, torque, supply, (*admitted.notes, *_of_meter(meter)), mounted, upright, coupled)
+        findings = _findings(runs, torque, supply, (*admitted.notes, *_of_meter(meter)), mounted, coupled)
     return Explained(findings, model_of(torque.best, supply, base), torque, supply, tuple(runs))
 
 
@@ -167,12 +166,12 @@ def _findings(
     torque: Solution,
     supply: Solution | None,
     admitted: Sequence[str],
-    mounted: Finding | None,
-    upright: Float,
+    mounted: Mounting | None,
     coupled: Sequence[Finding],
 ) -> Findings:
     sides = [torque] if supply is None else [torque, supply]
-    found = [_with_noise(each, torque.problem) for each in (mounted, *coupled) if each is not None]
+    structure = (*([] if mounted is None else [mounted.finding]), *coupled)
+    found = [_with_noise(each, torque.problem) for each in structure]
     rests, fit, tried = [], [], []
     falls, moved = list[Falling](), list[RetunedNumber]()
     curves: list[FoundCurve] = []
@@ -196,10 +195,11 @@ def _findings(
         rests += [unexplained_channel(u, *solution.problem.channel(u.channel), _searched(solution, u)) for u in own]
         curves += curves_of(best, held)
         moved += retuned_of(solution, falls[-1])
-        started = upright if mounted is not None and solution is torque else falls[-1].simulation
+        started = mounted.before if mounted is not None and solution is torque else falls[-1].simulation
         fit += _fit(best, held, started)
         tried += solution.tried
     found += rattling_findings(torque)
+    found = found if mounted is None else mounted.with_tilt(found)
     named = any(f.effect != "unknown" for f in found)
     # Intermittent effects cannot be tested on data left out.
     once = any(term.effect.form.intermittent for solution in sides for term in solution.terms)
@@ -214,7 +214,7 @@ def _findings(
         (*admitted, *_notes(runs, torque, supply)),
         curves=tuple(curves),
         retuned=tuple(moved),
-        cascade=cascade(falls, None if mounted is None else upright),
+        cascade=cascade(falls, None if mounted is None else mounted.before),
     )
 
 
