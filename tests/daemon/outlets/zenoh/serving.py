@@ -9,6 +9,12 @@ from typing import Any
 
 from cellwatt.outlets.zenoh.outlet import ZenohOutlet
 from tests.doing import doing
+from tests.patience import eventually
+
+
+async def opened(outlet: ZenohOutlet) -> None:
+    """Until the outlet publishes: what it is given before is not published."""
+    await eventually(lambda: outlet._publisher, "a session")
 
 
 @asynccontextmanager
@@ -21,4 +27,5 @@ async def serving(outlet: ZenohOutlet, told: Mapping[str, Any] | None = None) ->
             await asyncio.sleep(0.1)
 
     async with doing(outlet.run(), beat()):
+        await opened(outlet)
         yield outlet

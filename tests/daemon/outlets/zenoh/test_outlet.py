@@ -24,6 +24,7 @@ from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.publisher import Publisher
 from tests.daemon.outlets.zenoh.fake_cell import EPOCH, STREAM, FakeView, alarm, batch, frames
 from tests.daemon.outlets.zenoh.processes import free_port
+from tests.daemon.outlets.zenoh.serving import opened
 from tests.doing import doing
 from tests.patience import eventually
 
@@ -84,10 +85,6 @@ async def consumer(outlet: ZenohOutlet, endpoint: str) -> AsyncIterator[Consumer
         found = Consumer(session)
         await hears(found, outlet)
         yield found
-
-
-async def opened(outlet: ZenohOutlet) -> None:
-    await eventually(lambda: outlet._publisher, "a session")
 
 
 async def hears(consumer: Consumer, outlet: ZenohOutlet) -> None:
