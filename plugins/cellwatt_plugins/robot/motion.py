@@ -141,10 +141,13 @@ def about_plan(position: Float, plan: Plan, step: float, filled: Bool | None = N
     """Return the motion of encoders ``position`` (N, n) rad, every ``step`` s, that follow a ``plan``.
 
     It is the plan plus the tracking error; each octave of that error is reduced to the share that exceeds the encoders'
-    noise (Wiener's filter). Positions ``filled`` in (N,) show no noise.
+    noise (Wiener's filter). Positions ``filled`` in (N,) show neither noise nor how the plan was followed.
     """
-    noise = encoder_noise(position, plan.position, filled)
-    smoothed = _in_octaves(position - plan.position, noise, step, _octaves(step, ERROR_OCTAVES), BESIDE_PLAN)
+    noise, error = encoder_noise(position, plan.position, filled), position - plan.position
+    if filled is not None and filled.any() and not filled.all():
+        there = np.flatnonzero(~filled)
+        error = np.column_stack([np.interp(np.arange(len(error)), there, course[there]) for course in error.T])
+    smoothed = _in_octaves(error, noise, step, _octaves(step, ERROR_OCTAVES), BESIDE_PLAN)
     return _moved(plan, smoothed, noise, step, True)
 
 

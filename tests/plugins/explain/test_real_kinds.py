@@ -82,6 +82,14 @@ def test_a_torque_that_was_not_read_names_nothing(arm):
     assert [fit.channel for fit in found.findings.fit] == ["tau_1", "tau_2"]
 
 
+def test_torque_that_was_filled_in_neither_confirms_nor_refuses(arm):
+    runs = []
+    for run in recorded(OFFSET):
+        lost = (run.time > 6.0) & (run.time < 7.5)
+        runs.append(replace(run, torque=run.torque - np.outer(lost, [40.0, 0, 0]), gaps=lost))
+    assert named(explained(arm, runs)) == {("torque_offset", 1)}
+
+
 def held(course: Course, joint: int, at: float) -> Course:
     """The course with one joint (0-based) at rest."""
 

@@ -86,6 +86,22 @@ def test_rests_are_no_sample_of_a_coarse_encoders_noise():
     assert np.abs(moved.acceleration - differentiate(plan, STEP)[1]).max() < 0.05
 
 
+def test_a_hole_shows_nothing_of_how_the_plan_was_followed():
+    """Across 2 s without encoders, the arm did what its plan says, with the tracking error before and after."""
+    time = np.arange(0, 20, STEP)
+    q = np.column_stack([np.sin(2 * np.pi * 0.4 * time), 0.7 * np.cos(2 * np.pi * 0.55 * time)])
+    plan = Plan(q, *differentiate(q, STEP))
+    true = q + 2e-3 * np.sin(2 * np.pi * 0.1 * time)[:, None]
+    encoders = true + 2e-5 * np.random.default_rng(1).standard_normal(q.shape)
+    hole = (time > 8) & (time < 10)
+    rows = np.arange(len(time))
+    bridged = np.column_stack([np.interp(rows, rows[~hole], course[~hole]) for course in encoders.T])
+    whole, found = about_plan(encoders, plan, STEP), about_plan(bridged, plan, STEP, hole)
+    for part in ("velocity", "acceleration"):
+        apart = getattr(found, part) - getattr(whole, part)
+        assert np.std(apart[~hole]) < 0.01 * np.std(getattr(plan, part))
+
+
 def test_the_motion_without_a_plan_is_that_of_the_arm():
     run = plant.record("run_01", 3, plan=False)
     q, qd, qdd = plant.moves(3, 24.0)(run.time - plant.LAG)

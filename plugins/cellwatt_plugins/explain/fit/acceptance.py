@@ -107,7 +107,8 @@ def unconfirmed(before: Solution, after: Solution, term: Term, thresholds: Thres
     # A term of one joint raises the errors of others only through the links, which are refitted with it.
     if term.joint is None and found.rise > max(thresholds.rise, OF_FALL * found.share):
         return "raises the error of another channel on data left out"
-    old, new = (rms(LeaveOut(s.problem, before.factor).residual(s.terms, channels)) for s in (before, after))
+    recorded = after.problem.recorded[:, channels]
+    old, new = (rms(LeaveOut(s.problem, before.factor).residual(s.terms, channels), recorded) for s in (before, after))
     if not np.any(new < old):
         return "lowers no channel's rms error on data left out"
     return None
@@ -150,7 +151,8 @@ def stands_out(before: Solution, after: Solution, term: Term, thresholds: Thresh
     if term.effect.usual or form.sample_by_sample or form.to_scale or remaining < max(thresholds.near, 1.0):
         return True
     if _seldom(after, term):
-        return bool(np.any(np.max(np.abs(after.added(term)), axis=0)[channels] > PEAK * rms(after.residual)[channels]))
+        error = rms(after.residual, after.problem.recorded)
+        return bool(np.any(np.max(np.abs(after.added(term)), axis=0)[channels] > PEAK * error[channels]))
     # Links stretched within their tolerances may hide a joint's missing effect: the effect must then relieve the links.
     if term.joint is not None and relieves_tension(before, after, thresholds):
         return True

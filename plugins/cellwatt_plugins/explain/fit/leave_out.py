@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from cellwatt.arrays import Float
+from cellwatt.arrays import Bool, Float
 from cellwatt_plugins.explain.fit.problem import Problem, Term
 from cellwatt_plugins.robot.blocks import Block, Design, places
 from cellwatt_plugins.robot.regression import Prior
@@ -262,6 +263,7 @@ def _alike(one: Float, other: Float) -> bool:
     return bool(np.all(np.std(one[:common] - other[:common], axis=0) < ALIKE * np.std(one, axis=0) + STILL))
 
 
-def rms(residual: Float) -> Float:
-    """Root mean square (C,) of a residual (N, C)."""
-    return np.asarray(np.sqrt(np.mean(np.square(residual), axis=0)))
+def rms(residual: Float, counted: Bool | Literal[True] = True) -> Float:
+    """Root mean square (C,) of a residual (N, C), of the samples ``counted`` (N, C)."""
+    count = np.sum(np.broadcast_to(counted, residual.shape), axis=0)
+    return np.asarray(np.sqrt(np.sum(np.square(residual), axis=0, where=counted) / np.maximum(count, 1)))

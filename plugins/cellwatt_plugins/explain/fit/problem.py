@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from cellwatt.arrays import Float
+from cellwatt.arrays import Bool, Float
 from cellwatt_plugins.explain.fit.noise import correlation_factor
 from cellwatt_plugins.explain.fit.nuisance import Nominal
 from cellwatt_plugins.explain.fit.rows import Rows
@@ -25,6 +25,8 @@ SLOW = 0.3
 """s over which the slow part of a residual is averaged."""
 UNKNOWN_VARIANCE = 1e12
 """Variance of an unknown torque, in units of the noise's variance."""
+FILLED_VARIANCE = 1e6
+"""Factor on the variance of a sample that was filled in."""
 MADE = 300
 """Largest number of cached blocks."""
 
@@ -219,6 +221,11 @@ class Problem:
         """Rms (C,) of a residual (N, C); samples near stops, where friction may pull either way, count less."""
         weight = np.square(self.design.root)
         return np.asarray(np.sqrt(np.sum(weight * np.square(residual), axis=0) / np.sum(weight, axis=0)))
+
+    @property
+    def recorded(self) -> Bool:
+        """(N, C) true where a sample was measured, false where it was filled in."""
+        return np.asarray(self.floor * self.design.root > 1.01 * FILLED_VARIANCE**-0.5)
 
     def fast_chi2(self, residual: Float) -> Float:
         """``chi2`` of the part of a residual faster than ``SLOW``: a spring rings, a gap clacks, friction does not."""

@@ -13,7 +13,7 @@ from cellwatt_plugins.explain.fit.holding import held_at_rest
 from cellwatt_plugins.explain.fit.metering import Metering
 from cellwatt_plugins.explain.fit.noise import floor
 from cellwatt_plugins.explain.fit.nuisance import supply_nuisance, torque_nuisance
-from cellwatt_plugins.explain.fit.problem import UNKNOWN_VARIANCE, Problem
+from cellwatt_plugins.explain.fit.problem import FILLED_VARIANCE, UNKNOWN_VARIANCE, Problem
 from cellwatt_plugins.explain.fit.rows import Filtered, Rows, Thinned, filtered, thinned
 from cellwatt_plugins.explain.input.factors import MOVES, levers
 from cellwatt_plugins.explain.input.run import Run
@@ -181,4 +181,4 @@ def _between_ends(run: Run) -> NDArray[np.bool_]:
 
 def _without_gaps(variance: Float, run: Run) -> Float:
     """Variance in which samples that were filled in have no weight."""
-    return np.where(run.filled[:, None], 1e6 * variance, variance)
+    return np.where(run.filled[:, None], FILLED_VARIANCE * variance, variance)

@@ -42,7 +42,7 @@ def servo_lag(run: Run) -> Float:
         return lag
     for _ in range(3):
         position, velocity = (later(part, run.time, lag) for part in (run.plan.position, run.plan.velocity))
-        error = run.position - position
+        error, velocity = (run.position - position)[~run.filled], velocity[~run.filled]
         lag -= np.sum(error * velocity, axis=0) / np.maximum(np.sum(velocity**2, axis=0), 1e-12)
         lag = np.clip(lag, -LONGEST_LAG, LONGEST_LAG)
     return np.where(np.abs(lag) > SHORTEST_LAG, lag, 0.0)

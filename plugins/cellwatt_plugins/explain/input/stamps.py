@@ -14,6 +14,10 @@ from cellwatt.arrays import Bool, Float
 
 HOLE = 4.5
 """Step, in median steps, across which positions are not compared: the motion in between is unknown."""
+GAP = 100.0
+"""Step, in usual steps, across which rows are not numbered: how many are missing is uncertain."""
+GAP = 100.0
+"""Step, in median steps, across which rows are not numbered: the number of missing ones is uncertain."""
 BURST, SEVERAL = 60, 2.0
 """Rows over which steps are averaged, and their mean, in median steps, above which rows come several at once."""
 FARTHEST = 4.0
@@ -70,6 +74,13 @@ def sampled(time: Float, positions: Sequence[Float]) -> tuple[Float, bool]:
     """
     if len(time) < SMOOTHED or not positions:
         return time, True
+    if len(after := 1 + np.flatnonzero(np.diff(time) > GAP * _longest(time))):
+        parts = [
+            sampled(part, each)
+            for part, *each in zip(*(np.split(column, after) for column in (time, *positions)), strict=True)
+        ]
+        found = np.concatenate([part for part, _ in parts])
+        return time if np.array_equal(found, time) else found, all(exact for _, exact in parts)
     values = np.column_stack(positions)
     if (near := _close(time, _longest(time))).sum() < SMOOTHED:
         return time, True

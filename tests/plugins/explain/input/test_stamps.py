@@ -72,6 +72,19 @@ def test_rows_sampled_unevenly_keep_their_stamps(spread, noise):
     assert sampled(time, positions(time, noise)) == (time, True)
 
 
+@pytest.mark.parametrize("seed", range(10))
+def test_rows_keep_their_stamps_beside_holes(seed):
+    """With some rows lost, the number of those that a hole of seconds lacks is uncertain: no reason to move others."""
+    rng = np.random.default_rng(seed)
+    time = EVEN + 0.02 * STEP * rng.standard_normal(ROWS)
+    there = np.ones(ROWS, bool)
+    there[rng.integers(0, ROWS, 12)] = False
+    for first in (800, 1700):
+        there[first : first + 400] = False
+    slow = [values[there] for values in positions(EVEN[0] + (time - EVEN[0]) / 6, 1e-5)]
+    assert sampled(time[there], slow) == (pytest.approx(time[there], rel=0, abs=1e-9), True)
+
+
 @pytest.mark.parametrize("middle", [600, 1000, 1250, 1500, 1900])
 def test_some_missing_rows_stay_missing(middle):
     there = np.abs(np.arange(ROWS) - middle) > 3
