@@ -25,8 +25,8 @@ SLOW = 0.3
 """s over which the slow part of a residual is averaged."""
 UNKNOWN_VARIANCE = 1e12
 """Variance of an unknown torque, in units of the noise's variance."""
-FILLED_VARIANCE = 1e6
-"""Factor on the variance of a sample that was filled in."""
+FILLED_VARIANCE = 1e10
+"""Factor on the variance of a sample that was filled in: more than that of any sample near a stop."""
 MADE = 300
 """Largest number of cached blocks."""
 
