@@ -178,7 +178,7 @@ class ZenohOutlet(Outlet[ZenohSettings]):
 
     def trouble(self) -> str | None:
         """Reason why questions are not answered, or why consumers cannot trust what they hear, or ``None``."""
-        return self._answers.trouble() or (self._namesakes and self._namesakes.trouble())
+        return self._answers.trouble() or (None if self._namesakes is None else self._namesakes.trouble())
 
     async def run(self) -> None:
         """Open, publish until cancelled, close. Raises ``OutletError`` if no session can be opened, or it fails."""

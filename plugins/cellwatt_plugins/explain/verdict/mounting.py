@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -77,7 +77,7 @@ def _residual(runs: Sequence[Run], states: Sequence[States]) -> Float:
     return np.concatenate([run.torque - s.nominal for run, s in zip(runs, states, strict=True)])
 
 
-def _parameters(field: Float, std: Float) -> Mapping[str, Parameter]:
+def _parameters(field: Float, std: Float) -> dict[str, Parameter]:
     each = zip("xyz", field.tolist(), std.tolist(), strict=True)
     return {f"gravity_{axis}": Parameter(value, spread, "m/s^2") for axis, value, spread in each}
 
