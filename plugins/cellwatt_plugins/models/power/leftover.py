@@ -8,9 +8,9 @@ from typing import Any, Final
 import numpy as np
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.models.graph import beside
 from cellwatt_plugins.models.power.perceptron import Perceptron
 from cellwatt_plugins.models.power.terms import Motion
+from cellwatt_plugins.onnx_graph import beside
 
 NEURONS: Final = 8
 ITERATIONS: Final = 200

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from cellwatt.arrays import Float
 from cellwatt.progress import steps
-from cellwatt_plugins.models.graph import beside, pick
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.paper import ROWS, Seen, Traced
 from cellwatt_plugins.models.power.perceptron import Perceptron
 from cellwatt_plugins.models.power.shown import Shown
 from cellwatt_plugins.models.power.terms import Motion
+from cellwatt_plugins.onnx_graph import beside, pick
 
 NEURONS: Final = 8
 ITERATIONS: Final = 400
