@@ -105,7 +105,9 @@ _DOUBLE: Final = 11  # onnx.TensorProto.DOUBLE
 def _load(model: Identified, arm: HeldArm, q: Tensor, payload: Tensor | None) -> Any:
     """Torques of gravity, springs, hoses and the leftover network."""
     effects, mean = model.effects, model.posterior.mean
-    gravity = _gravity(model, arm, q + mean[effects.slices["zero"]])
+    inertial, field = _identified(model, arm)
+    turned = q + mean[effects.slices["zero"]]
+    gravity: Any = inverse_dynamics(arm.arm.body, turned, inertial=inertial, gravity=field)
     if payload is not None:
         known = q.graph.op("Where", q.graph.op("Equal", payload, payload), payload, 0.0)
         unit = carried(arm.arm.body, np.array([1.0, *mean[effects.slices["payload"]]]))
@@ -119,14 +121,14 @@ def _load(model: Identified, arm: HeldArm, q: Tensor, payload: Tensor | None) ->
     return load if model.leftover is None else load + model.leftover(share)
 
 
-def _gravity(model: Identified, arm: HeldArm, q: Tensor) -> Any:
-    """Gravity's torques of the arm with the identified masses, on the tilted base."""
-    effects, mean, body = model.effects, model.posterior.mean, arm.arm.body
-    inertial, field = body.parameters().reshape(-1, PER_LINK), body.gravity_field
+def _identified(model: Identified, arm: HeldArm) -> tuple[Float, Float]:
+    """Inertial parameters (10 n,) with the identified masses, and gravity (3,) m/s² on the tilted base."""
+    effects, mean, field = model.effects, model.posterior.mean, arm.arm.body.gravity_field
+    inertial = arm.arm.body.parameters().reshape(-1, PER_LINK)
     found = effects.cad + np.concatenate([mean[effects.slices[f"link {i + 1}"]] for i in range(effects.joints)])
     inertial[:, :PER_GRAVITY] = found.reshape(-1, PER_GRAVITY)
-    tilt = np.linalg.norm(field) * mean[effects.slices["tilt"]] @ np.eye(3)[level(field)]
-    return inverse_dynamics(body, q, inertial=inertial.reshape(-1), gravity=field + tilt)
+    tilt = np.linalg.norm(field) * mean[effects.slices["tilt"]]
+    return inertial.reshape(-1), field + tilt @ np.eye(3)[level(field)]
 
 
 def _springs(model: Identified, share: Tensor) -> Any:
