@@ -55,6 +55,10 @@ class Tensor(NDArrayOperatorsMixin):
         """The tensor in another shape; one axis may be −1, for the remaining size."""
         return self.graph.op("Reshape", self, shape)
 
+    def transpose(self, *axes: int) -> Tensor:
+        """The tensor with its axes in another order."""
+        return self.graph.op("Transpose", self, perm=axes)
+
     def part(self, start: int, stop: int, axis: int = -1) -> Tensor:
         """x[start:stop] along an axis."""
         return self.graph.op("Slice", self, [start], [stop], [axis])
@@ -125,8 +129,3 @@ def beside(parts: Sequence[Any]) -> Any:
     if isinstance(first, Tensor):
         return first.graph.op("Concat", *parts, axis=-1)
     return np.concatenate(parts, axis=-1)
-
-
-def pick(x: Any, column: int) -> Any:
-    """One column (N, 1) of an array or a tensor (N, n)."""
-    return x.part(column, column + 1) if isinstance(x, Tensor) else x[:, [column]]

@@ -65,8 +65,7 @@ def _pose(body: Body, q: Tensor, inertial: Float) -> tuple[Tensor, Tensor]:
     screws: Tensor = frames.reshape(-1, count, 1, 16) @ _screws(body)
     turning, moving = screws.split([16, 16], axis=-1)
     twists = turning.reshape(*shape) @ (np.eye(4) - moving.reshape(*shape))
-    turned = q.graph.op("Transpose", frames, perm=[0, 1, 3, 2])
-    return twists, frames @ pseudo_inertia(inertial) @ turned
+    return twists, frames @ pseudo_inertia(inertial) @ frames.transpose(0, 1, 3, 2)
 
 
 def _frames(body: Body, q: Tensor) -> Tensor:

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
+from cellwatt_plugins.models.power import leftover
 from cellwatt_plugins.models.power import supply as supplies
 from cellwatt_plugins.models.power import torque as torques
 from cellwatt_plugins.models.power.design import Rows, shared_columns
 from cellwatt_plugins.models.power.folds import HARM, folds_of
 from cellwatt_plugins.models.power.hybrid import Hybrid
-from cellwatt_plugins.models.power.leftover import Leftover
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.problem import MOST, Problem
 from cellwatt_plugins.models.power.supply import Sharing
@@ -148,5 +148,5 @@ def fit(moves: Moves, arm: Arm, tuning: Tuning, structure: Structure) -> Fitted:
     if structure.network:
         motion = model.motion(problem.rows, problem.design.shared)
         residual = problem.rows.torque / scale - model.torque(motion)
-        model = replace(model, leftover=Leftover.train(motion, residual, SEED))
+        model = replace(model, leftover=leftover.train(motion, residual, SEED))
     return Fitted(model, structure, np.delete(errors, torque.at_gain))

@@ -10,7 +10,8 @@ import numpy as np
 from cellwatt.arrays import Float, rows_of
 from cellwatt_plugins.models.dynamics import carried, inverse_dynamics
 from cellwatt_plugins.models.power.design import CARRIED, PER_WARMTH, Rows, shared_columns
-from cellwatt_plugins.models.power.leftover import Leftover
+from cellwatt_plugins.models.power.leftover import inputs
+from cellwatt_plugins.models.power.perceptron import Perceptron
 from cellwatt_plugins.models.power.smoothing import Smoother
 from cellwatt_plugins.models.power.supply import Supply
 from cellwatt_plugins.models.power.terms import TORQUE, Motion
@@ -43,13 +44,14 @@ class Hybrid:
     """None if no power was recorded."""
     temperature: Float | None
     """Mean (n,) °C of the training, if friction depends on temperature."""
-    leftover: Leftover | None = None
+    leftover: Perceptron | None = None
+    """The joints' networks of the torque residual, ``stacked``."""
 
     def torque(self, motion: Motion) -> Any:
         """Torque (N, n) Nm for a motion with its load."""
         terms = zip(self.terms, self.weights, strict=True)
         torque = motion.load + sum(TORQUE[name](motion) * weight for name, weight in terms)
-        return torque if self.leftover is None else torque + self.leftover(motion)
+        return torque if self.leftover is None else torque + self.leftover.by_joint(inputs(motion))
 
     def motion(self, rows: Rows, shared: Float) -> Motion:
         """Motion that the terms depend on, from rows and the columns of the inertial parameters."""
