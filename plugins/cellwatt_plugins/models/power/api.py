@@ -57,7 +57,7 @@ def write_published(path: Path, model: Nls | Scg, tuning: Tuning, moves: Moves, 
     power = bool(np.isfinite(moves.power).any())
     about = _about(arm, f"-{type(model).__name__.lower()}", moves, tuning.smoother, power, BESIDE)
     metadata = Metadata(inputs=inputs, training=training, **about)
-    write_model(path, model.content(Traced.of(arm.body, tuning.smoother, tuning.width, moves.step)), metadata)
+    write_model(path, model.predict(Traced.of(arm.body, tuning.smoother, tuning.width, moves.step)), metadata)
     return metadata
 
 

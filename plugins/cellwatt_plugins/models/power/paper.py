@@ -44,6 +44,10 @@ class Seen:
         motion = Motion(q, qd, qdd, arm.body.inverse_dynamics(q, qd, qdd), np.tanh(qd / tuning.width))
         return cls(motion, tuple(moves.bounds()), moves.step, arm.column("torque_constant"))
 
+    def here(self, values: Float) -> Float:
+        """The estimated rows: all of them."""
+        return values
+
     def rate(self, values: Float) -> Float:
         """Time derivative of columns (N, n), move by move."""
         out = np.zeros_like(values)
@@ -51,6 +55,10 @@ class Seen:
             if b - a > 2 * BESIDE:
                 out[a:b] = np.gradient(values[a:b], self.step, axis=0)
         return out
+
+    def given(self, power: Float | None, current: Float) -> tuple[Float, Float]:
+        """Estimated power (N,) W, NaN if there is none, and currents (N, n) A, from power (N, 1)."""
+        return np.full(len(current), np.nan) if power is None else power[:, 0], current
 
 
 @dataclass(frozen=True)
@@ -84,7 +92,7 @@ class Traced:
         rate: Tensor = (after - before) * (1 / (2 * BESIDE * self.step))
         return rate
 
-    def model(self, power: Tensor | None, current: Tensor) -> bytes:
+    def given(self, power: Tensor | None, current: Tensor) -> bytes:
         """The model file that gives power (N, 1), if known, and currents (N, n)."""
         return self.graph.model([current] if power is None else [power, current], self.joints + (power is not None))
 

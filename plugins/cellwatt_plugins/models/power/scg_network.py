@@ -59,19 +59,11 @@ class Scg:
         shown = Shown.of(moves, rows)
         return cls(currents, train(shown.seen(terms), shown.power[:, None], least, shown.at), seen.constant)
 
-    def predict(self, seen: Seen) -> tuple[Float, Float]:
-        """Power (N,) W and currents (N, n) A."""
-        current = self._currents(seen.motion)
-        if self.supply is None:
-            return np.full(len(current), np.nan), current
-        return self.supply(self._terms(current, seen.motion.qd))[:, 0], current
-
-    def content(self, traced: Traced) -> bytes:
-        """The model file, from positions and velocities to power, where it was measured, and currents."""
-        current = traced.here(self._currents(traced.motion))
-        if self.supply is None:
-            return traced.model(None, current)
-        return traced.model(self.supply(self._terms(current, traced.here(traced.motion.qd))), current)
+    def predict(self, seen: Seen | Traced) -> Any:
+        """Power (N,) W and currents (N, n) A of seen moves; of a traced motion, the model file that gives them."""
+        current: Any = seen.here(self._currents(seen.motion))
+        power = None if self.supply is None else self.supply(self._terms(current, seen.here(seen.motion.qd)))
+        return seen.given(power, current)
 
     def _currents(self, motion: Motion) -> Any:
         return self.currents.by_joint(_inputs(motion))
