@@ -51,11 +51,7 @@ def write_best(path: Path, model: Identified, widths: Widths, arm: HeldArm, pose
     load = _load(model, arm, q, graph.input.part(2 * n, 2 * n + 1) if carries else None)
     given = graph.op("Equal", approach, approach)  # NaN, for unknown, is not equal to itself
     direction = graph.op("Sign", graph.op("Where", given, approach, 0.0))
-    held = model.effects.friction(model.posterior.mean, load)
-    torque = load + direction * held
-    known = np.abs(direction)
-    each = known * np.abs(torque) + (1.0 - known) * np.maximum(np.abs(load), np.abs(held))
-    total = each.sum(keepdims=True)
+    torque, total = model.holding(load, direction)
     all_given = graph.op("ReduceMin", graph.op("Cast", given, to=_DOUBLE), axes=[1], keepdims=1)
     width = (1.0 - all_given) * (widths.blind - widths.known) + widths.known
     parts = [torque, total, np.maximum(total - width, 0.0), total + width]
