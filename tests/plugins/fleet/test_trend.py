@@ -196,6 +196,13 @@ def test_a_joint_without_friction_is_not_said_to_rest():
     assert said == "hardly moves: j2; torque does not oppose the motion (constant, or of the wrong sign): j1"
 
 
+def test_the_thousandth_recording_of_a_week_is_not_the_first_of_the_next():
+    speed = np.array([0.4])
+    each = [Repetition(n, (1.0, 2.0), np.ones(1), None, None) for n in (1000, 0)]
+    weeks = [Week("a", w, speed, speed, speed, (one,), (), 20.0) for w, one in zip((5, 6), each, strict=True)]
+    assert observations_of(weeks)["friction", 1].week.tolist() == [5, 6]
+
+
 def test_variances_that_hardly_differ_add_no_more_than_the_most_free():
     free = np.full(8, 20.0)
     spread = np.sqrt((polygamma(1, 10.0) + np.array([-1e-3, 1e-9, 1e-3])) * 7 / 8)
