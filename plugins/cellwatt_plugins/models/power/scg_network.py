@@ -51,12 +51,12 @@ class Scg:
         each = steps(range(moves.joints), "network of joint")
         currents = Perceptron.stacked([train(inputs[:, j], moves.current[:, [j]], least, rows) for j in each])
         found = cls(currents, None, seen.constant)
-        if not np.isfinite(moves.power).any():
+        shown = Shown.of(moves, rows)
+        if not len(shown.power):
             return found
         terms = found._terms(found._currents(seen.motion), seen.motion.qd)
         groups = terms.std(axis=0).reshape(-1, moves.joints + 1)
         least = ALIKE * np.repeat(np.median(groups, axis=1), moves.joints + 1)
-        shown = Shown.of(moves, rows)
         return cls(currents, train(shown.seen(terms), shown.power[:, None], least, shown.at), seen.constant)
 
     def predict(self, seen: Seen | Traced) -> Any:
