@@ -45,8 +45,8 @@ def train_static(recordings: Places, *, robot: Place) -> StaticModel:
     """Train a model of the torque (Nm) that an arm needs to hold still, on recordings of held poses.
 
     ``recordings`` are tables with q_i (rad), torque_percent_i or torque_i (Nm) and pose, or cellwatt's own, in which
-    poses are recognised; ``robot`` is robot.yaml, or its folder. Raises ``RecordingError`` if a file cannot be used,
-    ``ConfigError`` if the description lacks a required key, ``ModelError`` if there are too few poses.
+    poses are recognised; ``robot`` is robot.yaml, or its folder. Raises ``RecordingError`` if a file cannot be used or
+    the poses are too few, ``ConfigError`` if the description lacks a required key.
     """
     described = Arm.load(robot)
     check_turning(described.body)
