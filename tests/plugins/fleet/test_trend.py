@@ -6,7 +6,7 @@ import pytest
 from scipy.special import polygamma
 
 from cellwatt_plugins.fleet.adjusted import Course, Observations, Warmth, course_of, shrunk, warmth_of
-from cellwatt_plugins.fleet.api import _summary
+from cellwatt_plugins.fleet.api import _smallest, _summary
 from cellwatt_plugins.fleet.courses import CellJoint, Courses, observations_of
 from cellwatt_plugins.fleet.judge import judged
 from cellwatt_plugins.fleet.kinds import common_course, less_common, moderated, spread_of
@@ -109,6 +109,16 @@ def test_the_worn_joint_alone_is_sure():
     low, high = (end * trend.span for end in trend.interval())
     assert low < 0.3 < high
     assert not found.steps
+
+
+def test_six_weeks_of_four_joints_tell_no_smallest_rise():
+    rng = np.random.default_rng(18)
+    courses = {CellJoint("scara", joint): wandering(rng, weeks=WEEKS[:6]) for joint in range(1, 5)}
+    (found,) = judged([Courses("scara", "friction", False, courses)], 0.01, 0.05)
+    assert len(found.trends) == 4
+    assert _smallest([found]) == {}
+    (more,) = judged(fleet_of(rng, worn=CellJoint("weld-03", 2)), 0.01, 0.05)
+    assert 1 < _smallest([more])["welder (with temperature)"] < 30
 
 
 def trends_in(courses):
