@@ -23,7 +23,8 @@ from tests.plugins.faults.paper.patterns import pattern_of  # noqa: E402
 
 from cellwatt.emulation import ArmSignals  # noqa: E402
 from cellwatt_plugins.faults.api import learn_from  # noqa: E402
-from cellwatt_plugins.faults.paper.bevf import ORDERS, PowerEquation, fit, rms  # noqa: E402
+from cellwatt_plugins.faults.paper.bevf import ORDERS, fit, rms  # noqa: E402
+from cellwatt_plugins.faults.paper.equation import PowerEquation  # noqa: E402
 from cellwatt_plugins.faults.paper.network import FaultNetwork, train  # noqa: E402
 from cellwatt_plugins.faults.recordings import frames_of_files  # noqa: E402
 from faults import rivals  # noqa: E402

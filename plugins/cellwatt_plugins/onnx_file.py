@@ -18,6 +18,10 @@ from cellwatt.errors import ConfigError, ModelError, why
 from cellwatt.files import check_file
 
 T = TypeVar("T")
+Array = NDArray[np.floating[Any]]
+"""Numbers in the precision of a model."""
+
+DTYPES: dict[str, type[np.floating[Any]]] = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 
 _PREFIX = re.compile(r"^\[ONNXRuntimeError\] : \d+ : \w+ : (Load model from .*? failed: ?)?")
 
@@ -88,6 +92,11 @@ class OnnxFile:
             there = ", ".join(map(repr, self.properties)) or "none"
             raise self.refused(f"it has no metadata {key!r}, found {there}")
         return decoded(self.properties[key], kind, self.path)
+
+    def cast(self, values: NDArray[Any]) -> Array:
+        """Values in the precision of the model; those beyond float32 become infinite."""
+        with np.errstate(over="ignore"):
+            return values.astype(DTYPES.get(self.inputs[0].type, np.float64))
 
     def run(self, values: NDArray[Any]) -> NDArray[np.float64]:
         """First output (N, …) for the first input (N, …). Raises ``ModelError`` if the model fails on it."""

@@ -21,6 +21,8 @@ from cellwatt_plugins.fleet.weekly import Week, week_of_cell
 from cellwatt_plugins.robot import RobotDescription
 
 WRONG_TORQUE: Final = "torque does not oppose the motion (constant, or of the wrong sign)"
+TENFOLD: Final = float(np.log(10.0))
+"""Largest rise over all weeks, as a logarithm, that is stated as the smallest which would be found."""
 Says = Mapping[tuple[str, int], Observations]
 """Values of the repetitions of a cell, by quantity and joint."""
 
@@ -118,7 +120,8 @@ def _smallest(results: Sequence[Judged]) -> dict[str, float]:
         if each.courses.quantity == "friction" and each.trends:
             span = float(np.median([trend.span for trend in each.trends.values()]))
             name = each.courses.kind + (" (with temperature)" if each.courses.with_temperature else "")
-            out[name] = 100 * float(np.expm1(each.smallest * span))
+            if (rise := each.smallest * span) < TENFOLD:
+                out[name] = 100 * float(np.expm1(rise))
     return out
 
 

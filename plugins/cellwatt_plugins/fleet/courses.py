@@ -59,7 +59,8 @@ def observations_of(weeks: Sequence[Week]) -> dict[tuple[str, int], Observations
     pairs = [(week, repetition) for week in weeks for repetition in week.repetitions]
     number = programs([repetition.signature for _, repetition in pairs])
     week = np.array([week.week for week, _ in pairs])
-    recording = np.array([1000 * week.week + repetition.recording for week, repetition in pairs])
+    # A week has fewer than 1,000,000 recordings of 1 s.
+    recording = np.array([1_000_000 * week.week + repetition.recording for week, repetition in pairs])
     heat = None
     if pairs and all(repetition.temperature is not None for _, repetition in pairs):
         heat = np.array([repetition.temperature for _, repetition in pairs])

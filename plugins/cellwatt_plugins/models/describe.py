@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -60,7 +61,8 @@ def _write(file: Path, model: Any, metadata: Metadata) -> None:
     except OSError as error:
         raise refused(file, f"it cannot be written: {why(error).lower()}") from error
     finally:
-        file.with_name(f"{file.name}.part").unlink(missing_ok=True)
+        with suppress(OSError):  # it is not there, or its folder is none
+            file.with_name(f"{file.name}.part").unlink()
 
 
 def read_metadata(path: str | PathLike[str]) -> Metadata:

@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cellwatt.errors import why
 from cellwatt.files import COMPUTED, read_bytes
 from cellwatt_plugins.models.metadata import Metadata, metadata_of
 from cellwatt_plugins.models.seal import broken, uncovered
-from cellwatt_plugins.onnx_file import OnnxFile, refused
+from cellwatt_plugins.onnx_file import DTYPES, OnnxFile, refused
 
-Array = NDArray[np.floating[Any]]
-"""Numbers in the precision of the model."""
-
-DTYPES: dict[str, type[np.floating[Any]]] = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 APART = 1e-3
 """Largest relative difference, from rounding, of the outputs of a frame alone and among others."""
 
@@ -55,14 +49,8 @@ class Network(OnnxFile):
         for tensor in self.inputs + self.outputs:
             if tensor.type not in DTYPES:
                 raise self.refused(f"its tensor {tensor.name!r} is {tensor.type}, expected {' or '.join(DTYPES)}")
-        self._dtype = DTYPES[self.inputs[0].type]
         self._check_input(self.inputs[0].shape)
         self._try()
-
-    def cast(self, values: NDArray[np.float64]) -> Array:
-        """Values in the precision of the model; those beyond float32 become infinite."""
-        with np.errstate(over="ignore"):
-            return values.astype(self._dtype)
 
     def _check_input(self, shape: list[int | str | None]) -> None:
         meta = self.metadata

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.models.network import Array
+from cellwatt_plugins.onnx_file import Array
 
 
 def whole(values: Array, optional: NDArray[np.bool_]) -> NDArray[np.bool_]:

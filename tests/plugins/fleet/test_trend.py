@@ -6,7 +6,7 @@ import pytest
 from scipy.special import polygamma
 
 from cellwatt_plugins.fleet.adjusted import Course, Observations, Warmth, course_of, shrunk, warmth_of
-from cellwatt_plugins.fleet.api import _summary
+from cellwatt_plugins.fleet.api import _smallest, _summary
 from cellwatt_plugins.fleet.courses import CellJoint, Courses, observations_of
 from cellwatt_plugins.fleet.judge import judged
 from cellwatt_plugins.fleet.kinds import common_course, less_common, moderated, spread_of
@@ -111,6 +111,16 @@ def test_the_worn_joint_alone_is_sure():
     assert not found.steps
 
 
+def test_six_weeks_of_four_joints_tell_no_smallest_rise():
+    rng = np.random.default_rng(18)
+    courses = {CellJoint("scara", joint): wandering(rng, weeks=WEEKS[:6]) for joint in range(1, 5)}
+    (found,) = judged([Courses("scara", "friction", False, courses)], 0.01, 0.05)
+    assert len(found.trends) == 4
+    assert _smallest([found]) == {}
+    (more,) = judged(fleet_of(rng, worn=CellJoint("weld-03", 2)), 0.01, 0.05)
+    assert 1 < _smallest([more])["welder (with temperature)"] < 30
+
+
 def trends_in(courses):
     return trends_of(courses, dict.fromkeys(courses, ()), 0.5)
 
@@ -194,6 +204,13 @@ def test_a_joint_without_friction_is_not_said_to_rest():
     robot = RobotDescription(robot="a", urdf=Path("a"), joints=(Joint(name="j1"), Joint(name="j2")))
     said = _summary("a", robot, weeks, observations_of(weeks)).statement
     assert said == "hardly moves: j2; torque does not oppose the motion (constant, or of the wrong sign): j1"
+
+
+def test_the_thousandth_recording_of_a_week_is_not_the_first_of_the_next():
+    speed = np.array([0.4])
+    each = [Repetition(n, (1.0, 2.0), np.ones(1), None, None) for n in (1000, 0)]
+    weeks = [Week("a", w, speed, speed, speed, (one,), (), 20.0) for w, one in zip((5, 6), each, strict=True)]
+    assert observations_of(weeks)["friction", 1].week.tolist() == [5, 6]
 
 
 def test_variances_that_hardly_differ_add_no_more_than_the_most_free():

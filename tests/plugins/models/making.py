@@ -19,9 +19,9 @@ from onnxruntime import InferenceSession
 from cellwatt import Alarm, CellInfo, Frames, Layout, Prediction, Result
 from cellwatt.frames import cut
 from cellwatt_plugins.models import Input, Metadata, ModelSettings, ModelStage, Output, Training
-from cellwatt_plugins.models.graph import Graph
 from cellwatt_plugins.models.metadata import KEY, encode
 from cellwatt_plugins.models.seal import sealed
+from cellwatt_plugins.onnx_graph import Graph, Tensor
 from tests.blocks import frames_of, layout_of
 
 RATE = 50.0
@@ -134,9 +134,9 @@ def stage(path: Path, grid: Layout | None = None, robot: str | None = "ur10e", *
     return ModelStage("power", given, grid or layout(), cell)
 
 
-def run_graph(graph: Graph, output: str, columns: int, values: NDArray[np.float64]) -> NDArray[np.float64]:
+def run_graph(graph: Graph, output: Tensor, columns: int, values: NDArray[np.float64]) -> NDArray[np.float64]:
     """The ``output`` with so many columns of a graph."""
-    session = InferenceSession(graph.model(output, columns), providers=["CPUExecutionProvider"])
+    session = InferenceSession(graph.model([output], columns), providers=["CPUExecutionProvider"])
     return np.asarray(session.run(None, {"input": values})[0])
 
 

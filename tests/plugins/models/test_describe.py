@@ -18,6 +18,7 @@ from pydantic import ValidationError
 
 from cellwatt import CellwattError, ModelError
 from cellwatt_plugins.models import Input, Training, describe, read_metadata
+from cellwatt_plugins.models.describe import write_model
 from cellwatt_plugins.models.seal import sealed
 from cellwatt_plugins.onnx_file import OnnxFile
 from tests.plugins.models.making import Mlp, metadata, stage
@@ -99,6 +100,12 @@ def test_a_file_that_cannot_be_written_is_told(tmp_path, monkeypatch):
     with pytest.raises(ModelError, match="cannot be written: no space left"):
         describe(path, metadata())
     assert [p.name for p in tmp_path.iterdir()] == ["m.onnx"]
+
+
+def test_a_folder_that_is_a_file_is_told(tmp_path):
+    content = Mlp.random(1).save(tmp_path / "m.onnx", None).read_bytes()
+    with pytest.raises(ModelError, match="cannot be written: not a directory"):
+        write_model(tmp_path / "m.onnx" / "models" / "m.onnx", content, metadata())
 
 
 def test_without_onnx_the_package_is_named(tmp_path, monkeypatch):

@@ -22,6 +22,8 @@ from cellwatt_plugins.robot.motion import rates
 
 STIFFNESS = np.geomspace(1e-4, 1e4, 9)
 """Weights tried for the power's second differences, relative to the meter's values."""
+FEWEST = 2
+"""Fewest values that determine the level of a power; one would leave it open."""
 NEAR = 0.15
 """Width over which the scatter of the meter's values is averaged, s of the pattern."""
 
@@ -50,9 +52,14 @@ def power_through(meter: Meter, readings: Readings, pattern: Pattern, warps: Seq
     """Power (T,) W of a pattern, and the scatter (T,) W of the meter's values about it.
 
     The values fall at other times in every cycle. The power is the smoothest whose means match them; the smoothness is
-    the one that best predicts the values of a cycle left out.
+    the one that best predicts the values of a cycle left out. Raises ``ModelError`` if they are too few.
     """
     cycles = [_of_cycle(meter.windows(readings), readings.value, pattern, warp) for warp in warps]
+    if sum(len(value) for _, value in cycles) < FEWEST:
+        raise ModelError(
+            f"{pattern.task}: fewer than {FEWEST} values of the power meter are of one cycle alone, each a mean over "
+            f"{meter.window:.2g} s: record more cycles, or use a faster meter"
+        )
     count = len(pattern.time)
     rough = diags_array([1.0, -2.0, 1.0], offsets=[0, 1, 2], shape=(count - 2, count))
     bend = csr_array(rough.T @ rough)

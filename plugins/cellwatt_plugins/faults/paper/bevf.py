@@ -10,14 +10,14 @@ The paper prints the magnitude as eq. (17), a sum of moduli, which is not the mo
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
 
 from cellwatt.arrays import Float
 from cellwatt.errors import ModelError
-from cellwatt_plugins.faults.paper.rational import Complex, Rational, iterations, starting_poles
+from cellwatt_plugins.faults.paper.equation import PowerEquation
+from cellwatt_plugins.faults.paper.rational import Complex, iterations, starting_poles
 
 ORDERS = (24, 34, 44)
 """Orders of approximation of Fig. 10 …"""
@@ -27,29 +27,6 @@ BEYOND = 8
 """Length for which the pattern is extended with its last value, in lengths of the pattern."""
 
 
-@dataclass(frozen=True, slots=True)
-class PowerEquation:
-    """A power pattern of ``duration`` s as an equation in t; ``rms`` W is eq. (19) after each iteration.
-
-    ``task`` and ``speed`` name the task of the reference, if the pattern belongs to one.
-    """
-
-    response: Rational
-    duration: float
-    rms: tuple[float, ...]
-    task: str | None = None
-    speed: float | None = None
-
-    @property
-    def order(self) -> int:
-        """N, the number of poles."""
-        return len(self.response.poles)
-
-    def power(self, t: Float) -> Float:
-        """The pattern (n,) W at t (n,) s: the magnitude of the fitted response at s = j t."""
-        return np.abs(self.response.at(_axis(t)))
-
-
 def fit(t: Float, power: Float, *, order: int, iterations_done: int = ITERATIONS) -> PowerEquation:
     """Fit a power pattern (n,) W at evenly spaced times t (n,) s from 0 on.
 
@@ -57,11 +34,11 @@ def fit(t: Float, power: Float, *, order: int, iterations_done: int = ITERATIONS
     are too few, or power is not above 0.
     """
     _check(t, power, order)
-    s = _axis(t)
+    s = np.asarray(1j * t, np.complex128)  # the input adaptor's axis
     fits = list(islice(iterations(s, bode_response(power), starting_poles(float(t[-1]), order)), iterations_done))
     found = [rms(power, np.abs(each.at(s))) for each in fits]
     best = int(np.argmin(found))
-    return PowerEquation(fits[best], float(t[-1]), tuple(found))
+    return PowerEquation.of(fits[best], float(t[-1]), found)
 
 
 def bode_response(power: Float) -> Complex:
@@ -83,11 +60,6 @@ def bode_response(power: Float) -> Complex:
 def rms(power: Float, estimate: Float) -> float:
     """Root mean square error, eq. (19), in the unit of its arguments (n,)."""
     return float(np.sqrt(np.mean((power - estimate) ** 2)))
-
-
-def _axis(t: Float) -> Complex:
-    """The input adaptor's axis: time t (n,) s as s = j t."""
-    return np.asarray(1j * t, dtype=np.complex128)
 
 
 def _check(t: Float, power: Float, order: int) -> None:

@@ -1,4 +1,4 @@
-"""Stores a power equation in a YAML file that people can read and programs can evaluate.
+"""A power equation, and its YAML file that people can read and programs can evaluate.
 
 cellwatt_power_equation: 1                                   version of this format
 power: abs(K + sum(r[k] / (1j*t - p[k]))) W, t in s          how to evaluate it
@@ -15,68 +15,84 @@ r: [[1.2, -0.3], [1.2, 0.3], ...]
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from cellwatt.arrays import Float
 from cellwatt.config import KeyPath, read_settings
 from cellwatt.errors import ModelError
 from cellwatt.files import write_file
-from cellwatt_plugins.faults.paper.bevf import PowerEquation
-from cellwatt_plugins.faults.paper.rational import Rational
+from cellwatt_plugins.faults.paper.rational import Complex, Rational
 
 FORMULA = "abs(K + sum(r[k] / (1j*t - p[k]))) W, t in s"
 
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
+_Pairs = tuple[tuple[_Finite, _Finite], ...]
 
 
-class _File(BaseModel):
-    """Content of the file; the module's docstring describes it."""
+class PowerEquation(BaseModel):
+    """A power pattern of ``duration`` s as an equation in t; the module's docstring describes its keys.
+
+    ``task`` and ``speed`` name the task of the reference, if the pattern belongs to one.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     cellwatt_power_equation: Literal[1]
-    power: str
+    formula: str = Field(alias="power")
     task: str | None = None
     speed: _Finite | None = None
     order: Annotated[int, Field(ge=1)]
     duration: Annotated[float, Field(gt=0, allow_inf_nan=False)]
     rms: tuple[_Finite, ...]
     K: _Finite
-    p: tuple[tuple[_Finite, _Finite], ...]
-    r: tuple[tuple[_Finite, _Finite], ...]
+    p: _Pairs
+    r: _Pairs
+
+    @classmethod
+    def of(cls, response: Rational, duration: float, rms: Sequence[float]) -> PowerEquation:
+        """The equation of a fitted ``response``; ``rms`` W is eq. (19) after each iteration."""
+        return cls(
+            cellwatt_power_equation=1,
+            power=FORMULA,
+            order=len(response.poles),
+            duration=duration,
+            rms=tuple(rms),
+            K=response.constant,
+            p=_pairs(response.poles),
+            r=_pairs(response.residues),
+        )
+
+    @cached_property
+    def response(self) -> Rational:
+        """The fitted response, whose magnitude at s = j t is the pattern."""
+        poles, residues = (np.array([complex(*pair) for pair in pairs]) for pairs in (self.p, self.r))
+        return Rational(poles, residues, self.K)
+
+    def power(self, t: Float) -> Float:
+        """The pattern (n,) W at t (n,) s."""
+        return np.abs(self.response.at(np.asarray(1j * t, np.complex128)))
 
 
 def save(equation: PowerEquation, path: Path) -> None:
     """Write the YAML file. Raises ``CellwattError`` if it cannot be written."""
-    content = {
-        "cellwatt_power_equation": 1,
-        "power": FORMULA,
-        **({} if equation.task is None else {"task": equation.task, "speed": equation.speed}),
-        "order": equation.order,
-        "duration": equation.duration,
-        "rms": [float(f"{value:.4g}") for value in equation.rms],
-        "K": equation.response.constant,
-        "p": _pairs(equation.response.poles),
-        "r": _pairs(equation.response.residues),
-    }
+    content = equation.model_dump(by_alias=True, exclude_none=True)
+    content["rms"] = [float(f"{value:.4g}") for value in equation.rms]
     write_file(path, yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=118))
 
 
 def load(path: Path) -> PowerEquation:
     """Read the YAML file. Raises ``ModelError`` with file, line, column and the expected content."""
-    file = read_settings(path, _File, _check, refusal=ModelError, computed=True)
-    return PowerEquation(
-        Rational(_complex(file.p), _complex(file.r), file.K), file.duration, file.rms, file.task, file.speed
-    )
+    return read_settings(path, PowerEquation, _check, refusal=ModelError, computed=True)
 
 
-def _check(file: _File) -> Iterator[tuple[KeyPath, str]]:
+def _check(file: PowerEquation) -> Iterator[tuple[KeyPath, str]]:
     if not len(file.p) == len(file.r) == file.order:
         yield ("order",), f"order {file.order} needs as many p and r, found {len(file.p)} and {len(file.r)}"
     for i, (real, _) in enumerate(file.p):
@@ -84,9 +100,5 @@ def _check(file: _File) -> Iterator[tuple[KeyPath, str]]:
             yield ("p", i), "found a pole on the imaginary axis, which makes the power infinite"
 
 
-def _pairs(values: NDArray[np.complex128]) -> list[list[float]]:
-    return [[value.real, value.imag] for value in values.tolist()]
-
-
-def _complex(pairs: tuple[tuple[float, float], ...]) -> NDArray[np.complex128]:
-    return np.array([complex(real, imaginary) for real, imaginary in pairs])
+def _pairs(values: Complex) -> _Pairs:
+    return tuple((value.real, value.imag) for value in values.tolist())

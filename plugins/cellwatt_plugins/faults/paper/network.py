@@ -33,8 +33,6 @@ from cellwatt_plugins.faults.criteria import Codes
 from cellwatt_plugins.faults.paper.trained_for import TrainedFor
 from cellwatt_plugins.onnx_file import OnnxFile
 
-OPSET, IR_VERSION = 17, 8
-"""ONNX versions that every onnxruntime supported by cellwatt can read."""
 MADE_BY = ("cellwatt", "scikit-learn", "onnx")
 """Packages whose versions are stored in the file."""
 HIDDEN = 3
@@ -60,17 +58,31 @@ def train(
 ) -> bytes:
     """Train a network on a fault table (intervals, joints) of -1, 0, 1; returns an ONNX file.
 
-    Input ``codes`` (n, intervals) float32, output ``joints`` (n, distinct columns + 1) from 0 to 1, the last one for
-    "free". ``task`` is the task that the network applies to, ``signed`` whether the table was learned from faults
+    Its input are codes (n, intervals), its output (n, distinct columns + 1) is from 0 to 1, the last one for "free".
+    ``task`` is the task that the network applies to, ``signed`` whether the table was learned from faults
     (default: whether it contains -1), ``made`` is copied to the metadata. Raises ``ConfigError`` if scikit-learn or
     onnx is missing, ``ModelError`` if no column has a code or an output stays below ``SURE``.
     """
+    try:
+        from sklearn.exceptions import ConvergenceWarning  # type: ignore[import-untyped]
+        from sklearn.neural_network import MLPClassifier  # type: ignore[import-untyped]
+
+        from cellwatt_plugins.onnx_graph import Graph
+    except ImportError as error:
+        raise ConfigError(
+            f"training the network of a fault table needs {error.name}: pip install 'cellwatt[train]'"
+        ) from error
     groups = groups_of(table)
     if not groups:
         raise ModelError("fault table: no joint has a code in any interval, there is nothing to learn")
     columns = np.stack([table[:, joints[0] - 1] for joints in groups])
     inputs = np.vstack([columns, np.zeros(table.shape[0], np.int8)])
-    layers = _trained(inputs.astype(np.float64), np.eye(len(inputs)), seed)
+    network = MLPClassifier(
+        (HIDDEN * len(table),), activation="tanh", solver="lbfgs", alpha=DECAY, max_iter=2000, random_state=seed
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)  # the outputs are checked below
+        network.fit(inputs.astype(np.float64), np.eye(len(inputs), dtype=np.int64))
     about = {
         "version": VERSION,
         "task": None if task is None else asdict(task),
@@ -79,7 +91,10 @@ def train(
         "outputs": [*("joint_" + "_".join(map(str, group)) for group in groups), "free"],
         "made": {**{name: version(name) for name in MADE_BY}, **(made or {})},
     }
-    content = _written(layers, {KEY: table.tolist(), MADE: about})
+    graph = Graph(len(table))
+    (hidden, out), (hidden_bias, out_bias) = network.coefs_, network.intercepts_
+    outputs = graph.op("Sigmoid", np.tanh(graph.input @ hidden + hidden_bias) @ out + out_bias)
+    content = graph.model([outputs], len(inputs), {KEY: json.dumps(table.tolist()), MADE: json.dumps(about)})
     sure = np.diag(FaultNetwork(content).output_of(inputs))
     if sure.min() < SURE:
         raise ModelError(
@@ -118,7 +133,7 @@ class FaultNetwork(OnnxFile):
         """Outputs Y1 … Yn and that of "free", (m, groups + 1), for the codes of m cycles (m, intervals)."""
         if codes.ndim != 2 or codes.shape[1] != self.intervals:
             raise ModelError(f"fault network: codes are {codes.shape}, expected (cycles, {self.intervals} intervals)")
-        return self.run((codes if self.signed else np.abs(codes)).astype(np.float32))
+        return self.run(self.cast(codes if self.signed else np.abs(codes)))
 
     def joints(self, codes: Codes) -> tuple[int, ...]:
         """The joints (1-based) of the largest output for one cycle's codes (intervals,); none for "free"."""
@@ -149,48 +164,3 @@ def groups_of(table: Codes) -> tuple[tuple[int, ...], ...]:
         if any(column):
             found.setdefault(tuple(column), []).append(joint)
     return tuple(tuple(joints) for joints in found.values())
-
-
-def _trained(inputs: Float, targets: Float, seed: int) -> list[tuple[Float, Float]]:
-    """Weights and biases of the hidden layer (tanh) and of the output layer (logistic)."""
-    try:
-        from sklearn.exceptions import ConvergenceWarning  # type: ignore[import-untyped]
-        from sklearn.neural_network import MLPClassifier  # type: ignore[import-untyped]
-    except ImportError as error:
-        raise ConfigError(
-            f"training the network of a fault table needs scikit-learn ({error}): pip install 'cellwatt[train]'"
-        ) from error
-    network = MLPClassifier(
-        (HIDDEN * inputs.shape[1],), activation="tanh", solver="lbfgs", alpha=DECAY, max_iter=2000, random_state=seed
-    )
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)  # train() checks the outputs
-        network.fit(inputs, targets.astype(np.int64))
-    return list(zip(network.coefs_, network.intercepts_, strict=True))
-
-
-def _written(layers: list[tuple[Float, Float]], properties: Mapping[str, Any]) -> bytes:
-    try:
-        from onnx import TensorProto, checker, helper, numpy_helper
-    except ImportError as error:
-        raise ConfigError(f"writing a network of faults needs onnx ({error}): pip install 'cellwatt[train]'") from error
-    names = [("hidden_weights", "hidden_bias"), ("output_weights", "output_bias")]
-    numbers = [
-        numpy_helper.from_array(np.asarray(value, np.float32), name)
-        for pair, own in zip(layers, names, strict=True)
-        for value, name in zip(pair, own, strict=True)
-    ]
-    nodes = [
-        helper.make_node("Gemm", ["codes", *names[0]], ["hidden"]),
-        helper.make_node("Tanh", ["hidden"], ["hidden_active"]),
-        helper.make_node("Gemm", ["hidden_active", *names[1]], ["output"]),
-        helper.make_node("Sigmoid", ["output"], ["joints"]),
-    ]
-    sizes = {"codes": len(layers[0][0]), "joints": layers[1][0].shape[1]}
-    ends = [helper.make_tensor_value_info(n, TensorProto.FLOAT, ["cycles", size]) for n, size in sizes.items()]
-    graph = helper.make_graph(nodes, "fault_table", ends[:1], ends[1:], initializer=numbers)
-    opset = [helper.make_opsetid("", OPSET)]
-    model = helper.make_model(graph, opset_imports=opset, ir_version=IR_VERSION, producer_name="cellwatt")
-    helper.set_model_props(model, {key: json.dumps(value) for key, value in properties.items()})
-    checker.check_model(model)
-    return bytes(model.SerializeToString(deterministic=True))

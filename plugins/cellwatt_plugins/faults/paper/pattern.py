@@ -10,9 +10,8 @@ import numpy as np
 
 from cellwatt.arrays import Float
 from cellwatt.errors import ModelError
-from cellwatt_plugins.faults.paper.bevf import PowerEquation
 from cellwatt_plugins.faults.paper.course import Course, Key
-from cellwatt_plugins.faults.paper.equation import load
+from cellwatt_plugins.faults.paper.equation import PowerEquation, load
 from cellwatt_plugins.faults.reference import LEAD, TAIL, Variant
 
 OFF = 0.15

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,7 +15,7 @@ from cellwatt.commands.options import INPUT, with_progress, with_scheduler
 from cellwatt.errors import ModelError
 from cellwatt.scheduler import spread
 from cellwatt_plugins.faults.paper import equation
-from cellwatt_plugins.faults.paper.bevf import ORDERS, PowerEquation, fit, rms
+from cellwatt_plugins.faults.paper.bevf import ORDERS, fit, rms
 from cellwatt_plugins.faults.paper.pattern import cycle_pattern
 from cellwatt_plugins.faults.reference import Variant, load
 
@@ -45,7 +44,7 @@ def train_pattern(reference: Path, out: Path, order: int, as_json: bool) -> None
     click.echo(json.dumps(found) if as_json else "\n\n".join(map(_in_words, found)))
 
 
-def _fitted(known: tuple[str, Variant], order: int) -> tuple[dict[str, Any], PowerEquation]:
+def _fitted(known: tuple[str, Variant], order: int) -> tuple[dict[str, Any], equation.PowerEquation]:
     """The report on one task at one speed, errors and spread in W, and its equation of the given order."""
     task, variant = known
     t, power = cycle_pattern(variant)
@@ -59,10 +58,10 @@ def _fitted(known: tuple[str, Variant], order: int) -> tuple[dict[str, Any], Pow
         "spread": float(np.std(power)),
         "rms": {f"BEVF {each}": rms(power, fitted.power(t)) for each, fitted in fits.items()},
     }
-    return about, replace(fits[order], task=task, speed=variant.speed)
+    return about, fits[order].model_copy(update={"task": task, "speed": variant.speed})
 
 
-def _written(about: Mapping[str, Any], made: PowerEquation, out: Path) -> dict[str, Any]:
+def _written(about: Mapping[str, Any], made: equation.PowerEquation, out: Path) -> dict[str, Any]:
     file = out / f"{re.sub(r'[^A-Za-z0-9_-]', '_', about['task'])}-{about['speed']:g}.yaml"
     equation.save(made, file)
     return {**about, "file": str(file)}

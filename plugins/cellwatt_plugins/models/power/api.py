@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from cellwatt.errors import RecordingError
 from cellwatt.files import Place, Places, paths_of, write_file
 from cellwatt_plugins.models.describe import write_model
-from cellwatt_plugins.models.graph import Chain
+from cellwatt_plugins.models.dynamics import check_turning
 from cellwatt_plugins.models.metadata import Input, Metadata, Output, Training, joint_inputs
 from cellwatt_plugins.models.power.fitting import Fitted
 from cellwatt_plugins.models.power.moves import Moves, read_moves
@@ -46,7 +46,7 @@ def write(path: Path, fitted: Fitted, moves: Moves, arm: Arm) -> Metadata:
     training = Training.of(np.concatenate(table, axis=1))
     about = _about(arm, "", moves, model.smoother, model.supply is not None)
     metadata = Metadata(inputs=tuple(inputs), training=training, **about)
-    write_model(path, model.content(Chain.of(arm.body)), metadata)
+    write_model(path, model.content(arm.body), metadata)
     return metadata
 
 
@@ -57,7 +57,7 @@ def write_published(path: Path, model: Nls | Scg, tuning: Tuning, moves: Moves, 
     power = bool(np.isfinite(moves.power).any())
     about = _about(arm, f"-{type(model).__name__.lower()}", moves, tuning.smoother, power, BESIDE)
     metadata = Metadata(inputs=inputs, training=training, **about)
-    write_model(path, model.content(Traced.of(Chain.of(arm.body), tuning.smoother, tuning.width, moves.step)), metadata)
+    write_model(path, model.predict(Traced.of(arm.body, tuning.smoother, tuning.width, moves.step)), metadata)
     return metadata
 
 
@@ -118,7 +118,7 @@ def train_power(recordings: Places, *, robot: Place, meter: Places = (), seed: i
     cannot be used, ``ConfigError`` if the description lacks a required key.
     """
     arm = Arm.load(robot)
-    Chain.of(arm.body)  # refuses an arm that no model file holds, before the training
+    check_turning(arm.body)
     recorded, metered = paths_of(recordings), paths_of(meter)
     moves = read_moves(recorded, arm.description.names, metered)
     try:

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
+from cellwatt_plugins.models.power import leftover
 from cellwatt_plugins.models.power import supply as supplies
 from cellwatt_plugins.models.power import torque as torques
 from cellwatt_plugins.models.power.design import Rows, shared_columns
 from cellwatt_plugins.models.power.folds import HARM, folds_of
 from cellwatt_plugins.models.power.hybrid import Hybrid
-from cellwatt_plugins.models.power.leftover import Leftover
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.problem import MOST, Problem
 from cellwatt_plugins.models.power.supply import Sharing
@@ -94,8 +94,9 @@ def _effects(problem: Problem, fold: NDArray[np.int64]) -> tuple[Problem, tuple[
     """Effects of the torque, selected twice as the rows' weights depend on them, and the factor on links'
     tolerances."""
     effects: tuple[str, ...] = ()
+    known = np.unique(fold[np.isfinite(problem.rows.torque).any(axis=1)])
     for _ in range(2):
-        folds = [problem.sums(fold == k) for k in np.unique(fold)]
+        folds = [problem.sums(fold == k) for k in known]
         effects = torques.select(folds, problem.belief, problem.design.names, problem.effects)
         problem = problem.reweighed(effects)
     chosen = problem.chosen(effects)
@@ -109,7 +110,7 @@ def _network_helps(moves: Moves, arm: Arm, tuning: Tuning, structure: Structure)
         return False
     fold, blocks = folds_of(moves), moves.count < 3  # the arm is not at rest at the ends of a block
     ratios = []
-    for k in np.unique(fold)[::-1][:TRIALS]:
+    for k in np.unique(fold[np.isfinite(moves.current).any(axis=1)])[::-1][:TRIALS]:
         fitted = fit(moves.where(fold != k), arm, tuning, replace(structure, network=True))
         held = Rows.of(moves.where(fold == k), tuning.smoother, fitted.model.constant, MOST, whole=blocks)
         motion = fitted.model.motion(held, shared_columns(held, arm.body, fitted.model.carries(arm.joints)))
@@ -119,7 +120,7 @@ def _network_helps(moves: Moves, arm: Arm, tuning: Tuning, structure: Structure)
         ratios.append(np.nanmean(with_it[:, known] ** 2, axis=0) / np.nanmean(without[:, known] ** 2, axis=0))
         if np.mean(ratios[-1]) > HARM:
             return False
-    return bool(np.mean(ratios) < HELPS)
+    return bool(np.mean(np.concatenate(ratios)) < HELPS)
 
 
 def fit(moves: Moves, arm: Arm, tuning: Tuning, structure: Structure) -> Fitted:
@@ -148,5 +149,5 @@ def fit(moves: Moves, arm: Arm, tuning: Tuning, structure: Structure) -> Fitted:
     if structure.network:
         motion = model.motion(problem.rows, problem.design.shared)
         residual = problem.rows.torque / scale - model.torque(motion)
-        model = replace(model, leftover=Leftover.train(motion, residual, SEED))
+        model = replace(model, leftover=leftover.train(motion, residual, SEED))
     return Fitted(model, structure, np.delete(errors, torque.at_gain))

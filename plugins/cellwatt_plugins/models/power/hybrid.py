@@ -8,12 +8,14 @@ from typing import Any, Final
 import numpy as np
 
 from cellwatt.arrays import Float, rows_of
-from cellwatt_plugins.models.graph import Chain, Graph, Tensor, inverse_dynamics
+from cellwatt_plugins.models.dynamics import carried, inverse_dynamics
 from cellwatt_plugins.models.power.design import CARRIED, PER_WARMTH, Rows, shared_columns
-from cellwatt_plugins.models.power.leftover import Leftover
+from cellwatt_plugins.models.power.leftover import inputs
+from cellwatt_plugins.models.power.perceptron import Perceptron
 from cellwatt_plugins.models.power.smoothing import Smoother
 from cellwatt_plugins.models.power.supply import Supply
 from cellwatt_plugins.models.power.terms import TORQUE, Motion
+from cellwatt_plugins.onnx_graph import Graph, Tensor
 from cellwatt_plugins.robot import Body
 from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.drive import Drives
@@ -42,32 +44,32 @@ class Hybrid:
     """None if no power was recorded."""
     temperature: Float | None
     """Mean (n,) °C of the training, if friction depends on temperature."""
-    leftover: Leftover | None = None
+    leftover: Perceptron | None = None
+    """The joints' networks of the torque residual, ``stacked``."""
 
     def torque(self, motion: Motion) -> Any:
         """Torque (N, n) Nm for a motion with its load."""
         terms = zip(self.terms, self.weights, strict=True)
         torque = motion.load + sum(TORQUE[name](motion) * weight for name, weight in terms)
-        return torque if self.leftover is None else torque + self.leftover(motion)
+        return torque if self.leftover is None else torque + self.leftover.by_joint(inputs(motion))
 
     def motion(self, rows: Rows, shared: Float) -> Motion:
         """Motion that the terms depend on, from rows and the columns of the inertial parameters."""
         load = shared @ self.inertial
         return Motion(rows.q, rows.qd, rows.qdd, load, np.tanh(rows.qd / self.width), rows.warmth)
 
-    def trace(self, graph: Graph, chain: Chain, columns: int) -> tuple[Motion, Tensor]:
-        """The motion and the torque (N, n) in a model file whose rows hold ``columns`` values."""
-        joints = chain.joints
-        q, qd, qdd = self.smoother.trace(graph, joints, columns)
-        own = chain.with_inertial(self.inertial[: PER_LINK * joints])
-        load = Tensor(graph, inverse_dynamics(graph, own, q.name, qd.name, qdd.name))
+    def trace(self, seen: Tensor, body: Body, columns: int) -> tuple[Motion, Any]:
+        """The motion and the torque (N, n) in a model file, for windows ``seen`` whose rows hold ``columns`` values."""
+        joints = body.joints
+        q, qd, qdd = self.smoother.trace(seen if columns == 2 * joints else seen.part(0, 2 * joints), joints)
+        load: Any = inverse_dynamics(body, q, qd, qdd, self.inertial[: PER_LINK * joints])
         if self.carries(joints):
-            unit = inverse_dynamics(graph, chain.carrying(self.inertial[-CARRIED:]), q.name, qd.name, qdd.name)
-            load = load + Tensor(graph, unit) * self.smoother.trace_as_is(graph, 2 * joints, 1)
+            unit = inverse_dynamics(body, q, qd, qdd, carried(body, self.inertial[-CARRIED:]))
+            load = load + unit * self.smoother.trace_as_is(seen, 2 * joints, 1)
         warmth = None
         if self.temperature is not None:
-            seen = self.smoother.trace_as_is(graph, columns - joints, joints)
-            warmth = (seen - self.temperature) / PER_WARMTH
+            here = self.smoother.trace_as_is(seen, columns - joints, joints)
+            warmth = (here - self.temperature) / PER_WARMTH
         motion = Motion(q, qd, qdd, load, np.tanh(qd / self.width), warmth)
         return motion, self.torque(motion)
 
@@ -88,16 +90,14 @@ class Hybrid:
                 power[first : first + AT_ONCE] = watts[:, 0]
         return power, current
 
-    def content(self, chain: Chain) -> bytes:
+    def content(self, body: Body) -> bytes:
         """The ONNX graph from positions, velocities, and payload and temperatures if used, to power and currents."""
-        joints = chain.joints
+        joints = body.joints
         columns = (2 + (self.temperature is not None)) * joints + self.carries(joints)
         graph = Graph(columns, self.smoother.window)
-        motion, torque = self.trace(graph, chain, columns)
+        motion, torque = self.trace(graph.input, body, columns)
         power, current = self.outputs(torque, motion.qd)
-        if power is None:
-            return graph.model(current.name, joints)
-        return graph.model(graph.concat([power.name, current.name]), 1 + joints)
+        return graph.model([current] if power is None else [power, current], joints + (power is not None))
 
     def carries(self, joints: int) -> bool:
         """True if a payload is an input."""

@@ -82,19 +82,13 @@ class Nls:
         doubts = _doubts(values, power, free, joints[:, 0], robot, moves)
         return cls(values, power[: 1 + 2 * n], (deviations, spread[: 1 + 2 * n]), doubts)
 
-    def predict(self, seen: Seen) -> tuple[Float, Float]:
-        """Power (N,) W and currents (N, n) A."""
+    def predict(self, seen: Seen | Traced) -> Any:
+        """Power (N,) W and currents (N, n) A of seen moves; of a traced motion, the model file that gives them."""
         current = _current(self.joints, seen.motion)
-        return self._supply(current, seen.rate(current), seen.motion.qd)[:, 0], current
-
-    def content(self, traced: Traced) -> bytes:
-        """The model file, from positions and velocities to currents, and to power if it was measured."""
-        current = _current(self.joints, traced.motion)
-        here = traced.here(current)
-        power = None
-        if np.isfinite(self.power).all():
-            power = self._supply(here, traced.rate(current), traced.here(traced.motion.qd))
-        return traced.model(power, here)
+        here: Any = seen.here(current)
+        known = np.isfinite(self.power).all()
+        power = self._supply(here, seen.rate(current), seen.here(seen.motion.qd)) if known else None
+        return seen.given(power, here)
 
     def _supply(self, current: Any, rate: Any, qd: Any) -> Any:
         """Equation (13): (N, 1) W from current A, its rate A/s and velocity rad/s of every joint."""

@@ -12,12 +12,13 @@ from typing import Final
 import numpy as np
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.models.graph import Chain, Graph, Tensor, inverse_dynamics
+from cellwatt_plugins.models.dynamics import inverse_dynamics
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.smoothing import Smoother
 from cellwatt_plugins.models.power.terms import Motion
 from cellwatt_plugins.models.power.tuning import Tuning
-from cellwatt_plugins.robot import Arm
+from cellwatt_plugins.onnx_graph import Graph, Tensor
+from cellwatt_plugins.robot import Arm, Body
 
 ROWS: Final = 8000
 """Number of rows that each is trained on."""
@@ -43,6 +44,10 @@ class Seen:
         motion = Motion(q, qd, qdd, arm.body.inverse_dynamics(q, qd, qdd), np.tanh(qd / tuning.width))
         return cls(motion, tuple(moves.bounds()), moves.step, arm.column("torque_constant"))
 
+    def here(self, values: Float) -> Float:
+        """The estimated rows: all of them."""
+        return values
+
     def rate(self, values: Float) -> Float:
         """Time derivative of columns (N, n), move by move."""
         out = np.zeros_like(values)
@@ -50,6 +55,10 @@ class Seen:
             if b - a > 2 * BESIDE:
                 out[a:b] = np.gradient(values[a:b], self.step, axis=0)
         return out
+
+    def given(self, power: Float | None, current: Float) -> tuple[Float, Float]:
+        """Estimated power (N,) W, NaN if there is none, and currents (N, n) A, from power (N, 1)."""
+        return np.full(len(current), np.nan) if power is None else power[:, 0], current
 
 
 @dataclass(frozen=True)
@@ -63,14 +72,14 @@ class Traced:
     """s between two rows."""
 
     @classmethod
-    def of(cls, chain: Chain, smoother: Smoother, width: float, step: float) -> Traced:
+    def of(cls, body: Body, smoother: Smoother, width: float, step: float) -> Traced:
         """In a new graph of positions and velocities, whose window is the smoother's plus ``BESIDE`` rows on both
         sides."""
-        joints, window = chain.joints, smoother.window
+        joints, window = body.joints, smoother.window
         graph = Graph(2 * joints, window + 2 * BESIDE)
-        windows = [graph.slice(graph.input, i, i + window, axis=1) for i in (0, BESIDE, 2 * BESIDE)]
-        q, qd, qdd = smoother.trace(graph, joints, 2 * joints, graph.concat(windows, axis=0))
-        load = Tensor(graph, inverse_dynamics(graph, chain, q.name, qd.name, qdd.name))
+        windows = [graph.input.part(i, i + window, axis=1) for i in (0, BESIDE, 2 * BESIDE)]
+        q, qd, qdd = smoother.trace(graph.op("Concat", *windows, axis=0), joints)
+        load = inverse_dynamics(body, q, qd, qdd)
         return cls(graph, Motion(q, qd, qdd, load, np.tanh(qd / width)), joints, step)
 
     def here(self, values: Tensor) -> Tensor:
@@ -83,13 +92,10 @@ class Traced:
         rate: Tensor = (after - before) * (1 / (2 * BESIDE * self.step))
         return rate
 
-    def model(self, power: Tensor | None, current: Tensor) -> bytes:
+    def given(self, power: Tensor | None, current: Tensor) -> bytes:
         """The model file that gives power (N, 1), if known, and currents (N, n)."""
-        if power is None:
-            return self.graph.model(current.name, self.joints)
-        return self.graph.model(self.graph.concat([power.name, current.name]), 1 + self.joints)
+        return self.graph.model([current] if power is None else [power, current], self.joints + (power is not None))
 
     def _parts(self, values: Tensor) -> list[Tensor]:
-        apart = self.graph.reshape(values.name, (1 + 2 * BESIDE, -1, self.joints))
-        parts = self.graph.ops("Split", 1 + 2 * BESIDE, apart, np.ones(1 + 2 * BESIDE, np.int64), axis=0)
-        return [Tensor(self.graph, self.graph.reshape(part, (-1, self.joints))) for part in parts]
+        apart = values.reshape(1 + 2 * BESIDE, -1, self.joints).split([1] * (1 + 2 * BESIDE), axis=0)
+        return [part.reshape(-1, self.joints) for part in apart]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from cellwatt.arrays import Float
 from cellwatt_plugins.models.power.scg import minimise
+from cellwatt_plugins.onnx_graph import beside
 
 DECAY: Final = 1e-4
 """Penalty on the squares of the weights, relative to the mean square error of standardised outputs."""
@@ -34,8 +36,21 @@ class Perceptron:
     def __call__(self, x: Any) -> Any:
         """(N, outputs) for (N, inputs), an array or a tensor of a graph."""
         scaled = (x - self.mean) * (1 / self.scale)
-        inside = np.tanh(scaled @ self.hidden[:-1] + self.hidden[-1])
-        return inside @ self.out + (scaled @ self.direct[:-1] + self.direct[-1])
+        inside = np.tanh(scaled @ self.hidden[..., :-1, :] + self.hidden[..., -1:, :])
+        return inside @ self.out + (scaled @ self.direct[..., :-1, :] + self.direct[..., -1:, :])
+
+    @classmethod
+    def stacked(cls, networks: Sequence[Perceptron]) -> Perceptron:
+        """The networks of n joints as one, for ``by_joint``."""
+        every = zip(*((own.mean, own.scale, own.hidden, own.direct, own.out) for own in networks), strict=True)
+        mean, scale, *weights = map(np.stack, every)
+        return cls(mean[:, None], scale[:, None], *weights)
+
+    def by_joint(self, columns: Sequence[Any]) -> Any:
+        """Outputs (N, n) of ``stacked`` networks for the columns (N, n) of their inputs, arrays or tensors."""
+        joints = len(self.hidden)
+        x = beside([each.reshape(-1, joints, 1) for each in columns])
+        return self(x.transpose(1, 0, 2)).transpose(1, 0, 2).reshape(-1, joints)
 
     @classmethod
     def train(

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from cellwatt.arrays import Float
 from cellwatt.progress import steps
-from cellwatt_plugins.models.graph import beside, pick
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.paper import ROWS, Seen, Traced
 from cellwatt_plugins.models.power.perceptron import Perceptron
 from cellwatt_plugins.models.power.shown import Shown
 from cellwatt_plugins.models.power.terms import Motion
+from cellwatt_plugins.onnx_graph import beside
 
 NEURONS: Final = 8
 ITERATIONS: Final = 400
@@ -29,7 +29,8 @@ ALIKE: Final = 0.3
 class Scg:
     """A network for each joint, from motion and load to current, and one from equation (13)'s terms to power."""
 
-    currents: tuple[Perceptron, ...]
+    currents: Perceptron
+    """The joints' networks, ``stacked``."""
     supply: Perceptron | None
     constant: Float
     """(n,) Nm/A, as stated."""
@@ -45,37 +46,27 @@ class Scg:
             held = (moves.move[at[sampled]] % every == every - 1) & (moves.count >= every)
             return Perceptron.train(x[sampled], y[sampled], held, NEURONS, ITERATIONS, seed, least)
 
-        inputs = [_joint_inputs(seen.motion, j) for j in range(moves.joints)]
-        least = ALIKE * np.median([each.std(axis=0) for each in inputs], axis=0)
-        rows = np.arange(len(moves))
-        currents = tuple(
-            train(each, moves.current[:, [j]], least, rows) for j, each in enumerate(steps(inputs, "network of joint"))
-        )
+        inputs, rows = np.stack(_inputs(seen.motion), axis=2), np.arange(len(moves))
+        least = ALIKE * np.median(inputs.std(axis=0), axis=0)
+        each = steps(range(moves.joints), "network of joint")
+        currents = Perceptron.stacked([train(inputs[:, j], moves.current[:, [j]], least, rows) for j in each])
         found = cls(currents, None, seen.constant)
-        if not np.isfinite(moves.power).any():
+        shown = Shown.of(moves, rows)
+        if not len(shown.power):
             return found
         terms = found._terms(found._currents(seen.motion), seen.motion.qd)
         groups = terms.std(axis=0).reshape(-1, moves.joints + 1)
         least = ALIKE * np.repeat(np.median(groups, axis=1), moves.joints + 1)
-        shown = Shown.of(moves, rows)
         return cls(currents, train(shown.seen(terms), shown.power[:, None], least, shown.at), seen.constant)
 
-    def predict(self, seen: Seen) -> tuple[Float, Float]:
-        """Power (N,) W and currents (N, n) A."""
-        current = self._currents(seen.motion)
-        if self.supply is None:
-            return np.full(len(current), np.nan), current
-        return self.supply(self._terms(current, seen.motion.qd))[:, 0], current
-
-    def content(self, traced: Traced) -> bytes:
-        """The model file, from positions and velocities to power, where it was measured, and currents."""
-        current = traced.here(self._currents(traced.motion))
-        if self.supply is None:
-            return traced.model(None, current)
-        return traced.model(self.supply(self._terms(current, traced.here(traced.motion.qd))), current)
+    def predict(self, seen: Seen | Traced) -> Any:
+        """Power (N,) W and currents (N, n) A of seen moves; of a traced motion, the model file that gives them."""
+        current: Any = seen.here(self._currents(seen.motion))
+        power = None if self.supply is None else self.supply(self._terms(current, seen.here(seen.motion.qd)))
+        return seen.given(power, current)
 
     def _currents(self, motion: Motion) -> Any:
-        return beside([network(_joint_inputs(motion, j)) for j, network in enumerate(self.currents)])
+        return self.currents.by_joint(_inputs(motion))
 
     def _terms(self, current: Any, qd: Any) -> Any:
         """Copper and mechanical terms of equation (13) by joint and in sum, the latter also as absolute values.
@@ -88,5 +79,6 @@ class Scg:
         return beside([copper, copper.sum(axis=-1, keepdims=True), work, total, np.abs(work), np.abs(total)])
 
 
-def _joint_inputs(motion: Motion, j: int) -> Any:
-    return beside([pick(each, j) for each in (motion.load, motion.qd, motion.qdd, motion.sign)])
+def _inputs(motion: Motion) -> tuple[Any, ...]:
+    """Inputs of a joint's network: (N, n) each."""
+    return motion.load, motion.qd, motion.qdd, motion.sign

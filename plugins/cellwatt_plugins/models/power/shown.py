@@ -42,7 +42,8 @@ class Shown:
         if moves.meter is None:
             known = np.flatnonzero(np.isfinite(moves.power[kept]))
             return cls(moves.power[kept][known], known, known, None)
-        blocks, values, at = [], [], []
+        blocks = []
+        values, at = [np.empty(0)], [np.empty(0, np.intp)]
         for first, end in moves.bounds():
             own = np.flatnonzero((kept >= first) & (kept < end))
             readings = readings_of(moves, first, end)

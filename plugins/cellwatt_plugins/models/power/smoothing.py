@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.models.graph import Graph, Tensor
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.noise import white_noise
+from cellwatt_plugins.onnx_graph import Tensor
 
 DIFFERENCES = 4
 """Order of the differences from which noise is estimated: a smooth motion has none of this order."""
@@ -88,25 +88,16 @@ class Smoother:
                 out[:, some:last] = (self.weights @ seen).transpose(1, 0, 2)
         return out[0], out[1], out[2]
 
-    def trace(self, graph: Graph, joints: int, columns: int, seen: str | None = None) -> list[Tensor]:
-        """The same in a model file whose rows hold n positions, n velocities and more columns: q, q̇, q̈ (N, n).
+    def trace(self, seen: Tensor, joints: int) -> list[Tensor]:
+        """The same in a model file, for windows ``seen`` of n positions and n velocities a row: q, q̇, q̈ (N, n)."""
+        estimates: Tensor = self.weights @ seen.reshape(-1, 2 * self.window, joints)
+        return [part.reshape(-1, joints) for part in estimates.split([1, 1, 1], axis=1)]
 
-        ``seen`` are the windows, if they are not the file's input itself.
-        """
-        seen = graph.input if seen is None else seen
-        if columns > 2 * joints:
-            seen = graph.slice(seen, 0, 2 * joints)
-        estimates = graph.op("MatMul", self.weights, graph.reshape(seen, (-1, 2 * self.window, joints)))
-        parts = graph.ops("Split", 3, estimates, np.ones(3, np.int64), axis=1)
-        return [Tensor(graph, graph.reshape(part, (-1, joints))) for part in parts]
-
-    def trace_as_is(self, graph: Graph, first: int, count: int) -> Tensor:
-        """Columns of the estimated row, not smoothed: (N, ``count``)."""
-        here = graph.input
-        if self.window > 1:
-            row = self.window - 1 - self.delay
-            here = graph.slice(here, row, row + 1, axis=1)
-        return Tensor(graph, graph.reshape(graph.slice(here, first, first + count), (-1, count)))
+    def trace_as_is(self, seen: Tensor, first: int, count: int) -> Tensor:
+        """Columns of the estimated row of windows ``seen``, not smoothed: (N, ``count``)."""
+        row = self.window - 1 - self.delay
+        here = seen if self.window == 1 else seen.part(row, row + 1, axis=1)
+        return here.part(first, first + count).reshape(-1, count)
 
     def whole(self, moves: Moves) -> NDArray[np.bool_]:
         """Rows (N,) whose window lies within their move."""

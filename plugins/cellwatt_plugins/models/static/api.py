@@ -9,7 +9,7 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from cellwatt.files import Place, Places, paths_of
-from cellwatt_plugins.models.graph import Chain
+from cellwatt_plugins.models.dynamics import check_turning
 from cellwatt_plugins.models.static.identify import HeldArm
 from cellwatt_plugins.models.static.poses import read_poses
 from cellwatt_plugins.models.static.training import Trained, train, write
@@ -45,11 +45,11 @@ def train_static(recordings: Places, *, robot: Place) -> StaticModel:
     """Train a model of the torque (Nm) that an arm needs to hold still, on recordings of held poses.
 
     ``recordings`` are tables with q_i (rad), torque_percent_i or torque_i (Nm) and pose, or cellwatt's own, in which
-    poses are recognised; ``robot`` is robot.yaml, or its folder. Raises ``RecordingError`` if a file cannot be used,
-    ``ConfigError`` if the description lacks a required key, ``ModelError`` if there are too few poses.
+    poses are recognised; ``robot`` is robot.yaml, or its folder. Raises ``RecordingError`` if a file cannot be used or
+    the poses are too few, ``ConfigError`` if the description lacks a required key.
     """
     described = Arm.load(robot)
-    Chain.of(described.body)  # refuses an arm that no model file holds, before the training
+    check_turning(described.body)
     recorded = paths_of(recordings)
     poses = read_poses(recorded, described.description)
     arm = HeldArm.of(described, poses.q)

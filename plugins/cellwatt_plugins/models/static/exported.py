@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
@@ -13,13 +13,15 @@ from numpy.polynomial.legendre import leg2poly
 
 from cellwatt.arrays import Float
 from cellwatt_plugins.models.describe import write_model
-from cellwatt_plugins.models.graph import Chain, Graph, Tensor, beside, inverse_dynamics
+from cellwatt_plugins.models.dynamics import carried, inverse_dynamics
 from cellwatt_plugins.models.metadata import Input, Metadata, Output, Training, joint_inputs
 from cellwatt_plugins.models.static.basis import BEYOND, PER_GRAVITY
 from cellwatt_plugins.models.static.effects import BENT, PLAIN, degrees
 from cellwatt_plugins.models.static.identify import HeldArm, Identified
 from cellwatt_plugins.models.static.paper import Sigmoids
 from cellwatt_plugins.models.static.poses import Poses
+from cellwatt_plugins.onnx_graph import Graph, Tensor, beside
+from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.drive import copper_gain
 from cellwatt_plugins.robot.effects.load.gravity_tilt import level
 
@@ -45,24 +47,20 @@ def write_best(path: Path, model: Identified, widths: Widths, arm: HeldArm, pose
     """The best model: the joints' torques, their absolute sum, its prediction interval, and holding power."""
     n, carries = arm.arm.body.joints, model.effects.carries
     graph = Graph(2 * n + carries)
-    q, approach = graph.slice(graph.input, 0, n), graph.slice(graph.input, n, 2 * n)
-    load = _load(graph, model, arm, q, graph.slice(graph.input, 2 * n, 2 * n + 1) if carries else None)
+    q, approach = graph.input.part(0, n), graph.input.part(n, 2 * n)
+    load = _load(model, arm, q, graph.input.part(2 * n, 2 * n + 1) if carries else None)
     given = graph.op("Equal", approach, approach)  # NaN, for unknown, is not equal to itself
-    direction = Tensor(graph, graph.op("Sign", graph.op("Where", given, approach, 0.0)))
-    held = model.effects.friction(model.posterior.mean, load)
-    torque = load + direction * held
-    known = np.abs(direction)
-    each = known * np.abs(torque) + (1.0 - known) * np.maximum(np.abs(load), np.abs(held))
-    total = each.sum(keepdims=True)
+    direction = graph.op("Sign", graph.op("Where", given, approach, 0.0))
+    torque, total = model.holding(load, direction)
     all_given = graph.op("ReduceMin", graph.op("Cast", given, to=_DOUBLE), axes=[1], keepdims=1)
-    width = (1.0 - Tensor(graph, all_given)) * (widths.blind - widths.known) + widths.known
+    width = (1.0 - all_given) * (widths.blind - widths.known) + widths.known
     parts = [torque, total, np.maximum(total - width, 0.0), total + width]
     outputs = [Output(name, "Nm") for name in (*(f"torque_{i + 1}" for i in range(n)), TOTAL, *_INTERVAL)]
     heating = copper_gain(arm.arm.description)
     if (heating > 0).all():
         parts.append((torque * torque * heating).sum(keepdims=True))
         outputs.append(Output(HOLDING, "W"))
-    content = graph.model(beside(parts).name, len(outputs))
+    content = graph.model(parts, len(outputs))
     inputs = (*joint_inputs(n, "position"), *joint_inputs(n, "approach", optional=True))
     width_of = arm.limits[:, 1] - arm.limits[:, 0]
     ranges = [*_ranges(poses), *((-w, w) for w in width_of.tolist())]
@@ -78,16 +76,16 @@ def write_paper(path: Path, network: Sigmoids | None, arm: HeldArm, poses: Poses
     n = arm.arm.body.joints
     graph = Graph(n)
     total: Any = 0.0
-    seen = Tensor(graph, graph.input)
+    seen: Any = graph.input
     if with_gravity:
-        torque = Tensor(graph, inverse_dynamics(graph, Chain.of(arm.arm.body), graph.input))
+        torque = inverse_dynamics(arm.arm.body, graph.input)
         total = np.abs(torque).sum(keepdims=True)
         seen = beside([seen, torque])
     if network is not None:
         total = total + network.column(seen)
     about = _about(arm, f"-{path.stem}", poses, _ranges(poses))
     metadata = Metadata(inputs=joint_inputs(n, "position"), outputs=(Output(TOTAL, "Nm"),), **about)
-    write_model(path, graph.model(total.name, 1), metadata)
+    write_model(path, graph.model([total], 1), metadata)
 
 
 def _about(arm: HeldArm, name: str, poses: Poses, ranges: Sequence[tuple[float, float]]) -> dict[str, Any]:
@@ -100,36 +98,36 @@ def _about(arm: HeldArm, name: str, poses: Poses, ranges: Sequence[tuple[float, 
 _DOUBLE: Final = 11  # onnx.TensorProto.DOUBLE
 
 
-def _load(graph: Graph, model: Identified, arm: HeldArm, q: str, payload: str | None) -> Any:
+def _load(model: Identified, arm: HeldArm, q: Tensor, payload: Tensor | None) -> Any:
     """Torques of gravity, springs, hoses and the leftover network."""
     effects, mean = model.effects, model.posterior.mean
-    turned = Tensor(graph, q) + mean[effects.slices["zero"]]
-    gravity = Tensor(graph, inverse_dynamics(graph, _chain(model, arm), turned.name))
+    inertial, field = _identified(model, arm)
+    turned = q + mean[effects.slices["zero"]]
+    gravity: Any = inverse_dynamics(arm.arm.body, turned, inertial=inertial, gravity=field)
     if payload is not None:
-        known = graph.op("Where", graph.op("Equal", payload, payload), payload, 0.0)
-        unit = Chain.of(arm.arm.body).carrying(np.array([1.0, *mean[effects.slices["payload"]]]))
-        gravity = gravity + Tensor(graph, inverse_dynamics(graph, unit, q)) * Tensor(graph, known)
+        known = q.graph.op("Where", q.graph.op("Equal", payload, payload), payload, 0.0)
+        unit = carried(arm.arm.body, np.array([1.0, *mean[effects.slices["payload"]]]))
+        gravity = gravity + inverse_dynamics(arm.arm.body, q, inertial=unit) * known
     load = gravity * (1.0 + mean[effects.slices["gain"]])
     if not mean[effects.linear].any() and model.leftover is None:
         return load
-    share = np.maximum(np.minimum((Tensor(graph, q) - arm.limits.mean(axis=1)) / effects.half, BEYOND), -BEYOND)
+    share = np.maximum(np.minimum((q - arm.limits.mean(axis=1)) / effects.half, BEYOND), -BEYOND)
     if mean[effects.linear].any():
-        load = load + Tensor(graph, _springs(graph, model, share.name))
+        load = load + _springs(model, share)
     return load if model.leftover is None else load + model.leftover(share)
 
 
-def _chain(model: Identified, arm: HeldArm) -> Chain:
-    """The arm's chain with the identified masses, on the tilted base."""
-    effects, mean = model.effects, model.posterior.mean
-    chain = Chain.of(arm.arm.body)
-    inertial = chain.inertial.copy()
+def _identified(model: Identified, arm: HeldArm) -> tuple[Float, Float]:
+    """Inertial parameters (10 n,) with the identified masses, and gravity (3,) m/s² on the tilted base."""
+    effects, mean, field = model.effects, model.posterior.mean, arm.arm.body.gravity_field
+    inertial = arm.arm.body.parameters().reshape(-1, PER_LINK)
     found = effects.cad + np.concatenate([mean[effects.slices[f"link {i + 1}"]] for i in range(effects.joints)])
     inertial[:, :PER_GRAVITY] = found.reshape(-1, PER_GRAVITY)
-    tilt = np.linalg.norm(chain.gravity) * mean[effects.slices["tilt"]]
-    return replace(chain, inertial=inertial, gravity=chain.gravity + tilt @ np.eye(3)[level(chain.gravity)])
+    tilt = np.linalg.norm(field) * mean[effects.slices["tilt"]]
+    return inertial.reshape(-1), field + tilt @ np.eye(3)[level(field)]
 
 
-def _springs(graph: Graph, model: Identified, share: str) -> str:
+def _springs(model: Identified, share: Tensor) -> Any:
     """Springs over one joint, and hoses over two: polynomials of the shares (N, n) of the joints' ranges."""
     effects, mean = model.effects, model.posterior.mean
     n, order = effects.joints, BENT + 1
@@ -137,23 +135,21 @@ def _springs(graph: Graph, model: Identified, share: str) -> str:
     for j in range(n):
         own[j, :2] = mean[effects.slices[f"spring {j + 1}"]]
         own[j, 2:BENT] = mean[effects.slices[f"bent spring {j + 1}"]]
-    powers = graph.op("Pow", graph.reshape(share, (-1, n, 1)), np.arange(order, dtype=np.float64))
-    torque = graph.sum(graph.op("Mul", powers, own @ _LEGENDRE))
+    powers = share.reshape(-1, n, 1) ** np.arange(order, dtype=np.float64)
+    torque = (powers * (own @ _LEGENDRE)).sum()
     pairs = [pair for pair in effects.pairs if _energy(model, pair).any()]
     if not pairs:
         return torque
     first, last = np.array(pairs).T
-    sides = [graph.op("Gather", powers, side, axis=1) for side in (first, last)]
+    sides = [share.graph.op("Gather", powers, side, axis=1) for side in (first, last)]
     energies = np.stack([_LEGENDRE.T @ _energy(model, pair) @ _LEGENDRE for pair in pairs])
     steeper = np.diag(np.arange(1.0, order), -1)  # coefficients of the derivative: steeper.T @ coefficients
     for k, joints in enumerate((first, last)):
         matrix = steeper.T @ (energies if k == 0 else energies.swapaxes(1, 2))
-        rows = graph.reshape(sides[k], (-1, len(pairs), 1, order))
-        inner = graph.reshape(graph.op("MatMul", rows, matrix), (-1, len(pairs), order))
-        slope = graph.sum(graph.op("Mul", inner, sides[1 - k]))
+        inner = (sides[k].reshape(-1, len(pairs), 1, order) @ matrix).reshape(-1, len(pairs), order)
         by_joint = np.zeros((len(pairs), n))
         by_joint[range(len(pairs)), joints] = 1.0 / effects.half[joints]
-        torque = graph.op("Add", torque, graph.op("MatMul", slope, by_joint))
+        torque = torque + (inner * sides[1 - k]).sum() @ by_joint
     return torque
 
 

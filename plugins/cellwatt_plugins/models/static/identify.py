@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,8 +72,7 @@ class Identified:
 
     def torque(self, basis: Basis) -> Float:
         """Torques (N, n) Nm; for a joint with unknown approach, the mean of the two directions."""
-        load = self.load(basis)
-        return np.asarray(load + basis.direction * self.effects.friction(self.posterior.mean, load))
+        return np.asarray(self.holding(self.load(basis), basis.direction)[0])
 
     def load(self, basis: Basis) -> Float:
         """Load without friction, (N, n) Nm."""
@@ -87,13 +86,19 @@ class Identified:
         return np.asarray(self.posterior.mean[at] < -_IMPOSSIBLE * self.posterior.deviation[at])
 
     def total(self, basis: Basis) -> Float:
-        """Sum of absolute torques (N,) Nm, eq. 5; for an unknown approach, each torque is the larger of load and
-        friction."""
-        load = self.load(basis)
-        held = np.abs(self.effects.friction(self.posterior.mean, load))
-        either = np.maximum(np.abs(load), held)
-        each = np.where(basis.direction == 0, either, np.abs(self.torque(basis)))
-        return np.asarray(np.sum(each, axis=1))
+        """Sum of absolute torques (N,) Nm, eq. 5, as in ``holding``."""
+        return np.asarray(self.holding(self.load(basis), basis.direction)[1][:, 0])
+
+    def holding(self, load: Any, direction: Any) -> tuple[Any, Any]:
+        """Torques (N, n) Nm and the sum of their absolute values (N, 1), eq. 5, by the ``load`` (N, n) Nm without
+        friction and the ``direction`` of approach: arrays or tensors.
+
+        For an unknown approach, the larger of load and friction counts as the absolute torque of a joint.
+        """
+        held = self.effects.friction(self.posterior.mean, load)
+        torque, known = load + direction * held, np.abs(direction)
+        each = known * np.abs(torque) + (1.0 - known) * np.maximum(np.abs(load), np.abs(held))
+        return torque, each.sum(axis=-1, keepdims=True)
 
 
 def identify(basis: Basis, torque: Float, effects: Effects) -> Identified:

@@ -7,9 +7,11 @@ from dataclasses import replace
 
 import pytest
 
+from cellwatt.errors import ModelError
 from cellwatt_plugins.faults.command import reference
 from cellwatt_plugins.faults.cycles.findings import TOO_SLOW, judge_recording
 from cellwatt_plugins.faults.cycles.known import learn_known, restored, stored
+from cellwatt_plugins.faults.cycles.learn import learn_patterns
 from cellwatt_plugins.faults.cycles.live import CycleWatch
 from cellwatt_plugins.faults.cycles.recording import Recording
 from tests.plugins.faults.cycles.conftest import HEALTHY, fed, names
@@ -83,3 +85,11 @@ def test_a_meter_slower_than_a_cycle_is_told_as_such(known, recording):
     held = Recording(recording.time, recording.position, shown(recording.time, recording.power, 9.0, LATE))
     assert {each.finding.note for each in fed(slow, held)} == {TOO_SLOW}
     assert {cycle.note for cycle in judge_recording(held, slow)} == {TOO_SLOW}
+
+
+def test_cycles_shorter_than_the_window_of_the_meter_are_not_learnt(known):
+    healthy = run(HEALTHY, seed=1)
+    held = shown(healthy.time, healthy.power, 9.0, LATE)
+    meter = replace(known.meter, window=9.0, interval=9.0)
+    with pytest.raises(ModelError, match=r"task_1: fewer than 2 values of the power meter .* over 9 s"):
+        learn_patterns(Recording(healthy.time, healthy.position, held, meter))

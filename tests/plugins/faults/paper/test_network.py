@@ -14,10 +14,9 @@ def trained(request):
 def test_its_layers_are_those_of_the_paper(trained):
     table, content = trained
     graph = onnx.load_from_string(content).graph
-    shapes = {each.name: tuple(each.dims) for each in graph.initializer}
+    shapes = {tuple(each.dims) for each in graph.initializer}
     intervals = len(table)
-    assert shapes["hidden_weights"] == (intervals, 3 * intervals)
-    assert shapes["output_weights"] == (3 * intervals, 6 + 1)
+    assert {(intervals, 3 * intervals), (3 * intervals, 6 + 1)} <= shapes
 
 
 def test_it_is_run_from_a_file_and_knows_its_table(trained, tmp_path):

@@ -10,7 +10,7 @@ import pytest
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.scores import Score
-from cellwatt_plugins.models.power.shown import through_its_meter
+from cellwatt_plugins.models.power.shown import Shown, through_its_meter
 from cellwatt_plugins.models.power.training import estimate
 from tests.plugins.models.power.cases import model_of, read_case
 from tests.plugins.robot.slow_meter import shown
@@ -58,6 +58,16 @@ def test_the_meter_is_found_and_what_it_shows_is_compared(case):
     half = moves.only(range(10))
     assert half.meter == moves.meter
     assert through_its_meter(known, arm) is known, "power at the rate of the rows has no slow meter"
+
+
+def test_a_move_may_be_too_short_for_a_value_of_the_meter(case):
+    arm, known, _ = case
+    moves = through_its_meter(slow(known, 0.2, 0.3), arm)
+    first = int(np.flatnonzero(np.isfinite(moves.came))[0])
+    brief = moves.where(np.arange(len(moves)) < first)
+    shown = Shown.of(brief, np.arange(first))
+    assert not len(shown.power)
+    assert shown.seen(brief.q).shape == (0, brief.joints)
 
 
 def test_power_that_does_not_follow_the_motion_is_refused(case):

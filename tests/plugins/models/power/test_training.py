@@ -108,6 +108,14 @@ def test_a_current_of_the_opposite_sign_is_refused(tmp_path):
         fitting.structure_of(replace(one, current=one.current * [1, -1]), arm, tuning_of(one))
 
 
+def test_a_move_without_currents_does_not_hide_the_effects(case):
+    arm, known, _ = case
+    few = known.only(range(8))
+    current = np.where(few.move[:, None] == 7, np.nan, few.current)
+    found = fitting.structure_of(replace(few, current=current), arm, tuning_of(few))
+    assert any("Stribeck" in effect for effect in found.effects)
+
+
 @pytest.mark.slow
 def test_power_alone_gives_a_model_of_power(case):
     """Without currents there is nothing to tell effects by, and priors have to do."""

@@ -130,7 +130,7 @@ def test_an_arm_on_a_wall_that_leans_is_not_level(tmp_path):
     told = {finding.kind: finding.statement for finding in findings(model, arm, arm.basis(poses))}
     assert re.match("The base is not level: down along z 1.1[0-9]* ± ", told["tilt"])
     assert not {"spring", "hose", "gain", "zero"} & told.keys()
-    assert exported._chain(model, arm).gravity == pytest.approx(field, abs=0.02)
+    assert exported._identified(model, arm)[1] == pytest.approx(field, abs=0.02)
 
 
 def test_payloads_between_poses_are_told_apart_from_the_arm(tmp_path):

@@ -9,7 +9,8 @@ import onnx
 import pinocchio as pin
 import pytest
 
-from cellwatt_plugins.models.graph import Chain, Graph, inverse_dynamics
+from cellwatt_plugins.models.dynamics import inverse_dynamics
+from cellwatt_plugins.onnx_graph import Graph, Tensor
 from cellwatt_plugins.robot import Body
 from tests.plugins.models.making import run_graph
 
@@ -41,10 +42,10 @@ def motion(joints: int) -> np.ndarray:
     return np.hstack([draw.uniform(-3, 3, shape), draw.normal(0, 2, shape), draw.normal(0, 9, shape)])
 
 
-def split(joints: int) -> tuple[Graph, list[str]]:
+def split(joints: int) -> tuple[Graph, list[Tensor]]:
     """A graph of positions, velocities and accelerations, and each of the three."""
     graph = Graph(columns=3 * joints)
-    return graph, graph.ops("Split", 3, graph.input, np.full(3, joints), axis=-1)
+    return graph, graph.input.split([joints] * 3, axis=-1)
 
 
 @pytest.mark.parametrize("joints", [1, 2, 6, 7])
@@ -52,7 +53,7 @@ def test_torques_are_those_of_pinocchio(tmp_path, joints):
     body = written_arm(tmp_path, joints, seed=joints)
     values = motion(joints)
     graph, given = split(joints)
-    torque = run_graph(graph, inverse_dynamics(graph, Chain.of(body), *given), joints, values)
+    torque = run_graph(graph, inverse_dynamics(body, *given), joints, values)
     model = pin.buildModelFromUrdf(str(tmp_path / "arm.urdf"))
     expected = np.stack([pin.rnea(model, model.createData(), *np.split(row, 3)) for row in values])
     assert np.abs(torque - expected).max() < 1e-9 * max(1.0, np.abs(expected).max())
@@ -69,7 +70,7 @@ def test_what_is_left_out_is_zero(tmp_path):
         ([1, 2], body.gravity(q)),
     ):
         graph, given = split(6)
-        torque = inverse_dynamics(graph, Chain.of(body), *(None if i in absent else given[i] for i in range(3)))
+        torque = inverse_dynamics(body, *(None if i in absent else given[i] for i in range(3)))
         assert np.abs(run_graph(graph, torque, 6, values) - expected).max() < 1e-8
 
 
@@ -78,12 +79,12 @@ def test_other_inertial_parameters(tmp_path):
     q, qd, qdd = np.split(motion(6), 3, axis=1)
     parameters = body.parameters() * np.random.default_rng(0).uniform(0.8, 1.2, 60)
     graph = Graph(columns=6)
-    torque = run_graph(graph, inverse_dynamics(graph, Chain.of(body).with_inertial(parameters), graph.input), 6, q)
+    torque = run_graph(graph, inverse_dynamics(body, graph.input, inertial=parameters), 6, q)
     assert np.abs(torque - body.regressor(q, 0 * qd, 0 * qdd) @ parameters).max() < 1e-8
 
 
 def test_a_frame_costs_few_nodes(tmp_path):
     """What a frame costs is the number of nodes: about 1 µs each."""
     graph, given = split(6)
-    file = graph.model(inverse_dynamics(graph, Chain.of(written_arm(tmp_path, 6, seed=3)), *given), 6)
+    file = graph.model([inverse_dynamics(written_arm(tmp_path, 6, seed=3), *given)], 6)
     assert len(onnx.load_from_string(file).graph.node) < 60

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cellwatt_plugins.models.graph import Graph, Tensor
+from cellwatt_plugins.onnx_graph import Graph
 from tests.plugins.models.making import run_graph
 
 
@@ -18,11 +18,11 @@ def test_a_formula_gives_the_same_as_an_array_and_as_a_graph():
 
     graph = Graph(columns=3)
     values = np.random.default_rng(1).normal(size=(20, 3))
-    found = run_graph(graph, formula(Tensor(graph, graph.input)).name, 2, values)
+    found = run_graph(graph, formula(graph.input), 2, values)
     assert np.abs(found - formula(values)).max() < 1e-12
 
 
 def test_what_has_no_node_is_refused():
     graph = Graph(columns=1)
     with pytest.raises(TypeError):
-        np.arctan(Tensor(graph, graph.input))
+        np.arctan(graph.input)
