@@ -77,8 +77,9 @@ class Explained:
     @property
     def mounted(self) -> Float | None:
         """Gravity (3,) m/s² of the real mount minus the simulation's, in the base's frame; None if equal."""
-        model = self.model
-        return None if model.mount is None else model.mount - model.arm().body.gravity_field
+        base = self.model.baseline
+        change = base.recorded.body.gravity_field - base.arm.body.gravity_field
+        return change if change.any() else None
 
     def report(self, path: Place, mended: Path | None = None) -> None:
         """Write the page ``report.html``; ``mended`` is the simulator's file as written by ``mend``.

@@ -16,12 +16,13 @@ from cellwatt.frames import cut
 from cellwatt.results import Alarm, Prediction
 from cellwatt.stage import CellInfo
 from cellwatt_plugins.explain.fit.problem import Term
+from cellwatt_plugins.explain.input.baseline import Baseline
 from cellwatt_plugins.explain.input.moved import moved
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.explain.live.settings import BandSettings, MismatchSettings
 from cellwatt_plugins.explain.model import FittedTerm, Model, Retuned, predict_states, save_model
 from cellwatt_plugins.explain.stage import MismatchStage
-from cellwatt_plugins.robot import Arm, load_robot
+from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.effects import BY_NAME
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import QUICK_OCTAVES
@@ -145,7 +146,8 @@ def test_effects_that_need_the_whole_past_are_left_out_and_told_once(robot, tmp_
 def modelled(robot, folder, *terms):
     """A model.yaml with effects: name, 0-based joint, shape, coefficients."""
     fitted = tuple(FittedTerm(Term(BY_NAME[n], joint, shape), np.array(c)) for n, joint, shape, c in terms)
-    save_model(Model(load_robot(robot), Retuned.nothing(6), fitted), folder / "model.yaml")
+    arm = Arm.load(robot)
+    save_model(Model(Baseline(arm, arm), Retuned.nothing(6), fitted), folder / "model.yaml")
     return folder / "model.yaml"
 
 
@@ -202,7 +204,7 @@ def test_live_is_what_offline_says_of_the_whole_recording(robot, healthy):
     time, values = np.arange(len(healthy)) / 50, healthy.values
     whole = Run("whole", time, values[:, :6], values[:, 6:12], values[:, 12:18])
     states = States("whole", -1, time, moved(whole, QUICK_OCTAVES), described)
-    said = predict_states(Model(described.description, Retuned.nothing(6)), states)
+    said = predict_states(Model(Baseline(described, described), Retuned.nothing(6)), states)
     error = np.abs(live[:, :6] - said.torque[rows])
     fast = np.abs(states.qd[rows]) > 0.05
     assert error[fast].max() < 1e-4

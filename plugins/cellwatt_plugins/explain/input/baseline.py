@@ -60,19 +60,8 @@ class Baseline:
     """The arm with the numbers of the simulation."""
 
     arm: Arm
-    field: Float | None = None
-    """Gravity (3,) m/s² in the base's frame, if the arm is mounted differently than in its simulation."""
-    lead: float | None = None
-    """s by which the arm's friction reverses before the velocity, if different from the simulation's."""
-    coupling: Float | None = None
-    """Turns (n, n) of each motor per turn of each joint, if motors of the real arm turn with several joints."""
-
-    @property
-    def recorded(self) -> Arm:
-        """The arm with the numbers of the simulation, mounted as it was recorded."""
-        arm = self.arm if self.field is None else self.arm.with_gravity(self.field)
-        arm = arm if self.coupling is None else arm.with_coupling(self.coupling)
-        return arm if self.lead is None else arm.with_friction_lead(self.lead)
+    recorded: Arm
+    """The same arm as it was recorded: its mount, its motors' coupling and its friction lead may differ."""
 
     def states(self, run: Run, motion: Moved | None) -> States:
         """States of the simulated arm along a run that is only predicted; None: its ``motion`` is not known yet."""
@@ -114,10 +103,11 @@ def baseline(runs: Sequence[Run], arm: Arm) -> Baseline:
     """The law that the simulations of the runs follow; the description's if no run has a simulation."""
     simulations = [run.simulated for run in runs if run.simulated is not None]
     if not simulations:
-        return Baseline(arm)
+        return Baseline(arm, arm)
     simulated = _thinned(simulations)
     found = _mechanics(simulated, arm)
-    return Baseline(replace(found, description=_supply(simulated, found.description)))
+    found = replace(found, description=_supply(simulated, found.description))
+    return Baseline(found, found)
 
 
 def _thinned(simulations: Sequence[Simulated]) -> Simulated:

@@ -11,6 +11,7 @@ from cellwatt.arrays import Float
 from cellwatt.errors import ConfigError
 from cellwatt.files import Place
 from cellwatt_plugins.explain.fit.problem import title
+from cellwatt_plugins.explain.input.baseline import Baseline
 from cellwatt_plugins.explain.input.driven import drive_of
 from cellwatt_plugins.explain.input.moved import moved
 from cellwatt_plugins.explain.input.run import Run
@@ -46,7 +47,7 @@ class Simulation:
 
         ``hold`` is s for which a ``servo`` holds each command; ``step`` if None.
         """
-        self._arm, self._servo = model.arm(), servo
+        self._arm, self._servo = model.baseline.arm, servo
         self._late = 0.0 if hold is None else (hold - step) / 2
         followed = _followed(model, self._arm, step, warm, servo is not None)
         self.left_out = tuple(title(t.term) for t, follows in zip(model.terms, followed, strict=True) if not follows)
@@ -94,7 +95,8 @@ def open_model(simulation: str, robot: Place | None, folder: Path, joints: int) 
             "no description of the robot: set `robot` to a folder with robot.yaml and its URDF, in the cell or stage"
         )
     own = described(Path(robot), joints) if is_simulator(Path(robot)) else load_robot(robot)
-    return Model(own, Retuned.nothing(len(own.joints)))
+    arm = Arm.of(own)
+    return Model(Baseline(arm, arm), Retuned.nothing(arm.joints))
 
 
 def servos(robot: Place | None, model: Model) -> tuple[Path, Servo]:

@@ -24,9 +24,8 @@ def as_mounted(
     found = mount(states[0].arm.body, q, qd, qdd, _residual(runs, states))
     if found is None:
         return base, states, None
-    base = replace(base, field=found.field)
-    arm = base.recorded
-    new = [replace(s, arm=arm, fitted=None, carried=None) for s in states]
+    base = replace(base, recorded=base.recorded.with_gravity(found.field))
+    new = [replace(s, arm=base.recorded, fitted=None, carried=None) for s in states]
     return base, new, _finding(found, base, errors(runs, states), errors(runs, new))
 
 

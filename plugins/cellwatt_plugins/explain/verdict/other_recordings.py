@@ -66,7 +66,7 @@ def _compared(file: Source, known: tuple[Model, Path | None, float, dict[str, fl
     model, simulator, rate, usual = known
     try:
         runs = read_sources([file], model.robot, simulator, rate)
-        moved = [check_run(run, model.arm()) for run in runs]
+        moved = [check_run(run, model.baseline.arm) for run in runs]
     except RecordingError as error:
         return Other(file.name, None, why=str(error))
     found = []

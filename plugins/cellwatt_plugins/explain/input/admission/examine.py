@@ -81,18 +81,18 @@ def _turning_over(
     Friction jumps when it reverses, so only the changes of torque from sample to sample are compared.
     """
 
-    def made(lead: float | None) -> tuple[float, Baseline, list[States]]:
-        law = replace(base, lead=lead)
+    def made(recorded: Arm) -> tuple[float, Baseline, list[States]]:
+        law = replace(base, recorded=recorded)
         states = [law.along(run, i, *course) for i, (run, course) in enumerate(zip(runs, courses, strict=True))]
         measured = [np.where(run.filled[:, None], np.nan, run.torque) for run in runs]
         pairs = zip(measured, states, strict=True)
         off = [np.diff((torque - s.nominal) / np.nanstd(torque), axis=0) for torque, s in pairs]
         return float(np.nansum(np.square(np.concatenate(off)))), law, states
 
-    first = made(None)
+    first = made(base.arm)
     if not base.arm.description.friction_lead:
         return first[1:]
-    plain = made(0.0)
+    plain = made(base.arm.with_friction_lead(0.0))
     return first[1:] if first[0] < SOONER * plain[0] else plain[1:]
 
 
