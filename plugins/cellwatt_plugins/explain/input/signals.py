@@ -17,7 +17,7 @@ from cellwatt_plugins.explain.simulators.mujoco import Actuators
 from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.meter.held import held, onto
 from cellwatt_plugins.robot.motion import slope
-from cellwatt_plugins.robot.samples import EFFORTS, in_torques
+from cellwatt_plugins.robot.samples import EFFORTS, Even, in_torques
 from cellwatt_plugins.robot.simulated import joints_in
 from cellwatt_plugins.robot.stretches import stretches
 
@@ -44,7 +44,7 @@ LEAP = 10.0
 
 
 @dataclass(frozen=True)
-class Signals:
+class Signals(Even):
     """Content of one file: N samples, evenly spaced, (N, n) by quantity; ``BY_ACTUATOR``: one column each, or n."""
 
     place: str
@@ -65,11 +65,6 @@ class Signals:
     """Likely meaning of the columns with unknown names, for messages."""
     averaged: int = 1
     """Number of recorded samples of which each sample is the mean."""
-
-    @property
-    def step(self) -> float:
-        """Seconds between samples."""
-        return float((self.time[-1] - self.time[0]) / (len(self.time) - 1))
 
     def needed(self, *quantities: str) -> Float:
         """The first of these quantities that the file has, (N, n). Raises ``RecordingError`` if it has none of them."""
