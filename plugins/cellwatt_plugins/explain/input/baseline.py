@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.explain.input.factors import MOVES, levers
+from cellwatt_plugins.explain.input.factors import MOVES
 from cellwatt_plugins.explain.input.moved import later, moved, servo_lag
 from cellwatt_plugins.explain.input.run import Run, Simulated
 from cellwatt_plugins.robot import Arm, Body, RobotDescription
@@ -187,7 +187,7 @@ def _with_friction(simulated: Simulated, arm: Arm) -> Arm:
     """The arm with friction and rotors identified for its links; joints that do not move stay unchanged."""
     plan = simulated.plan
     rest = simulated.torque - arm.body.inverse_dynamics(*plan.courses)
-    travelled = np.ptp(plan.position, axis=0) > MOVES * levers(arm.description)
+    travelled = np.ptp(plan.position, axis=0) > MOVES * arm.body.levers
     clear, numbers = _clear(plan, arm), _friction(arm)
     for i, own in enumerate(numbers):
         courses = _courses(plan, i, arm.description.friction_lead)[clear[:, i]]
@@ -216,7 +216,7 @@ def _other_links(simulated: Simulated, arm: Arm) -> Arm:
     """Identify links, friction and rotors together; a number is the description's, or 0, if that fits as well."""
     own = _friction(arm).ravel()
     fit = _LinkFit(simulated, arm, own)
-    rests = np.ptp(simulated.plan.position, axis=0) <= MOVES * levers(arm.description)
+    rests = np.ptp(simulated.plan.position, axis=0) <= MOVES * arm.body.levers
     resting = np.repeat(rests, len(FRICTION))
     fixed = {int(i): float(own[i]) for i in np.flatnonzero(resting)}
     best = fit.residual(fixed)

@@ -8,8 +8,7 @@ from cellwatt.errors import RecordingError
 from cellwatt_plugins.explain.input.admission import check_run
 from cellwatt_plugins.explain.input.admission.motion import check_moving
 from cellwatt_plugins.explain.input.run import Run
-from cellwatt_plugins.robot import Arm, RobotDescription
-from cellwatt_plugins.robot.description import Joint
+from cellwatt_plugins.robot import Arm
 from tests.plugins.explain.input.reading import examine, read_runs
 from tests.plugins.explain.recorded_arm import (
     EFFECTS,
@@ -24,6 +23,7 @@ from tests.plugins.explain.recorded_arm import (
     without_plan,
     write_robot,
 )
+from tests.plugins.robot import scara
 
 CASES = Path(__file__).resolve().parents[4] / ".." / "shared" / "concealed" / "dev"
 DEGREES = 57.29577951308232
@@ -227,18 +227,19 @@ def test_nothing_moves(described, arm):
         check_run(rest, arm)
 
 
-@pytest.mark.parametrize(("kind", "travel", "unit"), [("revolute", 0.008, "rad"), ("prismatic", 0.0016, "m")])
-def test_an_axis_is_at_rest_by_its_own_unit(kind, travel, unit):
+@pytest.mark.parametrize(("axis", "travel", "unit"), [(0, 0.008, "rad"), (2, 0.0016, "m")])
+def test_an_axis_is_at_rest_by_its_own_unit(axis, travel, unit, tmp_path):
     """A press of 40 mm moves, and so does a joint of 40 mrad."""
-    robot = RobotDescription(robot="press", urdf="press.urdf", joints=(Joint(name="axis_1", kind=kind),))
+    press = Arm.load(scara.write(tmp_path))
     t = np.arange(1000) * 0.02
 
-    def press(stroke):
-        return Run("press", t, stroke / 2 * np.sin(3 * t)[:, None], None, 100 * np.cos(3 * t)[:, None])
+    def moved(stroke):
+        position = np.outer(stroke / 2 * np.sin(3 * t), np.eye(3)[axis])
+        return Run("press", t, position, None, np.outer(np.cos(3 * t), np.full(3, 100.0)))
 
-    check_moving([press(0.04)], robot)
+    check_moving([moved(0.04)], press)
     with pytest.raises(RecordingError, match=rf"nothing moves \(at most {travel:.4f} {unit} at a joint"):
-        check_moving([press(travel)], robot)
+        check_moving([moved(travel)], press)
 
 
 def test_a_recording_of_small_motions_is_compared_with_others(described, arm):

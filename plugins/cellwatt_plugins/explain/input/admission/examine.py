@@ -60,7 +60,7 @@ def admit(runs: Sequence[Run], arm: Arm) -> Admitted:
         raise RecordingError("no recording given")
     check_length(runs)
     check_read(runs)
-    check_moving(runs, arm.description)
+    check_moving(runs, arm)
     notes = [note for run in runs for note in run.notes]
     # Not spread over workers: sending a run takes as long as these checks.
     for run in steps(runs, "checking run"):
@@ -69,7 +69,7 @@ def admit(runs: Sequence[Run], arm: Arm) -> Admitted:
         base = baseline(runs, arm)
     courses = spread(_followed, runs, "checking torques of runs", shared=base)
     base, states = _turning_over(runs, base, courses)
-    notes += [*remarks(runs, arm.description), *rough(states), *description_remarks(runs, arm, base)]
+    notes += [*remarks(runs, arm), *rough(states), *description_remarks(runs, arm, base)]
     return Admitted(base, tuple(notes), tuple(states))
 
 
@@ -100,7 +100,7 @@ def check_run(run: Run, arm: Arm) -> Moved:
     """Check a single run and return its motion. Raises as ``admit``; ``arm`` is the simulation's."""
     check_length((run,))
     check_read((run,))
-    check_moving((run,), arm.description)
+    check_moving((run,), arm)
     _check(run, arm)
     return _moved(run, arm)
 
