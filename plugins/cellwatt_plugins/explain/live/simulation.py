@@ -20,7 +20,7 @@ from cellwatt_plugins.robot import Arm, load_robot
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.mjcf import is_mjcf
 from cellwatt_plugins.robot.motion import QUICK_OCTAVES, exact, smooth
-from cellwatt_plugins.robot.servo.filtered import compared
+from cellwatt_plugins.robot.servo.filtered import compared_band
 from cellwatt_plugins.robot.servo.law import Drive, Servo, earlier, servo_of
 from cellwatt_plugins.robot.simulated import described, is_simulator
 
@@ -78,7 +78,7 @@ class Simulation:
         predicted = predict_states(self.model, states)
         if drive is None or command is None:
             return predicted, None
-        torque, law = (smooth(each, drive.step, compared(drive.step)) for each in (predicted.torque, drive.torque))
+        torque, law = (smooth(each, drive.step, compared_band(drive.step)) for each in (predicted.torque, drive.torque))
         return replace(predicted, torque=torque), (command, law)
 
 
