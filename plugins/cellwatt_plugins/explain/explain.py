@@ -27,6 +27,7 @@ from cellwatt_plugins.explain.fit.thresholds import DEFAULT, by_law
 from cellwatt_plugins.explain.input.admission import Admitted
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.explain.model import Model
+from cellwatt_plugins.explain.simulators import load_simulator
 from cellwatt_plugins.explain.verdict.cascade import Falling, cascade, falling
 from cellwatt_plugins.explain.verdict.coupled import as_coupled
 from cellwatt_plugins.explain.verdict.estimates import model_of
@@ -69,6 +70,8 @@ class Explained:
     runs: tuple[Run, ...]
     inputs: tuple[Path, ...] = ()
     """The input files; the report names them with their digests."""
+    simulator: Path | None = None
+    """The simulator's own file, if the recordings are compared with one."""
 
     def as_json(self) -> dict[str, Any]:
         """The content of ``findings.json``, which ``cellwatt explain --json`` prints."""
@@ -95,10 +98,10 @@ class Explained:
         floors = {p.channel(c)[0]: floor for p in problems for c, floor in enumerate(p.floor.tolist())}
         traces = traces_of(self.runs, self.model, self.torque)
         moved = []
-        if self.runs[0].drive is not None:
+        if self.simulator is not None and self.runs[0].drive is not None:
             from cellwatt_plugins.explain.report import motion
 
-            moved = [motion.section(self.runs, self.model.robot.names, self.model.robot.urdf, mended)]
+            moved = [motion.section(self.runs, load_simulator(self.simulator, self.model.robot.names), mended)]
         report(self.findings, traces, self.model.robot.robot, floors, made_from, moved).write(Path(path))
 
 

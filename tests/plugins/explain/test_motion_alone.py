@@ -15,6 +15,7 @@ from cellwatt_plugins.explain.simulators.rollout import WINDOW, rms_of, rolled_o
 from cellwatt_plugins.robot.servo.law import servo_of
 from tests.plugins.explain.logs import numbered
 from tests.plugins.explain.servos import KP, PLANTS, integrated, mjcf
+from tests.plugins.robot import planar_arm
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -49,6 +50,15 @@ def test_servos_are_read_with_their_gears(tmp_path):
 
 def test_an_arm_that_follows_its_file_has_no_mismatch(tmp_path, logs):
     assert explained(tmp_path, logs["null"])[1] == {}
+
+
+def test_the_page_rolls_out_the_simulators_file_and_not_the_description(tmp_path, logs):
+    planar_arm.write(tmp_path)
+    joints = [{"name": name} for name in ("shoulder", "elbow")]
+    robot = tmp_path / "robot.yaml"
+    robot.write_text(json.dumps({"robot": "planar", "urdf": "arm.urdf", "joints": joints}))
+    assert explained(tmp_path, logs["null"], "--robot", str(robot))[1] == {}
+    assert "How the arm and its simulation move" in (tmp_path / "out" / "report.html").read_text()
 
 
 def test_a_soft_loop_is_named_and_mended(tmp_path, logs):

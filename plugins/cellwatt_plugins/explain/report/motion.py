@@ -14,6 +14,7 @@ from cellwatt.report.figure import Json
 from cellwatt.report.theme import FOUND, MEASURED, MODEL, SIMULATION
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.explain.report.curves import stacked
+from cellwatt_plugins.explain.simulators import Simulator
 from cellwatt_plugins.explain.simulators.rollout import WINDOW, rms_of, rolled_out
 
 POINTS = 3000
@@ -24,10 +25,10 @@ DIGITS = 5
 """Decimals of rad."""
 
 
-def section(runs: Sequence[Run], joints: Sequence[str], simulator: Path, mended: Path | None) -> Section:
+def section(runs: Sequence[Run], simulator: Simulator, mended: Path | None) -> Section:
     """Commanded, measured, simulated and mended motion of each joint; ``mended`` is None without a mended file."""
-    before = rolled_out(simulator, joints, runs)
-    after = None if mended is None else rolled_out(mended, joints, runs)
+    before = rolled_out(simulator.path, simulator.joints, runs)
+    after = None if mended is None else rolled_out(mended, simulator.joints, runs)
     errors = rms_of(before)
     parts = list[Folded]()
     for joint in np.argsort(-errors).tolist():
