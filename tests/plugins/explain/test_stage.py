@@ -20,6 +20,7 @@ from cellwatt_plugins.explain.input.baseline import Baseline
 from cellwatt_plugins.explain.input.moved import moved
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.explain.live.settings import BandSettings, MismatchSettings
+from cellwatt_plugins.explain.live.simulation import Simulation
 from cellwatt_plugins.explain.model import FittedTerm, Model, Retuned, predict_states, save_model
 from cellwatt_plugins.explain.stage import MismatchStage
 from cellwatt_plugins.robot import Arm
@@ -149,6 +150,15 @@ def modelled(robot, folder, *terms):
     arm = Arm.load(robot)
     save_model(Model(Baseline(arm, arm), Retuned.nothing(6), fitted), folder / "model.yaml")
     return folder / "model.yaml"
+
+
+def test_an_arm_that_is_mounted_otherwise_than_its_simulation_is_followed_as_it_is_mounted(robot):
+    arm = Arm.load(robot)
+    wall = arm.with_gravity(np.array([9.81, 0.0, 0.0]))
+    pose = np.tile(np.linspace(0.2, 0.7, 6), (100, 1))
+    model = Model(Baseline(arm, wall), Retuned.nothing(6))
+    said, _ = Simulation(model, 0.02, False, None, None).run(np.arange(100) / 50, pose, None, None, None)
+    assert np.allclose(said.torque, wall.gravity(pose), atol=1e-6)
 
 
 def test_the_cells_robot_is_the_default(robot):

@@ -47,7 +47,7 @@ class Simulation:
 
         ``hold`` is s for which a ``servo`` holds each command; ``step`` if None.
         """
-        self._arm, self._servo = model.baseline.arm, servo
+        self._arm, self._servo = model.baseline.recorded, servo
         self._late = 0.0 if hold is None else (hold - step) / 2
         followed = _followed(model, self._arm, step, warm, servo is not None)
         self.left_out = tuple(title(t.term) for t, follows in zip(model.terms, followed, strict=True) if not follows)
