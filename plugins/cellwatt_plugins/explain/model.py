@@ -18,7 +18,7 @@ from cellwatt.files import write_file
 from cellwatt_plugins.explain.fit.problem import Term, on_joints
 from cellwatt_plugins.explain.input.baseline import Baseline
 from cellwatt_plugins.robot import Arm, RobotDescription
-from cellwatt_plugins.robot.body import urdf_bytes
+from cellwatt_plugins.robot.body import PER_LINK, urdf_bytes
 from cellwatt_plugins.robot.drive import copper_loss
 from cellwatt_plugins.robot.effects import BY_NAME
 from cellwatt_plugins.robot.effects.effect import Effect
@@ -226,6 +226,13 @@ def load_model(path: Path) -> Model:
 
 
 def _known(file: _File) -> Iterator[tuple[KeyPath, str]]:
+    joints = len(file.robot.joints)
+    shapes = {"links": (PER_LINK * joints,), "inertial": (PER_LINK * joints,), "coupling": (joints, joints)}
+    retuned = ((("retuned", name), values) for name, values in vars(file.retuned).items())
+    for key, values in ((("links",), file.links), (("coupling",), file.coupling), *retuned):
+        shape = shapes.get(key[-1], (joints,))
+        if isinstance(values, np.ndarray) and values.shape != shape:
+            yield key, f"found the shape {values.shape}, expected {shape}"
     for i, each in enumerate(file.effects):
         if each.effect not in each.known:
             yield ("effects", i, "effect"), f"effect {each.effect!r} is not known to this version"

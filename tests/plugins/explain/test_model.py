@@ -106,6 +106,8 @@ def damaged(folder, arm, change):
         (lambda c: c.update(format=1), "run `cellwatt explain` again"),
         (lambda c: c["robot"].pop("joints"), "robot: the key 'joints' is missing"),
         (lambda c: c["retuned"].update(standby_power="much"), "standby_power: found 'much', expected a number"),
+        (lambda c: c["retuned"]["inertial"].pop(), "retuned.inertial: found the shape (29,), expected (30,)"),
+        (lambda c: c.update(coupling=[[1.0, 0.0, 0.0]]), "coupling: found the shape (1, 3), expected (3, 3)"),
         (lambda c: c["effects"][0].update(effect="phlogiston"), "'phlogiston'"),
         (lambda c: c["effects"][0].update(joint=0), "the robot has the joints 1 to 3"),
     ],
