@@ -32,18 +32,19 @@ def section(runs: Sequence[Run], simulator: Simulator, mended: Path | None) -> S
     errors = rms_of(before)
     parts = list[Folded]()
     for joint in np.argsort(-errors).tolist():
+        unit = simulator.unit(joint, "rad")
         drawn = [
-            _figure(run, joint, before[i].position, None if after is None else after[i].position, i)
+            _figure(run, joint, unit, before[i].position, None if after is None else after[i].position, i)
             for i, run in enumerate(runs)
         ]
-        title = f"Joint {joint + 1}: off by {errors[joint]:.2g} rad rms"
-        title += "" if after is None else f", mended {rms_of(after)[joint]:.2g} rad"
+        title = f"Joint {joint + 1}: off by {errors[joint]:.2g} {unit} rms"
+        title += "" if after is None else f", mended {rms_of(after)[joint]:.2g} {unit}"
         parts.append(Folded(title, drawn, not parts))
     lead = f"The simulator rolled out under the recorded commands, restarted each {WINDOW:.0f} s where the arm was."
     return Section("How the arm and its simulation move", [Switch("moved", [run.name for run in runs]), *parts], lead)
 
 
-def _figure(run: Run, joint: int, simulated: Float, mended: Float | None, number: int) -> Figure:
+def _figure(run: Run, joint: int, unit: str, simulated: Float, mended: Float | None, number: int) -> Figure:
     assert run.command is not None
     start = float(run.time[0])
 
@@ -60,6 +61,6 @@ def _figure(run: Run, joint: int, simulated: Float, mended: Float | None, number
     if mended is not None:
         upper.append(drawn("mended", mended, MODEL, 1.3))
         lower.append(drawn("measured − mended", run.position - mended, MODEL, 1.1))
-    x, y = Axis("s", (start, start + SECONDS)), Axis("rad")
+    x, y = Axis("s", (start, start + SECONDS)), Axis(unit)
     label = f"Joint {joint + 1} in {run.name}: commanded, measured, simulated; and the residuals"
     return stacked(label, Panel(upper, x, y), Panel(lower, x, y), ("moved", number))

@@ -161,9 +161,9 @@ def _verify(user: Placing, goal: Target, problem: Problem, written: Written) -> 
         written.path.unlink()
         worst = int(np.argmax(share))
         raise ConfigError(
-            f"{simulator.path}: cannot be mended: joint {simulator.joints[worst]} would be off by {off[worst]:.3g} Nm "
-            "(something in the file overrules the attributes of its joints and bodies, e.g. inertiafromgeom, "
-            "settotalmass, fusestatic)"
+            f"{simulator.path}: cannot be mended: joint {simulator.joints[worst]} would be off by {off[worst]:.3g} "
+            f"{simulator.unit(worst, 'Nm')} (something in the file overrules the attributes of its joints and "
+            "bodies, e.g. inertiafromgeom, settotalmass, fusestatic)"
         )
 
 

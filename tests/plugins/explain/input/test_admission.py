@@ -7,8 +7,10 @@ import pytest
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.explain.input.admission import check_run
 from cellwatt_plugins.explain.input.admission.motion import check_moving
+from cellwatt_plugins.explain.input.admission.pairing import check_pairing
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.robot import Arm
+from cellwatt_plugins.robot.motion import Plan
 from tests.plugins.explain.input.reading import examine, read_runs
 from tests.plugins.explain.recorded_arm import (
     EFFECTS,
@@ -205,6 +207,15 @@ def test_a_simulation_of_another_run(described, arm):
     told = refusal(crossed, arm)
     assert "run_01: the recording does not follow its simulation (joint " in told
     assert "is it the simulation of this run?" in told
+
+
+def test_zeros_of_a_linear_axis_differ_by_metres(tmp_path):
+    time, q, qd, qdd = scara.motion()
+    arm = Arm.load(scara.write(tmp_path))
+    planned = Plan(q + np.array([0.5, 0, 0.3]), qd, qdd)
+    run = Run("press", time, q, qd, scara.torque(q, qd, qdd), plan=planned)
+    with pytest.raises(RecordingError, match=r"joints 1, 3 are -0.50 rad, -0.30 m off the simulated"):
+        check_pairing(run, arm.description)
 
 
 def test_too_short(described, arm):
