@@ -47,9 +47,9 @@ class Simulation:
 
         ``hold`` is s for which a ``servo`` holds each command; ``step`` if None.
         """
-        self._arm, self._servo = model.baseline.recorded, servo
+        self._servo = servo
         self._late = 0.0 if hold is None else (hold - step) / 2
-        followed = _followed(model, self._arm, step, warm, servo is not None)
+        followed = _followed(model, step, warm, servo is not None)
         self.left_out = tuple(title(t.term) for t, follows in zip(model.terms, followed, strict=True) if not follows)
         self.model = replace(model, terms=tuple(t for t, f in zip(model.terms, followed, strict=True) if f))
         self.known = frozenset((t.term.effect.name, t.term.number) for t in model.terms)
@@ -74,7 +74,7 @@ class Simulation:
             command = earlier(command, self._late, recorded.step)
             drive = drive_of(self._servo, position, command, recorded.step)
             recorded = replace(recorded, drive=drive)
-        states = States("live", -1, time, moved(recorded, QUICK_OCTAVES), self._arm, temperature, drive=drive)
+        states = self.model.baseline.states(recorded, moved(recorded, QUICK_OCTAVES))
         predicted = predict_states(self.model, states)
         if drive is None or command is None:
             return predicted, None
@@ -114,10 +114,11 @@ def servos(robot: Place | None, model: Model) -> tuple[Path, Servo]:
     )
 
 
-def _followed(model: Model, arm: Arm, step: float, warm: bool, driven: bool) -> list[bool]:
+def _followed(model: Model, step: float, warm: bool, driven: bool) -> list[bool]:
     """For each term, whether it gives the same with ``PAST`` and with a much longer past, on a motion of all joints."""
     if not model.terms:
         return []
+    arm = model.baseline.recorded
     long = _probe(arm, round((LONG + PAST + 1) / step), step, True)
     short = _probe(arm, round((PAST + 1) / step), step, warm)
     return [
