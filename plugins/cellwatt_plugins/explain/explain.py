@@ -77,13 +77,6 @@ class Explained:
         """The content of ``findings.json``, which ``cellwatt explain --json`` prints."""
         return self.findings.as_json()
 
-    @property
-    def mounted(self) -> Float | None:
-        """Gravity (3,) m/s² of the real mount minus the simulation's, in the base's frame; None if equal."""
-        base = self.model.baseline
-        change = base.recorded.body.gravity_field - base.arm.body.gravity_field
-        return change if change.any() else None
-
     def report(self, path: Place, mended: Path | None = None) -> None:
         """Write the page ``report.html``; ``mended`` is the simulator's file as written by ``mend``.
 

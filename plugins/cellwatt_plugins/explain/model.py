@@ -153,12 +153,12 @@ def save_model(model: Model, path: Path) -> None:
 def _differences(base: Baseline) -> dict[str, Any]:
     """What the simulation has otherwise than the description, and the real arm than the simulation; see ``_File``."""
     arm, recorded = base.arm, base.recorded
-    stated, simulated, real = arm.description.gravity, arm.body.gravity_field, recorded.body.gravity_field
+    stated, simulated = arm.description.gravity, arm.body.gravity_field
     lead = recorded.description.friction_lead
     known: dict[str, Float | None] = {
         "links": arm.body.changed,
         "gravity": None if np.array_equal(simulated, stated) else simulated,
-        "mount": None if np.array_equal(real, simulated) else real,
+        "mount": None if base.mounted is None else recorded.body.gravity_field,
         "coupling": recorded.coupling,
         "lead": None if lead == arm.description.friction_lead else np.array(lead),
     }

@@ -157,8 +157,10 @@ def test_an_arm_that_is_mounted_otherwise_than_its_simulation_is_followed_as_it_
     wall = arm.with_gravity(np.array([9.81, 0.0, 0.0]))
     pose = np.tile(np.linspace(0.2, 0.7, 6), (100, 1))
     model = Model(Baseline(arm, wall), Retuned.nothing(6))
-    said, _ = Simulation(model, 0.02, False, None, None).run(np.arange(100) / 50, pose, None, None, None)
+    simulation = Simulation(model, 0.02, False, None, None)
+    said, _ = simulation.run(np.arange(100) / 50, pose, None, None, None)
     assert np.allclose(said.torque, wall.gravity(pose), atol=1e-6)
+    assert simulation.known == {("gravity_tilt", None)}, "an explanation finds it again"
 
 
 def test_the_cells_robot_is_the_default(robot):

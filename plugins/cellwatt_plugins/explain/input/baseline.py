@@ -63,6 +63,12 @@ class Baseline:
     recorded: Arm
     """The same arm as it was recorded: its mount, its motors' coupling and its friction lead may differ."""
 
+    @property
+    def mounted(self) -> Float | None:
+        """Gravity (3,) m/s² of the real mount minus the simulation's, in the base's frame; None if equal."""
+        change = self.recorded.body.gravity_field - self.arm.body.gravity_field
+        return change if change.any() else None
+
     def states(self, run: Run, motion: Moved | None) -> States:
         """States of the simulated arm along a run that is only predicted; None: its ``motion`` is not known yet."""
         return self.along(run, -1, moved(run) if motion is None else motion, *self.beyond(run))

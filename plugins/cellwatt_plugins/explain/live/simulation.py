@@ -52,8 +52,12 @@ class Simulation:
         followed = _followed(model, step, warm, servo is not None)
         self.left_out = tuple(title(t.term) for t, follows in zip(model.terms, followed, strict=True) if not follows)
         self.model = replace(model, terms=tuple(t for t, f in zip(model.terms, followed, strict=True) if f))
-        self.known = frozenset((t.term.effect.name, t.term.number) for t in model.terms)
-        """Effects of the model by name and 1-based joint."""
+        self.known: set[tuple[str, int | None]] = {(t.term.effect.name, t.term.number) for t in model.terms}
+        """Findings that are in the model, by the effect's name and 1-based joint."""
+        if model.baseline.mounted is not None:
+            self.known.add(("gravity_tilt", None))
+        if model.baseline.recorded.coupling is not None:
+            self.known |= {("joint_coupling", joint + 1) for joint in range(model.baseline.recorded.joints)}
 
     @property
     def lead(self) -> float:

@@ -93,7 +93,7 @@ def mend(found: Explained, runs: Sequence[Run], user: Placing, out: Path) -> Men
         worse = [each.channel for each in error if each.after > RISES * each.before]
         if worse:
             continue
-        return finished(found, solution, user, target_of(user, solution, found.mounted), error, out)
+        return finished(found, solution, user, target_of(user, solution, found.model.baseline.mounted), error, out)
     raise ConfigError(
         f"{user.simulator.path}: not mended: whatever is written, its error on data left out would rise at "
         f"{', '.join(worse)}; what was found is in findings.json and model.yaml"
@@ -185,7 +185,7 @@ def _held_out(user: Placing, found: Explained, solution: Solution, runs: Sequenc
     for k, coefficients in enumerate(folds.coefficients(solution.terms)):
         rows = folds.fold == k
         with tempfile.TemporaryDirectory() as folder:
-            goal = target_of(user, solution.with_coefficients(coefficients), found.mounted)
+            goal = target_of(user, solution.with_coefficients(coefficients), found.model.baseline.mounted)
             new, factor = _mended(simulator, write(simulator, goal, Path(folder)))
         after[rows] = measured[rows] - new.torque(*(course[rows] for course in motion)) / factor
     errors = problem.rms(before), problem.rms(after)

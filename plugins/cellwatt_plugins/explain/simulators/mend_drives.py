@@ -172,4 +172,4 @@ def _errors(goal: Target, user: Placing, runs: Sequence[Run]) -> Float:
 
 
 def _goal(found: Explained, solution: Solution, user: Placing) -> Target:
-    return replace(target_of(user, solution, found.mounted), servo=_servo(solution))
+    return replace(target_of(user, solution, found.model.baseline.mounted), servo=_servo(solution))
