@@ -58,7 +58,7 @@ def explain(
         found = replace(found, findings=with_others(found.findings, others, len(close)))
     own = () if robot is None or isinstance(robot, Arm) else (robot_file(robot),)
     files = dict.fromkeys((*recorded, *simulated, *metered, *own, arm.description.urdf))
-    return replace(found, inputs=tuple(files))
+    return replace(found, inputs=tuple(files), simulator=simulator)
 
 
 def arm_of(robot: Place | None, simulator: Path | None, recordings: Sequence[Path]) -> Arm:

@@ -27,6 +27,7 @@ from cellwatt_plugins.explain.fit.thresholds import DEFAULT, by_law
 from cellwatt_plugins.explain.input.admission import Admitted
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.explain.model import Model
+from cellwatt_plugins.explain.simulators import load_simulator
 from cellwatt_plugins.explain.verdict.cascade import Falling, cascade, falling
 from cellwatt_plugins.explain.verdict.coupled import as_coupled
 from cellwatt_plugins.explain.verdict.estimates import model_of
@@ -69,16 +70,12 @@ class Explained:
     runs: tuple[Run, ...]
     inputs: tuple[Path, ...] = ()
     """The input files; the report names them with their digests."""
+    simulator: Path | None = None
+    """The simulator's own file, if the recordings are compared with one."""
 
     def as_json(self) -> dict[str, Any]:
         """The content of ``findings.json``, which ``cellwatt explain --json`` prints."""
         return self.findings.as_json()
-
-    @property
-    def mounted(self) -> Float | None:
-        """Gravity (3,) m/s² of the real mount minus the simulation's, in the base's frame; None if equal."""
-        model = self.model
-        return None if model.mount is None else model.mount - model.arm().body.gravity_field
 
     def report(self, path: Place, mended: Path | None = None) -> None:
         """Write the page ``report.html``; ``mended`` is the simulator's file as written by ``mend``.
@@ -94,10 +91,10 @@ class Explained:
         floors = {p.channel(c)[0]: floor for p in problems for c, floor in enumerate(p.floor.tolist())}
         traces = traces_of(self.runs, self.model, self.torque)
         moved = []
-        if self.runs[0].drive is not None:
+        if self.simulator is not None and self.runs[0].drive is not None:
             from cellwatt_plugins.explain.report import motion
 
-            moved = [motion.section(self.runs, self.model.robot.names, self.model.robot.urdf, mended)]
+            moved = [motion.section(self.runs, load_simulator(self.simulator, self.model.robot.names), mended)]
         report(self.findings, traces, self.model.robot.robot, floors, made_from, moved).write(Path(path))
 
 

@@ -18,7 +18,7 @@ from cellwatt.files import write_file
 from cellwatt_plugins.explain.fit.problem import Term, on_joints
 from cellwatt_plugins.explain.input.baseline import Baseline
 from cellwatt_plugins.robot import Arm, RobotDescription
-from cellwatt_plugins.robot.body import urdf_bytes
+from cellwatt_plugins.robot.body import PER_LINK, urdf_bytes
 from cellwatt_plugins.robot.drive import copper_loss
 from cellwatt_plugins.robot.effects import BY_NAME
 from cellwatt_plugins.robot.effects.effect import Effect
@@ -89,31 +89,15 @@ class Prediction:
 class Model:
     """A robot with retuned parameters and the effects that its simulation lacked."""
 
-    robot: RobotDescription
-    """The robot with the friction, rotors, windings and standby power of the simulation."""
+    baseline: Baseline
+    """The simulation's law, to which the model adds."""
     retuned: Retuned
     terms: tuple[FittedTerm, ...] = ()
-    links: Float | None = None
-    """(10 n,) inertial parameters, where the simulation's differ from the URDF's."""
-    gravity: Float | None = None
-    """(3,) m/s² in the base's frame, where the simulation's mount differs from the URDF's."""
-    mount: Float | None = None
-    """(3,) m/s²: gravity in the base's frame for the real arm, where its mount differs from the simulation's."""
-    lead: float | None = None
-    """s by which the arm's friction reverses early, where it differs from the simulation's."""
-    coupling: Float | None = None
-    """Turns (n, n) of each motor per turn of each joint, where motors of the real arm turn with several joints."""
-
-    def arm(self) -> Arm:
-        """The arm as simulated. Raises ``ConfigError``."""
-        arm = Arm.of(self.robot)
-        arm = arm if self.links is None else arm.with_parameters(self.links)
-        return arm if self.gravity is None else arm.with_gravity(self.gravity)
 
     @property
-    def baseline(self) -> Baseline:
-        """The simulation's law, to which the model adds. Raises ``ConfigError``."""
-        return Baseline(self.arm(), self.mount, self.lead, self.coupling)
+    def robot(self) -> RobotDescription:
+        """The robot with the friction, rotors, windings and standby power of the simulation."""
+        return self.baseline.arm.description
 
 
 def predict_states(model: Model, states: States) -> Prediction:
@@ -162,11 +146,23 @@ def save_model(model: Model, path: Path) -> None:
     robot = model.robot.model_dump(mode="json", exclude_none=True) | {"urdf": urdf.name}
     retuned = {name: np.asarray(value).tolist() for name, value in vars(model.retuned).items()}
     terms = [_term(fitted) for fitted in model.terms]
-    arrays = {"links": model.links, "gravity": model.gravity, "mount": model.mount, "coupling": model.coupling}
-    known = {name: values.tolist() for name, values in arrays.items() if values is not None}
-    known |= {} if model.lead is None else {"lead": model.lead}
-    content = {"format": FORMAT, "robot": robot, **known, "retuned": retuned, "effects": terms}
+    content = {"format": FORMAT, "robot": robot, **_differences(model.baseline), "retuned": retuned, "effects": terms}
     write_file(path, yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120))
+
+
+def _differences(base: Baseline) -> dict[str, Any]:
+    """What the simulation has otherwise than the description, and the real arm than the simulation; see ``_File``."""
+    arm, recorded = base.arm, base.recorded
+    stated, simulated = arm.description.gravity, arm.body.gravity_field
+    lead = recorded.description.friction_lead
+    known: dict[str, Float | None] = {
+        "links": arm.body.changed,
+        "gravity": None if np.array_equal(simulated, stated) else simulated,
+        "mount": None if base.mounted is None else recorded.body.gravity_field,
+        "coupling": recorded.coupling,
+        "lead": None if lead == arm.description.friction_lead else np.array(lead),
+    }
+    return {name: value.tolist() for name, value in known.items() if value is not None}
 
 
 def _term(fitted: FittedTerm) -> dict[str, Any]:
@@ -196,10 +192,15 @@ class _File(BaseModel):
     format: Annotated[int, reads_version(FORMAT, "run `cellwatt explain` again")]
     robot: RobotDescription
     links: Array | None = None
+    """(10 n,) inertial parameters, where the simulation's differ from the URDF's."""
     gravity: Vector | None = None
+    """m/s² in the base's frame, where the simulation's mount differs from the URDF's."""
     mount: Vector | None = None
+    """m/s²: gravity in the base's frame for the real arm, where its mount differs from the simulation's."""
     lead: float | None = None
+    """s by which the arm's friction reverses early, where it differs from the simulation's."""
     coupling: Matrix | None = None
+    """Turns (n, n) of each motor per turn of each joint, where motors of the real arm turn with several joints."""
     retuned: Retuned
     effects: tuple[_Effect, ...]
 
@@ -211,15 +212,27 @@ def load_model(path: Path) -> Model:
         found = read_settings(file, _File, _known, refusal=ModelError, computed=True)
     except ModelError as error:
         raise ConfigError(f"{error}; models are written by `cellwatt explain`") from error
-    robot = found.robot.model_copy(update={"urdf": file.parent / found.robot.urdf})
+    arm = Arm.of(found.robot.model_copy(update={"urdf": file.parent / found.robot.urdf}))
+    arm = arm if found.links is None else arm.with_parameters(found.links)
+    arm = arm if found.gravity is None else arm.with_gravity(found.gravity)
+    recorded = arm if found.mount is None else arm.with_gravity(found.mount)
+    recorded = recorded if found.coupling is None else recorded.with_coupling(found.coupling)
+    recorded = recorded if found.lead is None else recorded.with_friction_lead(found.lead)
     terms = tuple(
         FittedTerm(Term(each.known[each.effect], each.joint and each.joint - 1, each.shape), each.coefficients)
         for each in found.effects
     )
-    return Model(robot, found.retuned, terms, found.links, found.gravity, found.mount, found.lead, found.coupling)
+    return Model(Baseline(arm, recorded), found.retuned, terms)
 
 
 def _known(file: _File) -> Iterator[tuple[KeyPath, str]]:
+    joints = len(file.robot.joints)
+    shapes = {"links": (PER_LINK * joints,), "inertial": (PER_LINK * joints,), "coupling": (joints, joints)}
+    retuned = ((("retuned", name), values) for name, values in vars(file.retuned).items())
+    for key, values in ((("links",), file.links), (("coupling",), file.coupling), *retuned):
+        shape = shapes.get(key[-1], (joints,))
+        if isinstance(values, np.ndarray) and values.shape != shape:
+            yield key, f"found the shape {values.shape}, expected {shape}"
     for i, each in enumerate(file.effects):
         if each.effect not in each.known:
             yield ("effects", i, "effect"), f"effect {each.effect!r} is not known to this version"

@@ -59,7 +59,7 @@ class MismatchStage(Stage[MismatchSettings]):
         streams = any(channel.source == settings.simulation for channel in layout.channels)
         robot, joints = _robot(settings, cell), len(layout.joints("position", settings.arm))
         model = open_model("robot" if streams else settings.simulation, robot, cell.folder, joints)
-        self._intake = intake(layout, settings.arm, settings.power, model.arm().description)
+        self._intake = intake(layout, settings.arm, settings.power, model.robot)
         self._streamed = streamed(settings.simulation, layout, self._intake)
         places = self._intake.places
         hold = settings.command_rate and 1 / settings.command_rate

@@ -6,16 +6,12 @@ import yaml
 
 from cellwatt.errors import ConfigError
 from cellwatt_plugins.explain.fit.problem import Term
+from cellwatt_plugins.explain.input.baseline import Baseline
 from cellwatt_plugins.explain.model import FittedTerm, Model, Retuned, load_model, save_model
 from cellwatt_plugins.robot.effects import BY_NAME
 from tests.plugins.explain import plant
 
 MASS, REACH = 1.7, 0.3
-
-
-@pytest.fixture(scope="module")
-def robot(arm):
-    return arm.description
 
 
 @pytest.fixture(scope="module")
@@ -59,24 +55,27 @@ TERMS = (
 )
 
 
-def test_the_nominal_model_is_the_simulation(robot, motion):
-    said = plant.predict(Model(robot, Retuned.nothing(plant.JOINTS)), *motion)
+def test_the_nominal_model_is_the_simulation(arm, motion):
+    said = plant.predict(Model(Baseline(arm, arm), Retuned.nothing(plant.JOINTS)), *motion)
     torque = plant.motors(plant.NOMINAL, *motion[1:])
     assert np.allclose(said.torque, torque, atol=1e-9)
     assert np.allclose(said.power, plant.draw(plant.NOMINAL, torque, motion[2]), atol=1e-7)
     assert np.array_equal(said.time, motion[0])
 
 
-def test_a_retuned_model_is_the_arm_as_it_was_built(robot, motion):
+def test_a_retuned_model_is_the_arm_as_it_was_built(arm, motion):
     real = replace(plant.REAL, resistance=(0.66, 0.57, 1.2))
-    said = plant.predict(Model(robot, difference(real, plant.NOMINAL)), *motion)
+    said = plant.predict(Model(Baseline(arm, arm), difference(real, plant.NOMINAL)), *motion)
     torque = plant.motors(real, *motion[1:])
     assert np.allclose(said.torque, torque, atol=1e-9)
     assert np.allclose(said.power, plant.draw(real, torque, motion[2]), atol=1e-6)
 
 
-def test_a_model_says_the_same_after_its_file(robot, motion, tmp_path):
-    model = Model(robot, difference(plant.REAL, plant.NOMINAL), TERMS)
+def test_a_model_says_the_same_after_its_file(arm, motion, tmp_path):
+    simulated = arm.with_parameters(1.01 * arm.body.parameters()).with_gravity(np.array([0.0, 0.1, -9.8]))
+    recorded = simulated.with_gravity(np.array([9.8, 0.0, 0.1])).with_friction_lead(0.01)
+    recorded = recorded.with_coupling(np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -0.5, 1.0]]))
+    model = Model(Baseline(simulated, recorded), difference(plant.REAL, plant.NOMINAL), TERMS)
     (tmp_path / "robot.urdf").write_text("another arm's")
     save_model(model, tmp_path / "model.yaml")
     again = load_model(tmp_path / "model.yaml")
@@ -88,8 +87,8 @@ def test_a_model_says_the_same_after_its_file(robot, motion, tmp_path):
     assert np.array_equal(before.power, after.power)
 
 
-def damaged(folder, robot, change):
-    save_model(Model(robot, Retuned.nothing(plant.JOINTS), TERMS), folder / "model.yaml")
+def damaged(folder, arm, change):
+    save_model(Model(Baseline(arm, arm), Retuned.nothing(plant.JOINTS), TERMS), folder / "model.yaml")
     content = yaml.safe_load((folder / "model.yaml").read_text())
     change(content)
     (folder / "model.yaml").write_text(yaml.safe_dump(content))
@@ -107,9 +106,11 @@ def damaged(folder, robot, change):
         (lambda c: c.update(format=1), "run `cellwatt explain` again"),
         (lambda c: c["robot"].pop("joints"), "robot: the key 'joints' is missing"),
         (lambda c: c["retuned"].update(standby_power="much"), "standby_power: found 'much', expected a number"),
+        (lambda c: c["retuned"]["inertial"].pop(), "retuned.inertial: found the shape (29,), expected (30,)"),
+        (lambda c: c.update(coupling=[[1.0, 0.0, 0.0]]), "coupling: found the shape (1, 3), expected (3, 3)"),
         (lambda c: c["effects"][0].update(effect="phlogiston"), "'phlogiston'"),
         (lambda c: c["effects"][0].update(joint=0), "the robot has the joints 1 to 3"),
     ],
 )
-def test_a_damaged_model_is_said_in_one_line(robot, tmp_path, change, said):
-    assert said in damaged(tmp_path, robot, change)
+def test_a_damaged_model_is_said_in_one_line(arm, tmp_path, change, said):
+    assert said in damaged(tmp_path, arm, change)

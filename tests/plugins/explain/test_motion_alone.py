@@ -7,14 +7,18 @@ import pytest
 from click.testing import CliRunner
 
 from cellwatt.tables import write_table
+from cellwatt_plugins.explain import api
 from cellwatt_plugins.explain.command import explain
 from cellwatt_plugins.explain.input.driven import driven
 from cellwatt_plugins.explain.input.run import Run
+from cellwatt_plugins.explain.input.sources import sources
 from cellwatt_plugins.explain.simulators import load_simulator
 from cellwatt_plugins.explain.simulators.rollout import WINDOW, rms_of, rolled_out
+from cellwatt_plugins.explain.verdict.other_recordings import compare, with_others
 from cellwatt_plugins.robot.servo.law import servo_of
 from tests.plugins.explain.logs import numbered
-from tests.plugins.explain.servos import KP, PLANTS, integrated, mjcf
+from tests.plugins.explain.servos import KP, PLANTS, ROW, integrated, mjcf
+from tests.plugins.robot import planar_arm
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -49,6 +53,15 @@ def test_servos_are_read_with_their_gears(tmp_path):
 
 def test_an_arm_that_follows_its_file_has_no_mismatch(tmp_path, logs):
     assert explained(tmp_path, logs["null"])[1] == {}
+
+
+def test_the_page_rolls_out_the_simulators_file_and_not_the_description(tmp_path, logs):
+    planar_arm.write(tmp_path)
+    joints = [{"name": name} for name in ("shoulder", "elbow")]
+    robot = tmp_path / "robot.yaml"
+    robot.write_text(json.dumps({"robot": "planar", "urdf": "arm.urdf", "joints": joints}))
+    assert explained(tmp_path, logs["null"], "--robot", str(robot))[1] == {}
+    assert "How the arm and its simulation move" in (tmp_path / "out" / "report.html").read_text()
 
 
 def test_a_soft_loop_is_named_and_mended(tmp_path, logs):
@@ -90,6 +103,20 @@ def test_what_the_file_cannot_hold_is_a_callback_beside_it(tmp_path, logs, monke
         assert error() < 0.4 * without
     finally:
         mujoco.set_mjcb_passive(None)
+
+
+def test_another_recording_is_not_compared_by_gains_that_the_model_does_not_have(tmp_path, logs):
+    """Those of the file are 1 % off, which is no finding, and 20 times the error on data left out."""
+    (tmp_path / "arm.xml").write_text(mjcf())
+    time, told, seen = logs["null"]
+    write_table(tmp_path / "log.parquet", {"t": time, **numbered("command", told), **numbered("q", seen)})
+    log, arm = tmp_path / "log.parquet", tmp_path / "arm.xml"
+    found = api.explain([log], simulation=[arm])
+    (other,) = compare(sources([log], [arm]), found.findings, found.model, arm, 1 / ROW)
+    assert other.explained is None
+    said = with_others(found.findings, [other], 1)
+    assert said.verdict == "no_mismatch"
+    assert any(note.endswith("were looked at closely; no other one was compared") for note in said.notes)
 
 
 def test_a_run_shorter_than_a_window_is_rolled_out_whole(tmp_path, logs):

@@ -16,12 +16,14 @@ from cellwatt.frames import cut
 from cellwatt.results import Alarm, Prediction
 from cellwatt.stage import CellInfo
 from cellwatt_plugins.explain.fit.problem import Term
+from cellwatt_plugins.explain.input.baseline import Baseline
 from cellwatt_plugins.explain.input.moved import moved
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.explain.live.settings import BandSettings, MismatchSettings
+from cellwatt_plugins.explain.live.simulation import Simulation
 from cellwatt_plugins.explain.model import FittedTerm, Model, Retuned, predict_states, save_model
 from cellwatt_plugins.explain.stage import MismatchStage
-from cellwatt_plugins.robot import Arm, load_robot
+from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.effects import BY_NAME
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import QUICK_OCTAVES
@@ -145,8 +147,20 @@ def test_effects_that_need_the_whole_past_are_left_out_and_told_once(robot, tmp_
 def modelled(robot, folder, *terms):
     """A model.yaml with effects: name, 0-based joint, shape, coefficients."""
     fitted = tuple(FittedTerm(Term(BY_NAME[n], joint, shape), np.array(c)) for n, joint, shape, c in terms)
-    save_model(Model(load_robot(robot), Retuned.nothing(6), fitted), folder / "model.yaml")
+    arm = Arm.load(robot)
+    save_model(Model(Baseline(arm, arm), Retuned.nothing(6), fitted), folder / "model.yaml")
     return folder / "model.yaml"
+
+
+def test_an_arm_that_is_mounted_otherwise_than_its_simulation_is_followed_as_it_is_mounted(robot):
+    arm = Arm.load(robot)
+    wall = arm.with_gravity(np.array([9.81, 0.0, 0.0]))
+    pose = np.tile(np.linspace(0.2, 0.7, 6), (100, 1))
+    model = Model(Baseline(arm, wall), Retuned.nothing(6))
+    simulation = Simulation(model, 0.02, False, None, None)
+    said, _ = simulation.run(np.arange(100) / 50, pose, None, None, None)
+    assert np.allclose(said.torque, wall.gravity(pose), atol=1e-6)
+    assert simulation.known == {("gravity_tilt", None)}, "an explanation finds it again"
 
 
 def test_the_cells_robot_is_the_default(robot):
@@ -202,7 +216,7 @@ def test_live_is_what_offline_says_of_the_whole_recording(robot, healthy):
     time, values = np.arange(len(healthy)) / 50, healthy.values
     whole = Run("whole", time, values[:, :6], values[:, 6:12], values[:, 12:18])
     states = States("whole", -1, time, moved(whole, QUICK_OCTAVES), described)
-    said = predict_states(Model(described.description, Retuned.nothing(6)), states)
+    said = predict_states(Model(Baseline(described, described), Retuned.nothing(6)), states)
     error = np.abs(live[:, :6] - said.torque[rows])
     fast = np.abs(states.qd[rows]) > 0.05
     assert error[fast].max() < 1e-4

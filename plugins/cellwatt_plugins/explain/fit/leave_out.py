@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,7 @@ ALIKE, STILL = 0.1, 1e-3
 NOTHING = 1e-3
 """Squared error of a fold, in units of the noise, below which a channel counts as not measured."""
 CACHED = 400
-"""Largest number of blocks whose products are stored, and of stored fits."""
+"""Largest number of stored fits."""
 
 
 @dataclass(frozen=True)
@@ -148,77 +149,58 @@ def _solved(information: Float, right: Float) -> Float:
     return np.asarray(scale * cho_solve(factor, scale * right, check_finite=False))
 
 
-@dataclass(frozen=True)
-class _Own:
-    """Products of a block at a channel in each of K folds."""
-
-    cross: Float
-    """With the design's columns, (K, d, m)."""
-    gram: Float
-    pull: Float
-
-
 class _Products:
-    """Products of a design's rows in each of K folds; products of further blocks are computed once."""
+    """Products of a design's rows in each of K folds; each pair of blocks is multiplied once, as long as both exist."""
 
     def __init__(self, design: Design, fold: NDArray[np.intp], count: int) -> None:
         self.design, self.fold = design, fold
         self.rows = [np.flatnonzero(fold == k) for k in range(count)]
         self._target = design.target * design.root
         self.square = [np.array([np.sum(column[rows] ** 2) for rows in self.rows]) for column in self._target.T]
-        self._fixed = [
-            _Own(np.empty(0), *self._with_itself(channel.columns, c)) for c, channel in enumerate(design.channels)
-        ]
+        self._fixed = [Block(channel.columns, c, Prior.joined()) for c, channel in enumerate(design.channels)]
+        """All columns of the design at each channel, weighted."""
         self.fitted: dict[tuple[object, ...], tuple[Float, Float]] = {}
-        self._own: dict[tuple[Block, int], _Own] = {}
-        self._pairs: dict[tuple[Block, Block, int], Float] = {}
+        self._pulls = WeakKeyDictionary[Block, dict[int, Float]]()
+        self._pairs = WeakKeyDictionary[Block, WeakKeyDictionary[Block, dict[int, Float]]]()
 
     def channel(
         self, c: int, blocks: Sequence[Block], slices: Sequence[slice]
     ) -> tuple[NDArray[np.intp], Float, Float]:
         """Coefficient indices (p,), gram (K, p, p) and right side (K, p) of a channel with further blocks."""
-        acting = [b for b in blocks if b.channel in (None, c)]
-        fixed, own = self._fixed[c], self.design.channels[c].places
+        acting = [self._fixed[c], *(b for b in blocks if b.channel in (None, c))]
         among = [np.arange(s.start, s.stop) for b, s in zip(blocks, slices, strict=True) if b.channel in (None, c)]
-        indices = np.concatenate([own, *among])
-        first = slice(len(own))
+        indices = np.concatenate([self.design.channels[c].places, *among])
         gram = np.zeros((len(self.rows), len(indices), len(indices)))
         pull = np.zeros((len(self.rows), len(indices)))
-        gram[:, first, first], pull[:, first] = fixed.gram, fixed.pull
         before: list[tuple[Block, slice]] = []
-        for block, at in zip(acting, places(acting, len(own)), strict=True):
-            part = self._of(block, c)
-            gram[:, at, at], pull[:, at] = part.gram, part.pull
-            for cross, beside in [(part.cross, first), *((self._pair(other, block, c), s) for other, s in before)]:
-                gram[:, beside, at], gram[:, at, beside] = cross, cross.transpose(0, 2, 1)
+        for block, at in zip(acting, places(acting, 0), strict=True):
             before.append((block, at))
+            pull[:, at] = self._pull(block, c)
+            for other, beside in before:
+                cross = self._pair(other, block, c)
+                gram[:, at, beside], gram[:, beside, at] = cross.transpose(0, 2, 1), cross
         return indices, gram, pull
 
-    def _with_itself(self, columns: Float, c: int) -> tuple[Float, Float]:
-        gram = np.stack([columns[rows].T @ columns[rows] for rows in self.rows])
-        return gram, np.stack([columns[rows].T @ self._target[rows, c] for rows in self.rows])
-
-    def _of(self, block: Block, c: int) -> _Own:
-        if (block, c) not in self._own:
-            if len(self._own) > CACHED:
-                self._own.clear()
-                self._pairs.clear()
+    def _pull(self, block: Block, c: int) -> Float:
+        """Products (K, m) of a block at a channel with the target."""
+        known = self._pulls.setdefault(block, {})
+        if c not in known:
             columns = self._weighed(block, c)
-            fixed = self.design.channels[c].columns
-            cross = np.stack([fixed[rows].T @ columns[rows] for rows in self.rows])
-            self._own[block, c] = _Own(cross, *self._with_itself(columns, c))
-        return self._own[block, c]
+            known[c] = np.stack([columns[rows].T @ self._target[rows, c] for rows in self.rows])
+        return known[c]
 
     def _pair(self, one: Block, other: Block, c: int) -> Float:
-        if (one, other, c) not in self._pairs:
+        """Products (K, m, k) of two blocks at a channel."""
+        known = self._pairs.setdefault(one, WeakKeyDictionary()).setdefault(other, {})
+        if c not in known:
             a, b = self._weighed(one, c), self._weighed(other, c)
-            self._pairs[one, other, c] = np.stack([a[rows].T @ b[rows] for rows in self.rows])
-        return self._pairs[one, other, c]
+            known[c] = np.stack([a[rows].T @ b[rows] for rows in self.rows])
+        return known[c]
 
     def _weighed(self, block: Block, c: int) -> Float:
         columns = block.of(c)
         assert columns is not None
-        return columns * self.design.root[:, c : c + 1]
+        return columns if block is self._fixed[c] else columns * self.design.root[:, c : c + 1]
 
 
 def folds_of(problem: Problem) -> tuple[NDArray[np.intp], int]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellwatt.arrays import Float
+from cellwatt_plugins.explain.input.baseline import FRICTION
 from cellwatt_plugins.robot.blocks import Block
 from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.drive import copper_loss
@@ -26,6 +27,15 @@ LATE = 0.1
 """Standard deviation of the delay of commands about half a row, in rows."""
 FINE = 1e-3
 """Share of the simulated values from which simulated terms without a parameter in robot.yaml count as present."""
+
+NUMBERS = {
+    "coulomb_friction": ("N*m", "friction"),
+    "viscous_friction": ("N*m*s/rad", "friction"),
+    "rotor_inertia": ("kg*m^2", "rotor_inertia"),
+    "standby_power": ("W", "supply"),
+    "winding_resistance": ("Ohm", "supply"),
+}
+"""Unit of each parameter of robot.yaml that may be off, and the key of its tolerance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,14 +61,9 @@ def torque_nuisance(states: Sequence[States]) -> tuple[Nominal, ...]:
         )
         for i, own in enumerate(body.parameters().reshape(-1, PER_LINK))
     ]
-    tolerances = (
-        ("coulomb_friction", robot.tolerances.friction),
-        ("viscous_friction", robot.tolerances.friction),
-        ("rotor_inertia", robot.tolerances.rotor_inertia),
-    )
     blocks += [
-        _of_motor(states, name, joint, Prior.spread(np.array([tolerance * value])))
-        for name, tolerance in tolerances
+        _of_motor(states, name, joint, Prior.spread(np.array([getattr(robot.tolerances, NUMBERS[name][1]) * value])))
+        for name in FRICTION
         for joint, value in enumerate(robot.column(name))
         if value > 0
     ]

@@ -15,7 +15,7 @@ from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.robot.meter.model import Windows
 from cellwatt_plugins.robot.motion import smooth
 from cellwatt_plugins.robot.samples import interpolated
-from cellwatt_plugins.robot.servo.filtered import compared
+from cellwatt_plugins.robot.servo.filtered import compared_band
 
 ROWS = 16000
 """Approximate number of fitted rows."""
@@ -118,7 +118,7 @@ def filtered(runs: Sequence[Run]) -> tuple[Filtered, ...]:
     """Low-pass filter and thin runs whose torque comes from their servos' law."""
     out = []
     for run in runs:
-        bandwidth = compared(run.step)
+        bandwidth = compared_band(run.step)
         every = max(1, int(1 / (ROWS_PERIOD * bandwidth * run.step)))
         out.append(Filtered(len(run.time), every, run.step, bandwidth))
     return tuple(out)

@@ -15,7 +15,7 @@ from cellwatt_plugins.explain.fit.noise import floor
 from cellwatt_plugins.explain.fit.nuisance import supply_nuisance, torque_nuisance
 from cellwatt_plugins.explain.fit.problem import FILLED_VARIANCE, UNKNOWN_VARIANCE, Problem
 from cellwatt_plugins.explain.fit.rows import Filtered, Rows, Thinned, filtered, thinned
-from cellwatt_plugins.explain.input.factors import MOVES, levers
+from cellwatt_plugins.explain.input.factors import MOVES
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.noise import step_noise
 from cellwatt_plugins.robot.effects.states import States
@@ -116,7 +116,7 @@ def _measured(runs: Sequence[Run], states: Sequence[States]) -> list[NDArray[np.
 
     At rest friction holds any torque, so a joint that never moves gives no evidence.
     """
-    moves = np.max([np.ptp(s.q, axis=0) for s in states], axis=0) > MOVES * levers(states[0].robot)
+    moves = np.max([np.ptp(s.q, axis=0) for s in states], axis=0) > MOVES * states[0].arm.body.levers
     return [np.isfinite(run.torque) & moves for run in runs]
 
 

@@ -35,7 +35,6 @@ class Candidate:
 
     term: Term
     gain: float
-    coefficients: Float
 
 
 @dataclass

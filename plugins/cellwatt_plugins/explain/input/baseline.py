@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.explain.input.factors import MOVES, levers
+from cellwatt_plugins.explain.input.factors import MOVES
 from cellwatt_plugins.explain.input.moved import later, moved, servo_lag
 from cellwatt_plugins.explain.input.run import Run, Simulated
 from cellwatt_plugins.robot import Arm, Body, RobotDescription
@@ -60,19 +60,14 @@ class Baseline:
     """The arm with the numbers of the simulation."""
 
     arm: Arm
-    field: Float | None = None
-    """Gravity (3,) m/s² in the base's frame, if the arm is mounted differently than in its simulation."""
-    lead: float | None = None
-    """s by which the arm's friction reverses before the velocity, if different from the simulation's."""
-    coupling: Float | None = None
-    """Turns (n, n) of each motor per turn of each joint, if motors of the real arm turn with several joints."""
+    recorded: Arm
+    """The same arm as it was recorded: its mount, its motors' coupling and its friction lead may differ."""
 
     @property
-    def recorded(self) -> Arm:
-        """The arm with the numbers of the simulation, mounted as it was recorded."""
-        arm = self.arm if self.field is None else self.arm.with_gravity(self.field)
-        arm = arm if self.coupling is None else arm.with_coupling(self.coupling)
-        return arm if self.lead is None else arm.with_friction_lead(self.lead)
+    def mounted(self) -> Float | None:
+        """Gravity (3,) m/s² of the real mount minus the simulation's, in the base's frame; None if equal."""
+        change = self.recorded.body.gravity_field - self.arm.body.gravity_field
+        return change if change.any() else None
 
     def states(self, run: Run, motion: Moved | None) -> States:
         """States of the simulated arm along a run that is only predicted; None: its ``motion`` is not known yet."""
@@ -114,10 +109,11 @@ def baseline(runs: Sequence[Run], arm: Arm) -> Baseline:
     """The law that the simulations of the runs follow; the description's if no run has a simulation."""
     simulations = [run.simulated for run in runs if run.simulated is not None]
     if not simulations:
-        return Baseline(arm)
+        return Baseline(arm, arm)
     simulated = _thinned(simulations)
     found = _mechanics(simulated, arm)
-    return Baseline(replace(found, description=_supply(simulated, found.description)))
+    found = replace(found, description=_supply(simulated, found.description))
+    return Baseline(found, found)
 
 
 def _thinned(simulations: Sequence[Simulated]) -> Simulated:
@@ -197,7 +193,7 @@ def _with_friction(simulated: Simulated, arm: Arm) -> Arm:
     """The arm with friction and rotors identified for its links; joints that do not move stay unchanged."""
     plan = simulated.plan
     rest = simulated.torque - arm.body.inverse_dynamics(*plan.courses)
-    travelled = np.ptp(plan.position, axis=0) > MOVES * levers(arm.description)
+    travelled = np.ptp(plan.position, axis=0) > MOVES * arm.body.levers
     clear, numbers = _clear(plan, arm), _friction(arm)
     for i, own in enumerate(numbers):
         courses = _courses(plan, i, arm.description.friction_lead)[clear[:, i]]
@@ -226,7 +222,7 @@ def _other_links(simulated: Simulated, arm: Arm) -> Arm:
     """Identify links, friction and rotors together; a number is the description's, or 0, if that fits as well."""
     own = _friction(arm).ravel()
     fit = _LinkFit(simulated, arm, own)
-    rests = np.ptp(simulated.plan.position, axis=0) <= MOVES * levers(arm.description)
+    rests = np.ptp(simulated.plan.position, axis=0) <= MOVES * arm.body.levers
     resting = np.repeat(rests, len(FRICTION))
     fixed = {int(i): float(own[i]) for i in np.flatnonzero(resting)}
     best = fit.residual(fixed)

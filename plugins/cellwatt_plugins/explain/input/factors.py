@@ -7,21 +7,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.arrays import Float
 from cellwatt.report.numbers import number
 from cellwatt_plugins.explain.input.run import Run
-from cellwatt_plugins.robot import RobotDescription
-from cellwatt_plugins.travel import LEVER
 
 DEGREES = float(np.degrees(1.0))
 RPM = 30 / np.pi
 MOVES = 0.05
 """Travel, rad, above which a joint certainly moves."""
-
-
-def levers(robot: RobotDescription) -> Float:
-    """Factors (n,) by which limits of travel in rad become those of each joint in its unit: 1, or ``LEVER`` m/rad."""
-    return np.array([1.0 if joint.kind == "revolute" else LEVER for joint in robot.joints])
 
 
 def recognised(factor: float, known: Mapping[str, float], within: float) -> str | None:

@@ -53,7 +53,7 @@ Kind = Literal["position", "slow", "lossy", "spare", "power"]
 
 
 @dataclass(frozen=True)
-class Even:
+class Gridded:
     """Columns (N,) on an even grid."""
 
     time: Float
@@ -72,7 +72,7 @@ def even(
     columns: Mapping[str, Float],
     kinds: Mapping[str, Kind],
     rows: NDArray[np.int64],
-) -> Even:
+) -> Gridded:
     """Resample columns (R,) at ``time`` (R,) s to an even grid of their rate; ``rows`` (R,): row numbers for messages.
 
     Holes in time and single missing values are filled in and marked as gaps, unless the column's kind is one of these:
@@ -97,7 +97,7 @@ def even(
         notes.append(_restamped(place, float(np.max(np.abs(stamps - time))), exact))
     grid = _grid(place, time, exact, rows)
     if grid is time:
-        return Even(_line(time), filled, bad, exact, tuple(notes))
+        return Gridded(_line(time), filled, bad, exact, tuple(notes))
     gaps = _holes(time, grid) | (np.interp(grid, time, bad) > 0)
     columns = {
         name: onto(grid, time, values)
@@ -108,7 +108,7 @@ def even(
         else np.interp(grid, time, values)
         for name, values in filled.items()
     }
-    return Even(grid, columns, gaps, exact, tuple(notes))
+    return Gridded(grid, columns, gaps, exact, tuple(notes))
 
 
 def _filled(

@@ -9,6 +9,7 @@ import numpy as np
 
 from cellwatt.arrays import Bool, Float
 from cellwatt_plugins.robot.motion import Plan
+from cellwatt_plugins.robot.samples import Even
 from cellwatt_plugins.robot.servo.law import Drive
 
 
@@ -27,7 +28,7 @@ class Simulated:
 
 
 @dataclass(frozen=True)
-class Run:
+class Run(Even):
     """A recorded run of n joints: N samples, evenly spaced."""
 
     name: str
@@ -61,11 +62,6 @@ class Run:
     """Recorded quantity; current is multiplied by the torque constants of the description."""
     notes: tuple[str, ...] = ()
     """Corrections made when the recording was read, one sentence each."""
-
-    @property
-    def step(self) -> float:
-        """Seconds between samples."""
-        return float((self.time[-1] - self.time[0]) / (len(self.time) - 1))
 
     @property
     def filled(self) -> Bool:

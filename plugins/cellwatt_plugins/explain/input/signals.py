@@ -17,7 +17,7 @@ from cellwatt_plugins.explain.simulators.mujoco import Actuators
 from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.meter.held import held, onto
 from cellwatt_plugins.robot.motion import slope
-from cellwatt_plugins.robot.samples import EFFORTS, in_torques
+from cellwatt_plugins.robot.samples import EFFORTS, Even, in_torques
 from cellwatt_plugins.robot.simulated import joints_in
 from cellwatt_plugins.robot.stretches import stretches
 
@@ -44,7 +44,7 @@ LEAP = 10.0
 
 
 @dataclass(frozen=True)
-class Signals:
+class Signals(Even):
     """Content of one file: N samples, evenly spaced, (N, n) by quantity; ``BY_ACTUATOR``: one column each, or n."""
 
     place: str
@@ -65,11 +65,6 @@ class Signals:
     """Likely meaning of the columns with unknown names, for messages."""
     averaged: int = 1
     """Number of recorded samples of which each sample is the mean."""
-
-    @property
-    def step(self) -> float:
-        """Seconds between samples."""
-        return float((self.time[-1] - self.time[0]) / (len(self.time) - 1))
 
     def needed(self, *quantities: str) -> Float:
         """The first of these quantities that the file has, (N, n). Raises ``RecordingError`` if it has none of them."""
@@ -188,8 +183,8 @@ def read_signals(path: Path, robot: RobotDescription) -> Signals:
     columns = {name: column for q in joints for name, column in zip(names[q], joints[q].T, strict=True) if name}
     columns |= {} if power is None else {POWER: power}
     # Rows without the position of any joint are removed, which turns them into holes in time.
-    held = _held(time, [joints[q] for q in (positions, "velocity", *LOSSY) if q in joints])
-    recorded = np.isfinite(joints[positions]).any(axis=1) & ~held
+    placeholders = _placeholders(time, [joints[q] for q in (positions, "velocity", *LOSSY) if q in joints])
+    recorded = np.isfinite(joints[positions]).any(axis=1) & ~placeholders
     columns = {name: column[recorded] for name, column in columns.items()}
     of: dict[str, Kind] = {positions: "position", **dict.fromkeys(LOSSY, "lossy"), **WHOLE}
     kinds: dict[str, Kind] = {POWER: "power", **{n: kind for q, kind in of.items() for n in names.get(q, ())}}
@@ -204,7 +199,7 @@ def read_signals(path: Path, robot: RobotDescription) -> Signals:
         power=grid.columns.get(POWER),
         gaps=grid.gaps,
         exact_times=grid.exact_times,
-        notes=(*_turned(path.name, table, names), *_unread(path.name, time[held]), *grid.notes),
+        notes=(*_turned(path.name, table, names), *_placeholder_note(path.name, time[placeholders]), *grid.notes),
         columns=table.names,
         hint="" if {*LOSSY, *BY_ACTUATOR, "command"} & joints.keys() else hint(table),
     )
@@ -260,7 +255,7 @@ def _turned(place: str, table: Table, names: Mapping[str, tuple[str, ...]]) -> I
         yield f"{place}: angles modulo a turn, unwrapped by whole turns: {times}"
 
 
-def _held(time: Float, state: Sequence[Float]) -> Bool:
+def _placeholders(time: Float, state: Sequence[Float]) -> Bool:
     """True (N,) at rows that only repeat a row, if positions leap at either end: nothing was read there.
 
     ``state``: positions and what else was measured, (N, n) each. Programs log the last values, or 0, until they receive
@@ -268,18 +263,18 @@ def _held(time: Float, state: Sequence[Float]) -> Bool:
     """
     way = np.abs(np.diff(state[0], axis=0)) - LEAP * np.abs(np.diff(time))[:, None]
     leaps = np.append(False, np.any(way > 0, axis=1))
-    held = np.zeros(len(time), np.bool_)
+    out = np.zeros(len(time), np.bool_)
     every = np.nan_to_num(np.column_stack(state))
     for first, end in stretches(np.all(every[1:] == every[:-1], axis=1)):
         if leaps[first] or leaps[min(end + 1, len(time) - 1)]:
-            held[first + (first > 0 and not leaps[first]) : end + 1] = True
-    return held
+            out[first + (first > 0 and not leaps[first]) : end + 1] = True
+    return out
 
 
-def _unread(place: str, held: Float) -> Iterator[str]:
-    if len(held):
+def _placeholder_note(place: str, when: Float) -> Iterator[str]:
+    if len(when):
         yield (
-            f"{place}: {len(held)} rows repeat one row up to a leap of the positions, first at t = {held[0]:.3f} s: "
+            f"{place}: {len(when)} rows repeat one row up to a leap of the positions, first at t = {when[0]:.3f} s: "
             "nothing was read there. They are left out"
         )
 

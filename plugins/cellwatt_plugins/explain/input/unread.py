@@ -49,14 +49,14 @@ def without_unread(run: Run) -> Run:
     recorded, rows without drives before and after all motion count as filled in."""
     dead = _dead(run)
     run = replace(run, torque=np.where(dead, np.nan, run.torque)) if dead.any() else run
-    if (held := _held(run)).any():
-        names = joints_text((1 + np.flatnonzero(held.any(axis=0))).tolist())
-        rows = held.any(axis=1)
+    if (frozen := _frozen(run)).any():
+        names = joints_text((1 + np.flatnonzero(frozen.any(axis=0))).tolist())
+        rows = frozen.any(axis=1)
         note = (
             f"{run.name}: the torque of {names} stays at one value for {number(run.step * np.sum(rows), 2)} s in all "
             f"while joints move, first at {run.time[np.argmax(rows)]:.2f} s: it was not read there, and is not used"
         )
-        run = replace(run, torque=np.where(held, np.nan, run.torque), notes=(*run.notes, note))
+        run = replace(run, torque=np.where(frozen, np.nan, run.torque), notes=(*run.notes, note))
     off = _off(run)
     if not off.any():
         return run
@@ -112,10 +112,10 @@ def _dead(run: Run) -> Bool:
     return dead
 
 
-def _held(run: Run) -> Bool:
+def _frozen(run: Run) -> Bool:
     """(N, n) true where the torques of all joints stay at one value for ``HELD[0]`` s while several move, or the torque
     of one for ``HELD[1]`` s while it moves; not at their extremes, where they may be cut off."""
-    held, read = np.zeros(run.torque.shape, np.bool_), np.flatnonzero(~unread(run)).tolist()
+    out, read = np.zeros(run.torque.shape, np.bool_), np.flatnonzero(~unread(run)).tolist()
     alone = [j for j in read if len(np.unique(run.torque[:, j])) >= LEVELS]
     for joints, least, several in ((read, HELD[0], 2), *(([j], HELD[1], 1) for j in alone)):
         torque = run.torque[:, joints]
@@ -124,8 +124,8 @@ def _held(run: Run) -> Bool:
             moved = np.ptp(run.position[first : last + 1, joints], axis=0) > MOVES
             inside = (torque[first] > np.nanmin(torque, axis=0)) & (torque[first] < np.nanmax(torque, axis=0))
             if (last - first) * run.step > least and moved.sum() >= several and inside.any():
-                held[first : last + 1, joints] = True
-    return held
+                out[first : last + 1, joints] = True
+    return out
 
 
 def _off(run: Run) -> Bool:

@@ -11,6 +11,7 @@ from cellwatt.arrays import Float
 from cellwatt.errors import ConfigError
 from cellwatt.files import Place
 from cellwatt_plugins.explain.fit.problem import title
+from cellwatt_plugins.explain.input.baseline import Baseline
 from cellwatt_plugins.explain.input.driven import drive_of
 from cellwatt_plugins.explain.input.moved import moved
 from cellwatt_plugins.explain.input.run import Run
@@ -19,7 +20,7 @@ from cellwatt_plugins.robot import Arm, load_robot
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.mjcf import is_mjcf
 from cellwatt_plugins.robot.motion import QUICK_OCTAVES, exact, smooth
-from cellwatt_plugins.robot.servo.filtered import compared
+from cellwatt_plugins.robot.servo.filtered import compared_band
 from cellwatt_plugins.robot.servo.law import Drive, Servo, earlier, servo_of
 from cellwatt_plugins.robot.simulated import described, is_simulator
 
@@ -46,13 +47,17 @@ class Simulation:
 
         ``hold`` is s for which a ``servo`` holds each command; ``step`` if None.
         """
-        self._arm, self._servo = model.arm(), servo
+        self._servo = servo
         self._late = 0.0 if hold is None else (hold - step) / 2
-        followed = _followed(model, self._arm, step, warm, servo is not None)
+        followed = _followed(model, step, warm, servo is not None)
         self.left_out = tuple(title(t.term) for t, follows in zip(model.terms, followed, strict=True) if not follows)
         self.model = replace(model, terms=tuple(t for t, f in zip(model.terms, followed, strict=True) if f))
-        self.known = frozenset((t.term.effect.name, t.term.number) for t in model.terms)
-        """Effects of the model by name and 1-based joint."""
+        self.known: set[tuple[str, int | None]] = {(t.term.effect.name, t.term.number) for t in model.terms}
+        """Findings that are in the model, by the effect's name and 1-based joint."""
+        if model.baseline.mounted is not None:
+            self.known.add(("gravity_tilt", None))
+        if model.baseline.recorded.coupling is not None:
+            self.known |= {("joint_coupling", joint + 1) for joint in range(model.baseline.recorded.joints)}
 
     @property
     def lead(self) -> float:
@@ -73,11 +78,11 @@ class Simulation:
             command = earlier(command, self._late, recorded.step)
             drive = drive_of(self._servo, position, command, recorded.step)
             recorded = replace(recorded, drive=drive)
-        states = States("live", -1, time, moved(recorded, QUICK_OCTAVES), self._arm, temperature, drive=drive)
+        states = self.model.baseline.states(recorded, moved(recorded, QUICK_OCTAVES))
         predicted = predict_states(self.model, states)
         if drive is None or command is None:
             return predicted, None
-        torque, law = (smooth(each, drive.step, compared(drive.step)) for each in (predicted.torque, drive.torque))
+        torque, law = (smooth(each, drive.step, compared_band(drive.step)) for each in (predicted.torque, drive.torque))
         return replace(predicted, torque=torque), (command, law)
 
 
@@ -94,7 +99,8 @@ def open_model(simulation: str, robot: Place | None, folder: Path, joints: int) 
             "no description of the robot: set `robot` to a folder with robot.yaml and its URDF, in the cell or stage"
         )
     own = described(Path(robot), joints) if is_simulator(Path(robot)) else load_robot(robot)
-    return Model(own, Retuned.nothing(len(own.joints)))
+    arm = Arm.of(own)
+    return Model(Baseline(arm, arm), Retuned.nothing(arm.joints))
 
 
 def servos(robot: Place | None, model: Model) -> tuple[Path, Servo]:
@@ -112,10 +118,11 @@ def servos(robot: Place | None, model: Model) -> tuple[Path, Servo]:
     )
 
 
-def _followed(model: Model, arm: Arm, step: float, warm: bool, driven: bool) -> list[bool]:
+def _followed(model: Model, step: float, warm: bool, driven: bool) -> list[bool]:
     """For each term, whether it gives the same with ``PAST`` and with a much longer past, on a motion of all joints."""
     if not model.terms:
         return []
+    arm = model.baseline.recorded
     long = _probe(arm, round((LONG + PAST + 1) / step), step, True)
     short = _probe(arm, round((PAST + 1) / step), step, warm)
     return [

@@ -14,6 +14,7 @@ from cellwatt.report.figure import Json
 from cellwatt.report.theme import FOUND, MEASURED, MODEL, SIMULATION
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.explain.report.curves import stacked
+from cellwatt_plugins.explain.simulators import Simulator
 from cellwatt_plugins.explain.simulators.rollout import WINDOW, rms_of, rolled_out
 
 POINTS = 3000
@@ -24,25 +25,26 @@ DIGITS = 5
 """Decimals of rad."""
 
 
-def section(runs: Sequence[Run], joints: Sequence[str], simulator: Path, mended: Path | None) -> Section:
+def section(runs: Sequence[Run], simulator: Simulator, mended: Path | None) -> Section:
     """Commanded, measured, simulated and mended motion of each joint; ``mended`` is None without a mended file."""
-    before = rolled_out(simulator, joints, runs)
-    after = None if mended is None else rolled_out(mended, joints, runs)
+    before = rolled_out(simulator.path, simulator.joints, runs)
+    after = None if mended is None else rolled_out(mended, simulator.joints, runs)
     errors = rms_of(before)
     parts = list[Folded]()
     for joint in np.argsort(-errors).tolist():
+        unit = simulator.unit(joint, "rad")
         drawn = [
-            _figure(run, joint, before[i].position, None if after is None else after[i].position, i)
+            _figure(run, joint, unit, before[i].position, None if after is None else after[i].position, i)
             for i, run in enumerate(runs)
         ]
-        title = f"Joint {joint + 1}: off by {errors[joint]:.2g} rad rms"
-        title += "" if after is None else f", mended {rms_of(after)[joint]:.2g} rad"
+        title = f"Joint {joint + 1}: off by {errors[joint]:.2g} {unit} rms"
+        title += "" if after is None else f", mended {rms_of(after)[joint]:.2g} {unit}"
         parts.append(Folded(title, drawn, not parts))
     lead = f"The simulator rolled out under the recorded commands, restarted each {WINDOW:.0f} s where the arm was."
     return Section("How the arm and its simulation move", [Switch("moved", [run.name for run in runs]), *parts], lead)
 
 
-def _figure(run: Run, joint: int, simulated: Float, mended: Float | None, number: int) -> Figure:
+def _figure(run: Run, joint: int, unit: str, simulated: Float, mended: Float | None, number: int) -> Figure:
     assert run.command is not None
     start = float(run.time[0])
 
@@ -59,6 +61,6 @@ def _figure(run: Run, joint: int, simulated: Float, mended: Float | None, number
     if mended is not None:
         upper.append(drawn("mended", mended, MODEL, 1.3))
         lower.append(drawn("measured − mended", run.position - mended, MODEL, 1.1))
-    x, y = Axis("s", (start, start + SECONDS)), Axis("rad")
+    x, y = Axis("s", (start, start + SECONDS)), Axis(unit)
     label = f"Joint {joint + 1} in {run.name}: commanded, measured, simulated; and the residuals"
     return stacked(label, Panel(upper, x, y), Panel(lower, x, y), ("moved", number))

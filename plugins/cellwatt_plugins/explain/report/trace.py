@@ -11,10 +11,11 @@ from cellwatt.arrays import Float
 from cellwatt_plugins.explain.fit.solution import Solution
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.explain.model import Model, predict_states
+from cellwatt_plugins.robot.samples import Even
 
 
 @dataclass(frozen=True)
-class Trace:
+class Trace(Even):
     """One recording of n joints with its two predictions; N samples, C channels, NaN where unknown."""
 
     name: str
@@ -35,11 +36,6 @@ class Trace:
     """(N, C), as given."""
     model: Float
     """(N, C), with the findings."""
-
-    @property
-    def step(self) -> float:
-        """Seconds between samples."""
-        return float(self.time[-1] - self.time[0]) / (len(self.time) - 1)
 
     def column(self, values: Float, channel: str) -> Float:
         """(N,) of one channel out of (N, C) ``values``; NaN where this recording lacks the channel."""

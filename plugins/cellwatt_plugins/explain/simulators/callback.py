@@ -11,14 +11,21 @@ from cellwatt_plugins.explain.model import FittedTerm
 from cellwatt_plugins.explain.simulators.correction import holds
 from cellwatt_plugins.explain.simulators.markup import number
 
+RIPPLE = "{c[0]} * np.sin({s[0]} * q) + {c[1]} * np.cos({s[0]} * q)"
 FORMULAS = {
-    "stribeck_friction": "{c[0]} * np.exp(-((w / {s[0]}) ** 2)) * turns(w, {c[0]})",
-    "load_dependent_friction": "{c[0]} * abs(load) * turns(w, {c[0]} * abs(load))",
-    "asymmetric_friction": "0.5 * {c[0]} * abs(turns(w, {c[0]}))",
-    "nonlinear_viscous_friction": "{c[0]} * abs(w) ** {s[0]} * turns(w, {c[0]})",
-    "position_periodic_torque": "{c[0]} * np.sin({s[0]} * q) + {c[1]} * np.cos({s[0]} * q)",
+    ("stribeck_friction", 1): "{c[0]} * np.exp(-((w / {s[0]}) ** 2)) * turns(w, {c[0]})",
+    ("stribeck_friction", 2): "{c[0]} / (1 + (w / {s[0]}) ** 2) * turns(w, {c[0]})",
+    ("load_dependent_friction", 0): "{c[0]} * abs(load) * turns(w, {c[0]} * abs(load))",
+    ("asymmetric_friction", 1): "0.5 * {c[0]} * abs(turns(w, {c[0]}))",
+    ("nonlinear_viscous_friction", 1): "{c[0]} * abs(w) ** {s[0]} * turns(w, {c[0]})",
+    ("position_periodic_torque", 1): RIPPLE,
+    ("position_periodic_torque", 2): RIPPLE
+    + " + {c[2]} * np.sin({s[0]} * {s[1]} * q) + {c[3]} * np.cos({s[0]} * {s[1]} * q)",
 }
-"""Torque, Nm, against the motion of a joint at ``q`` rad with ``w`` rad/s; ``load`` is the links' torque, Nm."""
+"""Torque, Nm, against the motion of a joint at ``q`` rad with ``w`` rad/s; ``load`` is the links' torque, Nm.
+
+By the name of the effect and the number of its shape parameters.
+"""
 DEAD_BAND = {
     0.0: "kp * np.clip(command - q, -{s[0]}, {s[0]})",
     1.0: "(kp * (command - q) if abs(command - q) < {s[0]} else 0.0)",
@@ -81,7 +88,7 @@ def write_callback(mended: Path, joints: Sequence[str], terms: Sequence[FittedTe
     laws, what = [], []
     for fitted in terms:
         effect, shape = fitted.term.effect, fitted.term.shape
-        formula = DEAD_BAND[shape[1]] if effect.name == "drive_dead_band" else FORMULAS.get(effect.name)
+        formula = DEAD_BAND[shape[1]] if effect.name == "drive_dead_band" else FORMULAS.get((effect.name, len(shape)))
         if formula is None or (holds(fitted.term) and effect.name != "asymmetric_friction"):
             continue
         c, s = [number(x) for x in fitted.coefficients], [number(x) for x in shape]

@@ -13,6 +13,7 @@ from cellwatt_plugins.explain.fit.problem import Term
 from cellwatt_plugins.explain.model import FittedTerm, Retuned
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.body import PER_LINK
+from cellwatt_plugins.robot.effects.effect import Effect
 from cellwatt_plugins.robot.effects.load.gravity_tilt import turned
 from cellwatt_plugins.robot.effects.states import States
 
@@ -85,11 +86,16 @@ def correction(
 
 
 def holds(term: Term) -> bool:
-    """True if ``Correction`` can express an effect, or most of it."""
+    """True if a simulator's file can hold an effect, or most of it."""
     name, shape = term.effect.name, term.shape
     if name == "asymmetric_friction":
         return shape[0] != 0
-    return name in EXPRESSED or (name == "nonlinear_viscous_friction" and shape[0] > 1)
+    return expressed(term.effect) or (name == "nonlinear_viscous_friction" and shape[0] > 1)
+
+
+def expressed(effect: Effect) -> bool:
+    """True if a simulator's file holds all of an effect."""
+    return effect.name in (OF_DRIVE if effect.acts_on == "drive" else EXPRESSED)
 
 
 def of_coupled(term: Term, arm: Arm) -> bool:
@@ -109,6 +115,8 @@ EXPRESSED = OF_MOTOR | frozenset(
     }
 )
 """Effects that ``Correction`` expresses in full."""
+OF_DRIVE = frozenset({"drive_gain", "torque_saturation", "time_delay"})
+"""Effects of drives for which an actuator has an attribute."""
 
 
 def remainder(fitted: FittedTerm, states: States, every: Sequence[States]) -> Float:

@@ -21,8 +21,8 @@ from cellwatt_plugins.explain.fit.solution import Solution
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.explain.model import FittedTerm
 from cellwatt_plugins.explain.simulators.correction import (
-    EXPRESSED,
     correction,
+    expressed,
     holds,
     of_coupled,
     remainder,
@@ -87,20 +87,15 @@ def mend(found: Explained, runs: Sequence[Run], user: Placing, out: Path) -> Men
     until the error on data left out rises at no joint. Raises ``ConfigError`` if the file cannot be changed, or would
     be worse whatever is written.
     """
-    simulator, worse = user.simulator, list[str]()
+    worse = list[str]()
     for solution in _choices(found):
         error = _held_out(user, found, solution, runs)
         worse = [each.channel for each in error if each.after > RISES * each.before]
         if worse:
             continue
-        goal = target_of(user, solution, found.mounted)
-        written = write(simulator, goal, out)
-        verify(user, goal, solution.problem, written)
-        refused = [*goal.refused, *written.refused]
-        notes = (*simulator.notes, *user.notes, *goal.notes)
-        return Mended(written.path, tuple(written.applied), tuple(unwritten(found, solution, refused)), error, notes)
+        return finished(found, solution, user, target_of(user, solution, found.model.baseline.mounted), error, out)
     raise ConfigError(
-        f"{simulator.path}: not mended: whatever is written, its error on data left out would rise at "
+        f"{user.simulator.path}: not mended: whatever is written, its error on data left out would rise at "
         f"{', '.join(worse)}; what was found is in findings.json and model.yaml"
     )
 
@@ -132,6 +127,20 @@ def target_of(user: Placing, solution: Solution, mount: Float | None) -> Target:
     return what_urdf_holds(user.simulator, goal) if user.simulator.path.suffix.lower() == ".urdf" else goal
 
 
+def finished(
+    found: Explained, solution: Solution, user: Placing, goal: Target, error: tuple[ErrorOfChannel, ...], out: Path
+) -> Mended:
+    """Write the numbers of ``goal`` into ``out``, and list the findings that are not among them.
+
+    Raises ``ConfigError`` if the file cannot be changed.
+    """
+    written = write(user.simulator, goal, out)
+    _verify(user, goal, solution.problem, written)
+    left = _unwritten(found, solution, [*goal.refused, *written.refused])
+    notes = (*user.simulator.notes, *user.notes, *goal.notes)
+    return Mended(written.path, tuple(written.applied), tuple(left), error, notes)
+
+
 def write(simulator: Simulator, goal: Target, folder: Path) -> Written:
     """Write a changed copy of the user's file into ``folder``. Raises ``ConfigError``."""
     if simulator.path.suffix.lower() == ".urdf":
@@ -139,7 +148,7 @@ def write(simulator: Simulator, goal: Target, folder: Path) -> Written:
     return write_mjcf(simulator, goal, folder)
 
 
-def verify(user: Placing, goal: Target, problem: Problem, written: Written) -> None:
+def _verify(user: Placing, goal: Target, problem: Problem, written: Written) -> None:
     """Delete the written file and raise ``ConfigError`` if its torques in random poses are not the intended ones."""
     simulator, rng = user.simulator, np.random.default_rng(1)
     shape = POSES, len(simulator.joints)
@@ -152,9 +161,9 @@ def verify(user: Placing, goal: Target, problem: Problem, written: Written) -> N
         written.path.unlink()
         worst = int(np.argmax(share))
         raise ConfigError(
-            f"{simulator.path}: cannot be mended: joint {simulator.joints[worst]} would be off by {off[worst]:.3g} Nm "
-            "(something in the file overrules the attributes of its joints and bodies, e.g. inertiafromgeom, "
-            "settotalmass, fusestatic)"
+            f"{simulator.path}: cannot be mended: joint {simulator.joints[worst]} would be off by {off[worst]:.3g} "
+            f"{simulator.unit(worst, 'Nm')} (something in the file overrules the attributes of its joints and "
+            "bodies, e.g. inertiafromgeom, settotalmass, fusestatic)"
         )
 
 
@@ -176,14 +185,14 @@ def _held_out(user: Placing, found: Explained, solution: Solution, runs: Sequenc
     for k, coefficients in enumerate(folds.coefficients(solution.terms)):
         rows = folds.fold == k
         with tempfile.TemporaryDirectory() as folder:
-            goal = target_of(user, solution.with_coefficients(coefficients), found.mounted)
+            goal = target_of(user, solution.with_coefficients(coefficients), found.model.baseline.mounted)
             new, factor = _mended(simulator, write(simulator, goal, Path(folder)))
         after[rows] = measured[rows] - new.torque(*(course[rows] for course in motion)) / factor
     errors = problem.rms(before), problem.rms(after)
     return tuple(ErrorOfChannel.at(problem, c, *errors) for c in problem.observed)
 
 
-def unwritten(found: Explained, solution: Solution, refused: Sequence[tuple[str, int | None, str]]) -> list[Unwritten]:
+def _unwritten(found: Explained, solution: Solution, refused: Sequence[tuple[str, int | None, str]]) -> list[Unwritten]:
     """Findings that the file cannot hold, with the rms torque or power of each."""
     problem, why = found.torque.problem, {(effect, joint): text for effect, joint, text in refused}
     arm, out = problem.states[0].arm, []
@@ -197,7 +206,7 @@ def unwritten(found: Explained, solution: Solution, refused: Sequence[tuple[str,
             course = [remainder(term, s, states) for s in states]
             size = float(rms(np.concatenate(course))[0])
             out.append(Unwritten(effect.name, None, why_unwritten(term, arm), size, "W"))
-        elif effect.name not in EXPRESSED or of_coupled(term.term, arm):
+        elif not expressed(effect) or of_coupled(term.term, arm):
             course = [remainder(term, s, problem.states) for s in problem.states]
             out += _entries(effect.name, why_unwritten(term, arm), course, problem)
     if reason := next((text for (effect, _), text in why.items() if effect == "rotor_inertia"), None):

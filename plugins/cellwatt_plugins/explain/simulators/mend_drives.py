@@ -19,14 +19,7 @@ from cellwatt_plugins.explain.fit.solution import Solution
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.explain.simulators.callback import write_callback
 from cellwatt_plugins.explain.simulators.correction import holds
-from cellwatt_plugins.explain.simulators.mend import (
-    RISES,
-    Mended,
-    target_of,
-    unwritten,
-    verify,
-    write,
-)
+from cellwatt_plugins.explain.simulators.mend import RISES, Mended, finished, target_of, write
 from cellwatt_plugins.explain.simulators.placing import Placing
 from cellwatt_plugins.explain.simulators.rollout import WINDOW, rms_of, rolled_out
 from cellwatt_plugins.explain.simulators.target import Target
@@ -42,8 +35,6 @@ ROLLED = (
     f"Errors are of roll-outs under the recorded commands, restarted every {WINDOW:.0f} s at the arm's recorded state."
 )
 HISTORY = "After a reset MuJoCo's commands are 0 until the delay is over; mj_initCtrlHistory sets other commands."
-WRITTEN = ("drive_gain", "torque_saturation", "time_delay")
-"""Effects of drives for which an actuator has an attribute."""
 WIDTH = 0.01
 """Speed, rad/s, within which dry friction reverses, that is tried first."""
 WIDTHS = (1.0, 2.0, 0.5, 1.4, 0.7, 1.2, 0.85)
@@ -60,7 +51,7 @@ def _starts(free: Problem, found: Explained) -> Iterator[tuple[Float, list[Term]
     Their terms include effects that the file cannot hold, so that other numbers do not absorb them; the callback adds
     these effects.
     """
-    terms = sorted(found.torque.terms, key=lambda t: holds(t) or t.effect.name in WRITTEN)
+    terms = sorted(found.torque.terms, key=holds)
     yield confirmed(free, terms, found.torque.factor), terms
     yield links_fixed(free), terms
     for count in range(len(terms), -1, -1):
@@ -140,29 +131,26 @@ def mend_driven(found: Explained, runs: Sequence[Run], user: Placing, out: Path)
         if not worse and score < best[0]:
             best = score, goal, solution, after
     _, goal, solution, after = best
-    written = write(simulator, goal, out)
-    verify(user, goal, solution.problem, written)
-    stiffness = solution.problem.states[0].servos.servo.stiffness
-    refused = [*goal.refused, *written.refused]
-    left_out = [
-        replace(finding, rms=finding.rms / float(stiffness[at]), unit=simulator.unit(at, "rad"))
-        for finding in unwritten(found, solution, refused)
-        for at in [(finding.joint or 1) - 1]
-        if finding.effect not in WRITTEN or finding.effect in [effect for effect, *_ in refused]
-    ]
     error = tuple(
         ErrorOfChannel(f"q_{j + 1}", simulator.unit(j, "rad"), float(b), float(a), float(f))
         for j, (b, a, f) in enumerate(zip(before, after, noise, strict=True))
     )
-    beside = write_callback(written.path, simulator.joints, found.model.terms)
-    notes = [*simulator.notes, *user.notes, *goal.notes, ROLLED]
+    mended = finished(found, solution, user, goal, error, out)
+    stiffness = solution.problem.states[0].servos.servo.stiffness
+    left = tuple(
+        replace(finding, rms=finding.rms / float(stiffness[at]), unit=simulator.unit(at, "rad"))
+        for finding in mended.left
+        for at in [(finding.joint or 1) - 1]
+    )
+    beside = write_callback(mended.path, simulator.joints, found.model.terms)
+    notes = [*mended.notes, ROLLED]
     if best[0] == 0:
         notes.append("No finding makes the file follow better: its numbers stay unchanged.")
-    if any(change.what == "delay" for change in written.applied):
+    if any(change.what == "delay" for change in mended.applied):
         notes.append(HISTORY)
     if beside is not None:
         notes.append(f"Effects that the file cannot hold are in {beside.name}, a callback for MuJoCo.")
-    return Mended(written.path, tuple(written.applied), tuple(left_out), error, tuple(notes))
+    return replace(mended, left=left, notes=tuple(notes))
 
 
 def _turnover(goal: Target, user: Placing, runs: Sequence[Run]) -> Float:
@@ -184,4 +172,4 @@ def _errors(goal: Target, user: Placing, runs: Sequence[Run]) -> Float:
 
 
 def _goal(found: Explained, solution: Solution, user: Placing) -> Target:
-    return replace(target_of(user, solution, found.mounted), servo=_servo(solution))
+    return replace(target_of(user, solution, found.model.baseline.mounted), servo=_servo(solution))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -150,13 +150,16 @@ def load_simulator(path: Path, joints: Sequence[str]) -> Simulator:
     others = [j.name or f"number {j.id}" for j in map(model.joint, range(model.njnt)) if j.name not in names]
     if others:
         notes.append(f"{path.name}: held at their reference: {', '.join(others)}")
-    absent = {"equality constraints": model.neq > 0, "frictions of tendons": np.any(model.tendon_frictionloss > 0)}
+    arm = Simulator(path, model, tuple(names))
+    others_only = ~arm._tendons().any(axis=1)
+    cables = np.any(model.tendon_frictionloss[others_only] > 0)
+    absent = {"equality constraints": model.neq > 0, "frictions of tendons": cables}
     notes += [f"{path.name}: its {what} are left out" for what, present in absent.items() if present]
     if not model.opt.gravity.any():
         notes.append(f"{path.name}: its gravity is switched off: its torques are without weight")
     if np.any(model.body_gravcomp > 0) and not np.any(model.jnt_actgravcomp):
         notes.append(f"{path.name}: gravity is compensated (gravcomp): its torques are without that weight")
-    return Simulator(path, model, tuple(names), tuple(notes))
+    return replace(arm, notes=tuple(notes))
 
 
 def _matched(path: Path, model: Any, joints: Sequence[str]) -> tuple[list[str], list[str]]:

@@ -165,9 +165,10 @@ def _bodies(
     weighted = (regressor / floor[:, None]).reshape(-1, regressor.shape[2])
     possible = nearest(every, weighted.T @ weighted / len(regressor))
     off = np.sqrt(np.mean(np.square(regressor @ (possible - every).ravel()), axis=0))
+    worst = int(np.argmax(off))
     note = (
         "No bodies can have the inertias found: the nearest possible ones are written; their torques differ by "
-        f"{np.max(off):.2g} Nm rms at most (joint {int(np.argmax(off)) + 1})"
+        f"{off[worst]:.2g} {states[0].robot.unit(worst, 'Nm')} rms at most (joint {worst + 1})"
     )
     count = len(wanted)
     return possible[:count], None if found.payload is None else possible[count], [note]

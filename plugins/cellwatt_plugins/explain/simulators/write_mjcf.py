@@ -14,7 +14,7 @@ from cellwatt_plugins.explain.simulators.inertia import at_centre
 from cellwatt_plugins.explain.simulators.markup import Element, number
 from cellwatt_plugins.explain.simulators.mujoco import Simulator
 from cellwatt_plugins.explain.simulators.target import Target, damping_of
-from cellwatt_plugins.explain.simulators.written import Written, differ, differs, name_of_payload, write_inertial
+from cellwatt_plugins.explain.simulators.written import Written, differ, differs, free_name, write_inertial
 from cellwatt_plugins.robot.arm import loads_several
 from cellwatt_plugins.robot.servo.law import Servo, servo_of
 
@@ -103,16 +103,18 @@ def _write_joint(simulator: Simulator, goal: Target, at: int, joint: Element, do
 
 def _write_tendons(files: Files, simulator: Simulator, goal: Target, done: Written) -> None:
     """Write a tendon for each motor that turns with several joints: its friction and rotor load them all."""
-    for at, name in enumerate(simulator.joints):
+    taken = {simulator.model.tendon(i).name for i in range(simulator.model.ntendon)}
+    for at, joint in enumerate(simulator.joints):
         if goal.coupling is None or not loads_several(goal.coupling, at):
             continue
+        name = free_name(f"motor_of_{joint}", taken)
         turns = zip(simulator.joints, goal.coupling[at], strict=True)
         parts = "".join(f'<joint joint="{own}" coef="{number(turn)}"/>' for own, turn in turns if turn)
         known = {"frictionloss": goal.friction[at], "damping": goal.damping[at, 0], "armature": goal.armature[at]}
         text = " ".join(f'{what}="{number(value)}"' for what, value in known.items())
-        files.root.added.append(f'<tendon><fixed name="motor_of_{name}" {text}>{parts}</fixed></tendon>')
+        files.root.added.append(f'<tendon><fixed name="{name}" {text}>{parts}</fixed></tendon>')
         for (what, value), unit in zip(known.items(), ("N*m", "N*m*s/rad", "kg*m^2"), strict=True):
-            done.record(what, f"tendon motor_of_{name}", value, None, simulator.unit(at, unit))
+            done.record(what, f"tendon {name}", value, None, simulator.unit(at, unit))
 
 
 def _write_turnover(simulator: Simulator, width: float, goal: Target, at: int, joint: Element, done: Written) -> None:
@@ -145,7 +147,7 @@ def _write_links(simulator: Simulator, goal: Target, bodies: Sequence[Element], 
             write_inertial(body, _inertial(new))
             done.record_inertial(new, own, f"body {body.attributes.get('name', f'of joint {joint}')}")
     if goal.payload is not None:
-        name = name_of_payload({simulator.model.body(i).name for i in range(simulator.model.nbody)})
+        name = free_name("payload", {simulator.model.body(i).name for i in range(simulator.model.nbody)})
         bodies[-1].added.append(f'<body name="{name}">{_inertial(goal.payload)}</body>')
         done.record_inertial(goal.payload, None, f"body {name}")
 

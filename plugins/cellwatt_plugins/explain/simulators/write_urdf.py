@@ -15,7 +15,7 @@ from cellwatt_plugins.explain.simulators.inertia import at_centre
 from cellwatt_plugins.explain.simulators.markup import Element, number
 from cellwatt_plugins.explain.simulators.mujoco import Simulator
 from cellwatt_plugins.explain.simulators.target import Target, spring_of
-from cellwatt_plugins.explain.simulators.written import Written, differ, differs, name_of_payload, write_inertial
+from cellwatt_plugins.explain.simulators.written import Written, differ, differs, free_name, write_inertial
 from cellwatt_plugins.robot.arm import loads_several
 
 NO_TERM = "a URDF has no such term"
@@ -72,7 +72,7 @@ def _inertial(parameters: Float) -> str:
 
 
 def _add_payload(parameters: Float, root: Element, link: Element, taken: Collection[str], done: Written) -> None:
-    name = name_of_payload(taken)
+    name = free_name("payload", taken)
     root.added += [
         f'<link name="{name}">{_inertial(parameters)}</link>',
         f'<joint name="{name}_fixed" type="fixed">'

@@ -79,7 +79,7 @@ def write_inertial(body: Element, text: str) -> None:
         existing.instead = text
 
 
-def name_of_payload(taken: Collection[str]) -> str:
-    """A name for the payload that is not in ``taken``."""
-    names = ("payload", *(f"payload_{i}" for i in range(2, 101)))
+def free_name(name: str, taken: Collection[str]) -> str:
+    """``name``, numbered if it is in ``taken``."""
+    names = (name, *(f"{name}_{i}" for i in range(2, 101)))
     return next(name for name in names if name not in taken)

@@ -29,10 +29,9 @@ def as_coupled(
     turns = np.eye(states[0].arm.joints)
     for each in found:
         turns[np.ix_(each.joints, each.joints)] = each.turns
-    base = replace(base, coupling=turns)
-    arm = base.recorded
-    new = [replace(s, arm=arm, fitted=None, carried=None) for s in states]
-    return base, new, [_finding(each, arm.description) for each in found]
+    base = replace(base, recorded=base.recorded.with_coupling(turns))
+    new = [replace(s, arm=base.recorded, fitted=None, carried=None) for s in states]
+    return base, new, [_finding(each, base.arm.description) for each in found]
 
 
 def _finding(found: Coupling, robot: RobotDescription) -> Finding:

@@ -13,7 +13,6 @@ from cellwatt_plugins.explain.fit.solution import Solution
 from cellwatt_plugins.explain.fit.swinging_links import confirmed_share
 from cellwatt_plugins.explain.input.baseline import Baseline
 from cellwatt_plugins.explain.model import FittedTerm, Model, Retuned
-from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.blocks import Block, Regression
 from cellwatt_plugins.robot.effects.effect import Estimate
 from cellwatt_plugins.robot.regression import Prior
@@ -24,11 +23,7 @@ def model_of(torque: Solution, supply: Solution | None, base: Baseline) -> Model
     terms = [FittedTerm(term, _foreseen(torque, term)) for term in torque.terms]
     if supply is not None:
         terms += [FittedTerm(term, supply.coefficients(term)) for term in supply.terms]
-    robot, body = base.arm.description, base.arm.body
-    same = np.array_equal(body.gravity_field, Arm.of(robot).body.gravity_field)
-    gravity = None if same else body.gravity_field
-    law = body.changed, gravity, base.field, base.lead, base.coupling
-    return Model(robot, retuned(torque, supply), tuple(terms), *law)
+    return Model(base, retuned(torque, supply), tuple(terms))
 
 
 def _foreseen(solution: Solution, term: Term) -> Float:

@@ -56,7 +56,10 @@ def _together(one: Finding, other: Finding) -> bool:
 def _joined(main: Finding, more: Finding) -> Finding:
     """The push, with another joint that felt it added."""
     torque = more.parameters["torque"]
+    unit = torque.unit.replace("N*m", "Nm")
     where = main.where
     channels = tuple(dict.fromkeys((*where.channels, *more.where.channels)))
-    statement = f"{main.statement.rstrip('.')}; joint {more.joint} felt {torque.value:.2g} ± {torque.std:.1g} Nm of it."
+    statement = (
+        f"{main.statement.rstrip('.')}; joint {more.joint} felt {torque.value:.2g} ± {torque.std:.1g} {unit} of it."
+    )
     return replace(main, statement=statement, where=Where(channels, where.position, where.velocity, where.times))

@@ -52,9 +52,8 @@ def as_mounted(
     found = mount(states[0].arm.body, q, qd, qdd, _residual(runs, states))
     if found is None:
         return base, states, None
-    base = replace(base, field=found.field)
-    arm = base.recorded
-    new = [replace(s, arm=arm, fitted=None, carried=None) for s in states]
+    base = replace(base, recorded=base.recorded.with_gravity(found.field))
+    new = [replace(s, arm=base.recorded, fitted=None, carried=None) for s in states]
     was, before, after = base.arm.body.gravity_field, _errors(runs, states), _errors(runs, new)
     gone = before - after
     best = int(np.argmax(gone))

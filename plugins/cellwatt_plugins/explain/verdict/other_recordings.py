@@ -37,7 +37,7 @@ def with_others(findings: Findings, others: Sequence[Other], close: int) -> Find
     if not others:
         return findings
     odd = [other for other in others if other.explained is False]
-    notes = (_summary(len(others), len(odd), close), *(_odd(other) for other in odd[:NAMED]))
+    notes = (_summary(others, len(odd), close), *(_odd(other) for other in odd[:NAMED]))
     left_out = tuple(f"{other.recording} was not compared: {other.why}" for other in others if other.explained is None)
     verdict = findings.verdict
     if odd:
@@ -45,11 +45,13 @@ def with_others(findings: Findings, others: Sequence[Other], close: int) -> Find
     return replace(findings, verdict=verdict, others=tuple(others), notes=(*findings.notes, *notes, *left_out[:NAMED]))
 
 
-def _summary(others: int, odd: int, close: int) -> str:
-    return f"{close} of {close + others} recordings, those whose motions differ most, were looked at closely; " + (
+def _summary(others: Sequence[Other], odd: int, close: int) -> str:
+    return f"{close} of {close + len(others)} recordings, those whose motions differ most, were looked at closely; " + (
         f"{odd} of the others differ{'s' * (odd == 1)} from the findings"
         if odd
         else "the others agree with the findings"
+        if any(other.explained for other in others)
+        else "no other one was compared"
     )
 
 
@@ -66,9 +68,11 @@ def _compared(file: Source, known: tuple[Model, Path | None, float, dict[str, fl
     model, simulator, rate, usual = known
     try:
         runs = read_sources([file], model.robot, simulator, rate)
-        moved = [check_run(run, model.arm()) for run in runs]
+        moved = [check_run(run, model.baseline.arm) for run in runs]
     except RecordingError as error:
         return Other(file.name, None, why=str(error))
+    if runs[0].drive is not None:
+        return Other(file.name, None, why="no torque was recorded, and the model has no gains of its drives")
     found = []
     for run, motion in zip(runs, moved, strict=True):
         predicted = predict_states(model, model.baseline.states(run, motion))

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.explain.fit.nuisance import Nominal
+from cellwatt_plugins.explain.fit.nuisance import NUMBERS, Nominal
 from cellwatt_plugins.explain.fit.solution import Solution
 from cellwatt_plugins.explain.verdict.cascade import Falling
 from cellwatt_plugins.explain.verdict.findings import RetunedNumber
@@ -27,14 +27,6 @@ BEYOND = 2.0
 """Tolerances, and standard errors, beyond which a parameter is out of tolerance."""
 CERTAIN = 2.0
 """Standard errors beyond which a parameter is certainly off."""
-NUMBERS = {
-    "coulomb_friction": ("N*m", "friction"),
-    "viscous_friction": ("N*m*s/rad", "friction"),
-    "rotor_inertia": ("kg*m^2", "rotor_inertia"),
-    "standby_power": ("W", "supply"),
-    "winding_resistance": ("Ohm", "supply"),
-}
-"""Unit of each parameter, and the key of its tolerance."""
 
 
 def retuned_of(solution: Solution, fall: Falling) -> list[RetunedNumber]:

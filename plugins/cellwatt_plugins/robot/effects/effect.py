@@ -100,6 +100,8 @@ class Effect(ABC):
     confusions: ClassVar[tuple[Confusion, ...]] = ()
     tried: ClassVar[Sequence[Shape]] = ((),)
     """Shapes to try, if they do not depend on the recordings."""
+    refined: ClassVar[Sequence[tuple[float, float]]] = ()
+    """Bounds of each shape parameter in its refinement, as factors on the shape that was tried, if that is all."""
     coefficients_are: ClassVar[Names] = ()
     shape_is: ClassVar[Names] = ()
     """Names of its first coefficients, and of its shape, as parameters; a number without a name is not reported."""
@@ -210,8 +212,8 @@ class Effect(ABC):
         return 0.0
 
     def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
-        """Lowest and highest value of each shape parameter, for its refinement; () if it is not refined."""
-        return ()
+        """Lowest and highest value of each shape parameter, for its refinement; none if it is not refined."""
+        return [(low * value, high * value) for value, (low, high) in zip(shape, self.refined, strict=False)]
 
     def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
         """Physical parameters with units."""

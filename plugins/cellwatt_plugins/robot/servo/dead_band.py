@@ -29,6 +29,7 @@ class DriveDeadBand(Effect):
         Confusion("backlash", "lock the motor: play remains, a dead band does not"),
     )
     shape_is = (("half_width", "rad"),)
+    refined = (0.5, 2.0), (1.0, 1.0)
     sentence = "The drive of {joint} gives no torque within {half_width} of its command: a dead band is missing."
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
@@ -45,6 +46,3 @@ class DriveDeadBand(Effect):
             return np.where(np.abs(error) < band, error, 0.0 if way == FROM_CENTRE else band * np.sign(error))
 
         return run.servos.over_rows(at, lost)[:, None]
-
-    def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
-        return [(0.5 * shape[0], 2 * shape[0]), (shape[1], shape[1])]

@@ -77,7 +77,7 @@ def resolution(encoders: Float) -> Float:
     return np.asarray(np.maximum(noise, step_noise(encoders)))
 
 
-def compared(step: float) -> float:
+def compared_band(step: float) -> float:
     """Hz up to which torque and motion of rows every ``step`` s are compared."""
     return min(max(COMPARED / step, LEAST), MOST)
 
@@ -99,7 +99,7 @@ def _answers(step: float) -> tuple[Float, Float, Float]:
 def noise(
     stiffness: Float, damping: Float, inertia: Float, resolution: Float, step: float, fast: bool = False
 ) -> Float:
-    """Noise (n,) Nm of the law minus the motion's torque, by the encoders' (n,) rad: within ``compared``, or all."""
-    parts = [part[:, 0] if fast else smooth(part, step, compared(step))[:, 0] for part in _answers(step)]
+    """Noise (n,) Nm of the law minus the motion's torque, by the encoders' (n,) rad; ``fast``: at all frequencies."""
+    parts = [part[:, 0] if fast else smooth(part, step, compared_band(step))[:, 0] for part in _answers(step)]
     own = np.outer(stiffness, parts[0]) + np.outer(damping, parts[1]) + np.outer(inertia, parts[2])
     return np.asarray(resolution * np.sqrt(np.sum(own**2, axis=1)))

@@ -29,6 +29,7 @@ class DriveLimit(Effect):
     form = Form(to_scale=True, error=0.02)
     confusions = (Confusion("drive_gain", "move slower: a soft loop remains soft, a limit is not reached"),)
     shape_is = (("limit", "N*m"),)
+    refined = ((0.7, 1.3),)
     sentence = "The drive of {joint} gives at most {limit}: its limit is lower than the simulation's."
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
@@ -56,6 +57,3 @@ class DriveLimit(Effect):
         drive, at = run.servos, joint or 0
         more = drive.beyond(at, drive.servo.low[at], drive.servo.high[at])
         return (drive.beyond(at, -shape[0], shape[0]) - more)[:, None]
-
-    def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
-        return [(0.7 * shape[0], 1.3 * shape[0])]

@@ -36,6 +36,7 @@ class Play(Effect):
         Confusion("presliding_hysteresis", "reverse slowly where gravity loads the joint: a gap then stays closed"),
     )
     sentence = "{who} has a play of {gap} between drive and link: backlash is missing."
+    refined = ((0.5, 2.0),)
 
     def possible(self, robot: RobotDescription, joint: int | None) -> bool:
         return robot.joints[joint or 0].rotor_inertia > 0
@@ -65,9 +66,6 @@ class Play(Effect):
 
     def prior(self, runs: Sequence[States], joint: int | None, columns: Float, size: Float) -> Prior:
         return Prior.spread(np.array([0.3 * LARGE]))
-
-    def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
-        return [(0.5 * shape[0], 2 * shape[0])]
 
     def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
         return {"gap": Parameter(2 * estimate.coefficients[0], 2 * estimate.coefficient(0, "rad").std, "rad")}

@@ -7,9 +7,10 @@ import pytest
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.explain.input.admission import check_run
 from cellwatt_plugins.explain.input.admission.motion import check_moving
+from cellwatt_plugins.explain.input.admission.pairing import check_pairing
 from cellwatt_plugins.explain.input.run import Run
-from cellwatt_plugins.robot import Arm, RobotDescription
-from cellwatt_plugins.robot.description import Joint
+from cellwatt_plugins.robot import Arm
+from cellwatt_plugins.robot.motion import Plan
 from tests.plugins.explain.input.reading import examine, read_runs
 from tests.plugins.explain.recorded_arm import (
     EFFECTS,
@@ -24,6 +25,7 @@ from tests.plugins.explain.recorded_arm import (
     without_plan,
     write_robot,
 )
+from tests.plugins.robot import scara
 
 CASES = Path(__file__).resolve().parents[4] / ".." / "shared" / "concealed" / "dev"
 DEGREES = 57.29577951308232
@@ -207,6 +209,15 @@ def test_a_simulation_of_another_run(described, arm):
     assert "is it the simulation of this run?" in told
 
 
+def test_zeros_of_a_linear_axis_differ_by_metres(tmp_path):
+    time, q, qd, qdd = scara.motion()
+    arm = Arm.load(scara.write(tmp_path))
+    planned = Plan(q + np.array([0.5, 0, 0.3]), qd, qdd)
+    run = Run("press", time, q, qd, scara.torque(q, qd, qdd), plan=planned)
+    with pytest.raises(RecordingError, match=r"joints 1, 3 are -0.50 rad, -0.30 m off the simulated"):
+        check_pairing(run, arm.description)
+
+
 def test_too_short(described, arm):
     assert "250 usable samples in 2.50 s are too few: at least 3 s and 75 samples" in refusal(
         [recorded(described, excitation(1, seconds=2.5))], arm
@@ -227,18 +238,19 @@ def test_nothing_moves(described, arm):
         check_run(rest, arm)
 
 
-@pytest.mark.parametrize(("kind", "travel", "unit"), [("revolute", 0.008, "rad"), ("prismatic", 0.0016, "m")])
-def test_an_axis_is_at_rest_by_its_own_unit(kind, travel, unit):
+@pytest.mark.parametrize(("axis", "travel", "unit"), [(0, 0.008, "rad"), (2, 0.0016, "m")])
+def test_an_axis_is_at_rest_by_its_own_unit(axis, travel, unit, tmp_path):
     """A press of 40 mm moves, and so does a joint of 40 mrad."""
-    robot = RobotDescription(robot="press", urdf="press.urdf", joints=(Joint(name="axis_1", kind=kind),))
+    press = Arm.load(scara.write(tmp_path))
     t = np.arange(1000) * 0.02
 
-    def press(stroke):
-        return Run("press", t, stroke / 2 * np.sin(3 * t)[:, None], None, 100 * np.cos(3 * t)[:, None])
+    def moved(stroke):
+        position = np.outer(stroke / 2 * np.sin(3 * t), np.eye(3)[axis])
+        return Run("press", t, position, None, np.outer(np.cos(3 * t), np.full(3, 100.0)))
 
-    check_moving([press(0.04)], robot)
+    check_moving([moved(0.04)], press)
     with pytest.raises(RecordingError, match=rf"nothing moves \(at most {travel:.4f} {unit} at a joint"):
-        check_moving([press(travel)], robot)
+        check_moving([moved(travel)], press)
 
 
 def test_a_recording_of_small_motions_is_compared_with_others(described, arm):

@@ -63,8 +63,9 @@ def test_an_arm_whose_friction_turns_with_its_velocity_has_no_lead(silent):
     early = turned_early(0.0095)
     simulated = run(plant.simulated(plant.moves(1, 24.0), TIME, more=early))
     arm = replace(simulated, torque=simulated.torque - early)
-    assert examine([simulated], silent)[0].lead is None
-    assert examine([arm], silent)[0].lead == 0.0
+    base, _ = examine([simulated], silent)
+    assert base.recorded is base.arm
+    assert examine([arm], silent)[0].recorded.description.friction_lead == 0.0
 
 
 def test_numbers_that_the_description_lacks_are_the_simulations(silent):

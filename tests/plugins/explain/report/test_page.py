@@ -11,10 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cellwatt.report import Provenance
+from cellwatt.report import Folded, Provenance
+from cellwatt_plugins.explain.input.driven import drive_of
+from cellwatt_plugins.explain.input.run import Run
+from cellwatt_plugins.explain.report.motion import section
 from cellwatt_plugins.explain.report.page import report
 from cellwatt_plugins.explain.report.trace import Trace, worst_first
+from cellwatt_plugins.explain.simulators import load_simulator
 from cellwatt_plugins.explain.verdict.findings import Findings, Span, Where
+from cellwatt_plugins.robot.servo.law import servo_of
 from tests.daemon.report.reading import Page, check, numbers
 from tests.plugins.explain import reported
 
@@ -86,6 +91,22 @@ def test_linear_axis_is_told_in_metres(tmp_path: Path) -> None:
     drawn = json.dumps(figures(html))
     assert "position of joint 1, m" in drawn
     assert not re.search(r"\brad\b", drawn)
+
+
+def test_a_linear_drive_is_off_by_metres(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    (tmp_path / "lift.xml").write_text(
+        '<mujoco><worldbody><body><joint name="lift" type="slide" axis="0 0 1"/><geom size=".1" mass="1"/></body>'
+        '</worldbody><actuator><position joint="lift" kp="900" kv="60"/></actuator></mujoco>'
+    )
+    simulator, servo = load_simulator(tmp_path / "lift.xml", ["lift"]), servo_of(tmp_path / "lift.xml", ["lift"])
+    time = np.arange(300) * 0.01
+    position = 0.05 * np.sin(time)[:, None]
+    assert servo is not None
+    drive = drive_of(servo, position, position, 0.01)
+    told = Run("run_01", time, position, None, np.zeros((300, 1)), command=position, drive=drive)
+    (joint,) = (b for b in section([told], simulator, None).blocks if isinstance(b, Folded))
+    assert re.fullmatch(r"Joint 1: off by [0-9.e-]+ m rms", joint.title)
 
 
 def test_agreement_is_said_and_no_finding_drawn(tmp_path: Path) -> None:

@@ -153,6 +153,19 @@ def test_a_motor_that_turns_with_two_joints_is_a_tendon(tmp_path):
     }  # fmt: skip
 
 
+def test_a_mended_file_can_be_mended_again(tmp_path):
+    """Its elbow's motor is a tendon already: what is found since is another one."""
+    cell = Cell(tmp_path, PLAIN.mjcf())
+    cell.arm = cell.arm.with_coupling(np.array([[1.0, 0.0], [1.0, 1.0]]))
+    cell.path = cell.mended(*FOUND_AT_THE_ELBOWS_MOTOR).path
+    once = load_simulator(cell.path, JOINTS)
+    written = cell.mended(found("coulomb_friction", 1, 0.5), out="again")
+    assert once.notes == ()
+    more = 0.5 * np.tanh(moves()[1].sum(axis=1) / 0.004)
+    twice = load_simulator(written.path, JOINTS).torque(*moves(), leading=False)
+    np.testing.assert_allclose(twice, once.torque(*moves(), leading=False) + more[:, None], atol=1e-8)
+
+
 def test_a_urdf_holds_no_motor_that_turns_with_two_joints(tmp_path):
     cell = Cell(tmp_path, PLAIN.urdf(), ".urdf")
     cell.arm = cell.arm.with_coupling(np.array([[1.0, 0.0], [1.0, 1.0]]))

@@ -175,7 +175,7 @@ def test_an_estimate_becomes_parameters_with_units_and_one_sentence(effect, sett
             assert name.isidentifier()
             assert np.isfinite(parameter.value)
             assert isinstance(parameter.unit, str)
-            assert not parameter.std < 0
+            assert parameter.std >= 0
         place = "The robot" if setting.joint is None else f"Joint {setting.joint + 1}"
         sentence = effect.statement(place, parameters)
         assert sentence[0].isupper() or sentence[0].isdigit()

@@ -121,7 +121,7 @@ def _best_shape(
     blocks = _blocks(state, now, effect, joint, terms)
     gains = now.fit.gains(blocks, keep=effect.by_motion_alone)
     found = [
-        Candidate(term, gain - effect.charge(states, term.shape), coefficients)
+        Candidate(term, gain - effect.charge(states, term.shape))
         for term, block, (gain, coefficients) in zip(terms, blocks, gains, strict=True)
         if physical(term, coefficients, state.robot) and within_prior(term, coefficients, block.prior)
     ]

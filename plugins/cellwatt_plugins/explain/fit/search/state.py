@@ -15,7 +15,7 @@ from cellwatt_plugins.explain.fit.problem import Place, Problem, Term
 from cellwatt_plugins.explain.fit.retuning import loose
 from cellwatt_plugins.explain.fit.solution import Candidate, Solution, Trial
 from cellwatt_plugins.explain.fit.thresholds import Thresholds
-from cellwatt_plugins.explain.input.factors import MOVES, levers
+from cellwatt_plugins.explain.input.factors import MOVES
 from cellwatt_plugins.robot.blocks import Block
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.effect import Effect
@@ -87,8 +87,9 @@ class SearchState:
     def moving(self) -> list[int]:
         """Joints (0-based) that move and whose torque was measured; other joints give no evidence."""
         if self.problem.side == "supply":
-            travel = np.max([np.ptp(s.q, axis=0) for s in self.problem.states], axis=0)
-            return [int(joint) for joint in np.flatnonzero(travel > MOVES * levers(self.robot))]
+            states = self.problem.states
+            travel = np.max([np.ptp(s.q, axis=0) for s in states], axis=0)
+            return [int(joint) for joint in np.flatnonzero(travel > MOVES * states[0].arm.body.levers)]
         return self.problem.observed
 
     @property

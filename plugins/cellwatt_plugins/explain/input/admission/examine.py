@@ -60,7 +60,7 @@ def admit(runs: Sequence[Run], arm: Arm) -> Admitted:
         raise RecordingError("no recording given")
     check_length(runs)
     check_read(runs)
-    check_moving(runs, arm.description)
+    check_moving(runs, arm)
     notes = [note for run in runs for note in run.notes]
     # Not spread over workers: sending a run takes as long as these checks.
     for run in steps(runs, "checking run"):
@@ -69,7 +69,7 @@ def admit(runs: Sequence[Run], arm: Arm) -> Admitted:
         base = baseline(runs, arm)
     courses = spread(_followed, runs, "checking torques of runs", shared=base)
     base, states = _turning_over(runs, base, courses)
-    notes += [*remarks(runs, arm.description), *rough(states), *description_remarks(runs, arm, base)]
+    notes += [*remarks(runs, arm), *rough(states), *description_remarks(runs, arm, base)]
     return Admitted(base, tuple(notes), tuple(states))
 
 
@@ -81,18 +81,18 @@ def _turning_over(
     Friction jumps when it reverses, so only the changes of torque from sample to sample are compared.
     """
 
-    def made(lead: float | None) -> tuple[float, Baseline, list[States]]:
-        law = replace(base, lead=lead)
+    def made(recorded: Arm) -> tuple[float, Baseline, list[States]]:
+        law = replace(base, recorded=recorded)
         states = [law.along(run, i, *course) for i, (run, course) in enumerate(zip(runs, courses, strict=True))]
         measured = [np.where(run.filled[:, None], np.nan, run.torque) for run in runs]
         pairs = zip(measured, states, strict=True)
         off = [np.diff((torque - s.nominal) / np.nanstd(torque), axis=0) for torque, s in pairs]
         return float(np.nansum(np.square(np.concatenate(off)))), law, states
 
-    first = made(None)
+    first = made(base.arm)
     if not base.arm.description.friction_lead:
         return first[1:]
-    plain = made(0.0)
+    plain = made(base.arm.with_friction_lead(0.0))
     return first[1:] if first[0] < SOONER * plain[0] else plain[1:]
 
 
@@ -100,7 +100,7 @@ def check_run(run: Run, arm: Arm) -> Moved:
     """Check a single run and return its motion. Raises as ``admit``; ``arm`` is the simulation's."""
     check_length((run,))
     check_read((run,))
-    check_moving((run,), arm.description)
+    check_moving((run,), arm)
     _check(run, arm)
     return _moved(run, arm)
 

@@ -15,7 +15,6 @@ from cellwatt_plugins.explain.input.factors import (
     DEGREES,
     MOVES,
     RPM,
-    levers,
     order_text,
     usable,
     wrong_unit,
@@ -60,14 +59,14 @@ def travel(run: Run) -> Float:
     return span(run.position[usable(run)])
 
 
-def check_moving(runs: Sequence[Run], robot: RobotDescription) -> None:
+def check_moving(runs: Sequence[Run], arm: Arm) -> None:
     """Raises ``RecordingError`` if every joint with torque is at rest in all runs."""
     widest = np.max([np.where(unread(run), 0.0, travel(run)) for run in runs], axis=0)
-    share = widest / (AT_REST * levers(robot))
+    share = widest / (AT_REST * arm.body.levers)
     most = int(np.argmax(share))
     if share[most] < 1:
         names = runs[0].name if len(runs) == 1 else "the recordings"
-        way = f"{widest[most]:.4f} {robot.unit(most, 'rad')}"
+        way = f"{widest[most]:.4f} {arm.description.unit(most, 'rad')}"
         raise RecordingError(
             f"{names}: nothing moves (at most {way} at a joint whose torque was recorded): at rest only "
             "standby power and holding torques are visible; record at least some seconds of motion of every joint"

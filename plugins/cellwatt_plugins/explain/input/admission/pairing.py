@@ -79,11 +79,12 @@ def check_pairing(run: Run, robot: RobotDescription) -> list[str]:
         worst = int(moving[np.argmax(pair.errors())])
         off = float(np.std(q[:, worst] - plan[:, worst]))
         raise RecordingError(
-            f"{run.name}: the recording does not follow its simulation (joint {worst + 1} is {off:.2f} rad off, rms): "
-            "is it the simulation of this run? Simulations belong to recordings of the same name, or in the same order"
+            f"{run.name}: the recording does not follow its simulation (joint {worst + 1} is {off:.2f} "
+            f"{robot.unit(worst, 'rad')} off, rms): is it the simulation of this run? Simulations belong to "
+            "recordings of the same name, or in the same order"
         )
     _clock(pair, late, remaining)
-    _offset(pair)
+    _offset(pair, robot)
     if abs(late) > NOTICED and remaining < 0.5 * float(np.mean(pair.errors())):
         return [f"{run.name}: the recorded motion comes {late:.2f} s after the simulation's"]
     return []
@@ -140,15 +141,15 @@ def _order(pair: _Pair) -> None:
         )
 
 
-def _offset(pair: _Pair) -> None:
+def _offset(pair: _Pair, robot: RobotDescription) -> None:
     """Check the zeros of the positions; whole turns are ignored."""
     offset = np.median(pair.position - pair.plan, axis=0)
     offset -= 2 * np.pi * np.round(offset / (2 * np.pi))
     if np.any(np.abs(offset) > OFFSET):
-        joints = np.flatnonzero(np.abs(offset) > OFFSET)
+        joints = np.flatnonzero(np.abs(offset) > OFFSET).tolist()
         raise RecordingError(
-            f"{pair.name}: recorded positions of {joints_text((joints + 1).tolist())} are "
-            f"{', '.join(f'{offset[i]:.2f}' for i in joints)} rad off the simulated ones throughout: "
+            f"{pair.name}: recorded positions of {joints_text([i + 1 for i in joints])} are "
+            f"{', '.join(robot.unit(i, f'{offset[i]:.2f} rad') for i in joints)} off the simulated ones throughout: "
             "recording and simulation have different zeros"
         )
 

@@ -9,10 +9,10 @@ import numpy as np
 from cellwatt.arrays import Float
 from cellwatt.report.numbers import number
 from cellwatt_plugins.explain.input.admission.motion import AT_REST, travel
-from cellwatt_plugins.explain.input.factors import MOVES, joints_text, levers, usable
+from cellwatt_plugins.explain.input.factors import MOVES, joints_text, usable
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.explain.input.unread import LEVELS, unread_remarks
-from cellwatt_plugins.robot import RobotDescription
+from cellwatt_plugins.robot import Arm, RobotDescription
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import FAST
 from cellwatt_plugins.robot.stretches import stretches
@@ -31,10 +31,10 @@ PERIOD = 4
 """Samples per period of the fastest motion that is resolved."""
 
 
-def remarks(runs: Sequence[Run], robot: RobotDescription) -> list[str]:
+def remarks(runs: Sequence[Run], arm: Arm) -> list[str]:
     """Remarks on the runs, one sentence each."""
     widest = np.max([travel(run) for run in runs], axis=0)
-    lever = levers(robot)
+    lever = arm.body.levers
     notes = [f"{run.name}: the arm stands still" for run in runs if np.all(travel(run) < AT_REST * lever)]
     if (still := np.flatnonzero(widest < MOVES * lever)).size:
         notes.append(f"{joints_text((still + 1).tolist())} never moved: friction and inertia there cannot be found")
@@ -47,8 +47,8 @@ def remarks(runs: Sequence[Run], robot: RobotDescription) -> list[str]:
         if (filled := run.filled & ~np.isnan(run.torque).all(axis=1)).any():
             share = number(100 * float(np.mean(filled)), 2)
             notes.append(f"{run.name}: {share} % of the samples were filled in and do not count")
-        notes += _cut_off(run, robot)
-        notes += _coarse(run, robot)
+        notes += _cut_off(run, arm.description)
+        notes += _coarse(run, arm)
     return notes
 
 
@@ -56,7 +56,7 @@ def rough(states: Sequence[States]) -> Iterator[str]:
     """One sentence for each run with stretches without smooth motion, whose torque carries little information."""
     for run in states:
         doubt = (run.own_inertia + run.robot.column("rotor_inertia")) * run.moved.acceleration_spread
-        moves = np.ptp(run.q, axis=0) > MOVES * levers(run.robot)
+        moves = np.ptp(run.q, axis=0) > MOVES * run.arm.body.levers
         far = np.any(moves & (doubt > ROUGH * np.sqrt(np.mean(np.square(run.nominal), axis=0))), axis=1)
         inner = [(a, b) for a, b in stretches(far) if a > 0 and b < len(far)] if run.moved.planned else []
         seconds = sum(b - a for a, b in inner) * run.step
@@ -92,15 +92,15 @@ def _cut_off(run: Run, robot: RobotDescription) -> Iterator[str]:
                 )
 
 
-def _coarse(run: Run, robot: RobotDescription) -> Iterator[str]:
-    moves = travel(run) > MOVES * levers(robot)
+def _coarse(run: Run, arm: Arm) -> Iterator[str]:
+    moves = travel(run) > MOVES * arm.body.levers
     for i in np.flatnonzero(moves).tolist():
         torque = _read(run, i)
         levels = np.unique(torque)
         if 1 < len(levels) < min(LEVELS, len(torque) / OFTEN):
             yield (
                 f"{run.name}: the torque of joint {i + 1} comes in steps of {np.min(np.diff(levels)):.3g} "
-                f"{robot.unit(i, 'Nm')}: smaller effects cannot be found"
+                f"{arm.description.unit(i, 'Nm')}: smaller effects cannot be found"
             )
 
 

@@ -24,7 +24,6 @@ from cellwatt_plugins.explain.input.factors import (
     DEGREES,
     MOVES,
     joints_text,
-    levers,
     order_text,
     wrong_unit,
 )
@@ -95,7 +94,7 @@ def _check(place: str, current: bool, sample: Sample) -> None:
     misfit = expected.misfits(sample.read)
     if (misfit > POOR).any():
         _direction(place, sample, expected, misfit)
-        moves = np.ptp(sample.motion.position, axis=0) > MOVES * levers(sample.arm.description)
+        moves = np.ptp(sample.motion.position, axis=0) > MOVES * sample.arm.body.levers
         if moves.any() and np.mean(to_and_fro(sample.motion.velocity)[moves]) >= SEVERAL:
             _order(place, sample.read, expected)
             _motion_read_otherwise(place, sample, expected.misfit(sample.read))

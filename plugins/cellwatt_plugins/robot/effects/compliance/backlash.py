@@ -36,6 +36,7 @@ class Backlash(TwoMass):
         Confusion("presliding_hysteresis", "reverse slowly where gravity loads the joint: a gap then stays closed"),
     )
     shape_is = (("gap", "rad"), ("stiffness", "N*m/rad"), ("damping", "N*m*s/rad"))
+    refined = (0.5, 2.0), (0.3, 3.0), (0.2, 5.0)
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
         loads = np.concatenate([run.load[:, joint] for run in runs])
@@ -53,9 +54,6 @@ class Backlash(TwoMass):
     def twist(self, run: States, joint: int, own: Float, shape: Shape) -> Float:
         pressed = run.load[:, joint] + own
         return np.asarray(pressed / shape[1] + 0.5 * shape[0] * np.sign(pressed))
-
-    def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
-        return [(0.5 * shape[0], 2 * shape[0]), (0.3 * shape[1], 3 * shape[1]), (0.2 * shape[2], 5 * shape[2])]
 
     def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
         return (

@@ -33,6 +33,7 @@ class JointElasticity(TwoMass):
         Confusion("time_delay", "move with and without jerk: a spring rings on"),
     )
     shape_is = (("stiffness", "N*m/rad"), ("damping", "N*m*s/rad"))
+    refined = (0.5, 2.0), (0.1, 10.0), (1.0, 1.0)
     sentence = "The link of {joint} swings on a gear of {stiffness:.3g} Nm/rad: joint elasticity is missing."
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
@@ -54,6 +55,3 @@ class JointElasticity(TwoMass):
 
     def twist(self, run: States, joint: int, own: Float, shape: Shape) -> Float:
         return np.asarray((run.rigid[:, joint] + own) / shape[0])
-
-    def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
-        return [(0.5 * shape[0], 2.0 * shape[0]), (0.1 * shape[1], 10 * shape[1]), (shape[2], shape[2])]

@@ -37,6 +37,7 @@ class TorqueSaturation(Effect):
     form = Form(to_scale=True)
     confusions = (Confusion("torque_gain", "move slower: a gain remains, clipping vanishes"),)
     shape_is = (("limit", "N*m"),)
+    refined = ((0.95, 1.05),)
     sentence = "The torque measured at {joint} is clipped at {limit}."
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
@@ -56,9 +57,6 @@ class TorqueSaturation(Effect):
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
         torque = run.torque[:, joint]
         return (np.clip(torque, -shape[0], shape[0]) - torque)[:, None]
-
-    def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
-        return [(0.95 * shape[0], 1.05 * shape[0])]
 
 
 def _clipped(read: Float, asked: Float, level: float, spread: float) -> bool:

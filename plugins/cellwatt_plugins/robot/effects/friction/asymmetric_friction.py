@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from cellwatt.arrays import Float
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Confusion, Form, Relations
-from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Parameter, Shape
+from cellwatt_plugins.robot.effects.effect import Estimate, Parameter, Shape
+from cellwatt_plugins.robot.effects.friction import Friction, Sliding
 from cellwatt_plugins.robot.effects.states import States
 
 BOTH, UP, DOWN = 0.0, 1.0, -1.0
 
 
-class AsymmetricFriction(Effect):
+class AsymmetricFriction(Friction):
     """More friction one way than the other: half the difference each way, or all of it one way."""
 
     name = "asymmetric_friction"
-    of_motor = True
     acts_on = "friction"
     relations = Relations(along="velocity", beats=("torque_offset",))
     form = Form(reverses=True)
@@ -33,11 +34,10 @@ class AsymmetricFriction(Effect):
         # Friction one way only is half of it both ways plus an offset: not tried where friction itself is unknown.
         return [(BOTH,), (UP,), (DOWN,)] if described > 0 else [(BOTH,)]
 
-    def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
-        sign = run.sign[:, joint]
+    def torque(self, sliding: Sliding, shape: Shape) -> Any:
         if shape[0] == BOTH:
-            return (0.5 * np.abs(sign))[:, None]
-        return (np.maximum(shape[0] * sign, 0.0) * shape[0])[:, None]
+            return 0.5 * np.abs(sliding.sign)
+        return np.maximum(shape[0] * sliding.sign, 0.0) * shape[0]
 
     def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
         return {"difference": estimate.coefficient(0, "N*m", -1.0 if estimate.shape[0] == DOWN else 1.0)}

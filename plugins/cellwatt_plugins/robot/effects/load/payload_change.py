@@ -8,7 +8,7 @@ import numpy as np
 
 from cellwatt.arrays import Float
 from cellwatt_plugins.robot.description import RobotDescription
-from cellwatt_plugins.robot.effects.declaration import Confusion, Form, Relations
+from cellwatt_plugins.robot.effects.declaration import Confusion, Form, Relations, Uncertainty
 from cellwatt_plugins.robot.effects.effect import Estimate, Parameter, Shape
 from cellwatt_plugins.robot.effects.load.payload import Payload
 from cellwatt_plugins.robot.effects.load.schedule import levels, switching_charge
@@ -27,6 +27,7 @@ class PayloadChange(Payload):
     depends_on = "residual"
     form = Form(intermittent=True)
     relations = Relations()
+    uncertainty = Uncertainty({"first_picked_up": 0.0}, torque_gain=("mass",))
     plausible = None
     confusions = (Confusion("external_contact", "repeat the same program without the part"),)
     sentence = (
@@ -48,7 +49,7 @@ class PayloadChange(Payload):
         return run.regressor[:, :, -10:] * inside(run, shape)[:, None, None]
 
     def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
-        first = Parameter(float(estimate.shape[1]), float("nan"), "s")
+        first = Parameter(float(estimate.shape[1]), 0.0, "s")
         return {**super().parameters(estimate, robot, joint), "first_picked_up": first}
 
 
