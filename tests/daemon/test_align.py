@@ -62,7 +62,7 @@ def joined(frames):
 def play(aligner, entries, *, flush=True):
     frames = []
     for entry in entries:
-        frames += aligner.tick(entry) if isinstance(entry, Tick) else aligner.add(entry)
+        frames += aligner.add(entry)
     return frames + (aligner.flush() if flush else [])
 
 
@@ -173,8 +173,8 @@ def test_a_frame_is_given_out_by_the_entry_that_settles_it():
 def test_a_frame_does_not_wait_beyond_the_latency_and_late_samples_are_counted():
     aligner, arm, belt = arm_and(stream(Channel("speed", "m/s")))
     aligner.add(batch(arm, [19, 21], [1, 1], arrival=22))
-    assert aligner.tick(tick(119)) == []
-    (frames,) = aligner.tick(tick(120))
+    assert aligner.add(tick(119)) == []
+    (frames,) = aligner.add(tick(120))
     assert frames.time.tolist() == [EPOCH + 20 * MS]
     assert frames.quality.tolist() == [[GOOD, MISSING]]
     assert aligner.add(batch(belt, [16, 18, 20, 22], [1] * 4, source="belt", arrival=121)) == []
@@ -262,7 +262,7 @@ def test_ticks_alone_keep_the_frames_coming_when_all_streams_fell_silent():
 def test_frames_after_a_jump_of_the_cell_time_by_an_hour_are_left_out_and_counted():
     aligner, of = one(POSITION)
     aligner.add(batch(of, [1, 3], [1, 1]))
-    frames = aligner.tick(tick(3_600_000))
+    frames = aligner.add(tick(3_600_000))
     assert sum(len(f) for f in frames) == 1
     assert aligner.skipped == 3_600_000 // 20 - 5 - 1
     (frames,) = aligner.add(batch(of, [3_600_001], [1.0]))
@@ -391,7 +391,7 @@ def test_every_grid_point_comes_once_and_in_order_whatever_arrives(script):
     frames, now = [], EPOCH - SECOND
     for entry in entries:
         now = max(now, entry.time if isinstance(entry, Tick) else entry.arrival)
-        frames += aligner.tick(entry) if isinstance(entry, Tick) else aligner.add(entry)
+        frames += aligner.add(entry)
         if frames:
             assert now - 100 * MS - STEP < frames[-1].time[-1] <= now
     time, values, quality, bound = joined([*frames, *aligner.flush()])

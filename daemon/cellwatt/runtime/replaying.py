@@ -25,7 +25,7 @@ def replay_frames(
     """Align recorded entries to frames again, by the same or other settings of the grid."""
     aligner = Aligner(streams, settings.rate, settings.latency)
     for entry in entries:
-        yield from aligner.tick(entry) if isinstance(entry, Tick) else aligner.add(entry)
+        yield from aligner.add(entry)
     yield from aligner.flush()
 
 
