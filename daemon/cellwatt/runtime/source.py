@@ -46,7 +46,7 @@ def _first(reading: Reading, n: int) -> Reading:
 
 
 class Source:
-    """The daemon's side of one driver; implements ``cellwatt.driver.Inlet``.
+    """The daemon's side of one driver, which is created with its ``settings``; implements ``cellwatt.driver.Inlet``.
 
     ``take`` is called with every batch and ``tell`` with every event, on the event loop. ``now`` is the cell's clock.
     ``sequence`` continues the numbering of a source of the same name that a reload replaced. ``crowded`` returns
@@ -56,7 +56,8 @@ class Source:
     def __init__(
         self,
         name: str,
-        make: Callable[[Source], Driver[Any]],
+        driver: Callable[[str, Any, Source], Driver[Any]],
+        settings: Any,
         now: Callable[[], int],
         take: Callable[[Batch], None],
         tell: Callable[[Event], None],
@@ -73,7 +74,7 @@ class Source:
         self.last_error: str | None = None
         self.since = time.monotonic()
         self._connected_at: float | None = None
-        self.driver = make(self)
+        self.driver = driver(name, settings, self)
         self.meters = {s.name: RateMeter() for s in self.driver.streams}
         self.clocks: dict[str, ClockModel] = {
             s.name: ClockModel(least_delay=self.driver.least_delay) for s in self.driver.streams if s.clock == "device"

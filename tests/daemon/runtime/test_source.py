@@ -36,7 +36,8 @@ class Cellar:
         self.events: list[Event] = []
         self.source = Source(
             "arm",
-            lambda inlet: FakeDriver("arm", FakeSettings(host="arm"), inlet),
+            FakeDriver,
+            FakeSettings(host="arm"),
             lambda: 1_000_000_000,
             self.batches.append,
             self.events.append,
