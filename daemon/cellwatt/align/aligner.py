@@ -35,8 +35,8 @@ class Aligner:
 
     Linear channels lie on the straight line between the neighbouring samples, averaged ones are the mean over
     the step around the grid point, held ones are the last sample. If the samples are more than 1.5 nominal periods
-    apart, the value counts as interpolated; if more than ``gap`` periods, as missing. Streams with a period above
-    half the latency, or without a rate, are held; those without a rate for ``hold`` s at most. The bound of a value is
+    apart, the value counts as interpolated; if more than 3.5 periods, as missing. Streams with a period above half
+    the latency, or without a rate, are held; those without a rate for 60 s at most. The bound of a value is
     the worst clock bound of its samples plus the distance of the nearest one from the grid point, -1 where it
     is missing.
 
@@ -49,20 +49,18 @@ class Aligner:
         rate: float,
         latency: float,
         *,
-        gap: float = 3.5,
-        hold: float = 60.0,
         sequence: int = 0,
         after: int = NEVER,
     ) -> None:
-        if not (rate > 0 and latency > 0 and gap >= 1.5 and hold > 0):
-            raise ConfigError("frames: rate, latency and hold must be above 0 and gap at least 1.5")
+        if not (rate > 0 and latency > 0):
+            raise ConfigError("frames: rate and latency must be above 0")
         self._step = step = round(_SECOND / rate)
         self._latency = round(latency * _SECOND)
         self._lanes: dict[tuple[str, str], Lane] = {}
         channels: list[FrameChannel] = []
         for source, its_streams in streams.items():
             for stream in its_streams:
-                lane = Lane(stream, len(channels), step, self._latency, gap, hold)
+                lane = Lane(stream, len(channels), step, self._latency)
                 self._lanes[source, stream.name] = lane
                 channels += [
                     FrameChannel(f"{source}.{channel.name}", channel.unit, channel.kind, method, channel.window)
