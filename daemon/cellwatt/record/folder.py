@@ -167,7 +167,8 @@ def listing(folder: Path, cell: str) -> list[RecordFile]:
         name = FileName.parse(listed)
         if name is None or name.cell != cell:
             continue
-        for path in (folder / listed, closed_name(folder / listed)):  # the latter if it was closed since it was listed
+        there = folder / listed
+        for path in (there, closed_name(there)) if listed.endswith(PART) else (there,):  # it may be closed meanwhile
             with contextlib.suppress(FileNotFoundError):
                 status = path.stat()
                 closed = path.suffix in (".mcap", DAMAGED)
