@@ -139,9 +139,9 @@ class History:
 
     def _files(self) -> list[FileIndex]:
         """Indexes of all files of the cell in order; only changed files are read again."""
-        live = self._recorder.live()
-        fresh: dict[Path, FileIndex] = {}
-        for stored in listing(self._folder, self._recorder.cell):
+        files, fresh = listing(self._folder, self._recorder.cell), dict[Path, FileIndex]()
+        live = self._recorder.live()  # after the listing: of its open files, the one that is not live has its summary
+        for stored in files:
             old = self._known.get(stored.path)
             if live is not None and stored.path == live[0]:
                 fresh[stored.path] = index_of(stored, live[1], "open")
