@@ -17,7 +17,7 @@ from cellwatt.config import FrameSettings
 from cellwatt.errors import CellwattError
 from cellwatt.runtime.change import Change
 from cellwatt.runtime.processes.shared import Alive, Assignment, Failed, Ready
-from cellwatt.runtime.processes.supervised_process import SupervisedProcess
+from cellwatt.runtime.processes.supervised_process import LONGEST_PAUSE, SupervisedProcess
 from cellwatt.runtime.processes.supervisor import Supervisor, _Reload
 from tests.daemon.runtime.fakes import FakeDriver, config_of, sources, stages
 from tests.patience import PATIENCE, wait_until
@@ -196,6 +196,16 @@ def test_a_process_that_hangs_is_killed_and_restarted(caplog: pytest.LogCaptureF
         daemon._turn()
         assert align.alive
         daemon._kill(align, warn=False)
+
+
+def test_a_process_that_has_failed_for_days_is_still_restarted() -> None:
+    daemon = Supervisor(config_of())
+    align = daemon._align = SupervisedProcess("align", _fails, daemon._assign, restarts=2000, _failures=2000)
+    with daemon._signals() as daemon._selector:
+        daemon._start(align)
+        while align.alive:
+            daemon._wait(PATIENCE)
+    assert align.again_at - align._began >= LONGEST_PAUSE
 
 
 def _hears(assignment: Assignment) -> None:
