@@ -389,7 +389,7 @@ class Supervisor:
             self._give_up_reload(error)
 
     def _send(self, reload: _Reload) -> None:
-        """Send the settings to all processes, to *collect* last, after all steps that can fail."""
+        """Send the settings to all processes, after all steps that can fail."""
         reload.sent, self._refused = True, ""
         self._config = reload.config
         if not reload.change.frames:
@@ -399,7 +399,8 @@ class Supervisor:
         self._ending += [process for process in self._judges.values() if process.alive]
         self._ends_by = time.monotonic() + END
         self._judges, reload.judges = reload.judges, {}
-        for process in (self._align, self._tell, self._collect):
+        # *align* reads them at the mark that *collect* makes when it has them; more than a pipe takes wait until then.
+        for process in (self._collect, self._tell, self._align):
             process.send(Apply(reload.generation, reload.config))
 
     def _reload_done(self, reload: _Reload) -> None:

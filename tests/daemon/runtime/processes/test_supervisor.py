@@ -15,8 +15,10 @@ import pytest
 
 from cellwatt.config import FrameSettings
 from cellwatt.errors import CellwattError
+from cellwatt.ring import ItemWriter, Mark
 from cellwatt.runtime.change import Change
-from cellwatt.runtime.processes.shared import Alive, Assignment, Failed, Ready
+from cellwatt.runtime.processes.align import align
+from cellwatt.runtime.processes.shared import Alive, Apply, Assignment, Failed, Ready
 from cellwatt.runtime.processes.supervised_process import LONGEST_PAUSE, SupervisedProcess
 from cellwatt.runtime.processes.supervisor import Supervisor, _Reload
 from tests.daemon.runtime.fakes import FakeDriver, config_of, sources, stages
@@ -110,6 +112,33 @@ def test_new_settings_wait_until_a_tell_that_starts_with_the_old_ones_serves() -
         daemon._go_on_reloading()
         assert daemon._reload.sent
         daemon._kill(tell, warn=False)
+
+
+def _hears_new_settings(assignment: Assignment) -> None:
+    assert isinstance(assignment.control.recv(), Apply)
+
+
+def _begins_new_settings(assignment: Assignment) -> None:
+    _hears_new_settings(assignment)
+    raw = ItemWriter(assignment.shared.raw)
+    raw.put(Mark(2))
+    raw.end()
+
+
+@pytest.mark.timeout(60)
+def test_new_settings_may_be_larger_than_a_pipe_takes() -> None:
+    """A server of OPC UA with two thousand tags."""
+    daemon, config = Supervisor(config_of()), config_of(text="#" * 4_000_000)
+    mains = {"collect": _begins_new_settings, "align": align, "tell": _hears_new_settings}
+    made = [SupervisedProcess(name, main, daemon._assign) for name, main in mains.items()]
+    daemon._collect, daemon._align, daemon._tell = made
+    with daemon._signals() as daemon._selector:
+        for process in made:
+            daemon._start(process)
+        daemon._send(_Reload(config, Change((), (), (), frames=True, units=False), 2))
+        while any(process.alive for process in made):
+            daemon._wait(PATIENCE)
+    assert all(process.done for process in made)
 
 
 def test_new_settings_do_not_wait_for_a_tell_that_cannot_start() -> None:
