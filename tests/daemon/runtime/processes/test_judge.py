@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -75,3 +76,14 @@ def test_a_judge_that_is_behind_drops_the_oldest_and_counts_them() -> None:
     assert judged == list(range(290, QUEUED_FRAMES + 300, 10)), "all that was waiting when it came up to date, in order"
     last = [i for i in said if isinstance(i, Status)][-1].figures["stages"]["heat"]
     assert (last["dropped"], last["frames"], last["waiting"]) == (290, QUEUED_FRAMES + 10, 0)
+
+
+def test_results_that_cannot_be_passed_on_are_counted() -> None:
+    """A stage of another package puts an object into the evidence of its alarm."""
+    JUDGES["heat"].give = lambda frames, _: [
+        replace(alarm("heat"), evidence={"curve": object()}),
+        prediction("heat", frames.sequence),
+    ]
+    said = said_by_a_judge(blocks=3)
+    assert [i.sequence for i in said if isinstance(i, Prediction)] == [0, 10, 20] and not alarms_in(said)
+    assert [i for i in said if isinstance(i, Status)][-1].figures["refused"] == 3
