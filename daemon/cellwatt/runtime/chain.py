@@ -12,6 +12,7 @@ from cellwatt.alarms import AlarmBook, withdrawn
 from cellwatt.errors import CellwattError
 from cellwatt.frames import Frames
 from cellwatt.results import Alarm, Result
+from cellwatt.runtime.allowance import one_line
 from cellwatt.stage import Stage
 
 log = logging.getLogger(__name__)
@@ -136,7 +137,7 @@ class Chain:
 
     def _fail(self, slot: _Slot, error: Exception, now: int) -> None:
         slot.failures += 1
-        slot.error = f"{type(error).__name__}: {error}"
+        slot.error = one_line(f"{type(error).__name__}: {error}")
         pause = min(FIRST_PAUSE * 2 ** min(slot.failures - 1, 10), LONGEST_PAUSE)
         slot.again_at = now + round(pause * 1e9)
 

@@ -85,3 +85,14 @@ def test_alarms_of_a_stage_that_broke_are_taken_back():
     assert (over.id, over.active, over.time) == ("heat", False, 1_000_000_000)
     assert over.statement == "Withdrawn, as stage judge restarts: Joint 2: heat."
     assert chain.process(frames_of(2, second=2.0)) == []
+
+
+def test_the_error_of_a_stage_is_one_line_of_plain_text():
+    chain = chain_of(judge=FakeStage)
+
+    def names_a_file(*_):
+        raise OSError("no file of \udcff,\n  see the log")
+
+    JUDGES["judge"].give = names_a_file
+    chain.process(frames_of(0))
+    assert chain.status()["judge"]["error"] == "OSError: no file of  ,   see the log"

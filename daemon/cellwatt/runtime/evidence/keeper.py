@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable
 from typing import Any, Final
 
 from cellwatt.child import output
-from cellwatt.errors import CellwattError
+from cellwatt.errors import CellwattError, why
 from cellwatt.record import RecordSettings, packs
 from cellwatt.record.header import PART
 from cellwatt.record.packs import Due
@@ -138,9 +138,10 @@ class Keeper:
             try:
                 self._writing = asyncio.ensure_future(asyncio.to_thread(packs.write_due, self.folder, due))
                 await asyncio.shield(self._writing)
-            except OSError as error:
+            except (OSError, ValueError) as error:  # the latter: a text that is no UTF-8
                 self._waiting = [other for other in self._waiting if other.name != due.name]
-                self._give_up(due, f"{self.folder} cannot be written: {error.strerror}")
+                reason = why(error) if isinstance(error, OSError) else "its alarm cannot be encoded"
+                self._give_up(due, f"{self.folder} cannot be written: {reason}")
 
     async def _retain(self) -> None:
         if time.monotonic() - self._retained_at < RETAIN_EVERY:
@@ -189,11 +190,11 @@ class Keeper:
         found: dict[str, Any] = json.loads(printed.splitlines()[-1])
         return found
 
-    def _give_up(self, due: Due, why: str) -> None:
+    def _give_up(self, due: Due, reason: str) -> None:
         self._given_up += 1
-        self._problem = why
-        log.warning("evidence of alarm %s is not stored: %s", due.alarms[0].id, why)
-        self._say(due, f"not stored: {why}", {})
+        self._problem = reason
+        log.warning("evidence of alarm %s is not stored: %s", due.alarms[0].id, reason)
+        self._say(due, f"not stored: {reason}", {})
 
     def _say(self, due: Due, what: str, data: dict[str, Any]) -> None:
         first = due.alarms[0]

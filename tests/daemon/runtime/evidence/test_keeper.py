@@ -197,6 +197,16 @@ async def test_a_disk_that_takes_no_note_gives_the_pack_up(cell: Cell) -> None:
     assert "cannot be written" in cell.events[0].text
 
 
+async def test_an_alarm_that_cannot_be_encoded_ends_no_keeper(cell: Cell) -> None:
+    async with cell.keeper() as keeper:
+        keeper.alarm(alarm("odd", statement="Stage x failed: no file \udcff"))
+        await eventually(lambda: cell.events, "the event")
+        keeper.alarm(alarm())
+        cell.time = 60.0
+        await eventually(lambda: len(cell.events) == 2, "the pack of the next alarm")
+    assert "not stored: " in cell.events[0].text and len(cell.packs) == 1
+
+
 @pytest.mark.timeout(120)
 async def test_a_process_that_fails_says_why(cell: Cell) -> None:
     cell.settings = cell.settings.model_copy(update={"keep": 1e18, "file_size": 1e18})
