@@ -181,10 +181,12 @@ class Source:
         )
 
     def _blank(self, stream: Stream) -> list[str]:
-        """Channels without a value in the last samples, except states and channels reported as left out.
+        """Channels of a connected device without a value in its last samples, except states and those left out.
 
         Channels of a stream that is sent on change are blank only until their first value.
         """
+        if self._connected_at is None:
+            return []
         rate = self.driver.rates.get(stream.name, stream.rate)
         since = self.sequence[stream.name] - max(LEAST_SAMPLES, BLANK * rate) if stream.rate else 0
         known = zip(stream.channels, self._valued[stream.name] <= since, strict=True)
