@@ -294,6 +294,8 @@ class Supervisor:
             self._ending.remove(process)
         elif self._reload is not None and process in self._reload.judges.values():
             self._give_up_reload(CellwattError(f"the process {process.name} ended by {why}; nothing was changed"))
+        elif self._failed is None and not self._stop_asked and not (self._collect.ready or self._collect.restarts):
+            self._failed = CellwattError(f"the process {process.name} ended by {why} at the start: the log says why")
         elif self._failed is None and not self._stop_asked:
             pause = max(process.again_at - time.monotonic(), 0.0)
             log.error("the process %s ended by %s; it is restarted in %.1f s", process.name, why, pause)

@@ -212,6 +212,7 @@ def test_settings_that_send_more_than_the_rings_hold_are_warned_about(caplog: py
 
 def test_a_process_that_hangs_is_killed_and_restarted(caplog: pytest.LogCaptureFixture) -> None:
     daemon = Supervisor(config_of())
+    daemon._collect.ready = True
     align = daemon._align = SupervisedProcess("align", _hangs, daemon._assign)
     with daemon._signals() as daemon._selector:
         daemon._start(align)
@@ -225,6 +226,21 @@ def test_a_process_that_hangs_is_killed_and_restarted(caplog: pytest.LogCaptureF
         daemon._turn()
         assert align.alive
         daemon._kill(align, warn=False)
+
+
+def _breaks(assignment: Assignment) -> None:
+    raise KeyError("joint_7")
+
+
+@pytest.mark.timeout(60)
+def test_a_process_that_breaks_before_a_device_is_opened_refuses_the_start() -> None:
+    """A stage with a mistake in its code; else the devices would never be opened, and nothing would be recorded."""
+    daemon = Supervisor(config_of())
+    judge = SupervisedProcess("judge heat", _breaks, daemon._assign)
+    daemon._judges = {0: judge}
+    with daemon._signals() as daemon._selector:
+        daemon._begin([judge])
+    assert str(daemon._failed) == "the process judge heat ended by exit code 1 at the start: the log says why"
 
 
 def test_a_process_that_has_failed_for_days_is_still_restarted() -> None:
