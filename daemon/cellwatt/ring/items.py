@@ -61,7 +61,7 @@ class ItemWriter:
                 number, rows = self._rows_of(item)
                 self._put_rows(item, number, rows.encode(item, number).tobytes())
             case Status():
-                self._put_message(STATUS, json.dumps(item.figures).encode(), silent=True)
+                self._put_message(STATUS, json.dumps(item.figures, default=_plain).encode(), silent=True)
             case Mark():
                 self._put_message(_MARK, str(item.generation).encode())
             case _:
@@ -193,6 +193,11 @@ class ItemReader:
         lines, self._declared = self.ring.declared(self._declared)
         self._rows.update(map(_read_declaration, lines))
         return self._rows[channel]
+
+
+def _plain(value: Any) -> Any:
+    """Figures of a driver of any author: numpy's numbers as numbers, other objects as text."""
+    return value.tolist() if hasattr(value, "tolist") else str(value)
 
 
 def _read_declaration(line: bytes) -> tuple[int, SampleRows | FrameRows]:
