@@ -11,6 +11,7 @@ from typing import Any, Final
 from cellwatt.alarms import AlarmBook, withdrawn
 from cellwatt.errors import CellwattError
 from cellwatt.frames import Frames
+from cellwatt.record import messages
 from cellwatt.results import Alarm, Result
 from cellwatt.runtime.allowance import one_line
 from cellwatt.stage import Stage
@@ -39,7 +40,12 @@ class _Slot:
     alarms: AlarmBook = field(default_factory=AlarmBook)
 
     def named(self, results: Sequence[Result]) -> Sequence[Result]:
-        """Set the stage's name in the alarms among ``results``, and note these alarms."""
+        """Set the stage's name in the alarms among ``results``, and note these alarms.
+
+        Raises ``ValueError`` or ``KeyError`` for a result that the processes which read it could not decode.
+        """
+        for result in results:
+            messages.decode(type(result), messages.encode(result))
         if not any(isinstance(result, Alarm) for result in results):
             return results
         named = [replace(r, stage=self.name) if isinstance(r, Alarm) else r for r in results]

@@ -78,12 +78,11 @@ def test_a_judge_that_is_behind_drops_the_oldest_and_counts_them() -> None:
     assert (last["dropped"], last["frames"], last["waiting"]) == (290, QUEUED_FRAMES + 10, 0)
 
 
-def test_results_that_cannot_be_passed_on_are_counted() -> None:
-    """A stage of another package puts an object into the evidence of its alarm."""
+def test_results_that_are_too_large_to_be_passed_on_are_counted() -> None:
     JUDGES["heat"].give = lambda frames, _: [
-        replace(alarm("heat"), evidence={"curve": object()}),
+        replace(prediction("large", frames.sequence), outputs={"power": (0.5,) * 200_000}),
         prediction("heat", frames.sequence),
     ]
     said = said_by_a_judge(blocks=3)
-    assert [i.sequence for i in said if isinstance(i, Prediction)] == [0, 10, 20] and not alarms_in(said)
+    assert [(i.model, i.sequence) for i in said if isinstance(i, Prediction)] == [("heat", n) for n in (0, 10, 20)]
     assert [i for i in said if isinstance(i, Status)][-1].figures["refused"] == 3
