@@ -76,7 +76,10 @@ def test_replay_gives_the_frames_that_were_recorded(call: Call, recording: Path)
     assert ended.out == f"identical: {count} frames agree in every bit\n{count} frames, results: none\n"
 
 
-def test_replay_keeps_no_frames(call: Call, recording: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("options", [(), ("--verify",)])
+def test_replay_keeps_no_frames(
+    call: Call, recording: Path, monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...]
+) -> None:
     seen: list[weakref.ref[Any]] = []
 
     def watched(*given: Any) -> Iterator[Frames]:
@@ -86,7 +89,7 @@ def test_replay_keeps_no_frames(call: Call, recording: Path, monkeypatch: pytest
             yield block
 
     monkeypatch.setattr("cellwatt.commands.replay.replay_frames", watched)
-    assert call("replay", recording).code == 0
+    assert call("replay", recording, *options).code == 0
     assert len(seen) > 8
 
 
