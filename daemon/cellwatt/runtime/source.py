@@ -125,7 +125,7 @@ class Source:
             asked = reading.arrival if reading.asked is None else reading.asked
             stamped, bound = middle(asked, reading.arrival, n, self._last_time[stream.name])
         quality, values = np.zeros(n, np.uint8) if reading.quality is None else reading.quality, reading.values
-        valued: slice | NDArray[np.bool_] = slice(None)
+        valued: slice | np.bool_ | NDArray[np.bool_] = slice(None)
         if not (finite := np.isfinite(values)).all():
             self.account.anomaly("infinite values", int(np.isinf(values).sum()))
             values, valued = np.where(finite, values, np.nan), finite.any(axis=0)
