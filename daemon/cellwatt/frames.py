@@ -79,9 +79,7 @@ class Layout:
 
         Raises ``ConfigError`` if no source has joints, or if several have and ``source`` is None.
         """
-        sources = sorted(
-            {c.source for c in self.channels if c.short.startswith("joint_") and c.short.endswith(f".{quantity}")}
-        )
+        sources = sorted({c.source for c in self.channels if c.short == f"joint_1.{quantity}"})
         if source is None and not sources:
             raise ConfigError(f"no source has joint_1.{quantity}")
         if source is None and len(sources) > 1:

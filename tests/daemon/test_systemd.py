@@ -39,6 +39,11 @@ def test_reloading_carries_the_monotonic_time_of_now(supervisor) -> None:
     assert before <= int(match[1]) <= after
 
 
+def test_a_text_that_is_no_utf_8_is_told_all_the_same(supervisor) -> None:
+    assert systemd.notify(STATUS="amber: Stage heat failed: no file of \udcff")
+    assert supervisor.recv(4096) == b"STATUS=amber: Stage heat failed: no file of ?"
+
+
 def test_line_break_cannot_smuggle_a_field(supervisor) -> None:
     with pytest.raises(ValueError, match="one line"):
         systemd.notify(STATUS="fine\nMAINPID=1")

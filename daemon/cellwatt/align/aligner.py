@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 
@@ -28,12 +30,13 @@ class Aligner:
     A grid point is emitted once every active stream has the samples that settle it, at the latest with the first
     entry (batch or tick) whose time is ``latency`` s past it. Values that are missing then are marked; samples that
     arrive later are counted by stream in ``counts``. The frames and their blocks depend only on the sequence of
-    entries, so a replay gives the same bits.
+    entries, so a replay gives the same bits. They are numbered from ``sequence``; those up to time ``after``, ns, are
+    left out, as a predecessor has emitted them.
 
     Linear channels lie on the straight line between the neighbouring samples, averaged ones are the mean over
     the step around the grid point, held ones are the last sample. If the samples are more than 1.5 nominal periods
-    apart, the value counts as interpolated; if more than ``gap`` periods, as missing. Streams with a period above
-    half the latency, or without a rate, are held; those without a rate for ``hold`` s at most. The bound of a value is
+    apart, the value counts as interpolated; if more than 3.5 periods, as missing. Streams with a period above half
+    the latency, or without a rate, are held; those without a rate for 60 s at most. The bound of a value is
     the worst clock bound of its samples plus the distance of the nearest one from the grid point, -1 where it
     is missing.
 
@@ -46,18 +49,18 @@ class Aligner:
         rate: float,
         latency: float,
         *,
-        gap: float = 3.5,
-        hold: float = 60.0,
+        sequence: int = 0,
+        after: int = NEVER,
     ) -> None:
-        if not (rate > 0 and latency > 0 and gap >= 1.5 and hold > 0):
-            raise ConfigError("frames: rate, latency and hold must be above 0 and gap at least 1.5")
+        if not (rate > 0 and latency > 0):
+            raise ConfigError("frames: rate and latency must be above 0")
         self._step = step = round(_SECOND / rate)
         self._latency = round(latency * _SECOND)
         self._lanes: dict[tuple[str, str], Lane] = {}
         channels: list[FrameChannel] = []
         for source, its_streams in streams.items():
             for stream in its_streams:
-                lane = Lane(stream, len(channels), step, self._latency, gap, hold)
+                lane = Lane(stream, len(channels), step, self._latency)
                 self._lanes[source, stream.name] = lane
                 channels += [
                     FrameChannel(f"{source}.{channel.name}", channel.unit, channel.kind, method, channel.window)
@@ -67,24 +70,43 @@ class Aligner:
         self.layout = Layout(tuple(channels), rate)
         self.skipped = 0
         """Frames skipped because the cell's time jumped."""
+        self.sequence = sequence
+        """Number of the next frame."""
         self._now = self._given_out = NEVER
+        self._after = after
         self._next: int | None = None  # number of the next grid point: its time in steps
-        self._sequence = 0
 
     @property
     def counts(self) -> Mapping[tuple[str, str], Counts]:
         """Counts of samples that did not enter their frames, by source and stream."""
         return {key: lane.track.counts for key, lane in self._lanes.items()}
 
-    def add(self, batch: Batch) -> list[Frames]:
-        """Add a batch; return the frames that it settles. Raises ``KeyError`` for an undeclared stream."""
-        lane = self._lanes[batch.source, batch.stream.name]
+    @property
+    def reached(self) -> int:
+        """Time of the last frame, ns: the ``after`` of a successor."""
+        return max(self._after, self._given_out)
+
+    def status(self) -> dict[str, Any]:
+        """Counts of emitted frames, of samples that missed theirs by stream, and of skipped frames; JSON-ready."""
+        streams = {f"{source}/{stream}": asdict(found) for (source, stream), found in self.counts.items()}
+        return {"count": self.sequence, "streams": streams | {"cell": {"skipped": self.skipped}}}
+
+    def add(self, entry: Batch | Tick) -> list[Frames]:
+        """Add a batch, or advance the cell's time by a tick; return the frames that are settled or overdue now.
+
+        Raises ``KeyError`` for an undeclared stream.
+        """
+        if isinstance(entry, Tick):
+            self._now = max(self._now, entry.time)
+            return self._move_on()
+        batch, lane = entry, self._lanes[entry.source, entry.stream.name]
         self._now = max(self._now, batch.arrival)
         if not len(batch):
             return self._move_on()
         if self._next is None:
             # The first grid point is at the first sample, but no further back than the latency.
-            self._next = -(-max(int(batch.time[0]), self._now - self._latency) // self._step)
+            begin = max(int(batch.time[0]), self._now - self._latency, self._after + 1)
+            self._next = -(-begin // self._step)
             for known in self._lanes.values():
                 known.start = self._now
         following = self._following
@@ -92,11 +114,6 @@ class Aligner:
         if lane.settled >= following or self._now >= following + self._latency:
             return self._move_on()
         return []
-
-    def tick(self, tick: Tick) -> list[Frames]:
-        """Advance the cell's time; return the frames that are overdue now."""
-        self._now = max(self._now, tick.time)
-        return self._move_on()
 
     def flush(self) -> list[Frames]:
         """Return all frames up to the newest sample, missing values marked, at the end of the data."""
@@ -147,8 +164,8 @@ class Aligner:
             lane.fill(grid, values, quality, bound)
         missing = (quality == Quality.MISSING) | np.isnan(values)
         values[missing], quality[missing], bound[missing] = np.nan, Quality.MISSING, -1
-        frames = Frames(self.layout, self._sequence, grid, values, quality, bound)
-        self._sequence += len(grid)
+        frames = Frames(self.layout, self.sequence, grid, values, quality, bound)
+        self.sequence += len(grid)
         return frames
 
 

@@ -13,6 +13,10 @@ from cellwatt.channel import Align, Quality, Stream
 _SECOND = 1_000_000_000
 _PLAIN = 1.5
 """Largest distance of neighbouring samples in nominal periods; if it is larger, samples are missing in between."""
+_GAP = 3.5
+"""Largest distance of neighbouring samples, in nominal periods, that is interpolated."""
+_HOLD = 60 * _SECOND
+"""Longest time in ns for which a value of a stream without a rate is held."""
 _PATIENCE = 1 * _SECOND
 """Frames wait, within the latency, for a stream whose last batch arrived within this time …"""
 _PATIENCE_PERIODS = 3
@@ -24,12 +28,11 @@ _STEPS = 50
 class Lane:
     """Aligns one stream; ``first`` is its first column in the frames.
 
-    ``step`` and ``latency`` ns are those of the frames. ``gap`` is the longest gap that is interpolated, in
-    nominal periods, ``hold`` the longest time in s for which a value of a stream without a rate is held. The period
-    of a stream that is not held is that of its samples if these come less often than declared.
+    ``step`` and ``latency`` ns are those of the frames. The period of a stream that is not held is that of its samples
+    if these come less often than declared.
     """
 
-    def __init__(self, stream: Stream, first: int, step: int, latency: int, gap: float, hold: float) -> None:
+    def __init__(self, stream: Stream, first: int, step: int, latency: int) -> None:
         period = _SECOND / stream.rate if stream.rate else 0.0
         self.held = not stream.rate or period > latency / 2
         """The stream is too slow to wait for its next sample: all channels hold the last one, frames never wait."""
@@ -43,10 +46,10 @@ class Lane:
         self.start = NEVER
         """Time from which the stream could have delivered, ns."""
         self._overdue = latency if self.held else 0
-        self._limits = Limits(_PLAIN * period + self._overdue, gap * period + self._overdue)
+        self._limits = Limits(_PLAIN * period + self._overdue, _GAP * period + self._overdue)
         if not stream.rate:
-            self._limits = Limits(hold * _SECOND, hold * _SECOND)
-        self._period, self._gap, self._shortest, self._steps = period, gap, -NEVER, 0
+            self._limits = Limits(_HOLD, _HOLD)
+        self._period, self._shortest, self._steps = period, -NEVER, 0
         self._step = step
         self._patience = max(_PATIENCE, _PATIENCE_PERIODS * period)
         self._columns = slice(first, first + len(stream.channels))
@@ -76,7 +79,7 @@ class Lane:
         self._steps += len(time)
         if self._steps >= _STEPS:
             period = self._shortest if self._shortest > _PLAIN * self._period else self._period
-            self._limits = Limits(_PLAIN * period, self._gap * period)
+            self._limits = Limits(_PLAIN * period, _GAP * period)
             self._shortest, self._steps = -NEVER, 0
 
     def fill(

@@ -17,9 +17,10 @@ from tempfile import TemporaryFile
 from typing import Final, TypeVar
 
 from cellwatt.errors import RecordingError
-from cellwatt.record.header import DAMAGED, PART, FileName, plain_cell
+from cellwatt.record.header import DAMAGED, PART, FileName, closed_name, plain_cell
 from cellwatt.record.seal import seal_of
 from cellwatt.record.settings import RecordSettings
+from cellwatt.record.survey import names_in
 
 _ADVICE: Final = "choose another folder, or let that user write there"
 
@@ -161,16 +162,19 @@ class RecordFile(Stored):
 
 def listing(folder: Path, cell: str) -> list[RecordFile]:
     """The files of one cell, oldest first; files with other names are never touched."""
-    found, cell = [], plain_cell(cell)
-    for path in folder.iterdir() if folder.is_dir() else ():
-        name = FileName.parse(path.name)
+    found, cell = dict[Path, RecordFile](), plain_cell(cell)
+    for listed in names_in(folder) if folder.is_dir() else ():
+        name = FileName.parse(listed)
         if name is None or name.cell != cell:
             continue
-        with contextlib.suppress(FileNotFoundError):
-            status = path.stat()
-            closed = path.suffix in (".mcap", DAMAGED)
-            found.append(RecordFile(path, status.st_size, status.st_mtime, closed, name))
-    return sorted(found, key=lambda k: (k.name.session, k.name.number, k.path.name))
+        there = folder / listed
+        for path in (there, closed_name(there)) if listed.endswith(PART) else (there,):  # it may be closed meanwhile
+            with contextlib.suppress(FileNotFoundError):
+                status = path.stat()
+                closed = path.suffix in (".mcap", DAMAGED)
+                found[path] = RecordFile(path, status.st_size, status.st_mtime, closed, name)
+                break
+    return sorted(found.values(), key=lambda k: (k.name.session, k.name.number, k.path.name))
 
 
 def files_of(folder: Path, cell: str) -> list[RecordFile]:

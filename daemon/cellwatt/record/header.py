@@ -7,6 +7,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Annotated, TypeVar
 
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
@@ -86,6 +87,11 @@ class FileName:
         except ValueError:
             return None
         return cls(int(start.timestamp()) * 1_000_000_000 + int(match["ns"]), int(match["number"]), match["cell"])
+
+
+def closed_name(path: Path) -> Path:
+    """Path of a file once it is closed or repaired: it loses the suffix ``.part``, and never gets it back."""
+    return path.with_name(path.name.removesuffix(PART))
 
 
 def plain_cell(cell: str) -> str:

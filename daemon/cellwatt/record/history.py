@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import threading
 from bisect import bisect_right
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from io import FileIO
 from itertools import takewhile
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from cellwatt.batch import Batch
 from cellwatt.errors import RecordingError, RepairingError
-from cellwatt.files import open_file
 from cellwatt.frames import Frames, cut
 from cellwatt.record.chunks import read_summary
 from cellwatt.record.container import Chunks, Contents
@@ -27,14 +25,12 @@ from cellwatt.record.folder import RecordFile, listing
 from cellwatt.record.reader import numbered_items
 from cellwatt.record.seal import Seal
 from cellwatt.record.seal import read as read_seal
-from cellwatt.record.survey import Survey, survey
+from cellwatt.record.survey import Survey, open_recording, survey
 from cellwatt.record.writer import Recorder
 from cellwatt.results import Event, Result
 
 FLUSH_TIMEOUT = 1.0
 """Longest wait for the newest samples to reach the file, s."""
-ATTEMPTS = 5
-"""Repetitions of a search if the files change meanwhile."""
 CACHED_FILES = 2
 """Number of files whose list of chunks is cached."""
 
@@ -66,7 +62,7 @@ def look_at(stored: RecordFile) -> FileIndex:
             known = index_of(stored, found.contents, "closed" if not found.damage and found.closed else "damaged")
             return replace(known, seal=read_seal(stored.path))
         if not stored.closed:
-            with open_file(stored.path) as file:
+            with open_recording(stored.path)[1] as file:
                 summary = read_summary(file, chunks=False)
             return index_of(stored, summary, "closing") if summary else FileIndex(stored, "left open", 0, 0, 0, {})
     except (OSError, ValueError, RecordingError):
@@ -80,7 +76,6 @@ def index_of(stored: RecordFile, contents: Contents, state: str) -> FileIndex:
     return FileIndex(stored, state, contents.start, contents.end, sum(dict(contents.counts).values()), firsts)
 
 
-T = TypeVar("T")
 Numbered = tuple[int, Item]
 """A result or event and its number, or a block and the number of its first row."""
 
@@ -128,25 +123,25 @@ class History:
                     "state": known.state,
                     **({} if known.seal is None else {"seal": asdict(known.seal)}),
                 }
-                for known in self._settled(self._files)
+                for known in self._files()
             ]
 
     def _asked(self, name: str, session: int, first: int, count: int) -> list[Numbered]:
         repairing = self._recorder.upkeep.repairing(session)
         with self._lock:
-            found = self._settled(lambda: self._find(name, session, first, count))
+            found = self._find(name, session, first, count)
             end = found[-1][0] + _length(found[-1][1]) if found else first
             if end < first + count and self._recorder.flush(FLUSH_TIMEOUT):
-                found = self._settled(lambda: self._find(name, session, first, count))
+                found = self._find(name, session, first, count)
         if repairing and (not found or found[0][0] > first):
             raise RepairingError(f"the recording from number {first} on is being repaired: ask again later")
         return found
 
     def _files(self) -> list[FileIndex]:
         """Indexes of all files of the cell in order; only changed files are read again."""
-        live = self._recorder.live()
-        fresh: dict[Path, FileIndex] = {}
-        for stored in listing(self._folder, self._recorder.cell):
+        files, fresh = listing(self._folder, self._recorder.cell), dict[Path, FileIndex]()
+        live = self._recorder.live()  # after the listing: of its open files, the one that is not live has its summary
+        for stored in files:
             old = self._known.get(stored.path)
             if live is not None and stored.path == live[0]:
                 fresh[stored.path] = index_of(stored, live[1], "open")
@@ -156,22 +151,6 @@ class History:
                 fresh[stored.path] = look_at(stored)
         self._known = fresh
         return list(fresh.values())
-
-    def _settled(self, look: Callable[[], T]) -> T:
-        """Call ``look``, and repeat it if files were closed, renamed or removed meanwhile."""
-        for _ in range(ATTEMPTS):
-            before = self._names()
-            found = look()
-            if self._names() == before:
-                break
-        return found
-
-    def _names(self) -> list[str]:
-        try:
-            with os.scandir(self._folder) as entries:  # without a stat of each: weeks of recordings are many files
-                return sorted(entry.name for entry in entries)
-        except FileNotFoundError:
-            return []
 
     def _find(self, name: str, session: int, first: int, count: int) -> list[Numbered]:
         """The stored rows of ``first`` … ``first + count``; if none is stored, the first ``count`` rows after them."""
@@ -188,12 +167,12 @@ class History:
             channel = known.firsts[name][0]
             try:
                 chunks, tracks = self._listed(known)
-                with open_file(known.stored.path) as file:
+                with open_recording(known.stored.path)[1] as file:
                     since = _since(first, file, chunks.holding(channel), tracks, channel)
                     for each in takewhile(lambda f: f[0] < stop, since):
                         yield from _part(each, first, stop)
             except (OSError, RecordingError):
-                continue  # renamed: the search is repeated; removed: the other files are read
+                continue  # removed: the other files are read
 
     def _listed(self, known: FileIndex) -> tuple[Chunks, dict[int, Track]]:
         """Chunks and tracks of a file; those of the last few closed files are cached."""

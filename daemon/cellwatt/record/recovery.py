@@ -16,7 +16,7 @@ from cellwatt.record.container import Chunk, closing
 from cellwatt.record.decoder import Track, tracks_of
 from cellwatt.record.encoder import Encoder, Item
 from cellwatt.record.folder import files_of
-from cellwatt.record.header import DAMAGED, PART
+from cellwatt.record.header import DAMAGED, PART, closed_name
 from cellwatt.record.openfile import OpenFile, lock
 from cellwatt.record.reader import numbered_items
 from cellwatt.record.scan import Damage, Scan, scan
@@ -82,7 +82,7 @@ def recover(part: Path) -> Recovery | None:
 
 
 def _repair(file: FileIO, part: Path) -> Recovery:
-    target = part.with_name(part.name.removesuffix(PART))
+    target = closed_name(part)
     if target.exists():
         copy = _free_name(part.with_name(part.name + DAMAGED))
         part.rename(copy)

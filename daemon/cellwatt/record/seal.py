@@ -18,7 +18,7 @@ from pydantic import TypeAdapter
 from cellwatt.door.signing import Signer, Verifier
 from cellwatt.errors import why
 from cellwatt.files import replace_text
-from cellwatt.record.header import PART, FileName
+from cellwatt.record.header import PART, FileName, closed_name
 from cellwatt.record.survey import files_at
 
 SUFFIX: Final = ".sig"
@@ -57,7 +57,7 @@ def write(recording: Path, state: State, signer: Signer) -> None:
 
     Reads the whole file. Raises ``OSError``.
     """
-    target = recording.with_name(recording.name.removesuffix(PART))
+    target = closed_name(recording)
     bare = Seal(target.name, *_digest(recording), state)
     replace_text(seal_of(target), json.dumps({**asdict(bare), "signature": signer.sign(*bare.parts).hex()}))
 

@@ -19,7 +19,7 @@ from cellwatt.record.chunks import LARGEST_RECORD, parse_attachment, read_at, re
 from cellwatt.record.container import RECORD, Contents
 from cellwatt.record.decoder import streams_of, tracks_of
 from cellwatt.record.foreign import ForeignError, held, is_foreign
-from cellwatt.record.header import PART, FileName, Header
+from cellwatt.record.header import PART, FileName, Header, closed_name
 from cellwatt.record.openfile import HEADER
 from cellwatt.record.scan import Damage, Scan, scan
 
@@ -83,18 +83,27 @@ ATTEMPTS = 10
 """Largest number of listings of a folder until two consecutive ones agree."""
 
 
-def open_recording(path: Path) -> tuple[Path, FileIO]:
-    """Open a file under its name, or under the name it got when it was closed. Raises ``OSError``.
+def names_in(folder: Path) -> list[str]:
+    """Names in a folder, listed until two consecutive listings agree: one may lack a file that is renamed meanwhile."""
+    before = _listed(folder)
+    for _ in range(ATTEMPTS):
+        now = _listed(folder)
+        if now == before:
+            break
+        before = now
+    return now
 
-    A file loses the suffix ``.part`` when it is closed or repaired, and never gets it back.
-    """
-    closed = path.with_name(path.name.removesuffix(PART))
+
+def _listed(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def open_recording(path: Path) -> tuple[Path, FileIO]:
+    """Open a file under its name, or under the name it got when it was closed. Raises ``OSError``."""
     try:
         return path, open_file(path)
     except FileNotFoundError:
-        if closed == path:
-            raise
-        return closed, open_file(closed)
+        return closed_name(path), open_file(closed_name(path))
 
 
 def survey(path: Path, *, chunks: bool = True) -> Survey:
@@ -119,18 +128,8 @@ def files_at(places: Sequence[Path]) -> list[Path]:
 
 
 def in_folder(folder: Path) -> list[Path]:
-    """The recordings in a folder, listed until two consecutive listings agree, because files may be renamed."""
-    before = _listed(folder)
-    for _ in range(ATTEMPTS):
-        now = _listed(folder)
-        if now == before:
-            break
-        before = now
-    return now
-
-
-def _listed(folder: Path) -> list[Path]:
-    return sorted(p for p in folder.iterdir() if p.name.endswith((".mcap", f".mcap{PART}")))
+    """The recordings in a folder."""
+    return [folder / name for name in names_in(folder) if name.endswith((".mcap", f".mcap{PART}"))]
 
 
 def survey_all(paths: Iterable[Path]) -> tuple[list[Survey], list[Damage]]:

@@ -26,6 +26,8 @@ log = logging.getLogger(__name__)
 
 SHORT = 3600.0
 """s for which health reports that recordings were removed because the disk was full."""
+MOST_REPORTED = 20
+"""Recoveries that health lists, the last ones: a file that cannot be repaired has another one each minute."""
 MOST_IN_VAIN = 8
 """Recordings deleted on a full disk without effect before deleting stops."""
 
@@ -81,7 +83,7 @@ class Upkeep:
         """Figures for health messages."""
         return {
             "removed": {"files": self._removed_files, "bytes": self._removed_bytes},
-            "recovered": [str(r) for r in self._recovered],
+            "recovered": [str(r) for r in self._recovered[-MOST_REPORTED:]],
             "upkeep_problem": self._problem,
             "short": self._short if time.monotonic() - self._short_at < SHORT else {},
         }
@@ -161,7 +163,8 @@ class Upkeep:
         return True
 
     def _repair(self, parts: Iterable[Path]) -> None:
-        self._repairing |= {self._repairs.submit(self._recover, part): part for part in parts}
+        waiting = {done: part for done, part in self._repairing.items() if not done.done()}
+        self._repairing = waiting | {self._repairs.submit(self._recover, part): part for part in parts}
 
     def _recover(self, part: Path) -> Recovery | None:
         try:

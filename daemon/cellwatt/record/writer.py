@@ -6,7 +6,7 @@ import asyncio
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,24 +20,23 @@ from cellwatt.record.header import Header
 from cellwatt.record.messages import TOPICS, Health
 from cellwatt.record.settings import RecordSettings
 from cellwatt.record.upkeep import Upkeep
-from cellwatt.results import Event, Result
+from cellwatt.results import Event
 
 LOOK, IDLE = 0.5, 5.0
 """Periods in s of the upkeep of files while nothing arrives: before and after all written data are synced to disk."""
 OVERHEAD = 1000
 """Bytes of memory of a block beside its arrays."""
-SIZES = {Tick: 300, Event: 1000}
-"""Bytes of memory of a message by kind; other kinds need more."""
+SIZES = {Tick: 300, Event: 1000, Health: 8000}
+"""Bytes of memory of a message by kind; other kinds need 2000."""
 
 
 class Recorder:
     """Writes everything of one session into ``settings.folder``.
 
-    ``put`` and ``health`` are called on the event loop, only enqueue, and return ``False`` if the item was refused
-    because the queue is full (or the recorder is not running); refused items are counted. A disk that is full,
-    read-only or broken stops the writing, never the daemon: waiting items stay in memory up to ``settings.queue``
-    bytes, the oldest recordings are deleted to make room, and writing continues in a new file as soon as it can.
-    ``now`` is the cell's clock.
+    ``put`` is called on the event loop, only enqueues, and returns ``False`` if the item was refused because the queue
+    is full (or the recorder is not running); refused items are counted. A disk that is full, read-only or broken stops
+    the writing, never the daemon: waiting items stay in memory up to ``settings.queue`` bytes, the oldest recordings
+    are deleted to make room, and writing continues in a new file as soon as it can. ``now`` is the cell's clock.
     """
 
     def __init__(self, settings: RecordSettings, header: Header, now: Callable[[], int] = time.time_ns) -> None:
@@ -85,21 +84,33 @@ class Recorder:
             self._thread.join()
             self.upkeep.close()
 
-    def put(self, item: Batch | Frames | Tick | Event | Result, number: int | None = None) -> bool:
+    def put(self, item: Item, number: int | None = None) -> bool:
         """Record an item, a result or event under its number; return ``False`` if it was refused.
 
-        Empty blocks are ignored, and so are frames if the settings exclude them.
+        Empty blocks are ignored, and so are frames if the settings exclude them. Health is written together with the
+        next item, or after ``IDLE`` s.
         """
         if not isinstance(item, Batch | Frames):
-            return self._put(item, SIZES.get(type(item), 2000), TOPICS[type(item)], number=number)
-        if not len(item) or (isinstance(item, Frames) and not self.settings.frames):
+            entry = Entry(item, SIZES.get(type(item), 2000), TOPICS[type(item)], 1, number)
+        elif len(item) and (isinstance(item, Batch) or self.settings.frames):
+            each = 40 * len(item) if isinstance(item, Batch) else item.bound.nbytes + item.quality.nbytes
+            entry = Entry(item, item.values.nbytes + each + OVERHEAD, topic_of_block(item), len(item))
+        else:
             return True
-        each = 40 * len(item) if isinstance(item, Batch) else item.bound.nbytes + item.quality.nbytes
-        return self._put(item, item.values.nbytes + each + OVERHEAD, topic_of_block(item), len(item))
-
-    def health(self, time: int, status: Mapping[str, Any]) -> bool:
-        """Record the daemon's health at ``time``, UTC ns, together with the next item, or after ``IDLE`` s."""
-        return self._put(Health(time, status), 8000, TOPICS[Health], soon=False)
+        with self._wake:
+            if not self._running or (self._bytes and self._bytes + entry.size > self.settings.queue):
+                self._drops[entry.topic] += entry.n
+                return False
+            first = self._first_at == float("inf") and not isinstance(item, Health)
+            if first:
+                self._first_at = time.monotonic() - self.gathered
+            self._queue.append(entry)
+            self._bytes += entry.size
+            self._accepted += 1
+            # Wake the thread for the first item, so that it notes the deadline, and for a full chunk; not in between.
+            if first or self._bytes > CHUNK:
+                self._wake.notify_all()
+        return True
 
     def redeclare(self, header: Header) -> None:
         """Continue in a new file under this header (of the same session), because the settings changed."""
@@ -146,22 +157,6 @@ class Recorder:
             "displaced": files.displaced,
             **self.upkeep.stats(),
         }
-
-    def _put(self, item: Item, size: int, topic: str, n: int = 1, number: int | None = None, soon: bool = True) -> bool:
-        with self._wake:
-            if not self._running or (self._bytes and self._bytes + size > self.settings.queue):
-                self._drops[topic] += n
-                return False
-            first = soon and self._first_at == float("inf")
-            if first:
-                self._first_at = time.monotonic() - self.gathered
-            self._queue.append(Entry(item, size, topic, n, number))
-            self._bytes += size
-            self._accepted += 1
-            # Wake the thread for the first item, so that it notes the deadline, and for a full chunk; not in between.
-            if first or self._bytes > CHUNK:
-                self._wake.notify_all()
-        return True
 
     def _work(self) -> None:
         while self._wait():

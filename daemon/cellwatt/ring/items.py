@@ -10,12 +10,12 @@ from typing import Any
 from cellwatt.batch import Batch
 from cellwatt.frames import Frames, cut
 from cellwatt.record import messages
-from cellwatt.record.rows import BlockRows, FrameRows, SampleRows, declared_rows, rows_of
+from cellwatt.record.encoder import FRAME_TOPIC, topic_of_block
+from cellwatt.record.rows import FrameRows, SampleRows, declared_rows, rows_of
 from cellwatt.ring.memory import Record, Ring
 
 _ROWS, STATUS, _MARK, _FIRST_MESSAGE = 1, 2, 3, 16
 _KINDS = {kind: number for number, kind in enumerate(messages.TOPICS, _FIRST_MESSAGE)}
-_FRAMES = ("", "")
 _TYPES = {number: kind for kind, number in _KINDS.items()}
 
 
@@ -46,11 +46,13 @@ class ItemWriter:
 
     def __init__(self, ring: Ring) -> None:
         self._ring = ring
-        self._rows: dict[tuple[str, str], tuple[int, BlockRows]] = {}
+        self._rows: dict[str, tuple[int, SampleRows | FrameRows]] = {}
+        """Number and rows of each channel, by topic."""
         self._count = _FIRST_MESSAGE + len(_KINDS)
         """Number of the next channel of rows; lower numbers belong to kinds without rows."""
         for line in ring.declared()[0]:
-            self._know(*_read_declaration(line))
+            plain = json.loads(line)
+            self._know(plain["topic"], plain["number"], declared_rows(plain))
 
     def put(self, item: Item) -> None:
         """Add one item; a block that is too large for the ring is split."""
@@ -59,7 +61,7 @@ class ItemWriter:
                 number, rows = self._rows_of(item)
                 self._put_rows(item, number, rows.encode(item, number).tobytes())
             case Status():
-                self._put_message(STATUS, json.dumps(item.figures).encode(), silent=True)
+                self._put_message(STATUS, json.dumps(item.figures, default=_plain).encode(), silent=True)
             case Mark():
                 self._put_message(_MARK, str(item.generation).encode())
             case _:
@@ -68,14 +70,14 @@ class ItemWriter:
     def numbers(self) -> dict[str, dict[str, int]]:
         """Next sequence number of each stream, by source."""
         found: dict[str, dict[str, int]] = {}
-        for (source, stream), (number, _) in self._rows.items():
-            if source:
-                found.setdefault(source, {})[stream] = self._ring.following(number)
+        for number, rows in self._rows.values():
+            if isinstance(rows, SampleRows):
+                found.setdefault(rows.source, {})[rows.stream.name] = self._ring.following(number)
         return found
 
     def frames(self) -> tuple[int, int]:
         """Next sequence number of the frames, and time of the last one, ns; zeros before the first."""
-        known = self._rows.get(_FRAMES)
+        known = self._rows.get(FRAME_TOPIC)
         return (0, 0) if known is None else (self._ring.following(known[0]), self._ring.note)
 
     def end(self) -> None:
@@ -94,18 +96,19 @@ class ItemWriter:
         self.put(cut(item, 0, middle))
         self.put(cut(item, middle, len(item)))
 
-    def _rows_of(self, block: Batch | Frames) -> tuple[int, BlockRows]:
-        known = self._rows.get(_key(block))
+    def _rows_of(self, block: Batch | Frames) -> tuple[int, SampleRows | FrameRows]:
+        topic = topic_of_block(block)
+        known = self._rows.get(topic)
         if known is not None and known[1].fits(block):
             return known
         rows, number = rows_of(block), self._count
-        self._ring.declare(json.dumps({**rows.declaration, "number": number}).encode())
-        self._know(number, rows)
-        return number, rows
+        self._ring.declare(json.dumps({**rows.declaration, "topic": topic, "number": number}).encode())
+        return self._know(topic, number, rows)
 
-    def _know(self, number: int, rows: SampleRows | FrameRows) -> None:
+    def _know(self, topic: str, number: int, rows: SampleRows | FrameRows) -> tuple[int, SampleRows | FrameRows]:
         self._count = number + 1
-        self._rows[_key(rows)] = number, rows
+        self._rows[topic] = known = number, rows
+        return known
 
 
 class ItemReader:
@@ -192,9 +195,9 @@ class ItemReader:
         return self._rows[channel]
 
 
-def _key(of: Batch | Frames | SampleRows | FrameRows) -> tuple[str, str]:
-    """Source and stream; empty for frames."""
-    return (of.source, of.stream.name) if isinstance(of, Batch | SampleRows) else _FRAMES
+def _plain(value: Any) -> Any:
+    """Figures of a driver of any author: numpy's numbers as numbers, other objects as text."""
+    return value.tolist() if hasattr(value, "tolist") else str(value)
 
 
 def _read_declaration(line: bytes) -> tuple[int, SampleRows | FrameRows]:

@@ -20,6 +20,7 @@ from cellwatt.config.places import first
 from cellwatt.driver import Inlet, SourceSettings
 from cellwatt.errors import CellwattError, ConfigError, Problem
 from cellwatt.frames import Layout
+from cellwatt.record.rows import MOST_VALUES
 from cellwatt.registry import driver as find_driver
 from cellwatt.registry import stage as find_stage
 from cellwatt.runtime.chain import Chain, group_by_needs
@@ -89,8 +90,15 @@ def typical_streams(part: Installed) -> tuple[Stream, ...]:
 
 
 def layout_of(streams: Mapping[str, tuple[Stream, ...]], frames: FrameSettings) -> Layout:
-    """The columns of the frames, with the method of each. Raises ``ConfigError`` as ``Aligner`` does."""
-    return Aligner(streams, frames.rate, frames.latency).layout
+    """The columns of the frames, with the method of each.
+
+    Raises ``ConfigError`` as ``Aligner`` does, and if they are more than a recording takes.
+    """
+    layout = Aligner(streams, frames.rate, frames.latency).layout
+    if len(layout.channels) > MOST_VALUES:
+        found = f"found {len(layout.channels):,} channels in all sources, expected at most {MOST_VALUES:,}"
+        raise ConfigError([Problem("", "sources", f"{found}: give some sources a cell of their own")])
+    return layout
 
 
 def make_chains(config: CellConfig, layout: Layout) -> list[Chain]:

@@ -11,7 +11,9 @@ from typing import Any, Final
 from cellwatt.alarms import AlarmBook, withdrawn
 from cellwatt.errors import CellwattError
 from cellwatt.frames import Frames
+from cellwatt.record import messages
 from cellwatt.results import Alarm, Result
+from cellwatt.runtime.allowance import one_line
 from cellwatt.stage import Stage
 
 log = logging.getLogger(__name__)
@@ -38,7 +40,12 @@ class _Slot:
     alarms: AlarmBook = field(default_factory=AlarmBook)
 
     def named(self, results: Sequence[Result]) -> Sequence[Result]:
-        """Set the stage's name in the alarms among ``results``, and note these alarms."""
+        """Set the stage's name in the alarms among ``results``, and note these alarms.
+
+        Raises ``ValueError`` or ``KeyError`` for a result that the processes which read it could not decode.
+        """
+        for result in results:
+            messages.decode(type(result), messages.encode(result))
         if not any(isinstance(result, Alarm) for result in results):
             return results
         named = [replace(r, stage=self.name) if isinstance(r, Alarm) else r for r in results]
@@ -136,7 +143,7 @@ class Chain:
 
     def _fail(self, slot: _Slot, error: Exception, now: int) -> None:
         slot.failures += 1
-        slot.error = f"{type(error).__name__}: {error}"
+        slot.error = one_line(f"{type(error).__name__}: {error}")
         pause = min(FIRST_PAUSE * 2 ** min(slot.failures - 1, 10), LONGEST_PAUSE)
         slot.again_at = now + round(pause * 1e9)
 

@@ -13,7 +13,6 @@ from typing import Any, Final
 from cellwatt.batch import Batch, Tick
 from cellwatt.clock.cell import CellClock
 from cellwatt.config import CellConfig, SourceConfig
-from cellwatt.driver import Driver
 from cellwatt.gather import next_moment
 from cellwatt.registry import driver as find_driver
 from cellwatt.results import Event
@@ -103,14 +102,9 @@ class Collector:
         return {name: source.status() for name, source in self.sources.items()}
 
     def _start_source(self, tasks: Tasks, config: SourceConfig, sequence: Mapping[str, int] | None) -> None:
-        driver_class = find_driver(config.driver)
-
-        def make(inlet: Source) -> Driver[Any]:
-            driver = driver_class(config.name, config.settings, inlet)
-            driver.gather = lambda: self._config.gather(awaited=self._awaited())
-            return driver
-
-        source = Source(config.name, make, self.clock.now, self._take, self._give, sequence, self._crowded)
+        driver, now = find_driver(config.driver), self.clock.now
+        source = Source(config.name, driver, config.settings, now, self._take, self._give, sequence, self._crowded)
+        source.driver.gather = lambda: self._config.gather(awaited=self._awaited())
         self.sources[config.name] = source
         tasks.spawn(f"source {config.name}", source.run())
 

@@ -15,7 +15,6 @@ from cellwatt.batch import Batch
 from cellwatt.channel import Quality
 from cellwatt.clock.cell import CellClock
 from cellwatt.config import CellConfig, SourceConfig
-from cellwatt.driver import Driver
 from cellwatt.errors import CellwattError, SourceError
 from cellwatt.registry import driver as find_driver
 from cellwatt.registry import stage as find_stage
@@ -71,12 +70,8 @@ async def examine(config: SourceConfig, seconds: float, patience: float, batches
     """
     clock = CellClock()
     events: list[Event] = []
-    driver_class = find_driver(config.driver)
-
-    def make(inlet: Source) -> Driver[Any]:
-        return driver_class(config.name, config.settings, inlet)
-
-    source = Source(config.name, make, clock.now, batches.append, events.append)
+    driver = find_driver(config.driver)
+    source = Source(config.name, driver, config.settings, clock.now, batches.append, events.append)
     result = Examination(config.name, config.driver, "ok")
     try:
         async with asyncio.timeout(patience):

@@ -7,14 +7,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError, RecordingError
-from cellwatt.frames import Frames
+from cellwatt.frames import Frames, cut
 from cellwatt.record import Recording
 from cellwatt.registry import stage as find_stage
 from cellwatt.report import Axis, Figure, Notes, Panel, Provenance, Report, Section, Table, over_time
-from cellwatt.report.drawing import MOST_POINTS, curve, note, stretch, upright
+from cellwatt.report.drawing import MOST_POINTS, curve, note, stretch, thin, upright
 from cellwatt.report.figure import Json
 from cellwatt.report.numbers import unit
 from cellwatt.report.theme import BAD, GOOD, SERIES
@@ -85,10 +84,10 @@ def channels_over_time(
     marks, labels = _bands(intervals, origin, shown)
     marks += _lines(_without_updates(recording.alarms()), origin, shown)
     x = Axis(f"s since {name}", shown)
-    grids = [_gridded(frames, columns, first, last, units) for _, columns in groups]
+    drawn = cut(frames, first, last)
     rows = [
-        [Panel(_curves(frames, columns, grid, shown[0], most), x, marks=marks + labels * (row == 0), title=title)]
-        for row, ((title, columns), grid) in enumerate(zip(groups, grids, strict=True))
+        [Panel(_curves(drawn, columns, units, shown[0], most), x, marks=marks + labels * (row == 0), title=title)]
+        for row, (title, columns) in enumerate(groups)
     ]
     return over_time(f"Channels of {recording.header.cell} over time", rows)
 
@@ -121,22 +120,24 @@ def _groups(frames: Frames, wanted: Sequence[str], units: Units) -> list[tuple[s
     return list(groups.items())
 
 
-def _gridded(frames: Frames, columns: Sequence[int], first: int, last: int, units: Units) -> NDArray[np.float64]:
-    """Values (n, columns) in ``units`` on an even grid, NaN where frames are missing."""
-    rows = (frames.time[first:last] - frames.time[first] + frames.layout.step // 2) // frames.layout.step
-    out = np.full((int(rows[-1]) + 1, len(columns)), np.nan)
-    for place, column in enumerate(columns):
-        out[rows, place] = units.of(frames.layout.channels[column].unit).of(frames.values[first:last, column])
-    return out
-
-
-def _curves(frames: Frames, columns: Sequence[int], values: NDArray[np.float64], start: float, most: int) -> list[Json]:
-    step = frames.layout.step * 1e-9
-    names = [frames.layout.channels[column].short for column in columns]
-    return [
-        curve(name, column, SERIES[n % len(SERIES)], start=start, step=step, most=most)
-        for n, (name, column) in enumerate(zip(names, values.T, strict=True))
-    ]
+def _curves(frames: Frames, columns: Sequence[int], units: Units, start: float, most: int) -> list[Json]:
+    """Curves of columns, in ``units`` and thinned to ``most`` points, with gaps where frames are missing."""
+    step = frames.layout.step
+    rows = (frames.time - frames.time[0] + step // 2) // step
+    count = int(rows[-1]) + 1
+    span = 1 if count <= most else -(-count // (most // 2))
+    # Only spans with frames are filled and thinned: a month may lie between two sessions.
+    filled, place = np.unique(rows // span, return_inverse=True)
+    points = min(span, 2)
+    apart, curves = step * 1e-9 * span / points, []
+    for n, column in enumerate(columns):
+        channel, grid = frames.layout.channels[column], np.full((len(filled), span), np.nan)
+        grid[place, rows % span] = units.of(channel.unit).of(frames.values[:, column])
+        thinned = np.full((-(-count // span), points), np.nan)
+        thinned[filled] = thin(grid.ravel(), points * len(filled))[0].reshape(-1, points)
+        colour, y = SERIES[n % len(SERIES)], thinned.ravel()
+        curves.append(curve(channel.short, y, colour, start=start, step=apart, most=len(y)))
+    return curves
 
 
 def _segment(frames: Frames) -> list[Interval]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import heapq
 import itertools
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from operator import itemgetter
 
 import numpy as np
 
@@ -25,7 +27,7 @@ def replay_frames(
     """Align recorded entries to frames again, by the same or other settings of the grid."""
     aligner = Aligner(streams, settings.rate, settings.latency)
     for entry in entries:
-        yield from aligner.tick(entry) if isinstance(entry, Tick) else aligner.add(entry)
+        yield from aligner.add(entry)
     yield from aligner.flush()
 
 
@@ -59,23 +61,25 @@ class Comparison:
 
 
 def compare(recorded: Iterable[Frames], replayed: Iterable[Frames]) -> Comparison:
-    """Compare two runs of frames bit by bit."""
-    ours, theirs = _rows(recorded), _rows(replayed)
-    found = Comparison(only_recorded=len(ours.keys() - theirs.keys()), only_replayed=len(theirs.keys() - ours.keys()))
-    for at in sorted(ours.keys() & theirs.keys()):
-        if ours[at] == theirs[at]:
+    """Compare two runs of frames bit by bit, block by block as they come, each in the order of time."""
+    found = Comparison()
+    merged = heapq.merge(_rows(recorded, "recorded"), _rows(replayed, "replayed"), key=itemgetter(0))
+    for at, same in itertools.groupby(merged, key=itemgetter(0)):
+        rows = {run: row for _, run, row in same}
+        if len(rows) == 1:
+            found.only_recorded += "recorded" in rows
+            found.only_replayed += "replayed" in rows
+        elif rows["recorded"] == rows["replayed"]:
             found.equal += 1
         else:
             found.different += 1
-            if found.first_difference is None:
-                found.first_difference = at
+            found.first_difference = at if found.first_difference is None else found.first_difference
     return found
 
 
-def _rows(blocks: Iterable[Frames]) -> dict[int, bytes]:
-    rows: dict[int, bytes] = {}
+def _rows(blocks: Iterable[Frames], run: str) -> Iterator[tuple[int, str, bytes]]:
+    """Time, ``run`` and bits of each frame."""
     for block in blocks:
         for i, at in enumerate(block.time.tolist()):
             parts = (block.values[i], block.quality[i], block.bound[i])
-            rows[at] = b"".join(np.ascontiguousarray(p).tobytes() for p in parts)
-    return rows
+            yield at, run, b"".join(np.ascontiguousarray(p).tobytes() for p in parts)

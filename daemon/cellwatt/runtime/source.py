@@ -6,7 +6,7 @@ import asyncio
 import logging
 import random
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -28,8 +28,10 @@ log = logging.getLogger(__name__)
 FIRST_PAUSE, LONGEST_PAUSE, WRONG_DEVICE_PAUSE = 0.5, 10.0, 10.0  # s
 STEADY = 5.0
 """A connection that lasted this long, s, resets the back-off."""
-LOOK, LEAST_SAMPLES = 60.0, 3
-"""Period in s and smallest number of samples of a check for blank channels, which had no values in all of them."""
+BLANK, LEAST_SAMPLES = 60.0, 3
+"""Time in s, and smallest number of samples, without a value after which a channel counts as blank."""
+NEVER = -(2**62)
+"""Less than the number of any sample."""
 
 
 def next_pause(pause: float, error: BaseException, jitter: float) -> float:
@@ -44,7 +46,7 @@ def _first(reading: Reading, n: int) -> Reading:
 
 
 class Source:
-    """The daemon's side of one driver; implements ``cellwatt.driver.Inlet``.
+    """The daemon's side of one driver, which is created with its ``settings``; implements ``cellwatt.driver.Inlet``.
 
     ``take`` is called with every batch and ``tell`` with every event, on the event loop. ``now`` is the cell's clock.
     ``sequence`` continues the numbering of a source of the same name that a reload replaced. ``crowded`` returns
@@ -54,7 +56,8 @@ class Source:
     def __init__(
         self,
         name: str,
-        make: Callable[[Source], Driver[Any]],
+        driver: Callable[[str, Any, Source], Driver[Any]],
+        settings: Any,
         now: Callable[[], int],
         take: Callable[[Batch], None],
         tell: Callable[[Event], None],
@@ -71,7 +74,7 @@ class Source:
         self.last_error: str | None = None
         self.since = time.monotonic()
         self._connected_at: float | None = None
-        self.driver = make(self)
+        self.driver = driver(name, settings, self)
         self.meters = {s.name: RateMeter() for s in self.driver.streams}
         self.clocks: dict[str, ClockModel] = {
             s.name: ClockModel(least_delay=self.driver.least_delay) for s in self.driver.streams if s.clock == "device"
@@ -81,12 +84,8 @@ class Source:
         self._last_time = dict.fromkeys(self.meters, 0)
         self._allowances = {s.name: Allowance(s.rate, now, crowded) for s in self.driver.streams}
         self._repeats = Repeats()
-        self._blank: dict[str, NDArray[np.bool_]] = {}
-        """Channels, by stream, without a value since the present check began; streams without such are left out."""
-        self._were_blank: dict[str, NDArray[np.bool_]] = {}
-        """Channels without a value in the previous check."""
-        self._looks = (time.monotonic(), dict(self.sequence))
-        """Monotonic s at which the present check began, and the next sample number at that time, by stream."""
+        self._valued = {s.name: np.full(len(s.channels), NEVER) for s in self.driver.streams}
+        """Number of the sample after the last one with a value since the connection, of each channel, by stream."""
 
     # Inlet ---------------------------------------------------------------------------------------
 
@@ -97,8 +96,8 @@ class Source:
         self._connected_at = time.monotonic()
         self.last_error = None
         if self.state != "ok":
-            self._were_blank.clear()
-            self._look(self.driver.streams)
+            for valued in self._valued.values():
+                valued[:] = NEVER
             self.state, self.since = "starting", time.monotonic()
         who = " ".join(x for x in (identity.maker, identity.model, identity.firmware) if x)
         self.event("reconnected" if again else "connected", f"{self.name}: {who} answers")
@@ -126,18 +125,19 @@ class Source:
             asked = reading.arrival if reading.asked is None else reading.asked
             stamped, bound = middle(asked, reading.arrival, n, self._last_time[stream.name])
         quality, values = np.zeros(n, np.uint8) if reading.quality is None else reading.quality, reading.values
+        valued: slice | np.bool_ | NDArray[np.bool_] = slice(None)
         if not (finite := np.isfinite(values)).all():
             self.account.anomaly("infinite values", int(np.isinf(values).sum()))
-            values = np.where(finite, values, np.nan)
+            values, valued = np.where(finite, values, np.nan), finite.any(axis=0)
             if reading.quality is None:
                 quality = np.where(finite.any(axis=1), quality, Quality.MISSING).astype(np.uint8)
         sequence = self.sequence[stream.name]
-        self.sequence[stream.name] = sequence + n
+        self._valued[stream.name][valued] = self.sequence[stream.name] = sequence + n
         self._last_time[stream.name] = int(stamped[-1])
         self.account.receive(n)
         self.meters[stream.name].add(stamped)
-        if stream.name in self._blank:
-            self._look_for_numbers(stream.name, values)
+        if self.state == "starting" and finite.any():
+            self._enter("ok")
         self._take(Batch(self.name, stream, sequence, reading.arrival, stamped, bound, values, quality, device_time))
 
     def bracket(self, stream: Stream, device_time: int, not_before: int) -> None:
@@ -159,13 +159,12 @@ class Source:
             self.account.anomaly("events held back")
 
     def settle(self) -> None:
-        """Report events held back in past minutes, and check for blank channels; call once a second."""
+        """Report events held back in past minutes; call once a second."""
         now = self.now()
         for kind, n in self._repeats.over(now):
             self._report(
                 now, kind, f"{self.name}: {n} more events {kind!r} within a minute were counted, not reported", {}
             )
-        self._look_again()
 
     def _report(self, now: int, kind: str, text: str, data: Mapping[str, str | float]) -> None:
         text = one_line(text)
@@ -181,35 +180,16 @@ class Source:
             "more than declared while this PC is too busy: further samples are dropped; check the setting rate",
         )
 
-    def _look(self, streams: Iterable[Stream]) -> None:
-        """Begin a new check of some streams for channels without values."""
-        self._blank |= {s.name: np.ones(len(s.channels), bool) for s in streams}
-        self._looks = time.monotonic(), dict(self.sequence)
+    def _blank(self, stream: Stream) -> list[str]:
+        """Channels of a connected device without a value in its last samples, except states and those left out.
 
-    def _look_again(self) -> None:
-        """End a check after ``LOOK`` s and begin the next, as a sensor may fail; not for streams sent on change."""
-        began, numbers = self._looks
-        if self.state != "ok" or time.monotonic() - began < LOOK:
-            return
-        again = [s for s in self.driver.streams if s.rate and self.sequence[s.name] - numbers[s.name] >= LEAST_SAMPLES]
-        none = {s.name: np.zeros(len(s.channels), bool) for s in again}
-        self._were_blank |= {name: self._blank.get(name, zeros) for name, zeros in none.items()}
-        self._look(again)
-
-    def _look_for_numbers(self, stream: str, values: NDArray[np.float64]) -> None:
-        blank = self._blank[stream]
-        blank &= np.isnan(values).all(axis=0)
-        if self.state == "starting" and not blank.all():
-            self._enter("ok")
-        if not blank.any():
-            del self._blank[stream]
-
-    def _without_number(self, stream: Stream) -> list[str]:
-        """Channels without a value in the last check and since, except states and channels reported as left out."""
-        blank = self._blank.get(stream.name)
-        if blank is None:
+        Channels of a stream that is sent on change are blank only until their first value.
+        """
+        if self._connected_at is None:
             return []
-        known = zip(stream.channels, blank & self._were_blank.get(stream.name, blank), strict=True)
+        rate = self.driver.rates.get(stream.name, stream.rate)
+        since = self.sequence[stream.name] - max(LEAST_SAMPLES, BLANK * rate) if stream.rate else 0
+        known = zip(stream.channels, self._valued[stream.name] <= since, strict=True)
         return [c.name for c, b in known if b and c.kind != "discrete" and c.name not in self.driver.left_out]
 
     # supervision ----------------------------------------------------------------------------------
@@ -256,8 +236,7 @@ class Source:
             "identity": asdict(self.identity) if self.identity else None,
             **self.account.snapshot(),
             "streams": {
-                s.name: self.meters[s.name].figures(self.driver.rates.get(s.name, s.rate))
-                | {"blank": self._without_number(s)}
+                s.name: self.meters[s.name].figures(self.driver.rates.get(s.name, s.rate)) | {"blank": self._blank(s)}
                 for s in self.driver.streams
             },
             "clocks": {name: asdict(clock.state()) for name, clock in self.clocks.items()},

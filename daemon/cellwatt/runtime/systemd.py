@@ -27,7 +27,7 @@ def notify(**fields: str) -> bool:
         return False
     if address.startswith("@"):  # Linux' abstract namespace
         address = "\0" + address[1:]
-    message = "\n".join(f"{name}={value}" for name, value in fields.items()).encode()
+    message = "\n".join(f"{name}={value}" for name, value in fields.items()).encode(errors="replace")
     try:
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC | socket.SOCK_NONBLOCK) as to:
             to.sendto(message, address)

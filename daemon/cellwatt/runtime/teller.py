@@ -15,7 +15,7 @@ from cellwatt.channel import Stream
 from cellwatt.config import CellConfig, OutletConfig, public_config
 from cellwatt.frames import Frames, Layout
 from cellwatt.outlet import Journal
-from cellwatt.record import Header, History, Recorder
+from cellwatt.record import Header, Health, History, Recorder
 from cellwatt.registry import outlet as find_outlet
 from cellwatt.results import Alarm, Energy, Event, Result, series_of
 from cellwatt.ring import RingJournal
@@ -253,7 +253,7 @@ class Teller:
         for outlet in self.outlets.values():
             outlet.health(status)
         if self.recorder is not None:
-            self.recorder.health(now, status)
+            self.recorder.put(Health(now, status))
             if (displaced := status["recorder"]["displaced"]["files"]) != self._displaced:
                 self._displaced = displaced
                 self._words.write_again()

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from cellwatt.results import Alarm, Interval
@@ -67,6 +69,25 @@ def test_some_of_it(call: Call, recordings: Path, tmp_path: Path) -> None:
     (figure,) = read(tmp_path / "page.html").figures
     assert {trace["name"] for trace in figure["data"]} == {"joint_2.position"}
     assert figure["layout"]["xaxis"]["range"] == pytest.approx([0.1, 0.3])
+
+
+def test_sessions_that_lie_days_apart_take_no_memory_for_the_time_between(call: Call, tmp_path: Path) -> None:
+    first, later = making.frames_of(0, 25), making.frames_of(25, 25)
+    later = replace(later, time=later.time + 6 * 86_400 * 10**9)
+    making.write_chunks(tmp_path, [[making.batch_of(0, 50), first, later, MOVES]], header=making.weld(""))
+    tracemalloc.start()
+    assert call("plot", tmp_path, "--out", tmp_path / "page.html").code == 0
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 200e6, "six days of 50 frames a second are 207 MB a channel"
+    (figure,) = read(tmp_path / "page.html").figures
+    trace = next(t for t in figure["data"] if t["name"] == "joint_1.position")
+    known = [n for n, value in enumerate(trace["y"]) if value is not None]
+    assert 8 >= len(known) >= 4 and known[0] == 0 and len(trace["y"]) <= 8000
+    assert (known[-1] * trace["dx"]) == pytest.approx(6 * 86_400, rel=1e-3)
+    values = [value for value in trace["y"] if value is not None]
+    given = np.concatenate([first.values[:, 0], later.values[:, 0]])
+    assert (min(values), max(values)) == pytest.approx((given.min(), given.max()), abs=1e-2)
 
 
 def test_a_table_has_every_column_and_a_gap_where_rows_are_missing(call: Call, tmp_path: Path) -> None:

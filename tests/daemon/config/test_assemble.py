@@ -2,9 +2,11 @@ from __future__ import annotations
 
 import pytest
 
-from cellwatt.config import load
+from cellwatt.channel import Channel, Stream
+from cellwatt.config import FrameSettings, load
 from cellwatt.errors import ConfigError
-from cellwatt.runtime.assemble import prepare
+from cellwatt.record.rows import MOST_VALUES
+from cellwatt.runtime.assemble import layout_of, prepare
 from tests.daemon.config.conftest import VALID
 
 
@@ -36,6 +38,13 @@ def test_what_does_not_fit_has_its_place(cell_file, old, new, place, message):
     (problem,) = caught.value.problems
     assert problem.place == f"{cell_file}:{place}"
     assert message in str(problem)
+
+
+def test_a_cell_has_no_more_channels_than_its_frames_take():
+    half, more = (Stream("tags", tuple(Channel(f"tag_{i}", "1") for i in range(n)), 10.0, "host") for n in (1016, 1017))
+    assert len(layout_of({"plc": (half,), "line": (half,)}, FrameSettings()).channels) == MOST_VALUES
+    with pytest.raises(ConfigError, match=r"sources: found 2,033 channels in all sources, expected at most 2,032"):
+        layout_of({"plc": (half,), "line": (more,)}, FrameSettings())
 
 
 def test_all_stages_that_do_not_fit_are_told(cell_file):

@@ -18,7 +18,7 @@ from cellwatt.record import Recording, RecordSettings, openfile, recover
 from cellwatt.record import files as files_module
 from cellwatt.record.header import PART, FileName
 from cellwatt.record.openfile import OpenFile
-from cellwatt.record.upkeep import Upkeep
+from cellwatt.record.upkeep import MOST_REPORTED, Upkeep
 from tests.patience import PATIENCE, eventually
 
 from .making import HEADER, SESSION, batch_of, name_of, started, write_chunks
@@ -154,6 +154,19 @@ def test_a_repair_waits_for_room(tmp_path, monkeypatch):
     assert "cannot be repaired now: No space left on device" in str(report)
     assert part.read_bytes() == before
     assert recover(part).messages == 5
+
+
+async def test_a_file_that_cannot_be_repaired_lengthens_no_health_for_ever(tmp_path, monkeypatch):
+    write_chunks(tmp_path, [[batch_of(0, 5)]], close=False)
+    read_only = Mock(side_effect=OSError(errno.EROFS, os.strerror(errno.EROFS)))
+    monkeypatch.setattr("cellwatt.record.recovery.write_all", read_only)
+    async with started(RecordSettings(folder=tmp_path), replace(HEADER, session=SESSION + 10**12)) as recorder:
+        for _ in range(30):
+            await recorder.upkeep.recovered()
+            recorder.upkeep.repair_left()
+        await recorder.upkeep.recovered()
+        found = recorder.stats()["recovered"]
+    assert len(found) == MOST_REPORTED and "cannot be repaired now: Read-only file system" in found[-1]
 
 
 async def test_a_file_system_that_syncs_no_folders_is_written_all_the_same(tmp_path, monkeypatch):

@@ -7,7 +7,7 @@ import pytest
 from blockbuster import blockbuster_ctx
 
 from cellwatt import Alarm, Channel, Event, RecordingError, Stream, Tick
-from cellwatt.record import Recording, RecordSettings
+from cellwatt.record import Health, Recording, RecordSettings
 from cellwatt.record import files as files_module
 from cellwatt.record.header import PART
 from cellwatt.record.survey import survey
@@ -29,7 +29,7 @@ async def test_items_are_written_in_order_and_counted(recorder, tmp_path):
     assert recorder.put(frames_of(0, 4))
     assert recorder.put(Event(SESSION, None, "started", "up"))
     assert recorder.put(Alarm("a", "joint_fault", "error", True, SESSION, SESSION, "x"))
-    assert recorder.health(SESSION, {"ok": True})
+    assert recorder.put(Health(SESSION, {"ok": True}))
     await recorder.close()
     recording = Recording.open(tmp_path)
     assert all(map(same_entry, recording.entries(), sent))

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cellwatt.record import RecordSettings
+from cellwatt.record import RecordSettings, folder, survey
 from cellwatt.record.folder import RecordFile, listing, surplus
-from cellwatt.record.header import FileName
+from cellwatt.record.header import PART, FileName
 from cellwatt.record.upkeep import Upkeep
 
 from .making import CELL, SESSION, name_of
@@ -53,6 +53,25 @@ def test_only_this_cells_files_are_listed(tmp_path):
     assert [f.name.number for f in files] == [1, 1, 1, 2, 3]
     assert [f.path.name for f in files if not f.closed] == [name_of(3) + ".part"]
     assert listing(tmp_path / "absent", CELL) == []
+
+
+def test_a_file_that_is_closed_while_the_folder_is_listed_is_listed_once(tmp_path, monkeypatch):
+    """The system may pass over a file that is renamed during the listing, and the file may lose its name after it."""
+    first, part = tmp_path / name_of(1), tmp_path / (name_of(2) + PART)
+    closed, listed = tmp_path / name_of(2), survey._listed
+    first.write_bytes(b"x")
+    part.write_bytes(b"xx")
+    passed_over = iter([[first.name]])
+    monkeypatch.setattr(survey, "_listed", lambda within: next(passed_over, None) or listed(within))
+    assert [f.path for f in listing(tmp_path, CELL)] == [first, part]
+
+    def closed_after(within):
+        names = survey.names_in(within)
+        part.rename(closed)
+        return names
+
+    monkeypatch.setattr(folder, "names_in", closed_after)
+    assert [(f.path, f.size, f.closed) for f in listing(tmp_path, CELL)] == [(first, 1, True), (closed, 2, True)]
 
 
 def test_a_clock_that_leaps_ahead_makes_no_recording_old(tmp_path, monkeypatch):

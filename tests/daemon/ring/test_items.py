@@ -35,6 +35,13 @@ def test_every_kind_of_item_comes_through(ring):
     assert list(reader.items()) == []
 
 
+def test_figures_of_a_driver_of_any_author_come_through(ring):
+    """One that counts with numpy must not end the process that reads all devices."""
+    writer, reader = ItemWriter(ring), ItemReader(ring, 0)
+    writer.put(Status({"missed": {"gap": np.int64(3)}, "serial": b"7", "rates": np.array([1.5])}))
+    assert list(reader.items()) == [Status({"missed": {"gap": 3}, "serial": "b'7'", "rates": [1.5]})]
+
+
 def test_samples_are_recorded_as_they_stand_in_the_ring(ring):
     writer, reader = ItemWriter(ring), ItemReader(ring, 0)
     put = batch_of(7, 4)

@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
+from cellwatt.align import Aligner
 from cellwatt.clock.cell import CellClock
 from cellwatt.config import CellConfig
 from cellwatt.frames import Frames
@@ -14,7 +15,6 @@ from cellwatt.runtime.assemble import Prepared, prepare
 from cellwatt.runtime.chain import BEGINS_ANEW, Chain
 from cellwatt.runtime.change import Change
 from cellwatt.runtime.collector import Collector, Entry, load_libraries
-from cellwatt.runtime.framer import Framer
 from cellwatt.runtime.tasks import Tasks, plain_errors
 from cellwatt.runtime.teller import Teller
 from cellwatt.ticker import Ticker
@@ -57,7 +57,7 @@ class Cell:
         self.session = self.clock.now()
         self.view = Teller(config, self.session, self.clock.now)
         self._collector = Collector(config, self.clock, self._take)
-        self._framer = Framer({}, config.frames)
+        self._aligner = Aligner({}, config.frames.rate, config.frames.latency)
         self._lag = 0.0
         self._stopping = asyncio.Event()
         self._workers: list[Worker] = []
@@ -74,7 +74,7 @@ class Cell:
     def _take(self, entry: Entry) -> None:
         self.view.take(entry)
         if not isinstance(entry, Event):
-            self._give_frames(self._framer.take(entry))
+            self._give_frames(self._aligner.add(entry))
 
     async def _heart(self) -> None:
         async with Ticker(HEALTH_RATE) as ticker:
@@ -113,7 +113,10 @@ class Cell:
             self.view.take(result)
 
     def _begin_frames(self, prepared: Prepared) -> None:
-        self._framer.change(prepared.streams, self._config.frames)
+        grid, before = self._config.frames, self._aligner
+        self._aligner = Aligner(
+            prepared.streams, grid.rate, grid.latency, sequence=before.sequence, after=before.reached
+        )
         for chain in prepared.chains:
             self.view.withdraw(chain.names, BEGINS_ANEW)
             worker = Worker(chain, self._give_results)
@@ -121,12 +124,12 @@ class Cell:
             self._tasks.spawn(f"stages {'+'.join(chain.names)}", worker.run())
 
     async def _end_frames(self) -> None:
-        self._give_frames(self._framer.flush())
+        self._give_frames(self._aligner.flush())
         workers, self._workers = self._workers, []
         for worker in workers:
             worker.offer(None)
         await asyncio.gather(*(worker.ended.wait() for worker in workers))
-        self._give_frames(self._framer.flush())  # what sources that stay gave meanwhile
+        self._give_frames(self._aligner.flush())  # what sources that stay gave meanwhile
 
     def _look(self) -> None:
         self.view.look(
@@ -134,7 +137,7 @@ class Cell:
                 "utc_error_ms": round(self.clock.utc_error_ns * 1e-6, 3),
                 "loop_lag_ms": round(1e3 * self._lag, 3),
                 "sources": self._collector.status(),
-                "frames": self._framer.status(),
+                "frames": self._aligner.status(),
                 "stages": {name: told for w in self._workers for name, told in w.chain.status().items()},
             }
         )

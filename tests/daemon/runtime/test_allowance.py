@@ -104,7 +104,7 @@ class Fed:
         self.time = Time()
         self.batches: list[Batch] = []
         self.events: list[Event] = []
-        self.source = Source("arm", lambda _: Silent(), self.time, self.batches.append, self.events.append)
+        self.source = Source("arm", lambda *_: Silent(), None, self.time, self.batches.append, self.events.append)
         self.source.state = "ok"
         self.watch = Monitor()
         self.alarms = []
@@ -152,7 +152,7 @@ def test_a_flood_while_who_records_stands_still_costs_a_neighbour_nothing() -> N
     time, raw = Time(), Shared.of({"loud": Wide.streams, "quiet": Wide.streams}, Layout((), 50.0)).raw
     writer, reader = ItemWriter(raw), ItemReader(raw, TELL)
     loud, quiet = (
-        Source(name, lambda _: Wide(), time, writer.put, [].append, crowded=lambda: raw.crowded(TELL))
+        Source(name, lambda *_: Wide(), None, time, writer.put, [].append, crowded=lambda: raw.crowded(TELL))
         for name in ("loud", "quiet")
     )
     for _ in range(300):

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
+
+import pytest
 
 from cellwatt import CellInfo
 from cellwatt.runtime.chain import Chain
@@ -85,3 +88,30 @@ def test_alarms_of_a_stage_that_broke_are_taken_back():
     assert (over.id, over.active, over.time) == ("heat", False, 1_000_000_000)
     assert over.statement == "Withdrawn, as stage judge restarts: Joint 2: heat."
     assert chain.process(frames_of(2, second=2.0)) == []
+
+
+def test_the_error_of_a_stage_is_one_line_of_plain_text():
+    chain = chain_of(judge=FakeStage)
+
+    def names_a_file(*_):
+        raise OSError("no file of \udcff,\n  see the log")
+
+    JUDGES["judge"].give = names_a_file
+    chain.process(frames_of(0))
+    assert chain.status()["judge"]["error"] == "OSError: no file of  ,   see the log"
+
+
+@pytest.mark.parametrize(
+    ("given", "error"),
+    [
+        (replace(alarm(), severity="critical"), "ValueError: 1 validation error for Alarm severity Input should be"),
+        (replace(alarm(), evidence={"curve": object()}), "object cannot be recorded"),
+        ("heat", "KeyError: <class 'str'>"),
+    ],
+)
+def test_a_result_that_no_process_could_read_is_a_failure_of_its_stage(given, error):
+    chain = chain_of(judge=FakeStage, after=AfterStage)
+    JUDGES["judge"].give = lambda *_: [given]
+    JUDGES["after"].give = lambda *_: [alarm("noise")]
+    assert chain.process(frames_of(0)) == [alarm("noise", stage="after")]
+    assert error in chain.status()["judge"]["error"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 
 import pytest
@@ -33,3 +34,15 @@ def test_a_bit_that_differs(what):
 def test_frames_of_one_run_only():
     found = compare([frames_of(0, 10)], [frames_of(3, 10)])
     assert (found.equal, found.only_recorded, found.only_replayed, found.identical) == (7, 3, 3, False)
+
+
+def test_frames_are_compared_as_they_come_and_not_held():
+    taken = Counter()
+
+    def run(name):
+        for n in range(50):
+            taken[name] += 1
+            assert abs(taken["recorded"] - taken["replayed"]) <= 1
+            yield frames_of(10 * n, 10)
+
+    assert compare(run("recorded"), run("replayed")).equal == 500

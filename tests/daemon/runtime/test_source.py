@@ -36,7 +36,8 @@ class Cellar:
         self.events: list[Event] = []
         self.source = Source(
             "arm",
-            lambda inlet: FakeDriver("arm", FakeSettings(host="arm"), inlet),
+            FakeDriver,
+            FakeSettings(host="arm"),
             lambda: 1_000_000_000,
             self.batches.append,
             self.events.append,
@@ -104,7 +105,7 @@ async def test_a_source_is_well_with_its_first_number():
 
 @at_once
 async def test_a_channel_that_gives_no_number_any_more_is_named(monkeypatch):
-    monkeypatch.setattr("cellwatt.runtime.source.LOOK", 0.0)
+    monkeypatch.setattr("cellwatt.runtime.source.BLANK", 0.0)
     async with running(answer, give(1)) as cellar:
         source = cellar.source
         await DEVICES["arm"].done()
@@ -113,7 +114,6 @@ async def test_a_channel_that_gives_no_number_any_more_is_named(monkeypatch):
             for _ in range(5):
                 source.emit(Reading(STREAM, np.array([[voltage, 1.0]]), 1))
                 source.account.expect(1)
-            source.settle()
             return source.status()["streams"]["supply"]["blank"]
 
         assert looked_at(230.0) == []

@@ -207,7 +207,7 @@ async def test_a_controller_with_another_sample_rate_than_the_settings_is_not_to
     events: list[Event] = []
     async with emulated(rate="125") as (_, place):
         arm = AbbSettings.model_validate(place | {"web": []})
-        source = Source("arm", lambda inlet: AbbDriver("arm", arm, inlet), time.time_ns, lambda _: None, events.append)
+        source = Source("arm", AbbDriver, arm, time.time_ns, lambda _: None, events.append)
         async with doing(source.run()):
             await eventually(lambda: source.status()["streams"]["egm"]["nominal_hz"] == 125)
     told = "the controller sends 125 packets a second, 'rate' says 250 Hz: see \\SampleRate of EGMStreamStart"

@@ -58,7 +58,7 @@ def sometimes() -> Callable[[], float]:
 async def read(emulator: UrEmulator, batches: list[Batch]) -> AsyncIterator[Source]:
     async with served(emulator) as address:
         chosen = UrDriver.Settings(**endpoint(address), rate="500 Hz", channels=["actual_q"])
-        made = Source("arm", lambda inlet: UrDriver("arm", chosen, inlet), time.time_ns, batches.append, lambda _: None)
+        made = Source("arm", UrDriver, chosen, time.time_ns, batches.append, lambda _: None)
         async with doing(made.run()):  # ended before the arm: else a connection that is just being made has no end
             yield made
 

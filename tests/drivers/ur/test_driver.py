@@ -199,7 +199,7 @@ async def test_a_cb3_at_the_default_rate_is_in_the_frames_and_not_too_slow():
     batches: list[Batch] = []
     async with emulated(polyscope="3.15.0") as emulator:
         arm = UrDriver.Settings(**endpoint(emulator.address))
-        source = Source("arm", lambda inlet: UrDriver("arm", arm, inlet), time.time_ns, batches.append, lambda e: None)
+        source = Source("arm", UrDriver, arm, time.time_ns, batches.append, lambda e: None)
         async with doing(source.run()):
             await eventually(lambda: sum(map(len, batches)) >= 150)
     aligner = Aligner({"arm": source.driver.streams}, 50.0, 0.1)

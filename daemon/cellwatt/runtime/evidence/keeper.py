@@ -11,8 +11,9 @@ from collections.abc import Callable, Iterable
 from typing import Any, Final
 
 from cellwatt.child import output
-from cellwatt.errors import CellwattError
+from cellwatt.errors import CellwattError, why
 from cellwatt.record import RecordSettings, packs
+from cellwatt.record.header import PART
 from cellwatt.record.packs import Due
 from cellwatt.results import Alarm, Event
 
@@ -51,6 +52,8 @@ class Keeper:
         self._settings, self._cell, self._now, self._tell = settings, cell, now, tell
         self.folder = settings.folder / packs.FOLDER
         self._waiting: list[Due] = []
+        self._making: Due | None = None
+        """The last of them that was begun: its end is fixed, and no more alarms join it."""
         self._unwritten: set[str] = set()
         """Names of packs whose note on disk is out of date."""
         self._seen = {alarm.id: alarm.since for alarm in known if packs.wants(settings.evidence, alarm)}
@@ -72,7 +75,7 @@ class Keeper:
             return
         self._seen[alarm.id] = alarm.since
         for place, due in enumerate(self._waiting):
-            if (joined := due.joined(alarm, self._settings.evidence)) is not None:
+            if due is not self._making and (joined := due.joined(alarm, self._settings.evidence)) is not None:
                 self._waiting[place] = joined
                 break
         else:
@@ -135,9 +138,10 @@ class Keeper:
             try:
                 self._writing = asyncio.ensure_future(asyncio.to_thread(packs.write_due, self.folder, due))
                 await asyncio.shield(self._writing)
-            except OSError as error:
+            except (OSError, ValueError) as error:  # the latter: a text that is no UTF-8
                 self._waiting = [other for other in self._waiting if other.name != due.name]
-                self._give_up(due, f"{self.folder} cannot be written: {error.strerror}")
+                reason = why(error) if isinstance(error, OSError) else "its alarm cannot be encoded"
+                self._give_up(due, f"{self.folder} cannot be written: {reason}")
 
     async def _retain(self) -> None:
         if time.monotonic() - self._retained_at < RETAIN_EVERY:
@@ -152,7 +156,7 @@ class Keeper:
 
     async def _make(self, due: Due) -> None:
         made: dict[str, Any] = {}
-        failure = ""
+        failure, self._making = "", due
         try:
             if not await asyncio.to_thread(packs.due_path(self.folder, due).exists):  # removed with its folder
                 await asyncio.to_thread(packs.write_due, self.folder, due)
@@ -166,8 +170,9 @@ class Keeper:
             log.exception("evidence of alarm %s", due.alarms[0].id)
             failure = f"{type(error).__name__}: {error}"
         self._waiting = [other for other in self._waiting if other.name != due.name]
-        with contextlib.suppress(OSError):
-            await asyncio.to_thread(packs.due_path(self.folder, due).unlink, missing_ok=True)
+        for left in (packs.due_path(self.folder, due), self.folder / f"{due.name}.mcap{PART}"):
+            with contextlib.suppress(OSError):
+                await asyncio.to_thread(left.unlink, missing_ok=True)
         self._retained_at = -RETAIN_EVERY
         if failure:
             self._give_up(due, failure)
@@ -185,11 +190,11 @@ class Keeper:
         found: dict[str, Any] = json.loads(printed.splitlines()[-1])
         return found
 
-    def _give_up(self, due: Due, why: str) -> None:
+    def _give_up(self, due: Due, reason: str) -> None:
         self._given_up += 1
-        self._problem = why
-        log.warning("evidence of alarm %s is not stored: %s", due.alarms[0].id, why)
-        self._say(due, f"not stored: {why}", {})
+        self._problem = reason
+        log.warning("evidence of alarm %s is not stored: %s", due.alarms[0].id, reason)
+        self._say(due, f"not stored: {reason}", {})
 
     def _say(self, due: Due, what: str, data: dict[str, Any]) -> None:
         first = due.alarms[0]

@@ -51,7 +51,8 @@ def main(note: Path, reserve: float, sign: Path | None) -> None:
     """Cut the pack described in NOTE out of the record and write its page; report it as JSON."""
     try:
         due = packs.read_due(note)
-        made = make(note.parent, due, reserve)
+        pack = note.with_name(f"{due.name}.mcap")
+        made = cut(note.parent.parent, due.cell, due.start, due.end, pack, reserve=reserve)
         problem = _page(due, made)
         if sign is not None:
             seal.write(made.path, "closed", Signer(sign))
@@ -60,11 +61,6 @@ def main(note: Path, reserve: float, sign: Path | None) -> None:
         sys.exit(1)
     plain = {key: value for key, value in asdict(made).items() if key in ("start", "end", "messages", "size", "lost")}
     click.echo(json.dumps({**plain, "problem": problem}))
-
-
-def make(folder: Path, due: Due, reserve: float = 0.0) -> Cut:
-    """Cut a pack into ``folder``, a subfolder of the record. Raises ``RecordingError``."""
-    return cut(folder.parent, due.cell, due.start, due.end, folder / f"{due.name}.mcap", reserve=reserve)
 
 
 def _page(due: Due, made: Cut) -> str:

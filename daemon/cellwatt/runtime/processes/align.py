@@ -7,12 +7,12 @@ from collections import deque
 from collections.abc import Iterable
 from typing import Final
 
+from cellwatt.align import Aligner
 from cellwatt.batch import Batch, Tick
 from cellwatt.frames import Frames
 from cellwatt.gather import next_moment
 from cellwatt.ring import ItemReader, ItemWriter, Mark, Status
 from cellwatt.runtime.assemble import declared
-from cellwatt.runtime.framer import Framer
 from cellwatt.runtime.processes.rights import keep_up, settle_memory
 from cellwatt.runtime.processes.shared import ALIGN, ALIGNS, REPORT_EVERY, Apply, Assignment, Ready, figures
 from cellwatt.runtime.processes.waiting import turns
@@ -37,11 +37,16 @@ class _Aligning:
         self._in = ItemReader(shared.raw, ALIGN)
         self._out = ItemWriter(shared.frames)
         self._streams, _ = declared(self._config)
-        self._framer = Framer(self._streams, self._config.frames, *self._out.frames())
+        self._aligner = self._following(*self._out.frames())
         self._fitting: dict[int, bool] = {}
         """Whether a stream, by ``id``, belongs to the present settings."""
         self._read: deque[tuple[float, int]] = deque()
         self._reported_at = 0.0
+
+    def _following(self, sequence: int, after: int) -> Aligner:
+        """An aligner by the present settings, for the frames from number ``sequence`` on, later than ``after`` ns."""
+        grid = self._config.frames
+        return Aligner(self._streams, grid.rate, grid.latency, sequence=sequence, after=after)
 
     def run(self) -> None:
         self._out.put(Mark(self._generation))
@@ -51,7 +56,7 @@ class _Aligning:
             for item in self._in.items():
                 self._take(item)
             self._look(time.monotonic())
-        self._give(self._framer.flush())
+        self._give(self._aligner.flush())
         self._report()
         self._out.end()
 
@@ -61,11 +66,10 @@ class _Aligning:
 
     def _take(self, item: object) -> None:
         match item:
-            case Batch():
-                if self._fits(item):
-                    self._give(self._framer.take(item))
+            case Batch() if self._fits(item):
+                self._give(self._aligner.add(item))
             case Tick():
-                self._give(self._framer.take(item))
+                self._give(self._aligner.add(item))
             case Mark() if item.generation > self._generation:
                 self._change(item.generation)
 
@@ -85,9 +89,9 @@ class _Aligning:
             message = self._assignment.control.recv()
             assert isinstance(message, Apply)
             self._config, self._generation = message.config, message.generation
-        self._give(self._framer.flush())
+        self._give(self._aligner.flush())
         self._streams, _ = declared(self._config)
-        self._framer.change(self._streams, self._config.frames)
+        self._aligner = self._following(self._aligner.sequence, self._aligner.reached)
         self._fitting.clear()
         self._out.put(Mark(generation))
 
@@ -100,5 +104,5 @@ class _Aligning:
             self._report()
 
     def _report(self) -> None:
-        status = figures("align", self._assignment, skipped_bytes=self._in.skipped, frames=self._framer.status())
+        status = figures("align", self._assignment, skipped_bytes=self._in.skipped, frames=self._aligner.status())
         self._out.put(Status(status))

@@ -61,7 +61,7 @@ class _Judging:
         self._chain = make_chain(config, self._layout, assignment.stages)
         self._time = 0
         self._following: int | None = None
-        self._dropped = self._waiting = 0
+        self._dropped = self._waiting = self._refused = 0
         self._reported_at = 0.0
 
     def run(self) -> None:
@@ -124,7 +124,9 @@ class _Judging:
             try:
                 self._out.put(result)
             except ValueError:
-                log.exception("a result of the stages %s cannot be passed on", ", ".join(self._chain.names))
+                self._refused += 1
+                if self._refused == 1:
+                    log.exception("a result of the stages %s cannot be passed on", ", ".join(self._chain.names))
 
     def _report(self, **more: bool) -> None:
         self._reported_at = time.monotonic()
@@ -132,4 +134,5 @@ class _Judging:
             name: known | {"dropped": self._dropped, "waiting": max(self._waiting, 0)}
             for name, known in self._chain.status().items()
         }
-        self._out.put(Status(figures(f"judge {'+'.join(self._chain.names)}", self._assignment, stages=stages, **more)))
+        name, refused = f"judge {'+'.join(self._chain.names)}", self._refused
+        self._out.put(Status(figures(name, self._assignment, refused=refused, stages=stages, **more)))

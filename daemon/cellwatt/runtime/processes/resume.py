@@ -16,7 +16,7 @@ from cellwatt.frames import Block, Frames, cut
 from cellwatt.record import Recorder
 from cellwatt.record.container import Chunk, Contents
 from cellwatt.record.decoder import Track, tracks_of
-from cellwatt.record.encoder import Item
+from cellwatt.record.encoder import Item, topic_of_block
 from cellwatt.record.folder import RecordFile, listing
 from cellwatt.record.history import look_at
 from cellwatt.record.messages import Message, time_of
@@ -34,13 +34,12 @@ SEARCHED: Final = 86_400 * 10**9
 
 @dataclass(slots=True)
 class Resume:
-    """Next number of each stream, and of the frames, after the end of the record."""
+    """Next numbers after the end of the record."""
 
-    following: dict[tuple[str, str], int] = field(default_factory=dict)
     messages: list[Message] = field(default_factory=list)
     """Last recorded messages."""
-    ends: dict[str, int] = field(default_factory=dict)
-    """Next number of each series of results or events that was found …"""
+    following: dict[str, int] = field(default_factory=dict)
+    """Next number of each topic of blocks, and of each series of results or events that was found …"""
     since: int = 0
     """… after this time, UTC ns; older items have been recorded."""
 
@@ -59,26 +58,23 @@ class Resume:
     def _read(cls, folder: Path, cell: str, session: int, series: Collection[str]) -> Resume:
         found = cls()
         files = [f for f in listing(folder, cell) if f.name.session == session and f.closed]
+        found.following, found.since = _ends(files, set(series))
         for file, contents, tracks in _readable(files[-2:]):
             for chunk in (c for c in contents.chunks if c.end > contents.end - RECENT):
-                found._note(item for _, item in _items(file, chunk, tracks, tracks))
-        found.ends, found.since = _ends(files, set(series))
+                for number, item in _items(file, chunk, tracks, tracks):
+                    if isinstance(item, Batch | Frames):
+                        found.following[topic_of_block(item)] = number + len(item)
+                    else:
+                        found.messages.append(item)
         return found
-
-    def _note(self, items: Iterable[Item]) -> None:
-        for item in items:
-            if isinstance(item, Batch | Frames):
-                self.following[_key(item)] = item.sequence + len(item)
-            else:
-                self.messages.append(item)
 
     def unrecorded(self, published: Iterable[tuple[int, Result | Event]]) -> list[tuple[int, Result | Event]]:
         """Of the published results and events ``published``, those missing in the record, with their numbers."""
-        found = [
-            (number, item)
-            for number, item in published
-            if (number >= self.ends[name] if (name := series_of(item)) in self.ends else time_of(item) > self.since)
-        ]
+        found = []
+        for number, item in published:
+            following = self.following.get(series_of(item))
+            if time_of(item) > self.since if following is None else number >= following:
+                found.append((number, item))
         self.messages += [item for _, item in found]
         return found
 
@@ -91,7 +87,7 @@ class Resume:
 
     def fresh(self, item: Block) -> Block | None:
         """Rows of a block that are not in the record yet; None if all are."""
-        first = self.following.get(_key(item), 0)
+        first = self.following.get(topic_of_block(item), 0)
         if item.sequence >= first:
             return item
         if item.sequence + len(item) <= first:
@@ -134,7 +130,3 @@ def _items(file: FileIO, chunk: Chunk, tracks: Mapping[int, Track], wanted: Cont
     except ValueError as error:
         log.warning("%s: the chunk at %d is skipped: %s", file.name, chunk.offset, error)
         return []
-
-
-def _key(item: Batch | Frames) -> tuple[str, str]:
-    return (item.source, item.stream.name) if isinstance(item, Batch) else ("", "")

@@ -102,7 +102,7 @@ class SupervisedProcess:
         self.done = code == 0
         now = time.monotonic()
         self._failures = 0 if now - self._began > STEADY else self._failures + 1
-        pause = 0.0 if self._failures <= 1 else min(FIRST_PAUSE * 2 ** (self._failures - 2), LONGEST_PAUSE)
+        pause = 0.0 if self._failures <= 1 else min(FIRST_PAUSE * 2 ** min(self._failures - 2, 10), LONGEST_PAUSE)
         self.again_at = now + pause
         self.restarts += 1
         return f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"

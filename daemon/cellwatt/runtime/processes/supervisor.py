@@ -294,6 +294,8 @@ class Supervisor:
             self._ending.remove(process)
         elif self._reload is not None and process in self._reload.judges.values():
             self._give_up_reload(CellwattError(f"the process {process.name} ended by {why}; nothing was changed"))
+        elif self._failed is None and not self._stop_asked and not (self._collect.ready or self._collect.restarts):
+            self._failed = CellwattError(f"the process {process.name} ended by {why} at the start: the log says why")
         elif self._failed is None and not self._stop_asked:
             pause = max(process.again_at - time.monotonic(), 0.0)
             log.error("the process %s ended by %s; it is restarted in %.1f s", process.name, why, pause)
@@ -389,7 +391,7 @@ class Supervisor:
             self._give_up_reload(error)
 
     def _send(self, reload: _Reload) -> None:
-        """Send the settings to all processes, to *collect* last, after all steps that can fail."""
+        """Send the settings to all processes, after all steps that can fail."""
         reload.sent, self._refused = True, ""
         self._config = reload.config
         if not reload.change.frames:
@@ -399,7 +401,8 @@ class Supervisor:
         self._ending += [process for process in self._judges.values() if process.alive]
         self._ends_by = time.monotonic() + END
         self._judges, reload.judges = reload.judges, {}
-        for process in (self._align, self._tell, self._collect):
+        # *align* reads them at the mark that *collect* makes when it has them; more than a pipe takes wait until then.
+        for process in (self._collect, self._tell, self._align):
             process.send(Apply(reload.generation, reload.config))
 
     def _reload_done(self, reload: _Reload) -> None:

@@ -177,6 +177,8 @@ class _Telling:
             if way.held or way.reader.count - before == AT_ONCE:
                 break
         taken = self._teller.recorder.progress()[0] if self._teller.recorder is not None else 0
+        if way.checkpoints and way.checkpoints[-1][0] == taken:
+            way.checkpoints.pop()  # the next one counts as much; while a disk is full, they would fill the memory
         if not way.checkpoints or way.checkpoints[-1][1] != way.reader.position:
             way.checkpoints.append((taken, way.reader.position))
         return way.reader.count - before

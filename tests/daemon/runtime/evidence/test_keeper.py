@@ -10,11 +10,13 @@ from typing import Any
 import pytest
 
 from cellwatt import Alarm, Event
+from cellwatt.errors import CellwattError
 from cellwatt.record import Recording, RecordSettings, packs
+from cellwatt.record.cut import cut
+from cellwatt.record.header import PART
 from cellwatt.record.settings import EvidenceSettings
 from cellwatt.runtime.evidence import keeper as keeping
 from cellwatt.runtime.evidence.keeper import Keeper
-from cellwatt.runtime.evidence.making import make
 from tests.daemon.record.making import CELL, PERIOD, SESSION, batch_of, frames_of, write_chunks
 from tests.patience import PATIENCE, eventually
 
@@ -51,7 +53,8 @@ class Cell:
             await asyncio.gather(task, return_exceptions=True)
 
     async def make(self, due: packs.Due) -> dict[str, Any]:
-        await asyncio.to_thread(make, self.folder, due)
+        pack = self.folder / f"{due.name}.mcap"
+        await asyncio.to_thread(cut, self.settings.folder, due.cell, due.start, due.end, pack)
         return {"problem": ""}
 
     @property
@@ -126,6 +129,27 @@ async def test_a_pack_that_was_due_when_the_daemon_was_killed_is_made_by_the_nex
     assert len(cell.packs) == 1 and not cell.due
 
 
+async def test_an_alarm_within_a_pack_that_is_being_made_gets_a_pack_of_its_own(cell: Cell) -> None:
+    """An alarm has the time of its frames, which may be seconds old."""
+    begun, go = asyncio.Event(), asyncio.Event()
+
+    async def slow(due: packs.Due) -> dict[str, Any]:
+        begun.set()
+        await go.wait()
+        return await cell.make(due)
+
+    async with cell.keeper() as keeper:
+        keeper._made_by_process = slow  # type: ignore[method-assign]
+        keeper.alarm(alarm())
+        cell.time = 7.0
+        await eventually(begun.is_set, "the making")
+        keeper.alarm(alarm("other", at=5.5))
+        go.set()
+        await eventually(lambda: len(cell.events) == 2, "two packs")
+    assert [event.data["alarms"] for event in cell.events] == [["faults.arm.joint_fault.2"], ["other"]]
+    assert len(cell.packs) == 2 and not cell.due
+
+
 async def test_a_daemon_that_stops_early_makes_the_pack_with_what_there_is(cell: Cell) -> None:
     async with cell.keeper() as keeper:
         keeper.alarm(alarm(at=9.5))
@@ -173,6 +197,16 @@ async def test_a_disk_that_takes_no_note_gives_the_pack_up(cell: Cell) -> None:
     assert "cannot be written" in cell.events[0].text
 
 
+async def test_an_alarm_that_cannot_be_encoded_ends_no_keeper(cell: Cell) -> None:
+    async with cell.keeper() as keeper:
+        keeper.alarm(alarm("odd", statement="Stage x failed: no file \udcff"))
+        await eventually(lambda: cell.events, "the event")
+        keeper.alarm(alarm())
+        cell.time = 60.0
+        await eventually(lambda: len(cell.events) == 2, "the pack of the next alarm")
+    assert "not stored: " in cell.events[0].text and len(cell.packs) == 1
+
+
 @pytest.mark.timeout(120)
 async def test_a_process_that_fails_says_why(cell: Cell) -> None:
     cell.settings = cell.settings.model_copy(update={"keep": 1e18, "file_size": 1e18})
@@ -181,6 +215,20 @@ async def test_a_process_that_fails_says_why(cell: Cell) -> None:
         cell.time = 60.0
         await eventually(lambda: cell.events, "the event")
     assert "No space left on device" in cell.events[0].text and keeper.stats()["given_up"] == 1
+
+
+async def test_a_pack_that_is_ended_amid_its_making_leaves_nothing(cell: Cell) -> None:
+    async def ended(due: packs.Due) -> dict[str, Any]:
+        (cell.folder / f"{due.name}.mcap{PART}").write_bytes(bytes(1000))
+        raise CellwattError("it was ended by SIGKILL")
+
+    async with cell.keeper() as keeper:
+        keeper._made_by_process = ended  # type: ignore[method-assign]
+        keeper.alarm(alarm())
+        cell.time = 60.0
+        await eventually(lambda: cell.events, "the event")
+    assert "not stored: it was ended by SIGKILL" in cell.events[0].text
+    assert not list(cell.folder.iterdir())
 
 
 async def test_packs_beyond_the_budget_go_and_the_record_stays(cell: Cell) -> None:

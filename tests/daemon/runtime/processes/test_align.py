@@ -12,7 +12,7 @@ from cellwatt.runtime.assemble import declared
 from cellwatt.runtime.processes import align
 from cellwatt.runtime.processes.shared import Apply, Assignment, Shared
 from tests.daemon.runtime.fakes import config_of
-from tests.daemon.runtime.test_framer import batches
+from tests.daemon.runtime.test_following_aligner import batches
 
 
 def test_frames_are_made_as_often_as_new_settings_ask(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -75,3 +76,13 @@ def test_a_judge_that_is_behind_drops_the_oldest_and_counts_them() -> None:
     assert judged == list(range(290, QUEUED_FRAMES + 300, 10)), "all that was waiting when it came up to date, in order"
     last = [i for i in said if isinstance(i, Status)][-1].figures["stages"]["heat"]
     assert (last["dropped"], last["frames"], last["waiting"]) == (290, QUEUED_FRAMES + 10, 0)
+
+
+def test_results_that_are_too_large_to_be_passed_on_are_counted() -> None:
+    JUDGES["heat"].give = lambda frames, _: [
+        replace(prediction("large", frames.sequence), outputs={"power": (0.5,) * 200_000}),
+        prediction("heat", frames.sequence),
+    ]
+    said = said_by_a_judge(blocks=3)
+    assert [(i.model, i.sequence) for i in said if isinstance(i, Prediction)] == [("heat", n) for n in (0, 10, 20)]
+    assert [i for i in said if isinstance(i, Status)][-1].figures["refused"] == 3

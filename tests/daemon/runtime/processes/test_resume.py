@@ -26,7 +26,7 @@ def written(folder: Path) -> OpenFile:
 def test_it_goes_on_behind_the_last_of_each_stream(tmp_path: Path) -> None:
     written(tmp_path)
     found = resume(tmp_path)
-    assert found.following == {("arm", "rtde"): 15, ("", ""): 4}
+    assert found.following == {"/raw/arm/rtde": 15, "/frame": 4}
     assert found.fresh(batch_of(10, 5)) is None
     rest = found.fresh(batch_of(13, 5))
     assert rest is not None
@@ -39,7 +39,7 @@ def test_a_slow_stream_goes_on_behind_its_last_sample(tmp_path: Path) -> None:
     first = [batch_of(0, 1, stream=METER, source="supply"), raised, batch_of(0, 20)]
     write_chunks(tmp_path, [first, *([batch_of(20 * n, 20)] for n in range(1, 25))])
     found = resume(tmp_path)
-    assert found.following == {("supply", "meter"): 1, ("arm", "rtde"): 500}
+    assert found.following == {"/raw/supply/meter": 1, "/raw/arm/rtde": 500}
     assert not found.lacks(raised)
 
 
@@ -66,4 +66,4 @@ def test_what_a_damaged_chunk_held_is_recorded_again(tmp_path: Path, offset: int
     last = file.contents.chunks[-1]
     data[last.offset + offset] ^= 0xFF
     file.path.write_bytes(data)
-    assert resume(tmp_path).following["arm", "rtde"] == 10
+    assert resume(tmp_path).following["/raw/arm/rtde"] == 10

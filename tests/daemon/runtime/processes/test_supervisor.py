@@ -15,9 +15,11 @@ import pytest
 
 from cellwatt.config import FrameSettings
 from cellwatt.errors import CellwattError
+from cellwatt.ring import ItemWriter, Mark
 from cellwatt.runtime.change import Change
-from cellwatt.runtime.processes.shared import Alive, Assignment, Failed, Ready
-from cellwatt.runtime.processes.supervised_process import SupervisedProcess
+from cellwatt.runtime.processes.align import align
+from cellwatt.runtime.processes.shared import Alive, Apply, Assignment, Failed, Ready
+from cellwatt.runtime.processes.supervised_process import LONGEST_PAUSE, SupervisedProcess
 from cellwatt.runtime.processes.supervisor import Supervisor, _Reload
 from tests.daemon.runtime.fakes import FakeDriver, config_of, sources, stages
 from tests.patience import PATIENCE, wait_until
@@ -112,6 +114,33 @@ def test_new_settings_wait_until_a_tell_that_starts_with_the_old_ones_serves() -
         daemon._kill(tell, warn=False)
 
 
+def _hears_new_settings(assignment: Assignment) -> None:
+    assert isinstance(assignment.control.recv(), Apply)
+
+
+def _begins_new_settings(assignment: Assignment) -> None:
+    _hears_new_settings(assignment)
+    raw = ItemWriter(assignment.shared.raw)
+    raw.put(Mark(2))
+    raw.end()
+
+
+@pytest.mark.timeout(60)
+def test_new_settings_may_be_larger_than_a_pipe_takes() -> None:
+    """A server of OPC UA with two thousand tags."""
+    daemon, config = Supervisor(config_of()), config_of(text="#" * 4_000_000)
+    mains = {"collect": _begins_new_settings, "align": align, "tell": _hears_new_settings}
+    made = [SupervisedProcess(name, main, daemon._assign) for name, main in mains.items()]
+    daemon._collect, daemon._align, daemon._tell = made
+    with daemon._signals() as daemon._selector:
+        for process in made:
+            daemon._start(process)
+        daemon._send(_Reload(config, Change((), (), (), frames=True, units=False), 2))
+        while any(process.alive for process in made):
+            daemon._wait(PATIENCE)
+    assert all(process.done for process in made)
+
+
 def test_new_settings_do_not_wait_for_a_tell_that_cannot_start() -> None:
     daemon, config = Supervisor(config_of()), config_of(outlets={})
     daemon._reload = _Reload(config, Change.between(daemon._config, config), 2)
@@ -183,6 +212,7 @@ def test_settings_that_send_more_than_the_rings_hold_are_warned_about(caplog: py
 
 def test_a_process_that_hangs_is_killed_and_restarted(caplog: pytest.LogCaptureFixture) -> None:
     daemon = Supervisor(config_of())
+    daemon._collect.ready = True
     align = daemon._align = SupervisedProcess("align", _hangs, daemon._assign)
     with daemon._signals() as daemon._selector:
         daemon._start(align)
@@ -196,6 +226,31 @@ def test_a_process_that_hangs_is_killed_and_restarted(caplog: pytest.LogCaptureF
         daemon._turn()
         assert align.alive
         daemon._kill(align, warn=False)
+
+
+def _breaks(assignment: Assignment) -> None:
+    raise KeyError("joint_7")
+
+
+@pytest.mark.timeout(60)
+def test_a_process_that_breaks_before_a_device_is_opened_refuses_the_start() -> None:
+    """A stage with a mistake in its code; else the devices would never be opened, and nothing would be recorded."""
+    daemon = Supervisor(config_of())
+    judge = SupervisedProcess("judge heat", _breaks, daemon._assign)
+    daemon._judges = {0: judge}
+    with daemon._signals() as daemon._selector:
+        daemon._begin([judge])
+    assert str(daemon._failed) == "the process judge heat ended by exit code 1 at the start: the log says why"
+
+
+def test_a_process_that_has_failed_for_days_is_still_restarted() -> None:
+    daemon = Supervisor(config_of())
+    align = daemon._align = SupervisedProcess("align", _fails, daemon._assign, restarts=2000, _failures=2000)
+    with daemon._signals() as daemon._selector:
+        daemon._start(align)
+        while align.alive:
+            daemon._wait(PATIENCE)
+    assert align.again_at - align._began >= LONGEST_PAUSE
 
 
 def _hears(assignment: Assignment) -> None:

@@ -14,11 +14,12 @@ import pytest
 
 from cellwatt import Task
 from cellwatt.record import Recorder, Recording, RecordSettings
+from cellwatt.record.files import Files
 from cellwatt.ring import ItemWriter, Status
 from cellwatt.runtime.assemble import declared
 from cellwatt.runtime.processes import tell
 from cellwatt.runtime.processes.resume import Resume
-from cellwatt.runtime.processes.shared import Assignment, Shared
+from cellwatt.runtime.processes.shared import TELL, Assignment, Shared
 from cellwatt.runtime.processes.tell import HUNG, SILENT, _Telling
 from tests.daemon.outlets.zenoh.fake_cell import task
 from tests.daemon.record.making import HEADER, batch_of, numbered_in
@@ -145,6 +146,25 @@ async def test_a_series_is_gone_on_with_though_its_last_message_is_long_ago(tmp_
     again = await Telling(shared, restarts=1).recording(tmp_path)
     await again.close()
     assert numbered_in(tmp_path)["task"] == [(0, task(0))]
+
+
+async def test_a_disk_that_stays_full_fills_no_memory_with_positions(
+    tmp_path: Path, shared: Shared, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Files, "write", lambda *_: None)
+    raw, telling = ItemWriter(shared.raw), Telling(shared)
+    kept = await telling.recording(tmp_path)
+    kept.settings = kept.settings.model_copy(update={"queue": 1.0})  # takes one item
+    for n in range(50):
+        raw.put(batch_of(n, 1))
+        assert telling._drain(telling._raw) == 1
+    telling._settle()
+    assert kept.progress() == (1, 0) and shared.raw.position(TELL) == 0, "nothing is in a file"
+    assert len(telling._raw.checkpoints) == 1
+    monkeypatch.undo()
+    await kept.close()
+    telling._settle()
+    assert shared.raw.position(TELL) == shared.raw.head, "the others were refused and counted"
 
 
 async def test_a_fault_of_the_check_of_health_leaves_the_record_whole(

@@ -24,7 +24,6 @@ from cellwatt.outlets.page.levels.gathering import CURVES, TELLING, Digest
 from cellwatt.outlets.page.levels.level_file import LevelFile
 from cellwatt.record.folder import RecordFile, files_of, remove, surplus
 from cellwatt.record.header import FileName
-from cellwatt.record.survey import ATTEMPTS
 
 log = logging.getLogger(__name__)
 
@@ -119,23 +118,12 @@ class Store:
             listed, of_change, found = self._listing
             # Two changes of a folder within one clock tick have the same modification time.
             if of_change != changed or listed - changed < TICK:
-                listed, found = time.time(), self._settled()
+                listed, found = time.time(), files_of(self.folder, self.cell)
                 self._listing = (listed, changed, found)
         except FileNotFoundError:
             return []
         except OSError as error:
             raise RecordingError(f"record.folder {self.folder} cannot be read: {why(error)}") from error
-        return found
-
-    def _settled(self) -> list[RecordFile]:
-        """List the folder until two listings agree, at most ``ATTEMPTS`` times: a rename may hide a file from one."""
-        before: list[Path] | None = None
-        for _ in range(ATTEMPTS):
-            found = files_of(self.folder, self.cell)
-            names = [recording.path for recording in found]
-            if names == before:
-                break
-            before = names
         return found
 
     def source(self, recording: RecordFile, pace: Pace, *, curves: bool = True) -> Source | None:

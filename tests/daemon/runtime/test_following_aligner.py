@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from cellwatt.align import Aligner
 from cellwatt.batch import Batch
-from cellwatt.config import FrameSettings
-from cellwatt.runtime.framer import Framer
 from tests.daemon.runtime.fakes import STEP, STREAM
 
 STREAMS = {"arm": (STREAM,)}
@@ -29,13 +28,14 @@ def batches(n: int) -> list[Batch]:
     ]
 
 
-def test_a_framer_that_follows_another_gives_the_same_frames_but_those_given() -> None:
-    whole = Framer(STREAMS, FrameSettings())
-    given = [f for batch in batches(100) for f in whole.take(batch)]
+def test_an_aligner_that_follows_another_gives_the_same_frames_but_those_given() -> None:
+    whole = Aligner(STREAMS, 50.0, 0.1)
+    given = [f for batch in batches(100) for f in whole.add(batch)]
     first, last = given[:40], given[40:]
     after = int(first[-1].time[-1])
-    second = Framer(STREAMS, FrameSettings(), first[-1].sequence + len(first[-1]), after)
-    again = [f for batch in batches(100)[20:] for f in second.take(batch)]
+    second = Aligner(STREAMS, 50.0, 0.1, sequence=first[-1].sequence + len(first[-1]), after=after)
+    assert second.reached == after
+    again = [f for batch in batches(100)[20:] for f in second.add(batch)]
     for name in ("time", "values", "quality", "bound"):
         ours = np.concatenate([getattr(f, name) for f in again])
         assert np.array_equal(ours, np.concatenate([getattr(f, name) for f in last]))
@@ -44,11 +44,11 @@ def test_a_framer_that_follows_another_gives_the_same_frames_but_those_given() -
 
 def test_a_change_numbers_on_and_gives_no_time_twice() -> None:
     """A slower source sends samples of before the change after it."""
-    framer = Framer(STREAMS, FrameSettings())
-    first = [f for batch in batches(50) for f in framer.take(batch)] + list(framer.flush())
-    framer.change(STREAMS, FrameSettings(rate=25.0))
-    second = [f for batch in batches(100)[45:] for f in framer.take(batch)]
+    before = Aligner(STREAMS, 50.0, 0.1)
+    first = [f for batch in batches(50) for f in before.add(batch)] + before.flush()
+    aligner = Aligner(STREAMS, 25.0, 0.1, sequence=before.sequence, after=before.reached)
+    second = [f for batch in batches(100)[45:] for f in aligner.add(batch)]
     assert second[0].sequence == first[-1].sequence + len(first[-1])
     assert second[0].time[0] > first[-1].time[-1]
     assert second[0].layout.rate == 25.0
-    assert framer.status()["count"] == framer.sequence
+    assert aligner.status()["count"] == aligner.sequence
