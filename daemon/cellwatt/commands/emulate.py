@@ -87,13 +87,10 @@ def command(
         pairs = dict(_pair(option) for option in options)
         emulator = emulator_class(signals, address, epoch=start, seed=seed, options=pairs)
         coming = [mishap(addressed(text)[1], emulator_class) for text in faults]
-        for planned in coming:
-            if planned.at <= 0:
-                begin(planned, emulator)
     except (ValueError, TypeError) as error:
         raise ConfigError(str(error)) from error
     try:
-        asyncio.run(_serve(emulator, [planned for planned in coming if planned.at > 0], control))
+        asyncio.run(_serve(emulator, coming, control))
     except KeyboardInterrupt:
         sys.exit(130)
 
@@ -114,6 +111,11 @@ def begin(planned: Mishap, emulator: Emulator) -> None:
 
 
 async def _serve(emulator: Emulator, coming: list[Mishap], control: bool) -> None:
+    try:
+        for planned in coming:
+            _begin_in_time(planned, emulator)
+    except ValueError as refusal:
+        raise ConfigError(str(refusal)) from refusal
     ready: asyncio.Future[str] = asyncio.get_running_loop().create_future()
     serving = asyncio.create_task(emulator.serve(ready.set_result))
     await asyncio.wait((serving, ready), return_when=asyncio.FIRST_COMPLETED)
@@ -123,8 +125,6 @@ async def _serve(emulator: Emulator, coming: list[Mishap], control: bool) -> Non
             say({"error": f"{type(error).__name__}: {error}"})
             sys.exit(EXIT_ERROR)
         raise CellwattError(f"cannot listen: {why(error)}" if isinstance(error, OSError) else str(error))
-    for planned in coming:
-        _begin_later(planned, emulator)
     if not control:
         click.echo(f"{emulator.title} at {ready.result()} (Ctrl-C ends)")
         await serving
@@ -144,15 +144,18 @@ async def _serve(emulator: Emulator, coming: list[Mishap], control: bool) -> Non
             raise outcome
 
 
-def _begin_later(planned: Mishap, emulator: Emulator) -> None:
-    delay = emulator.epoch + planned.at - time.time()
-    asyncio.get_running_loop().call_later(max(delay, 0.0), begin, planned, emulator)
+def _begin_in_time(planned: Mishap, emulator: Emulator) -> None:
+    """Start a fault or change when it is due. Raises ``ValueError`` if that is now and the device refuses it."""
+    if (delay := emulator.epoch + planned.at - time.time()) > 0:
+        asyncio.get_running_loop().call_later(delay, begin, planned, emulator)
+    else:
+        begin(planned, emulator)
 
 
 def _answer(emulator: Emulator, message: dict[str, Any], delay: RunDelay) -> dict[str, Any]:
     match message:
         case {"fault": str(text)}:
-            _begin_later(mishap(text, type(emulator)), emulator)
+            _begin_in_time(mishap(text, type(emulator)), emulator)
         case {"fault": fault}:
             emulator.inject(Fault(**fault))
         case {"disturb": change}:
