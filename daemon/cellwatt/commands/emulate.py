@@ -156,14 +156,10 @@ def _answer(emulator: Emulator, message: dict[str, Any], delay: RunDelay) -> dic
     match message:
         case {"fault": str(text)}:
             _begin_in_time(mishap(text, type(emulator)), emulator)
-        case {"fault": fault}:
-            emulator.inject(Fault(**fault))
-        case {"disturb": change}:
-            emulator.disturb(change)
         case {"counts": _}:
             return {"counts": dict(emulator.counts)}
         case {"kept": _}:
             return {"kept": delay.look() * 1e-9}
         case _:
-            raise ValueError("expected one of fault, disturb, counts, kept")
+            raise ValueError("expected a fault in words, counts or kept")
     return {"ok": True}

@@ -139,7 +139,7 @@ class Demonstration:
             if self._stopped:
                 return None
             for name in fault.FAULTY:
-                await emulators[name].disturb(spring=float(fault.JOINT), at=hooked - self.epoch, **fault.SPRING)
+                await emulators[name].strike(fault.spring(hooked - self.epoch))
             self.say(f"a spring is attached to joint {fault.JOINT} of {fault.FAULTY[0]}; {look}")
             sprung = self._compare("with-the-spring", hooked + 1, hooked + COMPARED, look)
             comparing.append(asyncio.create_task(sprung))
