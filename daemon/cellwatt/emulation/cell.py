@@ -77,14 +77,12 @@ def emulator_of(driver: str) -> type[Emulator]:
     return found
 
 
-def devices_of(
-    config: CellConfig, *, free: bool = False, links: Path | None = None, speeds: Mapping[str, float] | None = None
-) -> list[Device]:
+def devices_of(config: CellConfig, *, free: bool = False, links: Path | None = None) -> list[Device]:
     """Devices that a cell's sources read; each listens at its address in the settings, or with ``free`` at a free one.
 
     With ``free``, a device at a serial line listens at a link whose path is ``links``, a hyphen and the source's name;
-    without ``links``, at the pseudo-terminal's own path. ``speeds`` are the speeds of the arms' motion, by source.
-    Raises ``ConfigError`` that lists every source whose device cannot be emulated.
+    without ``links``, at the pseudo-terminal's own path. Raises ``ConfigError`` that lists every source whose device
+    cannot be emulated.
     """
     shared: dict[tuple[str, str], list[SourceConfig]] = {}
     problems, devices = [], []
@@ -103,8 +101,7 @@ def devices_of(
         except ValueError as error:
             problems.append(Problem(first.place, f"sources.{first.name}", f"its device is not emulated: {error}"))
         else:
-            speed = (speeds or {}).get(first.name, 1.0)
-            devices.append(Device(driver, tuple(sources), there, listen, options, speed))
+            devices.append(Device(driver, tuple(sources), there, listen, options))
     if problems:
         raise ConfigError(problems)
     return devices
