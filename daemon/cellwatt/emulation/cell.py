@@ -53,10 +53,9 @@ class Device:
             return not self.there.startswith("/dev/")
         return stays_here(self.there.rpartition(":")[0])
 
-    def process(self, epoch: float, seed: int, faults: Sequence[str] = ()) -> EmulatorProcess:
+    def process(self, epoch: float, seed: int) -> EmulatorProcess:
         """Create its process without starting it."""
         words = [w for key, value in self.options.items() for w in ("--option", f"{key}={value}")]
-        words += [w for fault in faults for w in ("--fault", fault)]
         world = ("--epoch", repr(epoch), "--speed", repr(self.speed), "--seed", str(seed))
         return EmulatorProcess(self.driver, "--listen", self.listen, *world, *words)
 
@@ -157,17 +156,16 @@ async def running(
 ) -> AsyncIterator[dict[str, EmulatorProcess]]:
     """Run each device's emulator in its own process, by device name; the motion starts at ``epoch``, UTC s.
 
-    Raises ``CellwattError`` if one does not start; the others are then stopped.
+    Raises ``CellwattError`` if one does not start, or refuses one of its ``faults``; the others are then stopped.
     """
     async with contextlib.AsyncExitStack() as stack:
-        made = {
-            device.name: device.process(epoch, seed + number, (faults or {}).get(device.name, ()))
-            for number, device in enumerate(devices)
-        }
+        made = {device.name: device.process(epoch, seed + number) for number, device in enumerate(devices)}
         entering = (stack.enter_async_context(emulator) for emulator in made.values())
         for outcome in await asyncio.gather(*entering, return_exceptions=True):
             if isinstance(outcome, BaseException):
                 raise outcome
-        for emulator in made.values():
+        for name, emulator in made.items():
             emulator.be_punctual()
+            for fault in (faults or {}).get(name, ()):
+                await emulator.strike(fault)
         yield made

@@ -93,6 +93,14 @@ def test_the_copy_lies_beside_the_cell_and_is_not_the_cell(tmp_path: Path) -> No
     assert "the cell's own file" in refusal("--cell", str(file), "--write", str(file))
 
 
+def test_a_fault_that_a_device_of_a_cell_refuses_is_told_with_the_reason(tmp_path: Path) -> None:
+    (tmp_path / "one.yaml").write_text(
+        f"site: test\ncell: test\nsources: {{arm: {{driver: ur, host: 127.0.0.1, port: {free_port()}}}}}\n"
+    )
+    result = CliRunner().invoke(command, ["--cell", str(tmp_path / "one.yaml"), "--fault", "spring:joint=9"])
+    assert str(result.exception) == "ur emulator: an emulated arm has joints 1 to 6, not 9"
+
+
 def test_options_of_one_device_are_not_for_a_cell(tmp_path: Path) -> None:
     result = CliRunner().invoke(command, ["--cell", str(cell(tmp_path)), "--listen", "pty"])
     assert result.exit_code == 2 and "--listen is for one DRIVER" in result.output
