@@ -20,7 +20,6 @@ from cellwatt.config.environment import expand
 from cellwatt.config.marks import (
     LONGEST,
     SETTINGS_FILE,
-    TAG,
     Bounds,
     compose,
     mark_of,
@@ -33,6 +32,7 @@ from cellwatt.config.marks import (
 from cellwatt.config.places import KeyPath, Location, Mark
 from cellwatt.errors import ConfigError, Problem
 from cellwatt.host import HIDDEN, blank, secrets_of, without
+from cellwatt.yaml_file import TAG
 
 _REFERENCE = re.compile(r"\$\{[A-Za-z_][A-Za-z0-9_]*\}")
 _PROPERTIES = re.compile(r"(?:[&!]\S*\s+)*")
