@@ -5,13 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType
 from typing import Any, Final
 
 from cellwatt.config.wording import did_you_mean
 from cellwatt.emulation.emulator import Emulator
 from cellwatt.emulation.faults import FAULT_KINDS, ONE_SHOT, Fault
-from cellwatt.quantity import parse
+from cellwatt.quantity import FRACTION, RADIANS, SECONDS, parse
 
 Change = Mapping[str, float | str]
 
@@ -23,21 +24,17 @@ def _whole(text: str) -> float:
         raise ValueError("expected a whole number, like '3'") from None
 
 
-def _quantity(example: str, **units: float) -> Callable[[str], float]:
-    return lambda text: parse(text, {unit.replace("_per_", "/"): factor for unit, factor in units.items()}, example)
-
-
-_SECONDS = _quantity("20 s", s=1.0, ms=1e-3, min=60.0, h=3600.0)
-_ANGLE = _quantity("3 deg", rad=1.0, deg=0.017453292519943295)
+_SECONDS: Final = partial(parse, units=SECONDS, example="20 s")
+_ANGLE: Final = partial(parse, units=RADIANS, example="3 deg")
 
 KEYS: Final[Mapping[str, Callable[[str], float | str]]] = MappingProxyType(
     {
         "at": _SECONDS,
         "for": _SECONDS,
         "seconds": _SECONDS,
-        "probability": lambda text: parse(text, {"%": 0.01}, "5 %"),
+        "probability": partial(parse, units=FRACTION, example="5 %"),
         "joint": _whole,
-        "stiffness": _quantity("60 Nm/rad", nm_per_rad=1.0),
+        "stiffness": partial(parse, units={"Nm/rad": 1.0}, example="60 Nm/rad"),
         "rest": _ANGLE,
         "offset": _ANGLE,
         "number": _whole,
