@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import threading
 from collections.abc import Callable, Mapping
+from concurrent.futures import Future
 from pathlib import Path
 from typing import TypeVar
 
@@ -47,14 +48,14 @@ class EmulatedDevice:
 
     async def switch_on(self) -> None:
         """Start the emulator, always at the same address. Raises ``NotConformingError`` if it does not start."""
-        ready: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+        ready: Future[str] = Future()
         at = str(self._folder / "device") if self._rig.address == "pty" else self.address or self._rig.address
         self._emulator = self._rig.emulator(self._signals, at, seed=1, options=self._rig.options)
         self._thread = threading.Thread(target=self._run, args=(self._emulator, ready), name="emulator", daemon=True)
         self._thread.start()
         try:
             async with asyncio.timeout(self._rig.patience):
-                self.address = await ready
+                self.address = await asyncio.wrap_future(ready)
         except TimeoutError:
             raise NotConformingError(f"{self._emulator.title}: never called ready(address)") from None
 
@@ -92,16 +93,10 @@ class EmulatedDevice:
         assert self._loop is not None
         return await asyncio.wrap_future(asyncio.run_coroutine_threadsafe(answer(), self._loop))
 
-    def _run(self, emulator: Emulator, ready: asyncio.Future[str]) -> None:
-        home = ready.get_loop()
-
-        def report(answer: str | NotConformingError) -> None:
-            with contextlib.suppress(RuntimeError):  # the waiting loop has ended
-                home.call_soon_threadsafe(_settle, ready, answer)
-
+    def _run(self, emulator: Emulator, ready: Future[str]) -> None:
         async def serve() -> None:
             self._loop = asyncio.get_running_loop()
-            self._serving = asyncio.ensure_future(emulator.serve(report))
+            self._serving = asyncio.ensure_future(emulator.serve(ready.set_result))
             with contextlib.suppress(asyncio.CancelledError):
                 await self._serving
             for _ in range(_LAST_TURNS):
@@ -111,13 +106,5 @@ class EmulatedDevice:
             asyncio.run(serve())
         except Exception as error:
             self._failure = NotConformingError(f"{emulator.title}: serve() failed: {type(error).__name__}: {error}")
-            report(self._failure)
-
-
-def _settle(ready: asyncio.Future[str], answer: str | NotConformingError) -> None:
-    if ready.done():
-        return
-    if isinstance(answer, str):
-        ready.set_result(answer)
-    else:
-        ready.set_exception(answer)
+            if not ready.done():
+                ready.set_exception(self._failure)
