@@ -121,10 +121,12 @@ def forbidden(tmp_path: Path) -> Iterator[Path]:
     (tmp_path / "weld.yaml").write_text(CELL)
     (tmp_path / "weld.yaml").chmod(0)
     (tmp_path / "open.yaml").write_text(CELL + "record: {folder: recordings}\n")
+    (tmp_path / "closed").mkdir(0)
     tmp_path.chmod(0o555)
     with as_anybody():
         yield tmp_path
     tmp_path.chmod(0o755)
+    (tmp_path / "closed").chmod(0o755)
 
 
 def test_what_may_not_be_read_or_made(call: Call, forbidden: Path) -> None:
@@ -134,6 +136,9 @@ def test_what_may_not_be_read_or_made(call: Call, forbidden: Path) -> None:
     ended = call("run", forbidden / "open.yaml")
     assert ended.code == ERROR
     assert f"record.folder {forbidden / 'recordings'} cannot be created: Permission denied" in ended.err
+    hidden = forbidden / "closed" / "run.mcap"
+    ended = call("plot", hidden)
+    assert (ended.code, ended.err) == (ERROR, f"cellwatt: {hidden} cannot be opened: Permission denied\n")
 
 
 @pytest.fixture
