@@ -50,6 +50,7 @@ WORLD: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
 """Changes of the world that all devices of a cell share, with their keys; the first key is required."""
 
 _LATE: Final = frozenset({"delay", "stall", "disconnect", "clock_jump"})
+"""Kinds with a length, without which they would have no effect."""
 _SOURCE = re.compile(r"([\w.,-]+)/(.*)", re.DOTALL)
 
 
@@ -96,13 +97,15 @@ def mishap(text: str, emulator: type[Emulator]) -> Mishap:
         raise ValueError(f"{emulator.title} cannot inject {kind}{hint or ';'} it can: {', '.join(known)}")
     keys = keys_of(kind, emulator)
     given: dict[str, Any] = dict(_pair(part, kind, keys) for part in rest.split(",") if part.strip())
+    ends = given.get("probability") == 0
+    needed = keys[0] if kind not in FAULT_KINDS else "seconds" if kind in _LATE and not ends else None
+    if needed is not None and needed not in given:
+        raise ValueError(f"{kind} needs {needed}, like '{kind}:{needed}=…' (keys: {', '.join(keys)})")
     if kind in FAULT_KINDS:
         at = given.pop("at", 0.0)
         if "for" in given:
             given["duration"] = given.pop("for")
         return Mishap(at, Fault(kind, **given))
-    if keys[0] not in given:
-        raise ValueError(f"{kind} needs {keys[0]}, like '{kind}:{keys[0]}=…' (keys: {', '.join(keys)})")
     value = given.pop(keys[0])
     if kind in WORLD:
         return Mishap(0.0, {kind: value, **given})

@@ -51,6 +51,7 @@ def refusal(*arguments: str) -> str:
         ("sprng:joint=3", "did you mean 'spring'?"),
         ("spring:jiont=3", "did you mean 'joint'?"),
         ("spring:at=20s", "spring needs joint"),
+        ("stall:at=20s", "stall needs seconds"),
         ("loss:probability=1 bar", "unknown unit 'bar'"),
         ("reorder", "cannot inject reorder; it can: loss"),
     ],
