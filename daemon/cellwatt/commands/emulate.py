@@ -81,6 +81,10 @@ def command(
     assert driver is not None
     if write is not None:
         raise click.UsageError("--write goes with --cell FILE")
+    if recording is None and loop:
+        raise click.UsageError("--loop goes with --recording FILE")
+    if recording is not None and speed != 1:
+        raise click.UsageError("--speed is that of the built-in arm, not of --recording")
     signals: Signals = ArmSignals(speed=speed, seed=seed) if recording is None else load_signals(recording, loop=loop)
     emulator_class = emulator_of(driver)
     try:

@@ -100,6 +100,8 @@ MISTAKES = [
     (("new-driver", "skeleton"), USAGE, "there is a driver named 'skeleton' already"),
     (("demo", "--seconds", "3"), USAGE, "at least 20 s are needed"),
     (("emulate", "skeleton", "--recording", "untimed.csv"), ERROR, "no column t, timestamp or time for the time"),
+    (("emulate", "skeleton", "--loop"), USAGE, "--loop goes with --recording FILE"),
+    (("emulate", "skeleton", "--recording", "untimed.csv", "--speed", "2"), USAGE, "--speed is that of the built-in arm"),
     (("emulate", "skeleton", "--option", "noise"), USAGE, "found 'noise' as an option, expected KEY=VALUE"),
     (("emulate", "skeleton", "--fault", "los"), USAGE, "cannot inject los; did you mean 'loss'? it can:"),
     (("emulate", "skeleton", "--listen", "everywhere"), USAGE, "the address is HOST:PORT"),
