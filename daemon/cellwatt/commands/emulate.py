@@ -12,7 +12,7 @@ import click
 
 from cellwatt.commands import EXISTING, EXIT_ERROR, FILE, completion
 from cellwatt.commands.emulate_cell import emulate_cell
-from cellwatt.commands.options import FINITE, NOT_NEGATIVE
+from cellwatt.commands.options import FINITE, POSITIVE
 from cellwatt.emulation import ArmSignals, Emulator, Fault, Signals, load_signals
 from cellwatt.emulation.cell import emulator_of
 from cellwatt.emulation.control import answers, say
@@ -40,7 +40,7 @@ _ONE_DEVICE = {"address": "--listen", "recording": "--recording", "loop": "--loo
 )
 @click.option("--recording", type=EXISTING, help="Serve this CSV or Parquet file instead of the built-in arm.")
 @click.option("--loop", is_flag=True, help="Restart the recording at its end.")
-@click.option("--speed", type=NOT_NEGATIVE, default=1.0, show_default=True, help="Speed of the built-in arm.")
+@click.option("--speed", type=POSITIVE, default=1.0, show_default=True, help="Speed of the built-in arm.")
 @click.option("--epoch", type=FINITE, help="UTC time, s, at which the signals start (default: now).")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of noise and faults.")
 @click.option(
