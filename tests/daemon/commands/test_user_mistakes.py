@@ -93,6 +93,8 @@ MISTAKES = [
     ),
     (("plot", "recordings", "--channel", "torque"), ERROR, "nothing to draw: no such channels"),
     (("view", "untimed.csv"), USAGE, "untimed.csv is no settings file: draw it with cellwatt plot, or drop it on"),
+    (("watch", "weld.yaml", "--cell", "other"), USAGE, "--site and --cell name the cell of --connect, not that of"),
+    (("view", "weld.yaml", "--foxglove", "--arm", "arm=a.urdf"), USAGE, "--page and --arm are for browsers, not for"),
     (("watch", "off.yaml"), USAGE, "zenoh has neither listen nor connect; or use --connect"),
     (("watch", *CONNECT, "192.0.2.1"), USAGE, "'192.0.2.1' is not an endpoint; expected protocol/host:port, like"),
     (("watch", *CONNECT, "tls/192.0.2.1:7447"), USAGE, "tls/192.0.2.1:7447 needs --ca FILE, and --certificate and"),
