@@ -26,7 +26,7 @@ from typing import Any
 import psutil
 
 from cellwatt.demo.cells import MODEL, SHAPE
-from cellwatt.emulation import EmulatorProcess, Fault
+from cellwatt.emulation import EmulatorProcess
 from cellwatt.record import Recording
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -188,7 +188,7 @@ async def hung_neighbour(seconds: float) -> dict[str, Any]:
             with daemon(cell(Path(name), sources)):
                 await asyncio.sleep(seconds + 3)
                 hung_at = time.time_ns()
-                await bad.inject(Fault("stall", seconds=seconds + 5))
+                await bad.strike(f"stall:seconds={seconds + 5}s")
                 await asyncio.sleep(seconds)
             times = Recording.open(Path(name) / "record").batches("good", "torque").time
     import numpy as np

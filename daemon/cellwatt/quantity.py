@@ -14,15 +14,15 @@ from cellwatt.units import factors
 _NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\d\s].*?)?\s*$")
 
 _HERTZ = {"Hz": 1.0, "kHz": 1e3}
-_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0, "h": 3600.0, "d": 86400.0}
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0, "h": 3600.0, "d": 86400.0}
 _BYTES = {"B": 1.0, "kB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12, "KiB": 2**10, "MiB": 2**20, "GiB": 2**30}
 _BYTES_PER_SECOND = {f"{unit}/s": factor for unit, factor in _BYTES.items()}
 _ANGLES = factors("angle")
-_RADIANS = {"rad": _ANGLES["rad"], "deg": _ANGLES["deg"], "°": _ANGLES["deg"]}
-_RADIANS_PER_SECOND = {f"{unit}/s": factor for unit, factor in _RADIANS.items()}
-_FRACTION = {"%": 0.01}
+RADIANS = {"rad": _ANGLES["rad"], "deg": _ANGLES["deg"], "°": _ANGLES["deg"]}
+_RADIANS_PER_SECOND = {f"{unit}/s": factor for unit, factor in RADIANS.items()}
+FRACTION = {"%": 0.01}
 _WATT = factors("power")
-TABLES = (_HERTZ, _SECONDS, _BYTES, _BYTES_PER_SECOND, _RADIANS, _RADIANS_PER_SECOND, _FRACTION, _WATT)
+TABLES = (_HERTZ, SECONDS, _BYTES, _BYTES_PER_SECOND, RADIANS, _RADIANS_PER_SECOND, FRACTION, _WATT)
 """The units of each kind of quantity, with their size in the base unit."""
 
 
@@ -63,10 +63,10 @@ def _schema(example: str) -> WithJsonSchema:
 
 
 Hertz = Annotated[float, _kind(_HERTZ, "500 Hz", positive=True), _schema("500 Hz")]
-Seconds = Annotated[float, _kind(_SECONDS, "100 ms"), _schema("100 ms")]
+Seconds = Annotated[float, _kind(SECONDS, "100 ms"), _schema("100 ms")]
 Bytes = Annotated[float, _kind(_BYTES, "20 GB", positive=True), _schema("20 GB")]
 BytesPerSecond = Annotated[float, _kind(_BYTES_PER_SECOND, "2 MB/s", positive=True), _schema("2 MB/s")]
-Radians = Annotated[float, _kind(_RADIANS, "1 deg"), _schema("1 deg")]
+Radians = Annotated[float, _kind(RADIANS, "1 deg"), _schema("1 deg")]
 RadiansPerSecond = Annotated[float, _kind(_RADIANS_PER_SECOND, "1 deg/s", positive=True), _schema("1 deg/s")]
-Fraction = Annotated[float, _kind(_FRACTION, "10 %"), _schema("10 %")]
+Fraction = Annotated[float, _kind(FRACTION, "10 %"), _schema("10 %")]
 Watts = Annotated[float, _kind(_WATT, "15 W"), _schema("15 W")]

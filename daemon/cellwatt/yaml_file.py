@@ -1,8 +1,9 @@
-"""YAML files other than settings, by any author, read within limits of size and depth."""
+"""YAML by any author: one schema for all files, and limits of size and depth."""
 
 from __future__ import annotations
 
-from typing import Any, Final
+import re
+from typing import Any, ClassVar, Final
 
 import yaml
 
@@ -15,7 +16,27 @@ MOST_MERGES: Final = 1_000
 
 _LONGEST: Final = 200  # characters of a reason
 
-_Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+TAG: Final = "tag:yaml.org,2002:"
+
+
+class Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
+    """YAML 1.2 core schema instead of PyYAML's 1.1: ``on``, ``no``, ``12:30``, ``0123`` and dates are text."""
+
+    yaml_implicit_resolvers: ClassVar[dict[str, Any]] = {}
+
+
+for _kind, _pattern, _first in (
+    ("null", r"null|Null|NULL|~|", ("n", "N", "~", "")),
+    ("bool", r"true|True|TRUE|false|False|FALSE", tuple("tTfF")),
+    ("int", r"[-+]?(?:0|[1-9][0-9]*)|0x[0-9a-fA-F]+|0o[0-7]+", tuple("-+0123456789")),
+    (
+        "float",
+        r"[-+]?(?:\.[0-9]+|(?:0|[1-9][0-9]*)(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)",
+        tuple("-+.0123456789"),
+    ),
+    ("merge", r"<<", ("<",)),
+):
+    Loader.add_implicit_resolver(f"{TAG}{_kind}", re.compile(rf"(?:{_pattern})\Z"), list(_first))
 
 
 class NotYamlError(yaml.YAMLError, ValueError):
@@ -26,11 +47,11 @@ def parse_yaml(text: str) -> Any:
     """Content of a YAML text. Raises ``NotYamlError``."""
     try:
         check_bounds(text)
-        return yaml.load(text, Loader=_Loader)
+        return yaml.load(text, Loader=Loader)
     except yaml.YAMLError as error:
         raise NotYamlError(" ".join(str(error).split())[:_LONGEST]) from error
     except (ValueError, KeyError, IndexError, AttributeError, TypeError, OverflowError) as error:
-        # Raised by the constructors of numbers, booleans and dates: 2001-13-01, !!bool 5, !!timestamp x …
+        # Raised by the constructors of numbers, booleans and dates: !!bool 5, !!timestamp x …
         raise NotYamlError(f"a value cannot be read: {' '.join(str(error).split())[:_LONGEST]}") from error
 
 
@@ -46,7 +67,7 @@ class TooMuchError(yaml.MarkedYAMLError):
         return str(self.args[0])
 
 
-def check_bounds(text: str, values: int = MOST_VALUES, loader: Any = _Loader) -> None:
+def check_bounds(text: str, values: int = MOST_VALUES, loader: Any = Loader) -> None:
     """Raise ``TooMuchError`` for text nested too deep or with more than ``values``, ``YAMLError`` for other faults."""
     sizes: list[int] = [0]
     depths: list[int] = [0]

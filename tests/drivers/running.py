@@ -13,7 +13,6 @@ from cellwatt.emulation import Emulator, Fault
 from cellwatt.errors import SourceError
 from cellwatt.testing.checks.stamps import times_are_right
 from cellwatt.testing.checks.values import StandingSignals as Steady
-from cellwatt.testing.rig import place_of as endpoint
 from tests.doing import doing
 from tests.patience import eventually
 
@@ -25,6 +24,12 @@ D = TypeVar("D", bound=Driver[Any])
 E = TypeVar("E", bound=Emulator)
 Served = AbstractAsyncContextManager[tuple[E, str]]
 """Of an emulator and its address."""
+
+
+def endpoint(address: str) -> dict[str, Any]:
+    """The settings of a driver that reads a device at ``HOST:PORT``."""
+    host, _, port = address.rpartition(":")
+    return {"host": host, "port": int(port)}
 
 
 @asynccontextmanager

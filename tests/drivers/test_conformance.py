@@ -49,7 +49,6 @@ GETS = re.compile(rb"(?:GET /(?:rw|logout)[^\r\n]* HTTP/1\.1\r\n(?:[^\r\n]+\r\n)
 RATED = [200.0, 200.0, 100.0, 2.0, 2.0, 2.0]
 ARM = {"pulses_per_degree": [1000.0] * 6, "rated_torque": RATED, "status_rate": "10 Hz", "silence": "500 ms"}
 PULSES = {"pulses_per_degree": ",".join(["1000"] * 6), "rated_torque": ",".join(map(str, RATED)), "answer_ms": "0"}
-LINK = {"link": "{folder}/port"}
 OPC_UA = {"model": "opc_40010", "rate": "20 Hz", "publish": "50 ms", "timeout": "3 s"}
 METER = {"meter": "eastron_sdm630", "rate": "20 Hz", "timeout": "200 ms", "silence": "1 s"}
 
@@ -77,35 +76,18 @@ def opc_ua(data: bytes) -> bool:
     return True
 
 
-def host_only(address: str) -> dict[str, object]:
-    """The library of that robot knows one port only."""
-    return {"host": address.rpartition(":")[0]}
-
-
-def slcan(address: str) -> dict[str, object]:
-    """An adapter on a serial port."""
-    return {"interface": "slcan", "channel": address}
-
-
 class TestConformance(DriverConformance):
     rigs = tuple(
         replace(rig, patience=PATIENCE)
         for rig in (
             Rig(UrDriver, {"timeout": "500 ms"}, may_send=RTDE.fullmatch, warm_up=150),
             Rig(YaskawaDriver, ARM, "udp", HSES_READS.fullmatch, options=PULSES, accuracy=0.1),
-            Rig(PowerBoardDriver, {"silence": "500 ms"}, "pty", address="pty", options=LINK),
+            Rig(PowerBoardDriver, {"silence": "500 ms"}, "pty", address="pty"),
             Rig(ScpiAnalyzerDriver, {"rate": "50 Hz", "timeout": "300 ms"}, may_send=SCPI.fullmatch),
             Rig(ModbusMeterDriver, METER, may_send=MODBUS_READS.fullmatch),
             Rig(KinovaDriver, {"timeout": "200 ms"}, may_send=MODBUS_READS.fullmatch),
-            Rig(
-                CanSensorDriver,
-                {"sensor": "ivt_s", "silence": "500 ms"},
-                "pty",
-                SLCAN.fullmatch,
-                address="pty",
-                place=slcan,
-            ),
-            Rig(FrankaDriver, {"timeout": "500 ms"}, None, address="127.0.0.7:1337", place=host_only, warm_up=100),
+            Rig(CanSensorDriver, {"sensor": "ivt_s", "silence": "500 ms"}, "pty", SLCAN.fullmatch, address="pty"),
+            Rig(FrankaDriver, {"timeout": "500 ms"}, None, address="127.0.0.7:1337", warm_up=100),
             Rig(OpcUaDriver, OPC_UA, may_send=opc_ua, options={"rate": "20"}),
             Rig(AbbDriver, ABB, may_send=GETS.fullmatch, options={"egm": f"127.0.0.1:{EGM}"}, warm_up=50),
         )

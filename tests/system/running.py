@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from cellwatt.batch import Batch
-from cellwatt.demo.fault import JOINT, SPRING, next_start
+from cellwatt.demo.fault import next_start, spring
 from cellwatt.emulation import EmulatorProcess
 from cellwatt.errors import OutletError
 from cellwatt.frames import Frames
@@ -208,7 +208,7 @@ async def hook_spring(devices: Iterable[EmulatorProcess], epoch: float, seconds:
     """A spring on the elbow at the first standstill that is at least so far ahead."""
     hooked = next_start(time.time() + seconds, epoch)
     for device in devices:
-        await device.disturb(spring=float(JOINT), at=hooked - epoch, **SPRING)
+        await device.strike(spring(hooked - epoch))
 
 
 @contextlib.asynccontextmanager

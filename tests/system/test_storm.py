@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cellwatt.emulation import EmulatorProcess, Fault
+from cellwatt.emulation import EmulatorProcess
 from cellwatt.record import Recording
 from tests.patience import PATIENCE
 from tests.system.running import Audience, Daemon, balanced, running
@@ -62,11 +62,11 @@ stages: {{segment: {{arm: arm}}}}
         yield daemon, audience, devices
 
 
-def strike(name: str, kind: str, rng: random.Random) -> Fault:
+def strike(name: str, kind: str, rng: random.Random) -> str:
     if kind in ONE_SHOT:
-        return Fault(kind, seconds=rng.choice([0.2, 0.5, 1.0]))  # type: ignore[arg-type]
-    probability = 0.002 if (name, kind) in RARE else 0.05
-    return Fault(kind, probability, seconds=0.05, duration=1.0)  # type: ignore[arg-type]
+        return f"{kind}:seconds={rng.choice([0.2, 0.5, 1.0])}s"
+    probability = "0.2%" if (name, kind) in RARE else "5%"
+    return f"{kind}:probability={probability},for=1s" + ",seconds=50ms" * (kind == "delay")
 
 
 async def storm(folder: Path, seconds: float, seed: int) -> None:
@@ -76,11 +76,11 @@ async def storm(folder: Path, seconds: float, seed: int) -> None:
         while time.monotonic() - start < seconds:
             # What is away already cannot go away: faults queued meanwhile would strike one by one at each return.
             name = rng.choice([n for n in KINDS if audience.source(n)["state"] == "ok"] or list(KINDS))
-            await devices[name].inject(strike(name, rng.choice(KINDS[name]), rng))
+            await devices[name].strike(strike(name, rng.choice(KINDS[name]), rng))
             await asyncio.sleep(rng.uniform(0.1, 0.6))
         for name, device in devices.items():
             for kind in set(KINDS[name]) - ONE_SHOT:
-                await device.inject(Fault(kind, 0.0))  # type: ignore[arg-type]
+                await device.strike(f"{kind}:probability=0%")
         marks = {n: audience.source(n)["received"] for n in KINDS}
         await audience.until(lambda a: all(a.source(n)["received"] > m + 20 for n, m in marks.items()), 2 * PATIENCE)
         assert not audience.unbalanced, audience.unbalanced[:3]

@@ -41,6 +41,7 @@ GROUPS: Final = {
 }
 """Commands under each heading of the help; commands not listed here come last."""
 _FULL: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_BARRED: Final = (errno.EACCES, errno.EPERM, errno.ENAMETOOLONG)
 FOLDER: Final = click.Path(file_okay=False, path_type=Path)
 FILE: Final = click.Path(dir_okay=False, path_type=Path)
 EXISTING: Final = click.Path(exists=True, dir_okay=False, path_type=Path)
@@ -122,9 +123,9 @@ def main() -> None:
         if isinstance(error, ModuleNotFoundError) and error.name and not error.name.startswith("cellwatt"):
             click.echo(f"cellwatt: this needs the package {error.name}: pip install 'cellwatt[all]'", err=True)
             sys.exit(EXIT_USAGE)
-        if isinstance(error, OSError) and error.errno in _FULL:
-            where = error.filename or "the output"
-            click.echo(f"cellwatt: {where} cannot be written: {error.strerror}", err=True)
+        if isinstance(error, OSError) and (error.errno in _FULL or (error.errno in _BARRED and error.filename)):
+            done = "written" if error.errno in _FULL else "opened"
+            click.echo(f"cellwatt: {error.filename or 'the output'} cannot be {done}: {error.strerror}", err=True)
             sys.exit(EXIT_ERROR)
         _report_bug(error)
         sys.exit(EXIT_BUG)

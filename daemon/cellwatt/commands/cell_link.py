@@ -51,6 +51,8 @@ class Where:
 
     def target(self, config: CellConfig | None = None) -> tuple[str, str, LinkSettings]:
         """Site, name and link of the cell in ``config``, in FILE, or in --connect, --site and --cell."""
+        if self.file is not None and (self.site or self.cell):
+            raise click.UsageError("--site and --cell name the cell of --connect, not that of FILE")
         if config is None and self.file is not None:
             config = load(self.file)
         if config is not None:

@@ -12,7 +12,7 @@ import click
 
 from cellwatt.commands import EXISTING, EXIT_ERROR, FILE, completion
 from cellwatt.commands.emulate_cell import emulate_cell
-from cellwatt.commands.options import FINITE, NOT_NEGATIVE
+from cellwatt.commands.options import FINITE, POSITIVE
 from cellwatt.emulation import ArmSignals, Emulator, Fault, Signals, load_signals
 from cellwatt.emulation.cell import emulator_of
 from cellwatt.emulation.control import answers, say
@@ -40,7 +40,7 @@ _ONE_DEVICE = {"address": "--listen", "recording": "--recording", "loop": "--loo
 )
 @click.option("--recording", type=EXISTING, help="Serve this CSV or Parquet file instead of the built-in arm.")
 @click.option("--loop", is_flag=True, help="Restart the recording at its end.")
-@click.option("--speed", type=NOT_NEGATIVE, default=1.0, show_default=True, help="Speed of the built-in arm.")
+@click.option("--speed", type=POSITIVE, default=1.0, show_default=True, help="Speed of the built-in arm.")
 @click.option("--epoch", type=FINITE, help="UTC time, s, at which the signals start (default: now).")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of noise and faults.")
 @click.option(
@@ -81,19 +81,20 @@ def command(
     assert driver is not None
     if write is not None:
         raise click.UsageError("--write goes with --cell FILE")
+    if recording is None and loop:
+        raise click.UsageError("--loop goes with --recording FILE")
+    if recording is not None and speed != 1:
+        raise click.UsageError("--speed is that of the built-in arm, not of --recording")
     signals: Signals = ArmSignals(speed=speed, seed=seed) if recording is None else load_signals(recording, loop=loop)
     emulator_class = emulator_of(driver)
     try:
         pairs = dict(_pair(option) for option in options)
         emulator = emulator_class(signals, address, epoch=start, seed=seed, options=pairs)
         coming = [mishap(addressed(text)[1], emulator_class) for text in faults]
-        for planned in coming:
-            if planned.at <= 0:
-                begin(planned, emulator)
     except (ValueError, TypeError) as error:
         raise ConfigError(str(error)) from error
     try:
-        asyncio.run(_serve(emulator, [planned for planned in coming if planned.at > 0], control))
+        asyncio.run(_serve(emulator, coming, control))
     except KeyboardInterrupt:
         sys.exit(130)
 
@@ -114,6 +115,11 @@ def begin(planned: Mishap, emulator: Emulator) -> None:
 
 
 async def _serve(emulator: Emulator, coming: list[Mishap], control: bool) -> None:
+    try:
+        for planned in coming:
+            _begin_in_time(planned, emulator)
+    except ValueError as refusal:
+        raise ConfigError(str(refusal)) from refusal
     ready: asyncio.Future[str] = asyncio.get_running_loop().create_future()
     serving = asyncio.create_task(emulator.serve(ready.set_result))
     await asyncio.wait((serving, ready), return_when=asyncio.FIRST_COMPLETED)
@@ -123,8 +129,6 @@ async def _serve(emulator: Emulator, coming: list[Mishap], control: bool) -> Non
             say({"error": f"{type(error).__name__}: {error}"})
             sys.exit(EXIT_ERROR)
         raise CellwattError(f"cannot listen: {why(error)}" if isinstance(error, OSError) else str(error))
-    for planned in coming:
-        _begin_later(planned, emulator)
     if not control:
         click.echo(f"{emulator.title} at {ready.result()} (Ctrl-C ends)")
         await serving
@@ -144,23 +148,22 @@ async def _serve(emulator: Emulator, coming: list[Mishap], control: bool) -> Non
             raise outcome
 
 
-def _begin_later(planned: Mishap, emulator: Emulator) -> None:
-    delay = emulator.epoch + planned.at - time.time()
-    asyncio.get_running_loop().call_later(max(delay, 0.0), begin, planned, emulator)
+def _begin_in_time(planned: Mishap, emulator: Emulator) -> None:
+    """Start a fault or change when it is due. Raises ``ValueError`` if that is now and the device refuses it."""
+    if (delay := emulator.epoch + planned.at - time.time()) > 0:
+        asyncio.get_running_loop().call_later(delay, begin, planned, emulator)
+    else:
+        begin(planned, emulator)
 
 
 def _answer(emulator: Emulator, message: dict[str, Any], delay: RunDelay) -> dict[str, Any]:
     match message:
         case {"fault": str(text)}:
-            _begin_later(mishap(text, type(emulator)), emulator)
-        case {"fault": fault}:
-            emulator.inject(Fault(**fault))
-        case {"disturb": change}:
-            emulator.disturb(change)
+            _begin_in_time(mishap(text, type(emulator)), emulator)
         case {"counts": _}:
             return {"counts": dict(emulator.counts)}
         case {"kept": _}:
             return {"kept": delay.look() * 1e-9}
         case _:
-            raise ValueError("expected one of fault, disturb, counts, kept")
+            raise ValueError("expected a fault in words, counts or kept")
     return {"ok": True}

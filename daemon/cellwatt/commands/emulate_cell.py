@@ -20,13 +20,9 @@ from cellwatt.config.places import KeyPath
 from cellwatt.emulation import EmulatorProcess
 from cellwatt.emulation.cell import Device, devices_of, faults_by_device, places, running
 from cellwatt.emulation.control import answers, say
-from cellwatt.emulation.words import WORLD, addressed
 from cellwatt.errors import CellwattError, ConfigError
 from cellwatt.files import read_bytes, write_file
 from cellwatt.progress.terminal import show_table
-
-_SHARED = {key for kind, keys in WORLD.items() for key in (kind, *keys)}
-"""Keys of the changes that apply to all devices at once."""
 
 
 def emulate_cell(
@@ -140,20 +136,19 @@ async def _answer(
 ) -> Mapping[str, Any]:
     """Answer one command for the device of ``source``, or for all devices if ``source`` is absent.
 
-    A fault or change that one device would refuse is applied to none.
+    A fault whose words one device does not understand is applied to none.
     """
-    by_source = {source.name: emulators[device.name] for device in devices for source in device.sources}
-    source = message.pop("source", None)
-    if source is not None and source not in by_source:
-        raise ValueError(f"found the source {source!r}, expected one of {', '.join(by_source)}")
-    chosen = emulators if source is None else {source: by_source[source]}
-    if isinstance(text := message.get("fault"), str):
-        struck = faults_by_device([text if source is None else f"{source}/{text}"], devices)
-        chosen = {name: emulators[name] for name, words in struck.items() if words}
-        message = {"fault": addressed(text)[1]}
-    elif len(chosen) > 1 and "counts" not in message and not _SHARED.issuperset(message.get("disturb", message)):
-        raise ValueError(f"expected its source, one of {', '.join(by_source)}")
-    replies = {name: await emulator.ask(message) for name, emulator in chosen.items()}
-    if "counts" in message:
-        return {"counts": {name: answer["counts"] for name, answer in replies.items()}}
-    return {"ok": True}
+    source = message.get("source")
+    match message:
+        case {"fault": str(text)}:
+            for name, faults in faults_by_device([text if source is None else f"{source}/{text}"], devices).items():
+                for fault in faults:
+                    await emulators[name].strike(fault)
+            return {"ok": True}
+        case {"counts": _}:
+            by_source = {each.name: emulators[device.name] for device in devices for each in device.sources}
+            if source is not None and source not in by_source:
+                raise ValueError(f"found the source {source!r}, expected one of {', '.join(by_source)}")
+            chosen = emulators if source is None else {source: by_source[source]}
+            return {"counts": {name: await emulator.counts() for name, emulator in chosen.items()}}
+    raise ValueError("expected a fault in words, or counts")

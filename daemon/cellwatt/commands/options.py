@@ -36,8 +36,8 @@ class FiniteRange(click.FloatRange):
 
 
 FINITE: Final = FiniteRange()
-NOT_NEGATIVE: Final = FiniteRange(min=0)
-SECONDS: Final = NOT_NEGATIVE
+POSITIVE: Final = FiniteRange(min=0, min_open=True)
+SECONDS: Final = FiniteRange(min=0)
 """A duration in s, or a time since a start."""
 
 

@@ -60,6 +60,8 @@ def command(
     if hash_password:
         click.echo(str(hash_of(click.prompt("Password", hide_input=True, confirmation_prompt=True, err=True))))
         return
+    if foxglove and (page is not None or arms):
+        raise click.UsageError("--page and --arm are for browsers, not for --foxglove")
     config = None if where.file is None else _loaded(where.file)
     if layout is not None:
         _write_layout(layout, config)

@@ -10,7 +10,7 @@ import json
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,6 @@ from cellwatt.config.environment import expand
 from cellwatt.config.marks import (
     LONGEST,
     SETTINGS_FILE,
-    TAG,
     Bounds,
     compose,
     mark_of,
@@ -33,6 +32,7 @@ from cellwatt.config.marks import (
 from cellwatt.config.places import KeyPath, Location, Mark
 from cellwatt.errors import ConfigError, Problem
 from cellwatt.host import HIDDEN, blank, secrets_of, without
+from cellwatt.yaml_file import TAG
 
 _REFERENCE = re.compile(r"\$\{[A-Za-z_][A-Za-z0-9_]*\}")
 _PROPERTIES = re.compile(r"(?:[&!]\S*\s+)*")
@@ -48,17 +48,17 @@ class WrittenFloat(float):
     __slots__ = ()
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Document:
     """Values of a file, positions of all keys, values from the environment, and syntax errors."""
 
     file: Path
     text: str
-    value: Any
-    places: Mapping[KeyPath, Location]
-    environment: dict[KeyPath, str]
-    secrets: dict[str, str]
-    mistakes: Mapping[KeyPath, tuple[Problem, ...]]
+    value: Any = None
+    places: dict[KeyPath, Location] = field(default_factory=dict)
+    environment: dict[KeyPath, str] = field(default_factory=dict)
+    secrets: dict[str, str] = field(default_factory=dict)
+    mistakes: dict[KeyPath, list[Problem]] = field(default_factory=dict)
 
     def problem(self, path: KeyPath, message: str, *, at_key: bool = False) -> Problem:
         """A problem at a value or at its key; for a mapping, at its key; for a missing key, at the nearest parent key.
@@ -142,26 +142,22 @@ def read(
         found = "a list" if isinstance(node, yaml.SequenceNode) else "a single value"
         message = f"found {found}, expected settings (key: value) starting with {expected}"
         raise ConfigError([problem(file, mark_of(node), message)])
-    builder = _Builder(file, environ)
-    value = builder.build(node, (), mark_of(node))
-    mistakes = {path: tuple(found) for path, found in builder.mistakes.items()}
-    return Document(file, text, value, builder.places, builder.environment, builder.secrets, mistakes)
+    document = Document(file, text)
+    document.value = _Builder(document, environ).build(node, (), mark_of(node))
+    return document
 
 
+@dataclass(frozen=True, slots=True)
 class _Builder:
-    """Converts nodes to values and collects their positions, values from the environment and syntax errors."""
+    """Converts nodes to values; fills the other fields of a document."""
 
-    def __init__(self, file: Path, environ: Mapping[str, str]) -> None:
-        self.file = file
-        self.environ = environ
-        self.places: dict[KeyPath, Location] = {}
-        self.environment: dict[KeyPath, str] = {}
-        self.secrets: dict[str, str] = {}
-        self.mistakes: dict[KeyPath, list[Problem]] = {}
+    document: Document
+    environ: Mapping[str, str]
 
     def build(self, node: yaml.Node, path: KeyPath, key: Mark) -> Any:
         written = str(node.value) if isinstance(node, yaml.ScalarNode) else ""
-        self.places[path] = Location(key, mark_of(node), written, (node.start_mark.index, node.end_mark.index))
+        span = node.start_mark.index, node.end_mark.index
+        self.document.places[path] = Location(key, mark_of(node), written, span)
         if isinstance(node, yaml.ScalarNode):
             return self._scalar(node, path)
         if isinstance(node, yaml.MappingNode):
@@ -219,7 +215,7 @@ class _Builder:
             return value
         if "\0" in value:
             return self._mistake(path, mark_of(node), "the character U+0000 cannot be part of a name or path")
-        self.secrets.update(dict.fromkeys(secrets_of(value), HIDDEN))
+        self.document.secrets.update(dict.fromkeys(secrets_of(value), HIDDEN))
         if value[:1] == "$" and value[1:] in self.environ:
             return self._mistake(path, mark_of(node), f"'{value}' is not replaced; write '${{{value[1:]}}}'")
         if "${" not in value:
@@ -228,8 +224,8 @@ class _Builder:
         for mistake in expansion.mistakes:
             self._mistake(path, mark_of(node), mistake)
         if expansion.filled:
-            self.environment[path] = expansion.shown
-            self.secrets.update(expansion.filled)
+            self.document.environment[path] = expansion.shown
+            self.document.secrets.update(expansion.filled)
         return None if expansion.mistakes else expansion.value
 
     def _plain(self, node: yaml.ScalarNode, path: KeyPath) -> str | int | float | bool | None:
@@ -257,7 +253,7 @@ class _Builder:
         return None
 
     def _mistake(self, path: KeyPath, mark: Mark, message: str) -> None:
-        self.mistakes.setdefault(path, []).append(problem(self.file, mark, message, path))
+        self.document.mistakes.setdefault(path, []).append(problem(self.document.file, mark, message, path))
 
 
 def _with_value(written: str, value: str) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
@@ -12,7 +11,7 @@ from cellwatt.config.places import KeyPath, Mark, dotted
 from cellwatt.errors import ConfigError, Problem
 from cellwatt.files import COMPUTED, read_bytes
 from cellwatt.host import blank
-from cellwatt.yaml_file import MOST_VALUES, TooMuchError, check_bounds
+from cellwatt.yaml_file import MOST_VALUES, Loader, TooMuchError, check_bounds
 
 
 class Bounds(NamedTuple):
@@ -30,33 +29,12 @@ LONGEST = 1_000
 """Largest length, characters, of a message, and of the key path before it."""
 LONGEST_VALUE = 60
 """Largest length, characters, of a key or value quoted in a message."""
-TAG = "tag:yaml.org,2002:"
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML 1.2 core schema instead of PyYAML's 1.1."""
+    """The same schema with the slower parser, whose error messages are more detailed."""
 
-    yaml_implicit_resolvers: ClassVar[dict[str, Any]] = {}  # type: ignore[misc]  # the stub says instance
-
-
-for _name, _pattern, _first in (
-    ("null", r"null|Null|NULL|~|", ("n", "N", "~", "")),
-    ("bool", r"true|True|TRUE|false|False|FALSE", tuple("tTfF")),
-    ("int", r"[-+]?(?:0|[1-9][0-9]*)|0x[0-9a-fA-F]+|0o[0-7]+", tuple("-+0123456789")),
-    (
-        "float",
-        r"[-+]?(?:\.[0-9]+|(?:0|[1-9][0-9]*)(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)",
-        tuple("-+.0123456789"),
-    ),
-    ("merge", r"<<", ("<",)),
-):
-    _Loader.add_implicit_resolver(f"{TAG}{_name}", re.compile(rf"(?:{_pattern})\Z"), list(_first))
-
-
-class _LargeLoader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
-    """The same schema with the faster C parser, whose error messages are less detailed."""
-
-    yaml_implicit_resolvers: ClassVar[dict[str, Any]] = _Loader.yaml_implicit_resolvers
+    yaml_implicit_resolvers: ClassVar[dict[str, Any]] = Loader.yaml_implicit_resolvers  # type: ignore[misc]
 
 
 def compose(file: Path, text: str, bounds: Bounds, expected: str) -> yaml.Node:
@@ -65,7 +43,7 @@ def compose(file: Path, text: str, bounds: Bounds, expected: str) -> yaml.Node:
     Raises ``ConfigError`` if the file is empty or not YAML.
     """
     try:
-        loader = _Loader if bounds is SETTINGS_FILE else _LargeLoader
+        loader = _Loader if bounds is SETTINGS_FILE else Loader
         check_bounds(text, bounds.values, loader)
         node = yaml.compose(text, Loader=loader)
     except yaml.YAMLError as error:

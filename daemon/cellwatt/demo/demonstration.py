@@ -8,7 +8,7 @@ import json
 import signal
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -58,7 +58,7 @@ class Demonstration:
         self.say(f"the daemon and four emulated devices are starting; then in a browser: http://{page}")
         file = cells.packaged()
         config = load(file, cells.environment(self.folder, endpoint, page, {}))
-        devices = devices_of(config, free=True, speeds=cells.SPEEDS)
+        devices = [replace(d, speed=cells.SPEEDS.get(d.name, 1.0)) for d in devices_of(config, free=True)]
         hooked: float | None = None
         async with running(devices, self.epoch) as emulators:
             variables = cells.environment(self.folder, endpoint, page, places(devices, emulators))
@@ -139,7 +139,7 @@ class Demonstration:
             if self._stopped:
                 return None
             for name in fault.FAULTY:
-                await emulators[name].disturb(spring=float(fault.JOINT), at=hooked - self.epoch, **fault.SPRING)
+                await emulators[name].strike(fault.spring(hooked - self.epoch))
             self.say(f"a spring is attached to joint {fault.JOINT} of {fault.FAULTY[0]}; {look}")
             sprung = self._compare("with-the-spring", hooked + 1, hooked + COMPARED, look)
             comparing.append(asyncio.create_task(sprung))

@@ -18,6 +18,11 @@ FAULTY = ("arm", "board")
 """Emulators of the arm to which the spring is attached."""
 
 
+def spring(at: float) -> str:
+    """The spring in words, attached ``at`` s after the epoch of the emulated arm."""
+    return f"spring:joint={JOINT},stiffness={SPRING['stiffness']} Nm/rad,rest={SPRING['rest']} rad,at={at} s"
+
+
 def next_start(after: float, epoch: float) -> float:
     """Next time after ``after``, UTC s, at which the elbow of the emulated arm starts to move."""
     arm = ArmSignals()

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from cellwatt.child import MODULE, ended, ends_with_parent
 from cellwatt.runtime.processes.rights import keep_up
@@ -23,26 +24,18 @@ async def daemon(
     file: Path, folder: Path, environment: Mapping[str, str] | None = None
 ) -> AsyncIterator[asyncio.subprocess.Process]:
     """Run ``cellwatt run`` on a settings file, with the log ``daemon.log`` in the folder; killed if still running."""
-    command = [*MODULE, "cellwatt.commands", "run", str(file)]
     with log_of(folder).open("wb") as log:
-        process = await asyncio.create_subprocess_exec(
-            *command, env=environment, stderr=log, preexec_fn=ends_with_parent()
-        )
-    async with _ended(process):
-        yield process
+        async with _running("run", str(file), env=environment, stderr=log) as process:
+            yield process
 
 
 @contextlib.asynccontextmanager
 async def subscriber(endpoint: str) -> AsyncIterator[asyncio.subprocess.Process]:
     """Run ``cellwatt watch`` on the demo's cell, with its messages as JSON lines on standard output."""
-    topics = [word for topic in TOPICS for word in ("--topic", topic)]
-    command = [*MODULE, "cellwatt.commands", "watch", "--json", "--connect", f"tcp/{endpoint}"]
-    command += ["--patience", f"{START:.0f}", "--site", "demo", "--cell", "demo", *topics]
-    process = await asyncio.create_subprocess_exec(
-        *command, stdout=asyncio.subprocess.PIPE, limit=LONGEST, preexec_fn=ends_with_parent()
-    )
-    keep_up(process.pid)  # it shares the cores with the devices whose samples it counts
-    async with _ended(process):
+    words = ["watch", "--json", "--connect", f"tcp/{endpoint}", "--patience", f"{START:.0f}", "--site", "demo"]
+    words += ["--cell", "demo", *(word for topic in TOPICS for word in ("--topic", topic))]
+    async with _running(*words, stdout=asyncio.subprocess.PIPE, limit=LONGEST) as process:
+        keep_up(process.pid)  # it shares the cores with the devices whose samples it counts
         yield process
 
 
@@ -52,10 +45,12 @@ def log_of(folder: Path) -> Path:
 
 
 @contextlib.asynccontextmanager
-async def _ended(process: asyncio.subprocess.Process) -> AsyncIterator[None]:
-    """Ensure that a process has ended after the block; the block stops it unless it fails. Kills it if necessary."""
+async def _running(*words: str, **how: Any) -> AsyncIterator[asyncio.subprocess.Process]:
+    """Run a command; the block stops it unless the block fails. Kills it if it is still running after the block."""
+    command = (*MODULE, "cellwatt.commands", *words)
+    process = await asyncio.create_subprocess_exec(*command, preexec_fn=ends_with_parent(), **how)
     try:
-        yield
+        yield process
     except BaseException:
         if process.returncode is None:
             process.terminate()

@@ -25,10 +25,7 @@ def summary(seen: Seen, delays: Mapping[str, float], hooked: float | None, exit_
     if not seen.predictions:
         problems.append("the model predicted nothing")
     return {
-        "ok": not problems,
-        "problems": problems,
-        "sources": sources,
-        "frames": seen.samples["frame"],
+        **_of_all_cells(seen, sources, problems),
         "intervals": len(seen.intervals),
         "tasks": seen.tasks,
         "fault": figures,
@@ -57,13 +54,11 @@ def summary_of_every_driver(
     problems = problems_of(seen, sources, devices, exit_code)
     for name, source in sources.items():
         source["emulated"] = dict(emulated.get(name, {}))
-    return {
-        "ok": not problems,
-        "problems": problems,
-        "left_out": dict(lacking),
-        "sources": sources,
-        "frames": seen.samples["frame"],
-    }
+    return {**_of_all_cells(seen, sources, problems), "left_out": dict(lacking)}
+
+
+def _of_all_cells(seen: Seen, sources: Mapping[str, Any], problems: list[str]) -> dict[str, Any]:
+    return {"ok": not problems, "problems": problems, "sources": sources, "frames": seen.samples["frame"]}
 
 
 def sources_of(seen: Seen, delays: Mapping[str, float]) -> dict[str, dict[str, Any]]:

@@ -13,6 +13,7 @@ from importlib.metadata import distributions
 from pathlib import Path
 from typing import Any, Final
 
+from cellwatt.child import MODULE
 from cellwatt.config import CellConfig, load, public_config
 from cellwatt.config.document import read
 from cellwatt.diagnose import pc
@@ -21,17 +22,13 @@ from cellwatt.errors import CellwattError, ConfigError, RecordingError
 from cellwatt.files import read_bytes
 from cellwatt.host import HIDDEN
 from cellwatt.outlets.zenoh.reach import ask_cell
-from cellwatt.record.folder import Obstacles, RecordFile, listing, obstacles
+from cellwatt.record.folder import RecordFile, listing
 from cellwatt.record.header import DAMAGED
 from cellwatt.record.survey import survey
-from cellwatt.runtime.assemble import prepare
 from cellwatt.version import __version__
 
 _SUSPECT: Final = ("pass", "pw", "secret", "token", "key", "credential")
 """Words in keys below which an invalid file may contain secrets that no settings class declares."""
-
-
-_CHECK: Final = "output of cellwatt check"
 LINES: Final = 2000
 """Number of lines taken from the end of the log."""
 PATIENCE: Final = 10.0
@@ -57,28 +54,22 @@ def bundle_of(file: Path | None, log: Path | None) -> Bundle:
 
 def _settings(bundle: Bundle, file: Path) -> CellConfig | None:
     """Add the settings; of an invalid file, which may contain secrets anywhere, only the problems."""
+    bundle.add("check.txt", "output of cellwatt check", lambda: _checked(file))
     try:
         config = load(file)
-    except ConfigError as error:
+    except ConfigError:
         bundle.secrets = _suspected(file)
-        bundle.texts["check.txt"] = _CHECK, f"{error}\n"
         bundle.missing["settings.json"] = "the settings: the file is invalid and may contain secrets: see check.txt"
         return None
     bundle.secrets = dict(config.secrets)
-    disk = obstacles(config.record) if config.record is not None else Obstacles()
-    warnings = [f"warning: {text}" for text in (*config.warnings, *disk.warnings)]
-    lines = [*_prepared(config), *([disk.refusal] if disk.refusal else []), *warnings]
-    bundle.add("check.txt", _CHECK, lambda: "\n".join(lines))
     bundle.add("settings.json", "the settings without secrets", lambda: public_config(config))
     return config
 
 
-def _prepared(config: CellConfig) -> list[str]:
-    try:
-        prepare(config)
-    except ConfigError as error:
-        return [str(problem) for problem in error.problems]
-    return [f"{config.path}: configuration is valid"]
+def _checked(file: Path) -> str:
+    command = [*MODULE, "cellwatt.commands", "check", "--", str(file)]
+    done = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=60, check=False)
+    return done.stdout + done.stderr
 
 
 def _suspected(file: Path) -> dict[str, str]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import ipaddress
 from collections.abc import AsyncIterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,6 +18,7 @@ from cellwatt.emulation.emulator import Emulator
 from cellwatt.emulation.process import EmulatorProcess
 from cellwatt.emulation.words import WORLD, addressed, kind_of, kinds_of, mishap
 from cellwatt.errors import ConfigError, Problem
+from cellwatt.host import stays_here
 from cellwatt.registry import driver as find_driver
 
 
@@ -51,16 +51,11 @@ class Device:
         """True if the device's address in the settings is a loopback address, or a path outside /dev."""
         if self.there.startswith("/"):
             return not self.there.startswith("/dev/")
-        host = self.there.rpartition(":")[0]
-        try:
-            return host == "localhost" or ipaddress.ip_address(host).is_loopback
-        except ValueError:
-            return False
+        return stays_here(self.there.rpartition(":")[0])
 
-    def process(self, epoch: float, seed: int, faults: Sequence[str] = ()) -> EmulatorProcess:
+    def process(self, epoch: float, seed: int) -> EmulatorProcess:
         """Create its process without starting it."""
         words = [w for key, value in self.options.items() for w in ("--option", f"{key}={value}")]
-        words += [w for fault in faults for w in ("--fault", fault)]
         world = ("--epoch", repr(epoch), "--speed", repr(self.speed), "--seed", str(seed))
         return EmulatorProcess(self.driver, "--listen", self.listen, *world, *words)
 
@@ -81,14 +76,12 @@ def emulator_of(driver: str) -> type[Emulator]:
     return found
 
 
-def devices_of(
-    config: CellConfig, *, free: bool = False, links: Path | None = None, speeds: Mapping[str, float] | None = None
-) -> list[Device]:
+def devices_of(config: CellConfig, *, free: bool = False, links: Path | None = None) -> list[Device]:
     """Devices that a cell's sources read; each listens at its address in the settings, or with ``free`` at a free one.
 
     With ``free``, a device at a serial line listens at a link whose path is ``links``, a hyphen and the source's name;
-    without ``links``, at the pseudo-terminal's own path. ``speeds`` are the speeds of the arms' motion, by source.
-    Raises ``ConfigError`` that lists every source whose device cannot be emulated.
+    without ``links``, at the pseudo-terminal's own path. Raises ``ConfigError`` that lists every source whose device
+    cannot be emulated.
     """
     shared: dict[tuple[str, str], list[SourceConfig]] = {}
     problems, devices = [], []
@@ -107,8 +100,7 @@ def devices_of(
         except ValueError as error:
             problems.append(Problem(first.place, f"sources.{first.name}", f"its device is not emulated: {error}"))
         else:
-            speed = (speeds or {}).get(first.name, 1.0)
-            devices.append(Device(driver, tuple(sources), there, listen, options, speed))
+            devices.append(Device(driver, tuple(sources), there, listen, options))
     if problems:
         raise ConfigError(problems)
     return devices
@@ -164,17 +156,16 @@ async def running(
 ) -> AsyncIterator[dict[str, EmulatorProcess]]:
     """Run each device's emulator in its own process, by device name; the motion starts at ``epoch``, UTC s.
 
-    Raises ``CellwattError`` if one does not start; the others are then stopped.
+    Raises ``CellwattError`` if one does not start, or refuses one of its ``faults``; the others are then stopped.
     """
     async with contextlib.AsyncExitStack() as stack:
-        made = {
-            device.name: device.process(epoch, seed + number, (faults or {}).get(device.name, ()))
-            for number, device in enumerate(devices)
-        }
+        made = {device.name: device.process(epoch, seed + number) for number, device in enumerate(devices)}
         entering = (stack.enter_async_context(emulator) for emulator in made.values())
         for outcome in await asyncio.gather(*entering, return_exceptions=True):
             if isinstance(outcome, BaseException):
                 raise outcome
-        for emulator in made.values():
+        for name, emulator in made.items():
             emulator.be_punctual()
+            for fault in (faults or {}).get(name, ()):
+                await emulator.strike(fault)
         yield made

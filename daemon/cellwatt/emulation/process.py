@@ -1,7 +1,7 @@
 """An emulator in its own process, controlled by JSON lines.
 
-To the emulator: ``{"fault": {...}}`` or ``{"fault": "loss:probability=1%"}``, ``{"disturb": {...}}``,
-``{"counts": true}``, ``{"kept": true}``; end of input ends the process.
+To the emulator: ``{"fault": "loss:probability=1%"}``, ``{"counts": true}``, ``{"kept": true}``; end of input ends the
+process.
 From it: ``{"ready": address}`` once, then one answer a line: ``{"ok": true}``, ``{"counts": {...}}``,
 ``{"kept": s}`` or ``{"error": text}``.
 """
@@ -13,11 +13,9 @@ import contextlib
 import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from typing import Any
 
 from cellwatt.child import MODULE, ended, ends_with_parent
-from cellwatt.emulation.faults import Fault
 from cellwatt.errors import CellwattError
 
 _PRIORITY = 5
@@ -74,13 +72,9 @@ class EmulatorProcess:
         with contextlib.suppress(OSError):
             os.sched_setscheduler(self.pid, os.SCHED_RR, os.sched_param(_PRIORITY))
 
-    async def inject(self, fault: Fault) -> None:
-        """Begin a fault."""
-        await self.ask({"fault": asdict(fault)})
-
-    async def disturb(self, **change: float | str) -> None:
-        """Change the emulated world."""
-        await self.ask({"disturb": change})
+    async def strike(self, fault: str) -> None:
+        """Begin a fault, or change the device or its world, in the words of ``cellwatt.emulation.words``."""
+        await self.ask({"fault": fault})
 
     async def counts(self) -> Mapping[str, int]:
         """Numbers of samples sent and faults injected so far."""

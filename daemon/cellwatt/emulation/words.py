@@ -5,13 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType
 from typing import Any, Final
 
 from cellwatt.config.wording import did_you_mean
 from cellwatt.emulation.emulator import Emulator
 from cellwatt.emulation.faults import FAULT_KINDS, ONE_SHOT, Fault
-from cellwatt.quantity import parse
+from cellwatt.quantity import FRACTION, RADIANS, SECONDS, parse
 
 Change = Mapping[str, float | str]
 
@@ -23,21 +24,17 @@ def _whole(text: str) -> float:
         raise ValueError("expected a whole number, like '3'") from None
 
 
-def _quantity(example: str, **units: float) -> Callable[[str], float]:
-    return lambda text: parse(text, {unit.replace("_per_", "/"): factor for unit, factor in units.items()}, example)
-
-
-_SECONDS = _quantity("20 s", s=1.0, ms=1e-3, min=60.0, h=3600.0)
-_ANGLE = _quantity("3 deg", rad=1.0, deg=0.017453292519943295)
+_SECONDS: Final = partial(parse, units=SECONDS, example="20 s")
+_ANGLE: Final = partial(parse, units=RADIANS, example="3 deg")
 
 KEYS: Final[Mapping[str, Callable[[str], float | str]]] = MappingProxyType(
     {
         "at": _SECONDS,
         "for": _SECONDS,
         "seconds": _SECONDS,
-        "probability": lambda text: parse(text, {"%": 0.01}, "5 %"),
+        "probability": partial(parse, units=FRACTION, example="5 %"),
         "joint": _whole,
-        "stiffness": _quantity("60 Nm/rad", nm_per_rad=1.0),
+        "stiffness": partial(parse, units={"Nm/rad": 1.0}, example="60 Nm/rad"),
         "rest": _ANGLE,
         "offset": _ANGLE,
         "number": _whole,
@@ -53,6 +50,7 @@ WORLD: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
 """Changes of the world that all devices of a cell share, with their keys; the first key is required."""
 
 _LATE: Final = frozenset({"delay", "stall", "disconnect", "clock_jump"})
+"""Kinds with a length, without which they would have no effect."""
 _SOURCE = re.compile(r"([\w.,-]+)/(.*)", re.DOTALL)
 
 
@@ -99,13 +97,15 @@ def mishap(text: str, emulator: type[Emulator]) -> Mishap:
         raise ValueError(f"{emulator.title} cannot inject {kind}{hint or ';'} it can: {', '.join(known)}")
     keys = keys_of(kind, emulator)
     given: dict[str, Any] = dict(_pair(part, kind, keys) for part in rest.split(",") if part.strip())
+    ends = given.get("probability") == 0
+    needed = keys[0] if kind not in FAULT_KINDS else "seconds" if kind in _LATE and not ends else None
+    if needed is not None and needed not in given:
+        raise ValueError(f"{kind} needs {needed}, like '{kind}:{needed}=…' (keys: {', '.join(keys)})")
     if kind in FAULT_KINDS:
         at = given.pop("at", 0.0)
         if "for" in given:
             given["duration"] = given.pop("for")
         return Mishap(at, Fault(kind, **given))
-    if keys[0] not in given:
-        raise ValueError(f"{kind} needs {keys[0]}, like '{kind}:{keys[0]}=…' (keys: {', '.join(keys)})")
     value = given.pop(keys[0])
     if kind in WORLD:
         return Mishap(0.0, {kind: value, **given})

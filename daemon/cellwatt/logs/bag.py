@@ -110,21 +110,18 @@ def read(path: Path, choice: Sequence[str] = ()) -> Log:
     chosen = [topic for topic in chosen if topic.name in states] or chosen
     if len(chosen) > 1:
         raise RecordingError(f"{path}: joints under several topics: {how(path, sorted(t.name for t in chosen))}")
-    commanded = _commanded(path, chosen[0], topics.values(), choice)
-    return _log(path, chosen[0], commanded)
+    return _log(path, chosen[0], _commands(path, chosen[0], topics.values(), choice))
 
 
-def _commanded(path: Path, measured: Topic, topics: Iterable[Topic], choice: Sequence[str]) -> Topic | None:
-    """The topic with the commands of the measured joints."""
+def _commands(path: Path, measured: Topic, topics: Iterable[Topic], choice: Sequence[str]) -> list[Series]:
+    """Commands of the measured joints."""
     joints = frozenset().union(*measured.measured)
     found = [topic for topic in topics if any(joints & names for names in topic.commanded)]
     found = [topic for topic in found if topic.name in choice] or found
     if len(found) > 1 and not _apart(found):
         names = sorted(f"{measured.name},{topic.name}" for topic in found)
         raise RecordingError(f"{path}: commands under several topics: {how(path, names)}")
-    if not found:
-        return None
-    return Topic("", commanded={names: series for topic in found for names, series in topic.commanded.items()})
+    return [series for topic in found for series in topic.commanded.values()]
 
 
 def _apart(topics: Sequence[Topic]) -> bool:
@@ -133,7 +130,7 @@ def _apart(topics: Sequence[Topic]) -> bool:
     return len(every) == len(set(every))
 
 
-def _log(path: Path, measured: Topic, commanded: Topic | None) -> Log:
+def _log(path: Path, measured: Topic, commands: Sequence[Series]) -> Log:
     """The samples at the times of the largest series; other series are interpolated, commands held."""
     series = sorted(
         measured.measured.values(), key=lambda each: (-len(each.joints), -len(each.time), sorted(each.joints))
@@ -147,7 +144,7 @@ def _log(path: Path, measured: Topic, commanded: Topic | None) -> Log:
             into = quantities.setdefault(quantity, np.full((len(time), len(joints)), np.nan))
             for i, name in enumerate(each.joints):
                 into[:, joints.index(name)] = _onto(time, when, rows[:, i])
-    for each in () if commanded is None else commanded.commanded.values():
+    for each in commands:
         when, values = each.rows()
         latest = np.searchsorted(when, time, side="right") - 1
         for i, name in enumerate(each.joints):

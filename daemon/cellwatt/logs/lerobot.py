@@ -79,7 +79,7 @@ def read(root: Path, path: Path, choice: Sequence[str] = ()) -> Log:
     data = DataSet.load(root)
     units = [each for each in choice if each in UNITS]
     numbers = [each for each in choice if each not in UNITS]
-    if len(units) > 1 or len(numbers) > 1 or not all(each.isdigit() for each in numbers):
+    if len(units) > 1 or len(numbers) > 1 or not all(each.isdecimal() for each in numbers):
         raise RecordingError(f"{root}: expected the number of an episode, deg or rad behind #, not {','.join(choice)}")
     files = [path] if path.is_file() else sorted((root / "data").rglob("*.parquet"))
     state, action, time = _episode(root, files, int(numbers[0]) if numbers else None)

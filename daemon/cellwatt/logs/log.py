@@ -74,7 +74,7 @@ def placed(path: Path, own: Sequence[str], wanted: Sequence[str]) -> list[int]:
 def natural(name: str) -> list[tuple[int, int, str]]:
     """Sort key by which joint_10 follows joint_2."""
     parts = re.split(r"(\d+)", name)
-    return [(1, int(each), "") if each.isdigit() else (0, 0, each) for each in parts]
+    return [(1, int(each), "") if each.isdecimal() else (0, 0, each) for each in parts]
 
 
 def numbered(names: Sequence[str]) -> bool:
@@ -86,7 +86,7 @@ def numbered(names: Sequence[str]) -> bool:
     if not places:
         return len(names) == 1
     numbers = [each[places[0]] for each in parts]
-    if len(places) > 1 or not all(number.isdigit() for number in numbers):
+    if len(places) > 1 or not all(number.isdecimal() for number in numbers):
         return False
     first = int(numbers[0])
     return first in (0, 1) and [int(number) for number in numbers] == list(range(first, first + len(names)))

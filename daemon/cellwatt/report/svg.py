@@ -47,7 +47,7 @@ def _panel(panel: Panel, wide: Span, high: Span, *, last: bool) -> Iterator[str]
     """One panel within ``wide`` and ``high``, pixels; the last panel shows the axis title."""
     (left, right), (top, bottom) = wide, high
     lines = [_points(trace) for trace in panel.traces]
-    x = panel.x.span or _padded([at for points in lines for at, _ in points], 0.0)
+    x = _padded(panel.x.span or [at for points in lines for at, _ in points], 0.0)  # a span of one frame has no length
     y = panel.y.span or _padded([up for points in lines for _, up in points if up is not None], 0.06)
 
     def at(value: float) -> float:

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
 from cellwatt.logs.log import COMMANDS, alike, natural, numbered, placed
-from cellwatt.tables.names import JOINT, Name, parsed, understood, unit_in
+from cellwatt.tables.names import JOINT, Name, parsed, understood, unit_in, unit_named
 from cellwatt.tables.table import Table
-from cellwatt.units import kind_of
+from cellwatt.units import TABLE
 
 MOST_JOINTS: Final = 64
 """Largest number of joints that a column of a file may name."""
@@ -97,7 +97,7 @@ def by_name(table: Table, joints: Sequence[str]) -> Table:
 def _metered(table: Table) -> Table:
     """Understand the only column in W of a file without joints as the power of the supply, whatever its name."""
     units = {column: table.units.get(column) or unit_in(column) or "" for column in (*table.columns, *table.unfit)}
-    powers = [column for column, unit in units.items() if kind_of(unit) == "power"]
+    powers = [column for column, unit in units.items() if unit_named(unit) in TABLE["power"].values()]
     if len(powers) != 1 or any(word in powers[0].casefold() for word in _NO_POWER):
         return table
     return replace(table, meant={powers[0]: Name("supply.power", "power", None, units[powers[0]])})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+from contextlib import suppress
 from typing import Final
 
 _MARKS: Final = (
@@ -36,23 +37,17 @@ def text_of(content: bytes) -> str:
         if content.startswith(start):
             raise ValueError(f"it is {kind}")
     mark, encoding = next(((mark, name) for mark, name in _MARKS if content.startswith(mark)), (b"", ""))
-    content = content[len(mark) :]
-    try:
-        text = content.decode(encoding or _guessed(content))
-    except UnicodeDecodeError as error:
-        raise ValueError("its encoding is not known: save it as UTF-8") from error
-    text = text.rstrip("\0")  # blocks of zeros that a power cut leaves
+    text = _decoded(content[len(mark) :], encoding).rstrip("\0")  # blocks of zeros that a power cut leaves
     if "\0" in text:
         raise ValueError("it holds bytes of 0 and is no text: expected CSV")
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
-def _guessed(content: bytes) -> str:
+def _decoded(content: bytes, encoding: str) -> str:
     even, odd = content[:_LOOKED_AT:2], content[1:_LOOKED_AT:2]
-    if len(content) % 2 == 0 and len(content) > 2 and (not any(odd) or not any(even)):
-        return "utf-16-be" if any(odd) else "utf-16-le"
-    try:
-        content.decode("utf-8")
-    except UnicodeDecodeError:
-        return "cp1252"
-    return "utf-8"
+    if not encoding and len(content) % 2 == 0 and len(content) > 2 and (not any(odd) or not any(even)):
+        encoding = "utf-16-be" if any(odd) else "utf-16-le"
+    for each in [encoding] if encoding else ("utf-8", "cp1252"):
+        with suppress(UnicodeDecodeError):
+            return content.decode(each)
+    raise ValueError("its encoding is not known: save it as UTF-8")

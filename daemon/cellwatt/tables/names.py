@@ -212,18 +212,26 @@ def scale(quantity: str, unit: str | None) -> tuple[float, float] | None:
 
     Case is ignored: no two units of a quantity differ by case alone.
     """
-    if unit is None:
-        return 1.0, 0.0
-    plain = unicodedata.normalize("NFKC", unit).casefold()
+    found = Unit("") if unit is None else _spelt(unit, _UNITS[quantity])
+    return None if found is None else (found.factor, float(found.si(0.0)))
+
+
+def unit_named(text: str) -> Unit | None:
+    """A unit of ``TABLE``, however it is spelled: ``W``, ``Watts``; None for other texts."""
+    return _spelt(text, {name: unit for units in TABLE.values() for name, unit in units.items()})
+
+
+def _spelt(text: str, units: Mapping[str, Unit]) -> Unit | None:
+    plain = unicodedata.normalize("NFKC", text).casefold()
     for spelling, short in _SHORT.items():
         plain = re.sub(spelling, short, plain)
-    known = {each.casefold(): found for each, found in _UNITS[quantity].items()}
-    return None if plain not in known else (known[plain].factor, float(known[plain].si(0.0)))
+    return {name.casefold(): unit for name, unit in units.items()}.get(plain)
 
 
 def along(unit: str | None) -> bool | None:
     """True for a unit of a linear axis, False for one of a revolute joint, None for other units."""
-    kind = kind_of(unit or "")
+    found = unit_named(unit or "")
+    kind = None if found is None else kind_of(found.name)
     linear = kind in ("length", "velocity", "force")
     return linear if linear or kind in ("angle", "angular_velocity", "torque") else None
 

@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 from cellwatt.arrays import Float
 from cellwatt.config.wording import did_you_mean
 from cellwatt.errors import RecordingError
-from cellwatt.tables.names import Name, along, rank, scale, understood, units_of, usual
+from cellwatt.tables.names import Name, along, rank, scale, understood, unit_named, units_of, usual
 from cellwatt.tables.times import DAY
 from cellwatt.tables.unwrap import unwrapped, wraps
-from cellwatt.units import named
 
 ANGLES: Final = ("position", "target_position")
 """Quantities that some devices report modulo a turn."""
@@ -195,7 +194,7 @@ class Table:
 
     def plain(self, name: str) -> Float:
         """Column (N,) by its own name; in the SI unit if the file states its unit separately."""
-        unit = named(self.units.get(name, ""))
+        unit = unit_named(self.units.get(name, ""))
         return self.columns[name] if unit is None else unit.si(self.columns[name])
 
     def lacks(self, wanted: str) -> RecordingError:

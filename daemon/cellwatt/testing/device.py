@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import threading
 from collections.abc import Callable, Mapping
+from concurrent.futures import Future
 from pathlib import Path
 from typing import TypeVar
 
@@ -23,7 +24,7 @@ _LAST_TURNS = 3
 class EmulatedDevice:
     """The emulated device, an async context manager; the device is on inside the context.
 
-    It measures ``signals`` (default: the emulated arm). ``folder`` is for files that its options name.
+    It measures ``signals`` (default: the emulated arm). ``folder`` holds the link to its serial port, if it has one.
     """
 
     def __init__(self, rig: Rig, folder: Path, signals: Signals | None = None) -> None:
@@ -47,23 +48,16 @@ class EmulatedDevice:
 
     async def switch_on(self) -> None:
         """Start the emulator, always at the same address. Raises ``NotConformingError`` if it does not start."""
-        ready: asyncio.Future[str] = asyncio.get_running_loop().create_future()
-        at = self._rig.address if self.address.startswith("/") else self.address or self._rig.address
-        options = self._rig.emulator_options(self._folder)
-        self._emulator = self._rig.emulator(self._signals, at, seed=1, options=options)
+        ready: Future[str] = Future()
+        at = str(self._folder / "device") if self._rig.address == "pty" else self.address or self._rig.address
+        self._emulator = self._rig.emulator(self._signals, at, seed=1, options=self._rig.options)
         self._thread = threading.Thread(target=self._run, args=(self._emulator, ready), name="emulator", daemon=True)
         self._thread.start()
         try:
             async with asyncio.timeout(self._rig.patience):
-                address = await ready
+                self.address = await asyncio.wrap_future(ready)
         except TimeoutError:
             raise NotConformingError(f"{self._emulator.title}: never called ready(address)") from None
-        if address.startswith("/"):  # a serial port, whose name changes: the link is a stable path
-            link = self._folder / "device"
-            link.unlink(missing_ok=True)
-            link.symlink_to(address)
-            address = str(link)
-        self.address = address
 
     async def switch_off(self) -> None:
         """Stop the emulator: its connections end and its port is freed."""
@@ -80,8 +74,6 @@ class EmulatedDevice:
         await asyncio.to_thread(thread.join, self._rig.patience)
         if thread.is_alive():
             raise NotConformingError("the emulator's serve() does not end when it is cancelled")
-        if self.address.startswith("/"):  # or it would lead to the next pseudo-terminal with this number
-            (self._folder / "device").unlink(missing_ok=True)
         if self._failure is not None:
             raise self._failure
 
@@ -101,16 +93,10 @@ class EmulatedDevice:
         assert self._loop is not None
         return await asyncio.wrap_future(asyncio.run_coroutine_threadsafe(answer(), self._loop))
 
-    def _run(self, emulator: Emulator, ready: asyncio.Future[str]) -> None:
-        home = ready.get_loop()
-
-        def report(answer: str | NotConformingError) -> None:
-            with contextlib.suppress(RuntimeError):  # the waiting loop has ended
-                home.call_soon_threadsafe(_settle, ready, answer)
-
+    def _run(self, emulator: Emulator, ready: Future[str]) -> None:
         async def serve() -> None:
             self._loop = asyncio.get_running_loop()
-            self._serving = asyncio.ensure_future(emulator.serve(report))
+            self._serving = asyncio.ensure_future(emulator.serve(ready.set_result))
             with contextlib.suppress(asyncio.CancelledError):
                 await self._serving
             for _ in range(_LAST_TURNS):
@@ -120,13 +106,5 @@ class EmulatedDevice:
             asyncio.run(serve())
         except Exception as error:
             self._failure = NotConformingError(f"{emulator.title}: serve() failed: {type(error).__name__}: {error}")
-            report(self._failure)
-
-
-def _settle(ready: asyncio.Future[str], answer: str | NotConformingError) -> None:
-    if ready.done():
-        return
-    if isinstance(answer, str):
-        ready.set_result(answer)
-    else:
-        ready.set_exception(answer)
+            if not ready.done():
+                ready.set_exception(self._failure)

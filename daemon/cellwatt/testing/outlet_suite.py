@@ -1,4 +1,4 @@
-"""The conformance suite of outlets as a pytest class: peers that disconnect, stay silent, refuse or lie; restarts."""
+"""The conformance suite of outlets, a class for pytest: peers that disconnect, stay silent, refuse or lie; restarts."""
 
 from __future__ import annotations
 
@@ -7,14 +7,15 @@ import time
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
-from typing import Any, ClassVar
-
-import pytest
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from cellwatt.outlet import Outlet
 from cellwatt.testing.outlet_rig import FarEnd, Line, OutletRig, line_to, running_outlet
 from cellwatt.testing.recorded_cell import LAYOUT, RecordedCell
 from cellwatt.testing.rig import NotConformingError, require
+
+if TYPE_CHECKING:
+    import pytest
 
 _ROW = 5
 """Frames per row."""
@@ -203,12 +204,9 @@ class OutletConformance:
 
     def pytest_generate_tests(self, metafunc: pytest.Metafunc) -> None:
         """One test for each rig and check."""
-        cases = [
-            pytest.param(rig, check, id=f"{rig.outlet.__name__}-{check.__name__}")
-            for rig in self.rigs
-            for check in CHECKS
-        ]
-        metafunc.parametrize(("rig", "check"), cases)
+        cases = [(rig, check) for rig in self.rigs for check in CHECKS]
+        names = [f"{rig.outlet.__name__}-{check.__name__}" for rig, check in cases]
+        metafunc.parametrize(("rig", "check"), cases, ids=names)
 
     def test_outlet(self, rig: OutletRig, check: Any, tmp_path: Path) -> None:
         """The outlet passes this check of the contract."""

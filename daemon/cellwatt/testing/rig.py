@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, Literal
 
@@ -34,25 +33,17 @@ def require(condition: object, message: str) -> None:
         raise NotConformingError(message)
 
 
-def place_of(address: str) -> dict[str, Any]:
-    """The usual settings for an emulator's address: ``host`` and ``port``, or a device path as ``port``."""
-    if address.startswith("/"):
-        return {"port": address}
-    host, _, port = address.rpartition(":")
-    return {"host": host, "port": int(port)}
-
-
 @dataclass(frozen=True)
 class Rig:
     """A driver with the settings to test it.
 
-    ``settings`` as in a settings file (``{"rate": "20 Hz"}``), without the device's address: ``place`` converts the
-    emulator's address to settings. ``address`` and ``options`` are the emulator's (``{folder}`` in an option stands for
-    a folder of the test). ``transport`` is the kind at which the emulator listens, so that the suite can capture it;
-    ``None`` if it cannot (a CAN bus, several connections). ``may_send`` returns whether bytes sent by the driver are
-    allowed: those of a whole TCP connection, of one UDP datagram, of a serial port while open; by default nothing may
-    be sent. ``warm_up`` is the number of samples before faults begin; ``faults`` replace the usual ones of their kind;
-    ``accuracy`` is the largest relative error of a value, ``patience`` the time limit in s for anything awaited.
+    ``settings`` as in a settings file (``{"rate": "20 Hz"}``), without the device's address. ``address`` and
+    ``options`` are the emulator's; instead of ``pty`` it gets the path of a link. ``transport`` is the kind at which
+    the emulator listens, so that the suite can capture it; ``None`` if it cannot (a CAN bus, several connections).
+    ``may_send`` returns whether bytes sent by the driver are allowed: those of a whole TCP connection, of one UDP
+    datagram, of a serial port while open; by default nothing may be sent. ``warm_up`` is the number of samples before
+    faults begin; ``faults`` replace the usual ones of their kind; ``accuracy`` is the largest relative error of a
+    value, ``patience`` the time limit in s for anything awaited.
     """
 
     driver: type[Driver[Any]]
@@ -61,7 +52,6 @@ class Rig:
     may_send: Callable[[bytes], object] | None = None
     address: str = "127.0.0.1:0"
     options: Mapping[str, str] = field(default_factory=dict)
-    place: Callable[[str], Mapping[str, Any]] = place_of
     faults: Mapping[FaultKind, Fault] = field(default_factory=dict)
     warm_up: int = 10
     accuracy: float = 0.02
@@ -85,13 +75,13 @@ class Rig:
         found: type[Emulator] = resolve_name(self.driver.emulator)
         return found
 
-    def emulator_options(self, folder: Path) -> dict[str, str]:
-        """The emulator's options, with ``{folder}`` filled in."""
-        return {key: value.replace("{folder}", str(folder)) for key, value in self.options.items()}
-
     def fault(self, kind: FaultKind) -> Fault:
         """The fault of this kind to inject."""
         return self.faults.get(kind) or USUAL_FAULTS.get(kind) or Fault(kind, probability=0.3)
+
+    def place(self, address: str) -> dict[str, Any]:
+        """The settings that lead the driver to its emulator at ``address``."""
+        return self.emulator.settings_at(address, self.driver.Settings.model_construct(**self.settings))
 
     def written(self, address: str) -> dict[str, Any]:
         """The settings for a device at ``address``, as in a settings file."""

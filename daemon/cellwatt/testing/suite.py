@@ -1,16 +1,17 @@
-"""The conformance suite as a pytest class."""
+"""The conformance suite as a class for pytest, which is not imported here."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Sequence
 from pathlib import Path
-from typing import ClassVar
-
-import pytest
+from typing import TYPE_CHECKING, ClassVar
 
 from cellwatt.testing.checks import Check, checks_of
 from cellwatt.testing.rig import Rig
+
+if TYPE_CHECKING:
+    import pytest
 
 
 class DriverConformance:
@@ -24,12 +25,9 @@ class DriverConformance:
 
     def pytest_generate_tests(self, metafunc: pytest.Metafunc) -> None:
         """One test for each rig and check."""
-        cases = [
-            pytest.param(rig, check, id=f"{rig.driver.__name__}-{name}")
-            for rig in self.rigs
-            for name, check in checks_of(rig).items()
-        ]
-        metafunc.parametrize(("rig", "check"), cases)
+        cases = [(rig, check) for rig in self.rigs for check in checks_of(rig).values()]
+        names = [f"{rig.driver.__name__}-{name}" for rig in self.rigs for name in checks_of(rig)]
+        metafunc.parametrize(("rig", "check"), cases, ids=names)
 
     def test_driver(self, rig: Rig, check: Check, tmp_path: Path) -> None:
         """The driver passes this check of the contract."""

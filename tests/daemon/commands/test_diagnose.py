@@ -125,6 +125,9 @@ def test_the_record_that_is_not_there_is_told(folder: Path, monkeypatch: pytest.
     _, found = diagnose(folder, text)
     assert found["recordings.json"] == "[]\n"
     assert stat.S_IMODE((folder / "bundle.zip").stat().st_mode) == 0o600
+    checked = diagnose(folder, text.replace("recordings", "weld.yaml/there"))[1]["check.txt"]
+    assert "weld.yaml is not a folder" in checked
+    assert "configuration is valid" not in checked
     locked = Mock(side_effect=PermissionError(errno.EACCES, ""))
     monkeypatch.setattr("cellwatt.diagnose.contents.listing", locked)
     assert "recordings with sizes and verdicts: Permission denied" in diagnose(folder, text)[0].output

@@ -93,6 +93,8 @@ MISTAKES = [
     ),
     (("plot", "recordings", "--channel", "torque"), ERROR, "nothing to draw: no such channels"),
     (("view", "untimed.csv"), USAGE, "untimed.csv is no settings file: draw it with cellwatt plot, or drop it on"),
+    (("watch", "weld.yaml", "--cell", "other"), USAGE, "--site and --cell name the cell of --connect, not that of"),
+    (("view", "weld.yaml", "--foxglove", "--arm", "arm=a.urdf"), USAGE, "--page and --arm are for browsers, not for"),
     (("watch", "off.yaml"), USAGE, "zenoh has neither listen nor connect; or use --connect"),
     (("watch", *CONNECT, "192.0.2.1"), USAGE, "'192.0.2.1' is not an endpoint; expected protocol/host:port, like"),
     (("watch", *CONNECT, "tls/192.0.2.1:7447"), USAGE, "tls/192.0.2.1:7447 needs --ca FILE, and --certificate and"),
@@ -100,6 +102,9 @@ MISTAKES = [
     (("new-driver", "skeleton"), USAGE, "there is a driver named 'skeleton' already"),
     (("demo", "--seconds", "3"), USAGE, "at least 20 s are needed"),
     (("emulate", "skeleton", "--recording", "untimed.csv"), ERROR, "no column t, timestamp or time for the time"),
+    (("emulate", "skeleton", "--loop"), USAGE, "--loop goes with --recording FILE"),
+    (("emulate", "skeleton", "--recording", "untimed.csv", "--speed", "2"), USAGE, "--speed is that of the built-in"),
+    (("emulate", "skeleton", "--speed", "0"), USAGE, "0.0 is not in the range x>0"),
     (("emulate", "skeleton", "--option", "noise"), USAGE, "found 'noise' as an option, expected KEY=VALUE"),
     (("emulate", "skeleton", "--fault", "los"), USAGE, "cannot inject los; did you mean 'loss'? it can:"),
     (("emulate", "skeleton", "--listen", "everywhere"), USAGE, "the address is HOST:PORT"),
@@ -121,10 +126,12 @@ def forbidden(tmp_path: Path) -> Iterator[Path]:
     (tmp_path / "weld.yaml").write_text(CELL)
     (tmp_path / "weld.yaml").chmod(0)
     (tmp_path / "open.yaml").write_text(CELL + "record: {folder: recordings}\n")
+    (tmp_path / "closed").mkdir(0)
     tmp_path.chmod(0o555)
     with as_anybody():
         yield tmp_path
     tmp_path.chmod(0o755)
+    (tmp_path / "closed").chmod(0o755)
 
 
 def test_what_may_not_be_read_or_made(call: Call, forbidden: Path) -> None:
@@ -134,6 +141,9 @@ def test_what_may_not_be_read_or_made(call: Call, forbidden: Path) -> None:
     ended = call("run", forbidden / "open.yaml")
     assert ended.code == ERROR
     assert f"record.folder {forbidden / 'recordings'} cannot be created: Permission denied" in ended.err
+    hidden = forbidden / "closed" / "run.mcap"
+    ended = call("plot", hidden)
+    assert (ended.code, ended.err) == (ERROR, f"cellwatt: {hidden} cannot be opened: Permission denied\n")
 
 
 @pytest.fixture

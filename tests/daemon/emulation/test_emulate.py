@@ -51,6 +51,7 @@ def refusal(*arguments: str) -> str:
         ("sprng:joint=3", "did you mean 'spring'?"),
         ("spring:jiont=3", "did you mean 'joint'?"),
         ("spring:at=20s", "spring needs joint"),
+        ("stall:at=20s", "stall needs seconds"),
         ("loss:probability=1 bar", "unknown unit 'bar'"),
         ("reorder", "cannot inject reorder; it can: loss"),
     ],
@@ -93,6 +94,14 @@ def test_the_copy_lies_beside_the_cell_and_is_not_the_cell(tmp_path: Path) -> No
     assert "the cell's own file" in refusal("--cell", str(file), "--write", str(file))
 
 
+def test_a_fault_that_a_device_of_a_cell_refuses_is_told_with_the_reason(tmp_path: Path) -> None:
+    (tmp_path / "one.yaml").write_text(
+        f"site: test\ncell: test\nsources: {{arm: {{driver: ur, host: 127.0.0.1, port: {free_port()}}}}}\n"
+    )
+    result = CliRunner().invoke(command, ["--cell", str(tmp_path / "one.yaml"), "--fault", "spring:joint=9"])
+    assert str(result.exception) == "ur emulator: an emulated arm has joints 1 to 6, not 9"
+
+
 def test_options_of_one_device_are_not_for_a_cell(tmp_path: Path) -> None:
     result = CliRunner().invoke(command, ["--cell", str(cell(tmp_path)), "--listen", "pty"])
     assert result.exit_code == 2 and "--listen is for one DRIVER" in result.output
@@ -108,10 +117,11 @@ async def test_the_devices_of_a_cell_run_in_one_world(tmp_path: Path) -> None:
     assert ready["board"] == f"{tmp_path}/board"
     assert await asked(process, fault="encoder:joint=2,offset=3deg") == {"ok": True}
     assert await asked(process, source="supply", fault="loss:probability=1%") == {"ok": True}
-    assert await asked(process, source="board", disturb={"spring": 3}) == {"ok": True}
-    assert "one of arm, supply, board" in (await asked(process, source="bord", fault={"kind": "loss"}))["error"]
-    for refused in ("loss:probability=1%", {"kind": "loss"}):
-        assert "arm, supply, board" in (await asked(process, fault=refused))["error"]
+    assert await asked(process, source="board", fault="spring:joint=3") == {"ok": True}
+    assert "joints 1 to 6, not 9" in str(await asked(process, source="supply", fault="spring:joint=9"))
+    for order in ({"source": "bord", "fault": "loss"}, {"fault": "loss"}, {"source": "bord", "counts": True}):
+        assert "arm, supply, board" in str((await asked(process, **order))["error"])
+    assert "a fault in words" in str((await asked(process, source="arm", fault={"kind": "loss"}))["error"])
     assert await asked(process, fault="arm/message:text=hello") == {"ok": True}, "the others know no such fault"
     assert set((await asked(process, counts=True))["counts"]) == {"arm", "supply", "board"}
     await ends_with_its_input(process)

@@ -32,6 +32,12 @@ def test_parquet(tmp_path: Path) -> None:
     assert signals.at(np.array([0.5, 2.5]))["supply.power"] == pytest.approx([1.5, 1.5])
 
 
+def test_units_below_the_names_count_however_they_are_spelled(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("t;joint_1.position;supply.power\ns;degrees;kW\n0;180;1\n1;180;1\n")
+    found = load_signals(tmp_path / "a.csv").at(np.array([0.5]))
+    assert (found["joint_1.position"], found["supply.power"]) == (pytest.approx([np.pi]), pytest.approx([1000.0]))
+
+
 def test_cells_without_a_number_are_bridged_and_empty_columns_left_out(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("t,x,y\n0,1,\n1,,\n2,inf,\n3,4,\n")
     signals = load_signals(tmp_path / "a.csv")

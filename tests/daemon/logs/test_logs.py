@@ -142,6 +142,8 @@ def test_a_lerobot_data_set_in_degrees(tmp_path, version):
     np.testing.assert_allclose(table.time, TIME, atol=1e-6)
     with pytest.raises(RecordingError, match=r"no episode 7; there are: 0 … 2"):
         read_table(tmp_path / "set#7")
+    with pytest.raises(RecordingError, match=r"expected the number of an episode, deg or rad behind #, not ²"):
+        read_table(tmp_path / "set#²")
     if version == "v2.1":
         file = path / "data" / "chunk-000" / "episode_000002.parquet"
         np.testing.assert_allclose(read_table(file).columns["q_a"], POSITION[:, 0], atol=1e-6)

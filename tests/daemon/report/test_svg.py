@@ -66,6 +66,11 @@ def test_whatever_the_values_are_it_is_drawn(values):
     assert drawn(Panel([curve("p", values, "#123456")])) is not None
 
 
+def test_a_single_frame_is_drawn():
+    tree = drawn(Panel([curve("p", [1.0], "#123456", start=-2.0)], Axis("s", (-2.0, -2.0))))
+    assert path_of(tree)[0][:2] == ("M", pytest.approx(70.0 + INNER / 2))
+
+
 def test_names_are_escaped():
     tree = drawn(Panel([curve("<b>&", [1.0, 2.0], "#123456")], title="<i>"))
     assert {"<b>&", "<i>"} <= {t.text for t in tree.iter("text")}

@@ -113,7 +113,7 @@ def test_joints_that_are_not_certain_are_refused(tmp_path: Path, text: str, mess
         read(tmp_path, text)
 
 
-@pytest.mark.parametrize("name", ["P (W)", "Active Power [W]", "Pges [W]", "apower"])
+@pytest.mark.parametrize("name", ["P (W)", "Active Power [W]", "Pges [W]", "Leistung [Watt]", "apower"])
 def test_the_only_column_in_watt_of_a_meter_is_its_power(tmp_path: Path, name: str) -> None:
     power = read(tmp_path, f"t,{name},U (V)\n0,80,230\n1,90,230\n", ()).whole("supply.power")
     assert power is not None

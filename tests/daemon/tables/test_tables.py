@@ -64,6 +64,14 @@ def test_units_of_a_joints_quantity(name: str, quantity: str, value: float) -> N
     assert found[0, 0] == pytest.approx(value)
 
 
+@pytest.mark.parametrize(
+    ("unit", "along"), [("mm", True), ("Millimeters", True), ("°", False), ("degrees", False), ("W", None), ("", None)]
+)
+def test_a_linear_axis_is_known_by_its_unit_however_it_is_spelled(unit: str, along: bool | None) -> None:
+    name = f"q_1 [{unit}]"
+    assert table(**{name: ONE}).along(name) is along
+
+
 def test_units_of_time_power_and_payload() -> None:
     for name, seconds in (("time [s]", 1.0), ("time_ms", 1e-3), ("timestamp (us)", 1e-6), ("utc_ns", 1e-9)):
         found = table(**{name: [0.0, 4e9], "q_1": [0, 1], "power_kW": [0.25] * 2, "payload [g]": [500.0] * 2})

@@ -13,6 +13,7 @@ from pydantic import Field, field_validator
 from pydantic_core import to_jsonable_python
 
 from cellwatt import Alarm, Energy, ForwardOutlet, ForwardSettings, NotNowError, Row, Task
+from cellwatt.host import in_the_clear, web_address
 from cellwatt.quantity import Seconds
 
 Message = dict[str, Any]
@@ -30,10 +31,8 @@ class SkeletonSettings(ForwardSettings):
     @field_validator("url")
     @classmethod
     def _address(cls, url: str) -> str:
-        parts = urlsplit(url)
-        if parts.scheme not in ("http", "https") or not parts.hostname:
-            raise ValueError("expected an address like https://receiver.example/rows")
-        if parts.scheme == "http" and parts.hostname not in ("localhost", "127.0.0.1", "::1"):
+        web_address(url, "https://receiver.example/rows")
+        if in_the_clear(url):
             raise ValueError("http is for this PC alone: use https")
         return url
 
