@@ -99,7 +99,7 @@ class Forwarder(Generic[M]):
         self._items: deque[Frames | Archived] = deque()
         self._pending: deque[tuple[int, M, bool]] = deque()
         """(time in UTC ns, message, True if the message is a row)."""
-        self._picker: Picker | None = None
+        self._picker = Picker(flow)
         self._begun = False
         self._newest = 0
         self._pause, self._not_before, self._next_live, self._fill_from = 0.0, 0.0, 0.0, 0.0
@@ -178,21 +178,16 @@ class Forwarder(Generic[M]):
 
     def _take_frames(self, frames: Frames) -> None:
         self._newest = int(frames.time[-1])
-        picker = self._picker
-        if picker is None or picker.layout != frames.layout:
-            for row in () if picker is None else picker.rest():
-                self._take_row(row)
-            picker = self._picker = Picker(self._flow, frames.layout)
-            if picker.unmatched:
-                self._account.count(f"{self._name}: patterns that fit no channel", len(picker.unmatched))
-                log.warning("%s: no channel matches %s", self._name, ", ".join(picker.unmatched))
+        picker, before = self._picker, self._picker.layout
         for row in picker.rows(frames):
             self._take_row(row)
+        if picker.layout is not before and picker.unmatched:
+            self._account.count(f"{self._name}: patterns that fit no channel", len(picker.unmatched))
+            log.warning("%s: no channel matches %s", self._name, ", ".join(picker.unmatched))
 
     def _take_row(self, row: Row) -> None:
-        assert self._picker is not None
         if self._record is not None and not self._begun:
-            self._begin(row.time, self._picker.span)
+            self._begin(row.time)
         else:
             self._wait(row.time, self._peer.row(row, self._picker.units), True)
         self._begun = True
@@ -203,11 +198,11 @@ class Forwarder(Generic[M]):
             self._account.expect()
             self._account.owed += 1
 
-    def _begin(self, first: int, span: int) -> None:
+    def _begin(self, first: int) -> None:
         """Owe the first row, whose span may have begun before this start, and everything before it."""
         reached, ended = self.cursor.position.reached, self.cursor.position.ended
-        since = first - span if reached is None else reached if ended else reached - MARGIN
-        self.cursor.owe(min(since, first - span), first)
+        since = first - self._span if reached is None else reached if ended else reached - MARGIN
+        self.cursor.owe(min(since, first - self._span), first)
         self.cursor.deliver(first)
 
     def _forgo(self, end: int, entries: int, start: int | None = None) -> None:
@@ -223,7 +218,7 @@ class Forwarder(Generic[M]):
     @property
     def _span(self) -> int:
         """Time between two rows, ns."""
-        return self._picker.span if self._picker is not None else round(1e9 / self._flow.rate)
+        return self._picker.span
 
     async def _send_live(self) -> None:
         batch = [self._pending.popleft() for _ in range(min(self._flow.batch, len(self._pending)))]

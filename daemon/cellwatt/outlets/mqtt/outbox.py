@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 import time
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -71,14 +71,13 @@ class Outbox:
         self.wake = asyncio.Event()
         self.serving = False
         """True while the connection delivers what is sent."""
-        self._selection = selection
-        self._every = selection.model_copy(update={"channels": ("*",)})
+        every = selection.model_copy(update={"channels": ("*",)})
         self._most = most
         self._account = account
         self._cursor = cursor
         self._missed = missed
-        self._picker: Picker | None = None
-        self._models: dict[str, Picker] = {}
+        self._picker = Picker(selection)
+        self._models: defaultdict[str, Picker] = defaultdict(lambda: Picker(every))
 
     def leave(self) -> None:
         """Stop serving: owe the waiting rows from the record, if there is one."""
@@ -114,21 +113,16 @@ class Outbox:
 
     def frames(self, frames: Frames) -> None:
         """Queue the rows of frames."""
-        picker = self._picker
-        if picker is None or picker.layout != frames.layout:
-            for row in () if picker is None else picker.rest():
-                self._row(row, picker)
-            picker = self._picker = Picker(self._selection, frames.layout)
-            self.unmatched = picker.unmatched
-            self.units = picker.units
-            self.wake.set()
+        picker, before = self._picker, self._picker.layout
         for row in picker.rows(frames):
-            self._row(row, picker)
+            self._row(row)
+        if picker.layout is not before:
+            self.unmatched, self.units = picker.unmatched, picker.units
+            self.wake.set()
 
-    def _row(self, row: Row, picker: Picker | None) -> None:
-        span = 0 if picker is None else picker.span
+    def _row(self, row: Row) -> None:
         if self.last is None:
-            self.begun = self.last = row.time - span
+            self.begun = self.last = row.time - self._picker.span
         waiting = Waiting(row, not self.serving, self.last)
         self.last = row.time
         self._account.expect()
@@ -146,11 +140,8 @@ class Outbox:
         if not self.serving:
             self._dropped("predictions", 1)
             return
-        frames = _as_frames(item, self._picker.layout.rate if self._picker else self._selection.rate)
-        picker = self._models.get(item.model)
-        if picker is None or picker.layout != frames.layout:
-            picker = self._models[item.model] = Picker(self._every, frames.layout)
-        for row in picker.rows(frames):
+        picker = self._models[item.model]
+        for row in picker.rows(_as_frames(item, self._picker.layout.rate)):
             self._put(self.predictions, (item.model, picker.units, row), "predictions")
 
     def result(self, item: Result | Event) -> None:
