@@ -346,9 +346,6 @@ class ForwardOutlet(Outlet[F], Peer[M], Generic[F, M]):
         """Queue an item."""
         self._forwarder.offer(item)
 
-    def health(self, status: Mapping[str, Any]) -> None:
-        """Health is not sent."""
-
     def succeed(self, before: Outlet[Any]) -> None:
         """Continue from the position of the previous outlet."""
         if isinstance(before, ForwardOutlet):

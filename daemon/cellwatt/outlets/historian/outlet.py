@@ -7,7 +7,6 @@ import contextlib
 import json
 import math
 import time
-from collections.abc import Mapping
 from typing import Any, ClassVar, Final
 
 from cellwatt.account import Account
@@ -100,9 +99,6 @@ class HistorianOutlet(Outlet[HistorianSettings]):
         """Queue an item for InfluxDB; the lake reads from the record."""
         if self._influx is not None:
             self._influx.offer(item)
-
-    def health(self, status: Mapping[str, Any]) -> None:
-        """Health is not written."""
 
     def succeed(self, before: Outlet[Any]) -> None:
         """Continue from the position of the previous outlet; the lake continues from its file."""
