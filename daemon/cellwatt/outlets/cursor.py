@@ -63,8 +63,6 @@ class Cursor:
     def __init__(self, path: Path | None, account: Account, place: str = "") -> None:
         self.position = Position(place=place)
         self.problem: str | None = None
-        self.lacking = asyncio.Event()
-        """Set while entries are owed."""
         self._path, self._account = path, account
         self._counted = 0
         """Owed entries already counted in the account."""
@@ -106,12 +104,6 @@ class Cursor:
         self.position.gaps = gaps
         self._note()
 
-    def owe_since(self, until: int) -> None:
-        """Owe everything between the position and ``until``, and move the position there."""
-        if self.position.reached is not None:
-            self.owe(self.position.reached, until)
-        self.deliver(until)
-
     def pay(self, after: int, until: int, entries: int = 0) -> None:
         """Note that a span was delivered from the record, which had ``entries`` entries in it."""
         remaining: list[Owed] = []
@@ -133,7 +125,6 @@ class Cursor:
         self._note()
 
     def _note(self) -> None:
-        (self.lacking.set if self.position.gaps else self.lacking.clear)()
         self._account.owed += self.entries - self._counted
         self._counted = self.entries
         self._changed.set()
