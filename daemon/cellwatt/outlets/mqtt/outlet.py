@@ -13,7 +13,7 @@ from cellwatt.frames import Frames
 from cellwatt.outlet import CellView, Item, Outlet
 from cellwatt.outlets.forward import Flow, Forwarder, Peer, cursor_of, framed_record
 from cellwatt.outlets.mqtt.edge_node import EdgeNode
-from cellwatt.outlets.mqtt.link import WINDOW, Link, LostError, tls_context
+from cellwatt.outlets.mqtt.link import WINDOW, Link, tls_context
 from cellwatt.outlets.mqtt.outbox import Outbox
 from cellwatt.outlets.mqtt.plain import PlainFormat
 from cellwatt.outlets.mqtt.session import Entry, Format, HostLeftError, Session
@@ -94,10 +94,7 @@ class MqttOutlet(Outlet[MqttSettings], Peer[Entry]):
         """See ``Peer.send``."""
         if self._session is None or not self._session.ready:
             raise NotNowError("not connected")
-        try:
-            refused = await self._session.send(messages, past=self._forwarder.filling)
-        except LostError as error:
-            raise NotNowError(str(error)) from None
+        refused = await self._session.send(messages, past=self._forwarder.filling)
         return {"refused": refused} if refused else {}
 
     # health and connections -------------------------------------------------------------------------

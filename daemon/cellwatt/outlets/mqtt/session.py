@@ -18,6 +18,7 @@ from cellwatt.outlets.mqtt.outbox import Outbox
 from cellwatt.outlets.mqtt.plain import PlainFormat
 from cellwatt.outlets.mqtt.settings import MqttSettings
 from cellwatt.outlets.past import Archived
+from cellwatt.outlets.remote import NotNowError
 from cellwatt.outlets.selection import Row
 from cellwatt.outlets.together import until_one_ends
 from cellwatt.results import Event, Interval
@@ -61,6 +62,8 @@ class Session:
         """True from the first birth on."""
         self._late = 0
         """Number of the next entries that were made before this connection."""
+        self._lost: LostError | None = None
+        """Reason why entries could not be sent."""
         self._birth_due = self._format.ready
         self._birth_asked: asyncio.TimerHandle | None = None
         self._asked_at = -BIRTH_EVERY
@@ -97,9 +100,17 @@ class Session:
     # sending --------------------------------------------------------------------------------------
 
     async def send(self, entries: Sequence[Entry], *, past: bool) -> int:
-        """Send entries, back-filled ones if ``past``; return the number of those refused. Raises ``LostError``."""
+        """Send entries, back-filled ones if ``past``; return the number of those refused.
+
+        Raises ``NotNowError`` if the connection is lost; then ``serve`` ends, too.
+        """
         made = self._entries(entries, len(entries) if past else self._late, past)
-        refused = await self._publish(made, sure=True)
+        try:
+            refused = await self._publish(made, sure=True)
+        except LostError as error:
+            self._lost = error
+            self._outbox.wake.set()
+            raise NotNowError(str(error)) from None
         self._late -= 0 if past else min(self._late, len(entries))
         return refused
 
@@ -136,13 +147,14 @@ class Session:
                 yield (*label, *format_.result(entry, number < late, now))
 
     async def _send(self) -> None:
-        """Send everything else whenever there is something to send."""
-        while True:
+        """Send everything else whenever there is something to send. Raises ``LostError``."""
+        while self._lost is None:
             self._outbox.wake.clear()
             while groups := list(_window(self._own())):
                 await self._publish(groups)
                 self._flight.clear()
             await self._outbox.wake.wait()
+        raise self._lost
 
     def _own(self) -> Iterator[Sequence[Message]]:
         """Answers, a birth that is due, events and intervals, predictions, health."""
@@ -172,9 +184,11 @@ class Session:
         if not self._serving:
             self._serving, waiting = True, self._forwarder.waiting
             self._late = len(waiting)
-            for entry in waiting:
-                if isinstance(entry, Row):
-                    self._format.missed(entry)
+            rows = [entry for entry in waiting if isinstance(entry, Row)]
+            channels = len(self._forwarder.picker.units)
+            whole = next((n for n in reversed(range(len(rows))) if len(rows[n].quality) == channels), 0)
+            for row in rows[whole:]:
+                self._format.missed(row)
             self._forwarder.again()
         self._account.count("births")
         return self._format.birth(now)
