@@ -63,7 +63,8 @@ class Cursor:
     def __init__(self, path: Path | None, account: Account, place: str = "") -> None:
         self.position = Position(place=place)
         self.problem: str | None = None
-        self._path, self._account = path, account
+        self.account = account
+        self._path = path
         self._counted = 0
         """Owed entries already counted in the account."""
         self._opened = False
@@ -118,14 +119,14 @@ class Cursor:
                 rest[-1] = rest[-1]._replace(entries=known)
             elif known > 0:
                 self.position.lost += known
-                self._account.miss(known, GONE)
+                self.account.miss(known, GONE)
             remaining += rest
-        self._account.expect(entries)  # entries that were not counted when they were made
+        self.account.expect(entries)  # entries that were not counted when they were made
         self.position.gaps = remaining
         self._note()
 
     def _note(self) -> None:
-        self._account.owed += self.entries - self._counted
+        self.account.owed += self.entries - self._counted
         self._counted = self.entries
         self._changed.set()
 
@@ -142,7 +143,7 @@ class Cursor:
             known = await asyncio.to_thread(load, self._path, self.position.place)
             since, self.position, self._opened = self.position, known, True
             known.gaps = [owed for owed in sorted(known.gaps) if owed.after < owed.until]
-            self._account.expect(self.entries)
+            self.account.expect(self.entries)
             known.reached = since.reached if known.reached is None else known.reached
             for o in since.gaps:
                 self.owe(*o)
@@ -152,7 +153,7 @@ class Cursor:
         """Take over the position of ``before``, a closed cursor."""
         if before._path == self._path and before.position.place == self.position.place:
             self.position, self._opened = before.position.model_copy(), before._opened
-            self._account.expect(self.entries)
+            self.account.expect(self.entries)
             self._note()
 
     async def keep(self) -> None:
@@ -182,7 +183,7 @@ class Cursor:
                 problem = f"{path} cannot be written, so rows may be sent twice after a restart: {why(error)}"
                 if problem != self.problem:
                     log.warning("%s", problem)
-                self._account.count("positions unwritten")
+                self.account.count("positions unwritten")
                 self.problem = problem
                 self._changed.set()
             else:

@@ -89,20 +89,11 @@ class Flow(Selection):
 class Forwarder(Generic[M]):
     """Delivers to one peer the items that the cell offers and the rows and results owed from its record.
 
-    ``record``: folder of the record, or ``None``; ``name`` prefixes counters and messages. ``rate``: most back-filled
-    entries per second.
+    ``name`` prefixes counters and messages; ``rate``: most back-filled entries per second.
     """
 
     def __init__(
-        self,
-        name: str,
-        peer: Peer[M],
-        flow: Flow,
-        cell: str,
-        record: Path | None,
-        cursor: Cursor,
-        account: Account,
-        rate: float = math.inf,
+        self, name: str, peer: Peer[M], flow: Flow, view: CellView, cursor: Cursor, rate: float = math.inf
     ) -> None:
         self.problem: str | None = None
         """Reason why nothing can be sent now, or ``None``."""
@@ -115,8 +106,8 @@ class Forwarder(Generic[M]):
         """Set it to have new items sent without waiting for ``every``."""
         self.filling = False
         """True if what the peer is sent is back-filled."""
-        self._name, self._peer, self._cell, self._record, self._account = name, peer, cell, record, account
-        self._flow, self._rate = flow, rate
+        self._name, self._peer, self._flow, self._account, self._rate = name, peer, flow, cursor.account, rate
+        self._cell, self._record = view.cell, framed_record(view)
         self._items: deque[Frames | Archived] = deque()
         self._pending: deque[tuple[int, M, bool]] = deque()
         """(time in UTC ns, message, True if the message is a row)."""
@@ -377,8 +368,8 @@ class ForwardOutlet(Outlet[F], Peer[M], Generic[F, M]):
 
     def __init__(self, name: str, settings: F, view: CellView) -> None:
         super().__init__(name, settings, view)
-        parts = framed_record(view), cursor_of(view, name, self.account, self.place), self.account
-        self._forwarder: Forwarder[M] = Forwarder(name, self, settings, view.cell, *parts)
+        cursor = cursor_of(view, name, self.account, self.place)
+        self._forwarder: Forwarder[M] = Forwarder(name, self, settings, view, cursor)
 
     @property
     def place(self) -> str:

@@ -54,7 +54,7 @@ def test_what_was_made_is_delivered_owed_or_lost(steps: list[str]) -> None:
                 known = cursor.position.model_copy()
                 again = Cursor(None, Account())
                 again.succeed(cursor)
-                account, cursor = again._account, again
+                account, cursor = again.account, again
                 assert known == cursor.position and account.expected == account.owed == cursor.entries
             case "fill" | "fill badly" if cursor.first is not None:
                 after, until = cursor.first

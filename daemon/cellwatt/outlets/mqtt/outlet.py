@@ -11,7 +11,7 @@ from cellwatt.batch import Batch
 from cellwatt.errors import OutletError
 from cellwatt.frames import Frames
 from cellwatt.outlet import CellView, Item, Outlet
-from cellwatt.outlets.forward import Flow, Forwarder, Peer, cursor_of, framed_record
+from cellwatt.outlets.forward import Flow, Forwarder, Peer, cursor_of
 from cellwatt.outlets.mqtt.edge_node import EdgeNode
 from cellwatt.outlets.mqtt.link import WINDOW, Link, tls_context
 from cellwatt.outlets.mqtt.outbox import Outbox
@@ -38,8 +38,7 @@ class MqttOutlet(Outlet[MqttSettings], Peer[Entry]):
         chosen = {option: getattr(settings, option) for option in Selection.model_fields}
         flow = Flow.model_construct(**chosen, batch=WINDOW, every=0.0, queue=settings.queue)
         self._cursor = cursor_of(view, name, self.account)
-        parts = framed_record(view), self._cursor, self.account
-        self._forwarder: Forwarder[Entry] = Forwarder(name, self, flow, view.cell, *parts, settings.backfill)
+        self._forwarder: Forwarder[Entry] = Forwarder(name, self, flow, view, self._cursor, settings.backfill)
         self._outbox = Outbox(settings, settings.queue, self.account)
         self._rate = settings.rate
         """Rate of the frames, Hz."""
