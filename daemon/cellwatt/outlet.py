@@ -175,9 +175,8 @@ class Outlet(ABC, Generic[S]):
     def offer(self, item: Item) -> None:
         """Enqueue one item; never blocks."""
 
-    @abstractmethod
     def health(self, status: Mapping[str, Any]) -> None:
-        """Receive the cell's health, about once a second; never blocks."""
+        """Receive the cell's health, about once a second; never blocks. By default it is not used."""
 
     def succeed(self, before: Outlet[Any]) -> None:
         """Take over, after a reload, the items that consumers may still request from ``before``, of the same name."""

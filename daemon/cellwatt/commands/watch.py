@@ -67,7 +67,7 @@ def command(
 def _print_site(site: str, link: LinkSettings, patience: float, *, as_json: bool) -> None:
     """Print the state of each cell of a site. Raises ``OutletError`` if no cell answers."""
     with open_session(link, patience=patience) as session:
-        cells = [summary(name, health) for name, health in site_health(session, site).items()]
+        cells = [summary(name, status) for name, status in site_health(session, site).items()]
     for figures in cells:
         click.echo(json.dumps(figures) if as_json else line(figures))
     if not cells:

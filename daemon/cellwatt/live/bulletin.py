@@ -140,7 +140,7 @@ def _text_of(kind: str, content: Mapping[str, Any]) -> str:
 
 def _standing(cell: LiveCell) -> str:
     status = cell.status
-    figures = summary(f"{status['site']}/{status['cell']}", Health(0, 0, {}, status))
+    figures = summary(f"{status['site']}/{status['cell']}", status)
     return f"{stands({**figures, 'state': cell.state})}, {alarm_count(len(cell.alarms.up))}"
 
 

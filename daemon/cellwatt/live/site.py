@@ -6,12 +6,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from cellwatt.alarms import SEVERITIES
-from cellwatt.subscriber import Health
 
 
-def summary(name: str, health: Health | None) -> dict[str, Any]:
-    """Figures of a cell, ready for JSON; ``state`` is ``None`` if the cell did not answer."""
-    status = health.status if health is not None else {}
+def summary(name: str, status: Mapping[str, Any]) -> dict[str, Any]:
+    """Figures of a cell from its health, ready for JSON; ``state`` is ``None`` if ``status`` is empty: no answer."""
     sources = status.get("sources", {}).values()
     return {
         "cell": name,

@@ -66,16 +66,12 @@ def read(
 
 
 def _rows(recordings: list[Recording], selection: Selection, after: int, until: int, most: int) -> RecordedSpan:
-    span, picker, last = RecordedSpan(after), None, after
+    span, picker, last = RecordedSpan(after), Picker(selection), after
     for frames in (f for r in recordings for f in r.between(after + 1, until + BEYOND).frames()):
         inside = int(np.searchsorted(frames.time, until, side="right"))
-        if picker is None or picker.layout != frames.layout:
-            span.rows += [] if picker is None else picker.rest()
-            picker = Picker(selection, frames.layout)
-            span.units = picker.units
         if inside and frames.time[0] > last:
             span.rows += picker.rows(cut(frames, 0, inside) if inside < len(frames) else frames)
-            last = int(frames.time[inside - 1])
+            span.units, last = picker.units, int(frames.time[inside - 1])
         if len(span.rows) >= most:
             del span.rows[most:]
             span.until = span.rows[-1].time
@@ -86,7 +82,7 @@ def _rows(recordings: list[Recording], selection: Selection, after: int, until: 
     if not span.whole:
         span.whole = time.time_ns() > until + PATIENCE
         span.waits = not span.whole
-    if span.whole and picker is not None:
+    if span.whole:
         # Rows of another rate, before a reload, may end beyond the span.
         span.rows += (row for row in picker.rest() if row.time <= until)
     span.until = until if span.whole else span.rows[-1].time if span.rows else after

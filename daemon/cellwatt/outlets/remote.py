@@ -32,6 +32,10 @@ class NotNowError(OutletError):
         self.wait = wait
 
 
+class RefusedError(OutletError):
+    """The peer refuses a message for good."""
+
+
 def trust(ca: Path | None) -> ssl.SSLContext:
     """A TLS context that trusts an authority (PEM), or those of the system. Reads files. Raises ``NotNowError``."""
     try:

@@ -56,14 +56,20 @@ class Row:
 
 
 class Picker:
-    """Makes rows from frames of one layout; the same frames give the same rows, however they are split into blocks.
+    """Makes rows from frames; the same frames give the same rows, however they are split into blocks.
 
-    ``units``: unit of each channel in the rows; ``unmatched``: patterns that match no channel; ``span``: time between
-    two rows, ns. A row is returned with the last frame of its span, or with the first frame after it.
+    A row is returned with the last frame of its span, or with the first frame after it. ``layout`` is that of the last
+    frames; ``units``: unit of each channel in their rows; ``unmatched``: patterns that match none of their channels;
+    ``span``: time between two of their rows, ns.
     """
 
-    def __init__(self, selection: Selection, layout: Layout) -> None:
-        self.layout = layout
+    def __init__(self, selection: Selection, layout: Layout | None = None) -> None:
+        self._selection = selection
+        self._begun: _Span | None = None
+        self._lay_out(Layout((), selection.rate) if layout is None else layout)
+
+    def _lay_out(self, layout: Layout) -> None:
+        self.layout, selection = layout, self._selection
         self.span = max(layout.step, round(1e9 / selection.rate))
         chosen = [i for i, name in enumerate(layout.names) if fits(name, selection.channels)]
         self.unmatched = tuple(p for p in selection.channels if not any(fnmatchcase(n, p) for n in layout.names))
@@ -80,10 +86,12 @@ class Picker:
         self._sent = np.full(len(chosen), np.nan)
         self._known = np.zeros(len(chosen), bool)
         """Channels that were sent at least once."""
-        self._begun: _Span | None = None
 
     def rows(self, frames: Frames) -> Iterator[Row]:
         """Rows that these frames complete; a span in which no channel changed has none. Exhaust the iterator."""
+        if frames.layout != self.layout:
+            yield from self.rest()
+            self._lay_out(frames.layout)
         if not len(frames) or not len(self._columns):
             return
         number = -(-frames.time // self.span)
@@ -102,7 +110,7 @@ class Picker:
                 yield from self.rest()
 
     def rest(self) -> Iterator[Row]:
-        """The unfinished row, if there is one: for the end of a recording."""
+        """The unfinished row, if there is one: for the end of a recording or a layout."""
         span, self._begun = self._begun, None
         if span is not None:
             values = self._shown(np.where(self._mean, span.mean, span.last))

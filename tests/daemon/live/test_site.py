@@ -3,8 +3,7 @@ from typing import Any
 
 from cellwatt.live.site import line, summary
 from cellwatt.live.state import LiveCell
-from cellwatt.subscriber import Health
-from tests.daemon.live.cells import START, alarm, hear, source, status
+from tests.daemon.live.cells import alarm, hear, source, status
 
 
 def standing(*severities: str) -> list[Any]:
@@ -16,15 +15,15 @@ def standing(*severities: str) -> list[Any]:
 
 SOURCES = {"arm": source(lost=3), "board": source("retrying", "gone")}
 CELLS = {
-    "weld-1": Health(1, START, {}, status()),
-    "weld-2": Health(1, START, {}, status(state="amber", sources=SOURCES, alarms=standing("info", "error", "warning"))),
-    "weld-3": None,
-    "weld-4": Health(1, START, {}, status(alarms=standing("info"))),
+    "weld-1": status(),
+    "weld-2": status(state="amber", sources=SOURCES, alarms=standing("info", "error", "warning")),
+    "weld-3": {},
+    "weld-4": status(alarms=standing("info")),
 }
 
 
 def test_each_cell_has_its_line() -> None:
-    assert [line(summary(name, health)) for name, health in CELLS.items()] == [
+    assert [line(summary(name, status)) for name, status in CELLS.items()] == [
         "weld-1 is green: 2 of 2 sources ok, 2000 samples received, 0 lost, no alarm",
         "weld-2 is amber: 1 of 2 sources ok, 1997 samples received, 3 lost, 3 alarms, error: of error is wrong.",
         "weld-3: heard, does not answer",

@@ -196,8 +196,8 @@ class ApartOutlet(Apart[S]):
         """Results and events for a restarted process, without those that still wait; blocks."""
         if self.view.journal is None:
             return []
-        waiting = {repr(item) for item in list(self._results)}
-        past = (item for _, item in self.view.journal.past() if self.takes(item) and not isinstance(item, self.forgets))
+        past = [item for _, item in self.view.journal.past() if self.takes(item) and not isinstance(item, self.forgets)]
+        waiting = {repr(item) for item in list(self._results)}  # also those offered during the reading
         return [item for item in past if repr(item) not in waiting]
 
     async def tell(self, writer: asyncio.StreamWriter) -> None:

@@ -12,14 +12,12 @@ import gzip
 import http.client
 import logging
 import math
-from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
 from ssl import SSLContext
-from typing import Final, Literal
+from typing import Final
 
 import aiohttp
 
@@ -28,7 +26,7 @@ from cellwatt.files import put_aside
 from cellwatt.outlets.forward import Peer
 from cellwatt.outlets.historian.settings import InfluxSettings
 from cellwatt.outlets.past import Archived
-from cellwatt.outlets.remote import NotNowError, trust, unreached, wait_of
+from cellwatt.outlets.remote import NotNowError, RefusedError, trust, unreached, wait_of
 from cellwatt.outlets.selection import Row
 from cellwatt.outlets.zenoh.messages import encode_json, parse_json
 from cellwatt.results import Alarm, Energy, Task
@@ -40,26 +38,17 @@ _EFFORT: Final = 1
 _LONGEST_ANSWER: Final = 64_000
 _LONGEST_REASON: Final = 500
 _WRITTEN: Final = (200, 204)
-_REFUSED: Final = (400, 422)
+_REFUSED: Final = (400, 413, 422)
+"""413: too large for the server, in one request."""
 _PARTIAL: Final = "partial write: "
 """Words of an answer with status 500, by early releases of version 2: lines were refused for good, for a reason that
 follows. A cluster with a node down answers ``partial write`` alone: the same lines are accepted later."""
-_TOO_LARGE: Final = 413
 REFUSED: Final = "historian-refused.txt"
 """File of the lines that the server refuses for good, with the reasons."""
 LARGEST: Final = 16_000_000
 """Largest size of that file, bytes."""
 TRIES: Final = 64
 """Most requests to find the bad lines of a batch; after that, its remaining lines count as refused."""
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """Result of one request; ``wait`` is the pause, s, that the server requests before the next."""
-
-    kind: Literal["written", "refused", "too large", "later"]
-    reason: str = ""
-    wait: float | None = None
 
 
 class Influx(Peer[str]):
@@ -94,27 +83,24 @@ class Influx(Peer[str]):
 
         Sending the halves of a batch again is safe: writing a point twice gives the same point.
         """
-        parts, found = [list(messages)], Counter[str]()
-        tries = 0
+        parts, tries, refused = [list(messages)], 0, 0
         while parts:
-            part = parts.pop()
-            outcome = await self._write(part)
-            tries += 1
-            match outcome.kind:
-                case "written":
-                    continue
-                case "later":
-                    raise NotNowError(f"{self._settings.url}: {outcome.reason}", outcome.wait)
-                case "refused" | "too large" if len(part) > 1 and tries < TRIES:
-                    half = len(part) // 2
+            part, tries = parts.pop(), tries + 1
+            try:
+                await self._write(part)
+            except NotNowError as error:
+                raise NotNowError(f"{self._settings.url}: {error}", error.wait) from None
+            except RefusedError as error:
+                half = len(part) // 2
+                if half and tries < TRIES:
                     parts += [part[half:], part[:half]]
-                case _:
-                    await asyncio.to_thread(_refused, self._folder, part, outcome.reason)
-                    found[outcome.kind] += len(part)
-        return found
+                else:
+                    await asyncio.to_thread(_refused, self._folder, part, str(error))
+                    refused += len(part)
+        return {"refused": refused} if refused else {}
 
-    async def _write(self, lines: Sequence[str]) -> Outcome:
-        """Send lines and return the outcome; errors of the server and the network do not raise."""
+    async def _write(self, lines: Sequence[str]) -> None:
+        """Send lines once. Raises ``NotNowError``, or ``RefusedError`` if at least one is refused for good."""
         body = await asyncio.to_thread(_packed, lines)
         url, params = place_of(self._settings)
         assert self._session is not None
@@ -123,11 +109,11 @@ class Influx(Peer[str]):
                 url, params=params, data=body, headers=self._headers(), ssl=self._context, allow_redirects=False
             ) as answer:
                 text = (await answer.content.read(_LONGEST_ANSWER)).decode("utf-8", "replace")
-                return outcome_of(answer.status, text, answer.headers)
+                judge(answer.status, text, answer.headers)
         except TimeoutError:
-            return Outcome("later", f"no answer within {self._settings.timeout:g} s")
+            raise NotNowError(f"no answer within {self._settings.timeout:g} s") from None
         except (aiohttp.ClientError, OSError) as error:
-            return Outcome("later", unreached(error))
+            raise NotNowError(unreached(error)) from None
 
     def _headers(self) -> dict[str, str]:
         settings = self._settings
@@ -161,18 +147,16 @@ def place_of(settings: InfluxSettings) -> tuple[str, dict[str, str]]:
     return f"{settings.url}/api/v2/write", {"org": org, "bucket": bucket, "precision": "ns"}
 
 
-def outcome_of(status: int, text: str, headers: Mapping[str, str]) -> Outcome:
-    """Outcome of a request, from the server's answer."""
+def judge(status: int, text: str, headers: Mapping[str, str]) -> None:
+    """Raise ``NotNowError`` or ``RefusedError`` unless the server's answer means that all lines are written."""
     if status in _WRITTEN:
-        return Outcome("written")
+        return
     reason = f"{status}: {reason_of(text) or http.client.responses.get(status, 'no reason given')}"
     if status in range(300, 400):
         reason = f"{reason}; redirects are not followed: set the final address in url"
     if status in _REFUSED or (status == 500 and _PARTIAL in reason):
-        return Outcome("refused", reason)
-    if status == _TOO_LARGE:
-        return Outcome("too large", reason)
-    return Outcome("later", reason, wait_of(headers.get("Retry-After"), datetime.now(UTC)))
+        raise RefusedError(reason)
+    raise NotNowError(reason, wait_of(headers.get("Retry-After"), datetime.now(UTC)))
 
 
 def reason_of(text: str) -> str:

@@ -7,7 +7,6 @@ import contextlib
 import json
 import math
 import time
-from collections.abc import Mapping
 from typing import Any, ClassVar, Final
 
 from cellwatt.account import Account
@@ -90,7 +89,7 @@ class HistorianOutlet(Outlet[HistorianSettings]):
             self._peer = Influx(influx, {"site": view.site, "cell": view.cell}, self._record)
             place = f"{influx.url} {influx.database or influx.bucket} {influx.org or ''}".strip()
             cursor = Cursor(None if self._record is None else self._record / FILE, self.account, place)
-            self._influx = Forwarder("influx", self._peer, influx, view.cell, self._record, cursor, self.account)
+            self._influx = Forwarder("influx", self._peer, influx, view, cursor)
         self._lake: Lake | None = None
         if settings.lake is not None and self._record is not None:
             order = {"record": str(self._record), "folder": str(view.folder), "site": view.site, "cell": view.cell}
@@ -100,9 +99,6 @@ class HistorianOutlet(Outlet[HistorianSettings]):
         """Queue an item for InfluxDB; the lake reads from the record."""
         if self._influx is not None:
             self._influx.offer(item)
-
-    def health(self, status: Mapping[str, Any]) -> None:
-        """Health is not written."""
 
     def succeed(self, before: Outlet[Any]) -> None:
         """Continue from the position of the previous outlet; the lake continues from its file."""

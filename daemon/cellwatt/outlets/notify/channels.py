@@ -1,18 +1,13 @@
-"""The channel of a recipient and its answers. A channel's library is loaded when the first one is made."""
+"""The channel of a recipient. A channel's library is loaded when the first one is made."""
 
 from __future__ import annotations
 
 from typing import Protocol
 
-from cellwatt.errors import CellwattError
 from cellwatt.outlets.notify.rules import Notification
 from cellwatt.outlets.notify.texts import short
 
 LONGEST = 200  # characters of a reason
-
-
-class RefusedError(CellwattError):
-    """The server refuses this message for good."""
 
 
 class Channel(Protocol):

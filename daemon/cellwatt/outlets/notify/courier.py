@@ -16,13 +16,13 @@ from typing import Final
 from cellwatt.account import Account
 from cellwatt.errors import why
 from cellwatt.files import put_aside
-from cellwatt.outlets.notify.channels import Channel, RefusedError, cleaned
+from cellwatt.outlets.notify.channels import Channel, cleaned
 from cellwatt.outlets.notify.ledger import Ledger
 from cellwatt.outlets.notify.quiet import passing
 from cellwatt.outlets.notify.rules import Item, Notification, Rules, message_of, ready, silence
 from cellwatt.outlets.notify.settings import MailSettings, NotifySettings, RecipientSettings, recipient_of
 from cellwatt.outlets.notify.texts import About, undelivered
-from cellwatt.outlets.remote import NotNowError
+from cellwatt.outlets.remote import NotNowError, RefusedError
 from cellwatt.results import Alarm
 
 log = logging.getLogger(__name__)

@@ -19,11 +19,10 @@ from aiosmtplib import (
     SMTPTimeoutError,
 )
 
-from cellwatt.outlets.notify.channels import RefusedError
 from cellwatt.outlets.notify.rules import Notification
 from cellwatt.outlets.notify.settings import MailSettings
 from cellwatt.outlets.notify.texts import About, body, severity, subject, utc
-from cellwatt.outlets.remote import NotNowError, trust, unreached
+from cellwatt.outlets.remote import NotNowError, RefusedError, trust, unreached
 
 GOODBYE = 1.0
 """Longest time, s, to end the session with a server that has accepted the mail."""

@@ -17,11 +17,10 @@ from typing import Any, Final
 import aiohttp
 from pydantic import SecretStr
 
-from cellwatt.outlets.notify.channels import RefusedError
 from cellwatt.outlets.notify.rules import Notification
 from cellwatt.outlets.notify.settings import HomeAssistantSettings, NtfySettings, Web, WebhookSettings
 from cellwatt.outlets.notify.texts import About, body, payload, severity, subject
-from cellwatt.outlets.remote import NotNowError, trust, unreached, wait_of
+from cellwatt.outlets.remote import NotNowError, RefusedError, trust, unreached, wait_of
 from cellwatt.version import __version__
 
 ID: Final = "webhook-id"

@@ -17,7 +17,6 @@ from cellwatt.outlets.page import shapes
 from cellwatt.outlets.page.archive import Archive
 from cellwatt.outlets.page.feed import Feed
 from cellwatt.outlets.page.streams import Hub
-from cellwatt.outlets.zenoh.received import Health
 
 Mode = Literal["cell", "plant", "recordings"]
 
@@ -78,7 +77,7 @@ Body = Mapping[str, Any]
 
 def plant_cell(site: str, cell: str, status: Body, age: float | None = None, *, gone: bool = False) -> dict[str, Any]:
     """Figures of a cell, ready for JSON; ``status``: its health, ``age`` s old, empty if the cell does not answer."""
-    figures = summary(cell, Health(0, 0, {}, status) if status else None)
+    figures = summary(cell, status)
     known = {alarm["id"] for alarm in status.get("alarms", ()) if alarm.get("acknowledged")}
     return {
         "site": site,

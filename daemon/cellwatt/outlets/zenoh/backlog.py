@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 from cellwatt.frames import Frames
@@ -26,11 +26,17 @@ class Backlog:
 
     ``session`` is the start of this numbering, UTC ns: a new outlet begins a new session, so that no number is used
     twice; with a ``journal`` it continues the journal's numbering. Frames have the cell's own numbers, in the cell's
-    session ``numbered``, by default ``session``; up to ``frame_bytes`` of them are held. Called from several threads.
+    session ``numbered``, by default ``session``; up to ``frame_bytes`` of them are held. ``up`` are active alarms.
+    Called from several threads.
     """
 
     def __init__(
-        self, session: int, frame_bytes: float, journal: Journal | None = None, numbered: int | None = None
+        self,
+        session: int,
+        frame_bytes: float,
+        journal: Journal | None = None,
+        numbered: int | None = None,
+        up: Iterable[Alarm] = (),
     ) -> None:
         self.session = session
         self._numbered = session if numbered is None else numbered
@@ -43,6 +49,13 @@ class Backlog:
         self._journal = journal
         for number, item in journal.past() if journal is not None else ():
             self._keep(number, item)
+        for alarm in up:  # the journal may no longer have its message
+            self._alarms.setdefault(alarm.id, (Mark(session, 0, 1, alarm.time), alarm))
+
+    @property
+    def ends(self) -> dict[str, tuple[int, int]]:
+        """Session and next number of each topic of results and events."""
+        return {topic: (self.session, kept[-1][0].end) for topic, kept in self._kept.items()}
 
     def add(self, item: Result | Event) -> tuple[Mark, tuple[str, ...]]:
         """Number and hold a result or event; return its mark and the paths to publish it under.

@@ -124,13 +124,14 @@ class ZenohOutlet(Outlet[ZenohSettings]):
         numbering = time.time_ns() if view.journal is None else view.session
         recorded = view.record_folder is not None and view.config()["record"]["frames"]
         memory = min(settings.frame_memory, _RECENT) if recorded else settings.frame_memory
-        self._backlog = Backlog(numbering, memory, view.journal, view.session)
+        up = (standing.published for standing in view.alarms.up if standing.published is not None)
+        self._backlog = Backlog(numbering, memory, view.journal, view.session, up)
         self._seal = MessageSigner(self._keys.root, settings.sign)
         self._answers = Answers(
             view, self._keys, self._backlog, self._count, self._health, self._seal, settings.backfill
         )
         self._counting = threading.Lock()
-        self._ends: dict[str, tuple[int, int]] = {}
+        self._ends = self._backlog.ends
         """Session and next number, by topic: all earlier messages were sent or lost."""
         self._beats = Mark(time.time_ns(), -1, 1, 0)
         """Mark of the last health message; health has this outlet's own numbering."""
@@ -159,9 +160,10 @@ class ZenohOutlet(Outlet[ZenohSettings]):
         self._ends[topic] = mark.session, mark.end
 
     def succeed(self, before: Outlet[Any]) -> None:
-        """Take over the frames in memory of the previous outlet."""
+        """Take over the frames in memory, and the positions, of the previous outlet."""
         if isinstance(before, ZenohOutlet):
             self._backlog.succeed(before._backlog)
+            self._ends |= {topic: end for topic, end in before._ends.items() if end[0] == self.view.session}
 
     def health(self, status: Mapping[str, Any]) -> None:
         """Publish the cell's health with the current positions."""

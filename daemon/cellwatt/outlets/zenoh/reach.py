@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import time
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import unquote
 
@@ -14,7 +15,7 @@ from cellwatt.errors import ConfigError, OutletError, ProtocolError
 from cellwatt.outlets.zenoh.keys import PREFIX, CellKeys, escape
 from cellwatt.outlets.zenoh.link import LinkSettings, TlsSettings, open_session
 from cellwatt.outlets.zenoh.outlet import ZenohSettings
-from cellwatt.outlets.zenoh.received import Health, read_health
+from cellwatt.outlets.zenoh.received import read_health
 
 if TYPE_CHECKING:
     import zenoh
@@ -90,17 +91,17 @@ def cells_heard(session: zenoh.Session, site: str | None = None) -> list[tuple[s
     return sorted({(unquote(chunks[1]), unquote(chunks[2])) for chunks in found})
 
 
-def site_health(session: zenoh.Session, site: str) -> dict[str, Health | None]:
-    """Health of each running cell of a site, by name; ``None`` for cells that do not answer."""
+def site_health(session: zenoh.Session, site: str) -> dict[str, Mapping[str, Any]]:
+    """Health of each running cell of a site, by name; empty for cells that do not answer."""
     import zenoh
 
-    found: dict[str, Health | None] = dict.fromkeys(name for _, name in cells_heard(session, site))
+    found: dict[str, Mapping[str, Any]] = {name: {} for _, name in cells_heard(session, site)}
     question = f"{PREFIX}/{escape(site)}/*/@/status"
     # Each cell answers under its own key: no answer may replace that of another cell.
     for reply in session.get(question, timeout=_TIMEOUT, consolidation=zenoh.ConsolidationMode.NONE):
         if reply.ok is not None:
             with contextlib.suppress(ProtocolError):  # the cell counts as not answering
-                found[unquote(str(reply.ok.key_expr).split("/")[2])] = read_health(reply.ok)[1]
+                found[unquote(str(reply.ok.key_expr).split("/")[2])] = read_health(reply.ok)[1].status
     return dict(sorted(found.items()))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import ssl
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, nullcontext
 from datetime import UTC, datetime
 from itertools import chain
 from pathlib import Path
@@ -17,9 +17,9 @@ import pytest
 
 from cellwatt import RecordingError
 from cellwatt.outlets.historian import HistorianSettings, InfluxSettings
-from cellwatt.outlets.historian.client import REFUSED, outcome_of, reason_of
+from cellwatt.outlets.historian.client import REFUSED, judge, reason_of
 from cellwatt.outlets.historian.outlet import HistorianOutlet
-from cellwatt.outlets.remote import LONGEST_WAIT, wait_of
+from cellwatt.outlets.remote import LONGEST_WAIT, NotNowError, RefusedError, wait_of
 from tests.daemon.outlets.historian.made import (
     ANOTHER,
     CELL,
@@ -270,15 +270,16 @@ def test_retry_after(header: str | None, seconds: float | None) -> None:
 
 
 @pytest.mark.parametrize(
-    ("status", "text", "kind"),
-    [(204, "", "written"), (200, "", "written"), (400, "", "refused"), (422, "", "refused"), (413, "", "too large"),
-     *((status, "", "later") for status in (302, 401, 404, 429, 500, 503)),
-     (500, '{"error": "[shard 7] partial write: field type conflict dropped=1"}', "refused"),
-     (500, '{"error": "partial write"}', "later"),  # a cluster with a node down
-     (503, '{"error": "partial write: hinted handoff queue not empty"}', "later")],
+    ("status", "text", "error"),
+    [(204, "", None), (200, "", None), *((status, "", RefusedError) for status in (400, 413, 422)),
+     *((status, "", NotNowError) for status in (302, 401, 404, 429, 500, 503)),
+     (500, '{"error": "[shard 7] partial write: field type conflict dropped=1"}', RefusedError),
+     (500, '{"error": "partial write"}', NotNowError),  # a cluster with a node down
+     (503, '{"error": "partial write: hinted handoff queue not empty"}', NotNowError)],
 )  # fmt: skip
-def test_answers_mean(status: int, text: str, kind: str) -> None:
-    assert outcome_of(status, text, {}).kind == kind
+def test_answers_mean(status: int, text: str, error: type[Exception] | None) -> None:
+    with nullcontext() if error is None else pytest.raises(error):
+        judge(status, text, {})
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import os
 import signal
 import socket
 import time
+from collections.abc import Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from cellwatt.outlets.apart import wire
 from cellwatt.outlets.apart.wire import Kind
 from cellwatt.outlets.page import PageOutlet, PageSettings
 from cellwatt.outlets.page.sessions import FILE
+from cellwatt.results import Result
 from cellwatt.runtime.delivery import Delivery
 from tests.daemon.outlets.notify.cell import Journal
 from tests.daemon.outlets.page.cell import (
@@ -85,6 +87,17 @@ async def test_what_the_cell_tells_reaches_a_browser(view: View) -> None:
         response.close()
     assert (outlet.account.received, outlet.account.residue, outlet.url) == (13, 0, None)
     assert outlet.account.dropped == {"not encodable": 1}
+
+
+def test_what_is_offered_while_the_past_is_read_is_told_once(view: View) -> None:
+    class Meanwhile(Journal):
+        def past(self) -> Iterator[tuple[int, Result | Event]]:
+            outlet.offer(alarm(1))
+            return super().past()
+
+    view.journal = Meanwhile(alarm(1), alarm(2))  # type: ignore[assignment]
+    outlet = outlet_of(view)
+    assert outlet._past() == [alarm(2)], "the other waits"
 
 
 async def test_what_people_order_is_done_in_the_daemon(view: View) -> None:
