@@ -63,8 +63,9 @@ class Cursor:
     def __init__(self, path: Path | None, account: Account, place: str = "") -> None:
         self.position = Position(place=place)
         self.problem: str | None = None
-        self.account = account
-        self._path = path
+        self.lacking = asyncio.Event()
+        """Set while entries are owed."""
+        self._path, self._account = path, account
         self._counted = 0
         """Owed entries already counted in the account."""
         self._opened = False
@@ -105,6 +106,12 @@ class Cursor:
         self.position.gaps = gaps
         self._note()
 
+    def owe_since(self, until: int) -> None:
+        """Owe everything between the position and ``until``, and move the position there."""
+        if self.position.reached is not None:
+            self.owe(self.position.reached, until)
+        self.deliver(until)
+
     def pay(self, after: int, until: int, entries: int = 0) -> None:
         """Note that a span was delivered from the record, which had ``entries`` entries in it."""
         remaining: list[Owed] = []
@@ -119,14 +126,15 @@ class Cursor:
                 rest[-1] = rest[-1]._replace(entries=known)
             elif known > 0:
                 self.position.lost += known
-                self.account.miss(known, GONE)
+                self._account.miss(known, GONE)
             remaining += rest
-        self.account.expect(entries)  # entries that were not counted when they were made
+        self._account.expect(entries)  # entries that were not counted when they were made
         self.position.gaps = remaining
         self._note()
 
     def _note(self) -> None:
-        self.account.owed += self.entries - self._counted
+        (self.lacking.set if self.position.gaps else self.lacking.clear)()
+        self._account.owed += self.entries - self._counted
         self._counted = self.entries
         self._changed.set()
 
@@ -143,7 +151,7 @@ class Cursor:
             known = await asyncio.to_thread(load, self._path, self.position.place)
             since, self.position, self._opened = self.position, known, True
             known.gaps = [owed for owed in sorted(known.gaps) if owed.after < owed.until]
-            self.account.expect(self.entries)
+            self._account.expect(self.entries)
             known.reached = since.reached if known.reached is None else known.reached
             for o in since.gaps:
                 self.owe(*o)
@@ -153,7 +161,7 @@ class Cursor:
         """Take over the position of ``before``, a closed cursor."""
         if before._path == self._path and before.position.place == self.position.place:
             self.position, self._opened = before.position.model_copy(), before._opened
-            self.account.expect(self.entries)
+            self._account.expect(self.entries)
             self._note()
 
     async def keep(self) -> None:
@@ -183,7 +191,7 @@ class Cursor:
                 problem = f"{path} cannot be written, so rows may be sent twice after a restart: {why(error)}"
                 if problem != self.problem:
                     log.warning("%s", problem)
-                self.account.count("positions unwritten")
+                self._account.count("positions unwritten")
                 self.problem = problem
                 self._changed.set()
             else:

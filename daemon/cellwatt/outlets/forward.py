@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import math
 import time
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import AsyncIterator, Mapping, Sequence
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, Generic, TypeGuard, TypeVar
@@ -44,18 +43,13 @@ ROWS: Final = 300
 """Most rows back-filled by one read of the record."""
 FIRST_PAUSE, LONGEST_PAUSE = 0.5, 30.0  # s
 LAST: Final = 2.0
-"""Longest time, s, to send waiting messages when the outlet ends."""
+"""Longest time, s, of the final attempt when the outlet ends."""
 
 M = TypeVar("M")
 
 
 class Peer(ABC, Generic[M]):
     """The part specific to one kind of peer: how entries become messages, and how messages are sent."""
-
-    @property
-    def ready(self) -> bool:
-        """False while nothing can be sent, such as before a connection; it needs no ``NotNowError``."""
-        return True
 
     @abstractmethod
     def row(self, row: Row, units: Mapping[str, str]) -> M | None:
@@ -89,28 +83,23 @@ class Flow(Selection):
 class Forwarder(Generic[M]):
     """Delivers to one peer the items that the cell offers and the rows and results owed from its record.
 
-    ``name`` prefixes counters and messages; ``rate``: most back-filled entries per second.
+    ``record``: folder of the record, or ``None``; ``name`` prefixes counters and messages.
     """
 
     def __init__(
-        self, name: str, peer: Peer[M], flow: Flow, view: CellView, cursor: Cursor, rate: float = math.inf
+        self, name: str, peer: Peer[M], flow: Flow, cell: str, record: Path | None, cursor: Cursor, account: Account
     ) -> None:
         self.problem: str | None = None
         """Reason why nothing can be sent now, or ``None``."""
         self.unread: str | None = None
         """Reason why nothing can be back-filled, or ``None``."""
         self.cursor = cursor
-        self.picker = Picker(flow)
-        """The picker of the new rows."""
-        self.wake = asyncio.Event()
-        """Set it to have new items sent without waiting for ``every``."""
-        self.filling = False
-        """True if what the peer is sent is back-filled."""
-        self._name, self._peer, self._flow, self._account, self._rate = name, peer, flow, cursor.account, rate
-        self._cell, self._record = view.cell, framed_record(view)
+        self._name, self._peer, self._cell, self._record, self._account = name, peer, cell, record, account
+        self._flow = flow
         self._items: deque[Frames | Archived] = deque()
         self._pending: deque[tuple[int, M, bool]] = deque()
         """(time in UTC ns, message, True if the message is a row)."""
+        self._picker = Picker(flow)
         self._begun = False
         self._newest = 0
         self._pause, self._not_before, self._next_live, self._fill_from = 0.0, 0.0, 0.0, 0.0
@@ -137,54 +126,35 @@ class Forwarder(Generic[M]):
         )
 
     def succeed(self, before: Forwarder[M]) -> None:
-        """Continue from the position of ``before``, with what it still had queued, which leaves it."""
+        """Continue from the position of ``before``, with the items that it still had queued, which leave it."""
         self.cursor.succeed(before.cursor)
         while before._items:
             if self._wants(item := before._items.pop()):
                 self._items.appendleft(item)
-        for entry in before._pending:
-            self._wait(*entry)
-        before._pending.clear()
-
-    @property
-    def waiting(self) -> Sequence[M]:
-        """New messages that wait, the oldest first."""
-        return [message for _, message, _ in self._pending]
-
-    def again(self) -> None:
-        """Note that the peer accepts messages now."""
-        self._pause, self._not_before = 0.0, 0.0
-        self.wake.set()
 
     async def run(self) -> None:
-        """Send until cancelled, and then what waits; store the remaining entries as owed."""
+        """Send until cancelled, then once more; store the remaining entries as owed."""
         await self.cursor.open()
         try:
             await until_one_ends(self._serve(), self.cursor.keep())
         finally:
-            await self.leave()
+            await self._end()
 
     async def _serve(self) -> None:
         while True:
-            await self.collect()
+            await self._collect()
             if self._live_due():
                 await self._send_live()
             elif self._accepts and (span := self._due()) is not None:
                 await self._fill(*span)
             if not self._live_due():
                 filling = self._accepts and self._due() is not None
-                await self._rest(0.0 if filling else min(self._flow.every or 1.0, 1.0))
-
-    async def _rest(self, seconds: float) -> None:
-        with suppress(TimeoutError):
-            async with asyncio.timeout(seconds):
-                await self.wake.wait()
-        self.wake.clear()
+                await asyncio.sleep(0.0 if filling else min(self._flow.every, 1.0))
 
     @property
     def _accepts(self) -> bool:
-        """False while the peer is not ready, and during the pause after a failed attempt."""
-        return self._peer.ready and time.monotonic() >= self._not_before
+        """False during the pause after a failed attempt."""
+        return time.monotonic() >= self._not_before
 
     def _live_due(self) -> bool:
         """True if new messages are to be sent now."""
@@ -193,7 +163,7 @@ class Forwarder(Generic[M]):
 
     # new items -----------------------------------------------------------------------------------
 
-    async def collect(self) -> None:
+    async def _collect(self) -> None:
         """Convert queued items into messages, a few at a time: after an attempt that hung there are many."""
         for n in range(1, len(self._items) + 1):
             item = self._items.popleft()
@@ -208,7 +178,7 @@ class Forwarder(Generic[M]):
 
     def _take_frames(self, frames: Frames) -> None:
         self._newest = int(frames.time[-1])
-        picker, before = self.picker, self.picker.layout
+        picker, before = self._picker, self._picker.layout
         for row in picker.rows(frames):
             self._take_row(row)
         if picker.layout is not before and picker.unmatched:
@@ -219,7 +189,7 @@ class Forwarder(Generic[M]):
         if self._record is not None and not self._begun:
             self._begin(row.time)
         else:
-            self._wait(row.time, self._peer.row(row, self.picker.units), True)
+            self._wait(row.time, self._peer.row(row, self._picker.units), True)
         self._begun = True
 
     def _wait(self, at: int, message: M | None, is_row: bool) -> None:
@@ -248,7 +218,7 @@ class Forwarder(Generic[M]):
     @property
     def _span(self) -> int:
         """Time between two rows, ns."""
-        return self.picker.span
+        return self._picker.span
 
     async def _send_live(self) -> None:
         batch = [self._pending.popleft() for _ in range(min(self._flow.batch, len(self._pending)))]
@@ -278,7 +248,7 @@ class Forwarder(Generic[M]):
     async def _fill(self, after: int, until: int) -> None:
         assert self._record is not None
         record, flow = (self._record, self._cell), self._flow
-        work = partial(read, *record, flow, after, until, ROWS, results=flow.results)
+        work = partial(read, *record, flow, after, until, min(flow.batch, ROWS), results=flow.results)
         try:
             span = await asyncio.to_thread(work)
         except (CellwattError, OSError) as error:
@@ -294,7 +264,7 @@ class Forwarder(Generic[M]):
         sent = 0
         for first in range(0, len(entries), self._flow.batch):
             batch = entries[first : first + self._flow.batch]
-            if not await self._send([message for _, message in batch], past=True):
+            if not await self._send([message for _, message in batch]):
                 return
             sent += len(batch)
             self._account.count(f"{self._name}: entries filled in", len(batch))
@@ -303,24 +273,15 @@ class Forwarder(Generic[M]):
             if until > after:  # at once: the cursor never lags behind what was sent
                 self.cursor.pay(after, until, sent)
                 after, sent = until, 0
-            await self._make_way(time.monotonic() + len(batch) / self._rate)
+            await self._collect()
+            while self._live_due():  # new items first
+                await self._send_live()
         self.cursor.pay(after, span.until)
         if span.waits:
             self._fill_from = time.monotonic() + 1.0
 
-    async def _make_way(self, until: float) -> None:
-        """Send new items first, until monotonic time ``until``, s."""
-        while True:
-            await self.collect()
-            while self._live_due():
-                await self._send_live()
-            if (left := until - time.monotonic()) <= 0:
-                return
-            await self._rest(left)
-
-    async def _send(self, messages: Sequence[M], *, past: bool = False) -> bool:
+    async def _send(self, messages: Sequence[M]) -> bool:
         """Send messages; false if the peer accepts nothing now."""
-        self.filling = past
         try:
             refused = await self._peer.send(messages)
         except NotNowError as error:
@@ -337,16 +298,16 @@ class Forwarder(Generic[M]):
             self._account.miss(count, f"{self._name}: {reason}")
         return True
 
-    async def leave(self) -> None:
-        """Send the waiting messages; owe those that are not accepted, or without a record, let them wait."""
-        await self.collect()
-        try:
-            async with asyncio.timeout(LAST):
-                while self._pending and self._accepts:
+    async def _end(self) -> None:
+        """Send the waiting messages once; owe the rest."""
+        await self._collect()
+        if self._pending and self._accepts:
+            try:
+                async with asyncio.timeout(LAST):
                     await self._send_live()
-        except TimeoutError:
-            self._account.count(f"{self._name}: last attempt given up")
-        while self._pending and self._record is not None:
+            except TimeoutError:
+                self._account.count(f"{self._name}: last attempt given up")
+        while self._pending:
             self._forgo(self._pending.popleft()[0], 1)
         # Without a single row in this start, the entries that an earlier start did not send are still owed.
         await self.cursor.write(ended=self._begun or self.cursor.position.ended)
@@ -368,8 +329,8 @@ class ForwardOutlet(Outlet[F], Peer[M], Generic[F, M]):
 
     def __init__(self, name: str, settings: F, view: CellView) -> None:
         super().__init__(name, settings, view)
-        cursor = cursor_of(view, name, self.account, self.place)
-        self._forwarder: Forwarder[M] = Forwarder(name, self, settings, view, cursor)
+        parts = framed_record(view), cursor_of(view, name, self.account, self.place), self.account
+        self._forwarder: Forwarder[M] = Forwarder(name, self, settings, view.cell, *parts)
 
     @property
     def place(self) -> str:
@@ -395,7 +356,7 @@ class ForwardOutlet(Outlet[F], Peer[M], Generic[F, M]):
         return "; ".join(filter(None, self._forwarder.troubles)) or None
 
     async def run(self) -> None:
-        """Send until cancelled, and then what waits."""
+        """Send until cancelled, then once more."""
         async with self.opened():
             await self._forwarder.run()
 

@@ -49,12 +49,11 @@ def test_what_was_made_is_delivered_owed_or_lost(steps: list[str]) -> None:
                 account.receive()
                 there.add(made)
             case "kill":  # what is in the file is known, the rest is in the record
-                cursor.owe(cursor.position.reached or 0, made)
-                cursor.deliver(made)
+                cursor.owe_since(made)
                 known = cursor.position.model_copy()
                 again = Cursor(None, Account())
                 again.succeed(cursor)
-                account, cursor = again.account, again
+                account, cursor = again._account, again
                 assert known == cursor.position and account.expected == account.owed == cursor.entries
             case "fill" | "fill badly" if cursor.first is not None:
                 after, until = cursor.first
@@ -109,6 +108,7 @@ async def test_spans_owed_before_the_file_is_read_stay_owed(tmp_path: Path) -> N
     cursor.owe(20, 30, 2)  # offered before the file was read
     await cursor.open()
     assert (cursor.position.reached, spans(cursor), cursor.entries) == (9, [(1, 5), (20, 30)], 2)
+    assert cursor.lacking.is_set()
 
 
 async def test_another_place_is_owed_nothing_of_this_one(tmp_path: Path) -> None:

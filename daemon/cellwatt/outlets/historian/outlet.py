@@ -89,7 +89,7 @@ class HistorianOutlet(Outlet[HistorianSettings]):
             self._peer = Influx(influx, {"site": view.site, "cell": view.cell}, self._record)
             place = f"{influx.url} {influx.database or influx.bucket} {influx.org or ''}".strip()
             cursor = Cursor(None if self._record is None else self._record / FILE, self.account, place)
-            self._influx = Forwarder("influx", self._peer, influx, view, cursor)
+            self._influx = Forwarder("influx", self._peer, influx, view.cell, self._record, cursor, self.account)
         self._lake: Lake | None = None
         if settings.lake is not None and self._record is not None:
             order = {"record": str(self._record), "folder": str(view.folder), "site": view.site, "cell": view.cell}

@@ -4,30 +4,28 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from cellwatt.batch import Batch
 from cellwatt.errors import OutletError
 from cellwatt.frames import Frames
 from cellwatt.outlet import CellView, Item, Outlet
-from cellwatt.outlets.forward import Flow, Forwarder, Peer, cursor_of
+from cellwatt.outlets.forward import cursor_of, framed_record
 from cellwatt.outlets.mqtt.edge_node import EdgeNode
-from cellwatt.outlets.mqtt.link import WINDOW, Link, tls_context
+from cellwatt.outlets.mqtt.link import Link, tls_context
 from cellwatt.outlets.mqtt.outbox import Outbox
 from cellwatt.outlets.mqtt.plain import PlainFormat
-from cellwatt.outlets.mqtt.session import Entry, Format, HostLeftError, Session
+from cellwatt.outlets.mqtt.session import Format, HostLeftError, Session
 from cellwatt.outlets.mqtt.settings import MqttSettings
-from cellwatt.outlets.past import Archived
-from cellwatt.outlets.remote import NotNowError
-from cellwatt.outlets.selection import Row, Selection
-from cellwatt.results import Event, Interval, Prediction
+from cellwatt.results import Prediction
 
 
-class MqttOutlet(Outlet[MqttSettings], Peer[Entry]):
+class MqttOutlet(Outlet[MqttSettings]):
     """Publishes rows of the frames, results, alarms and health to a broker.
 
-    A forwarder delivers rows, alarms, tasks and energies; everything else is sent by the session.
+    While the broker is unreachable, rows are owed; after reconnecting, they are sent from the record beside the live
+    ones. Results, and without a record also rows, wait in a queue.
     """
 
     Settings: ClassVar[type[MqttSettings]] = MqttSettings
@@ -35,14 +33,11 @@ class MqttOutlet(Outlet[MqttSettings], Peer[Entry]):
 
     def __init__(self, name: str, settings: MqttSettings, view: CellView) -> None:
         super().__init__(name, settings, view)
-        chosen = {option: getattr(settings, option) for option in Selection.model_fields}
-        flow = Flow.model_construct(**chosen, batch=WINDOW, every=0.0, queue=settings.queue)
+        self._record = framed_record(view)
         self._cursor = cursor_of(view, name, self.account)
-        self._forwarder: Forwarder[Entry] = Forwarder(name, self, flow, view, self._cursor, settings.backfill)
-        self._outbox = Outbox(settings, settings.queue, self.account)
-        self._rate = settings.rate
-        """Rate of the frames, Hz."""
         self._format: Format | None = None
+        cursor = None if self._record is None else self._cursor
+        self._outbox = Outbox(settings, settings.queue, self.account, cursor, self._missed)
         self._session: Session | None = None
         self._turn = 0
         """Number of failed connections; it selects the next broker."""
@@ -51,6 +46,10 @@ class MqttOutlet(Outlet[MqttSettings], Peer[Entry]):
         self._sent_health: tuple[object, float] = None, 0.0
         """State of the last health sent, and the time of sending, monotonic s."""
 
+    def _missed(self, row: Any) -> None:
+        if self._format is not None:
+            self._format.missed(row)
+
     def _take_refusal(self, reason: str) -> None:
         self.account.count("messages refused")
         self._refused = reason
@@ -58,51 +57,25 @@ class MqttOutlet(Outlet[MqttSettings], Peer[Entry]):
     def succeed(self, before: Outlet[Any]) -> None:
         """Take over the waiting entries and the position of the previous outlet."""
         if isinstance(before, MqttOutlet):
-            self._forwarder.succeed(before._forwarder)
-            self._outbox.results.extendleft(reversed(before._outbox.results))
+            self._outbox.succeed(before._outbox)
+            self._cursor.succeed(before._cursor)
 
     def offer(self, item: Item) -> None:
-        """Queue frames and results; predictions only while connected."""
-        if isinstance(item, Interval | Event):
-            self._outbox.result(item, not self.ready)
-        elif isinstance(item, Prediction) and self.ready:
-            self._outbox.prediction(item, self._rate)
+        """Queue the rows of frames, and results."""
+        if isinstance(item, Frames):
+            self._outbox.frames(item)
+            if self._cursor.position.reached is None and self._outbox.last is not None:
+                self._cursor.deliver(self._outbox.begun)  # rows of a start that never connects are owed, too
         elif isinstance(item, Prediction):
-            self.account.count("predictions dropped")
+            self._outbox.prediction(item)
         elif not isinstance(item, Batch):
-            self._rate = item.layout.rate if isinstance(item, Frames) else self._rate
-            self._forwarder.offer(item)
-            self._forwarder.wake.set()
-
-    # the broker as a peer ---------------------------------------------------------------------------
-
-    @property
-    def ready(self) -> bool:
-        """See ``Peer.ready``."""
-        return self._session is not None and self._session.ready
-
-    def row(self, row: Row, units: Mapping[str, str]) -> Row:
-        """See ``Peer.row``; its messages are made when it is sent."""
-        return row
-
-    def result(self, result: Archived) -> Archived:
-        """See ``Peer.result``."""
-        return result
-
-    async def send(self, messages: Sequence[Entry]) -> Mapping[str, int]:
-        """See ``Peer.send``."""
-        if self._session is None or not self._session.ready:
-            raise NotNowError("not connected")
-        refused = await self._session.send(messages, past=self._forwarder.filling)
-        return {"refused": refused} if refused else {}
-
-    # health and connections -------------------------------------------------------------------------
+            self._outbox.result(item)
 
     def health(self, status: Mapping[str, Any]) -> None:
         """Send the health if its state changed, or ``health`` s after the last message."""
         session, now = self._session, time.monotonic()
         before, at = self._sent_health
-        if session is None or not session.ready:
+        if session is None or not self._outbox.serving:
             return
         if before != status.get("state") or now - at >= self.settings.health:
             self._sent_health = status.get("state"), now
@@ -115,29 +88,29 @@ class MqttOutlet(Outlet[MqttSettings], Peer[Entry]):
 
     def trouble(self) -> str | None:
         """Reason why something is not sent: host offline, record unreadable, messages refused, channels unknown."""
-        if self._forwarder.unread:
-            return self._forwarder.unread
-        if self._session is not None and self._format is not None and not self._format.ready:
+        session = self._session
+        if session is not None and session.problem:
+            return session.problem
+        if session is not None and self._format is not None and not self._format.ready:
             return f"the primary host {self.settings.sparkplug.primary_host} is not online: all data wait for it"
         if self._refused:
             return f"the broker refuses messages ({self._refused}): check its access rules and limits"
-        picker = self._forwarder.picker
-        if picker.layout.channels and picker.unmatched:
-            return f"channels: no channel of the frames matches {', '.join(picker.unmatched)}"
+        if self._outbox.unmatched:
+            return f"channels: no channel of the frames matches {', '.join(self._outbox.unmatched)}"
         return self._cursor.problem
 
     async def run(self) -> None:
         """Connect, publish until cancelled, send waiting entries, disconnect. Raises ``OutletError``."""
-        await self._cursor.open()
         try:
             await self._serve(self.settings.at(self._turn))
         except OutletError:
             self._turn += 1
             raise
         finally:
-            await self._forwarder.leave()
+            await self._cursor.write()
 
     async def _serve(self, settings: MqttSettings) -> None:
+        await self._cursor.open()
         tls = await asyncio.to_thread(tls_context, settings)
         format_ = self._format = self._format or self._made()
         will = format_.connect()
@@ -154,10 +127,9 @@ class MqttOutlet(Outlet[MqttSettings], Peer[Entry]):
             await link.abort()
 
     async def _use(self, link: Link, format_: Format, settings: MqttSettings) -> None:
-        session = Session(settings, link, format_, self._forwarder, self._outbox, self.account)
-        self._session = session
+        parts = link, format_, self._outbox, self._cursor
+        session = self._session = Session(settings, parts, self._record, self.view.cell, self.account)
         try:
-            await self._forwarder.collect()
             await session.serve()
         except (asyncio.CancelledError, HostLeftError):
             await session.stop()

@@ -1,32 +1,29 @@
-"""Serves one connection: births, rows and results, events, predictions and health; commands of hosts."""
+"""Serves one connection: live messages first, then the back-fill at a limited rate."""
 
 from __future__ import annotations
 
 import asyncio
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 from typing import Any, Final
 
 from cellwatt.account import Account
 from cellwatt.errors import OutletError, ProtocolError
-from cellwatt.outlets.forward import Forwarder
+from cellwatt.outlets.cursor import Cursor
 from cellwatt.outlets.mqtt.edge_node import EdgeNode
-from cellwatt.outlets.mqtt.link import WINDOW, Link, LostError
+from cellwatt.outlets.mqtt.link import WINDOW, Answer, Link, LostError
 from cellwatt.outlets.mqtt.message import Message, Order
-from cellwatt.outlets.mqtt.outbox import Outbox
+from cellwatt.outlets.mqtt.outbox import Backfill, Outbox
 from cellwatt.outlets.mqtt.plain import PlainFormat
 from cellwatt.outlets.mqtt.settings import MqttSettings
-from cellwatt.outlets.past import Archived
-from cellwatt.outlets.remote import NotNowError
-from cellwatt.outlets.selection import Row
 from cellwatt.outlets.together import until_one_ends
-from cellwatt.results import Event, Interval
 
 Format = EdgeNode | PlainFormat
 """Converts a cell's data into messages, and holds the state of successive connections; no I/O."""
-Entry = Row | Archived
-"""What is delivered at least once."""
 LAST_WORDS: Final = 2.0
 """Longest time, s, to send waiting messages when the daemon stops."""
 BIRTH_EVERY: Final = 5.0
@@ -39,159 +36,186 @@ class HostLeftError(OutletError):
     """The primary host went offline."""
 
 
-class Session:
-    """Serves over one connection until it is lost. ``status`` is the newest health not sent yet, or ``None``.
+@dataclass(frozen=True, slots=True)
+class Parcel:
+    """Messages, with a function to call once they have arrived, and one to requeue them if they may not have.
 
-    Messages are made at the moment when they are sent, as those of Sparkplug are numbered.
+    ``arrived`` receives True if the broker refused a message.
     """
+
+    messages: Sequence[Message]
+    arrived: Callable[[bool], None] | None = None
+    back: Callable[[], None] | None = None
+
+
+class Session:
+    """Serves over one connection until it is lost. ``status`` is the newest health not sent yet, or ``None``."""
 
     def __init__(
         self,
         settings: MqttSettings,
-        link: Link,
-        format_: Format,
-        forwarder: Forwarder[Entry],
-        outbox: Outbox,
+        parts: tuple[Link, Format, Outbox, Cursor],
+        record: Path | None,
+        cell: str,
         account: Account,
     ) -> None:
-        self._settings, self._account = settings, account
-        self._link, self._format, self._forwarder, self._outbox = link, format_, forwarder, outbox
-        self._flight: list[Interval | Event] = []
-        """Events and intervals that the broker has not confirmed."""
-        self._serving = False
-        """True from the first birth on."""
-        self._late = 0
-        """Number of the next entries that were made before this connection."""
-        self._lost: LostError | None = None
-        """Reason why entries could not be sent."""
+        self._settings = settings
+        self._link, self._format, self._outbox, self._cursor = parts
+        self._account = account
+        self._batch: Sequence[Parcel] = ()
+        """Parcels in flight."""
+        self._asked: list[Answer] = []
+        """Answers to the messages of ``_batch``, and to a fence if the broker does not confirm all of them."""
         self._birth_due = self._format.ready
         self._birth_asked: asyncio.TimerHandle | None = None
         self._asked_at = -BIRTH_EVERY
         self._answers: deque[Message] = deque()
+        self._backfill: Backfill | None = None
+        if record is not None:
+            self._backfill = Backfill(settings, (record, cell), self._cursor, self._outbox, account)
         self.status: Mapping[str, Any] | None = None
 
     @property
-    def ready(self) -> bool:
-        """True while the connection delivers what is sent."""
-        return self._serving and self._format.ready
+    def problem(self) -> str | None:
+        """Reason why the back-fill fails, or ``None``."""
+        return None if self._backfill is None else self._backfill.problem
 
     async def serve(self) -> None:
         """Serve until the connection is lost. Raises ``OutletError``, ``HostLeftError`` if the primary host leaves."""
         for subscription in self._format.subscriptions():
             await self._link.subscribe(subscription)
-        await until_one_ends(self._listen(), self._send(), self._forwarder.run())
+        past = () if self._backfill is None else (self._backfill.run(),)
+        await until_one_ends(self._listen(), self._send(), self._cursor.keep(), *past)
 
     async def stop(self) -> None:
         """Send waiting messages, then the death or offline message, within ``LAST_WORDS``."""
         try:
             async with asyncio.timeout(LAST_WORDS):
-                await self._publish(self._own())
-                self._flight.clear()
-                await self._publish([self._format.death(time.time_ns())])
+                await self._arrive()
+                while self._format.ready and (batch := self._next()):
+                    await self._deliver(batch)
+                await self._deliver([Parcel(self._format.death(time.time_ns()))])
         except (TimeoutError, LostError):
             self._account.count("stops without last words")
 
     def end(self) -> None:
-        """Requeue what may not have arrived."""
+        """Count what arrived; requeue or owe what did not."""
         if self._birth_asked is not None:
             self._birth_asked.cancel()
-        self._outbox.results.extendleft((item, True) for item in reversed(self._flight))
+        self._note()
+        self._outbox.leave()
 
     # sending --------------------------------------------------------------------------------------
 
-    async def send(self, entries: Sequence[Entry], *, past: bool) -> int:
-        """Send entries, back-filled ones if ``past``; return the number of those refused.
-
-        Raises ``NotNowError`` if the connection is lost; then ``serve`` ends, too.
-        """
-        made = self._entries(entries, len(entries) if past else self._late, past)
-        try:
-            refused = await self._publish(made, sure=True)
-        except LostError as error:
-            self._lost = error
-            self._outbox.wake.set()
-            raise NotNowError(str(error)) from None
-        self._late -= 0 if past else min(self._late, len(entries))
-        return refused
-
-    async def _publish(self, groups: Iterable[Sequence[Message]], *, sure: bool = False) -> int:
-        """Publish groups of messages, about ``WINDOW`` messages at a time.
-
-        Return the number of groups of which the broker refused a message, once it has them; those of QoS 0 may be on
-        their way, unless ``sure``. Raises ``LostError``.
-        """
-        refused, made = 0, iter(groups)
-        while part := list(_window(made)):
-            asked = [[self._link.publish(message) for message in group] for group in part]
-            answers = [answer for group in asked for answer in group]
-            if sure and any(message.qos == 0 for group in part for message in group):
-                answers.append(self._link.fence())
-            if answers:
-                await self._link.arrive(answers)
-            refused += sum(any(code.is_failure for answer in group for code in answer.result()) for group in asked)
-        return refused
-
-    def _entries(self, entries: Sequence[Entry], late: int, past: bool) -> Iterator[Sequence[Message]]:
-        """The messages of each entry; the first ``late`` were made before this connection."""
-        format_, out = self._format, self._outbox
-        for number, entry in enumerate(entries):
-            now, units, label = time.time_ns(), self._forwarder.picker.units, list[Message]()
-            if units and units is not out.labelled:
-                out.labelled = units
-                label += format_.label(units, now)
-            if isinstance(entry, Row):
-                yield (*label, *format_.row(entry, number < late, now))
-            elif past:
-                yield (*label, *format_.archived(entry, now))
-            else:
-                yield (*label, *format_.result(entry, number < late, now))
-
     async def _send(self) -> None:
-        """Send everything else whenever there is something to send. Raises ``LostError``."""
-        while self._lost is None:
-            self._outbox.wake.clear()
-            while groups := list(_window(self._own())):
-                await self._publish(groups)
-                self._flight.clear()
-            await self._outbox.wake.wait()
-        raise self._lost
-
-    def _own(self) -> Iterator[Sequence[Message]]:
-        """Answers, a birth that is due, events and intervals, predictions, health."""
-        out, format_ = self._outbox, self._format
         while True:
-            now = time.time_ns()
-            if self._answers:
-                yield [self._answers.popleft()]
-            elif self._birth_due and format_.ready:
-                yield self._birth(now)
-            elif not self.ready:
-                return
-            elif out.results:
-                item, late = out.results.popleft()
-                self._flight.append(item)
-                yield format_.result(item, late, now)
-            elif out.predictions:
-                yield format_.predicted(*out.predictions.popleft(), now)
-            elif self.status is not None:
-                status, self.status = self.status, None
-                yield format_.health(status, now)
-            else:
-                return
+            self._outbox.wake.clear()
+            while batch := self._next():
+                await self._deliver(batch)
+            await self._outbox.wake.wait()
 
-    def _birth(self, now: int) -> Sequence[Message]:
+    async def _deliver(self, batch: Sequence[Parcel]) -> None:
+        """Send parcels; return once the broker has them. Raises ``LostError``."""
+        self._batch = batch
+        self._asked = [self._link.publish(message) for parcel in batch for message in parcel.messages]
+        if any(message.qos == 0 for parcel in batch if parcel.arrived for message in parcel.messages):
+            self._asked.append(self._link.fence())
+        await self._arrive()
+
+    async def _arrive(self) -> None:
+        """Wait until the parcels in flight arrive; after a cancellation they stay in flight. Raises ``LostError``."""
+        if self._asked:
+            await self._link.arrive(self._asked)
+        self._note()
+
+    def _note(self) -> None:
+        """Count the parcels that arrived, in order; requeue the others."""
+        fenced, at, unconfirmed = all(map(_came, self._asked)), 0, list[Parcel]()
+        for parcel in self._batch:
+            answers, at = self._asked[at : at + len(parcel.messages)], at + len(parcel.messages)
+            sure = fenced or all(message.qos for message in parcel.messages)
+            asked = len(answers) == len(parcel.messages)  # false if the library refused a message of the batch
+            if unconfirmed or not sure or not asked or not all(map(_came, answers)):
+                unconfirmed.append(parcel)
+            elif parcel.arrived is not None:
+                parcel.arrived(any(code.is_failure for answer in answers for code in answer.result()))
+        for parcel in reversed(unconfirmed):
+            if parcel.back is not None:
+                parcel.back()
+        self._batch, self._asked = (), []
+
+    def _next(self) -> list[Parcel]:
+        """The next parcels: live ones, then back-fill, up to about ``WINDOW`` messages."""
+        found, size, now = list[Parcel](), 0, time.time_ns()
+        while size < WINDOW and (parcel := self._live(now) or self._past(now)) is not None:
+            found.append(parcel)
+            size += len(parcel.messages)
+        return found
+
+    def _live(self, now: int) -> Parcel | None:
+        """The next live parcel."""
+        out, format_ = self._outbox, self._format
+        if self._answers:
+            return Parcel([self._answers.popleft()])
+        if self._birth_due and format_.ready:
+            return self._birth(now)
+        if not out.serving or not format_.ready:
+            return None
+        if out.units is not None:
+            units, out.units = out.units, None
+            return Parcel(format_.label(units, now))
+        if out.results:
+            result = out.results.popleft()
+            messages = format_.result(result.item, result.late, now)
+            return Parcel(
+                messages,
+                lambda refused: self._account.count("results refused" if refused else "results sent"),
+                partial(out.again, result),
+            )
+        if out.rows:
+            row = out.rows.popleft()
+            messages = format_.row(row.item, row.late, now)
+            return Parcel(messages, partial(self._delivered, row.item.time), partial(out.again, row))
+        if out.predictions:
+            return Parcel(format_.predicted(*out.predictions.popleft(), now))
+        if self.status is not None:
+            status, self.status = self.status, None
+            return Parcel(format_.health(status, now))
+        return None
+
+    def _birth(self, now: int) -> Parcel:
         self._birth_due = False
-        if not self._serving:
-            self._serving, waiting = True, self._forwarder.waiting
-            self._late = len(waiting)
-            rows = [entry for entry in waiting if isinstance(entry, Row)]
-            channels = len(self._forwarder.picker.units)
-            whole = next((n for n in reversed(range(len(rows))) if len(rows[n].quality) == channels), 0)
-            for row in rows[whole:]:
-                self._format.missed(row)
-            self._forwarder.again()
+        if not self._outbox.serving:
+            self._outbox.serving = True
+            self._owe_before()
+            if self._backfill is not None and self._outbox.last is not None:
+                self._cursor.deliver(self._outbox.last)  # all earlier rows are owed from the record
         self._account.count("births")
-        return self._format.birth(now)
+        return Parcel(self._format.birth(now))
+
+    def _past(self, now: int) -> Parcel | None:
+        """The next parcel of back-fill, if there is one and it may be sent."""
+        past = self._backfill
+        if past is None or past.piece is None or not self._outbox.serving:
+            return None
+        (results, rows, arrived), past.piece = past.piece, None
+        messages = [message for result in results for message in self._format.archived(result, now)]
+        messages += [message for row in rows for message in self._format.row(row, True, now)]
+        return Parcel(messages, arrived)
+
+    def _delivered(self, time_: int, refused: bool) -> None:
+        self._account.count("rows refused" if refused else "rows sent")
+        self._account.miss(refused, "refused")
+        self._account.receive(not refused)
+        self._account.owed -= 1
+        self._owe_before()
+        if self._backfill is not None:
+            self._cursor.deliver(time_)
+
+    def _owe_before(self) -> None:
+        """Owe everything made before this start that never arrived."""
+        if self._backfill is not None and self._outbox.last is not None:
+            self._cursor.owe_since(self._outbox.begun)
 
     # listening ------------------------------------------------------------------------------------
 
@@ -227,11 +251,5 @@ class Session:
             self._outbox.wake.set()
 
 
-def _window(groups: Iterable[Sequence[Message]]) -> Iterator[Sequence[Message]]:
-    """The next groups, up to about ``WINDOW`` messages."""
-    size = 0
-    for group in groups:
-        yield group
-        size += len(group)
-        if size >= WINDOW:
-            return
+def _came(answer: Answer) -> bool:
+    return answer.done() and not answer.cancelled()

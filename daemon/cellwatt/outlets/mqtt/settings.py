@@ -87,10 +87,10 @@ class MqttSettings(OutletSettings, Selection):
     health: Seconds = 10.0
     """Time between two messages of health while the state is unchanged."""
     queue: PositiveInt = 4096
-    """Most rows and results that wait for the broker; the oldest beyond are back-filled from the record later. Without
-    a record, they are dropped and counted, as events and intervals are, of which as many wait."""
+    """Most rows, and most results, that wait for the broker; beyond that, the oldest are dropped and counted. Rows that
+    are recorded are not dropped but back-filled later."""
     backfill: Hertz = 100.0
-    """Most back-filled rows and results per second, read from the record and sent beside the live ones."""
+    """Most back-filled rows per second, read from the record and sent beside the live ones."""
     open: bool = False
     """Allow data and password to pass unencrypted through the network."""
 

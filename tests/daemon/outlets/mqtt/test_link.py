@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,12 +11,14 @@ import pytest
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.reasoncodes import ReasonCode
 
-from cellwatt import Account
+from cellwatt import Account, Task
 from cellwatt.errors import OutletError
 from cellwatt.outlets.mqtt.link import Link, LostError, reason
 from cellwatt.outlets.mqtt.message import Message, Subscription
-from cellwatt.outlets.mqtt.outlet import MqttOutlet
-from cellwatt.outlets.mqtt.session import Session
+from cellwatt.outlets.mqtt.outbox import Backfill
+from cellwatt.outlets.mqtt.session import Parcel, Session
+from cellwatt.outlets.past import RecordedSpan
+from cellwatt.outlets.selection import Row
 from tests.daemon.outlets.mqtt.cell import LAYOUT, ROOT, Cell, outlet_of
 from tests.patience import eventually
 
@@ -82,43 +85,36 @@ def test_retained_rows_are_bounded_until_the_channels_are_known(monkeypatch: pyt
     assert [message.topic for message in deleted] == [f"{ROOT}/frame/x{n}" for n in range(3)]
 
 
-def session_of(outlet: MqttOutlet, link: Any) -> Session:
-    """A connection after its birth."""
-    session = Session(outlet.settings, link, outlet._made(), outlet._forwarder, outlet._outbox, outlet.account)
-    session._serving, outlet._session = True, session
-    return session
-
-
-async def test_few_messages_are_on_their_way_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cellwatt.outlets.mqtt.session.WINDOW", 16)
-    outlet, sent, sizes = outlet_of(cell := Cell(), NOWHERE, frame="channels"), list[str](), list[int]()
-
-    def publish(message: Message) -> Any:
-        sent.append(message.topic)
-        answer = asyncio.get_running_loop().create_future()
-        answer.set_result([ReasonCode(PacketTypes.PUBACK)])
-        return answer
-
-    session_of(outlet, SimpleNamespace(publish=publish, arrive=lambda some: asyncio.sleep(0, sizes.append(len(some)))))
-    outlet.offer(cell.frames(12))
-    await outlet._forwarder.collect()
-    await outlet._forwarder._send_live()
-    assert sizes == [1 + 15, 18, 3] and sent[0] == f"{ROOT}/units"
-    assert sent[1:] == [f"{ROOT}/frame/{name}" for name in LAYOUT.names] * 12 and outlet.account.received == 12
+async def test_the_past_goes_in_parcels_of_few_messages(monkeypatch: pytest.MonkeyPatch) -> None:
+    outlet = outlet_of(Cell(), NOWHERE, frame="channels", backfill="100 kHz")
+    past = Backfill(outlet.settings, (Path("/nonexistent"), "c"), outlet._cursor, outlet._outbox, outlet.account)
+    none = dict.fromkeys(LAYOUT.names, 0)
+    rows, tasks = [Row(n, n, {}, none) for n in range(1, 13)], [Task("arm", "t", "ab", "v", 1.0, 0, 1, (1,), 4)] * 40
+    part = RecordedSpan(12, rows, list(tasks), dict.fromkeys(none, "1"), whole=True)
+    monkeypatch.setattr(past, "_read", lambda *_: asyncio.sleep(0, part))
+    filling, sizes, got = asyncio.create_task(past._fill(0, 12)), list[tuple[int, int]](), list[Row]()
+    while not filling.done():
+        await asyncio.sleep(0)
+        if past.piece is not None:
+            (results, some, arrived), past.piece = past.piece, None
+            sizes.append((len(results), len(some)))
+            got += some
+            arrived(False)
+    assert sizes == [(16, 0), (16, 0), (8, 0), (0, 5), (0, 5), (0, 2)] and got == rows
 
 
 async def test_nothing_of_a_batch_that_the_library_refuses_counts_as_arrived() -> None:
-    outlet = outlet_of(cell := Cell(), NOWHERE)
+    outlet, told = outlet_of(Cell(), NOWHERE), list[str]()
 
     def publish(_: Message) -> Any:
         raise ValueError("Payload too large.")
 
-    session_of(outlet, SimpleNamespace(publish=publish))
-    outlet.offer(cell.frames(2))
-    await outlet._forwarder.collect()
+    parts: Any = SimpleNamespace(publish=publish), outlet._made(), outlet._outbox, outlet._cursor
+    session = Session(outlet.settings, parts, None, "c", outlet.account)
     with pytest.raises(ValueError, match="too large"):
-        await outlet._forwarder._send_live()
-    assert len(outlet._forwarder.waiting) == outlet.account.owed == 2 and not outlet.account.received
+        await session._deliver([Parcel([MESSAGE], lambda: told.append("arrived"), lambda: told.append("back"))])
+    session.end()
+    assert told == ["back"]
 
 
 async def test_a_thread_that_ends_while_it_is_stopped_is_no_fault(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -142,7 +138,9 @@ async def test_received_messages_and_answers_beyond_their_limits_are_counted(mon
     for number in range(6):  # alarms that the broker retains from an earlier daemon
         link._on_message(SimpleNamespace(topic=f"{ROOT}/alarm/error/k/{number}", payload=b"{}", retain=True))
     link._on_disconnect(SimpleNamespace(is_disconnect_packet_from_server=False), None, None)
-    session = session_of(outlet, link)
+    session = Session(
+        outlet.settings, (link, outlet._made(), outlet._outbox, outlet._cursor), None, "c", outlet.account
+    )
     with pytest.raises(LostError):
         await session._listen()
     assert [answer.topic.rpartition("/")[2] for answer in session._answers] == ["0", "1", "2"]
