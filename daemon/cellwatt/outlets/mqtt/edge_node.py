@@ -58,7 +58,7 @@ class EdgeNode:
         """Sources with historical rows since the last live row."""
         self._alarms = alarms
         self._tags.declare(self._tags.node, "health/state", DataType.STRING)
-        self._tags.declare(self._tags.node, "alarms/active", DataType.INT64).value = len(alarms.up)
+        self._active = self._tags.declare(self._tags.node, "alarms/active", DataType.INT64)
 
     @property
     def ready(self) -> bool:
@@ -114,6 +114,7 @@ class EdgeNode:
         """Birth certificates of the node and of all devices that have data."""
         self._seq = 0
         node, at = self._tags.node, now // MS
+        self._active.value = len(self._alarms.up)
         metrics = [
             metric(DataType.INT64, self._birth, at, "bdSeq", declared=True),
             metric(DataType.BOOLEAN, False, at, REBIRTH, declared=True),
