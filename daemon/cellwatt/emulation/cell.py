@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import ipaddress
 from collections.abc import AsyncIterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,6 +18,7 @@ from cellwatt.emulation.emulator import Emulator
 from cellwatt.emulation.process import EmulatorProcess
 from cellwatt.emulation.words import WORLD, addressed, kind_of, kinds_of, mishap
 from cellwatt.errors import ConfigError, Problem
+from cellwatt.host import stays_here
 from cellwatt.registry import driver as find_driver
 
 
@@ -51,11 +51,7 @@ class Device:
         """True if the device's address in the settings is a loopback address, or a path outside /dev."""
         if self.there.startswith("/"):
             return not self.there.startswith("/dev/")
-        host = self.there.rpartition(":")[0]
-        try:
-            return host == "localhost" or ipaddress.ip_address(host).is_loopback
-        except ValueError:
-            return False
+        return stays_here(self.there.rpartition(":")[0])
 
     def process(self, epoch: float, seed: int, faults: Sequence[str] = ()) -> EmulatorProcess:
         """Create its process without starting it."""
