@@ -53,6 +53,19 @@ _OF: Final[Mapping[str, tuple[Unit, ...]]] = {
 }
 TABLE: Final[Mapping[str, Mapping[str, Unit]]] = {kind: {u.name: u for u in units} for kind, units in _OF.items()}
 """Units of each quantity by name, the SI unit first; no two quantities share a unit name."""
+CEFACT: Final[Mapping[str, int]] = {
+    name: int.from_bytes(code.encode(), "big")
+    for name, code in {
+        "rad": "C81", "mrad": "C25", "deg": "DD", "rad/s": "2A", "deg/s": "E96", "rpm": "RPM", "rad/s^2": "2B",
+        "m": "MTR", "mm": "MMT", "m/s": "MTS", "mm/s": "C16", "m/s^2": "MSK", "N": "NEW", "kN": "B47", "Nm": "NU",
+        "kg": "KGM", "g": "GRM", "degC": "CEL", "K": "KEL", "degF": "FAH", "Pa": "PAL", "kPa": "KPA", "bar": "BAR",
+        "A": "AMP", "mA": "4K", "kA": "B22", "V": "VLT", "mV": "2Z", "kV": "KVT", "W": "WTT", "kW": "KWT",
+        "MW": "MAW", "VA": "D46", "kVA": "KVA", "var": "D44", "kvar": "KVR", "J": "JOU", "kJ": "KJO", "MJ": "3B",
+        "Wh": "WHR", "kWh": "KWH", "MWh": "MWH", "Hz": "HTZ", "kHz": "KHZ", "s": "SEC", "ms": "C26", "min": "MIN",
+        "h": "HUR", "%": "P1", "1": "C62",
+    }.items()
+}  # fmt: skip
+"""Common codes of UN/CEFACT recommendation 20, as the numbers by which OPC UA names units."""
 _KINDS: Final = {name: kind for kind, units in TABLE.items() for name in units}
 _WRITTEN: Final = {name.casefold(): name for name in _KINDS}
 

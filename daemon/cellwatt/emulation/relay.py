@@ -8,6 +8,8 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from typing import Final
 
+from cellwatt.together import until_one_ends
+
 Talk = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
 See = Callable[[bytes], Awaitable[object]]
 
@@ -64,14 +66,10 @@ async def pass_on(
     """
     host, _, port = address.rpartition(":")
     inward, onward = await asyncio.open_connection(host, int(port))
-    pumps = [asyncio.create_task(pump) for pump in (_pump(reader, onward, up), _pump(inward, writer, down))]
     try:
-        await asyncio.wait(pumps, return_when=asyncio.FIRST_COMPLETED)
+        await until_one_ends(_pump(reader, onward, up), _pump(inward, writer, down))
     finally:
         onward.close()
-        for pump in pumps:
-            pump.cancel()
-        await asyncio.gather(*pumps, return_exceptions=True)
 
 
 async def _pump(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, see: See) -> None:

@@ -63,8 +63,8 @@ class _Near:
     def __init__(self, file: int) -> None:
         self._file = file
 
-    def write(self, data: bytes, /) -> None:
-        os.write(self._file, data)
+    def write(self, data: bytes, /) -> int:
+        return os.write(self._file, data)
 
 
 class PtyPort(Port):

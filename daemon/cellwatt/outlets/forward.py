@@ -23,11 +23,11 @@ from cellwatt.outlets.cursor import Cursor
 from cellwatt.outlets.past import Archived, read
 from cellwatt.outlets.remote import NotNowError
 from cellwatt.outlets.selection import Picker, Row, Selection
-from cellwatt.outlets.together import until_one_ends
 from cellwatt.quantity import Seconds
 from cellwatt.record.header import plain_cell
 from cellwatt.record.messages import time_of
 from cellwatt.results import Alarm, Energy, Task
+from cellwatt.together import until_one_ends
 
 log = logging.getLogger(__name__)
 

@@ -10,6 +10,7 @@ from typing import ClassVar
 from cellwatt.channel import Stream
 from cellwatt.driver import Driver, Identity, Inlet
 from cellwatt.errors import ConnectError, SourceError
+from cellwatt.together import until_one_ends
 from cellwatt_drivers.abb import wire
 from cellwatt_drivers.abb.controller import Controller
 from cellwatt_drivers.abb.egm import listening
@@ -86,23 +87,12 @@ class AbbDriver(Driver[AbbSettings]):
         self._last_data = time.monotonic()
         self._greeted = False
         self._web_failure = None
-        # In its own task: a TaskGroup of Python 3.11.2 (Debian 12) leaves the task in which it fails marked cancelled,
-        # and the next time limit in that task would end as a cancellation.
-        await asyncio.create_task(self._read())
-
-    async def _read(self) -> None:
-        failure: SourceError | None = None
-        try:
-            async with asyncio.TaskGroup() as tasks:
-                if self._intake is not None:
-                    tasks.create_task(self._listen(self._intake))
-                if self._controller is not None:
-                    tasks.create_task(self._ask(self._controller))
-                tasks.create_task(self._watch())
-        except* SourceError as failures:
-            failure = next(e for e in failures.exceptions if isinstance(e, SourceError))
-        if failure is not None:  # Python 3.11.2 would wrap an error raised above
-            raise failure
+        works = [self._watch()]
+        if self._intake is not None:
+            works.append(self._listen(self._intake))
+        if self._controller is not None:
+            works.append(self._ask(self._controller))
+        await until_one_ends(*works)
 
     async def _listen(self, intake: Intake) -> None:
         s = self.settings

@@ -46,11 +46,9 @@ class Intake:
         self._period = self._step = round(1e9 / stream.rate)
         self._steps = 0
         """Latest steps of ``_step`` ns each."""
-        self._number: int | None = None
         self._newest: Packet | None = None
         self._time = 0
         self._arrival = 0
-        self._clocked = False
         self._sent: int | None = None
         self._losses = Losses(inlet.account)
         self._rows = Rows()
@@ -82,29 +80,27 @@ class Intake:
 
     def _continue(self, packet: Packet, arrival: int) -> None:
         """Take a packet unless it is a repeat; count the packets missing before it."""
-        clocked = packet.clock is not None
-        time = packet.clock if packet.clock is not None else self._unwrapped(packet.sent)
-        account = self._inlet.account
-        fault = None
-        missing = 0
-        if self._number is not None:
-            ahead = packet.sequence - self._number
+        time = self._unwrapped(packet.sent) if packet.clock is None else packet.clock
+        newest, missing = self._newest, 0
+        fault: str | None = None
+        if newest is not None:
+            ahead = packet.sequence - newest.sequence
             if -_RECENT < ahead <= 0 and time <= self._time:
                 self._repeated(packet, ahead)
                 return
             if ahead <= 0 or ahead > _LONGEST_GAP or ahead * _FASTEST > time - self._time + _STEP:
-                account.anomaly("sessions")
+                self._inlet.account.anomaly("sessions")
             else:
                 missing = ahead - 1
-            fault = self._broken(clocked, time, 1 + missing, arrival)
+            same_clock = (packet.clock is None) == (newest.clock is None)
+            fault = self._broken(same_clock, time, 1 + missing, arrival)
             if fault is None and ahead == 1:
                 self._follow(time - self._time)
         if fault is not None:
             self._hand_over(arrival)
             self._inlet.clock_reset(self.stream, fault)
         self._losses.before_next(missing)
-        self._number, self._time, self._arrival, self._clocked = packet.sequence, time, arrival, clocked
-        self._newest = packet
+        self._newest, self._time, self._arrival = packet, time, arrival
         row = self._columns.row(packet.message)
         self._rows.append(Row(time, row, Quality.MISSING if all(map(math.isnan, row)) else Quality.GOOD))
 
@@ -123,9 +119,9 @@ class Intake:
         else:
             self._inlet.account.anomaly("duplicates" if ahead == 0 else "late packets")
 
-    def _broken(self, clocked: bool, time: int, steps: int, arrival: int) -> str | None:
+    def _broken(self, same_clock: bool, time: int, steps: int, arrival: int) -> str | None:
         """Return why the controller's time has a new base since the last packet, or ``None``."""
-        if clocked != self._clocked:
+        if not same_clock:
             return "the controller's clock appeared or disappeared"
         passed = time - self._time
         if passed <= 0:

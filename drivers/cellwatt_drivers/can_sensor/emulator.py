@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import os
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -12,11 +11,9 @@ from typing import Any, ClassVar
 from cellwatt.driver import SourceSettings
 from cellwatt.emulation import Emulator, Options
 from cellwatt.emulation.faults import FaultKind
-from cellwatt.emulation.terminal import raw_terminal
+from cellwatt.emulation.terminal import PtyPort, Writer
 from cellwatt.ticker import Ticker
 from cellwatt_drivers.can_sensor.sensor_map import Decoding, load_decodings
-
-CHUNK = 4096
 
 
 class CanSensorEmulator(Emulator):
@@ -76,33 +73,26 @@ class CanSensorEmulator(Emulator):
         self._off = 0.0
         self._blocked = 0.0
         self._open = False
-        self._partial = b""
+        self._writer: Writer | None = None
 
     async def serve(self, ready: Callable[[str], None]) -> None:
         """See ``Emulator.serve``."""
-        with raw_terminal(self.link) as (self._line, place):
-            loop = asyncio.get_running_loop()
-            loop.add_reader(self._line, self._obey)
-            try:
-                ready(place)
-                await self._measure()
-            finally:
-                loop.remove_reader(self._line)
+        async with PtyPort(self, self._obey) as place:
+            ready(place)
+            await self._measure()
 
-    def _obey(self) -> None:
+    async def _obey(self, reader: asyncio.StreamReader, writer: Writer) -> None:
         """Execute O, L, C and S like an adapter that sends frames while it is open."""
-        try:
-            *commands, self._partial = (self._partial + os.read(self._line, CHUNK)).split(b"\r")
-        except BlockingIOError:
-            return
-        for command in commands:
-            self._open = command[:1] != b"C" and (self._open or command[:1] in (b"O", b"L"))
-            self.write(b"\r")
+        self._writer = writer
+        while True:
+            command = (await reader.readuntil(b"\r"))[:1]
+            self._open = command != b"C" and (self._open or command in (b"O", b"L"))
+            writer.write(b"\r")
 
     def write(self, data: bytes) -> bool:
         """Send bytes to the client; false if it does not read."""
         try:
-            return os.write(self._line, data) == len(data)
+            return self._writer is not None and self._writer.write(data) == len(data)
         except BlockingIOError:
             return False
 

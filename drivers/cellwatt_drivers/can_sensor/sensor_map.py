@@ -145,11 +145,7 @@ class Decoding:
 
     @cached_property
     def _flat(self) -> Message:
-        return _without_pages(self.message, self.wanted.needed)
-
-    @cached_property
-    def _multiplexers(self) -> Message:
-        return _without_pages(self.message, self.pages)
+        return _without_pages(self.message, self.wanted.needed | self.pages.keys())
 
     def decode(self, data: bytes) -> Mapping[str, float]:
         """Decode the signals, by name, in the DBC file's units.
@@ -158,27 +154,23 @@ class Decoding:
         Values that are not available are NaN.
         Raises ``ValueError`` if the frame is too short for all of them, or for a flag, the counter or a multiplexer.
         """
-        if self.pages:
-            selected = _numbers(self._multiplexers, data, scaling=False)
-            if len(selected) < len(self.pages):
-                raise self._short(data)
-            if any(selected[name] not in values for name, values in self.pages.items()):
-                return {}
-        found = _numbers(self._flat, data)
-        wanted = self.wanted
-        if not found.keys() & wanted.signals.keys() or not wanted.needed - wanted.signals.keys() <= found.keys():
+        flat, wanted = self._flat, self.wanted
+        raw: Any = flat.decode(data, decode_choices=False, scaling=False, allow_truncated=True)
+        if not self.pages.keys() <= raw.keys():
             raise self._short(data)
-        raw = _numbers(self._flat, data, scaling=False) if self._absent else {}
+        if any(raw[name] not in values for name, values in self.pages.items()):
+            return {}
+        if not raw.keys() & wanted.signals.keys() or not wanted.needed - wanted.signals.keys() <= raw.keys():
+            raise self._short(data)
+        found: dict[str, Any] = {
+            s.name: s.conversion.raw_to_scaled(raw[s.name], decode_choices=False)
+            for s in flat.signals
+            if s.name in raw and s.name in wanted.needed
+        }
         return found | {n: math.nan for n, least in self._absent.items() if raw.get(n, 0) >= least}
 
     def _short(self, data: bytes) -> ValueError:
         return ValueError(f"{self.message.name}: a frame of {len(data)} bytes is too short for {self.name}")
-
-
-def _numbers(message: Message, data: bytes, *, scaling: bool = True) -> dict[str, float]:
-    found: Any = message.decode(data, decode_choices=False, scaling=scaling, allow_truncated=True)
-    numbers: dict[str, float] = found
-    return numbers
 
 
 def group_of(identifier: int) -> int:

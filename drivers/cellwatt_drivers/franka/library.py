@@ -13,7 +13,7 @@ from collections.abc import AsyncIterator
 import numpy as np
 
 from cellwatt.arrays import Float
-from cellwatt.child import ends_with_parent
+from cellwatt.child import ended, ends_with_parent
 from cellwatt.errors import ConnectError, DeviceError, SourceError, WrongDeviceError, why
 from cellwatt_drivers.franka import receive
 from cellwatt_drivers.franka.fields import Selection
@@ -107,7 +107,4 @@ async def reading(host: str, every: int, selection: Selection, timeout: float) -
     try:
         yield Reader(process, host, selection, timeout)
     finally:
-        if process.returncode is None:
-            with contextlib.suppress(ProcessLookupError):
-                process.kill()
-        await process.wait()
+        await ended(process, 0.0)

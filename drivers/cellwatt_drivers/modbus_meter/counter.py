@@ -164,14 +164,11 @@ class RisingCounter:
         level, last = self._level, self._seen[-1]
         self._doubted += 1
         self._highest = max(self._highest, point.reading)
-        if level and level.base <= point.reading < level.last.reading:
-            level.readings, level.rises, level.last = level.readings + 1, 0, point
-            return
-        if level and point.reading >= level.last.reading:
+        if level and point.reading >= level.base:
             rise, pace = point.reading - level.last.reading, self._pace(level.last, point)
-            if pace <= level.pace or rise <= level.slack:
-                level.readings, level.rises, level.last = level.readings + 1, level.rises + (rise > 0), point
-                level.fastest = max(level.fastest, pace)
+            if rise < 0 or pace <= level.pace or rise <= level.slack:
+                level.readings, level.last, level.fastest = level.readings + 1, point, max(level.fastest, pace)
+                level.rises = level.rises + (rise > 0) if rise >= 0 else 0
                 return
         pace, slack = self._fastest, _REGAINED * (last.reading - point.reading)
         if point.reading > last.reading:

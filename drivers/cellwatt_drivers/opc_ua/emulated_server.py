@@ -14,14 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from asyncua import Node, Server, ua
-from asyncua.common.utils import ServiceError
-from asyncua.crypto.permission_rules import User, UserRole
-from asyncua.crypto.uacrypto import der_from_x509, load_certificate
 from asyncua.server.address_space import AddressSpace, NodeData, NodeManagementService
 from asyncua.server.internal_server import InternalServer
-from asyncua.server.user_managers import UserManager
-from cryptography import x509
 
+from cellwatt.outlets.opc_ua.access import Users, trust_only
 from cellwatt_drivers.opc_ua.messages import EPOCH
 from cellwatt_drivers.opc_ua.tag_map import Tag, TagMap, prefix_of
 from cellwatt_drivers.shared.maps import KNOWN
@@ -77,7 +73,8 @@ class EmulatedServer:
         """Variables by the text of their node ids."""
         self._map = made
         self._entry = entry
-        self._server = Server(_Internal(user_manager=_Users(entry)))
+        users = {entry.user: entry.password} if entry.user else {}
+        self._server = Server(_Internal(user_manager=Users(users)))
 
     async def open(self) -> None:
         """Create the nodes and listen at a free port of this host."""
@@ -95,7 +92,7 @@ class EmulatedServer:
         if entry.user:
             server.set_identity_tokens([ua.UserNameIdentityToken])
         if entry.trusted is not None:
-            await self._trust(entry.trusted)
+            await trust_only(server, [entry.trusted])
         for uri in self._map.namespaces.values():
             await server.register_namespace(uri)
         for name, tag in self._map.values.items():
@@ -131,15 +128,6 @@ class EmulatedServer:
                 ServerTimestamp=moment,
             )
             await self._server.write_attribute_value(variable.node.nodeid, value)
-
-    async def _trust(self, file: Path) -> None:
-        wanted = der_from_x509(await load_certificate(file, "pem"))
-
-        async def check(certificate: x509.Certificate, _: ua.ApplicationDescription) -> None:
-            if der_from_x509(certificate) != wanted:
-                raise ServiceError(ua.StatusCodes.BadCertificateUntrusted)
-
-        self._server.iserver.certificate_validator = check
 
     async def _add(self, name: str, tag: Tag) -> None:
         _, unit = KNOWN[tag.unit]
@@ -190,20 +178,6 @@ class EmulatedServer:
         if not prefix or prefix.isdecimal():
             return int(prefix or 1)
         return int(await self._server.get_namespace_index(self._map.namespaces[prefix]))
-
-
-class _Users(UserManager):  # type: ignore[misc]
-    """Accepts the user that ``entry`` names."""
-
-    def __init__(self, entry: Entry) -> None:
-        self._entry = entry
-
-    def get_user(
-        self, iserver: Any, username: str | None = None, password: str | None = None, certificate: Any = None
-    ) -> User | None:
-        """Return the user, or ``None`` if access is denied."""
-        e = self._entry
-        return User(role=UserRole.User) if not e.user or (username, password) == (e.user, e.password) else None
 
 
 class _Internal(InternalServer):  # type: ignore[misc]

@@ -12,6 +12,7 @@ from cellwatt.config import read_settings
 from cellwatt.config.wording import did_you_mean
 from cellwatt.quantity import Seconds
 from cellwatt.section import Section
+from cellwatt.units import CEFACT
 from cellwatt_drivers.opc_ua.browse_path import Step, parsed
 from cellwatt_drivers.shared.maps import KNOWN, AnyUnit, ChannelName
 
@@ -21,17 +22,7 @@ Prefix = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
 Index = Annotated[int, Field(ge=0)]
 
 
-_CODES: Final = {
-    "DD": "deg", "C81": "rad", "C25": "mrad", "E96": "deg/s", "2A": "rad/s", "RPM": "rpm", "2B": "rad/s^2",
-    "MTR": "m", "MMT": "mm", "MTS": "m/s", "C16": "mm/s", "MSK": "m/s^2", "NEW": "N", "B47": "kN", "NU": "Nm",
-    "KGM": "kg", "GRM": "g", "CEL": "degC", "KEL": "K", "FAH": "degF", "PAL": "Pa", "KPA": "kPa", "BAR": "bar",
-    "AMP": "A", "4K": "mA", "B22": "kA", "VLT": "V", "2Z": "mV", "KVT": "kV", "WTT": "W", "KWT": "kW", "MAW": "MW",
-    "D46": "VA", "KVA": "kVA", "D44": "var", "KVR": "kvar", "JOU": "J", "KJO": "kJ", "3B": "MJ", "WHR": "Wh",
-    "KWH": "kWh", "MWH": "MWh", "HTZ": "Hz", "KHZ": "kHz", "SEC": "s", "C26": "ms", "MIN": "min", "HUR": "h",
-    "P1": "%", "C62": "1",
-}  # fmt: skip
-"""Units by common code of UN/CEFACT recommendation 20, which OPC UA writes as a number."""
-_BY_NUMBER: Final = {int.from_bytes(code.encode(), "big"): name for code, name in _CODES.items()}
+_BY_NUMBER: Final = {number: name for name, number in CEFACT.items()}
 
 
 class Tag(Section):

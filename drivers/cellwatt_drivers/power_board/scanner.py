@@ -10,7 +10,10 @@ T = TypeVar("T")
 
 
 class FrameScanner:
-    """Frames that begin with ``start``; ``length`` computes a frame's length from its first four bytes, 0 if invalid.
+    """Frames that begin with ``start``, of five bytes and more.
+
+    ``end`` returns where in a buffer the frame ends that begins at an index: the index itself if no frame begins there,
+    beyond the buffer if it is not complete.
 
     A start sequence may occur in data, and a checksum may match by chance. So a frame is consumed only if ``take``
     accepts it; otherwise the scan continues one byte after the start, in the same bytes. An incomplete rest is never
@@ -18,10 +21,10 @@ class FrameScanner:
     """
 
     def __init__(
-        self, start: bytes, length: Callable[[bytes], int], take: Callable[[bytes], bool], counts: Counter[str]
+        self, start: bytes, end: Callable[[bytes, int], int], take: Callable[[bytes], bool], counts: Counter[str]
     ) -> None:
         self._start = start
-        self._length = length
+        self._end = end
         self._take = take
         self._counts = counts
         self._rest = b""
@@ -32,7 +35,7 @@ class FrameScanner:
         end, used = len(buffer), 0
         at = buffer.find(self._start)
         while 0 <= at <= end - 4:
-            stop = at + self._length(buffer[at : at + 4])
+            stop = self._end(buffer, at)
             if stop > end:
                 break
             if stop > at and self._take(buffer[at:stop]):

@@ -29,8 +29,10 @@ class TransparentDecoder(Decoder[T]):
 
     def __init__(self, parse: Callable[[bytes], T | None]) -> None:
         super().__init__(parse)
-        self.scan = FrameScanner(SYNC, _length, lambda frame: self._take(frame[4:], "checksum"), self.counts).scan
+        self.scan = FrameScanner(SYNC, _end, lambda frame: self._take(frame[4:], "checksum"), self.counts).scan
 
 
-def _length(head: bytes) -> int:
-    return head[2] + 4 if head[2] ^ head[3] == 0xFF else 0
+def _end(buffer: bytes, start: int) -> int:
+    """End of the frame that begins at ``start``."""
+    size, inverted = buffer[start + 2], buffer[start + 3]
+    return start + 4 + size if size ^ inverted == 0xFF else start

@@ -9,7 +9,6 @@ The length counts the frame data only; frame data and checksum add up to 0xFF in
 from __future__ import annotations
 
 import struct
-from collections import Counter
 from collections.abc import Callable
 from typing import TypeVar
 
@@ -60,62 +59,26 @@ def receive_explicit_data(payload: bytes, sender: int, network: int) -> bytes:
     return struct.pack(">BQHBBHHB", RECEIVE_EXPLICIT, sender, network, 0xE8, 0xE8, 0x0011, 0xC105, 0xC1) + payload
 
 
-def api_frames(accept: Callable[[bytes], bool], counts: Counter[str]) -> FrameScanner:
-    """Finds AP=1 frames and passes the data of each to ``accept``; ``counts`` counts damage."""
-
-    def take(frame: bytes) -> bool:
-        if sum(frame[3:]) & 0xFF != 0xFF:
-            counts["checksum"] += 1
-            return False
-        return accept(frame[3:-1])
-
-    return FrameScanner(START, _length, take, counts)
+def _end(buffer: bytes, start: int) -> int:
+    """End of the AP=1 frame that begins at ``start``."""
+    size = buffer[start + 1] << 8 | buffer[start + 2]
+    return start + size + 4 if 1 <= size <= LONGEST else start
 
 
-def _length(head: bytes) -> int:
-    size = head[1] << 8 | head[2]
-    return size + 4 if 1 <= size <= LONGEST else 0
-
-
-class EscapedApiFrames:
-    """Like ``api_frames``, for AP=2, where every 0x7E is a start."""
-
-    def __init__(self, accept: Callable[[bytes], bool], counts: Counter[str]) -> None:
-        self._accept = accept
-        self._counts = counts
-        self._rest = b""
-
-    def scan(self, data: bytes) -> None:
-        """Process all frames completed by these bytes, in order."""
-        before, *pieces = (self._rest + data).split(START)
-        self._rest = b""
-        if before:
-            self._counts["garbage bytes"] += len(before)
-        for piece in pieces[:-1]:
-            if not self._take(piece):
-                self._damaged(piece)
-        if pieces and not self._take(pieces[-1]):
-            self._rest = START + pieces[-1]
-
-    def _take(self, piece: bytes) -> bool:
-        """Process the bytes after a 0x7E; false if they are incomplete."""
-        body = _unescape(piece) if ESCAPE in piece else piece
-        size = body[0] << 8 | body[1] if len(body) >= 2 else 1
-        stop = size + 3
-        if len(body) < stop <= LONGEST + 3 and len(piece) < _LONGEST_ESCAPED:
-            return False
-        good = 1 <= size <= LONGEST and len(body) >= stop and sum(body[2:stop]) & 0xFF == 0xFF
-        if good and _well_escaped(piece, body[:stop]):
-            self._accept(body[2 : stop - 1])
-            if len(body) > stop:
-                self._counts["garbage bytes"] += len(body) - stop
-        else:
-            self._damaged(piece)
-        return True
-
-    def _damaged(self, piece: bytes) -> None:
-        self._counts["checksum"] += 1
-        self._counts["garbage bytes"] += 1 + len(piece)
+def _escaped_end(buffer: bytes, start: int) -> int:
+    """End of the AP=2 frame that begins at ``start``; it lies before the next 0x7E, as every one is a start."""
+    following = buffer.find(START, start + 1)
+    piece = buffer[start + 1 : following if following > 0 else len(buffer)]
+    body = _unescape(piece)
+    size = (body[0] << 8 | body[1]) + 3 if len(body) > 1 else 4
+    if not 4 <= size <= LONGEST + 3:
+        return start
+    if len(body) < size:
+        return len(buffer) + 1 if following < 0 and len(piece) < _LONGEST_ESCAPED else start
+    length = size
+    while (escaped := size + piece.count(ESCAPE, 0, length)) > length:
+        length = escaped
+    return start + 1 + length
 
 
 def _unescape(piece: bytes) -> bytes:
@@ -124,21 +87,30 @@ def _unescape(piece: bytes) -> bytes:
     return first + b"".join(bytes([part[0] ^ 0x20]) + part[1:] for part in rest if part)
 
 
-def _well_escaped(piece: bytes, body: bytes) -> bool:
-    """True if the bytes of ``body`` in ``piece`` have an escape for each byte that needs one.
-
-    Without this check most AP=1 frames would pass as AP=2, and a quarter of them would be lost without a hint.
-    """
-    special = len(body) - len(body.translate(None, _SPECIAL))
-    return piece.count(ESCAPE, 0, len(body) + special) == special
-
-
 class ApiDecoder(Decoder[T]):
     """Payloads of receive frames; all other frames are counted by type."""
 
     def __init__(self, parse: Callable[[bytes], T | None], *, escaped: bool) -> None:
         super().__init__(parse)
-        self.scan = (EscapedApiFrames if escaped else api_frames)(self._open, self.counts).scan
+        take = self._take_escaped if escaped else self._take_frame
+        self.scan = FrameScanner(START, _escaped_end if escaped else _end, take, self.counts).scan
+
+    def _take_escaped(self, frame: bytes) -> bool:
+        """Take an AP=2 frame if its bytes that need an escape have one, and no others.
+
+        Without this check most AP=1 frames would pass as AP=2, and a quarter of them would be lost without a hint.
+        """
+        body = _unescape(frame[1:])
+        if frame.count(ESCAPE) == len(body) - len(body.translate(None, _SPECIAL)):
+            return self._take_frame(START + body)
+        self.counts["checksum"] += 1
+        return False
+
+    def _take_frame(self, frame: bytes) -> bool:
+        if sum(frame[3:]) & 0xFF == 0xFF:
+            return self._open(frame[3:-1])
+        self.counts["checksum"] += 1
+        return False
 
     def _open(self, data: bytes) -> bool:
         """Return false if frame data may be a chance hit: its payload does not parse, or its type is unknown."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from collections import deque
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ import serial
 from cellwatt.errors import ConnectError, ProtocolError, why
 from cellwatt_drivers.scpi_analyzer.wire import LONGEST, decode_line
 from cellwatt_drivers.shared.aside import opened_aside
+from cellwatt_drivers.shared.mailbox import Mailbox
 from cellwatt_drivers.shared.polling import NoAnswerError
 from cellwatt_drivers.shared.serial_port import open_port
 
@@ -41,16 +41,9 @@ class Line(asyncio.Protocol):
         self.place = place
         self.write: Callable[[bytes], object] = lambda _: None
         self._now = now
-        self._partial = bytearray()
-        self._lines: deque[tuple[bytes, int]] = deque()
-        self._broken: ConnectError | None = None
-        self._news = asyncio.Event()
+        self._partial = b""
+        self._lines: Mailbox[tuple[bytes, int]] = Mailbox(_MOST_LINES)
         self.closed = asyncio.Event()
-
-    @property
-    def unread(self) -> bool:
-        """True if unrequested data has arrived."""
-        return bool(self._lines or self._partial)
 
     def tell(self, command: str) -> None:
         """Send a command without an answer. Raises ``ConnectError``."""
@@ -65,7 +58,7 @@ class Line(asyncio.Protocol):
         Raises ``NoAnswerError``, ``ConnectError`` if the connection is lost, and ``ProtocolError`` if the answer is not
         text or unrequested data came before the query: later answers would then be shifted.
         """
-        if self.unread:
+        if self._partial or len(self._lines):
             raise ProtocolError(f"{self.place} sent unrequested data")
         asked = self._now()
         self.tell(query)
@@ -76,37 +69,26 @@ class Line(asyncio.Protocol):
 
     async def read(self, timeout: float) -> tuple[str, int]:
         """Return the next line and its arrival, ns of the cell's time. Raises the same as ``ask``."""
-        try:
-            async with asyncio.timeout(timeout):
-                while not self._lines:
-                    if self._broken:
-                        raise self._broken
-                    self._news.clear()
-                    await self._news.wait()
-        except TimeoutError as error:
-            raise NoAnswerError(
-                f"{self.place} gave no answer within {round(timeout, 1 if timeout > 1 else 2):g} s"
-            ) from error
-        data, arrival = self._lines.popleft()
+        found = await self._lines.given(timeout, 1)
+        if not found:
+            raise NoAnswerError(f"{self.place} gave no answer within {round(timeout, 1 if timeout > 1 else 2):g} s")
+        data, arrival = found[0]
         return decode_line(data), arrival
 
     def data_received(self, data: bytes) -> None:
         """Split received data into lines; called by the loop."""
         arrival = self._now()
-        *lines, rest = (bytes(self._partial) + data).replace(b"\r", b"\n").split(b"\n")
-        self._lines.extend((line, arrival) for line in lines if line)
-        self._partial[:] = rest
-        if len(self._partial) > LONGEST or len(self._lines) > _MOST_LINES:
-            self._broken = ConnectError(f"{self.place} floods the line with unrequested data")
-            self._partial.clear()
-            self._lines.clear()
-        self._news.set()
+        *lines, self._partial = (self._partial + data).replace(b"\r", b"\n").split(b"\n")
+        for line in filter(None, lines):
+            self._lines.take((line, arrival))
+        if len(self._partial) > LONGEST or self._lines.dropped:
+            self._lines.fail(ConnectError(f"{self.place} floods the line with unrequested data"))
+            self._partial = b""
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Mark the connection as lost; called by the loop."""
         why = getattr(exc, "strerror", None) or exc or "closed by the analyzer"
-        self._broken = self._broken or ConnectError(f"{self.place}: the connection is gone ({why})")
-        self._news.set()
+        self._lines.fail(ConnectError(f"{self.place}: the connection is gone ({why})"))
         self.closed.set()
 
 

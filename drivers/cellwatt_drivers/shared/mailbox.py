@@ -21,6 +21,9 @@ class Mailbox(Generic[T]):
         self._failure: SourceError | None = None
         self._news = asyncio.Event()
 
+    def __len__(self) -> int:
+        return len(self._messages)
+
     def take(self, message: T) -> None:
         """Add a received message."""
         if len(self._messages) >= self._most:

@@ -121,7 +121,8 @@ class Numbering:
 class Checksums(Numbering):
     """Answers on RTU, which have no number: found by their checksum among noise and echoes of the request."""
 
-    _request = b""
+    _request = bytes(6)
+    """The last request; before the first one, all that is received is noise."""
 
     def trace(self, sending: bool, data: bytes) -> bytes:
         """Record a sent frame; return the answer in what was received since, or nothing if it is not complete."""

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import asyncio
 from contextlib import AbstractAsyncContextManager
-from typing import NoReturn
 
 from pydantic import Field, field_validator
 
@@ -13,6 +11,7 @@ from cellwatt.channel import Stream
 from cellwatt.driver import Driver, Identity, Inlet, SourceSettings
 from cellwatt.host import Host
 from cellwatt.quantity import Hertz, Seconds
+from cellwatt.together import until_one_ends
 from cellwatt_drivers.ur import session as rtde
 from cellwatt_drivers.ur import wire
 from cellwatt_drivers.ur.clock_check import compare
@@ -98,18 +97,14 @@ class UrDriver(Driver[UrSettings]):
         async with self._connect(self.inlet.account) as (session, version):
             await self._read(session, version, self._open(version))
 
-    async def _read(self, session: rtde.Session, version: ControllerVersion, rate: float) -> NoReturn:
-        s, inlet, fastest = self.settings, self.inlet, cycle_rate(version)
-        comparing = asyncio.create_task(
-            compare(s.host, s.port, fastest, s.timeout, inlet.now, inlet.account, self._intake)
+    async def _read(self, session: rtde.Session, version: ControllerVersion, rate: float) -> None:
+        s, inlet, intake = self.settings, self.inlet, self._intake
+        session.say = intake.message
+        await rtde.begin(session, version, self._selection, rate, intake.take, s.timeout)
+        await until_one_ends(
+            rtde.attend(session, intake, s.timeout),
+            compare(s.host, s.port, cycle_rate(version), s.timeout, inlet.now, inlet.account, intake),
         )
-        try:
-            session.say = self._intake.message
-            await rtde.begin(session, version, self._selection, rate, self._intake.take, s.timeout)
-            await rtde.attend(session, self._intake, s.timeout)
-        finally:
-            comparing.cancel()
-            await asyncio.wait({comparing})
 
     async def identify(self) -> Identity:
         """See ``Driver.identify``."""

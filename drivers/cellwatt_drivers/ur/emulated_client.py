@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
+from cellwatt.emulation.blocks import Blocks
+from cellwatt.emulation.relay import MOST
 from cellwatt.errors import ProtocolError
 from cellwatt_drivers.ur import wire
 from cellwatt_drivers.ur.emulated_samples import Encoder
@@ -21,15 +22,14 @@ OUTPUTS = 1
 class Listener:
     """A listener's state in the sequence of packages; it outlives the connection, so that losses are counted.
 
-    ``next`` is the number of the next package; every ``stride``-th package is for this listener.
+    ``next`` is the number of the next package; every ``stride``-th package is for this listener. ``made`` are its
+    packages, encoded one after the other.
     """
 
     next: int
     stride: int
     client: EmulatedClient | None
-    first: int = 0
-    made: bytes = b""
-    """Packages made ahead, from number ``first`` on; empty if they are out of date."""
+    made: Blocks[bytes]
 
     @property
     def lost(self) -> bool:
@@ -37,41 +37,25 @@ class Listener:
         return self.client is None or not self.client.listening
 
 
-class Controller(Protocol):
-    """The emulated controller as its connections use it."""
+class EmulatedClient:
+    """Answers one client's requests, and sends it data at once or after a hold.
 
-    version: ControllerVersion
-    clients: set[EmulatedClient]
-    tally: Counter[str]
+    ``start`` is called when the client is to be sent its packages, ``stop`` when it is to be sent no more.
+    """
 
-    @property
-    def down(self) -> bool:
-        """True while connections are refused."""
-        ...
-
-    def start(self, client: EmulatedClient) -> None:
-        """Send the client its packages from now on."""
-        ...
-
-    def stop(self, client: EmulatedClient) -> None:
-        """Send the client no more packages."""
-        ...
-
-    def lost(self, client: EmulatedClient) -> None:
-        """Remove a client whose connection is closed."""
-        ...
-
-
-class EmulatedClient(asyncio.Protocol):
-    """One client's connection to the emulated controller."""
-
-    def __init__(self, controller: Controller) -> None:
-        self._controller = controller
-        self._rest = b""
+    def __init__(
+        self,
+        writer: asyncio.StreamWriter,
+        version: ControllerVersion,
+        start: Callable[[EmulatedClient], None],
+        stop: Callable[[EmulatedClient], None],
+    ) -> None:
+        self._writer = writer
+        self._version = version
+        self._start = start
+        self._stop = stop
         self._spoken = 1  # protocol version
         self._held: list[tuple[bytes, int]] = []
-        self._ending = False
-        self._transport: asyncio.Transport | None = None
         self.held_until = 0.0
         self.rate = 1.0
         self.encoder = Encoder(OUTPUTS, ())
@@ -80,31 +64,19 @@ class EmulatedClient(asyncio.Protocol):
         self.compares = False
         """The client requests only the timestamp: packages sent to it are not counted."""
 
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Accept the connection, or abort it while the controller is down."""
-        assert isinstance(transport, asyncio.Transport)
-        self._transport = transport
-        if self._controller.down:
-            transport.abort()
-        else:
-            self._controller.clients.add(self)
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        """Remove the client."""
-        self._controller.lost(self)
-
-    def data_received(self, data: bytes) -> None:
-        """Answer all complete requests; disconnect a client that does not speak RTDE."""
-        self._rest += data
-        end = 0
-        try:
-            for item, used in wire.scan(memoryview(self._rest), wire.FROM_CLIENT):
-                assert isinstance(item, wire.Frame)
-                self._answer(item.kind, item.payload)
-                end = used
-        except ProtocolError:
-            self.abort()
-        self._rest = self._rest[end:]
+    async def converse(self, reader: asyncio.StreamReader) -> None:
+        """Answer all complete requests until the client disconnects, or sends data that are not RTDE."""
+        rest = b""
+        while data := await reader.read(MOST):
+            rest, end = rest + data, 0
+            try:
+                for item, used in wire.scan(memoryview(rest), wire.FROM_CLIENT):
+                    assert isinstance(item, wire.Frame)
+                    self._answer(item.kind, item.payload)
+                    end = used
+            except ProtocolError:
+                return
+            rest = rest[end:]
 
     def _answer(self, kind: Kind, payload: bytes) -> None:
         match kind:
@@ -113,25 +85,24 @@ class EmulatedClient(asyncio.Protocol):
                 self._spoken = wire.PROTOCOL if accepted else self._spoken
                 self.put(wire.accept_reply(kind, accepted))
             case Kind.CONTROLLER_VERSION:
-                self.put(wire.controller_reply(self._controller.version))
+                self.put(wire.controller_reply(self._version))
             case Kind.SETUP_OUTPUTS:
                 self._set_up_outputs(payload)
             case Kind.START:
                 ready = self.encoder.size > len("U") + 3
                 self.put(wire.accept_reply(kind, ready))
                 if ready and self.listener is None:
-                    self._controller.start(self)
+                    self._start(self)
             case Kind.PAUSE:
-                self._controller.stop(self)
+                self._stop(self)
                 self.put(wire.accept_reply(kind, True))
 
     def _set_up_outputs(self, payload: bytes) -> None:
         if self._spoken != wire.PROTOCOL:
             raise ProtocolError("protocol version 1 is not emulated")
-        self._controller.stop(self)
+        self._stop(self)
         self.rate, names = wire.parse_ask_outputs(payload)
-        version = self._controller.version
-        known = [n in FIELDS and FIELDS[n].served_by(version) for n in names]
+        known = [n in FIELDS and FIELDS[n].served_by(self._version) for n in names]
         types = [FIELDS[n].type if k else wire.NOT_FOUND for n, k in zip(names, known, strict=True)]
         self.encoder = Encoder(OUTPUTS, names if all(known) else ())
         self.compares = tuple(names) == ("timestamp",)
@@ -140,16 +111,16 @@ class EmulatedClient(asyncio.Protocol):
     @property
     def unread(self) -> int:
         """Bytes that the client has not read, in the controller's send buffer."""
-        return self._transport.get_write_buffer_size() if self._transport is not None else 0
+        return self._writer.transport.get_write_buffer_size()
 
     def put(self, data: bytes, packages: int = 0) -> int:
         """Write, or queue during a hold; returns the number of packages written now."""
-        if not data or self._transport is None or self._transport.is_closing() or self._ending:
+        if not data or self._writer.is_closing():
             return 0
         if self.held_until:
             self._held.append((data, packages))
             return 0
-        self._transport.write(data)
+        self._writer.write(data)
         return packages
 
     def hold(self, until: float) -> None:
@@ -165,17 +136,11 @@ class EmulatedClient(asyncio.Protocol):
         return sum(self.put(data, packages) for data, packages in held)
 
     def end(self) -> None:
-        """Close with a FIN, so that data already written arrives; a reset could overtake it."""
+        """Disconnect the client once it has received what was written; discard what is queued."""
         self.listening = False
-        if self._transport is None or self._ending:
-            return
-        self._ending = True
         self._held.clear()
-        if self._transport.can_write_eof() and not self._transport.is_closing():
-            self._transport.write_eof()
-            asyncio.get_running_loop().call_later(1.0, self.abort)
+        self._writer.close()
 
     def abort(self) -> None:
-        """Close the connection at once."""
-        if self._transport is not None:
-            self._transport.abort()
+        """Disconnect the client at once."""
+        self._writer.transport.abort()

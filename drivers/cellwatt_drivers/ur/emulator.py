@@ -12,8 +12,9 @@ from types import MappingProxyType
 
 import numpy as np
 
-from cellwatt.emulation import Emulator, Injector, Options, RecordedSignals
-from cellwatt.emulation.port import host_and_port
+from cellwatt.arrays import Float
+from cellwatt.emulation import Emulator, Injector, Options, RecordedSignals, TcpPort
+from cellwatt.emulation.blocks import Blocks
 from cellwatt.ticker import Ticker
 from cellwatt_drivers.ur import wire
 from cellwatt_drivers.ur.emulated_client import EmulatedClient, Listener
@@ -60,14 +61,14 @@ class UrEmulator(Emulator):
         self.version = _version(options.text("polyscope", "5.12.0"))
         hold = options.choice("at_end", "pause", ("pause", "hold")) == "hold"
         self._start = options.choice("start", "client", ("client", "epoch"))
-        self._bind_to = host_and_port(self.address)
+        self._port = TcpPort(self, self._talk)
         self._rows = Rows(self.signals, hold) if isinstance(self.signals, RecordedSignals) else None
         self.clients: set[EmulatedClient] = set()
         self._listeners: list[Listener] = []
         self._samples: Samples | None = None
         self._began = 0.0  # monotonic time of the samples' start
         self._shift = 0.0  # of the timestamps, s
-        self._down_until = 0.0
+        self._outage = 0.0  # s for which the port is to be closed
 
     @property
     def counts(self) -> Mapping[str, int]:
@@ -78,8 +79,7 @@ class UrEmulator(Emulator):
     def disturb(self, change: Mapping[str, float | str]) -> None:
         """See ``Emulator.disturb``; also discards packages made ahead."""
         super().disturb(change)
-        for listener in self._listeners:
-            listener.made = b""
+        self._forget()
 
     def change(self, kind: str, value: float | str) -> None:
         """Reboot, or send a text message to all clients."""
@@ -92,26 +92,31 @@ class UrEmulator(Emulator):
 
     async def serve(self, ready: Callable[[str], None]) -> None:
         """See ``Emulator``."""
-        server = await asyncio.get_running_loop().create_server(lambda: EmulatedClient(self), *self._bind_to)
         rate = cycle_rate(self.version) if self._rows is None else LOOKS
-        try:
-            host, port = server.sockets[0].getsockname()[:2]
-            async with Ticker(rate) as ticker:
-                first = await anext(ticker)
-                if self._rows is None:
-                    late = (time.monotonic_ns() - first.deadline) / 1e9
-                    self._began = first.deadline / 1e9
-                    self._samples = Cycles(self.signals, rate, time.time() - late - self.epoch)
-                elif self._start == "epoch":
-                    self._begin(self.elapsed)
-                ready(f"{host}:{port}")
+        async with Ticker(rate) as ticker:
+            first = await anext(ticker)
+            if self._rows is None:
+                late = (time.monotonic_ns() - first.deadline) / 1e9
+                self._began = first.deadline / 1e9
+                self._samples = Cycles(self.signals, rate, time.time() - late - self.epoch)
+            elif self._start == "epoch":
+                self._begin(self.elapsed)
+            async with self._port as address:
+                ready(address)
                 while True:
                     await (anext(ticker) if self._rows is None else ticker.until(self._next_look(self._rows)))
                     self.advance()
+                    if self._outage:
+                        self._port.interrupt(self._outage)
+                        self._outage = 0.0
+
+    async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        client = EmulatedClient(writer, self.version, self.start, self.stop)
+        self.clients.add(client)
+        try:
+            await client.converse(reader)
         finally:
-            server.close()
-            for client in list(self.clients):
-                client.abort()
+            self._lose(client)
 
     def _next_look(self, rows: Rows) -> int:
         """The next row's time, or an earlier check for faults, ns of the monotonic clock."""
@@ -133,13 +138,13 @@ class UrEmulator(Emulator):
         self.advance(now)
         stride = decimation(self._samples.rate, client.rate) if self._samples.rate else 1
         listener = None if client.compares else next((p for p in self._listeners if p.lost), None)
+        made = self._made(client.encoder, stride)
         if listener is None:
-            listener = Listener(0, stride, client)
+            listener = Listener(0, stride, client, made)
             self._listeners.append(listener)
         if listener.client is not None:
             listener.client.listener = None
-        listener.client, listener.stride = client, stride
-        listener.made = b""
+        listener.client, listener.stride, listener.made = client, stride, made
         start = 0 if begins else max(self._samples.due(now - self._began), listener.next)
         listener.next = -(-start // stride) * stride
         client.listener = listener
@@ -152,20 +157,14 @@ class UrEmulator(Emulator):
             self._listeners.remove(client.listener)
             client.listener = None
 
-    def lost(self, client: EmulatedClient) -> None:
+    def _lose(self, client: EmulatedClient) -> None:
         """Remove a client whose connection is closed; packages that its listener misses from now on are counted."""
-        self.advance()
         self.clients.discard(client)
         listener, client.listener = client.listener, None
         if listener is not None:
             listener.client = None
             if client.compares:
                 self._listeners.remove(listener)
-
-    @property
-    def down(self) -> bool:
-        """True while connections are refused."""
-        return time.monotonic() < self._down_until
 
     def _reboot(self, seconds: float) -> None:
         """Go down for ``seconds`` s; timestamps then start from 0, and lost packages are no longer counted."""
@@ -182,9 +181,9 @@ class UrEmulator(Emulator):
             self._shift = -float(self._samples.stamps(at)[0])
 
     def _leave_all(self, seconds: float) -> None:
-        self._down_until = time.monotonic() + seconds
-        for client in list(self.clients):
+        for client in self.clients:
             client.end()
+        self._outage = seconds
 
     def advance(self, now: float | None = None) -> None:
         """Do what is due: end holds, strike one-shot faults, make and send packages."""
@@ -205,8 +204,7 @@ class UrEmulator(Emulator):
     def _strike_once(self, now: float) -> None:
         if fault := self.injector.once("clock_jump"):
             self._shift += fault.seconds
-            for listener in self._listeners:
-                listener.made = b""
+            self._forget()
         if fault := self.injector.once("stall"):
             for client in self.clients:
                 client.hold(now + fault.seconds)
@@ -225,7 +223,8 @@ class UrEmulator(Emulator):
             tally["made"] += 1
             if strikes("loss", now):
                 continue
-            package = self._package(listener, number, client.encoder)
+            made, row = listener.made.at(number // listener.stride)
+            package = made[row * client.encoder.size :][: client.encoder.size]
             if fault := strikes("delay", now):
                 self._send(client, ready)
                 client.hold(now + fault.seconds)
@@ -254,21 +253,23 @@ class UrEmulator(Emulator):
             self.tally["unread"] += 1
             client.abort()
 
-    def _package(self, listener: Listener, number: int, encoder: Encoder) -> bytes:
-        """One package, from those made ahead."""
-        assert self._samples is not None
-        at = (number - listener.first) // listener.stride * encoder.size
-        if number < listener.first or at >= len(listener.made):
-            count = max(1, math.ceil(AHEAD * (self._samples.rate or 125.0) / listener.stride))
-            numbers = number + listener.stride * np.arange(count)
-            if self._samples.end is not None:
-                numbers = numbers[numbers < self._samples.end]
-            stamps = self._samples.stamps(numbers)
-            if self._shift:
-                stamps = stamps + self._shift
-            listener.first, at = number, 0
-            listener.made = encoder.encode(stamps, self._samples.columns(numbers))
-        return listener.made[at : at + encoder.size]
+    def _made(self, encoder: Encoder, stride: int) -> Blocks[bytes]:
+        """Every ``stride``-th package, one after the other; those of ``AHEAD`` s are encoded at once."""
+        samples = self._samples
+        assert samples is not None
+
+        def encoded(t: Float) -> bytes:
+            numbers = t.astype(np.int64)
+            if samples.end is not None:
+                numbers = numbers[numbers < samples.end]
+            return encoder.encode(samples.stamps(numbers) + self._shift, samples.columns(numbers))
+
+        return Blocks(encoded, stride, max(1, math.ceil(AHEAD * (samples.rate or 125.0) / stride)))
+
+    def _forget(self) -> None:
+        """Discard the packages made ahead."""
+        for listener in self._listeners:
+            listener.made.forget()
 
     def _garbage(self, package: bytes) -> bytes:
         """Bytes that are no valid RTDE: an unknown kind, a size too short or too long, or another recipe."""

@@ -11,11 +11,12 @@ from typing import NoReturn
 from cellwatt.account import Account
 from cellwatt.arrays import Float
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError, SourceError, WrongDeviceError, why
+from cellwatt.gather import next_moment
+from cellwatt.receipt import receive_into, stamp_receipts
 from cellwatt_drivers.ur import wire
 from cellwatt_drivers.ur.fields import FIELDS
 from cellwatt_drivers.ur.intake import Intake
 from cellwatt_drivers.ur.recipe import Decoder, Selection
-from cellwatt_drivers.ur.transport import GatheringTransport
 from cellwatt_drivers.ur.wire import ControllerVersion, Kind, TextMessage
 
 BUFFER = 1 << 18
@@ -32,66 +33,90 @@ Take = Callable[[Float, Float, int | None, int], None]
 """Takes the next packages; see ``Intake.take``."""
 
 
-class Session(asyncio.BufferedProtocol):
-    """Frames in and out of one connection. ``where`` names it in errors; ``now`` returns the cell's time, ns.
+class Session:
+    """Frames in and out of one connection, ``opened``, which is read each ``gather`` s, or on arrival if 0.
+
+    The kernel stamps received data, so that the arrival time does not depend on the time of reading. ``where`` names
+    the connection in errors; ``now`` returns the cell's time, ns.
 
     With ``decoder`` and ``take`` set, data packages go to ``take`` as they are read, those of one gather interval
     together; while more than ``AT_ONCE`` wait, reading pauses. Text messages of the controller go to ``say``.
-    ``closed`` is done when the connection is closed, with the error if there is one.
+    ``closed`` is done when the connection is closed, with the error.
     """
 
-    def __init__(self, where: str, now: Callable[[], int], account: Account) -> None:
+    def __init__(
+        self, opened: socket.socket, where: str, now: Callable[[], int], account: Account, gather: Callable[[], float]
+    ) -> None:
         self.where = where
         self.decoder: Decoder | None = None
         self.take: Take | None = None
         self.say: Callable[[TextMessage], None] | None = None
-        self.closed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._loop = asyncio.get_running_loop()
+        self.closed: asyncio.Future[None] = self._loop.create_future()
+        self._socket = opened
         self._now = now
         self._account = account
+        # Without the kernel's stamps, only immediate reading gives the arrival time.
+        self._gather = gather if stamp_receipts(opened) else lambda: 0.0
+        self._timer: asyncio.TimerHandle | None = None
         self._view = memoryview(bytearray(BUFFER))
         self._filled = 0
         self._arrival = 0  # arrival of the newest bytes, ns
-        self._transport: GatheringTransport | None = None
         self._asked: Kind | None = None  # kind of the pending request
         self._answer: asyncio.Future[bytes] | None = None
         self._not_before: int | None = None
+        self._resume()
 
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Store the transport."""
-        assert isinstance(transport, GatheringTransport)
-        self._transport = transport
+    def _pause(self) -> None:
+        """Stop reading until ``_resume``."""
+        self._loop.remove_reader(self._socket)
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
 
-    def connection_lost(self, exc: Exception | None) -> None:
-        """Fail the pending request and ``closed``."""
-        self._fail(ConnectError(f"{self.where}: the connection broke: {exc or 'closed by the controller'}"))
+    def _resume(self) -> None:
+        """Read from the next gather time on."""
+        if self.closed.done():
+            return
+        if gather := self._gather():
+            self._timer = self._loop.call_at(next_moment(gather), self._read)
+        else:
+            self._loop.add_reader(self._socket, self._read)
 
-    def eof_received(self) -> None:
-        """The controller closed the connection; an unfinished frame is counted."""
+    def _read(self) -> None:
+        if self._timer is not None:
+            self._resume()
+        try:
+            # There is always room: every frame is shorter than the buffer.
+            size, waited = receive_into(self._socket, self._view[self._filled :])
+        except (BlockingIOError, InterruptedError):
+            return
+        except OSError as error:
+            self._end(self._broke(error))
+            return
+        if size:
+            self._received(size, waited)
+            return
         if self._filled:
             self._account.anomaly("half frame")
-        self._fail(ConnectError(f"{self.where}: the controller closed the connection"))
+        self._end(ConnectError(f"{self.where}: the controller closed the connection"))
 
-    def get_buffer(self, sizehint: int) -> memoryview:
-        """Free space behind the unprocessed bytes; never empty, because every frame is shorter than the buffer."""
-        return self._view[self._filled :]
-
-    def buffer_updated(self, nbytes: int) -> None:
-        """Handle complete frames and retain the rest."""
-        waited = self._transport.waited if self._transport is not None else 0
+    def _received(self, size: int, waited: int) -> None:
+        """Handle complete frames after ``size`` bytes were read that have waited for ``waited`` ns; retain the rest."""
         self._arrival = max(self._arrival, self._now() - waited)  # the last is late by a pause since it was read
-        self._filled += nbytes
-        if self._take() and self._transport is not None:
-            self._transport.pause_reading()
-            asyncio.get_running_loop().call_soon(self._go_on)
+        self._filled += size
+        if self._take():
+            self._pause()
+            self._loop.call_soon(self._go_on)
 
     def _go_on(self) -> None:
         """Handle more of the bytes already read; then resume reading."""
-        if self.closed.done() or self._transport is None:
+        if self.closed.done():
             return
         if self._take():
-            asyncio.get_running_loop().call_soon(self._go_on)
+            self._loop.call_soon(self._go_on)
         else:
-            self._transport.resume_reading()
+            self._resume()
 
     def _take(self) -> bool:
         """Handle complete frames in the buffer; true if ``AT_ONCE`` were handled and more may wait."""
@@ -110,8 +135,7 @@ class Session(asyncio.BufferedProtocol):
                     break
         except ProtocolError as error:
             self._account.anomaly("protocol error")
-            self._fail(ProtocolError(f"{self.where}: {error}"))
-            self.close()
+            self._end(ProtocolError(f"{self.where}: {error}"))
             return False
         rest = self._filled - used
         if rest and used:
@@ -143,14 +167,14 @@ class Session(asyncio.BufferedProtocol):
         """Send a request; return its answer's payload, within ``timeout`` s. One at a time. Raises ``SourceError``."""
         if self.closed.done():
             self.closed.result()
-        if self._asked is not None or self._transport is None:
+        if self._asked is not None:
             raise ConnectError(f"{self.where}: not connected")
         answer: asyncio.Future[bytes] = asyncio.get_running_loop().create_future()
         kind = self._asked = Kind(question[2])
         self._answer = answer
         if question == wire.START:
             self._not_before = self._now()  # the controller makes no package for a connection before this request
-        self._transport.write(question)
+        self._send(question)
         try:
             async with asyncio.timeout(timeout):
                 return await answer
@@ -160,7 +184,23 @@ class Session(asyncio.BufferedProtocol):
                 f"{self.where}: connected, but RTDE does not answer within {timeout:g} s ({asked})"
             ) from error
 
-    def _fail(self, error: SourceError) -> None:
+    def _send(self, data: bytes) -> None:
+        """Send a few bytes: those that the kernel does not accept at once break the connection."""
+        try:
+            if self._socket.send(data) < len(data):
+                raise BlockingIOError("the other side does not take what is sent")
+        except OSError as error:
+            self._end(self._broke(error))
+
+    def _broke(self, reason: object) -> ConnectError:
+        return ConnectError(f"{self.where}: the connection broke: {reason}")
+
+    def _end(self, error: SourceError) -> None:
+        """Close the connection; the pending request and ``closed`` fail."""
+        if self.closed.done():
+            return
+        self._pause()
+        self._socket.close()
         for waiting in (self._answer, self.closed):
             if waiting is not None and not waiting.done():
                 waiting.set_exception(error)
@@ -169,13 +209,12 @@ class Session(asyncio.BufferedProtocol):
 
     def leave(self) -> None:
         """Ask the controller to stop sending."""
-        if self._transport is not None and not self.closed.done():
-            self._transport.write(wire.PAUSE)
+        if not self.closed.done():
+            self._send(wire.PAUSE)
 
     def close(self) -> None:
         """Drop the connection at once."""
-        if self._transport is not None:
-            self._transport.close()
+        self._end(self._broke("it was left"))
 
 
 @asynccontextmanager
@@ -193,10 +232,9 @@ async def connect(
     RTDE, ``DeviceError`` if the controller is too old.
     """
     where = f"{host}:{port}"
-    session = Session(where, now, account)
     try:
         async with asyncio.timeout(timeout):
-            GatheringTransport(await _socket(host, port), session, gather)
+            session = Session(await _socket(host, port), where, now, account, gather)
     except TimeoutError as error:
         raise ConnectError(
             f"{where}: no answer within {timeout:g} s; is the address right and the robot on?"

@@ -22,13 +22,12 @@ from cellwatt_drivers.shared.polling import deliver
 from cellwatt_drivers.yaskawa import greeting, payload, polls, wire
 from cellwatt_drivers.yaskawa.link import Exchange, Link, TakeLate, UnansweredError, open_link
 from cellwatt_drivers.yaskawa.polls import Poll
-from cellwatt_drivers.yaskawa.robotstate import ALARM_CODE, STATUS_CHANNELS, AlarmWatch, TorqueWatch
+from cellwatt_drivers.yaskawa.robotstate import AlarmWatch, TorqueWatch
 
 T = TypeVar("T")
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Read = Literal["position", "torque", "cartesian", "status", "alarm"]
 
-_STATUS = wire.Request(wire.STATUS)
 _ALARM = wire.Request(wire.ALARM)
 
 
@@ -110,15 +109,13 @@ class YaskawaDriver(Driver[YaskawaSettings]):
 
     def __init__(self, name: str, settings: YaskawaSettings, inlet: Inlet) -> None:
         super().__init__(name, settings, inlet)
-        self._polls = _polls(settings)
-        self._rate = settings.rate if self._polls else settings.status_rate
-        self._every = max(1, round(self._rate / settings.status_rate))
-        self._state = _state_stream(settings.read, self._rate / self._every)
-        self._period = round(1e9 / self._rate)
+        rate = settings.status_rate if set(settings.read) <= {"status", "alarm"} else settings.rate
+        self._polls = _polls(settings, rate)
+        self._period = round(1e9 / rate)
         self._alarms = AlarmWatch(name, inlet)
         self._torques = TorqueWatch(name, inlet, settings.torque_count)
         self._slot = 0
-        self._slots = Slots(self._rate, self._miss_slots)
+        self._slots = Slots(rate, self._miss_slots)
         self._last_answer = 0
         self._failure: UnansweredError | None = None
         self._newest: dict[str, int] = {}
@@ -127,7 +124,7 @@ class YaskawaDriver(Driver[YaskawaSettings]):
     @property
     def streams(self) -> tuple[Stream, ...]:
         """``position``, ``torque``, ``cartesian`` and ``state``, if selected."""
-        return tuple(p.stream for p in self._polls) + ((self._state,) if self._state else ())
+        return tuple(poll.stream for poll in self._polls)
 
     async def identify(self) -> Identity:
         """Read system information and axis names. Raises ``SourceError``."""
@@ -148,28 +145,23 @@ class YaskawaDriver(Driver[YaskawaSettings]):
         return open_link(self.settings.host, self.settings.port, self.settings.timeout, self.inlet)
 
     async def _greet(self, link: Link) -> Identity:
-        reads: dict[str, greeting.Read] = {p.stream.name: (p.request, p.values) for p in self._polls}
-        if self._state:
-            reads["status"] = _STATUS, payload.decode_status
-        return await greeting.greet(link, self.settings.control_group, self.settings.axes, reads)
+        return await greeting.greet(link, self.settings.control_group, self.settings.axes, self._polls)
 
     def _miss_slots(self, slots: int, reason: str) -> None:
-        due = slots * len(self._polls)
-        if self._state:
-            due += (self._slot + slots) // self._every - self._slot // self._every
-        self._slot += slots
+        before, self._slot = self._slot, self._slot + slots
+        due = sum(self._slot // poll.every - before // poll.every for poll in self._polls)
         self.inlet.account.lose(due, reason)
 
     async def _serve_slot(self, link: Link, deadline: int) -> None:
         until = deadline + self._period
         self._slot += 1
         for poll in self._polls:
-            await self._serve(link, poll, until)
-        if self._state and self._slot % self._every == 0:
-            await self._serve_state(link, self._state, until)
+            if self._slot % poll.every == 0:
+                await self._serve(link, poll, until)
 
     async def _serve(self, link: Link, poll: Poll, until: int) -> None:
         missed = False
+        state = poll.request.command == wire.STATUS
 
         def late(exchange: Exchange) -> None:
             nonlocal missed
@@ -179,25 +171,17 @@ class YaskawaDriver(Driver[YaskawaSettings]):
                 self._emit_late(link, poll, exchange)
 
         try:
-            exchange, values = await self._ask(link, poll.request, poll.values, until, late)
+            exchange, values = await self._ask(link, poll.request, poll.values, until, None if state else late)
         except UnansweredError as failure:
             self._miss(failure)
             missed = failure.reason == "timeout"
         else:
             if poll.request.command == wire.TORQUE:
                 self._torques.see(exchange.answer.data)
+            if state and "alarm" in self.settings.read:
+                status = payload.decode_status(exchange.answer.data)
+                values = np.append(values, await self._alarm_code(link, status, until))
             self._emit(poll.stream, exchange, values)
-
-    async def _serve_state(self, link: Link, stream: Stream, until: int) -> None:
-        try:
-            exchange, status = await self._ask(link, _STATUS, payload.decode_status, until)
-        except UnansweredError as failure:
-            self._miss(failure)
-            return
-        values = np.array([*status.values()], dtype=np.float64)
-        if "alarm" in self.settings.read:
-            values = np.append(values, await self._alarm_code(link, status, until))
-        self._emit(stream, exchange, values)
 
     async def _alarm_code(self, link: Link, status: dict[str, bool], until: int) -> float:
         """Code of the latest alarm, 0 without one, NaN if it could not be read; reports a changed alarm."""
@@ -259,9 +243,9 @@ class YaskawaDriver(Driver[YaskawaSettings]):
             raise kind(f"no good answer from {link.place} for {silence:.1f} s; the last: {self._failure}")
 
 
-def _polls(settings: YaskawaSettings) -> tuple[Poll, ...]:
-    """Polls of each slot, in the order of ``read``."""
-    n, group, rate = settings.axes, settings.control_group, settings.rate
+def _polls(settings: YaskawaSettings, rate: float) -> tuple[Poll, ...]:
+    """Polls of the slots, ``rate`` a second: those of each slot in the order of ``read``, and the status."""
+    n, group = settings.axes, settings.control_group
     found = []
     for name in settings.read:
         if name == "position":
@@ -271,11 +255,6 @@ def _polls(settings: YaskawaSettings) -> tuple[Poll, ...]:
             found.append(polls.torque(group, rate, n, settings.rated_torque, settings.torque_count))
         elif name == "cartesian":
             found.append(polls.cartesian(group, rate))
+    if "status" in settings.read:
+        found.append(polls.status(rate, max(1, round(rate / settings.status_rate)), "alarm" in settings.read))
     return tuple(found)
-
-
-def _state_stream(read: tuple[Read, ...], rate: float) -> Stream | None:
-    if "status" not in read:
-        return None
-    channels = STATUS_CHANNELS + ((ALARM_CODE,) if "alarm" in read else ())
-    return Stream("state", channels, rate, "host")

@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 from cellwatt.driver import Identity
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError, WrongDeviceError
 from cellwatt_drivers.yaskawa import payload, wire
 from cellwatt_drivers.yaskawa.link import Link, UnansweredError
+from cellwatt_drivers.yaskawa.polls import Poll
 
 T = TypeVar("T")
-Read = tuple[wire.Request, Callable[[bytes], object]]
-"""A request and the decoder of its answer."""
 
 _SYSTEM = wire.Request(wire.SYSTEM, 11)
 _RETRIES = 3
 _HINT = "check the address, the cable, and that the controller's Ethernet server is set up"
 
 
-async def greet(link: Link, group: int, axes: int, reads: Mapping[str, Read]) -> Identity:
-    """Read system information, axis names of the control group, and each of ``reads`` (by name) once.
+async def greet(link: Link, group: int, axes: int, polls: Sequence[Poll]) -> Identity:
+    """Read system information, axis names of the control group, and the data of each poll once.
 
     Raises ``ConnectError`` if no device answers, ``WrongDeviceError`` if the answers are not this protocol or the robot
     has fewer axes than configured, ``DeviceError`` if the controller refuses one of the reads, and ``ProtocolError`` if
@@ -32,9 +31,10 @@ async def greet(link: Link, group: int, axes: int, reads: Mapping[str, Read]) ->
         raise WrongDeviceError(
             f"robot R{group} at {link.place} has {len(names)} axes ({' '.join(names)}), the settings say {axes}"
         )
-    for name, (request, decode) in reads.items():
+    for poll in polls:
+        name = "status" if poll.request.command == wire.STATUS else poll.stream.name
         try:
-            decode((await link.ask(request, _RETRIES)).answer.data)
+            poll.values((await link.ask(poll.request, _RETRIES)).answer.data)
         except UnansweredError as failure:
             raise _refusal(link, name, failure) from failure
         except ProtocolError as error:

@@ -6,7 +6,6 @@ import asyncio
 import random
 import socket
 import time
-from collections import deque
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -51,14 +50,19 @@ TakeLate = Callable[[Exchange], None]
 """Takes a good answer that arrived after its time-out."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Unanswered:
-    """A request that timed out at ``since``, s of the loop; its answer may still arrive."""
+@dataclass(eq=False, slots=True)
+class _Sent:
+    """A request sent at ``since``, s of the loop, and ``asked``, ns of the cell's time; its answer has this service.
+
+    ``arrival`` is done when it is answered or given up; given up, its answer may still arrive, and goes to ``late``.
+    """
 
     since: float
     asked: int
     service: int
-    take: TakeLate | None
+    late: TakeLate | None
+    arrival: asyncio.Future[int]
+    answer: wire.Answer | None = None
 
 
 @asynccontextmanager
@@ -92,12 +96,8 @@ class Link:
         self._timeout = timeout
         self._inlet = inlet
         self._loop = asyncio.get_running_loop()
-        self._number = 0
-        self._service = 0
-        self._waiting: asyncio.Future[tuple[wire.Answer, int]] | None = None
-        self._unanswered: dict[int, _Unanswered] = {}
-        self._answered: dict[int, wire.Answer] = {}
-        self._recent: deque[int] = deque(maxlen=_NUMBERS // 2)
+        self._sent: dict[int, _Sent] = {}
+        """Newest request of each number, in the order in which they were sent."""
         self._constants: bytes | None = None
 
     async def ask(
@@ -124,24 +124,22 @@ class Link:
 
     async def _ask_once(self, request: wire.Request, late: TakeLate | None) -> Exchange:
         number = self._next_number()
-        self._service = request.service | wire.ANSWER
-        waiting = self._waiting = self._loop.create_future()
+        arrival: asyncio.Future[int] = self._loop.create_future()
+        sent = _Sent(self._loop.time(), self._inlet.now(), request.service | wire.ANSWER, late, arrival)
+        self._sent.pop(number, None)
+        self._sent[number] = sent
         timer = self._loop.call_later(self._timeout, self._expire)
-        asked = self._inlet.now()
         try:
             self._send(wire.encode_request(request, number))
-            answer, arrival = await waiting
-        except BaseException:
-            self._unanswered[number] = _Unanswered(self._loop.time(), asked, self._service, late)
-            raise
+            await arrival
         finally:
             timer.cancel()
-            self._waiting = None
-        self._answered[number] = answer
+        answer = sent.answer
+        assert answer is not None
         if answer.status:
             self._inlet.account.count("busy answers" if answer.busy else "device errors")
             raise UnansweredError("busy" if answer.busy else "device error", answer.text)
-        return Exchange(answer, asked, max(asked, arrival))
+        return Exchange(answer, sent.asked, max(sent.asked, arrival.result()))
 
     def readable(self) -> None:
         """Read one datagram; called by the loop."""
@@ -158,13 +156,24 @@ class Link:
         except ProtocolError:
             self.count_malformed()
             return
-        waiting = self._waiting
-        if waiting is None or waiting.done() or answer.number != self._number:
-            self._discard(answer, arrival)
-        elif answer.service != self._service or not self._as_ever(answer):
+        sent, account = self._sent.get(answer.number), self._inlet.account
+        if sent is None:
+            account.anomaly("unasked answers")
+        elif sent.answer == answer:
+            account.anomaly("duplicates")
+        elif sent.answer is not None:
+            # One of the two came from another sender; which one is unknown.
+            account.forgery("contradicting answers")
+        elif sent.arrival.done():
+            sent.answer = answer
+            account.anomaly("late answers")
+            if sent.late is not None and not answer.status and answer.service == sent.service:
+                sent.late(Exchange(answer, sent.asked, max(sent.asked, arrival)))
+        elif answer.service != sent.service or not self._as_ever(answer):
             self.count_malformed()
         else:
-            waiting.set_result((answer, arrival))
+            sent.answer = answer
+            sent.arrival.set_result(arrival)
 
     def _as_ever(self, answer: wire.Answer) -> bool:
         """True if the fields that a controller never changes equal those of its first answer."""
@@ -180,39 +189,14 @@ class Link:
 
     def _next_number(self) -> int:
         """Choose a random number, which an outsider cannot guess, but none for which an answer may still arrive."""
-        now = self._loop.time()
-        start = random.randrange(_NUMBERS)
+        now, start, recent = self._loop.time(), random.randrange(_NUMBERS), [*self._sent][-_NUMBERS // 2 :]
         for step in range(_NUMBERS):
-            self._number = (start + step) % _NUMBERS
-            rests = self._unanswered.get(self._number)
-            if self._number not in self._recent and (rests is None or now - rests.since >= _QUARANTINE):
+            number = (start + step) % _NUMBERS
+            before = self._sent.get(number)
+            awaited = before is not None and before.answer is None and now - before.since < _QUARANTINE
+            if number not in recent and not awaited:
                 break
-        self._recent.append(self._number)
-        self._unanswered.pop(self._number, None)
-        self._answered.pop(self._number, None)
-        return self._number
-
-    def _discard(self, answer: wire.Answer, arrival: int) -> None:
-        given_up = self._unanswered.pop(answer.number, None)
-        if given_up is not None:
-            self._answered[answer.number] = answer
-            self._inlet.account.anomaly("late answers")
-            if given_up.take is not None and not answer.status and answer.service == given_up.service:
-                given_up.take(Exchange(answer, given_up.asked, max(given_up.asked, arrival)))
-        elif (before := self._accepted(answer.number)) is None:
-            self._inlet.account.anomaly("unasked answers")
-        elif before == answer:
-            self._inlet.account.anomaly("duplicates")
-        else:
-            # One of the two came from another sender; which one is unknown.
-            self._inlet.account.forgery("contradicting answers")
-
-    def _accepted(self, number: int) -> wire.Answer | None:
-        """The answer accepted for the newest request with a number."""
-        waiting = self._waiting
-        if number == self._number and waiting is not None and waiting.done():
-            return None if waiting.cancelled() or waiting.exception() else waiting.result()[0]
-        return self._answered.get(number)
+        return number
 
     def count_malformed(self) -> None:
         """Count a datagram that is not of the protocol, or not the requested answer."""
@@ -229,5 +213,6 @@ class Link:
         self._fail(UnansweredError(reason, error.strerror or str(error)))
 
     def _fail(self, failure: UnansweredError) -> None:
-        if self._waiting is not None and not self._waiting.done():
-            self._waiting.set_exception(failure)
+        for sent in self._sent.values():
+            if not sent.arrival.done():
+                sent.arrival.set_exception(failure)

@@ -1,4 +1,4 @@
-"""Polls of each slot: the request, its stream, and the conversion of its data to values."""
+"""Polls of the slots: the request, its stream, and the conversion of its data to values."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from cellwatt.arrays import Float
 from cellwatt.channel import Channel, Stream
 from cellwatt.errors import ProtocolError
 from cellwatt_drivers.yaskawa import payload, wire
+from cellwatt_drivers.yaskawa.robotstate import ALARM_CODE, STATUS_CHANNELS
 
 _CARTESIAN_INSTANCE = 100
 _POSE_UNITS = np.array([payload.METRES] * 3 + [math.radians(payload.DEGREES)] * 3)
@@ -23,11 +24,15 @@ _POSE_CHANNELS = tuple(Channel(f"tool.{axis}", "m") for axis in "xyz") + tuple(
 
 @dataclass(frozen=True, slots=True)
 class Poll:
-    """One request and its stream; ``values`` (channels,) raises ``ProtocolError`` for invalid data."""
+    """One request, its stream, and the number of slots from one to the next.
+
+    ``values`` (channels,) raises ``ProtocolError`` for invalid data.
+    """
 
     stream: Stream
     request: wire.Request
     values: Callable[[bytes], Float]
+    every: int = 1
 
 
 def motor_angles(
@@ -76,6 +81,19 @@ def cartesian(group: int, rate: float) -> Poll:
 
     stream = Stream("cartesian", _POSE_CHANNELS, rate, "host")
     return Poll(stream, wire.Request(wire.POSITION, _CARTESIAN_INSTANCE + group), values)
+
+
+def status(rate: float, every: int, alarm: bool) -> Poll:
+    """Poll of the controller's status in one of ``every`` slots; with ``alarm`` its stream also has the alarm's code.
+
+    The code comes from another request: ``values`` do not include it.
+    """
+
+    def values(data: bytes) -> Float:
+        return np.array([*payload.decode_status(data).values()], dtype=np.float64)
+
+    stream = Stream("state", STATUS_CHANNELS + ((ALARM_CODE,) if alarm else ()), rate / every, "host")
+    return Poll(stream, wire.Request(wire.STATUS), values, every)
 
 
 def _joints(name: str, rate: float, axes: int, quantity: str, unit: str) -> Stream:

@@ -277,6 +277,22 @@ def test_rtu_answers_are_found_among_noise_and_echoes_and_in_pieces(noise, reque
     assert got == [b""] * (due - 1) + [found] * (len(sent) - due + 1)
 
 
+async def test_what_a_device_server_sends_before_the_first_request_is_noise(caplog):
+    """Bytes from the line that it kept while nobody was connected."""
+
+    async def device_server(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writer.write(b"\xff\0")
+        while await reader.readexactly(8):
+            writer.write(ANSWERS[0])
+
+    async with clients(device_server) as (place, _):
+        for _ in range(5):
+            async with line(TcpPlace(**endpoint(place), framing="rtu", advice="")) as bus, bus.turn(5.0):
+                assert await bus.read("input", 0, 2, 1) == [0x4366, 0x199A]
+    assert Checksums().trace(False, b"\xff\0") == b""
+    assert not caplog.records
+
+
 async def test_an_answer_that_outlives_its_connection_is_no_answer_to_the_next_request():
     """A device server passes on what comes from the line to whoever is connected then."""
     requests, connected, passed = count(), list[asyncio.StreamWriter](), asyncio.Event()

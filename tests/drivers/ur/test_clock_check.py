@@ -85,14 +85,7 @@ async def test_a_controller_that_takes_no_second_connection_is_read_all_the_same
     emulator = EarlyAnswers(lambda: 0.0)
     async with read(emulator, []) as source:
         await eventually(lambda: source.account.received > 0)
-        genuine = EmulatedClient.connection_made
-
-        def refuse(client: EmulatedClient, transport: asyncio.BaseTransport) -> None:
-            client.hold(float("inf"))
-            genuine(client, transport)
-            client.abort()
-
-        monkeypatch.setattr(EmulatedClient, "connection_made", refuse)
+        monkeypatch.setattr(EmulatedClient, "_answer", lambda client, *_: client.abort())
         await eventually(lambda: source.account.counters["clock comparisons failed"] >= 2)
         seen = source.account.received
         await eventually(lambda: source.account.received > seen + 100)

@@ -137,6 +137,17 @@ async def test_a_client_that_is_no_rtde_client_is_thrown_out():
         assert await peer.at_end()
 
 
+async def test_a_controller_that_reboots_before_its_first_client_refuses_clients():
+    emulator = UrEmulator(ArmSignals(), "127.0.0.1:0")
+    emulator.disturb({"reboot": 3600.0})  # as by the command line, before the emulator serves
+    async with served(emulator) as address:
+        await eventually(lambda: emulator._port._outage is not None, "its outage")
+        await asyncio.sleep(0)
+        host, _, port = address.rpartition(":")
+        with pytest.raises(ConnectionRefusedError):
+            await asyncio.open_connection(host, int(port))
+
+
 @pytest.mark.blocks_loop  # 100,000 packages a second fill what lies between in no time
 async def test_a_client_that_does_not_read_is_thrown_out():
     async with serving(recording(n=2000, step=0.00001, loop=True)) as (emulator, connect):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -13,7 +14,6 @@ from cellwatt_drivers.ur import wire
 from cellwatt_drivers.ur.intake import Intake
 from cellwatt_drivers.ur.recipe import Decoder, Selection
 from cellwatt_drivers.ur.session import AT_ONCE, BUFFER, Session
-from cellwatt_drivers.ur.transport import GatheringTransport
 from tests.patience import eventually
 
 from ..inlet import CollectingInlet
@@ -22,41 +22,31 @@ SELECTION = Selection.of(["robot_mode"])
 TYPES = ("DOUBLE", "INT32")
 
 
-class Taps(GatheringTransport):
-    """A transport that notes whether it may read."""
+class Tapped(Session):
+    """A session that notes whether it may read."""
 
-    def __init__(self) -> None:
-        self.waited = 0
-        self.reading = True
-        self.closed = False
-
-    def pause_reading(self) -> None:
+    def _pause(self) -> None:
         self.reading = False
 
-    def resume_reading(self) -> None:
+    def _resume(self) -> None:
         self.reading = True
 
-    def close(self) -> None:
-        self.closed = True
 
-
-def conversation() -> tuple[Session, Taps, CollectingInlet]:
+def conversation() -> tuple[Tapped, CollectingInlet]:
     inlet = CollectingInlet()
-    session = Session("192.0.2.10:30004", inlet.now, inlet.account)
-    taps = Taps()
-    session.connection_made(taps)
+    session = Tapped(Mock(), "192.0.2.10:30004", inlet.now, inlet.account, lambda: 0.0)
     session.decoder = Decoder(SELECTION, 1, TYPES)
     intake = Intake(inlet, Stream("rtde", SELECTION.channels, 500.0, "device"), "auto")
     intake.opened(Identity("Universal Robots", "e-Series"), 500.0, 500.0)
     session.take, session.say = intake.take, intake.message
-    return session, taps, inlet
+    return session, inlet
 
 
-def feed(session: Session, data: bytes) -> None:
-    """Read as the loop does: as much as there is room for."""
-    room = session.get_buffer(-1)
+def feed(session: Session, data: bytes, waited: int = 0) -> None:
+    """Read as from the socket: as much as there is room for, that has waited for some ns."""
+    room = session._view[session._filled :]
     room[: len(data)] = data
-    session.buffer_updated(len(data))
+    session._received(len(data), waited)
 
 
 def package(time: float) -> bytes:
@@ -67,10 +57,10 @@ def package(time: float) -> bytes:
 MESSAGE = wire.text_message(wire.TextMessage("", "", 3))
 
 
-async def turns(taken: Any, session: Session, taps: Taps) -> list[int]:
+async def turns(taken: Any, session: Tapped) -> list[int]:
     """How much was taken in each turn of the loop, until all was."""
     found, before = [taken()], taken()
-    while not taps.reading:
+    while not session.reading:
         await asyncio.sleep(0)
         found.append(taken() - before)
         before = taken()
@@ -79,7 +69,7 @@ async def turns(taken: Any, session: Session, taps: Taps) -> list[int]:
 
 @pytest.mark.parametrize("kind", ["messages", "packages", "both by turns", "a clock that runs backwards"])
 async def test_a_turn_of_the_loop_takes_a_little_of_a_flood(kind: str) -> None:
-    session, taps, inlet = conversation()
+    session, inlet = conversation()
     data = {
         "messages": MESSAGE * 30_000,
         "packages": b"".join(package(10 + i / 500) for i in range(10_000)),
@@ -92,7 +82,7 @@ async def test_a_turn_of_the_loop_takes_a_little_of_a_flood(kind: str) -> None:
         return len(inlet.events) + sum(len(r.values) for r in inlet.readings)
 
     feed(session, data)
-    found = await turns(taken, session, taps)
+    found = await turns(taken, session)
     assert max(found) <= AT_ONCE + 1, "one more event says that the stream is there, or keeps no grid"
     assert len(found) >= len(data) / BUFFER * 10
     assert taken() >= data.count(MESSAGE[2:]) + len(inlet.readings) > 0
@@ -103,23 +93,22 @@ async def test_a_turn_of_the_loop_takes_a_little_of_a_flood(kind: str) -> None:
 
 
 async def test_a_pause_after_the_age_of_bytes_was_read_sets_the_next_ones_arrival_not_back() -> None:
-    session, taps, inlet = conversation()
-    for number, taps.waited in enumerate((0, 1_000_000_000)):
-        feed(session, package(10 + number / 500))
+    session, inlet = conversation()
+    for number, waited in enumerate((0, 1_000_000_000)):
+        feed(session, package(10 + number / 500), waited)
     first, second = inlet.readings
     assert second.arrival == first.arrival
 
 
 async def test_bytes_that_are_no_frame_end_a_flood_in_the_middle() -> None:
-    session, taps, inlet = conversation()
+    session, inlet = conversation()
     feed(session, MESSAGE * 1000 + b"\x00\x02?")
-    await eventually(lambda: taps.closed)
+    await eventually(session.closed.done)
     assert len(inlet.events) == 1000 and inlet.account.counters["protocol error"] == 1
-    assert session.closed.done()
 
 
 async def test_a_message_of_another_form_breaks_nothing_where_nobody_listens() -> None:
-    session, _, inlet = conversation()
+    session, inlet = conversation()
     session.say = None
     feed(session, wire.frame(wire.Kind.TEXT_MESSAGE, b"\x02in the form of version 1"))
     assert not session.closed.done() and not inlet.account.anomalies

@@ -18,10 +18,10 @@ from cellwatt.frames import Frames, Layout
 from cellwatt.outlet import CellView, Item, Outlet, OutletSettings
 from cellwatt.outlets.apart import wire
 from cellwatt.outlets.apart.wire import Kind, end_of, running
-from cellwatt.outlets.together import until_one_ends
 from cellwatt.outlets.zenoh.messages import parse_json, topic_of
 from cellwatt.processor import spent, starved
 from cellwatt.results import Event, Result
+from cellwatt.together import until_one_ends
 
 log = logging.getLogger(__name__)
 

@@ -17,7 +17,7 @@ from cellwatt.outlets.cursor import Cursor
 from cellwatt.outlets.forward import Forwarder, framed_record
 from cellwatt.outlets.historian.client import Influx
 from cellwatt.outlets.historian.settings import HistorianSettings, LakeSettings
-from cellwatt.outlets.together import until_one_ends
+from cellwatt.together import until_one_ends
 
 MODULE: Final = "cellwatt.outlets.historian.exporting"
 LONGEST, NICENESS = 86400.0, 5

@@ -20,7 +20,7 @@ from cellwatt.outlets.mqtt.message import Message, Order
 from cellwatt.outlets.mqtt.outbox import Backfill, Outbox
 from cellwatt.outlets.mqtt.plain import PlainFormat
 from cellwatt.outlets.mqtt.settings import MqttSettings
-from cellwatt.outlets.together import until_one_ends
+from cellwatt.together import until_one_ends
 
 Format = EdgeNode | PlainFormat
 """Converts a cell's data into messages, and holds the state of successive connections; no I/O."""

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from asyncua import Node, Server, ua
 
-from cellwatt.units import TABLE
+from cellwatt.units import CEFACT, TABLE
 
 DI: Final = "http://opcfoundation.org/UA/DI/"
 ROBOTICS: Final = "http://opcfoundation.org/UA/Robotics/"
@@ -36,14 +36,6 @@ _OF_AXIS: Final = {"position": "ActualPosition", "velocity": "ActualSpeed"}
 _OF_MOTOR: Final = {"temperature": "MotorTemperature", "current": "ActualCurrent", "torque": "ActualTorque"}
 _STANDARD: Final = ("ActualPosition", "ActualSpeed", "MotorTemperature")
 _CEFACT: Final = "http://www.opcfoundation.org/UA/units/un/cefact"
-_CODES: Final = {
-    "rad": "C81", "mrad": "C25", "deg": "DD", "rad/s": "2A", "deg/s": "E96", "rpm": "RPM", "m": "MTR", "mm": "MMT",
-    "m/s": "MTS", "mm/s": "C16", "N": "NEW", "kN": "B47", "Nm": "NU", "kg": "KGM", "g": "GRM", "degC": "CEL",
-    "K": "KEL", "degF": "FAH", "Pa": "PAL", "kPa": "KPA", "bar": "BAR", "A": "AMP", "mA": "4K", "V": "VLT", "W": "WTT",
-    "kW": "KWT", "VA": "D46", "var": "D44", "J": "JOU", "kJ": "KJO", "MJ": "3B", "Wh": "WHR", "kWh": "KWH",
-    "Hz": "HTZ", "s": "SEC", "1": "C62",
-}  # fmt: skip
-"""Common codes of UN/CEFACT recommendation 20."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,9 +49,7 @@ class Spaces:
 
 def unit_of(name: str) -> ua.EUInformation:
     """Return a unit as OPC UA represents it; a unit without a code has the id -1."""
-    code = _CODES.get(name)
-    number = int.from_bytes(code.encode(), "big") if code else -1
-    return ua.EUInformation(_CEFACT, number, ua.LocalizedText(name), ua.LocalizedText(name))
+    return ua.EUInformation(_CEFACT, CEFACT.get(name, -1), ua.LocalizedText(name), ua.LocalizedText(name))
 
 
 async def add_node(

@@ -8,14 +8,9 @@ import math
 import socket
 from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
-from hmac import compare_digest
 from typing import Any, Final
 
 from asyncua import Node, ua
-from asyncua.common.utils import ServiceError
-from asyncua.crypto.permission_rules import User, UserRole
-from asyncua.crypto.uacrypto import der_from_x509, load_certificate
-from asyncua.server.user_managers import UserManager
 from cryptography import x509
 
 from cellwatt.channel import Quality
@@ -23,6 +18,7 @@ from cellwatt.errors import OutletError
 from cellwatt.frames import Frames
 from cellwatt.host import in_url
 from cellwatt.outlets.apart.daemon import Daemon, Shown, main
+from cellwatt.outlets.opc_ua.access import Users, trust_only
 from cellwatt.outlets.opc_ua.arrays import bound_arrays
 from cellwatt.outlets.opc_ua.bounds import BoundedServer
 from cellwatt.outlets.opc_ua.conditions import Conditions, Order
@@ -51,7 +47,7 @@ class CellServer:
         self._settings, self._site, self._cell_name = settings, site, cell
         self._order = order
         users = {name: password.get_secret_value() for name, password in settings.users.items()}
-        self._server = BoundedServer(_Users(users))
+        self._server = BoundedServer(Users(users))
         self._picker: Picker | None = None
         self._channels: dict[str, list[Node]] = {}
         self._tasks: dict[str, Node] = {}
@@ -175,36 +171,11 @@ class CellServer:
         await server.load_certificate(s.certificate, "pem")
         await server.load_private_key(s.key, format="pem")
         if s.trusted:
-            wanted = {der_from_x509(await load_certificate(file, "pem")) for file in s.trusted}
-
-            async def check(certificate: x509.Certificate, _: ua.ApplicationDescription) -> None:
-                if der_from_x509(certificate) not in wanted:
-                    raise ServiceError(ua.StatusCodes.BadCertificateUntrusted)
-
-            server.iserver.certificate_validator = check
+            await trust_only(server, s.trusted)
         with contextlib.suppress(x509.ExtensionNotFound):
             names = server.iserver.certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
             uri = next(iter(names.get_values_for_type(x509.UniformResourceIdentifier)), uri)
         return uri
-
-
-class _Users(UserManager):  # type: ignore[misc]
-    """Admits users with their passwords, or anyone if there are no users; nobody may change nodes."""
-
-    def __init__(self, users: Mapping[str, str]) -> None:
-        self._users = users
-
-    def get_user(
-        self, iserver: Any, username: str | None = None, password: str | bytes | None = None, certificate: Any = None
-    ) -> User | None:
-        """Return the user, or ``None`` if access is denied."""
-        if not self._users:
-            return User(role=UserRole.User)
-        known = self._users.get(username or "")
-        given = password if isinstance(password, bytes) else (password or "").encode()
-        if known is None or not compare_digest(known.encode(), given):
-            return None
-        return User(role=UserRole.User, name=username)
 
 
 def _free(host: str, port: int) -> int:

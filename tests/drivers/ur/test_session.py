@@ -11,36 +11,27 @@ from collections.abc import Iterator
 import pytest
 
 from cellwatt import receipt
+from cellwatt.account import Account
+from cellwatt.errors import ConnectError
 from cellwatt.receipt import receive_into, stamp_receipts
-from cellwatt_drivers.ur import transport
-from cellwatt_drivers.ur.transport import GatheringTransport
+from cellwatt_drivers.ur import session, wire
+from cellwatt_drivers.ur.session import Session
 from tests.patience import eventually
 
+NOW = 1_790_000_000_000_000_000
 
-class Heard(asyncio.BufferedProtocol):
-    """Stands for a session: what came, how long it had waited, and how the connection ended."""
 
-    def __init__(self) -> None:
+class Heard(Session):
+    """Keeps what came and how long it had waited, frames or not; the cell's time stands still."""
+
+    def __init__(self, opened: socket.socket, gather: float) -> None:
         self.blocks: list[tuple[bytes, int]] = []
-        self.ends: list[Exception | None] = []
-        self.eof = False
-        self._room = memoryview(bytearray(1000))
+        super().__init__(opened, "here", lambda: NOW, Account(), lambda: gather)
 
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, GatheringTransport)
-        self.made = transport
-
-    def get_buffer(self, sizehint: int) -> memoryview:
-        return self._room
-
-    def buffer_updated(self, nbytes: int) -> None:
-        self.blocks.append((bytes(self._room[:nbytes]), self.made.waited))
-
-    def eof_received(self) -> None:
-        self.eof = True
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        self.ends.append(exc)
+    def _take(self) -> bool:
+        self.blocks.append((bytes(self._view[: self._filled]), NOW - self._arrival))
+        self._filled = 0
+        return False
 
 
 @pytest.fixture
@@ -77,27 +68,27 @@ async def test_what_gathers_is_one_block_that_says_how_long_its_newest_bytes_wai
         pass  # a busy kernel delivers late
     there = time.monotonic_ns()
     moment = asyncio.get_running_loop().time() + 0.05
-    monkeypatch.setattr(transport, "next_moment", lambda gather: moment)
-    heard = Heard()
-    GatheringTransport(ours, heard, lambda: 0.01)
+    monkeypatch.setattr(session, "next_moment", lambda gather: moment)
+    heard = Heard(ours, 0.01)
     await eventually(lambda: heard.blocks)
     read = time.monotonic_ns()
     ((data, waited),) = heard.blocks
     assert data == b"onetwothree"
     assert 0.5 * (int(moment * 1e9) - there) < waited <= read - begun
-    heard.made.close()
+    heard.close()
 
 
 async def test_without_a_gather_bytes_are_read_as_they_come_and_the_end_is_told(pair):
     ours, theirs = pair
-    heard = Heard()
-    GatheringTransport(ours, heard, lambda: 0.0)
-    heard.made.write(b"question")
-    assert await asyncio.get_running_loop().sock_recv(theirs, 100) == b"question"
+    heard = Heard(ours, 0.0)
+    heard.leave()
+    assert await asyncio.get_running_loop().sock_recv(theirs, 100) == wire.PAUSE
     for n, part in enumerate((b"one", b"two"), 1):
         theirs.send(part)
         await eventually(lambda n=n: len(heard.blocks) == n)
     assert [data for data, _ in heard.blocks] == [b"one", b"two"]
     theirs.close()
-    await eventually(lambda: heard.ends)
-    assert heard.eof and heard.ends == [None] and heard.made.is_closing()
+    await eventually(heard.closed.done)
+    with pytest.raises(ConnectError, match="here: the controller closed the connection"):
+        heard.closed.result()
+    assert ours.fileno() < 0
