@@ -317,6 +317,15 @@ def test_results_have_units_and_their_own_time() -> None:
     assert host.values["", "arm/task/end"] == (T + 10**9) // MS
 
 
+def test_a_birth_tells_how_many_alarms_are_active_now() -> None:
+    alarms, host = AlarmBook(), Host()
+    node = EdgeNode(SparkplugSettings(group="g", node="n"), "site", "cell", alarms)
+    alarms.take(Alarm("1", "joint_fault", "warning", True, T, T, "Joint 3 is stiff."))
+    host.connected(node.connect())
+    host.hear(node.birth(T))
+    assert host.values["", "alarms/active"] == 1
+
+
 def test_a_text_that_is_not_utf_8_is_no_command():
     told = encode([metric(DataType.BOOLEAN, True, 5, name="Node Control/Rebirth")], 5, None)
     with pytest.raises(ProtocolError, match="not UTF-8"):
