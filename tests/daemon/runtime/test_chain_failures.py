@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 from itertools import pairwise
 
@@ -90,7 +91,8 @@ def test_alarms_of_a_stage_that_broke_are_taken_back():
     assert chain.process(frames_of(2, second=2.0)) == []
 
 
-def test_the_error_of_a_stage_is_one_line_of_plain_text():
+def test_the_error_of_a_stage_is_one_line_of_plain_text(caplog):
+    caplog.set_level(logging.CRITICAL, logger="cellwatt.runtime.chain")  # a test report is UTF-8
     chain = chain_of(judge=FakeStage)
 
     def names_a_file(*_):
