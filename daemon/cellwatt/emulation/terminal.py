@@ -79,7 +79,7 @@ class PtyPort(Port):
 
     async def __aenter__(self) -> str:
         """See ``Port``."""
-        near, far = self._stack.enter_context(raw_terminal(self._link))
+        near, far = await asyncio.to_thread(self._stack.enter_context, raw_terminal(self._link))
         reader = asyncio.StreamReader()
         transport, _ = await asyncio.get_running_loop().connect_read_pipe(
             lambda: asyncio.StreamReaderProtocol(reader), os.fdopen(os.dup(near), "rb", 0)
