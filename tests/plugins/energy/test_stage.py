@@ -297,8 +297,6 @@ def test_what_does_not_fit_is_refused(folder, produced, tmp_path):
     with pytest.raises(ModelError, match="is of robot small, the cell's robot is ur10e"):
         made(folder, layout, robot="ur10e")
     assert made(folder, layout, robot="robot.yaml")
-    with pytest.raises(ModelError, match="the key 'robot' is missing"):
-        made(folder, layout, balance=Path("key.json"))
     with pytest.raises(ModelError, match="cannot be read"):
         made(folder, layout, balance=Path("nowhere.json"))
     watts = replace(layout.channels[-1], unit="kW")

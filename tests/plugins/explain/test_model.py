@@ -103,7 +103,6 @@ def damaged(folder, arm, change):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda c: c.update(format=1), "run `cellwatt explain` again"),
         (lambda c: c["robot"].pop("joints"), "robot: the key 'joints' is missing"),
         (lambda c: c["retuned"].update(standby_power="much"), "standby_power: found 'much', expected a number"),
         (lambda c: c["retuned"]["inertial"].pop(), "retuned.inertial: found the shape (29,), expected (30,)"),

@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from cellwatt.tables import write_table
 from cellwatt_plugins.explain import api
@@ -16,6 +15,7 @@ from cellwatt_plugins.explain.simulators import load_simulator
 from cellwatt_plugins.explain.simulators.rollout import WINDOW, rms_of, rolled_out
 from cellwatt_plugins.explain.verdict.other_recordings import compare, with_others
 from cellwatt_plugins.robot.servo.law import servo_of
+from tests.calling import called
 from tests.plugins.explain.logs import numbered
 from tests.plugins.explain.servos import KP, PLANTS, ROW, integrated, mjcf
 from tests.plugins.robot import planar_arm
@@ -36,8 +36,7 @@ def explained(folder, log, *words):
     (folder / "arm.xml").write_text(mjcf())
     given = [str(log), "--simulation", str(folder / "arm.xml"), "--out", str(folder / "out")]
     words = words or ("--no-report",)
-    done = CliRunner().invoke(explain, [*given, "-q", *words], catch_exceptions=False)
-    assert done.exit_code == 0, done.output
+    called(explain, *given, "-q", *words)
     found = json.loads((folder / "out" / "findings.json").read_text())
     return found, {(f["effect"], f["joint"]): f["parameters"] for f in found["findings"]}
 

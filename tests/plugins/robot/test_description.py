@@ -60,10 +60,6 @@ def joint(**changes):
             {**WHOLE, "payload": 3, "payloads": 4},
             "payloads: unknown key 'payloads'; did you mean 'payload'? (keys here: ",
         ),
-        (
-            joint(lower_limits=4),
-            "joints[0].lower_limits: unknown key 'lower_limits'; did you mean 'lower_limit'? (keys",
-        ),
         (joint(lower_limit=2, upper_limit=-2), "joints[0].lower_limit: found 2, expected less than upper_limit, -2"),
         ({**WHOLE, "capsules": [rod(link=4)]}, "capsules: a link above 2, the last"),
         (joint(coulomb_friction=float("nan")), "joints[0].coulomb_friction: found .nan, expected a finite number"),

@@ -361,12 +361,6 @@ def test_other_supplies_are_no_wrong_unit(run, arm):
         assert examine([replace(run, power=power)], arm)[1] == []
 
 
-def test_what_never_moved_is_a_note(described, arm):
-    assert examine([recorded(described, some(excitation(1), 1, 2, 3, 4))], arm)[1] == [
-        "joints 5, 6 never moved: friction and inertia there cannot be found"
-    ]
-
-
 def test_cut_off_and_coarse_torques_are_notes(described, arm):
     run = recorded(described, excitation(1))
     limit = 0.7 * run.torque[:, 1].max()

@@ -7,13 +7,13 @@ import json
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from click.testing import CliRunner
 
 from cellwatt.errors import ConfigError
 from cellwatt.results import Prediction
 from cellwatt_plugins.explain.command import explain
 from cellwatt_plugins.explain.live.recording import write_recording, write_robot
 from tests.blocks import layout_of
+from tests.calling import called
 from tests.plugins.explain.emulated_arm import START, framed
 from tests.plugins.explain.servos import PLANTS, ROW, Plant, integrated, mjcf, moves
 from tests.plugins.explain.test_stage import alarms, made, run
@@ -79,8 +79,7 @@ def test_what_it_keeps_is_explained_and_the_model_agrees_with_the_arm(folder, lo
     write_robot(tmp_path / "robot.yaml", stage._simulation.model.robot)
     given = [str(tmp_path / "recording.parquet"), "--simulation", str(folder / "arm.xml")]
     given += ["--robot", str(tmp_path / "robot.yaml"), "--out", str(tmp_path), "--no-report", "-q"]
-    done = CliRunner().invoke(explain, given, catch_exceptions=False)
-    assert done.exit_code == 0, done.output
+    called(explain, *given)
     found = json.loads((tmp_path / "findings.json").read_text())["findings"]
     assert [(f["effect"], f["joint"]) for f in found] == [("drive_gain", 2)]
     assert told(watched(folder, logs["gain"], simulation=str(tmp_path / "model.yaml"))[1]) == set()
