@@ -41,12 +41,6 @@ def rig() -> Rig:
     return Rig()
 
 
-def test_gaps_duplicates_and_late_ones(rig):
-    rig.take(1, 2, 5, 5, 4, 6)
-    assert rig.count == (6, 4, {"gap": 2}, {"duplicates": 1, "late packets": 1})
-    assert rig.inlet.resets == []
-
-
 def test_axes_that_the_settings_leave_out_are_told_once():
     rig = Rig(axes=4)
     rig.take(1, 2)
@@ -90,13 +84,6 @@ def test_a_number_that_the_time_cannot_have_brought_invents_no_loss(rig):
     assert rig.inlet.account.anomalies == {"sessions"}
 
 
-def test_a_gap_over_a_lost_connection_is_an_outage(rig):
-    rig.take(1, 2)
-    rig.intake.opened()
-    rig.take(10, 12)
-    assert rig.count == (12, 4, {"outage": 7, "gap": 1}, {})
-
-
 def test_numbering_begins_anew_with_a_new_session(rig):
     rig.take(500, 501)
     rig.take(1, at=502)
@@ -137,8 +124,3 @@ def test_without_a_clock_the_header_counts_and_wraps(rig):
     np.testing.assert_array_equal(np.diff(rig.inlet.device_time), 4_000_000)
     rig.take(4)
     assert rig.inlet.resets == ["the controller's clock appeared or disappeared"]
-
-
-def test_garbage_is_counted(rig):
-    rig.intake.take([b"\x07garbage", rig.packet(1), rig.packet(2)[:20]])
-    assert rig.count == (1, 1, {}, {"malformed": 2})

@@ -5,8 +5,7 @@ from __future__ import annotations
 import socket
 import time
 from collections import deque
-from collections.abc import AsyncIterator
-from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from contextlib import AbstractAsyncContextManager
 
 import can
 
@@ -14,7 +13,7 @@ from cellwatt_drivers.can_sensor import CanSensorDriver, CanSensorSettings
 from cellwatt_drivers.can_sensor.emulator import CanSensorEmulator
 
 from ..inlet import CollectingInlet
-from ..running import Run, Steady, repeated, served
+from ..running import Run, Served, Steady, repeated, with_address
 
 FAST = {"cycles": "current=10,voltage_1=20"}
 READ = {"read": ["current", "voltage_1"], "rates": {"current": "100 Hz", "voltage_1": "50 Hz"}}
@@ -62,12 +61,9 @@ class ScriptedBus(can.BusABC):
 KERNEL = "socketcan:can0"
 
 
-@asynccontextmanager
-async def emulated(**options: str) -> AsyncIterator[tuple[CanSensorEmulator, str]]:
+def emulated(**options: str) -> Served[CanSensorEmulator]:
     """An emulator and the path of its adapter."""
-    emulator = CanSensorEmulator(STILL, "pty", seed=5, options=FAST | options)
-    async with served(emulator) as place:
-        yield emulator, place
+    return with_address(CanSensorEmulator(STILL, "pty", seed=5, options=FAST | options))
 
 
 def settings(place: str, **changes: object) -> CanSensorSettings:

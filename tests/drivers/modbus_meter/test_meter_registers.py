@@ -26,13 +26,6 @@ def test_words_of_each_kind(words, kind, order, value):
     assert Block((Slot(7, kind, 0),), order).decode(words) == (value,)
 
 
-def test_values_among_registers_that_are_not_wanted():
-    block = Block((Slot(0x34, "float32", 1), Slot(0x38, "float32", 0)), "big")
-    assert (block.address, block.count) == (0x34, 6)
-    assert block.decode((0x43FA, 0, 0xDEAD, 0xBEEF, 0x4410, 0)) == (500.0, 576.0)
-    assert block.columns == [1, 0]
-
-
 def test_neighbours_are_read_together_and_gaps_only_as_allowed():
     slots = [Slot(a, "float32", i) for i, a in enumerate((10, 0, 2, 4, 20))]
     assert [(b.address, b.count) for b in plan(slots, 125, 0, "big")] == [(0, 6), (10, 2), (20, 2)]

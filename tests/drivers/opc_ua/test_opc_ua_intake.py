@@ -100,11 +100,6 @@ def test_a_bad_value_is_missing_and_told_once(bench):
     assert bench.inlet.texts("bad_status") == ["plc: a.x BadSensorFailure", "plc: all values are good again"]
 
 
-def test_a_sample_without_one_good_value_is_missing(bench):
-    bench.tell(100, item(0, 103, 0, BAD), item(1, 103, 0, BAD))
-    assert bench.inlet.readings[-1].quality.tolist() == [Quality.MISSING]
-
-
 def test_a_doubtful_value_is_taken_and_counted(bench):
     bench.tell(100, item(0, 103, 6.0, UNCERTAIN))
     assert bench.rows[-1][1] == 6.0

@@ -81,13 +81,6 @@ def test_change_of_rate_is_at_most_two_jumps() -> None:
     assert set(verdicts) == {"follows", "jumped"}
 
 
-def test_duplicates_and_overtaken_packets_lie_behind() -> None:
-    board, clock = after((*range(50), 52))
-    for number in (51, 52, 30, 50):
-        assert board.place(clock, number, delay=0.3) == PacketPosition(number, microseconds(number), "behind")
-    assert board.place(clock, 53).verdict == "follows"
-
-
 def test_stalled_link_that_catches_up_is_no_jump() -> None:
     board, clock = after(range(100))
     end = 100 + round(50.0 * RATE)

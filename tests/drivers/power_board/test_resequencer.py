@@ -67,14 +67,6 @@ def test_what_waits_is_bounded() -> None:
     assert order.deadline is None
 
 
-def test_batches_are_counted_in_samples() -> None:
-    order = Resequencer(WINDOW)
-    order.put(placed(0, samples=4))
-    order.put(placed(8, samples=4))
-    assert numbers(order.release(0, everything=True)) == [(0, 0), (4, 8)]
-    assert order.put(placed(4, samples=4)) == "late"
-
-
 @settings(deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 60), st.integers(0, 30)), min_size=1, max_size=80), st.booleans())
 def test_every_packet_has_one_fate(sent: list[tuple[int, int]], eager: bool) -> None:

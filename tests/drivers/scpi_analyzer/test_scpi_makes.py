@@ -92,15 +92,18 @@ async def test_overload_and_the_error_queue(model):
 @pytest.mark.parametrize(
     ("wanted", "there", "said"),
     [
-        ("wt300", "lmg600", "is not a WT300: it answers 'ZES"),
-        ("lmg600", "hmc8015", "is not an LMG600: it answers 'Rohde"),
+        ("hmc8015", {"idn": "YOKOGAWA,WT310,C2PL11001V,F1.03"}, "is not an HMC8015: it answers 'YOKOGAWA,WT310"),
+        ("wt300", {"model": "lmg600"}, "is not a WT300: it answers 'ZES"),
+        ("lmg600", {"model": "hmc8015"}, "is not an LMG600: it answers 'Rohde"),
     ],
 )
 async def test_another_make_is_the_wrong_device(wanted, there, said):
-    async with emulated(model=there) as (_, place):
+    async with emulated(**there) as (emulator, place):
         driver = ScpiAnalyzerDriver("supply", settings(place, model=wanted, timeout="200 ms"), Inlet())
-        with pytest.raises(WrongDeviceError, match=said):
-            await driver.identify()
+        for attempt in (driver.run, driver.identify):
+            with pytest.raises(WrongDeviceError, match=said):
+                await attempt()
+        assert set(emulator.lines) == {"*IDN?"}
 
 
 def test_an_lmg670_understands_the_language_it_is_told():

@@ -52,36 +52,6 @@ def cell() -> Cell:
     return Cell()
 
 
-@pytest.mark.parametrize("block", [1, 5, 203])
-def test_packages_in_order_with_their_own_time(cell, block):
-    cell.run(60.0, 203, block)
-    assert cell.device_time.tolist() == [round((60.0 + i / RATE) * 1e9) for i in range(203)]
-    assert cell.values[:, 0].tolist() == [60.0 + i / RATE for i in range(203)]
-    assert cell.account.expected == cell.account.received == 203
-    assert len(cell.identities) == 1 and not cell.events and not cell.resets
-
-
-@pytest.mark.parametrize("block", [1, 5])
-def test_gaps_are_missed_packages(cell, block):
-    last = cell.run(60.0, 100, block)
-    cell.time += 8_000_000
-    cell.feed([last + 0.008])
-    cell.time += 10_000_000
-    cell.feed([last + 0.010, last + 0.016, last + 0.018])
-    assert cell.account.missed == {"gap": 5}
-    assert cell.account.expected == 109
-
-
-def test_an_outage_on_the_same_time_base_is_missed_too(cell):
-    last = cell.run(60.0, 100)
-    cell.open()
-    cell.time += 1_002_000_000
-    cell.feed([last + 1.002], not_before=cell.time)
-    assert cell.account.missed == {"outage": 500}
-    assert not cell.resets
-    assert len(cell.identities) == 2
-
-
 @pytest.mark.parametrize("later", [0.0, 55.0, 60.7])
 def test_after_a_reboot_no_loss_is_invented(cell, later):
     cell.run(60.0, 500)

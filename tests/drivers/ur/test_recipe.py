@@ -44,19 +44,6 @@ def packages(types: list[str], n: int, seed: int) -> bytes:
     return b"".join(out)
 
 
-def test_the_worked_package():
-    selection = Selection.of(["actual_q", "robot_mode"])
-    decoder = Decoder(selection, 1, ("DOUBLE", "VECTOR6D", "INT32"))
-    data = bytes.fromhex(
-        "00405501408f4004189374bc3fe0000000000000bff40000000000003ff8000000000000bfd0000000000000"
-        "3ff921fb54442d18000000000000000000000007"
-    )
-    assert (decoder.package.id, decoder.package.size, decoder.package.header) == (1, 64, 0x00405501)
-    time, values = decoder.decode(memoryview(data), 1)
-    assert time.tolist() == [1000.002]
-    assert values.tolist() == [[0.5, -1.25, 1.5, -0.25, np.pi / 2, 0.0, 7.0]]
-
-
 @given(st.lists(st.sampled_from(OFFERED), min_size=1, max_size=14, unique=True), st.integers(1, 40), st.integers(0, 99))
 def test_decoding_many_equals_struct_one_by_one(fields, n, seed):
     selection = Selection.of(fields)

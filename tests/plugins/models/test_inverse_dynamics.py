@@ -74,15 +74,6 @@ def test_what_is_left_out_is_zero(tmp_path):
         assert np.abs(run_graph(graph, torque, 6, values) - expected).max() < 1e-8
 
 
-def test_other_inertial_parameters(tmp_path):
-    body = written_arm(tmp_path, 6, seed=2)
-    q, qd, qdd = np.split(motion(6), 3, axis=1)
-    parameters = body.parameters() * np.random.default_rng(0).uniform(0.8, 1.2, 60)
-    graph = Graph(columns=6)
-    torque = run_graph(graph, inverse_dynamics(body, graph.input, inertial=parameters), 6, q)
-    assert np.abs(torque - body.regressor(q, 0 * qd, 0 * qdd) @ parameters).max() < 1e-8
-
-
 def test_a_frame_costs_few_nodes(tmp_path):
     """What a frame costs is the number of nodes: about 1 µs each."""
     graph, given = split(6)
