@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import ssl
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
+
+if TYPE_CHECKING:
+    from cellwatt.outlets.zenoh.link import LinkSettings
 
 
 @pytest.fixture
@@ -34,3 +39,14 @@ def tls(certificates: Path) -> ssl.SSLContext:
     context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
     context.load_cert_chain(certificates / "cell", certificates / "cell.key")
     return context
+
+
+@pytest.fixture
+def bus() -> Iterator[LinkSettings]:
+    """A Zenoh router that lets everybody do everything, and how to reach it."""
+    from cellwatt.outlets.zenoh.link import LinkSettings, open_session
+    from tests.daemon.outlets.zenoh.processes import free_port
+
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with open_session(LinkSettings(mode="router", listen=(endpoint,))):
+        yield LinkSettings(mode="client", connect=(endpoint,))

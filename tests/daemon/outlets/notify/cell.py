@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Iterator, Mapping
+from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -11,9 +11,9 @@ from cellwatt import Alarm
 from cellwatt.outlets.notify.outlet import NotifyOutlet
 from cellwatt.outlets.notify.settings import NotifySettings
 from cellwatt.outlets.notify.texts import About
-from cellwatt.results import Event, Result
+from cellwatt.results import Event
 from tests.daemon.outlets.zenoh import fake_cell
-from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView
+from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, Journal
 from tests.doing import doing
 from tests.patience import eventually
 
@@ -33,20 +33,6 @@ def alarm(number: int, active: bool = True, **more: Any) -> Alarm:
 
 def event(kind: str, alarm_id: str) -> Event:
     return Event(EPOCH, "arm", kind, f"Ada {kind} {alarm_id}", {"alarm": alarm_id, "name": "Ada", "note": ""})
-
-
-class Journal:
-    """What was published in this session."""
-
-    def __init__(self, *items: Result | Event) -> None:
-        self.items = list(items)
-
-    def put(self, item: Result | Event) -> int:
-        self.items.append(item)
-        return len(self.items)
-
-    def past(self) -> Iterator[tuple[int, Result | Event]]:
-        return iter(list(enumerate(self.items)))
 
 
 class View(FakeView):

@@ -9,7 +9,8 @@ import asyncio
 import sys
 from pathlib import Path
 
-from tests.daemon.outlets.notify.cell import Journal, View, alarm, outlet
+from tests.daemon.outlets.notify.cell import View, alarm, outlet
+from tests.daemon.outlets.zenoh.fake_cell import Journal
 
 
 async def run(folder: Path, url: str, first: int, count: int) -> None:

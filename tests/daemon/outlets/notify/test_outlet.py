@@ -10,8 +10,9 @@ from aiohttp import web
 
 from cellwatt import AlarmBook
 from cellwatt.outlets.notify import courier as module
-from tests.daemon.outlets.notify.cell import EPOCH, Journal, View, alarm, event, offered, outlet, running
+from tests.daemon.outlets.notify.cell import EPOCH, View, alarm, event, offered, outlet, running
 from tests.daemon.outlets.notify.servers import Web, hook, web_server
+from tests.daemon.outlets.zenoh.fake_cell import Journal
 from tests.patience import eventually
 
 

@@ -17,7 +17,6 @@ from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 from asyncua.ua import ua_binary
 
 from cellwatt.channel import Quality
-from cellwatt.errors import OutletError
 from cellwatt.frames import Frames
 from cellwatt.outlets.opc_ua.arrays import ENTRIES, READERS, bound_arrays
 from cellwatt.outlets.opc_ua.bounds import SUBSCRIPTIONS_OF_SESSION
@@ -99,7 +98,6 @@ async def test_a_cell_without_users():
         await too_much_is_refused_before_it_is_done(outlet)
         await idle_connections_and_endless_messages_are_cut_off(outlet)
         assert outlet.account.residue == 0
-        await a_server_that_dies_is_told_and_the_queue_stays_bounded(outlet)
 
 
 async def clients_see_the_cells_values(outlet: OpcUaOutlet) -> None:
@@ -356,15 +354,3 @@ def test_what_is_left_open_on_purpose_is_warned_of_once_and_shows_no_password():
     settings = OpcUaOutletSettings.model_validate({"listen": "0.0.0.0:4840", "open": True, "users": {"eve": "s3cret"}})
     assert len(settings.warnings()) == 1
     assert "s3cret" not in repr(settings)
-
-
-async def a_server_that_dies_is_told_and_the_queue_stays_bounded(outlet: OpcUaOutlet) -> None:
-    running = next(t for t in asyncio.all_tasks() if t.get_coro().__name__ == "run")
-    for server in children(OpcUaOutlet.module):
-        server.kill()
-    await eventually(running.done)
-    with pytest.raises(OutletError, match="the OPC UA server ended"):
-        running.result()
-    for number in range(2000):
-        outlet.offer(frames(number))
-    assert outlet.account.dropped["queue: frames"] == 2000 - 512

@@ -24,7 +24,6 @@ from cellwatt.outlets.page import PageOutlet, PageSettings
 from cellwatt.outlets.page.sessions import FILE
 from cellwatt.results import Result
 from cellwatt.runtime.delivery import Delivery
-from tests.daemon.outlets.notify.cell import Journal
 from tests.daemon.outlets.page.cell import (
     API,
     EPOCH,
@@ -41,7 +40,7 @@ from tests.daemon.outlets.page.cell import (
     status,
 )
 from tests.daemon.outlets.serving import children, serving
-from tests.daemon.outlets.zenoh.fake_cell import alarm, batch
+from tests.daemon.outlets.zenoh.fake_cell import Journal, alarm, batch
 from tests.daemon.outlets.zenoh.processes import free_port
 from tests.doing import doing
 from tests.patience import eventually

@@ -21,7 +21,6 @@ from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
 from cellwatt.outlets.zenoh.link import LinkSettings, open_session
 from tests.daemon.outlets.page.cell import EPOCH, MS, Stream, client, get, post, status
 from tests.daemon.outlets.zenoh.fake_cell import FakeView, alarm, frames
-from tests.daemon.outlets.zenoh.processes import free_port
 from tests.daemon.outlets.zenoh.serving import serving
 from tests.doing import doing
 from tests.patience import eventually
@@ -49,11 +48,8 @@ async def viewing(router: str, cell: str | None = None) -> AsyncIterator[str]:
 
 
 @pytest.fixture
-async def router() -> AsyncIterator[str]:
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    session = await asyncio.to_thread(open_session, LinkSettings(mode="router", listen=(endpoint,)))
-    yield endpoint
-    await asyncio.to_thread(session.close)
+def router(bus: LinkSettings) -> str:
+    return bus.connect[0]
 
 
 @pytest.fixture(autouse=True)

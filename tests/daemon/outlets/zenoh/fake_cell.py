@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,7 +12,7 @@ import numpy as np
 
 from cellwatt import Alarm, AlarmBook, Batch, Channel, Frames, Stream
 from cellwatt.frames import Block, cut
-from cellwatt.results import Event, Result, Task
+from cellwatt.results import Event, Result, Task, series_of
 from tests.blocks import layout_of
 
 SITE, CELL = "plant-1", "weld-3"
@@ -97,6 +97,23 @@ def sample(payload: bytes, attachment: bytes) -> Any:
         return SimpleNamespace(to_bytes=lambda: data)
 
     return SimpleNamespace(payload=holding(payload), attachment=holding(attachment))
+
+
+class Journal:
+    """What was published in this session, numbered by series."""
+
+    def __init__(self, *items: Result | Event) -> None:
+        self.items = list(items)
+
+    def put(self, item: Result | Event) -> int:
+        self.items.append(item)
+        return self._number(len(self.items) - 1)
+
+    def past(self) -> Iterator[tuple[int, Result | Event]]:
+        return iter([(self._number(place), item) for place, item in enumerate(self.items)])
+
+    def _number(self, place: int) -> int:
+        return sum(series_of(item) == series_of(self.items[place]) for item in self.items[:place])
 
 
 class FakeView:

@@ -47,15 +47,6 @@ def answers_of(view: FakeView, backlog: Backlog) -> Answers:
     return Answers(view, CellKeys(SITE, CELL), backlog, lambda what: None, lambda: health)
 
 
-def test_history_ends_at_a_hole_and_is_bounded(answers: Answers, view: FakeView) -> None:
-    view.record(batch(0, 10))
-    view.record(batch(12, 2 * MOST_SAMPLES))
-    asked = {"source": "arm", "stream": "samples"}
-    assert answers.about("history", asked).mark == Mark(EPOCH, 0, 10, EPOCH, backfill=True)
-    bounded = answers.about("history", asked | {"first": "12", "count": "999999"}).mark
-    assert bounded == Mark(EPOCH, 12, MOST_SAMPLES, EPOCH + 12, backfill=True)
-
-
 @pytest.mark.parametrize(
     ("name", "asked", "text"),
     [

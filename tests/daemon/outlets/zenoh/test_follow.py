@@ -82,9 +82,11 @@ def test_a_flood_of_claims_takes_no_room_for_longer_than_until_the_cell_has_answ
 
 def test_topics_of_a_stranger_before_the_cells_first_answer_leave_room_for_its_own() -> None:
     following = Following(WANTED)
+    raw(following, 10**6, 5, session=9)  # the first message of the cell's own topic is not the cell's
     for n in range(2000):
         following.message(f"raw/ghost{n}/samples", mark(1, 0), batch(0, 1))
     following.told(1, {RAW: (1, 5)}, 0.0)
+    assert following.counts["refused"] == 1
     assert [p.sequence for p in raw(following, 5)] == [5]
     assert raw(following, 9) == []
     with pytest.raises(ProtocolError, match="more than 1000 topics"):

@@ -106,22 +106,6 @@ async def test_what_the_cell_does_not_know_is_refused(cell: Cell, stranger: Stra
         assert (message.sequence, message.content) == (1, alarm(1, active=False))
 
 
-async def test_who_is_forged_to_before_it_knows_the_cell_finds_it(cell: Cell, stranger: Stranger) -> None:
-    """The first message that a subscriber hears is not the cell's, and the cell answers late."""
-    cell.give(0, 100)
-    await eventually(lambda: cell.outlet.account.received == 100, "the samples")
-    async with cell.subscriber(want=("raw",), patience=0.2) as subscriber:
-        # As if it had come before the cell's first answer.
-        with subscriber._inbox.lock:
-            following = subscriber._inbox.following
-            following.joined, following.cell, following._topics = False, None, {}
-            following.message(RAW, Mark(FUTURE, LEAP, 5, EPOCH), batch(0, 5))
-            subscriber._inbox.look.set()
-        await refused(subscriber, 1)
-        await only_the_truth(cell, subscriber, 100)
-        assert subscriber.positions[RAW] == (EPOCH, 105)
-
-
 async def test_a_true_restart_is_followed_beside_a_forged_one(cell: Cell, stranger: Stranger) -> None:
     """The cell ends and begins anew on the same port in a later session, while somebody claims one still later."""
     later = EPOCH + 60 * 10**9

@@ -167,19 +167,6 @@ async def test_history_is_answered_on_its_backfill_key(consumer: Consumer, view:
     assert [row[0] for row in table["values"].to_pylist()] == [4, 5, 6]
 
 
-async def test_liveliness_comes_and_goes_with_the_cell(outlet: ZenohOutlet, endpoint: str) -> None:
-    seen: list[tuple[str, str]] = []
-    async with AsyncExitStack() as until_the_end:
-        async with doing(outlet.run()):
-            session = await until_the_end.enter_async_context(client(endpoint))
-            session.liveliness().declare_subscriber(
-                "cellwatt/*/*", lambda s: seen.append((str(s.key_expr), str(s.kind))), history=True
-            )
-            await eventually(lambda: seen, "the token")
-        await eventually(lambda: len(seen) == 2, "the end of the token")
-    assert seen == [(ROOT, "SampleKind.PUT"), (ROOT, "SampleKind.DELETE")]
-
-
 async def test_a_second_daemon_under_the_cells_name_is_reported_by_both(
     outlet: ZenohOutlet, endpoint: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

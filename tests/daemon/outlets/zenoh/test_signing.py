@@ -25,7 +25,6 @@ from cellwatt.outlets.zenoh.messages import encode_item, health
 from cellwatt.outlets.zenoh.signing import MessageSigner, MessageVerifier
 from cellwatt.subscriber import Gap, Health, Message, Subscriber
 from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch, sample
-from tests.daemon.outlets.zenoh.processes import free_port
 from tests.daemon.outlets.zenoh.serving import serving
 from tests.doing import doing
 from tests.patience import eventually
@@ -114,14 +113,6 @@ def test_files_that_hold_no_such_key_are_named(keys: Path) -> None:
         Verifier(keys / "none")
     with pytest.raises(OutletError, match=r"^sign: .*none cannot be read: No such file"):
         MessageSigner(ROOT, keys / "none").open()
-
-
-@pytest.fixture
-def bus() -> Iterator[LinkSettings]:
-    """A router that lets everybody do everything, and how to reach it."""
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    with open_session(LinkSettings(mode="router", listen=(endpoint,))):
-        yield LinkSettings(mode="client", connect=(endpoint,))
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import asyncio
 import itertools
 import threading
 import time
-from collections.abc import AsyncIterator, Iterator, Sequence
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from typing import Any
 
@@ -19,10 +19,9 @@ from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings, publisher
 from cellwatt.outlets.zenoh.encode import encode
 from cellwatt.outlets.zenoh.link import open_session
 from cellwatt.outlets.zenoh.mark import Mark
-from cellwatt.results import Event, Result, series_of
 from cellwatt.subscriber import Gap, LinkSettings, Message, Subscriber
 from cellwatt.subscriber.inbox import Mailbox
-from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch, task
+from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, Journal, alarm, batch, task
 from tests.daemon.outlets.zenoh.processes import free_port
 from tests.daemon.outlets.zenoh.serving import serving
 from tests.patience import PATIENCE, eventually
@@ -218,23 +217,6 @@ def test_topics_that_no_cell_has_are_refused() -> None:
     refused = ", ".join(named[2:])
     with pytest.raises(ConfigError, match=f"no cell publishes {refused}; topics are raw/SOURCE/STREAM, frame, "):
         Subscriber(SITE, CELL, LinkSettings(), want=named)
-
-
-class Journal:
-    """Numbers items by series."""
-
-    def __init__(self, *items: Result | Event) -> None:
-        self._items: list[tuple[int, Result | Event]] = []
-        for item in items:
-            self.put(item)
-
-    def put(self, item: Result | Event) -> int:
-        number = sum(series_of(known) == series_of(item) for _, known in self._items)
-        self._items.append((number, item))
-        return number
-
-    def past(self) -> Iterator[tuple[int, Result | Event]]:
-        return iter(list(self._items))
 
 
 async def test_who_joins_after_a_restart_is_told_the_alarms_that_are_up_and_nothing_else_of_before() -> None:
