@@ -3,14 +3,30 @@
 from __future__ import annotations
 
 import ssl
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from cellwatt import registry
+
 if TYPE_CHECKING:
     from cellwatt.outlets.zenoh.link import LinkSettings
+
+Registered = Callable[[Callable[[str], Any]], None]
+
+
+@pytest.fixture
+def registered(monkeypatch: pytest.MonkeyPatch) -> Iterator[Registered]:
+    """Puts another function in place of ``importlib.metadata.entry_points``."""
+
+    def put(entry_points: Callable[[str], Any]) -> None:
+        monkeypatch.setattr(registry, "entry_points", entry_points)
+        registry.available.cache_clear()
+
+    yield put
+    registry.available.cache_clear()
 
 
 @pytest.fixture

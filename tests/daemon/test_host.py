@@ -8,14 +8,11 @@ from cellwatt.outlets.zenoh.link import LinkSettings
 
 GOOD = ["192.0.2.10", "arm-3.plant", "localhost", "::1", "fe80::1%eth0", "a_b", "x" * 63, "robot.", "3"]
 BAD = {
-    "300 characters": "h" * 300,
     "empty": "",
     "a line break": "arm\n",
     "a user": "user:password@arm",
-    "a URL": "http://arm",
     "a number beyond 255": "192.168.1.300",
     "three numbers": "192.168.1",
-    "with a port": "192.168.1.30:502",
 }
 
 

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import NamedTuple
 
 import pytest
 
-from cellwatt import registry
 from cellwatt.commands import main
+from tests.daemon.conftest import Registered
 from tests.daemon.runtime import fakes
 
 SKELETON = EntryPoint("skeleton", "cellwatt.testing.skeleton:SkeletonDriver", "cellwatt.drivers")
@@ -45,12 +45,11 @@ def points_with(*more: EntryPoint) -> Callable[[str], list[EntryPoint]]:
 
 
 @pytest.fixture
-def call(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Iterator[Call]:
+def call(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], registered: Registered) -> Call:
     """Calls ``cellwatt ARGUMENTS…``."""
 
     monkeypatch.setenv("CELLWATT_TRACEBACK", "1")
-    monkeypatch.setattr(registry, "entry_points", points_with(SKELETON))
-    registry.available.cache_clear()
+    registered(points_with(SKELETON))
     for parts in (fakes.DEVICES, fakes.JUDGES, fakes.RECEIVERS):
         parts.clear()
 
@@ -62,8 +61,7 @@ def call(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) ->
         assert isinstance(ended.value.code, int)
         return Ended(ended.value.code, *capsys.readouterr())
 
-    yield run
-    registry.available.cache_clear()
+    return run
 
 
 @pytest.fixture

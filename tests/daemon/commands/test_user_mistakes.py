@@ -20,6 +20,7 @@ from cellwatt.errors import RecordingError
 from cellwatt.record import Recording
 from cellwatt.results import Interval
 from tests.daemon.commands.calling import CELL, Call, call, cell, points_with
+from tests.daemon.conftest import Registered
 from tests.daemon.record import making
 from tests.rights import as_anybody
 
@@ -86,11 +87,6 @@ MISTAKES = [
     (("secure", "init", "x" * 300, "--site", "plant"), ERROR, "File name too long"),
     (("export", "recordings", "--out", "\udcff"), ERROR, "cannot be written: its name is not UTF-8"),
     (("simulate", "--model", "bad.yaml", "--motion", "untimed.csv", "--out", "o"), USAGE, "not valid YAML"),
-    (
-        ("secure", "list", "--in", "empty"),
-        USAGE,
-        "empty/access.yaml: No such file or directory; begin with: cellwatt secure init",
-    ),
     (("plot", "recordings", "--channel", "torque"), ERROR, "nothing to draw: no such channels"),
     (("view", "untimed.csv"), USAGE, "untimed.csv is no settings file: draw it with cellwatt plot, or drop it on"),
     (("watch", "weld.yaml", "--cell", "other"), USAGE, "--site and --cell name the cell of --connect, not that of"),
@@ -98,15 +94,12 @@ MISTAKES = [
     (("watch", "off.yaml"), USAGE, "zenoh has neither listen nor connect; or use --connect"),
     (("watch", *CONNECT, "192.0.2.1"), USAGE, "'192.0.2.1' is not an endpoint; expected protocol/host:port, like"),
     (("watch", *CONNECT, "tls/192.0.2.1:7447"), USAGE, "tls/192.0.2.1:7447 needs --ca FILE, and --certificate and"),
-    (("new-driver", "My-Meter"), USAGE, "found 'My-Meter' as a name, expected small letters"),
-    (("new-driver", "skeleton"), USAGE, "there is a driver named 'skeleton' already"),
     (("demo", "--seconds", "3"), USAGE, "at least 20 s are needed"),
     (("emulate", "skeleton", "--recording", "untimed.csv"), ERROR, "no column t, timestamp or time for the time"),
     (("emulate", "skeleton", "--loop"), USAGE, "--loop goes with --recording FILE"),
     (("emulate", "skeleton", "--recording", "untimed.csv", "--speed", "2"), USAGE, "--speed is that of the built-in"),
     (("emulate", "skeleton", "--speed", "0"), USAGE, "0.0 is not in the range x>0"),
     (("emulate", "skeleton", "--option", "noise"), USAGE, "found 'noise' as an option, expected KEY=VALUE"),
-    (("emulate", "skeleton", "--fault", "los"), USAGE, "cannot inject los; did you mean 'loss'? it can:"),
     (("emulate", "skeleton", "--listen", "everywhere"), USAGE, "the address is HOST:PORT"),
     (("emulate", "skeleton", "--listen", "192.0.2.1:1"), ERROR, "annot assign requested address"),
 ]
@@ -147,13 +140,11 @@ def test_what_may_not_be_read_or_made(call: Call, forbidden: Path) -> None:
 
 
 @pytest.fixture
-def lacking(call: Call, monkeypatch: pytest.MonkeyPatch) -> Iterator[Call]:
+def lacking(call: Call, registered: Registered) -> Call:
     """``cellwatt`` with a command whose package is not installed."""
     gone = EntryPoint("gone", "package_that_is_not_there:command", "cellwatt.commands")
-    monkeypatch.setattr(registry, "entry_points", points_with(gone))
-    registry.available.cache_clear()
-    yield call
-    registry.available.cache_clear()
+    registered(points_with(gone))
+    return call
 
 
 def test_a_command_whose_package_is_missing_and_the_help_of_the_others(lacking: Call) -> None:

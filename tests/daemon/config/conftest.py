@@ -1,14 +1,14 @@
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
 
 import pytest
 
-from cellwatt import registry
 from cellwatt.config import CellConfig, load
 from tests.daemon.config.fakes import entry_points
+from tests.daemon.conftest import Registered
 
 VALID = """\
 site: plant-1
@@ -30,18 +30,14 @@ zenoh: {connect: [tcp/127.0.0.1:7447]}
 
 
 @pytest.fixture(autouse=True)
-def _fake_parts(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    monkeypatch.setattr(registry, "entry_points", entry_points)
-    registry.available.cache_clear()
-    yield
-    registry.available.cache_clear()
+def _fake_parts(registered: Registered) -> None:
+    registered(entry_points)
 
 
 @pytest.fixture
-def real_parts(monkeypatch: pytest.MonkeyPatch, _fake_parts: None) -> None:
+def real_parts(registered: Registered, _fake_parts: None) -> None:
     """The drivers, stages and outlets that are installed, in place of the fakes."""
-    monkeypatch.setattr(registry, "entry_points", metadata.entry_points)
-    registry.available.cache_clear()
+    registered(lambda group: metadata.entry_points(group=group))
 
 
 @pytest.fixture

@@ -22,12 +22,6 @@ def test_no_trouble_are_a_folder_that_can_be_made_and_a_recording_that_is_gone(t
     assert obstacles(RecordSettings(folder=tmp_path, keep=1e6)) == Obstacles()
 
 
-def test_a_file_in_the_way(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    told = obstacles(RecordSettings(folder=tmp_path / "file" / "record")).refusal
-    assert told == f"folder {tmp_path / 'file' / 'record'} cannot be created: {tmp_path / 'file'} is not a folder"
-
-
 def test_a_folder_of_somebody_else_as_root_sees_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     refused = Mock(side_effect=PermissionError(errno.EACCES, os.strerror(errno.EACCES)))
     monkeypatch.setattr(folder, "TemporaryFile", refused)

@@ -223,8 +223,3 @@ def test_a_block_of_which_another_tool_left_samples_out_ends_there():
 def test_what_cannot_be_opened_is_said_in_one_line(tmp_path):
     with pytest.raises(RecordingError, match="No such file"):
         Recording.open(tmp_path / "absent.mcap")
-    write_chunks(tmp_path, [[batch_of(0, 1)]])
-    with pytest.raises(RecordingError, match=r"no stream arm/other .* there are: arm/rtde"):
-        Recording.open(tmp_path).batches("arm", "other")
-    with pytest.raises(RecordingError, match="no frames"):
-        Recording.open(tmp_path).frames_table()

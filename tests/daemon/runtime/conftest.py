@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator
 
 import pytest
 
-from cellwatt import registry
+from tests.daemon.conftest import Registered
 from tests.daemon.runtime import fakes, one_process
 
 
 @pytest.fixture(autouse=True)
-def _fake_parts(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    monkeypatch.setattr(registry, "entry_points", fakes.entry_points)
-    registry.available.cache_clear()
+def _fake_parts(registered: Registered) -> None:
+    registered(fakes.entry_points)
     for parts in (fakes.DEVICES, fakes.JUDGES, fakes.RECEIVERS):
         parts.clear()
-    yield
-    registry.available.cache_clear()
 
 
 @pytest.fixture(autouse=True)

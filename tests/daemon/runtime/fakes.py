@@ -6,7 +6,6 @@ import asyncio
 from collections import defaultdict
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
-from functools import partial
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
@@ -148,15 +147,12 @@ def give(n: int) -> Order:
     return order
 
 
-def _lose(outcome: str, n: int, why: str) -> Order:
+def drop(n: int, why: str) -> Order:
     async def order(driver: FakeDriver) -> None:
         driver.inlet.account.expect(n)
-        getattr(driver.inlet.account, outcome)(n, why)
+        driver.inlet.account.drop(n, why)
 
     return order
-
-
-miss, drop = partial(_lose, "miss"), partial(_lose, "drop")
 
 
 def fail(error: BaseException) -> Order:

@@ -177,7 +177,8 @@ def test_a_clock_that_runs_backwards_is_one_line_and_one_alarm(caplog: pytest.Lo
     assert fed.samples == 1125 and fed.source.account.residue == 0, "no sample is lost"
     assert fed.source.clocks["rtde"].resets == 1124
     assert len(caplog.records) == len(fed.events) == 1
-    assert [(a.kind, a.active) for a in fed.alarms] == [("clock_unsteady", True)]
+    assert [(a.kind, a.source, a.active) for a in fed.alarms] == [("clock_unsteady", "arm", True)]
+    assert fed.alarms[0].statement.endswith(f"{fed.source.clocks['rtde'].state().reason}.")
     fed.time.now += 60 * SECOND
     fed.source.settle()
     assert [e.kind for e in fed.events] == ["clock_step", "clock_step"] and "1123 more" in fed.events[1].text

@@ -17,11 +17,9 @@ from tests.daemon.runtime.fakes import (
     FakeDriver,
     FakeSettings,
     answer,
-    drop,
     fail,
     give,
     last,
-    miss,
     until,
 )
 
@@ -197,15 +195,6 @@ async def test_a_driver_that_ends_is_run_again(monkeypatch):
     async with running() as cellar:
         await tries(3)
         assert "the driver ended without being stopped" in cellar.source.status()["error"]
-
-
-@at_once
-async def test_what_was_expected_is_received_missed_or_dropped():
-    async with running(answer, give(5), miss(3, "gap"), drop(2, "checksum"), give(1)) as cellar:
-        await DEVICES["arm"].done()
-        status = cellar.source.status()
-        assert (status["expected"], status["received"]) == (11, 6)
-        assert (status["missed"], status["dropped"], status["residue"]) == ({"gap": 3}, {"checksum": 2}, 0)
 
 
 def test_samples_without_a_number_are_marked_missing():

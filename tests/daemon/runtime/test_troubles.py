@@ -134,16 +134,6 @@ def test_one_forgery_is_told_and_over_when_no_more_come() -> None:
     assert alarms[0].statement.endswith("Another sender uses the device's name.")
 
 
-def test_a_clock_that_is_reset_again_and_again_is_one_alarm() -> None:
-    def clock(second: int) -> dict[str, Any]:
-        figures = {"bound_ns": 8_000_000, "resets": 100 * second, "reason": "the device's time went back"}
-        return {"clocks": {"rtde": figures}}
-
-    alarms = looked_at(Monitor(), 40, clock)
-    assert [(a.kind, a.source) for a in alarms] == [("clock_unsteady", "arm")]
-    assert alarms[0].statement.endswith("the device's time went back.")
-
-
 def test_an_alarm_states_the_reason_of_today_at_most_once_a_minute() -> None:
     def outlet(second: int) -> dict[str, Any]:
         reason = "Connection refused" if second < 10 else f"not authorized {second}"
