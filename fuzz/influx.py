@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from datetime import UTC, datetime
 from typing import Final
 
-from cellwatt.outlets.historian.client import outcome_of
-from cellwatt.outlets.remote import LONGEST_WAIT
+from cellwatt.outlets.historian.client import judge
+from cellwatt.outlets.remote import LONGEST_WAIT, NotNowError, RefusedError
 from fuzz.target import Target
 
 STATUS: Final = (200, 204, 400, 401, 404, 413, 422, 429, 500, 503)
@@ -18,10 +18,13 @@ def run(data: bytes) -> None:
     """A byte for the status, the header up to a line break, the body."""
     header, _, body = data[1:].partition(b"\n")
     headers = {"Retry-After": header.decode("utf-8", "surrogateescape")} if header else {}
-    found = outcome_of(STATUS[(data or b"\0")[0] % len(STATUS)], body.decode("utf-8", "replace"), headers)
-    assert "\n" not in found.reason
-    assert len(found.reason) < 600
-    assert found.wait is None or 0.0 <= found.wait <= LONGEST_WAIT
+    try:
+        judge(STATUS[(data or b"\0")[0] % len(STATUS)], body.decode("utf-8", "replace"), headers)
+    except (NotNowError, RefusedError) as error:
+        assert "\n" not in str(error)
+        assert len(str(error)) < 600
+        wait = error.wait if isinstance(error, NotNowError) else None
+        assert wait is None or 0.0 <= wait <= LONGEST_WAIT
 
 
 def seeds() -> Iterable[bytes]:

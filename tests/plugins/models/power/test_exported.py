@@ -16,7 +16,7 @@ from cellwatt_plugins.models.power.moves import read_moves
 from cellwatt_plugins.models.power.terms import EFFECTS
 from cellwatt_plugins.models.power.training import estimate
 from cellwatt_plugins.models.predict import predict_file
-from tests.plugins.models.making import undated
+from tests.plugins.models.making import frames, layout, run, split, stage, undated
 from tests.plugins.models.power.cases import six_axes_recorded, tuning_of
 
 EVERYTHING = Structure(tuple(EFFECTS), ("iron loss", "eddy-current loss"), "joint", 0.1, network=True)
@@ -68,3 +68,18 @@ def test_the_same_moves_give_the_same_file(arm, tmp_path):
     for name in ("one", "other"):
         made(arm, tmp_path / name, PLAIN, plain=True)
     assert undated(tmp_path / "one" / "model.onnx") == undated(tmp_path / "other" / "model.onnx")
+
+
+def test_live_it_says_the_same_as_offline(arm, tmp_path):
+    _, moves, _ = made(arm, tmp_path, PLAIN, plain=True)
+    first, end = moves.bounds()[1]
+    units = {"position": "rad", "velocity": "rad/s"}
+    grid = layout({f"arm.joint_{i}.{what}": unit for what, unit in units.items() for i in range(1, 7)}, 125.0)
+    block = frames(np.concatenate([moves.q, moves.qd], axis=1)[first:end], grid)
+    results = run(stage(tmp_path / "model.onnx", grid, robot="arm"), split(block, [1, 50, 51]))
+    live = np.concatenate([result.outputs["power"] for result in results if hasattr(result, "outputs")])
+    predict_file(tmp_path / "model.onnx", arm[1], tmp_path / "said.parquet")
+    offline = pq.read_table(tmp_path / "said.parquet")["power"].to_numpy()[first:end]
+    whole = np.isfinite(live)
+    assert whole.sum() == len(block) - 10
+    assert np.abs(live - offline[: len(live)])[whole].max() < 1e-6
