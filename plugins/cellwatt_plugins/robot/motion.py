@@ -17,6 +17,7 @@ from scipy.ndimage import uniform_filter1d
 
 from cellwatt.arrays import Bool, Float
 from cellwatt_plugins.noise import white_noise
+from cellwatt_plugins.robot.samples import interpolated
 
 SIGN_WIDTH = 0.004
 """rad/s: Coulomb friction reverses within this velocity."""
@@ -145,8 +146,8 @@ def about_plan(position: Float, plan: Plan, step: float, filled: Bool | None = N
     """
     noise, error = encoder_noise(position, plan.position, filled), position - plan.position
     if filled is not None and filled.any() and not filled.all():
-        there = np.flatnonzero(~filled)
-        error = np.column_stack([np.interp(np.arange(len(error)), there, course[there]) for course in error.T])
+        rows = np.arange(len(error), dtype=np.float64)
+        error = interpolated(rows, rows[~filled], error[~filled])
     smoothed = _in_octaves(error, noise, step, _octaves(step, ERROR_OCTAVES), BESIDE_PLAN)
     return _moved(plan, smoothed, noise, step, True)
 

@@ -74,7 +74,8 @@ def sampled(time: Float, positions: Sequence[Float]) -> tuple[Float, bool]:
     """
     if len(time) < SMOOTHED or not positions:
         return time, True
-    if len(after := 1 + np.flatnonzero(np.diff(time) > GAP * _longest(time))):
+    usual = _longest(time)
+    if len(after := 1 + np.flatnonzero(np.diff(time) > GAP * usual)):
         parts = [
             sampled(part, each)
             for part, *each in zip(*(np.split(column, after) for column in (time, *positions)), strict=True)
@@ -82,7 +83,7 @@ def sampled(time: Float, positions: Sequence[Float]) -> tuple[Float, bool]:
         found = np.concatenate([part for part, _ in parts])
         return time if np.array_equal(found, time) else found, all(exact for _, exact in parts)
     values = np.column_stack(positions)
-    if (near := _close(time, _longest(time))).sum() < SMOOTHED:
+    if (near := _close(time, usual)).sum() < SMOOTHED:
         return time, True
     even = _evenly(time, values, near)
     # The motion between bursts is unknown if the stamps are right.

@@ -97,10 +97,11 @@ def _rotors(state: SearchState, others: Solution, own: float, link: Term) -> Sol
     if link.effect.acts_on != "links" or link.joint is None:
         return None
     joints = [joint for joint in range(link.joint, -1, -1) if joint in state.moving]
+    rotors = [Term(e, joint, ()) for e in state.effects if e.name == "rotor_inertia" for joint in joints]
+    known = {term.place for term in others.terms}
     new, gain, count = others, 0.0, 0
-    for term in (Term(e, joint, ()) for e in state.effects if e.name == "rotor_inertia" for joint in joints):
+    for term in (rotor for rotor in rotors if unset(rotor, state.robot) and rotor.place not in known):
         added, mean = new.fit.gain(new.problem.block(term))
-        known = not unset(term, state.robot) or any(t.place == term.place for t in new.terms)
-        if not known and physical(term, mean, state.robot):
+        if physical(term, mean, state.robot):
             new, gain, count = solve(state, [*new.terms, term]), gain + added, count + 1
     return new if count and gain > own - count * AHEAD else None
