@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from cellwatt import Alarm, ProtocolError, Task
 from cellwatt.outlets.zenoh.follow import GRACE, Following
 from cellwatt.outlets.zenoh.mark import Mark
-from cellwatt.outlets.zenoh.order import Follower, Gap, Message
+from cellwatt.outlets.zenoh.order import Follower, Message
 from tests.daemon.outlets.zenoh.fake_cell import alarm, batch, frames, task
 
 RAW = "raw/arm/samples"

@@ -348,15 +348,6 @@ async def test_a_session_that_breaks_while_a_key_is_declared_ends_the_outlet(out
     assert outlet.account.dropped == {"session": 1} and outlet.account.residue == 0
 
 
-async def test_a_namespace_is_put_before_every_key(view: FakeView, endpoint: str) -> None:
-    outlet = ZenohOutlet("zenoh", ZenohSettings(listen=(endpoint,), namespace="europe/north"), view)
-    async with doing(outlet.run()), client(endpoint) as session:
-        # A session learns of the cell's answers a moment after it opened; until then nobody answers.
-        ask = lambda: asyncio.to_thread(lambda: list(session.get(f"europe/north/{ROOT}/@/status")))  # noqa: E731
-        (reply,) = await eventually(ask, "an answer")
-        assert json.loads(reply.ok.payload.to_bytes())["session"] == EPOCH
-
-
 async def test_a_peer_that_reaches_nobody_says_so_once(
     view: FakeView, endpoint: str, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
