@@ -90,10 +90,6 @@ class Meter(Collector):
             if len(self._alarms) < self._most:
                 self._alarms[labels] = None
 
-    def age(self, now: float) -> float | None:
-        """Age of the last health, s, at monotonic time ``now``; ``None`` before the first."""
-        return None if self._looked is None else now - self._looked
-
     def samples(self) -> dict[str, list[Sample]]:
         """Series of each metric by name, in the order of the catalogue."""
         found: dict[str, dict[tuple[str, ...], float]] = {name: {} for name in CATALOGUE}
@@ -115,8 +111,8 @@ class Meter(Collector):
         yield SeriesValue("build", (__version__,), 1.0)
         yield SeriesValue("session_start_time_seconds", (), 1e-9 * self._session)
         yield SeriesValue("scrapes", (), self.scrapes)
-        if (age := self.age(time.monotonic())) is not None:
-            yield SeriesValue("health_age_seconds", (), age)
+        if self._looked is not None:
+            yield SeriesValue("health_age_seconds", (), time.monotonic() - self._looked)
         yield from self._figures
         yield from (SeriesValue("power_watts", (name,), value) for name, value in self._power.items())
         yield from (SeriesValue(metric, labels, value) for (metric, labels), value in self._energies.items())
