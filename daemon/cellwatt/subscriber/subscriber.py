@@ -194,7 +194,6 @@ class Subscriber:
             selector,
             zenoh.handlers.Callback(replies.append, done),
             timeout=_TIMEOUT,
-            accept_replies=zenoh.ReplyKeyExpr.ANY,
             consolidation=zenoh.ConsolidationMode.NONE,
             priority=zenoh.Priority.DATA_LOW,
         )

@@ -40,7 +40,7 @@ _CELL: Final = 17
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """One answer; ``path`` is its key below ``backfill``, if it is a back-filled message."""
+    """One answer; ``path`` is its topic, if it is a back-filled message."""
 
     payload: bytes
     encoding: str = JSON
