@@ -72,7 +72,7 @@ def seeds() -> Iterable[bytes]:
             body = messages.encode_item(item, mark)  # type: ignore[arg-type]
             yield keys.live(topic).encode() + b"\n" + mark.encode(body)[:MARK] + body
     answer = b"[" + messages.encode_item(MESSAGES[1], mark) + b"]"  # type: ignore[arg-type]
-    yield keys.backfill("event").encode() + b"\n" + mark.encode(answer)[:MARK] + answer
+    yield keys.question("results").encode() + b"\n" + mark.encode(answer)[:MARK] + answer
     health = messages.health(mark, SESSION, {raw_topic("arm", "rtde"): (SESSION, 90)}, {"state": "ok"})
     yield keys.live("health").encode() + b"\n" + mark.encode(health)[:MARK] + health
     yield keys.live(alarm_path("error", "joint fault", "a1")).encode() + b"\n" + bytes(MARK) + b'[{"session":5}]'

@@ -57,13 +57,11 @@ class _View(CellView):
 
 def _answers() -> Answers:
     view = _View()
-    backlog = Backlog(SESSION, 1e6)
+    backlog = Backlog(SESSION)
     for message in MESSAGES:
         if hasattr(message, "source") or hasattr(message, "model"):
             backlog.add(message)
     backlog.add(Alarm("a1", "joint_fault", "error", False, 1, 2, "over"))
-    backlog.add_frames(frames(0, 4))
-    backlog.add_frames(frames(4, 2))
     return Answers(
         view, CellKeys("plant", "weld"), backlog, lambda _: None, lambda: Answer(b"{}", mark=Mark(SESSION, 0, 1, 5))
     )

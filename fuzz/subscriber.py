@@ -77,7 +77,7 @@ def _in_order(
     parts: list[Message], state: Following, reached: dict[tuple[str, tuple[int, int]], tuple[int, int]]
 ) -> None:
     for part in parts:
-        begun = state.begun[part.topic]  # another one once the cell has refuted the first that was heard
+        begun = state.begun[part.topic]  # another one if the first message heard was of an ended session
         session, following = reached.get((part.topic, begun), begun)
         assert part.count > 0
         if part.session == session:

@@ -208,7 +208,7 @@ class Inbox:
 
     def on_status(self, replies: list[zenoh.Reply]) -> None:
         """Process the answers to ``@/status``."""
-        now, refused = time.monotonic(), self.following.counts["refused"]
+        now = time.monotonic()
         status: Health | None = None
         for reply in replies:
             if reply.ok is not None and status is None:
@@ -218,8 +218,6 @@ class Inbox:
             self.following.untold(now)
             return
         self._deliver(self.following.told(status.session, status.positions, now))
-        if (lies := self.following.counts["refused"] - refused) > 0:
-            self._warn(f"refused {lies} claims that the cell does not confirm: who else publishes under its name?")
 
     def on_standing(self, replies: list[zenoh.Reply]) -> None:
         """Process the active alarms."""

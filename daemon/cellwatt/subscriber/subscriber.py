@@ -99,9 +99,8 @@ class Subscriber:
     def counts(self) -> dict[str, int]:
         """Number of samples and results ``live``, ``backfilled``, ``lost`` and ``duplicates``, and of bad messages.
 
-        ``unreadable`` messages are not valid messages of a cell, ``let go`` ones were discarded because the queue was
-        full or their schema was missing, and ``refused`` are claims that the cell did not confirm; true messages among
-        these are requested again.
+        ``unreadable`` messages are not valid messages of a cell; ``let go`` ones were discarded because the queue was
+        full or their schema was missing, and are requested again.
         """
         following = self._inbox.following
         return {**(following.counts + self._inbox.counts), "duplicates": following.duplicates}
@@ -195,7 +194,6 @@ class Subscriber:
             selector,
             zenoh.handlers.Callback(replies.append, done),
             timeout=_TIMEOUT,
-            accept_replies=zenoh.ReplyKeyExpr.ANY,
             consolidation=zenoh.ConsolidationMode.NONE,
             priority=zenoh.Priority.DATA_LOW,
         )

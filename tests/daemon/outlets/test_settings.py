@@ -35,8 +35,6 @@ MISTAKES: dict[type[OutletSettings], list[tuple[dict[str, Any], str]]] = {
         ({"broker": "broker"}, "expected mqtt://host:port"),
         ({"broker": "mqtts://a:b@host"}, "expected mqtt://host:port"),
         ({"broker": "mqtt://192.0.2.1"}, "no TLS: anyone on the network path can read"),
-        ({"fallbacks": ["mqtt://192.0.2.1"]}, "fallbacks\n  no TLS: anyone on the network path can read"),
-        ({"fallbacks": ["mqtts://broker.plant"]}, "all mqtts://, or all mqtt://"),
         ({"password": "x"}, "a password needs a user"),
         ({"broker": "mqtts://h", "certificate": "c.pem"}, "certificate and key are needed together"),
         ({"keep_alive": "0.5 s"}, "expected 1 s to 65535 s"),

@@ -152,7 +152,7 @@ def _summary(outlet: FoxgloveOutlet, pace: Pace, counts: Mapping[str, int]) -> s
     parts = [f"{outlet.sent.total()} messages sent on {len(outlet.sent)} topics"]
     if lost := counts.get("lost", 0):
         parts.append(f"{lost} samples and results lost between the cell and this command")
-    bad = ("unreadable", "unsigned", "refused")
+    bad = ("unreadable", "unsigned")
     parts += [f"{counts[kind]} messages {kind}" for kind in bad if counts.get(kind, 0)]
     if pace.dropped:
         parts.append(f"{pace.dropped} moments dropped: the cell sent them faster than they can be shown")

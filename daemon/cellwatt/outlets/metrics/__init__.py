@@ -1,4 +1,4 @@
-"""Metrics of a cell for Prometheus and OpenMetrics, and health probes."""
+"""Metrics of a cell for Prometheus and OpenMetrics."""
 
 from cellwatt.outlets.metrics.settings import MetricsSettings
 

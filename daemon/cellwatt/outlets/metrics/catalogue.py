@@ -100,7 +100,7 @@ STATES: Final = ("green", "amber", "red")
 class SeriesValue(NamedTuple):
     """Value of one series; ``metric`` is a name of the catalogue without ``cellwatt_``, ``labels`` in its order.
 
-    ``part``: name of the source or outlet whose count may decrease; see ``Ratchet``.
+    ``part``: name of the source or outlet if the count decreases when a late sample arrives.
     """
 
     metric: str

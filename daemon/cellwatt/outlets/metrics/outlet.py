@@ -1,11 +1,10 @@
-"""Metrics for Prometheus and answers to probes: the latest values of the cell, and totals that never decrease."""
+"""Metrics for Prometheus: the latest values of the cell, and sums of its energies."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.util import find_spec
 from typing import Any, ClassVar, Final
 
@@ -21,49 +20,6 @@ from cellwatt.outlets.metrics.settings import MetricsSettings
 from cellwatt.outlets.selection import fits
 from cellwatt.results import Energy
 from cellwatt.version import __version__
-
-MOST: Final = 50_000
-"""Most counts with a stored total; further counts are published unchanged."""
-
-
-@dataclass(slots=True)
-class _Mark:
-    life: Hashable
-    before: float
-    top: float
-
-
-class Ratchet:
-    """Totals by key that continue over restarts (lives) of the counting source or outlet."""
-
-    def __init__(self) -> None:
-        self._marks: dict[Hashable, _Mark] = {}
-        self._lives: dict[str, tuple[int, int | None, float]] = {}
-
-    def life(self, part: str, process: int | None, steady: float) -> int:
-        """Number of the part's life, from its ``process`` id and a count that decreases only with a new life."""
-        number, before, last = self._lives.get(part, (0, process, 0.0))
-        number += process != before or steady < last
-        self._lives[part] = number, process, steady
-        return number
-
-    def total(self, key: Hashable, value: float, life: Hashable = None) -> float:
-        """Total of a count whose current value is ``value``.
-
-        If ``life`` changed, or is ``None`` and the count decreased, the count has restarted at 0; within a life the
-        highest value applies, because samples that arrive late are subtracted again.
-        """
-        mark = self._marks.get(key)
-        if mark is None and len(self._marks) >= MOST:
-            return value
-        if mark is None:
-            mark = self._marks[key] = _Mark(life, 0.0, value)
-        elif mark.life != life or (life is None and value < mark.top):
-            mark.before, mark.life, mark.top = mark.before + mark.top, life, value
-        else:
-            mark.top = max(mark.top, value)
-        return mark.before + mark.top
-
 
 LONGEST: Final = 200
 """Most characters of a label."""
@@ -87,15 +43,17 @@ class Meter(Collector):
         self._looked: float | None = None
         self._energies: dict[tuple[str, tuple[str, ...]], float] = {}
         self._alarms: dict[tuple[str, ...], None] = {}
-        self._ratchet = Ratchet()
+        self._lives: dict[str, tuple[int | None, float]] = {}
+        """Process of each source and outlet, and its count that decreases only when it begins anew."""
+        self._tops: dict[tuple[str, str, tuple[str, ...]], float] = {}
+        """Highest value of each count that may decrease, by part, metric and labels."""
         self._shown: dict[str, set[tuple[str, ...]]] = {}
         self.scrapes = 0
-        self.status: Mapping[str, Any] = {}
 
     def succeed(self, before: Meter) -> None:
         """Take over the totals and the latest values of another meter."""
-        self._ratchet, self._energies = before._ratchet, before._energies
-        self._figures, self._looked, self.status = before._figures, before._looked, before.status
+        self._lives, self._tops, self._energies = before._lives, before._tops, before._energies
+        self._figures, self._looked = before._figures, before._looked
         self._alarms, self.scrapes = before._alarms, before.scrapes
 
     def frames(self, frames: Frames) -> None:
@@ -118,19 +76,19 @@ class Meter(Collector):
 
     def health(self, status: Mapping[str, Any]) -> None:
         """Store the cell's health."""
-        self.status, self._looked = status, time.monotonic()
-        lives = {part: self._ratchet.life(part, process, steady) for part, process, steady in lives_of(status)}
-        self._figures = [self._steady(figure, lives) for figure in of_health(status)]
+        self._looked = time.monotonic()
+        for part, process, steady in lives_of(status):
+            before, last = self._lives.get(part, (process, 0.0))
+            if process != before or steady < last:
+                self._tops = {key: top for key, top in self._tops.items() if key[0] != part}
+            self._lives[part] = process, steady
+        self._figures = [self._steady(figure) for figure in of_health(status)]
         now = {r.labels for r in self._figures if r.metric == "alarms_active"}
         # A cleared alarm is published as 0 from now on: a missing series would mean unknown.
         self._figures += [SeriesValue("alarms_active", labels, 0.0) for labels in self._alarms if labels not in now]
         for labels in now:
             if len(self._alarms) < self._most:
                 self._alarms[labels] = None
-
-    def age(self, now: float) -> float | None:
-        """Age of the last health, s, at monotonic time ``now``; ``None`` before the first."""
-        return None if self._looked is None else now - self._looked
 
     def samples(self) -> dict[str, list[Sample]]:
         """Series of each metric by name, in the order of the catalogue."""
@@ -153,8 +111,8 @@ class Meter(Collector):
         yield SeriesValue("build", (__version__,), 1.0)
         yield SeriesValue("session_start_time_seconds", (), 1e-9 * self._session)
         yield SeriesValue("scrapes", (), self.scrapes)
-        if (age := self.age(time.monotonic())) is not None:
-            yield SeriesValue("health_age_seconds", (), age)
+        if self._looked is not None:
+            yield SeriesValue("health_age_seconds", (), time.monotonic() - self._looked)
         yield from self._figures
         yield from (SeriesValue("power_watts", (name,), value) for name, value in self._power.items())
         yield from (SeriesValue(metric, labels, value) for (metric, labels), value in self._energies.items())
@@ -164,12 +122,13 @@ class Meter(Collector):
         if math.isfinite(value) and (key in self._energies or len(self._energies) < _MOST_ENERGIES):
             self._energies[key] = self._energies.get(key, 0.0) + max(value, 0.0)
 
-    def _steady(self, figure: SeriesValue, lives: Mapping[str, int]) -> SeriesValue:
-        """A counter's value replaced by a total that never decreases; gauges unchanged."""
-        if CATALOGUE[f"cellwatt_{figure.metric}"].type != "counter":
+    def _steady(self, figure: SeriesValue) -> SeriesValue:
+        """A count that may decrease, replaced by its highest value since its part began anew."""
+        if figure.part is None:
             return figure
-        life = lives[figure.part] if figure.part is not None else None
-        return figure._replace(value=self._ratchet.total((figure.metric, figure.labels), figure.value, life))
+        key = figure.part, figure.metric, figure.labels
+        self._tops[key] = max(figure.value, self._tops.get(key, 0.0))
+        return figure._replace(value=self._tops[key])
 
     def _bounded(self, name: str, series: Mapping[tuple[str, ...], float]) -> list[Sample]:
         """The series to publish: those published before, then others up to the limit."""
@@ -212,7 +171,7 @@ class MetricsOutlet(Apart[MetricsSettings]):
     """
 
     Settings: ClassVar[type[MetricsSettings]] = MetricsSettings
-    title = "Prometheus: health, losses, alarms, power and energy as metrics, and probes"
+    title = "Prometheus: health, losses, alarms, power and energy as metrics"
     module = "cellwatt.outlets.metrics.serving"
     what = "the process that serves the metrics"
     memory = 256 << 20
@@ -238,11 +197,7 @@ class MetricsOutlet(Apart[MetricsSettings]):
             self._meter.succeed(before._meter)
 
     def answer(self, question: Mapping[str, Any]) -> dict[str, Any]:
-        """The text and content type for ``scrapes`` readers, or the state of the cell for a probe."""
-        if "scrapes" in question:
-            self._meter.scrapes += question["scrapes"]
-            text, kind = exposed(self._meter, question["accept"])
-            return {"text": text.decode(), "type": kind}
-        status = self._meter.status
-        age = self._meter.age(time.monotonic())
-        return {"age": age, "state": status.get("state"), "reasons": list(status.get("reasons", ()))}
+        """The text and content type for ``scrapes`` readers."""
+        self._meter.scrapes += question["scrapes"]
+        text, kind = exposed(self._meter, question["accept"])
+        return {"text": text.decode(), "type": kind}

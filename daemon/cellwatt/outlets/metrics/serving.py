@@ -1,4 +1,4 @@
-"""The process that serves metrics to authorised readers and probes to everyone; started by the outlet."""
+"""The process that serves metrics to authorised readers; started by the outlet."""
 
 from __future__ import annotations
 
@@ -20,24 +20,20 @@ from cellwatt.errors import CellwattError
 from cellwatt.outlets.apart.daemon import Daemon, Shown, main
 from cellwatt.outlets.metrics.settings import MetricsSettings
 
-STALE: Final = 10.0
-"""Age of the cell's health, s, from which the cell is not ready; health is updated each second."""
 FRESH: Final = 0.2
 """Time, s, for which an answer is reused, so that many readers cost no more than one."""
 LIMITS: Final = Limits(connections=64, peer=32)
-_LONGEST: Final = 1000
-"""Most characters of a reason."""
 _HEADERS: Final = {"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff", "Server": "cellwatt"}
 _OPEN: Final = "application/openmetrics-text"
 
 Ask = Callable[[Mapping[str, Any]], Awaitable[Any]]
 
 
-class _Known:
-    """The daemon's answer to a question, requested again when it is older than ``FRESH``."""
+class _Text:
+    """The daemon's text of a format, requested again when it is older than ``FRESH``."""
 
-    def __init__(self, ask: Ask, question: Mapping[str, Any]) -> None:
-        self._ask, self._question = ask, question
+    def __init__(self, ask: Ask, accept: str) -> None:
+        self._ask, self._accept = ask, accept
         self._answer: Any = None
         self._at = -FRESH
         self._asking = asyncio.Lock()
@@ -48,9 +44,8 @@ class _Known:
         self.readers += 1
         async with self._asking:
             if time.monotonic() - self._at >= FRESH:
-                counted = {"scrapes": self.readers} if "accept" in self._question else {}
-                self.readers = 0
-                self._answer = await self._ask({**self._question, **counted})
+                counted, self.readers = self.readers, 0
+                self._answer = await self._ask({"accept": self._accept, "scrapes": counted})
                 self._at = time.monotonic()
         return self._answer
 
@@ -61,17 +56,10 @@ class Endpoint:
     def __init__(self, settings: MetricsSettings, ask: Ask) -> None:
         self._settings = settings
         # Readers send many headers, which select only two texts: the cache is bounded.
-        self._texts = {way: _Known(ask, {"accept": _OPEN if way else ""}) for way in (True, False)}
-        self._state = _Known(ask, {})
+        self._texts = {way: _Text(ask, _OPEN if way else "") for way in (True, False)}
         app = web.Application(client_max_size=1024, middlewares=[_unanswered])
         app.on_response_prepare.append(_prepare)
-        ways: dict[str, Callable[[web.Request], Awaitable[web.Response]]] = {
-            "/metrics": self._metrics,
-            "/healthz": self._alive,
-            "/readyz": self._ready,
-            "/startupz": self._started,
-        }
-        app.add_routes([web.get(path, handler) for path, handler in ways.items()])
+        app.add_routes([web.get("/metrics", self._metrics)])
         self.door = HttpDoor(app, settings, LIMITS)
         self._guard = Guard("metrics", self.door.counts)
 
@@ -82,24 +70,6 @@ class Endpoint:
         answer = web.Response(body=reply["text"].encode(), headers={hdrs.CONTENT_TYPE: reply["type"]})
         answer.enable_compression()
         return answer
-
-    async def _alive(self, _: web.Request) -> web.Response:
-        await self._state.get()
-        return _line("alive", HTTPStatus.OK)
-
-    async def _ready(self, request: web.Request) -> web.Response:
-        reply = await self._state.get()
-        problem = _unready(reply)
-        if problem is None:
-            return _line(str(reply["state"]), HTTPStatus.OK)
-        asked = self._settings.asks and hdrs.AUTHORIZATION not in request.headers
-        hidden = asked or self._refused(request) is not None
-        return _line("not ready" if hidden else problem, HTTPStatus.SERVICE_UNAVAILABLE)
-
-    async def _started(self, _: web.Request) -> web.Response:
-        if (await self._state.get())["age"] is None:
-            return _line("starting", HTTPStatus.SERVICE_UNAVAILABLE)
-        return _line("started", HTTPStatus.OK)
 
     def _refused(self, request: web.Request) -> web.Response | None:
         """The refusal of a reader without the token of the settings; ``None`` if the reader is admitted."""
@@ -121,17 +91,6 @@ class Endpoint:
         return _line("this token is wrong", HTTPStatus.UNAUTHORIZED, headers)
 
 
-def _unready(reply: Mapping[str, Any]) -> str | None:
-    """Reason why the cell is not ready, in one line, or ``None``."""
-    if reply["age"] is None:
-        return "starting: the cell's health is not known yet"
-    if reply["age"] > STALE:
-        return f"the cell's health is {reply['age']:.0f} s old"
-    if reply["state"] != "red":
-        return None
-    return f"red: {'; '.join(reply['reasons']) or 'no source delivers, or nothing can be recorded'}"
-
-
 @web.middleware
 async def _unanswered(request: web.Request, handler: Callable[[web.Request], Awaitable[Any]]) -> web.StreamResponse:
     try:
@@ -146,7 +105,7 @@ async def _prepare(_: web.Request, response: web.StreamResponse) -> None:
 
 
 def _line(text: str, status: int, headers: dict[str, str] | None = None) -> web.Response:
-    return web.Response(text=f"{' '.join(text.split())[:_LONGEST]}\n", status=status, headers=headers)
+    return web.Response(text=f"{text}\n", status=status, headers=headers)
 
 
 async def serve(daemon: Daemon, hello: Mapping[str, Any]) -> None:

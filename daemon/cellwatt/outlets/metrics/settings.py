@@ -15,7 +15,7 @@ _SHORT: Final = 16
 
 
 class MetricsSettings(Listening):
-    """Metrics for Prometheus, and health probes."""
+    """Metrics for Prometheus."""
 
     login = "a token"
 

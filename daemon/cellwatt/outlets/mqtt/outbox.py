@@ -27,7 +27,7 @@ from cellwatt.results import Event, Prediction, Result
 PART: Final = 500
 """Most rows read from the record at a time."""
 PIECE: Final = 16
-"""Most back-filled results, or messages of rows, that are sent together and confirmed as one."""
+"""Most back-filled results, or rows, that are sent together and confirmed as one."""
 BLOCKS: Final = 4
 """A full queue owes one in so many of its rows at once: single rows between sent ones would be sent twice, as a cursor
 has few spans."""
@@ -213,12 +213,10 @@ class Backfill:
         span = await self._read(after, until)
         for first in range(0, len(span.results), PIECE):
             await self._bring(span.results[first : first + PIECE], [], after, after)
-        channels = len(span.units) if self._settings.frame == "channels" else 1
-        size = max(PIECE // max(channels, 1), 1)
-        for first in range(0, max(len(span.rows), 1), size):
-            rows = span.rows[first : first + size]
+        for first in range(0, max(len(span.rows), 1), PIECE):
+            rows = span.rows[first : first + PIECE]
             due = time.monotonic() + len(rows) / self._settings.backfill
-            end = rows[-1].time if first + size < len(span.rows) else span.until
+            end = rows[-1].time if first + PIECE < len(span.rows) else span.until
             await self._bring([], rows, after, end)
             after = end
             await asyncio.sleep(max(due - time.monotonic(), 0.0))

@@ -8,7 +8,6 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from cellwatt.batch import Batch
-from cellwatt.errors import OutletError
 from cellwatt.frames import Frames
 from cellwatt.outlet import CellView, Item, Outlet
 from cellwatt.outlets.forward import cursor_of, framed_record
@@ -39,8 +38,6 @@ class MqttOutlet(Outlet[MqttSettings]):
         cursor = None if self._record is None else self._cursor
         self._outbox = Outbox(settings, settings.queue, self.account, cursor, self._missed)
         self._session: Session | None = None
-        self._turn = 0
-        """Number of failed connections; it selects the next broker."""
         self._refused: str | None = None
         """Reason why the broker refused a message on this connection, or ``None``."""
         self._sent_health: tuple[object, float] = None, 0.0
@@ -102,33 +99,31 @@ class MqttOutlet(Outlet[MqttSettings]):
     async def run(self) -> None:
         """Connect, publish until cancelled, send waiting entries, disconnect. Raises ``OutletError``."""
         try:
-            await self._serve(self.settings.at(self._turn))
-        except OutletError:
-            self._turn += 1
-            raise
+            await self._serve()
         finally:
             await self._cursor.write()
 
-    async def _serve(self, settings: MqttSettings) -> None:
+    async def _serve(self) -> None:
         await self._cursor.open()
-        tls = await asyncio.to_thread(tls_context, settings)
+        tls = await asyncio.to_thread(tls_context, self.settings)
         format_ = self._format = self._format or self._made()
         will = format_.connect()
         if isinstance(format_, EdgeNode):
             self._cursor.born(format_.births)
             await self._cursor.write()
         self._refused = None
-        link = Link(settings, settings.client or self._client, will, tls, self._take_refusal, self.account)
+        client = self.settings.client or f"cellwatt-{self.view.site}-{self.view.cell}-{self.name}"
+        link = Link(self.settings, client, will, tls, self._take_refusal, self.account)
         try:
             await link.open()
             self._sent_health = None, 0.0
-            await self._use(link, format_, settings)
+            await self._use(link, format_)
         finally:
             await link.abort()
 
-    async def _use(self, link: Link, format_: Format, settings: MqttSettings) -> None:
+    async def _use(self, link: Link, format_: Format) -> None:
         parts = link, format_, self._outbox, self._cursor
-        session = self._session = Session(settings, parts, self._record, self.view.cell, self.account)
+        session = self._session = Session(self.settings, parts, self._record, self.view.cell, self.account)
         try:
             await session.serve()
         except (asyncio.CancelledError, HostLeftError):
@@ -144,7 +139,3 @@ class MqttOutlet(Outlet[MqttSettings]):
         if self.settings.format == "sparkplug":
             return EdgeNode(self.settings.sparkplug, view.site, view.cell, view.alarms, self._cursor.position.births)
         return PlainFormat(self.settings, view.site, view.cell, view.alarms)
-
-    @property
-    def _client(self) -> str:
-        return f"cellwatt-{self.view.site}-{self.view.cell}-{self.name}"

@@ -18,11 +18,8 @@ from cellwatt.outlets.zenoh.messages import encode_item, encode_json, topic_of
 from cellwatt.results import Alarm, Event, Interval, Result
 
 ONLINE, OFFLINE = b"online", b"offline"
-_ROW: Final = "row"
 _RETAINED: Final = ("interval", "task", "energy")
 """Results whose latest message the broker retains."""
-OLD_ROWS: Final = 10_000
-"""Most retained rows that are noted for deletion before the channels are known."""
 
 
 class PlainFormat:
@@ -41,10 +38,6 @@ class PlainFormat:
         self._alarms = alarms
         self._retained: dict[str, str] = {}
         """Topics of alarms that the broker may retain, by alarm id."""
-        self._rows: frozenset[str] = frozenset()
-        """Topics of the rows that the broker is to retain …"""
-        self._old_rows: set[str] = set()
-        """… and of others that it may retain, until they are deleted."""
         self._subscribes = True
         """False while a connection that broke before the birth was the last: some brokers cut forbidden subscribers."""
         self._open: dict[str, int] = {}
@@ -60,18 +53,14 @@ class PlainFormat:
         return self._message("availability", OFFLINE, 1, True)
 
     def subscriptions(self) -> Sequence[Subscription]:
-        """The cell's own alarms and rows, to delete those that the broker retains from an earlier daemon."""
-        topics, self._subscribes = ("alarm", "frame") if self._subscribes else (), False
-        return [Subscription(f"{self.root}/{topic}/#", 0, needed=False) for topic in topics]
+        """The cell's own alarms and row, to delete those that the broker retains from an earlier daemon."""
+        topics, self._subscribes = ("alarm/#", "frame") if self._subscribes else (), False
+        return [Subscription(f"{self.root}/{topic}", 0, needed=False) for topic in topics]
 
     def heard(self, topic: str, payload: bytes, retained: bool) -> Order | Sequence[Message]:
-        """Delete a retained alarm that is not active, and a retained row of a channel that is no longer sent."""
-        if not (retained and payload):
+        """Delete a retained alarm that is not active, and a retained row if rows are not to be retained."""
+        if not (retained and payload) or (topic == f"{self.root}/frame" and self._settings.retain):
             return ()
-        if not topic.startswith(f"{self.root}/alarm/"):
-            if len(self._old_rows) < OLD_ROWS:
-                self._old_rows.add(topic)
-            return self._without_old_rows() if self._units else ()  # else the channels are not known yet
         up = (f"{self.root}/{_alarm_topic(standing.alarm)}" for standing in self._alarms.up)
         if topic in (*self._retained.values(), *up):
             return ()
@@ -85,16 +74,9 @@ class PlainFormat:
         return (self._message("availability", ONLINE, 1, True), *over, *up, *self._labelled())
 
     def label(self, units: Mapping[str, str], now: int) -> Sequence[Message]:
-        """The units of the rows' channels, retained; rows of channels that are no longer sent are deleted."""
-        self._old_rows |= self._rows
+        """The units of the rows' channels, retained."""
         self._units = units
-        ends = [""] if self._settings.frame == _ROW else [f"/{level(name)}" for name in units]
-        self._rows = frozenset(f"{self.root}/frame{end}" for end in ends if self._settings.retain)
-        return (*self._labelled(), *self._without_old_rows())
-
-    def _without_old_rows(self) -> Sequence[Message]:
-        old, self._old_rows = self._old_rows - self._rows, set()
-        return [Message(topic, b"", self._settings.qos, True) for topic in sorted(old)]
+        return self._labelled()
 
     def _labelled(self) -> Sequence[Message]:
         return (self._message("units", encode_json(self._units), 1, True),) if self._units else ()
@@ -103,27 +85,13 @@ class PlainFormat:
         """Nothing to update for a row that is not sent, or sent later."""
 
     def row(self, row: Row, historical: bool, now: int) -> Sequence[Message]:
-        """A row as one message, or as one message per channel; historical rows on ``backfill/frame``."""
-        topic = "backfill/frame" if historical else "frame"
-        keep = self._settings.retain and not historical
-        qos = self._settings.qos
-        head: dict[str, Any] = {"time": row.time, "sequence": row.sequence}
+        """A row as one message; historical rows on ``backfill/frame``."""
+        less = {name: quality for name, quality in row.quality.items() if quality}
+        body: dict[str, Any] = {"time": row.time, "sequence": row.sequence, "values": row.values, "quality": less}
+        topic, keep = "frame", self._settings.retain
         if historical:
-            head["backfilled"] = True
-        if self._settings.frame == _ROW:
-            less = {name: quality for name, quality in row.quality.items() if quality}
-            body = {**head, "values": row.values, "quality": less}
-            return (self._message(topic, encode_json(body), qos, keep),)
-        return [
-            self._message(
-                f"{topic}/{level(name)}", encode_json(self._channel(row, name, head)), qos, keep and name in self._units
-            )
-            for name in row.quality
-        ]
-
-    def _channel(self, row: Row, name: str, head: Mapping[str, Any]) -> dict[str, Any]:
-        value = {"value": row.values.get(name), "unit": self._units.get(name), "quality": row.quality[name]}
-        return {**head, **value}
+            topic, keep, body["backfilled"] = "backfill/frame", False, True
+        return (self._message(topic, encode_json(body), self._settings.qos, keep),)
 
     def predicted(self, model: str, units: Mapping[str, str], row: Row, now: int) -> Sequence[Message]:
         """A row of a model's outputs on ``prediction/MODEL``."""

@@ -57,9 +57,6 @@ class MqttSettings(OutletSettings, Selection):
 
     broker: _Broker = LOCAL
     """Address of the broker: ``mqtt://host:1883`` on this PC, or ``mqtts://host:8883`` (TLS) anywhere."""
-    fallbacks: tuple[_Broker, ...] = ()
-    """Other brokers of the same plant, tried in turn when a connection fails, with the same TLS, user and other
-    settings. Rows that one of them accepted are not sent to another."""
     format: Literal["json", "sparkplug"] = "json"
     """``json``: topics ``cellwatt/SITE/CELL/…`` for any consumer; ``sparkplug``: Sparkplug B for SCADA hosts."""
     ca: Path | None = None
@@ -76,8 +73,6 @@ class MqttSettings(OutletSettings, Selection):
     """Client ID; default: made of site, cell and the outlet's name."""
     keep_alive: Seconds = 30.0
     """Silence after which the connection is tested; after 1.5 times this, the broker publishes the daemon's will."""
-    frame: Literal["row", "channels"] = "row"
-    """JSON: a row as one message on ``frame``, or each channel on ``frame/CHANNEL``."""
     retain: bool = False
     """JSON: the broker retains the last row for later subscribers."""
     qos: Annotated[int, Field(ge=0, le=2)] = 1
@@ -108,17 +103,9 @@ class MqttSettings(OutletSettings, Selection):
             raise ValueError("a password needs a user")
         if not self.encrypted and (self.ca or self.certificate):
             raise ValueError("ca, certificate and key need a broker that begins with mqtts://")
-        if any(_encrypted(broker) != self.encrypted for broker in self.fallbacks):
-            raise ValueError("broker and fallbacks: all mqtts://, or all mqtt://")
         if not self.open and self.opening:
-            where = "broker" if _reaches_out(self.broker) else "fallbacks"
-            raise refusal(self, ((where,), getattr(self, where), f"{self.opening}; {_ADVICE}"))
+            raise refusal(self, (("broker",), self.broker, f"{self.opening}; {_ADVICE}"))
         return self
-
-    def at(self, turn: int) -> MqttSettings:
-        """The settings with broker number ``turn``, counted cyclically through ``broker`` and ``fallbacks``."""
-        brokers = (self.broker, *self.fallbacks)
-        return self.model_copy(update={"broker": brokers[turn % len(brokers)]})
 
     @property
     def host(self) -> str:
@@ -133,12 +120,12 @@ class MqttSettings(OutletSettings, Selection):
     @property
     def encrypted(self) -> bool:
         """True if the connection is TLS."""
-        return _encrypted(self.broker)
+        return self.broker.startswith("mqtts:")
 
     @property
     def opening(self) -> str:
         """How outsiders get access, as text; empty if they cannot."""
-        if not any(map(_reaches_out, (self.broker, *self.fallbacks))):
+        if self.encrypted or stays_here(self.host):
             return ""
         return "no TLS: anyone on the network path can read data and password, and impersonate the cell"
 
@@ -149,11 +136,3 @@ class MqttSettings(OutletSettings, Selection):
 
 
 _ADVICE: Final = "use mqtts://, or a broker on this PC, or set open: true"
-
-
-def _encrypted(broker: str) -> bool:
-    return broker.startswith("mqtts:")
-
-
-def _reaches_out(broker: str) -> bool:
-    return not _encrypted(broker) and not stays_here(urlsplit(broker).hostname or "")

@@ -13,7 +13,6 @@ from asyncua.server.event_generator import EventGenerator
 
 from cellwatt.alarms import AlarmBook, Standing
 from cellwatt.errors import CellwattError
-from cellwatt.outlets.opc_ua.robotics import add_node
 from cellwatt.results import Alarm, Event
 
 USER: ContextVar[str | None] = ContextVar("user", default=None)
@@ -97,8 +96,7 @@ class Conditions:
         kind = ua.NodeId(ua.ObjectIds.AlarmConditionType)
         node_id = ua.NodeId(f"alarm:{alarm.id}", self._own)
         if node_id not in server.iserver.aspace:
-            browsed = ua.QualifiedName(alarm.kind, self._own)
-            await add_node(server, self._parent, node_id, browsed, kind, ua.ObjectAttributes())
+            await self._add_node(node_id, alarm.kind, kind)
         generator = await server.get_event_generator(kind, ua.ObjectIds.Server)
         event = generator.event
         event.NodeId = node_id
@@ -114,6 +112,16 @@ class Conditions:
         event.EnabledState = ua.LocalizedText("Enabled")
         setattr(event, "EnabledState/Id", True)
         return generator
+
+    async def _add_node(self, node_id: ua.NodeId, name: str, kind: ua.NodeId) -> None:
+        """Add a component below the cell; the library's own method accepts only its own types."""
+        made = ua.AddNodesItem()
+        made.RequestedNewNodeId, made.BrowseName = node_id, ua.QualifiedName(name, self._own)
+        made.ParentNodeId, made.ReferenceTypeId = self._parent.nodeid, ua.NodeId(ua.ObjectIds.HasComponent)
+        made.NodeClass, made.TypeDefinition = ua.NodeClass.Object, kind
+        made.NodeAttributes = ua.ObjectAttributes(DisplayName=ua.LocalizedText(name))
+        (result,) = await self._server.iserver.isession.add_nodes([made])
+        result.StatusCode.check()
 
     async def _acknowledge(self, condition: ua.NodeId, event: ua.Variant, comment: ua.Variant) -> ua.StatusCode:
         """Acknowledge the alarm of a condition for the user of the session."""

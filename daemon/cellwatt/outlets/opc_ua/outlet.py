@@ -60,7 +60,7 @@ class OpcUaOutlet(ApartOutlet[OpcUaOutletSettings]):
     """Serves a cell's values, energies, health and alarms to OPC UA clients, from a separate process."""
 
     Settings: ClassVar[type[OpcUaOutletSettings]] = OpcUaOutletSettings
-    title = "The cell as an OPC UA server, with the types of OPC UA for Robotics"
+    title = "The cell as an OPC UA server"
     module = "cellwatt.outlets.opc_ua.serving"
     what = "the OPC UA server"
     memory = 512 << 20

@@ -23,10 +23,10 @@ from cellwatt.outlets.opc_ua.arrays import bound_arrays
 from cellwatt.outlets.opc_ua.bounds import BoundedServer
 from cellwatt.outlets.opc_ua.conditions import Conditions, Order
 from cellwatt.outlets.opc_ua.outlet import ACKNOWLEDGED, OpcUaOutletSettings
-from cellwatt.outlets.opc_ua.robotics import DI, ROBOTICS, Arms, Spaces, add_types, unit_of
 from cellwatt.outlets.selection import Picker
 from cellwatt.outlets.zenoh.messages import encode_json
 from cellwatt.results import Event
+from cellwatt.units import CEFACT
 from cellwatt.version import __version__
 
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
@@ -38,6 +38,7 @@ _STATUS: Final = {
     Quality.MISSING: ua.StatusCodes.BadNoCommunication,
 }
 """Status of a value by its quality."""
+_CEFACT: Final = "http://www.opcfoundation.org/UA/units/un/cefact"
 
 
 class CellServer:
@@ -49,7 +50,7 @@ class CellServer:
         users = {name: password.get_secret_value() for name, password in settings.users.items()}
         self._server = BoundedServer(Users(users))
         self._picker: Picker | None = None
-        self._channels: dict[str, list[Node]] = {}
+        self._channels: dict[str, Node] = {}
         self._tasks: dict[str, Node] = {}
 
     async def open(self) -> str:
@@ -65,15 +66,12 @@ class CellServer:
         await server.set_application_uri(await self._secure())
         await server.set_build_info("urn:cellwatt", "cellwatt", "cellwatt", __version__, "", datetime.now(UTC))
         server.set_identity_tokens([ua.UserNameIdentityToken if s.users else ua.AnonymousIdentityToken])
-        own = f"urn:cellwatt:{self._site}:{self._cell_name}"
-        numbers = [await server.register_namespace(uri) for uri in (DI, ROBOTICS, own)]
-        self._spaces = spaces = Spaces(*numbers)
-        self._arms = Arms(server, spaces, await add_types(server, spaces), self._cell_name)
-        self._cell = await server.nodes.objects.add_object(ua.NodeId("cell", spaces.own), self._name(self._cell_name))
+        self._space = await server.register_namespace(f"urn:cellwatt:{self._site}:{self._cell_name}")
+        self._cell = await server.nodes.objects.add_object(self._id("cell"), self._name(self._cell_name))
         self._values = await self._folder("Values")
         self._energies = await self._folder("Energy")
-        self._health = await self._cell.add_variable(ua.NodeId("Health", spaces.own), self._name("Health"), "{}")
-        self._conditions = Conditions(server, spaces.own, self._cell, self._order)
+        self._health = await self._cell.add_variable(self._id("Health"), self._name("Health"), "{}")
+        self._conditions = Conditions(server, self._space, self._cell, self._order)
         self._conditions.listen()
         await server.start()
         return url
@@ -100,8 +98,7 @@ class CellServer:
                 known = math.isfinite(value)
                 status = _STATUS[Quality(quality)] if known else ua.StatusCodes.BadNoCommunication
                 variant = ua.Variant(value, ua.VariantType.Double) if known else ua.Variant(None)
-                for node in self._channels.get(name, ()):
-                    await self._set(node, variant, status, row.time)
+                await self._set(self._channels[name], variant, status, row.time)
 
     async def item(self, kind: str, body: Mapping[str, Any]) -> None:
         """Update a condition from an alarm or an acknowledgement, or the energy of a task."""
@@ -116,9 +113,7 @@ class CellServer:
         """Update the energy of a task, J."""
         name = f"{energy['source']}.{energy['task']}"
         if name not in self._tasks:
-            node_id = ua.NodeId(f"energy:{name}", self._spaces.own)
-            self._tasks[name] = await self._energies.add_variable(node_id, self._name(name), 0.0)
-            await self._tasks[name].add_property(0, "EngineeringUnits", unit_of("J"))
+            self._tasks[name] = await self._quantity(self._energies, f"energy:{name}", name, "J")
         value = ua.Variant(float(energy["total"]), ua.VariantType.Double)
         await self._set(self._tasks[name], value, ua.StatusCodes.Good, energy["end"])
 
@@ -131,20 +126,20 @@ class CellServer:
     # inside ---------------------------------------------------------------------------------------
 
     async def _lay_out(self, units: Mapping[str, str]) -> None:
-        """Add variables for new channels, and the arms; set the values of existing variables to bad."""
-        for name, nodes in self._channels.items():
-            for node in nodes:
-                await self._set(node, ua.Variant(None), ua.StatusCodes.BadNoCommunication, None)
-                if name in units:  # it may have another unit now
-                    await (await node.get_child("0:EngineeringUnits")).write_value(unit_of(units[name]))
-        units = {name: unit for name, unit in units.items() if name not in self._channels}
-        arms = await self._arms.build(units)
-        for name, unit in units.items():
-            plain = await self._values.add_variable(ua.NodeId(name, self._spaces.own), self._name(name), 0.0)
-            await plain.add_property(0, "EngineeringUnits", unit_of(unit))
-            self._channels[name] = [plain, *([arms[name]] if name in arms else [])]
-            for node in self._channels[name]:
-                await self._set(node, ua.Variant(None), ua.StatusCodes.BadWaitingForInitialData, None)
+        """Add variables for new channels; set the values of existing variables to bad."""
+        for name, node in self._channels.items():
+            await self._set(node, ua.Variant(None), ua.StatusCodes.BadNoCommunication, None)
+            if name in units:  # it may have another unit now
+                await (await node.get_child("0:EngineeringUnits")).write_value(_unit(units[name]))
+        for name in [each for each in units if each not in self._channels]:
+            node = self._channels[name] = await self._quantity(self._values, name, name, units[name])
+            await self._set(node, ua.Variant(None), ua.StatusCodes.BadWaitingForInitialData, None)
+
+    async def _quantity(self, folder: Node, identifier: str, name: str, unit: str) -> Node:
+        """Add a numeric variable with its unit to a folder."""
+        node = await folder.add_variable(self._id(identifier), self._name(name), 0.0)
+        await node.add_property(0, "EngineeringUnits", _unit(unit))
+        return node
 
     async def _set(self, node: Node, value: ua.Variant, status: int, time: int | None) -> None:
         moment = datetime.now(UTC) if time is None else _EPOCH + timedelta(microseconds=time // 1000)
@@ -153,10 +148,13 @@ class CellServer:
 
     async def _folder(self, name: str) -> Node:
         kind = ua.NodeId(ua.ObjectIds.FolderType)
-        return await self._cell.add_object(ua.NodeId(name, self._spaces.own), self._name(name), kind)
+        return await self._cell.add_object(self._id(name), self._name(name), kind)
+
+    def _id(self, identifier: str) -> ua.NodeId:
+        return ua.NodeId(identifier, self._space)
 
     def _name(self, text: str) -> ua.QualifiedName:
-        return ua.QualifiedName(text, self._spaces.own)
+        return ua.QualifiedName(text, self._space)
 
     async def _secure(self) -> str:
         """Set policies and certificates; return the application's URI, which the certificate names."""
@@ -176,6 +174,11 @@ class CellServer:
             names = server.iserver.certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
             uri = next(iter(names.get_values_for_type(x509.UniformResourceIdentifier)), uri)
         return uri
+
+
+def _unit(name: str) -> ua.EUInformation:
+    """Return a unit as OPC UA represents it; a unit without a code has the id -1."""
+    return ua.EUInformation(_CEFACT, CEFACT.get(name, -1), ua.LocalizedText(name), ua.LocalizedText(name))
 
 
 def _free(host: str, port: int) -> int:

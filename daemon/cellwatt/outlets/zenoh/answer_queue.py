@@ -40,7 +40,7 @@ _CELL: Final = 17
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """One answer; ``path`` is its key below ``backfill``, if it is a back-filled message."""
+    """One answer; ``path`` is its topic, if it is a back-filled message."""
 
     payload: bytes
     encoding: str = JSON
@@ -62,7 +62,7 @@ class Past:
         blocks: Sequence[Batch | Frames]
         if "source" not in asked and asked.get("stream") == FRAME:
             topic, nothing = FRAME, "no frames are stored"
-            blocks = self._frames(session, first, whole, count)
+            blocks = self._view.frame_history(session, first, count)
         else:
             source, stream = text_of(asked, "source"), text_of(asked, "stream")
             topic, nothing = raw_topic(source, stream), f"nothing is recorded of {f'{source}/{stream}':.120}"
@@ -75,15 +75,6 @@ class Past:
             raise NothingKeptError(f"{nothing} from {first} in session {session}")
         arrival = block.arrival if isinstance(block, Batch) else int(block.time[-1])
         return Answer(encode(block), ARROW, Mark(session, block.sequence, len(block), arrival, backfill=True), topic)
-
-    def _frames(self, session: int, first: int, whole: int, count: int) -> Sequence[Frames]:
-        """Frames from memory; from the record if memory begins later."""
-        kept = self._backlog.frames(session, first, whole)
-        begin = kept[0].sequence if kept else first + whole
-        if begin <= first:
-            return [cut(kept[0], first - begin, len(kept[0])), *kept[1:]]
-        recorded = self._view.frame_history(session, first, min(count, begin - first))
-        return recorded if recorded and recorded[0].sequence < begin else kept
 
     def results(self, asked: Mapping[str, str]) -> Answer:
         """Results or events of one kind. Raises ``QuestionError``, or ``NothingKeptError`` if none are stored."""

@@ -196,17 +196,12 @@ class Answers:
             self._refuse(query, f"{type(error).__name__}: {error}")
 
     def _reply_one(self, query: zenoh.Query, name: str) -> None:
-        import zenoh
-
         with self._refusing(query):
             answer = self.about(name, parameters(str(query.parameters)))
-            key = self._keys.question(name)
-            if answer.path is not None and query.accepts_replies() == zenoh.ReplyKeyExpr.ANY:
-                key = self._keys.backfill(answer.path)
             mark = b"" if answer.mark is None else answer.mark.encode(answer.payload)
             topic, asked = answer.path or f"@/{name}", str(query.parameters)
             attachment = self._seal.answer(topic, asked, mark, answer.payload) or None
-            query.reply(key, answer.payload, encoding=answer.encoding, attachment=attachment)
+            query.reply(self._keys.question(name), answer.payload, encoding=answer.encoding, attachment=attachment)
             if name in _PAST:
                 size = len(answer.payload)
                 self._turns.spend(size, time.monotonic())

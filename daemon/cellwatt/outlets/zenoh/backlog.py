@@ -1,13 +1,11 @@
-"""The recent messages that an outlet holds in memory for consumers that join late or missed some."""
+"""The recent results that an outlet holds in memory for consumers that join late or missed some."""
 
 from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Iterable, Sequence
-from typing import Final
+from collections.abc import Iterable
 
-from cellwatt.frames import Frames
 from cellwatt.outlet import Journal
 from cellwatt.outlets.zenoh.keys import ALARM, alarm_path
 from cellwatt.outlets.zenoh.mark import Mark
@@ -17,35 +15,21 @@ from cellwatt.results import Alarm, Event, Result
 
 ALARMS_KEPT, RESULTS_KEPT = 4096, 1024
 """Numbers of alarms, and of results or events of each other topic, held in memory; the record has more."""
-_OVERHEAD: Final = 1000
-"""Bytes of memory of a block of frames beside its arrays; in a block of two frames, more than the arrays."""
 
 
 class Backlog:
-    """Numbers results and events, and holds the latest of each topic, the latest frames, and the active alarms.
+    """Numbers results and events, and holds the latest of each topic and the active alarms.
 
     ``session`` is the start of this numbering, UTC ns: a new outlet begins a new session, so that no number is used
-    twice; with a ``journal`` it continues the journal's numbering. Frames have the cell's own numbers, in the cell's
-    session ``numbered``, by default ``session``; up to ``frame_bytes`` of them are held. ``up`` are active alarms.
+    twice; with a ``journal`` it continues the journal's numbering. ``up`` are active alarms.
     Called from several threads.
     """
 
-    def __init__(
-        self,
-        session: int,
-        frame_bytes: float,
-        journal: Journal | None = None,
-        numbered: int | None = None,
-        up: Iterable[Alarm] = (),
-    ) -> None:
+    def __init__(self, session: int, journal: Journal | None = None, up: Iterable[Alarm] = ()) -> None:
         self.session = session
-        self._numbered = session if numbered is None else numbered
         self._lock = threading.Lock()
         self._kept: dict[str, deque[tuple[Mark, Result | Event]]] = {}
         self._alarms: dict[str, tuple[Mark, Alarm]] = {}
-        self._frames: deque[Frames] = deque()
-        self._frame_bytes = 0
-        self._most_bytes = frame_bytes
         self._journal = journal
         for number, item in journal.past() if journal is not None else ():
             self._keep(number, item)
@@ -77,22 +61,6 @@ class Backlog:
         kept.append((mark, item))
         return mark, self._set_alarm(mark, item) if isinstance(item, Alarm) else (topic,)
 
-    def add_frames(self, frames: Frames) -> Mark:
-        """Hold frames under their own numbers."""
-        mark = Mark(self._numbered, frames.sequence, len(frames), int(frames.time[-1]) if len(frames) else 0)
-        with self._lock:
-            self._frames.append(frames)
-            self._frame_bytes += _size(frames)
-            while self._frame_bytes > self._most_bytes and len(self._frames) > 1:
-                self._frame_bytes -= _size(self._frames.popleft())
-        return mark
-
-    def succeed(self, before: Backlog) -> None:
-        """Take over the frames of a backlog that is no longer in use."""
-        with before._lock, self._lock:
-            if before._numbered == self._numbered:
-                self._frames, self._frame_bytes = before._frames, before._frame_bytes
-
     def active(self) -> list[tuple[Mark, Alarm]]:
         """Active alarms, oldest first."""
         with self._lock:
@@ -111,19 +79,8 @@ class Backlog:
             kept = self._kept.get(topic, ()) if session == self.session else ()
             return [(m, r) for m, r in kept if first <= m.sequence < first + count]
 
-    def frames(self, session: int, first: int, count: int) -> Sequence[Frames]:
-        """The blocks in memory that contain any of the frames ``first`` … ``first + count``."""
-        with self._lock:
-            kept = self._frames if session == self._numbered else ()
-            return [f for f in kept if f.sequence + len(f) > first < first + count > f.sequence]
-
     def _set_alarm(self, mark: Mark, alarm: Alarm) -> tuple[str, ...]:
         before = self._alarms.pop(alarm.id, (mark, alarm))[1]
         if alarm.active:
             self._alarms[alarm.id] = (mark, alarm)
         return tuple(dict.fromkeys(alarm_path(a.severity, a.kind) for a in (alarm, before)))
-
-
-def _size(frames: Frames) -> int:
-    numbers = frames.time.nbytes + frames.values.nbytes + frames.quality.nbytes + frames.bound.nbytes
-    return numbers + _OVERHEAD

@@ -3,9 +3,8 @@
 A new consumer begins each topic at its current position. From then on it receives everything: a topic that appears
 later, or a new session of the daemon, from its first number.
 
-A message that continues a known numbering is accepted. A new topic, a new session or a jump, in a live message or a
-live health message, is a claim: the cell is asked for its positions (``asks_told``, ``told``); a claim beyond the
-cell's positions is refused and counted.
+A new topic or session is entered once the cell names it in its answer (``asks_told``, ``told``): a message that was
+late, or that a router sends again, must not end the session of the running daemon.
 """
 
 from __future__ import annotations
@@ -35,10 +34,7 @@ _PAUSE: Final = 0.1
 _LONGEST: Final = 2.0
 """Longest pause, s, between two questions for the cell's positions; doubled from ``_PAUSE`` after each failure."""
 _MOST: Final = 1000
-"""Most topics followed (a cell has some ten), and most claims that wait for the cell's answer."""
-_NEAR: Final = 10_000
-"""Most numbers by which the first message of a topic may exceed the cell's position, and the last message of a
-session the known end of the session."""
+"""Most topics followed (a cell has some ten), and most messages held of other topics."""
 
 Content = Batch | Frames | Result | Event
 
@@ -61,11 +57,10 @@ class Following:
     _topics: dict[str, Follower] = field(default_factory=dict)
     _since: int | None = None  # session of the daemon in which this consumer joined
     _sessions_due: float = -math.inf
-    _claims: dict[tuple[str, int], int] = field(default_factory=dict)
-    """Highest claimed next number, by topic and session; the topic of a claimed daemon session is ``health``."""
-    _asked: dict[tuple[str, int], int] = field(default_factory=dict)
+    _unsure: bool = True
+    """True until the cell has named its session, and if a topic or session arrived that it has not named."""
     _early: list[Message] = field(default_factory=list)
-    """Messages of topics that the cell has not confirmed yet."""
+    """Messages of topics that the cell has not named yet."""
     _due: float = -math.inf
     _pause: float = _PAUSE
 
@@ -92,55 +87,37 @@ class Following:
 
     def message(self, topic: str, mark: Mark, content: Content, size: int = 0) -> list[Message]:
         """Add a live message of ``size`` bytes; return the messages that are now in order."""
-        follower = self._topics.get(topic)
-        # Before the cell has answered anyone may have sent it: half of the room is for the cell's own topics.
-        if follower is None and not self.joined and len(self._topics) < _MOST // 2:
-            follower = self._begin(topic, mark.session, mark.sequence)
-        known = follower is not None and follower.knows(mark.session, mark.sequence)
-        if not known and not self._claim(topic, mark.session, mark.end):
-            return []
         part = Message(topic, mark.session, mark.sequence, False, content, size)
-        if follower is None:
+        follower = self._topics.get(topic)
+        if follower is None and self.joined:
+            self._unsure = True
             if len(self._early) < _MOST and sum(part.size for part in self._early) + size <= HELD_BYTES:
                 self._early.append(part)
             return []
+        if follower is None:
+            follower = self._begin(topic, mark.session, mark.sequence)
         if mark.session == follower.begun[0] and mark.end <= follower.begun[1]:
             return []  # older than the first message of this consumer
+        self._unsure |= not follower.knows(mark.session)
         return self._counted(follower.take(part))
 
     # positions of the cell --------------------------------------------------------------------------
 
     def hinted(self, session: int, positions: Positions) -> None:
-        """Add the session and the positions of a live health message as claims, on which the cell is asked."""
-        if self.cell is not None:
-            self._claim(HEALTH, session, 0)
+        """Process the session and the positions of a live health message."""
+        self._unsure |= session != self.cell
         for topic, (numbering, end) in positions.items():
-            if self.wants(topic):
-                self._claim(topic, numbering, end)
-
-    def _claim(self, topic: str, session: int, end: int) -> bool:
-        """Add a claim that only the cell can confirm; return False if there are too many."""
-        if self._confirmed(topic, session, end):
-            return True
-        if (topic, session) not in self._claims and len(self._claims) >= _MOST:
-            self.counts["let go"] += 1
-            return False
-        self._claims[topic, session] = max(end, self._claims.get((topic, session), 0))
-        return True
-
-    def _confirmed(self, topic: str, session: int, end: int) -> bool:
-        if topic == HEALTH:
-            return session == self.cell
-        return topic in self._topics and self._topics[topic].knows(session, end)
+            follower = self._topics.get(topic)
+            if follower is not None and follower.knows(numbering):
+                follower.announce(numbering, end)
+            elif self.wants(topic):
+                self._unsure = True
 
     def asks_told(self, now: float) -> bool:
         """True if the cell should be asked for its positions now; call ``told`` or ``untold`` next."""
-        if now < self._due:
+        if now < self._due or not self._unsure:
             return False
-        self._claims = {claim: end for claim, end in self._claims.items() if not self._confirmed(*claim, end)}
-        if self.cell is not None and not self._claims:
-            return False
-        self._asked, self._due = dict(self._claims), math.inf
+        self._due = math.inf
         return True
 
     def untold(self, now: float) -> None:
@@ -151,48 +128,29 @@ class Following:
     def told(self, session: int, positions: Positions, now: float) -> list[Message]:
         """Process the cell's answer, the positions of a daemon session; return the messages now in order.
 
-        Claims beyond these positions are refused. Raises ``ProtocolError`` if there are more topics than a cell can
-        have; then the cell is asked again.
+        Raises ``ProtocolError`` if there are more topics than a cell can have; then the cell is asked again.
         """
-        refused, self._due = 0, now + self._pause
+        self._due = now + _LINK
         for topic, (numbering, end) in positions.items():
             if self.wants(topic):
-                refused += self._meet(topic, numbering, end)
-                follower = self._topics[topic]
-                claimed, known = self._asked.get((topic, follower.newest), 0), follower.reach(follower.newest) or 0
-                if numbering != follower.newest and claimed <= known + _NEAR:  # claims of a session that has just ended
-                    follower.announce(follower.newest, claimed)
-                follower.announce(numbering, end)
+                self._meet(topic, numbering, end).announce(numbering, end)
         self.cell = session
         if not self.joined:
             self.joined, self._since = True, session
+        for follower in self._topics.values():
+            follower.release_unknown()
+        self._unsure, self._pause = False, _PAUSE
         early, self._early = [part for part in self._early if part.topic in self._topics], []
-        ready = [given for part in early for given in self._counted(self._topics[part.topic].take(part))]
-        for (topic, numbering), end in self._asked.items():
-            if not self._confirmed(topic, numbering, end):
-                refused += 1
-                if topic in self._topics:
-                    self._topics[topic].refuse(numbering, end)
-        self._claims = {claim: end for claim, end in self._claims.items() if end != self._asked.get(claim)}
-        self._pause = min(2 * self._pause, _LONGEST) if refused else _PAUSE
-        self._due = now + self._pause
-        self.counts += Counter(refused=refused)
-        return ready
+        return [given for part in early for given in self._counted(self._topics[part.topic].take(part))]
 
-    def _meet(self, topic: str, numbering: int, end: int) -> int:
-        """Begin a topic of the cell at its current position, or, after joining, at its first number.
-
-        Return 1 if the topic had begun at a position unknown to the cell, else 0.
-        """
+    def _meet(self, topic: str, numbering: int, end: int) -> Follower:
+        """Begin a topic of the cell at its current position, or, after joining, at its first number."""
         follower = self._topics.get(topic)
         if follower is None and self.joined:
-            self._begin(topic, self._since or numbering if _recorded(topic) else numbering, 0)
-        elif follower is None:
-            self._begin(topic, numbering, end)
-        elif not self.joined and (follower.session != numbering or follower.following > end + _NEAR):
-            self._begin(topic, numbering, end)
-            return 1
-        return 0
+            return self._begin(topic, self._since or numbering if _recorded(topic) else numbering, 0)
+        if follower is None or not (self.joined or follower.knows(numbering)):
+            return self._begin(topic, numbering, end)
+        return follower
 
     def standing(self, mark: Mark, alarm: Alarm) -> list[Message]:
         """Return an active alarm from an answer, if it was raised before this consumer began."""

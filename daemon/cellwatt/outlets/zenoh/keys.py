@@ -1,7 +1,6 @@
 """Key expressions of a cell on the bus. Pure.
 
     cellwatt/<site>/<cell>/<topic>             live messages; liveliness token at cellwatt/<site>/<cell>
-    cellwatt/<site>/<cell>/backfill/<topic>    the same messages, requested later
     cellwatt/<site>/<cell>/@/<name>            questions
     cellwatt/<site>/<cell>/@/daemon/<pc>/<session>    liveliness token of one daemon
 
@@ -87,10 +86,6 @@ class CellKeys:
     def live(self, path: str) -> str:
         """Key of the live messages of a topic, or of an alarm's path."""
         return f"{self.root}/{path}"
-
-    def backfill(self, path: str) -> str:
-        """Key of back-filled messages of a topic."""
-        return f"{self.root}/backfill/{path}"
 
     def question(self, name: str) -> str:
         """Key of a question, such as ``status``; see ``answers``."""

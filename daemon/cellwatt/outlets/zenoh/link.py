@@ -1,6 +1,6 @@
 """Zenoh sessions: settings, opening, and the reason when opening fails.
 
-zenoh is imported on first use. A session listens and scouts only if the settings say so.
+zenoh is imported on first use. A session listens, and scouts, only if the settings say so.
 """
 
 from __future__ import annotations
@@ -108,24 +108,18 @@ class LinkSettings(OutletSettings):
     """Endpoints to listen on, like ``tcp/127.0.0.1:7447``; none by default, so nothing is exposed."""
     connect: tuple[_Endpoint, ...] = ()
     """Endpoints to connect to, like ``tls/plant-router:7447``; retried without limit while they are unreachable."""
-    scouting: bool = False
-    """Find other sessions on the local network, and be found by them, by multicast and gossip."""
     tls: TlsSettings | None = None
     """Certificates for ``tls/`` and ``quic/`` endpoints."""
     user: str | None = None
     """User name for the endpoints in ``connect``."""
     password: SecretStr | None = None
     """Password of the user; write ``${NAME}`` and set it in the environment."""
-    users: Path | None = None
-    """File with lines ``user:password``: the users that may connect to this session."""
-    namespace: str | None = None
-    """Prefix of every key of this session, sent and received."""
     options: Annotated[Mapping[str, Any], _SECRET] = Field(default_factory=dict, repr=False)
     """Any other Zenoh configuration by path, like ``access_control: {…}`` or ``transport/link/tx/lease: 5000``."""
 
     @model_validator(mode="after")
     def _accepted(self) -> LinkSettings:
-        if self.mode == "client" and not self.connect and not self.scouting:
+        if self.mode == "client" and not self.connect:
             raise ValueError("mode client needs an endpoint in connect, like tcp/plant-router:7447")
         both_or_neither(user=self.user, password=self.password)
         secure = [e for e in (*self.listen, *self.connect) if e.startswith(("tls/", "quic/"))]
@@ -141,8 +135,7 @@ class LinkSettings(OutletSettings):
     def files(self) -> Mapping[str, Path | None]:
         """Files that the session needs, by option."""
         tls = self.tls
-        named = {"tls.root_ca": tls.root_ca, "tls.certificate": tls.certificate, "tls.key": tls.key} if tls else {}
-        return {**named, "users": self.users}
+        return {"tls.root_ca": tls.root_ca, "tls.certificate": tls.certificate, "tls.key": tls.key} if tls else {}
 
 
 def session_config(settings: LinkSettings, timeout: float = _ATTEMPT, largest: int = LARGEST_MESSAGE) -> zenoh.Config:
@@ -228,10 +221,9 @@ def _options(settings: LinkSettings, timeout: float, largest: int) -> Iterator[t
     yield "connect/endpoints", settings.connect
     if settings.mode == "client":
         yield "connect/timeout_ms", round(1e3 * timeout)
-    yield "scouting/multicast/enabled", settings.scouting
-    yield "scouting/gossip/enabled", settings.scouting
-    if not settings.scouting:
-        yield "scouting/delay", 0
+    yield "scouting/multicast/enabled", False
+    yield "scouting/gossip/enabled", False
+    yield "scouting/delay", 0
     # Shared memory gains nothing at these message sizes and costs 30 MB; put() took up to 24 ms with it.
     yield "transport/shared_memory/enabled", False
     yield "transport/link/rx/max_message_size", largest
@@ -240,10 +232,6 @@ def _options(settings: LinkSettings, timeout: float, largest: int) -> Iterator[t
     if settings.user is not None and settings.password is not None:
         yield "transport/auth/usrpwd/user", settings.user
         yield "transport/auth/usrpwd/password", settings.password.get_secret_value()
-    if settings.users is not None:
-        yield "transport/auth/usrpwd/dictionary_file", str(settings.users)
-    if settings.namespace is not None:
-        yield "namespace", settings.namespace
     yield from settings.options.items()
 
 
@@ -261,7 +249,7 @@ def _tls(tls: TlsSettings | None) -> Iterator[tuple[str, Any]]:
 
 
 def _where(path: str) -> str:
-    named = {"listen/endpoints": "listen", "connect/endpoints": "connect", "mode": "mode", "namespace": "namespace"}
+    named = {"listen/endpoints": "listen", "connect/endpoints": "connect", "mode": "mode"}
     return named.get(path, f"options: {path}")
 
 

@@ -1,14 +1,12 @@
 """Puts the messages of one topic in order, each exactly once, and finds the missing ones. Pure.
 
-Anyone who can publish on a cell's keys can claim a new session, a jump of its numbers, or samples that were never
-measured. If such a message were accepted at once, every true message after it would look old and the stream would
-end. So only messages that continue the known numbering, or that the cell itself has ``announce``d, are known to exist.
+A session is known once it was ``announce``d; messages of an unknown session are held until then.
 """
 
 from __future__ import annotations
 
 import math
-from bisect import bisect_right, insort
+from bisect import insort
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
@@ -23,7 +21,6 @@ HELD_BYTES: Final = 128 * 1024 * 1024
 """Most bytes of held messages, whatever their number."""
 _PAST: Final = 16
 """Number of finished sessions remembered, to distinguish a late message from a new session."""
-_NO_END: Final = 2**63
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,44 +120,26 @@ class Follower:
             return []
         if (current and part.sequence <= self.following) or self._room(part.size):
             insort(self._held.setdefault(part.session, []), part, key=lambda p: p.sequence)
-        if self.knows(part.session, part.sequence):
+        if self.knows(part.session):
             self.announce(part.session, part.end)
         return self._ready()
 
-    def reach(self, session: int) -> int | None:
-        """The number below which messages of ``session`` are known to exist; ``None`` for an unknown session.
-
-        Unlimited for a finished session: everything that arrives from it is a duplicate.
-        """
-        if session in self._past:
-            return _NO_END
-        end = self._ends.get(session)
-        return max(self.following, end or 0) if session == self.session else end
-
-    def knows(self, session: int, number: int) -> bool:
-        """True if messages up to ``number`` are known to exist: one that begins there continues or repeats them."""
-        reach = self.reach(session)
-        return reach is not None and number <= reach
+    def knows(self, session: int) -> bool:
+        """True for the current session, those announced, and those finished."""
+        return session in self._ends or session in self._past
 
     def announce(self, session: int, end: int) -> None:
-        """Note that numbers below ``end`` exist in ``session``, and so do held messages that continue from there."""
+        """Note that numbers below ``end`` exist in ``session``, and so do its held messages."""
         if session in self._past:
             return
         if session not in self._ends:
             self._later.append(session)
-        known = self._ends.get(session, 0)
-        end, held = max(end, known), self._held.get(session, [])
-        for part in held[bisect_right(held, known, key=lambda p: p.sequence) :]:
-            if part.sequence > end:
-                break
-            end = max(end, part.end)
-        self._ends[session] = end
+            end = max([end, *(part.end for part in self._held.get(session, ()))])
+        self._ends[session] = max(end, self._ends.get(session, 0))
 
-    def refuse(self, session: int, end: int) -> None:
-        """Discard held messages between the known numbers and ``end``, which the cell does not know."""
-        held = self._held.pop(session, [])
-        if remaining := [part for part in held if self.knows(session, part.sequence) or part.end > end]:
-            self._held[session] = remaining
+    def release_unknown(self) -> None:
+        """Discard held messages of unknown sessions: they are requested once their session is known."""
+        self._held = {session: held for session, held in self._held.items() if session in self._ends}
 
     def _room(self, size: int) -> bool:
         sizes = [part.size for held in self._held.values() for part in held]
@@ -175,7 +154,7 @@ class Follower:
         """Insert the recorded sessions, oldest first, that lie between the known ones."""
         self.entered = self.newest
         for session in recorded:
-            if self.session < session < self.newest and self.reach(session) is None:
+            if self.session < session < self.newest and not self.knows(session):
                 self._ends[session] = 0
                 self._later.insert(next(n for n, later in enumerate(self._later) if later > session), session)
 
@@ -186,12 +165,10 @@ class Follower:
 
     def hole(self) -> Hole | None:
         """The first hole, or ``None``."""
-        end, held = max(self.following, self._ends[self.session]), self._held.get(self.session)
-        early = held is not None and held[0].sequence <= end
-        if held is not None and early:
-            end = held[0].sequence
+        held = self._held.get(self.session)
+        end = held[0].sequence if held else self._ends[self.session]
         if end > self.following:
-            return Hole(self.session, self.following, end - self.following, certain=early or self.over)
+            return Hole(self.session, self.following, end - self.following, certain=bool(held) or self.over)
         return Hole(self.session, self.following, None, certain=True) if self.over else None
 
     def fill(self, part: Message) -> list[Message]:

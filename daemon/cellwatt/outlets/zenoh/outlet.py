@@ -12,7 +12,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
-from pydantic import PositiveInt, model_validator
+from pydantic import model_validator
 
 from cellwatt.batch import Batch
 from cellwatt.door import validity
@@ -39,13 +39,11 @@ from cellwatt.outlets.zenoh.namesakes import Namesakes
 from cellwatt.outlets.zenoh.publisher import Publisher
 from cellwatt.outlets.zenoh.questions import LARGEST
 from cellwatt.outlets.zenoh.signing import MessageSigner
-from cellwatt.quantity import Bytes, BytesPerSecond
+from cellwatt.quantity import BytesPerSecond
 from cellwatt.section import Section
 
 _ENCRYPTED: Final = ("tls", "quic")
 _ADVICE: Final = "use 127.0.0.1, or TLS with access rules as 'cellwatt secure' makes them, or set open: true"
-_RECENT: Final = 0.5e6
-"""Bytes of frames held in memory when the record has them, too: those that consumers request most."""
 _HARM: Final = "anyone who reaches it can read everything and impersonate the cell"
 
 
@@ -67,8 +65,7 @@ def openings(settings: LinkSettings) -> Iterator[tuple[tuple[str | int, ...], st
         if missing:
             yield at, endpoint, f"open to the network without {' and '.join(missing)}: {_HARM}"
     if json.loads(config.get_json("scouting/multicast/enabled")):
-        at = ("scouting",) if settings.scouting else ("options",)
-        yield at, "scouting", f"finds, and links with, any session on the local network: {_HARM}"
+        yield ("options",), "scouting", f"finds, and links with, any session on the local network: {_HARM}"
 
 
 class PublishSettings(Section):
@@ -85,11 +82,6 @@ class ZenohSettings(LinkSettings):
 
     publish: PublishSettings = PublishSettings()
     """Data that is published live."""
-    queue: PositiveInt = 4096
-    """Without effect: nothing waits for the bus. Accepted so that older files load."""
-    frame_memory: Bytes = 4e6
-    """Memory for frames that consumers request after an interruption, if frames are not recorded (``record: {frames:
-    false}``); recorded frames, and raw samples always, come from the record."""
     backfill: BytesPerSecond | None = None
     """Highest data rate of answers about the past, for all consumers together; default: no limit. Set it below the
     capacity of the line minus the live data."""
@@ -122,10 +114,8 @@ class ZenohOutlet(Outlet[ZenohSettings]):
         super().__init__(name, settings, view)
         self._keys = CellKeys(view.site, view.cell)
         numbering = time.time_ns() if view.journal is None else view.session
-        recorded = view.record_folder is not None and view.config()["record"]["frames"]
-        memory = min(settings.frame_memory, _RECENT) if recorded else settings.frame_memory
         up = (standing.published for standing in view.alarms.up if standing.published is not None)
-        self._backlog = Backlog(numbering, memory, view.journal, view.session, up)
+        self._backlog = Backlog(numbering, view.journal, up)
         self._seal = MessageSigner(self._keys.root, settings.sign)
         self._answers = Answers(
             view, self._keys, self._backlog, self._count, self._health, self._seal, settings.backfill
@@ -147,7 +137,8 @@ class ZenohOutlet(Outlet[ZenohSettings]):
                 self._send(topic, (topic,), item, Mark(self.view.session, item.sequence, len(item), item.arrival))
         elif isinstance(item, Frames):
             if self.settings.publish.frames and len(item):
-                self._send(FRAME, (FRAME,), item, self._backlog.add_frames(item))
+                mark = Mark(self.view.session, item.sequence, len(item), int(item.time[-1]))
+                self._send(FRAME, (FRAME,), item, mark)
         else:
             mark, paths = self._backlog.add(item)
             self._send(topic_of(item), paths, item, mark)
@@ -160,9 +151,8 @@ class ZenohOutlet(Outlet[ZenohSettings]):
         self._ends[topic] = mark.session, mark.end
 
     def succeed(self, before: Outlet[Any]) -> None:
-        """Take over the frames in memory, and the positions, of the previous outlet."""
+        """Take over the positions of the previous outlet."""
         if isinstance(before, ZenohOutlet):
-            self._backlog.succeed(before._backlog)
             self._ends |= {topic: end for topic, end in before._ends.items() if end[0] == self.view.session}
 
     def health(self, status: Mapping[str, Any]) -> None:

@@ -46,7 +46,7 @@ def link_to(
     if tls is not None and not connect and local != endpoints:
         # A certificate names the PC, not the loopback address used here.
         tls = tls.model_copy(update={"verify_name": False})
-    return client_of(chosen, tls, user=zenoh.user, password=zenoh.password, namespace=zenoh.namespace)
+    return client_of(chosen, tls, user=zenoh.user, password=zenoh.password)
 
 
 def client_of(endpoints: tuple[str, ...], tls: TlsSettings | None = None, **more: Any) -> LinkSettings:

@@ -1,4 +1,4 @@
-"""The endpoint: its text by strict parsers, its probes, and who may read it."""
+"""The endpoint: its text by strict parsers, and who may read it."""
 
 from __future__ import annotations
 
@@ -76,46 +76,15 @@ async def test_many_readers_cost_one_text(metrics: str, monkeypatch: pytest.Monk
 
 
 @pytest.mark.parametrize(
-    ("status", "path", "code", "says"),
-    [
-        (None, "healthz", 200, "alive"),
-        (None, "readyz", 503, "not known yet"),
-        ({}, "startupz", 200, "started"),
-        ({"state": "red", "reasons": ["arm is\ndown", "no disk"]}, "readyz", 503, "red: arm is down; no disk"),
-    ],
-)
-async def test_probes(status: dict[str, Any] | None, path: str, code: int, says: str) -> None:
-    outlet = outlet_of()
-    if status is not None:
-        outlet.health(health(**status))
-    async with cell.serving(outlet) as url:
-        status, text, _ = await answer_of(f"{url}/{path}")
-    assert (status, text.count("\n")) == (code, 1)
-    assert says in text
-
-
-async def test_a_cell_nobody_looks_at_is_not_ready(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(serving, "STALE", 0.0)
-    outlet = outlet_of()
-    outlet.health(health())
-    async with cell.serving(outlet) as url:
-        status, text, _ = await answer_of(f"{url}/readyz")
-    assert (status, " s old" in text) == (503, True)
-
-
-@pytest.mark.parametrize(
     ("auth", "code"),
     [({}, 401), ({"Authorization": "Bearer t0p"}, 200), ({"Authorization": "Bearer \u00e4\u20ac"}, 401)],
 )
 async def test_who_may_read(auth: dict[str, str], code: int) -> None:
     outlet = outlet_of(token="t0p")
-    outlet.health(health(state="red", reasons=["secret reason"]))
+    outlet.health(health())
     async with cell.serving(outlet) as url:
         status, _, headers = await answer_of(f"{url}/metrics", headers=auth)
         assert (status, "WWW-Authenticate" in headers) == (code, code == 401)
-        status, text, _ = await answer_of(f"{url}/readyz", headers=auth)
-        assert (status, "secret reason" in text) == (503, code == 200)
-        assert (await answer_of(f"{url}/healthz"))[0] == 200
 
 
 def test_a_short_token_is_warned_of() -> None:

@@ -1,4 +1,4 @@
-"""Totals that never fall, and series that stay few."""
+"""Counts that do not fall, and series that stay few."""
 
 from __future__ import annotations
 
@@ -22,14 +22,15 @@ def told(meter: Meter, metric: str) -> dict[tuple[str, ...], float]:
 
 
 @given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 1000), st.integers(0, 50)), max_size=50))
-def test_no_total_falls_whatever_is_counted(steps: list[tuple[int, int, int]]) -> None:
+def test_no_count_falls_while_what_counts_it_lives(steps: list[tuple[int, int, int]]) -> None:
     """Lives, what was received within them, and samples missed that may be taken back."""
     meter, before, life, received = meter_of(), {}, 0, 0
     for turn, more, missed in steps:
         if turn == 0:
             life, received = life + 1, 0
+            before.clear()
         received += more
-        meter.health(health(collect=life, sources={"arm": source(received, {"timeout": missed})}))
+        meter.health(health(collect=life, sources={"arm": source(received, {"timeout": missed}, expected=received)}))
         for name, series in meter.samples().items():
             if CATALOGUE[name].type == "counter":
                 for labels, value in series:
@@ -37,13 +38,18 @@ def test_no_total_falls_whatever_is_counted(steps: list[tuple[int, int, int]]) -
                     before[name, labels] = value
 
 
-def test_a_source_begun_anew_adds_to_what_was_lost_before() -> None:
+def test_what_is_begun_anew_counts_from_the_beginning() -> None:
     meter = meter_of()
-    meter.health(health(collect=1, sources={"arm": source(1000, {"gap": 5})}))
-    meter.health(health(collect=2, sources={"arm": source(2000, {"gap": 5})}))  # another process, more received
-    meter.health(health(collect=2, sources={"arm": source(10, {"gap": 5})}))  # same process, made anew by a reload
-    assert told(meter, "samples_missed") == {("arm", "gap"): 15.0}
-    assert told(meter, "samples_received") == {("arm",): 2010.0}
+    for collect, received, missed, told_missed in (
+        (1, 1000, 5, 5.0),
+        (1, 1010, 4, 5.0),  # a late sample is not taken back
+        (2, 2000, 1, 1.0),  # another process, more received
+        (2, 10, 0, 0.0),  # the same process, made anew by a reload
+    ):
+        meter.health(health(collect=collect, sources={"arm": source(received, {"gap": missed})}))
+        assert told(meter, "samples_missed") == {("arm", "gap"): told_missed}
+        assert told(meter, "samples_lost") == {("arm",): told_missed}
+        assert told(meter, "samples_received") == {("arm",): float(received)}
 
 
 def test_power_is_that_of_the_newest_frame_in_watts_alone() -> None:
@@ -95,7 +101,7 @@ def test_a_successor_goes_on_with_all_totals() -> None:
     before.energy(energy("task_1", 80.0, motion=80.0))
     after.succeed(before)
     assert told(after, "samples_missed") == {("arm", "gap"): 5.0}
-    after.health(health(sources={"arm": source(10, {"gap": 1})}))
+    after.health(health(sources={"arm": source(1010, {"gap": 4})}))
     after.energy(energy("task_1", 20.0, motion=20.0))
-    assert told(after, "samples_missed") == {("arm", "gap"): 6.0}
+    assert told(after, "samples_missed") == {("arm", "gap"): 5.0}
     assert told(after, "energy_joules") == {("task_1", "motion"): 100.0}

@@ -77,22 +77,14 @@ def test_a_broker_that_cuts_a_client_for_its_subscription_is_served_without_it()
     assert [*asked, len(format_.subscriptions())] == [2, 0, 2]
 
 
-def test_retained_rows_are_bounded_until_the_channels_are_known(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cellwatt.outlets.mqtt.plain.OLD_ROWS", 3)
-    format_ = outlet_of(Cell(), NOWHERE)._made()
-    assert [format_.heard(f"{ROOT}/frame/x{n}", b"{}", True) for n in range(9)] == [()] * 9
-    _, *deleted = format_.label({"arm.supply.power": "W"}, 0)
-    assert [message.topic for message in deleted] == [f"{ROOT}/frame/x{n}" for n in range(3)]
-
-
 async def test_the_past_goes_in_parcels_of_few_messages(monkeypatch: pytest.MonkeyPatch) -> None:
-    outlet = outlet_of(Cell(), NOWHERE, frame="channels", backfill="100 kHz")
+    outlet = outlet_of(Cell(), NOWHERE, backfill="100 kHz")
     past = Backfill(outlet.settings, (Path("/nonexistent"), "c"), outlet._cursor, outlet._outbox, outlet.account)
     none = dict.fromkeys(LAYOUT.names, 0)
-    rows, tasks = [Row(n, n, {}, none) for n in range(1, 13)], [Task("arm", "t", "ab", "v", 1.0, 0, 1, (1,), 4)] * 40
-    part = RecordedSpan(12, rows, list(tasks), dict.fromkeys(none, "1"), whole=True)
+    rows, tasks = [Row(n, n, {}, none) for n in range(1, 39)], [Task("arm", "t", "ab", "v", 1.0, 0, 1, (1,), 4)] * 40
+    part = RecordedSpan(38, rows, list(tasks), dict.fromkeys(none, "1"), whole=True)
     monkeypatch.setattr(past, "_read", lambda *_: asyncio.sleep(0, part))
-    filling, sizes, got = asyncio.create_task(past._fill(0, 12)), list[tuple[int, int]](), list[Row]()
+    filling, sizes, got = asyncio.create_task(past._fill(0, 38)), list[tuple[int, int]](), list[Row]()
     while not filling.done():
         await asyncio.sleep(0)
         if past.piece is not None:
@@ -100,7 +92,7 @@ async def test_the_past_goes_in_parcels_of_few_messages(monkeypatch: pytest.Monk
             sizes.append((len(results), len(some)))
             got += some
             arrived(False)
-    assert sizes == [(16, 0), (16, 0), (8, 0), (0, 5), (0, 5), (0, 2)] and got == rows
+    assert sizes == [(16, 0), (16, 0), (8, 0), (0, 16), (0, 16), (0, 6)] and got == rows
 
 
 async def test_nothing_of_a_batch_that_the_library_refuses_counts_as_arrived() -> None:

@@ -35,17 +35,6 @@ async def test_rows_units_availability_and_health_have_their_topics(broker: Brok
     assert heard.of(f"{ROOT}/availability") == [b"online", b"offline"]
 
 
-async def test_each_channel_may_have_its_own_topic_and_the_last_row_be_kept(broker: Broker) -> None:
-    cell = Cell()
-    async with online(broker, cell, frame="channels", retain=True, channels=["arm.*"]) as (outlet, heard):
-        outlet.offer(cell.frames(1))
-        outlet.offer(cell.frames(1, missing=("arm",)))
-        await heard.until(f"{ROOT}/frame/+", 4)
-    told = [json.loads(m.payload) for m in heard.heard if m.topic.endswith("frame/arm.supply.power")]
-    assert [(t["value"], t["unit"], t["quality"]) for t in told] == [(0.0, "W", 0), (None, "W", 4)]
-    assert all(m.retain for m in heard.heard if "/frame/" in m.topic)
-
-
 async def test_results_are_those_of_the_bus_and_an_interval_is_told_twice(broker: Broker) -> None:
     running = Interval("arm", 7, S, 2 * S, (1,), (0.1,), (0.0,), (0.5,), closed=False)
     async with online(broker, Cell()) as (outlet, heard):
@@ -117,21 +106,18 @@ async def test_alarms_of_a_daemon_before_go_and_those_that_are_up_come(broker: B
     ]
 
 
-async def test_rows_of_channels_that_are_no_longer_sent_do_not_stay_at_the_broker(broker: Broker) -> None:
+async def test_the_last_row_is_kept_as_long_as_it_is_wanted(broker: Broker) -> None:
     cell = Cell()
-    async with ears(broker, "nothing") as other:
-        for topic in ("frame", "frame/gone.power", "frame/arm.supply.power"):
-            await other.say(f"{ROOT}/{topic}", b"{}", retain=True)
-    async with online(broker, cell, frame="channels", retain=True) as (outlet, heard):
-        outlet.offer(cell.frames(1))
-        await heard.until(f"{ROOT}/frame/{LAYOUT.names[-1]}")
-        gone = f"{ROOT}/frame", f"{ROOT}/frame/gone.power"
-        await eventually(lambda: all(b"" in heard.of(topic) for topic in gone), "the old ones are deleted")
-        kept = await _kept(broker, f"{ROOT}/frame/#")
-    assert sorted(m.topic for m in kept) == sorted(f"{ROOT}/frame/{name}" for name in LAYOUT.names)
+    async with online(broker, cell, retain=True) as (outlet, heard):
+        outlet.offer(cell.frames(2))
+        await heard.until(f"{ROOT}/frame", 2)
+        (kept,) = await _kept(broker, f"{ROOT}/frame/#")
+    assert json.loads(kept.payload)["sequence"] == 1
+    async with online(broker, cell, retain=True), ears(broker, f"{ROOT}/frame") as heard:
+        await heard.until(f"{ROOT}/frame")
+        assert heard.of(f"{ROOT}/frame") == [kept.payload]
     async with online(broker, cell) as (outlet, heard):
-        outlet.offer(cell.frames(1))
-        await eventually(lambda: all(b"" in heard.of(f"{ROOT}/frame/{name}") for name in LAYOUT.names), "gone")
+        await eventually(lambda: b"" in heard.of(f"{ROOT}/frame"), "its deletion")
         assert await _kept(broker, f"{ROOT}/frame/#") == []
 
 

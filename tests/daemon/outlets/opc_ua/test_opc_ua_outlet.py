@@ -1,4 +1,4 @@
-"""The cell over OPC UA: values, units, the standard's nodes, alarms as conditions, and who comes in."""
+"""The cell over OPC UA: values, units, alarms as conditions, and who comes in."""
 
 from __future__ import annotations
 
@@ -92,8 +92,8 @@ async def test_a_cell_without_users():
     async with a_cell(units={"angle": "deg", "power": "kW"}) as outlet:
         outlet.offer(frames(1))
         await clients_see_the_cells_values(outlet)
-        await an_arm_has_the_nodes_of_the_standard(outlet)
-        await what_a_reload_adds_has_them_too(outlet)
+        await our_own_inlet_reads_them(outlet)
+        await what_a_reload_adds_is_there_too(outlet)
         await nobody_acknowledges_without_a_name(outlet)
         await too_much_is_refused_before_it_is_done(outlet)
         await idle_connections_and_endless_messages_are_cut_off(outlet)
@@ -124,41 +124,28 @@ async def clients_see_the_cells_values(outlet: OpcUaOutlet) -> None:
         await eventually(bad, "a bad value")
 
 
-async def an_arm_has_the_nodes_of_the_standard(outlet: OpcUaOutlet) -> None:
-    """Our own inlet reads it by the standard's names alone, and other clients find the types by their ids."""
+async def our_own_inlet_reads_them(outlet: OpcUaOutlet) -> None:
     outlet.offer(frames(3))
     async with client(outlet) as there:
         await has_value(there, "arm.joint_1.position")
-        robotics = await there.get_namespace_index("http://opcfoundation.org/UA/Robotics/")
-        devices = await there.get_namespace_index("http://opcfoundation.org/UA/DI/")
-        path = [f"{devices}:DeviceSet", None, f"{robotics}:MotionDevices", None, f"{robotics}:Axes"]
-        node = there.nodes.objects
-        for name in path:
-            node = (await node.get_children())[0] if name is None else await node.get_child(name)
-        (axis,) = await node.get_children()
-        assert await axis.read_type_definition() == ua.NodeId(16601, robotics)
-        kind = there.get_node(ua.NodeId(16601, robotics))
-        assert (await kind.read_browse_name()) == ua.QualifiedName("AxisType", robotics)
     host, port = outlet.url.removeprefix("opc.tcp://").removesuffix("/cellwatt").split(":")
-    read = ["joint_1.position", "joint_1.velocity", "joint_1.temperature"]
-    settings = {"host": host, "port": port, "path": "/cellwatt", "model": "opc_40010", "read": read}
+    tags = {f"joint_1.{name}": {"node": f"ns=own;s=arm.joint_1.{name}", "unit": unit} for name, unit in JOINT.items()}
+    tags["joint_1.position"] |= {"unit": "deg"}
+    settings = {"host": host, "port": port, "path": "/cellwatt", "namespaces": {"own": OWN}, "tags": tags}
     inlet = CollectingInlet()
     async with repeated(OpcUaDriver("arm", OpcUaSettings.model_validate(settings), inlet)) as run:
         await inlet.until(lambda o: bool(o.readings) or bool(run.failures))
     assert not run.failures
-    assert inlet.values[0] == pytest.approx([0.5, -0.25, 41.0])
+    assert inlet.values[0] == pytest.approx(VALUES[:4])
 
 
-async def what_a_reload_adds_has_them_too(outlet: OpcUaOutlet) -> None:
-    """A second arm with a linear axis, a second joint of the first arm, and a meter that gives another unit."""
+async def what_a_reload_adds_is_there_too(outlet: OpcUaOutlet) -> None:
+    """A second arm, a second joint of the first arm, and a meter that gives another unit."""
     units = dict.fromkeys(("left.joint_1.position", "arm.joint_2.position", *LAYOUT.names), "rad")
-    added = layout_of({**units, "left.joint_2.position": "m"})
-    outlet.offer(frames_of(added, 4, [EPOCH + 4 * LAYOUT.step], np.full((1, 8), 0.5)))
+    outlet.offer(frames_of(layout_of(units), 4, [EPOCH + 4 * LAYOUT.step], np.full((1, 7), 0.5)))
     async with client(outlet) as there:
-        for name in ("left.joint_1.position", "arm.joint_2.position", "arm.joint_1.position"):
-            assert (await has_value(there, f"robotics:{name}")).Value.Value == pytest.approx(np.degrees(0.5))
-        profiles = [(await value(there, f"robotics:left.Axis_{n}/MotionProfile")).Value.Value for n in (1, 2)]
-        assert profiles == [1, 3], "rotary, linear"
+        for name in ("left.joint_1.position", "arm.joint_2.position"):
+            assert (await has_value(there, name)).Value.Value == pytest.approx(np.degrees(0.5))
         assert (await unit_of(there, "mains.supply.power")).DisplayName.Text == "deg"
     outlet.offer(frames(5))
 

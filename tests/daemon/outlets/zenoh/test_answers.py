@@ -18,7 +18,7 @@ from cellwatt.outlets.zenoh.keys import CellKeys
 from cellwatt.outlets.zenoh.link import open_session
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.outlets.zenoh.questions import QuestionError
-from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch, frames
+from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch
 from tests.daemon.outlets.zenoh.serving import serving
 from tests.daemon.outlets.zenoh.test_subscriber import RAW, Cell
 from tests.patience import PATIENCE
@@ -34,7 +34,7 @@ def view() -> FakeView:
 
 @pytest.fixture
 def backlog() -> Backlog:
-    return Backlog(NUMBERING, 1e6)
+    return Backlog(NUMBERING)
 
 
 @pytest.fixture
@@ -86,19 +86,6 @@ def test_where_the_begin_is_gone_the_answer_begins_with_what_is_left(
     mark = answers.about("results", {"kind": "alarm", "first": "3", "count": "100000"}).mark
     assert mark is not None
     assert (mark.sequence, mark.count) == (2 * MOST_RESULTS, MOST_RESULTS)
-
-
-# backlog ---
-
-
-def test_frames_of_a_outlet_that_was_ended_are_still_given_by_the_one_after_it() -> None:
-    before, after = Backlog(EPOCH, 1e6), Backlog(EPOCH, 1e6)
-    kept = before.add_frames(frames(10, 5))
-    after.succeed(before)
-    assert [f.sequence for f in after.frames(EPOCH, 12, 1)] == [10]
-    following = after.add_frames(frames(15, 5))
-    assert (following.session, following.sequence) == (kept.session, kept.end)
-    assert [f.sequence for f in after.frames(EPOCH, 0, 99)] == [10, 15]
 
 
 # The pace of answers about the past, and who comes first ---

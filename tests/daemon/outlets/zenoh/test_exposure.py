@@ -47,7 +47,6 @@ def test_this_pc_alone_needs_nothing(endpoint: str) -> None:
         ),
         ({"options": {"listen/endpoints": ["tcp/192.0.2.1:7447"]}}, "without TLS and access rules"),
         ({"options": {"listen": {"endpoints": {"peer": ["tcp/192.0.2.1:1"]}}}}, "without TLS and access rules"),
-        ({"scouting": True}, "any session on the local network"),
         ({"options": {"scouting/multicast": {"enabled": True}}}, "any session on the local network"),
     ],
 )  # fmt: skip
@@ -67,12 +66,15 @@ def test_tls_with_rules_needs_no_word(listen: str, tmp_path: Path) -> None:
 
 
 def test_the_place_is_told_by_line_and_column(tmp_path: Path) -> None:
-    file = written(tmp_path, "zenoh:\n  listen: [tcp/127.0.0.1:1, tcp/192.0.2.1:1]\n  scouting: true\n")
+    file = written(
+        tmp_path,
+        "zenoh:\n  listen: [tcp/127.0.0.1:1, tcp/192.0.2.1:1]\n  options: {scouting/multicast/enabled: true}\n",
+    )
     with pytest.raises(ConfigError) as caught:
         load(file)
     first, second = map(str, caught.value.problems)
     assert first.startswith(f"{file}:6:29: zenoh.listen[1]: found 'tcp/192.0.2.1:1': open to the network without")
-    assert second.startswith(f"{file}:7:13: zenoh.scouting: found true: finds, and links with,")
+    assert second.startswith(f"{file}:7:3: zenoh.options: finds, and links with,")
     file = written(tmp_path, "zenoh: {listen: [tls/127.0.0.1:1], tls: {root_ca: ca.pem}}\n")
     with pytest.raises(
         ConfigError, match=r"cell.yaml:5:1: zenoh: to listen, tls/127.0.0.1:1 needs .*certificate: FILE"

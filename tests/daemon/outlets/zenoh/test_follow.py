@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import pytest
@@ -10,7 +9,7 @@ from hypothesis import strategies as st
 from cellwatt import Alarm, ProtocolError, Task
 from cellwatt.outlets.zenoh.follow import GRACE, Following
 from cellwatt.outlets.zenoh.mark import Mark
-from cellwatt.outlets.zenoh.order import Follower, Gap, Message
+from cellwatt.outlets.zenoh.order import Follower, Message
 from tests.daemon.outlets.zenoh.fake_cell import alarm, batch, frames, task
 
 RAW = "raw/arm/samples"
@@ -36,74 +35,58 @@ def raw(following: Following, first: int, count: int = 1, session: int = 1) -> l
     return following.message(RAW, mark(session, first, count), batch(first, count))
 
 
-def confirm(following: Following, positions: Mapping[str, tuple[int, int]], now: float = 0.0) -> list[Message]:
-    """The cell is asked how far it is, and answers."""
-    assert following.asks_told(now + 10), "it saw no reason to ask"
-    return following.told(1, positions, now)
-
-
-def test_what_is_early_waits_for_the_cells_word_and_for_what_is_missing() -> None:
+def test_what_is_early_waits_for_what_is_missing() -> None:
     following = Following(WANTED)
     following.told(1, {RAW: (1, 0)}, 0.0)
     assert raw(following, 3, 2) == raw(following, 5) == []
-    assert following.questions(0.0) == [], "nobody but the stranger says that anything is missing"
-    confirm(following, {RAW: (1, 5)})
     (question,) = following.questions(0.0)
     assert (question.hole.first, question.hole.count, question.hole.certain) == (0, 3, True)
     given_out = following.filled(question, [(mark(1, 0, 3), batch(0, 3))])
     assert [(p.sequence, p.end, p.backfilled) for p in given_out] == [(0, 3, True), (3, 5, False), (5, 6, False)]
 
 
-def test_what_the_cell_does_not_know_is_refused_and_what_came_since_is_not() -> None:
+def test_a_session_is_entered_when_the_cell_names_it_and_not_before() -> None:
     following = Following(WANTED)
     following.told(1, {RAW: (1, 1)}, 0.0)
-    assert raw(following, 9) == raw(following, 0, 3, session=7) == []
+    assert not following.asks_told(10.0), "nothing is unknown"
+    assert raw(following, 0, 3, session=7) == []
+    following.hinted(7, {RAW: (7, 3)})
+    assert following.questions(10.0) == [] and following.cell == 1
     assert following.asks_told(10.0)
-    assert raw(following, 12) == []
     following.told(1, {RAW: (1, 1)}, 10.0)
-    assert following.counts == {"refused": 2}
-    assert [p.sequence for t in range(1, 9) for p in raw(following, t)] == list(range(1, 9))
-    confirm(following, {RAW: (1, 13)}, now=10.0)
+    assert numbers(raw(following, 1)) == [(1, 1)], "a message of another session ended this one"
+    assert raw(following, 0, 3, session=8) == []
+    assert following.asks_told(20.0)
+    following.told(8, {RAW: (8, 3)}, 20.0)
+    following.sessions([1, 8], 20.0)
     (question,) = following.questions(20.0)
-    assert (question.hole.first, question.hole.count) == (9, 3)
+    assert numbers(following.nothing(question, "over", 20.0)) == [(8, 0), (8, 1), (8, 2)]
 
 
-def test_a_flood_of_claims_takes_no_room_for_longer_than_until_the_cell_has_answered() -> None:
+def test_a_topic_that_appears_later_is_followed_from_its_first_number_once_the_cell_names_it() -> None:
     following = Following(WANTED)
-    following.told(1, {RAW: (1, 0)}, 0.0)
-    following.hinted(1, {f"raw/ghost{n}/samples": (1, 9) for n in range(1000)})
-    for n in range(2000):
-        assert raw(following, 7, session=100 + n) == []
-    confirm(following, {RAW: (1, 9)}, now=100.0)
-    assert raw(following, 4) == []
-    (question,) = following.questions(200.0)
-    assert [p.sequence for p in following.filled(question, [(mark(1, 0, 4), batch(0, 4))])] == [0, 4]
-
-
-def test_topics_of_a_stranger_before_the_cells_first_answer_leave_room_for_its_own() -> None:
-    following = Following(WANTED)
-    raw(following, 10**6, 5, session=9)  # the first message of the cell's own topic is not the cell's
-    for n in range(2000):
-        following.message(f"raw/ghost{n}/samples", mark(1, 0), batch(0, 1))
-    following.told(1, {RAW: (1, 5)}, 0.0)
-    assert following.counts["refused"] == 1
-    assert [p.sequence for p in raw(following, 5)] == [5]
-    assert raw(following, 9) == []
-    with pytest.raises(ProtocolError, match="more than 1000 topics"):
-        confirm(following, {f"raw/more{n}/samples": (1, 0) for n in range(1000)}, now=10.0)
-    assert following.asks_told(20.0), "an answer that cannot be true is not the last one"
-
-
-def test_what_came_of_a_session_that_ended_at_once_is_no_forgery() -> None:
-    following = Following(WANTED)
-    following.told(1, {"alarm": (1, 2)}, 0.0)
-    assert following.message("alarm", mark(1, 3), alarm(3)) == []
+    following.told(1, {}, 0.0)
+    assert following.message("alarm", mark(7, 3), alarm(3)) == raw(following, 5) == []
     assert following.asks_told(10.0)
-    following.told(2, {"alarm": (2, 0)}, 10.0)
-    (question,) = following.questions(10.0)
-    gap, kept = following.nothing(question, "nothing is kept", 10.0)
-    assert (gap.content, kept.content) == (Gap(1, "nothing is kept"), alarm(3))
-    assert "refused" not in following.counts
+    assert following.told(1, {RAW: (1, 6)}, 10.0) == []
+    (question,) = following.questions(20.0)
+    assert (question.topic, question.hole.first, question.hole.count) == (RAW, 0, 5)
+    assert following.message("alarm", mark(1, 0), alarm(0)) == []
+    assert numbers(following.told(1, {RAW: (1, 6), "alarm": (1, 1)}, 30.0)) == [(1, 0)]
+
+
+def test_a_message_of_an_ended_session_before_the_first_answer_is_not_where_a_consumer_begins() -> None:
+    following = Following(WANTED)
+    assert numbers(raw(following, 90, 5, session=1)) == [(1, n) for n in range(90, 95)]
+    following.told(2, {RAW: (2, 7)}, 0.0)
+    assert following.begun == {RAW: (2, 7)} and following.questions(10.0) == []
+
+
+def test_an_answer_with_more_topics_than_a_cell_has_is_not_the_last_one() -> None:
+    following = Following(WANTED)
+    with pytest.raises(ProtocolError, match="more than 1000 topics"):
+        following.told(1, {f"raw/more{n}/samples": (1, 0) for n in range(1001)}, 0.0)
+    assert following.asks_told(10.0)
 
 
 def test_only_what_is_wanted_is_followed() -> None:
@@ -132,7 +115,6 @@ def test_nobody_there_is_asked_again_for_ever() -> None:
     following = Following(WANTED, patience=1.0)
     following.told(1, {RAW: (1, 0)}, 0.0)
     raw(following, 5)
-    confirm(following, {RAW: (1, 6)})
     (question,) = following.questions(0.0)
     for now in range(1, 100):
         following.unanswered(question, float(now))

@@ -51,10 +51,10 @@ def test_parameters_without_end_are_refused_and_odd_ones_are_text() -> None:
 
 @cache
 def filled() -> Answers:
-    view, backlog = FakeView(), Backlog(EPOCH, 1e6)
+    view, backlog = FakeView(), Backlog(EPOCH)
     for first in range(0, 50, 10):
         view.record(batch(first, 10))
-        backlog.add_frames(frames(first, 10))
+        view.record(frames(first, 10))
     for number in range(5):
         backlog.add(alarm(number))
         backlog.add(alarm(number, active=False))

@@ -94,9 +94,10 @@ def test_opening_can_be_stopped() -> None:
 def test_user_and_password(tmp_path: Path, user: str | None, password: str | None, accepted: bool) -> None:
     users = tmp_path / "users"
     users.write_text("edge:correct\n")
+    accepted_users = {"transport/auth/usrpwd/dictionary_file": str(users)}
     endpoint = f"tcp/{HOST}:{free_port()}"
     client = LinkSettings(mode="client", connect=(endpoint,), user=user, password=password)
-    with open_session(LinkSettings(mode="router", listen=(endpoint,), users=users)):
+    with open_session(LinkSettings(mode="router", listen=(endpoint,), options=accepted_users)):
         if accepted:
             open_session(client).close()
             return
@@ -129,12 +130,11 @@ def written(folder: Path, zenoh: str = "") -> Path:
 
 
 def test_a_cell_that_listens_everywhere_is_reached_on_this_pc(tmp_path: Path) -> None:
-    listening = "open: true, listen: [tcp/0.0.0.0:7447], connect: [tcp/router:7447], namespace: eu"
+    listening = "open: true, listen: [tcp/0.0.0.0:7447], connect: [tcp/router:7447]"
     config = load(written(tmp_path, f"zenoh: {{{listening}}}\n"))
     link = link_to(config)
-    assert (link.mode, link.connect, link.listen, link.namespace) == ("client", ("tcp/127.0.0.1:7447",), (), "eu")
+    assert (link.mode, link.connect, link.listen) == ("client", ("tcp/127.0.0.1:7447",), ())
     assert link_to(config, "tcp/other:1").connect == ("tcp/other:1",)
-    assert link_to(config, "tcp/other:1").namespace == "eu"
     routers = written(tmp_path, "zenoh: {mode: client, connect: [tcp/one:7447, tcp/two:7447]}\n")
     assert link_to(load(routers)).connect == ("tcp/one:7447", "tcp/two:7447"), "as the daemon: whichever is up"
 

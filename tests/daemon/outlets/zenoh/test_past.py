@@ -1,4 +1,4 @@
-"""Frames and results that memory no longer has, answered from real recordings."""
+"""Frames, and results that memory no longer has, answered from real recordings."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import pytest
 
 from cellwatt import FrameChannel, Frames
 from cellwatt.frames import concatenate
-from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
 from cellwatt.outlets.zenoh.answer_queue import MOST_RESULTS, MOST_SAMPLES, Answer, Past
 from cellwatt.outlets.zenoh.backlog import Backlog
 from cellwatt.outlets.zenoh.encode import decode
@@ -23,15 +22,13 @@ from cellwatt.record.encoder import Encoder
 from cellwatt.record.openfile import OpenFile
 from cellwatt.results import Event, Result
 from tests.blocks import same_frames
-from tests.daemon.outlets.zenoh.fake_cell import FakeView, task
-from tests.daemon.outlets.zenoh.fake_cell import frames as numbered_frames
+from tests.daemon.outlets.zenoh.fake_cell import task
 from tests.daemon.outlets.zenoh.recorded_cell import RecordedView
 from tests.daemon.record.making import HEADER, SESSION, frames_of, name_of, write_chunks
 
 BLOCK = 10
 END = 6000
 FILES = ((0, 2500), (2500, 4000), (4000, END))
-IN_MEMORY = 3 * BLOCK
 
 
 def blocks(first: int, end: int) -> list[Frames]:
@@ -62,14 +59,6 @@ def folder(tmp_path: Path, truth: list[Frames]) -> Path:
     return tmp_path
 
 
-def remembering(truth: Sequence[Frames], session: int = SESSION) -> Backlog:
-    """The last frames alone, as of an outlet whose memory is full."""
-    backlog = Backlog(session, 1e9)
-    for frames in truth[-IN_MEMORY // BLOCK :]:
-        backlog.add_frames(frames)
-    return backlog
-
-
 def ask(past: Past, first: int, session: int = SESSION, **more: int) -> Answer:
     asked = {"session": session, "first": first, **more}
     return past.history({"stream": "frame", **{name: str(number) for name, number in asked.items()}})
@@ -88,10 +77,8 @@ def answers(past: Past, first: int, count: int) -> Iterator[tuple[Mark, Frames]]
 
 
 @pytest.mark.parametrize("piece", [1e9, 30e3])
-def test_all_frames_once_in_order_first_from_the_record_then_from_memory(
-    folder: Path, truth: list[Frames], piece: float
-) -> None:
-    past = Past(Recorded(folder), remembering(truth), lambda: piece)
+def test_all_frames_once_in_order(folder: Path, truth: list[Frames], piece: float) -> None:
+    past = Past(Recorded(folder), Backlog(SESSION), lambda: piece)
     given = list(answers(past, 0, END))
     assert same_frames(concatenate([frames for _, frames in given]), concatenate(truth))
     assert all((m.session, m.sequence, m.count) == (SESSION, f.sequence, len(f)) for m, f in given)
@@ -99,35 +86,23 @@ def test_all_frames_once_in_order_first_from_the_record_then_from_memory(
     assert 1 < max(m.count for m, _ in given) <= min(MOST_SAMPLES, piece / 80)
 
 
-@pytest.mark.parametrize(("first", "count"), [(7, 3), (2495, 10), (END - IN_MEMORY - 1, 1)])
-def test_just_the_frames_that_were_asked_for(folder: Path, truth: list[Frames], first: int, count: int) -> None:
-    past = Past(Recorded(folder), remembering(truth), lambda: 1e9)
+@pytest.mark.parametrize(("first", "count"), [(7, 3), (2495, 10), (END - 1, 1)])
+def test_just_the_frames_that_were_asked_for(folder: Path, first: int, count: int) -> None:
+    past = Past(Recorded(folder), Backlog(SESSION), lambda: 1e9)
     (numbers,) = [(f.sequence, len(f)) for _, f in answers(past, first, count)]
     assert numbers == (first, count)
 
 
-def test_where_frames_are_gone_the_answer_begins_with_the_first_that_is_left(folder: Path, truth: list[Frames]) -> None:
-    past = Past(Recorded(folder), remembering(truth), lambda: 1e9)
+def test_where_frames_are_gone_the_answer_begins_with_the_first_that_is_left(folder: Path) -> None:
+    past = Past(Recorded(folder), Backlog(SESSION), lambda: 1e9)
     sorted(folder.glob("*.mcap"))[0].unlink()
     assert next(m.sequence for m, _ in answers(past, 100, END - 100)) == FILES[1][0]
     with pytest.raises(NothingKeptError, match="no frames are stored from 100"):
         ask(past, 100, count=FILES[1][0] - 100)
-    for path in folder.glob("*.mcap"):
-        path.unlink()
-    assert [m.sequence for m, _ in answers(past, 100, END - 100)] == [END - IN_MEMORY]
-
-
-def test_frames_that_were_not_published_are_in_the_record(folder: Path, truth: list[Frames]) -> None:
-    """A hole in what the outlet was given, amid frames that memory has."""
-    backlog = Backlog(SESSION, 1e9)
-    for frames in (*truth[:5], *truth[8:20]):
-        backlog.add_frames(frames)
-    given = list(answers(Past(Recorded(folder), backlog, lambda: 1e9), 0, 200))
-    assert same_frames(concatenate([frames for _, frames in given]), concatenate(truth[:20]))
 
 
 def test_frames_of_an_earlier_session_to_its_end(folder: Path) -> None:
-    past = Past(Recorded(folder, SESSION + 10**9), Backlog(SESSION + 10**9, 1e9), lambda: 1e9)
+    past = Past(Recorded(folder, SESSION + 10**9), Backlog(SESSION + 10**9), lambda: 1e9)
     first = 1000
     for _ in range(10):
         try:
@@ -146,7 +121,7 @@ def test_frames_of_another_layout_are_another_answer(tmp_path: Path) -> None:
     new = replace(frames_of(20, 20, channels=1), layout=replace(old.layout, channels=other))
     write_chunks(tmp_path, [[old]], number=1)
     write_chunks(tmp_path, [[new]], number=2)
-    given = [f for _, f in answers(Past(Recorded(tmp_path), Backlog(SESSION, 1e9), lambda: 1e9), 5, 35)]
+    given = [f for _, f in answers(Past(Recorded(tmp_path), Backlog(SESSION), lambda: 1e9), 5, 35)]
     assert [(f.sequence, len(f), f.layout.names) for f in given] == [
         (5, 15, old.layout.names),
         (20, 20, ("arm.supply.power",)),
@@ -177,7 +152,7 @@ def told(past: Past, first: int, session: int = SESSION, **more: int) -> list[tu
 
 
 def test_all_results_once_in_order_first_from_the_record_then_from_memory(judged: Path) -> None:
-    backlog = Backlog(SESSION, 1e6)
+    backlog = Backlog(SESSION)
     for number in range(2000):
         backlog.add(task(number))
     kept = backlog._kept["task"]
@@ -192,7 +167,7 @@ def test_all_results_once_in_order_first_from_the_record_then_from_memory(judged
 
 
 def test_results_of_an_earlier_session_to_its_end(judged: Path) -> None:
-    past, given = Past(Recorded(judged, SESSION + 1), Backlog(SESSION + 1, 1e6), lambda: 1e9), []
+    past, given = Past(Recorded(judged, SESSION + 1), Backlog(SESSION + 1), lambda: 1e9), []
     with pytest.raises(NothingKeptError, match="no results 'task' are stored"):
         while True:
             given += told(past, len(given))
@@ -200,23 +175,8 @@ def test_results_of_an_earlier_session_to_its_end(judged: Path) -> None:
 
 
 def test_where_results_are_gone_the_answer_begins_with_the_first_that_is_left(judged: Path) -> None:
-    past = Past(Recorded(judged), Backlog(SESSION, 1e6), lambda: 1e9)
+    past = Past(Recorded(judged), Backlog(SESSION), lambda: 1e9)
     sorted(judged.glob("*.mcap"))[0].unlink()
     assert told(past, 3)[0] == (1000, task(1000))
     with pytest.raises(NothingKeptError):
         told(past, 3, count=997)
-
-
-@pytest.mark.parametrize(("recorded", "most"), [(True, 0.5e6), (False, 4e6)])
-def test_frames_that_the_record_has_take_little_memory(
-    monkeypatch: pytest.MonkeyPatch, recorded: bool, most: float
-) -> None:
-    view = FakeView()
-    view.record_folder = Path("/record")
-    monkeypatch.setattr(view, "config", lambda: {"record": {"frames": recorded}})
-    outlet = ZenohOutlet("zenoh", ZenohSettings(listen=("tcp/127.0.0.1:0",)), view)
-    for first in range(0, 200_000, 2000):
-        outlet.offer(numbered_frames(first, 2000))
-    kept = outlet._backlog.frames(view.session, 0, 200_000)
-    size = sum(array.nbytes for block in kept for array in (block.time, block.values, block.quality, block.bound))
-    assert 0.7 * most < size <= most
