@@ -16,7 +16,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from cellwatt.arrays import rows_of
-from cellwatt_plugins.models.network import open_network
+from cellwatt_plugins.models.network import Network
 from cellwatt_plugins.models.static.identify import HeldArm, identify
 from cellwatt_plugins.models.static.poses import Poses, read_poses
 from cellwatt_plugins.models.static.training import PUBLISHED, SEED, Scores, Trained, train, write
@@ -114,9 +114,9 @@ def case(seed: int, folder: Path) -> Case:
     seconds = time.process_time() - start
     best, *paper = write(trained, arm, folder)
     q, came, torque = held_arms.unseen(really, seed)
-    network = open_network(best)
+    network = Network(best)
     said = network.run(np.hstack([q, q - came]))
-    predicted = {file.stem: open_network(file).run(q)[:, 0] for file in paper} | {"best": said[:, 6]}
+    predicted = {file.stem: Network(file).run(q)[:, 0] for file in paper} | {"best": said[:, 6]}
     total = np.abs(torque).sum(axis=1)
     inside = (said[:, 7] <= total) & (total <= said[:, 8])
     scores = {name: Scores.of(total, value) for name, value in predicted.items()}

@@ -18,7 +18,7 @@ from cellwatt.progress import stage
 from cellwatt.scheduler import spread
 from cellwatt.tables import Table, read_table, write_table
 from cellwatt_plugins.models.metadata import SAME_RATE, Metadata
-from cellwatt_plugins.models.network import Network, open_network
+from cellwatt_plugins.models.network import Network
 from cellwatt_plugins.models.outside import OUTSIDE, Limits
 from cellwatt_plugins.models.window import whole
 from cellwatt_plugins.onnx_file import refused
@@ -110,7 +110,7 @@ def _check_apart(files: Sequence[Path], tables: Sequence[Path]) -> None:
 
 
 def _predicted(table: Path, model: Path) -> Report:
-    network = open_network(model)
+    network = Network(model)
     with stage("reading"):
         rows = read_table(table, network.metadata.joints)
     values = inputs_of(network.metadata, rows)
