@@ -27,8 +27,7 @@ def train_static(recordings: tuple[Path, ...], robot: Path, out: Path, page: Pat
 
     RECORDINGs are tables (Parquet, CSV) with q_i and torque_percent_i or torque_i and a column pose, or recordings
     of the cell in which the poses are recognised. Prints the errors of the published
-    methods and of the best model on held-out poses, the effects that the CAD model lacks, and whether more poses
-    would help.
+    methods and of the best model on held-out poses, and the effects that the CAD model lacks.
     """
     from cellwatt_plugins.models.static import api
     from cellwatt_plugins.models.static.wording import in_words
