@@ -207,7 +207,7 @@ def _papers(case: Case) -> dict[str, Score]:
     tuning = tune(case.known, case.arm)
     seen = Seen.of(case.known, case.arm, tuning)
     here = Seen.of(case.unseen, case.arm, tuning)
-    found = {"NLS": Nls.fit(case.known, seen, case.arm.description), "SCG": Scg.fit(case.known, seen, 0)}
+    found = {"NLS": Nls.fit(case.known, seen, case.arm.description), "SCG": Scg.fit(case.known, seen)}
     return {name: Score.of(case.unseen, *method.predict(here)) for name, method in found.items()}
 
 
