@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 
-from cellwatt.commands.options import INPUT, Input, with_columns, with_progress, with_scheduler, with_units
+from cellwatt.commands.options import INPUT, with_columns, with_progress, with_scheduler, with_units
 from cellwatt.files import write_csv, write_file
 from cellwatt.progress import stage
 from cellwatt.report.blocks import Table
@@ -27,11 +27,7 @@ SHOWN = ("electronics", "brakes", "mechanical", "electrical", "chopper")
 
 @click.command(short_help="Split a robot's energy by consumer.")
 @with_robot
-@click.option(
-    "--controller",
-    type=Input(path_type=Path),
-    help="Power with the arm unplugged; not needed if it cannot be unplugged.",
-)
+@click.option("--controller", type=INPUT, help="Power with the arm unplugged; not needed if it cannot be unplugged.")
 @click.option("--connected", required=True, type=INPUT, help="Power with the arm connected and its brakes on.")
 @click.option("--released", required=True, type=INPUT, help="Power with the brakes released and the arm at rest.")
 @click.option("--runs", required=True, type=INPUT, help="Folder of SPEED_PAYLOADkg.robot and .analyzer files.")

@@ -221,4 +221,6 @@ def _outside(metadata: Metadata, values: Float) -> dict[str, int]:
 
 def _numbered(column: Float) -> NDArray[Any]:
     """Whole numbers (N,) as integers, other columns unchanged."""
-    return column.astype(np.int64) if np.all(column == np.round(column)) else column
+    with np.errstate(invalid="ignore"):
+        whole = column.astype(np.int64)
+    return whole if np.array_equal(whole, column) else column
