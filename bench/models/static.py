@@ -19,7 +19,7 @@ from cellwatt.arrays import rows_of
 from cellwatt_plugins.models.network import Network
 from cellwatt_plugins.models.static.identify import HeldArm, identify
 from cellwatt_plugins.models.static.poses import Poses, read_poses
-from cellwatt_plugins.models.static.training import PUBLISHED, SEED, Scores, Trained, train, write
+from cellwatt_plugins.models.static.training import PUBLISHED, Scores, Trained, train, write
 from cellwatt_plugins.robot import Arm
 from models import held_arms
 
@@ -140,8 +140,8 @@ def few_poses(seed: int, folder: Path) -> dict[int, Scores]:
 def run(arms: int = 5, arms_of_few: int = 12) -> tuple[StaticTables, Case]:
     """The tables, and the first arm's case for the pictures."""
     with tempfile.TemporaryDirectory() as folder:
-        cases = [case(SEED + seed, Path(folder)) for seed in range(arms)]
-        curves = [few_poses(SEED + seed, Path(folder)) for seed in range(arms_of_few)]
+        cases = [case(seed, Path(folder)) for seed in range(arms)]
+        curves = [few_poses(seed, Path(folder)) for seed in range(arms_of_few)]
     return StaticTables(
         tuple(_method(name, cases) for name in METHODS),
         tuple(_poses(size, [curve[size] for curve in curves]) for size in SIZES),

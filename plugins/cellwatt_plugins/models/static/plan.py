@@ -32,10 +32,6 @@ class Plan:
     """Number of poses left out because the straight path to them is not safe."""
     travel: float
     """Total time of all moves at full speed, s."""
-    unordered: float
-    """The same in the order of the sequence, s."""
-    rising: Float
-    """(n,): share of the moves in which each joint moves upwards."""
 
 
 def plan_poses(count: int, limits: Float, speed: Float, checker: Checker) -> Plan:
@@ -45,12 +41,10 @@ def plan_poses(count: int, limits: Float, speed: Float, checker: Checker) -> Pla
     """
     with stage("choosing poses"):
         q, unsafe = safe_places(count, limits, checker)
-    before = travel(q, speed)
     with stage("choosing their order"):
         ordered = q[staged_order(q, speed)]
     found = np.stack(_joined(ordered, checker))
-    rising = np.mean(np.diff(found, axis=0) > 0, axis=0)
-    return Plan(found, unsafe, len(ordered) - len(found), travel(found, speed), before, rising)
+    return Plan(found, unsafe, len(ordered) - len(found), travel(found, speed))
 
 
 def _joined(poses: Float, checker: Checker) -> list[Float]:

@@ -45,8 +45,6 @@ class PlanReport:
             "unsafe": plan.unsafe,
             "unreachable": plan.unreachable,
             "travel_s": plan.travel,
-            "unordered_s": plan.unordered,
-            "rising": plan.rising.tolist(),
             "duration_s": self.duration,
             "file": self.file,
         }
@@ -54,14 +52,12 @@ class PlanReport:
     def in_words(self) -> str:
         """Return the report as text."""
         plan = self.plan
-        even = ", ".join(f"{100 * share:.0f} %" for share in plan.rising)
         return "\n".join(
             [
                 f"{len(plan.q)} poses of {self.robot}; {plan.unsafe} positions were left out because the arm would "
                 f"touch itself or the floor, and {plan.unreachable} poses because the straight path to them is not "
                 "safe",
-                f"moves take {plan.travel:.0f} s in all at full speed, {plan.unordered:.0f} s before ordering",
-                f"joint angles rise in {even} of the moves",
+                f"moves take {plan.travel:.0f} s in all at full speed",
                 f"about {self.duration / 60:.0f} min at {100 * SPEED:.0f} % of full speed, with the pauses",
                 f"written: {self.file}",
             ]

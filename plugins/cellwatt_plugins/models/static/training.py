@@ -64,7 +64,6 @@ class Scores:
         return {**asdict(self), "accuracy": self.accuracy}
 
 
-SEED: Final = 0
 SHARES: Final = (0.2, 0.8)
 """Approximate shares of a training's time: the best model on held-out poses, and the published networks."""
 PUBLISHED: Final = {
@@ -147,7 +146,7 @@ def train(poses: Poses, arm: HeldArm) -> Trained:
     """Train all methods. Raises ``RecordingError`` if friction would drive a joint."""
     basis, effects = arm.basis(poses), arm.effects(poses)
     with stage("", share=SHARES[0]):
-        checked = identify_checked(poses, basis, effects, SEED)
+        checked = identify_checked(poses, basis, effects)
     if driven := [arm.arm.description.names[j] for j in np.flatnonzero(checked.model.driven_by_friction)]:
         raise RecordingError(
             f"torque of {', '.join(driven)} has the opposite sign, or the poses' side of approach is the other one: "
@@ -188,12 +187,12 @@ def write(trained: Trained, arm: HeldArm, out: Path) -> list[Path]:
 
 def _published(poses: Poses, basis: Basis, effects: Effects) -> tuple[list[Method], tuple[Sigmoids, Sigmoids]]:
     """The paper's methods on its 80/20 split."""
-    rows, test = paper.split(len(poses), SEED)
+    rows, test = paper.split(len(poses))
     gravity = basis.vertical @ effects.cad
     simulated = np.sum(np.abs(gravity), axis=1)
     both = np.hstack([poses.q, gravity])
     pairs = [(poses.q[rows], poses.total[rows]), (both[rows], poses.total[rows] - simulated[rows])]
-    plain, hybrid = paper.searched(pairs, SEED)
+    plain, hybrid = paper.searched(pairs)
     predictions: Sequence[tuple[str, Float, int | None]] = (
         ("gravity", simulated, None),
         ("network", plain(poses.q), plain.neurons),
@@ -205,7 +204,7 @@ def _published(poses: Poses, basis: Basis, effects: Effects) -> tuple[list[Metho
 
 def _held_out(poses: Poses, basis: Basis, effects: Effects, checked: Checked) -> Scores:
     """Scores of the best model on the same split."""
-    rows, test = paper.split(len(poses), SEED)
+    rows, test = paper.split(len(poses))
     model = identify(basis.rows(rows), poses.torque[rows], effects)
     if checked.model.leftover is not None:
         model = with_leftover(model, basis.rows(rows), poses.torque[rows])

@@ -99,7 +99,7 @@ def test_the_papers_methods_are_files_too(tmp_path, fitted):
     gravity = basis.vertical @ fitted[0].effects.cad
     simulated = np.abs(gravity).sum(axis=1)
     both = np.hstack([poses.q, gravity])
-    plain, hybrid = trained(poses.q, poses.total, 12, 0), trained(both, poses.total - simulated, 9, 0)
+    plain, hybrid = trained(poses.q, poses.total, 12), trained(both, poses.total - simulated, 9)
     wanted = {"gravity": simulated, "network": plain(poses.q), "hybrid": simulated + hybrid(both)}
     networks = {"gravity": (None, True), "network": (plain, False), "hybrid": (hybrid, True)}
     for name, (network, with_gravity) in networks.items():

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 from cellwatt.errors import ConfigError
 from cellwatt_plugins.models.static.command import plan_poses as command
-from cellwatt_plugins.models.static.plan import STAGE, halton, plan_poses, within
+from cellwatt_plugins.models.static.plan import STAGE, halton, plan_poses, travel, within
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.collision import Checker
 from tests.plugins.models.static import arms
@@ -39,8 +39,8 @@ def test_all_of_the_papers_poses_are_safe(mh12):
     assert (len(plan.q), plan.unsafe, plan.unreachable) == (532, 0, 0)
     expected = within(arms.LIMITS, halton(532, 6))
     np.testing.assert_allclose(sorted(map(tuple, plan.q)), sorted(map(tuple, expected)))
-    assert plan.travel < 0.5 * plan.unordered
-    assert (np.abs(plan.rising - 0.5) < 0.1).all()
+    assert plan.travel < 0.5 * travel(expected, SPEED)
+    assert (np.abs(np.mean(np.diff(plan.q, axis=0) > 0, axis=0) - 0.5) < 0.1).all()  # both sides of approach
 
 
 def test_wide_limits_leave_unsafe_places_out(mh12):
