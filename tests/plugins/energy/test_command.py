@@ -65,10 +65,10 @@ def test_a_controller_that_was_not_measured(copy, tmp_path):
     (copy / "robot.yaml").write_text(text)
     for path in (copy / "runs").glob("150_*"):
         path.unlink()  # two speeds say as much of this
-    found = json.loads(called(disaggregate, *words(copy, tmp_path / "out", "--json", "--no-report", states=measured)))
+    found = json.loads(called(disaggregate, *words(copy, tmp_path / "out", "--json", states=measured)))
     assert found["fixed"]["robot_electronics"] == 0
     assert found == json.loads((tmp_path / "out" / "energy.json").read_text())
-    assert not (tmp_path / "out" / "report.html").exists()
+    assert (tmp_path / "out" / "report.html").exists()
 
 
 def test_a_file_of_the_controller_that_is_not_there_is_no_controller_that_was_not_measured(copy, tmp_path):
