@@ -56,7 +56,7 @@ def _joined(poses: Float, checker: Checker) -> list[Float]:
     longest: list[Float] = []
     left = list(poses)
     while len(left) > len(longest):
-        found, out = [left[0]], []
+        found, out = left[:1], list[Float]()
         for pose in steps(left[1:], "checking the way to pose"):
             (found if checker.safe_move(found[-1], pose) else out).append(pose)
         longest, left = max(longest, found, key=len), out

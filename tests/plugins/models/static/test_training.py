@@ -95,6 +95,9 @@ def test_in_words(case):
     ):
         assert part in case[3], case[3]
     assert "model.onnx" in case[3]
+    best = case[2]["best"]
+    assert best["scatter_nm"] == pytest.approx(min(np.linalg.norm(best["noise_nm"]), best["rmse"]))
+    assert f"{best['scatter_nm']:.2f} Nm is the scatter" in case[3]
 
 
 def test_a_missing_library_is_named(case, tmp_path, monkeypatch):
