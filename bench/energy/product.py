@@ -20,5 +20,5 @@ def disaggregated(case: Case, folder: Path) -> dict[str, Any]:
     for state in ("controller", "connected", "released"):
         words += [f"--{state}", str(folder / f"{state}.parquet")]
     with contextlib.redirect_stdout(sys.stderr):
-        disaggregate.main([*words, "--no-report"], standalone_mode=False)
+        disaggregate.main(words, standalone_mode=False)
     return key

@@ -16,7 +16,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from cellwatt_plugins.models.static.paper import split, trained
-from cellwatt_plugins.models.static.training import SEED, Scores
+from cellwatt_plugins.models.static.training import Scores
 from models.static import COUNT, Spread, collected
 
 COURSE = (10, 30, 100, 200, 500)
@@ -40,7 +40,7 @@ class Held:
             return simulated
         inputs = self.q if method == "network" else both
         start = simulated if method == "hybrid on the residual" else np.zeros_like(simulated)
-        network = trained(inputs[rows], self.total[rows] - start[rows], NEURONS[method], SEED, epochs)
+        network = trained(inputs[rows], self.total[rows] - start[rows], NEURONS[method], epochs)
         return np.asarray(start + network(inputs))
 
 
@@ -75,14 +75,14 @@ def held_by(seed: int) -> Held:
 
 def scores(held: Held, method: str, epochs: int) -> Scores:
     """On the share left out."""
-    rows, test = split(len(held.q), SEED)
+    rows, test = split(len(held.q))
     return Scores.of(held.total[test], held.said(method, rows, epochs)[test])
 
 
 def run(arms: int = 3) -> EpochTables:
     """All of it."""
     with threadpool_limits(1):
-        held = [held_by(SEED + seed) for seed in range(arms)]
+        held = [held_by(seed) for seed in range(arms)]
         course = {
             (method, epochs): [scores(each, method, epochs) for each in held]
             for method in METHODS
@@ -112,7 +112,7 @@ def _row(method: str, epochs: int, found: Sequence[Scores]) -> Row:
     def over(what: Callable[[Scores], float]) -> Spread:
         return Spread.of([what(each) for each in found])
 
-    left_out = len(split(COUNT, SEED)[1])
+    left_out = len(split(COUNT)[1])
     return Row(method, epochs, left_out, over(lambda s: s.rmse), over(lambda s: s.r2), over(lambda s: s.mape))
 
 

@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from tests.plugins.models.power.cases import model_of, read_case
 from tests.plugins.models.power.emulated_arm import ARMS
 
-from cellwatt_plugins.models.network import open_network
+from cellwatt_plugins.models.network import Network
 from cellwatt_plugins.models.power.api import write
 from cellwatt_plugins.models.power.fitting import Fitted
 from cellwatt_plugins.models.power.moves import Moves, read_moves
@@ -162,7 +162,7 @@ def speed(work: Path) -> Speed:
     case = Case.of(work / "six axes-1", "six axes", 1)
     fitted = case.best(case.known)
     write(work / "model.onnx", fitted, case.known, case.arm)
-    network = open_network(work / "model.onnx")
+    network = Network(work / "model.onnx")
     window = network.metadata.window
     table = np.concatenate([case.unseen.q, case.unseen.qd], axis=1)
     frames = [table[i : i + window][None] if window > 1 else table[i : i + 1] for i in range(CALLS)]
@@ -207,7 +207,7 @@ def _papers(case: Case) -> dict[str, Score]:
     tuning = tune(case.known, case.arm)
     seen = Seen.of(case.known, case.arm, tuning)
     here = Seen.of(case.unseen, case.arm, tuning)
-    found = {"NLS": Nls.fit(case.known, seen, case.arm.description), "SCG": Scg.fit(case.known, seen, 0)}
+    found = {"NLS": Nls.fit(case.known, seen, case.arm.description), "SCG": Scg.fit(case.known, seen)}
     return {name: Score.of(case.unseen, *method.predict(here)) for name, method in found.items()}
 
 

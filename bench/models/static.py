@@ -16,10 +16,10 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from cellwatt.arrays import rows_of
-from cellwatt_plugins.models.network import open_network
+from cellwatt_plugins.models.network import Network
 from cellwatt_plugins.models.static.identify import HeldArm, identify
 from cellwatt_plugins.models.static.poses import Poses, read_poses
-from cellwatt_plugins.models.static.training import PUBLISHED, SEED, Scores, Trained, train, write
+from cellwatt_plugins.models.static.training import PUBLISHED, Scores, Trained, train, write
 from cellwatt_plugins.robot import Arm
 from models import held_arms
 
@@ -114,9 +114,9 @@ def case(seed: int, folder: Path) -> Case:
     seconds = time.process_time() - start
     best, *paper = write(trained, arm, folder)
     q, came, torque = held_arms.unseen(really, seed)
-    network = open_network(best)
+    network = Network(best)
     said = network.run(np.hstack([q, q - came]))
-    predicted = {file.stem: open_network(file).run(q)[:, 0] for file in paper} | {"best": said[:, 6]}
+    predicted = {file.stem: Network(file).run(q)[:, 0] for file in paper} | {"best": said[:, 6]}
     total = np.abs(torque).sum(axis=1)
     inside = (said[:, 7] <= total) & (total <= said[:, 8])
     scores = {name: Scores.of(total, value) for name, value in predicted.items()}
@@ -140,8 +140,8 @@ def few_poses(seed: int, folder: Path) -> dict[int, Scores]:
 def run(arms: int = 5, arms_of_few: int = 12) -> tuple[StaticTables, Case]:
     """The tables, and the first arm's case for the pictures."""
     with tempfile.TemporaryDirectory() as folder:
-        cases = [case(SEED + seed, Path(folder)) for seed in range(arms)]
-        curves = [few_poses(SEED + seed, Path(folder)) for seed in range(arms_of_few)]
+        cases = [case(seed, Path(folder)) for seed in range(arms)]
+        curves = [few_poses(seed, Path(folder)) for seed in range(arms_of_few)]
     return StaticTables(
         tuple(_method(name, cases) for name in METHODS),
         tuple(_poses(size, [curve[size] for curve in curves]) for size in SIZES),

@@ -19,7 +19,7 @@ from cellwatt.yaml_file import parse_yaml
 from cellwatt_plugins.energy.recordings import read_reading
 from cellwatt_plugins.explain.simulators.files import Files
 from cellwatt_plugins.faults.paper.network import FaultNetwork
-from cellwatt_plugins.models.network import check_intact
+from cellwatt_plugins.models import read_metadata
 from cellwatt_plugins.robot.body import Body
 from tests.plugins.test_files_of_people import CASES
 
@@ -28,7 +28,7 @@ READERS: dict[str, tuple[str, Read]] = {
     **{name: (name, read) for name, read, _, _ in CASES.values()},
     "URDF": ("arm.urdf", lambda path: Body(path, ("joint_1",))),
     "MJCF": ("arm.xml", Files),
-    "ONNX": ("power.onnx", check_intact),
+    "ONNX": ("power.onnx", read_metadata),
     "fault network": ("faults.onnx", FaultNetwork),
     "campaign's table": ("run.csv", read_reading),
     "campaign's Parquet": ("run.parquet", read_reading),

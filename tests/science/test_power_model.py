@@ -32,7 +32,7 @@ def test_the_papers_two_methods_reach_its_figures(tmp_path):
     seen, here = Seen.of(known, arm, tuning), Seen.of(unseen, arm, tuning)
     nls = Nls.fit(known, seen, arm.description)
     assert Score.of(unseen, *nls.predict(here)).energy_mean <= 1.54
-    assert Score.of(unseen, *Scg.fit(known, seen, 0).predict(here)).energy_mean <= 0.89
+    assert Score.of(unseen, *Scg.fit(known, seen).predict(here)).energy_mean <= 0.89
     assert nls.power[0] == pytest.approx(80, rel=0.02)  # P_c
     assert (nls.errors[1][0] > 0) and (nls.errors[1][0] < 0.1)
 

@@ -73,10 +73,10 @@ def by_method(collected):
     gravity = described.gravity(poses.q)
     simulated = np.abs(gravity).sum(axis=1)
     both = np.hstack([poses.q, gravity])
-    rows, test = paper.split(len(poses), 0)
-    plain = paper.trained(poses.q[rows], poses.total[rows], 216, 0)
-    residual = paper.trained(both[rows], poses.total[rows] - simulated[rows], 475, 0)
-    printed = paper.trained(both[rows], poses.total[rows], 475, 0)
+    rows, test = paper.split(len(poses))
+    plain = paper.trained(poses.q[rows], poses.total[rows], 216)
+    residual = paper.trained(both[rows], poses.total[rows] - simulated[rows], 475)
+    printed = paper.trained(both[rows], poses.total[rows], 475)
     said = {
         "gravity": simulated,
         "network": plain(poses.q),
@@ -120,7 +120,7 @@ def test_table_iii_is_of_one_set_of_poses():
 def test_the_papers_n_is_not_its_fifth():
     """80/20 of 532 leaves 106 out, "132 in this case" are 24.8 %; either can be asked for."""
     for share, left_out in ((paper.TEST, 106), (132 / 532, 132)):
-        rows, test = paper.split(532, 0, share)
+        rows, test = paper.split(532, share)
         assert (len(rows), len(test)) == (532 - left_out, left_out)
         assert sorted([*rows, *test]) == list(range(532))
 
@@ -141,6 +141,6 @@ def r2(described, poses, new, total):
 def test_on_the_shared_recording_poses_left_out_are_predicted():
     described = Arm.load(SHARED / "robot.yaml")
     poses = read_poses([SHARED / "samples.parquet"], described.description)
-    rows, test = paper.split(len(poses), 0)
+    rows, test = paper.split(len(poses))
     new = {"q": poses.q[test], "approach": poses.approach[test], "payload": poses.payload[test]}
     assert r2(described, rows_of(poses, rows), new, poses.total[test]) > 0.998

@@ -45,13 +45,10 @@ def disaggregate(
 def _at_rest(arm: Arm, controller: Path | None, connected: Path, released: Path) -> AtRest:
     """Power in the three states; if the arm cannot be unplugged, the connected arm's power is the controller's."""
     plugged = steady_power(read_reading(connected))
-    if controller is not None and controller.exists():
-        alone = steady_power(read_reading(controller))
-    elif arm.description.controller_separate:
+    if controller is None and arm.description.controller_separate:
         raise RecordingError(
-            f"{controller or '--controller'}: no such file: measure the controller with the arm unplugged, or write "
-            "controller_separate: false in robot.yaml if that is impossible"
+            "no --controller: measure the controller with the arm unplugged, or write controller_separate: false in "
+            "robot.yaml if that is impossible"
         )
-    else:
-        alone = plugged
+    alone = plugged if controller is None else steady_power(read_reading(controller))
     return AtRest(alone, plugged, steady_power(read_reading(released)))

@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 
-from cellwatt.commands.options import INPUT, Input, with_columns, with_progress, with_scheduler, with_units
+from cellwatt.commands.options import INPUT, with_columns, with_progress, with_scheduler, with_units
 from cellwatt.files import write_csv, write_file
 from cellwatt.progress import stage
 from cellwatt.report.blocks import Table
@@ -27,22 +27,17 @@ SHOWN = ("electronics", "brakes", "mechanical", "electrical", "chopper")
 
 @click.command(short_help="Split a robot's energy by consumer.")
 @with_robot
-@click.option(
-    "--controller",
-    type=Input(path_type=Path),
-    help="Power with the arm unplugged; not needed if it cannot be unplugged.",
-)
+@click.option("--controller", type=INPUT, help="Power with the arm unplugged; not needed if it cannot be unplugged.")
 @click.option("--connected", required=True, type=INPUT, help="Power with the arm connected and its brakes on.")
 @click.option("--released", required=True, type=INPUT, help="Power with the brakes released and the arm at rest.")
 @click.option("--runs", required=True, type=INPUT, help="Folder of SPEED_PAYLOADkg.robot and .analyzer files.")
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder to write.")
 @with_units
 @click.option("--json", "as_json", is_flag=True, help="Print energy.json.")
-@click.option("--no-report", is_flag=True, help="Leave out report.html.")
 @with_columns
 @with_progress
 @with_scheduler
-def disaggregate(out: Path, units: tuple[str, ...], as_json: bool, no_report: bool, **asked: Any) -> None:
+def disaggregate(out: Path, units: tuple[str, ...], as_json: bool, **asked: Any) -> None:
     """Split a robot's energy by consumer: electronics, brakes, mechanical and electrical losses, chopper.
 
     Files are Parquet or CSV: t (s) and power (W) of the analyzer; t, q_1 …, qd_1 …, tau_1 … (rad, rad/s, Nm) of the
@@ -54,10 +49,9 @@ def disaggregate(out: Path, units: tuple[str, ...], as_json: bool, no_report: bo
     found = outcome.findings
     write_file(out / "energy.json", json.dumps(found.as_json(), indent=1))
     write_table(found, out / "energy.csv")
-    if not no_report:
-        with stage("writing the report"):
-            outcome.report(out / "report.html", shown)
-    written = f"written to {out}: energy.json, energy.csv{'' if no_report else ', report.html'}"
+    with stage("writing the report"):
+        outcome.report(out / "report.html", shown)
+    written = f"written to {out}: energy.json, energy.csv, report.html"
     click.echo(json.dumps(found.as_json()) if as_json else f"{in_words(found, shown)}\n{written}")
 
 

@@ -48,11 +48,10 @@ MOST_SKIPPED = 5
 )
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder to write.")
 @click.option("--json", "as_json", is_flag=True, help="Print fleet.json.")
-@click.option("--no-report", is_flag=True, help="Leave out report.html.")
 @with_scheduler
 @with_columns
 @with_progress
-def fleet(lake: Path, out: Path, as_json: bool, no_report: bool, **asked: Any) -> None:
+def fleet(lake: Path, out: Path, as_json: bool, **asked: Any) -> None:
     """Find the cells of a LAKE of recordings that drift, and the joints that wear.
 
     LAKE contains a folder of .mcap, .parquet or .csv files for each cell, or is the lake of the historian. Writes
@@ -63,11 +62,10 @@ def fleet(lake: Path, out: Path, as_json: bool, no_report: bool, **asked: Any) -
 
     found = compare(lake, **asked)
     write_file(out / "fleet.json", json.dumps(found.as_json(), indent=1))
-    if not no_report:
-        with stage("writing the report"):
-            report_of(found, lake.resolve().name).write(out / "report.html")
-    written = "fleet.json" if no_report else "fleet.json, report.html"
-    click.echo(json.dumps(found.as_json()) if as_json else f"{_in_words(found)}\nwritten to {out}: {written}")
+    with stage("writing the report"):
+        report_of(found, lake.resolve().name).write(out / "report.html")
+    written = f"written to {out}: fleet.json, report.html"
+    click.echo(json.dumps(found.as_json()) if as_json else f"{_in_words(found)}\n{written}")
 
 
 def _in_words(found: Fleet) -> str:

@@ -9,7 +9,7 @@ from typing import Final
 
 import click
 
-from cellwatt.commands.options import INPUT, Input, with_columns, with_progress, with_scheduler
+from cellwatt.commands.options import INPUT, Input, with_columns, with_progress
 from cellwatt.errors import CellwattError
 
 KINDS: Final = {
@@ -49,32 +49,21 @@ def train() -> None:
 
 
 @click.command(short_help="Run a trained model on a table.")
-@click.argument("tables", nargs=-1, required=True, metavar="TABLE...", type=INPUT)
+@click.argument("table", type=INPUT)
 @click.option(
     "--model", required=True, type=Input(dir_okay=False, path_type=Path), help="model.onnx that cellwatt train wrote."
 )
-@click.option(
-    "--out",
-    required=True,
-    type=click.Path(path_type=Path),
-    help="Table to write (.parquet or .csv); for several TABLEs, a folder.",
-)
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="Table to write (.parquet or .csv).")
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
 @with_columns
 @with_progress
-@with_scheduler
-def predict(tables: tuple[Path, ...], model: Path, out: Path, as_json: bool) -> None:
-    """Run a trained model on the rows of each TABLE (Parquet, CSV, or a recording of cellwatt).
+def predict(table: Path, model: Path, out: Path, as_json: bool) -> None:
+    """Run a trained model on the rows of TABLE (Parquet, CSV, or a recording of cellwatt).
 
     Columns are q_1 …, qd_1 …, torque_1 …, or named as channels (joint_1.position); those that number the rows
     (t, pose, move) are copied. The window of a model starts again where move changes or t jumps.
     """
-    from cellwatt_plugins.models.predict import predict_file, predict_files
+    from cellwatt_plugins.models.predict import predict_file
 
-    if len(tables) == 1:
-        report = predict_file(model, tables[0], out)
-        click.echo(json.dumps(report.as_json()) if as_json else report.in_words())
-        return
-    reports = predict_files(model, tables, out)
-    content = {"tables": [report.as_json() for report in reports]}
-    click.echo(json.dumps(content) if as_json else "\n".join(report.in_words() for report in reports))
+    report = predict_file(model, table, out)
+    click.echo(json.dumps(report.as_json()) if as_json else report.in_words())

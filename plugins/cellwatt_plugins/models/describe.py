@@ -10,19 +10,16 @@ from typing import Any
 from cellwatt.errors import CellwattError, why
 from cellwatt.files import replace_bytes
 from cellwatt_plugins.models.metadata import KEY, Metadata, encode, metadata_of
-from cellwatt_plugins.models.network import Network, check_intact
-from cellwatt_plugins.models.seal import KEY as SEAL_KEY
-from cellwatt_plugins.models.seal import sealed
+from cellwatt_plugins.models.network import Network
 from cellwatt_plugins.onnx_file import OnnxFile, refused
 
 
 def describe(path: str | PathLike[str], metadata: Metadata) -> None:
-    """Writes metadata, and a digest of the whole, into an ONNX file; the file is replaced in one step.
+    """Writes metadata into an ONNX file; the file is replaced in one step.
 
-    Weights in a file beside it (``.onnx.data``) are packed into it, so that the digest covers them. Raises
-    ``ModelError``,
-    and leaves the file unchanged, if its tensors do not agree with the metadata, or if it cannot be written or packed;
-    ``CellwattError`` if the package onnx, or onnxruntime, is not installed.
+    Weights in a file beside it (``.onnx.data``) are packed into it. Raises ``ModelError``, and leaves the file
+    unchanged, if its tensors do not agree with the metadata, or if it cannot be written or packed; ``CellwattError`` if
+    the package onnx, or onnxruntime, is not installed.
     """
     try:
         import onnx
@@ -50,12 +47,10 @@ def _write(file: Path, model: Any, metadata: Metadata) -> None:
     from google.protobuf.message import EncodeError
     from onnx.helper import set_model_props
 
-    set_model_props(
-        model, {p.key: p.value for p in model.metadata_props if p.key != SEAL_KEY} | {KEY: encode(metadata)}
-    )
+    set_model_props(model, {p.key: p.value for p in model.metadata_props} | {KEY: encode(metadata)})
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        replace_bytes(file, sealed(model.SerializeToString()))
+        replace_bytes(file, model.SerializeToString())
     except (ValueError, EncodeError) as error:  # of protobuf
         raise refused(file, "with its weights it is larger than the 2 GiB of an ONNX file") from error
     except OSError as error:
@@ -67,6 +62,4 @@ def _write(file: Path, model: Any, metadata: Metadata) -> None:
 
 def read_metadata(path: str | PathLike[str]) -> Metadata:
     """Return the metadata of a model file. Raises ``ModelError`` where it is damaged or has none."""
-    file = Path(path)
-    check_intact(file)
-    return metadata_of(OnnxFile(file))
+    return metadata_of(OnnxFile(Path(path)))

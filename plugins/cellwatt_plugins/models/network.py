@@ -6,28 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from cellwatt.errors import why
-from cellwatt.files import COMPUTED, read_bytes
 from cellwatt_plugins.models.metadata import Metadata, metadata_of
-from cellwatt_plugins.models.seal import broken, uncovered
-from cellwatt_plugins.onnx_file import DTYPES, OnnxFile, refused
+from cellwatt_plugins.onnx_file import DTYPES, OnnxFile
 
 APART = 1e-3
 """Largest relative difference, from rounding, of the outputs of a frame alone and among others."""
-
-
-def check_intact(path: Path) -> None:
-    """Raises ``ModelError`` if a file cannot be read, or has changed since ``describe`` wrote it."""
-    try:
-        content = read_bytes(path, COMPUTED)
-    except OSError as error:
-        raise refused(path, f"it cannot be read: {why(error).lower()}") from error
-    if uncovered(content):
-        raise refused(path, "it has weights in another file, which its digest does not cover: describe it again")
-    if broken(content):
-        raise refused(
-            path, "it has changed since describe(): copy it again, or describe it again if the change was intended"
-        )
 
 
 class Network(OnnxFile):
@@ -86,9 +69,3 @@ class Network(OnnxFile):
                 f"one frame alone gives {alone.tolist()}, among others {together.tolist()}, expected the same: "
                 "export it for inference, with dropout and batch statistics off"
             )
-
-
-def open_network(path: Path) -> Network:
-    """Opens a model file with metadata. Raises ``ConfigError`` and ``ModelError``."""
-    check_intact(path)
-    return Network(path)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,10 +15,9 @@ from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
 from cellwatt.files import Place
 from cellwatt.progress import stage
-from cellwatt.scheduler import spread
 from cellwatt.tables import Table, read_table, write_table
 from cellwatt_plugins.models.metadata import SAME_RATE, Metadata
-from cellwatt_plugins.models.network import Network, open_network
+from cellwatt_plugins.models.network import Network
 from cellwatt_plugins.models.outside import OUTSIDE, Limits
 from cellwatt_plugins.models.window import whole
 from cellwatt_plugins.onnx_file import refused
@@ -49,11 +48,6 @@ class Report:
     outside: Mapping[str, int]
     """Number of rows in which an input is outside its range in training, by channel."""
 
-    def written(self, path: Path) -> Report:
-        """Write the columns, as .parquet or .csv. Raises ``RecordingError``."""
-        write_table(path, self.columns)
-        return replace(self, file=str(path))
-
     def as_json(self) -> dict[str, Any]:
         """Return the report as ``--json`` prints it, without the columns."""
         return {name: value for name, value in vars(self).items() if name != "columns"}
@@ -82,50 +76,27 @@ def predict_file(model: Place, table: Place, out: Place | None = None) -> Report
     model that sees several rows at once starts again where move changes or t jumps. Raises ``ModelError`` if the model
     cannot be run, ``RecordingError`` if the table cannot be used or ``out`` cannot be written.
     """
-    if out is not None:
-        _check_apart([Path(out)], [Path(table)])
-    report = _predicted(Path(table), Path(model))
-    return report if out is None else report.written(Path(out))
-
-
-def predict_files(model: Path, tables: Sequence[Path], folder: Path) -> list[Report]:
-    """Run a model file on several tables, and write each table's outputs into a folder, under the table's name.
-
-    Raises as ``predict_file``, and ``RecordingError`` if two tables have the same name.
-    """
-    files = [folder / f"{table.stem}.parquet" for table in tables]
-    _check_apart(files, tables)
-    if len(set(files)) < len(files):
-        twice = next(file.stem for file in files if files.count(file) > 1)
-        raise RecordingError(f"two tables have the name {twice}: predict them one by one")
-    reports = spread(_predicted, tables, "predicting tables", shared=model)
-    return [report.written(file) for report, file in zip(reports, files, strict=True)]
-
-
-def _check_apart(files: Sequence[Path], tables: Sequence[Path]) -> None:
-    """Raise ``RecordingError`` if a file to write is one of the tables that are read."""
-    read = {table.resolve() for table in tables}
-    if same := next((file for file in files if file.resolve() in read), None):
-        raise RecordingError(f"{same} would be overwritten by its own predictions: choose another --out")
-
-
-def _predicted(table: Path, model: Path) -> Report:
-    network = open_network(model)
+    file, source = Path(model), Path(table)
+    if out is not None and Path(out).resolve() == source.resolve():
+        raise RecordingError(f"{source} would be overwritten by its own predictions: choose another --out")
+    network = Network(file)
     with stage("reading"):
-        rows = read_table(table, network.metadata.joints)
+        rows = read_table(source, network.metadata.joints)
     values = inputs_of(network.metadata, rows)
     starts = starts_of(rows) if network.metadata.window > 1 else np.arange(len(rows)) == 0
     if network.metadata.rate_hz is not None:
-        _check_rate(network.metadata.rate_hz, rows, starts, model)
+        _check_rate(network.metadata.rate_hz, rows, starts, file)
     with stage("running the model"):
         given = predict(network, values, starts)
     names = tuple(output.name for output in network.metadata.outputs)
     copied = {name: _numbered(rows.columns[name]) for name in COPIED if name in rows.columns}
     clock = {} if rows.clock is None else {"t": rows.time}
     columns = {**clock, **copied, **dict(zip(names, given.T, strict=True))}
+    if out is not None:
+        write_table(Path(out), columns)
     return Report(
         columns,
-        None,
+        None if out is None else str(out),
         len(values),
         names,
         begun=int(np.sum(_since(starts) < network.metadata.window - 1 - network.metadata.delay)),
@@ -221,4 +192,6 @@ def _outside(metadata: Metadata, values: Float) -> dict[str, int]:
 
 def _numbered(column: Float) -> NDArray[Any]:
     """Whole numbers (N,) as integers, other columns unchanged."""
-    return column.astype(np.int64) if np.all(column == np.round(column)) else column
+    with np.errstate(invalid="ignore"):
+        whole = column.astype(np.int64)
+    return whole if np.array_equal(whole, column) else column

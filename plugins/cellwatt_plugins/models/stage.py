@@ -14,7 +14,7 @@ from cellwatt.quantity import Fraction
 from cellwatt.results import Prediction, Result
 from cellwatt.stage import CellInfo, Stage, StageSettings
 from cellwatt_plugins.models.fits_cell import check_rate, check_robot, columns
-from cellwatt_plugins.models.network import open_network
+from cellwatt_plugins.models.network import Network
 from cellwatt_plugins.models.outside import OUTSIDE, RangeWatch
 from cellwatt_plugins.models.window import Window
 
@@ -47,7 +47,7 @@ class ModelStage(Stage[ModelSettings]):
     def __init__(self, name: str, settings: ModelSettings, layout: Layout, cell: CellInfo) -> None:
         super().__init__(name, settings, layout, cell)
         path = cell.folder / settings.file
-        self._network = open_network(path)
+        self._network = Network(path)
         self.metadata = self._network.metadata
         check_robot(self.metadata, cell, path)
         check_rate(self.metadata, layout.rate, path)

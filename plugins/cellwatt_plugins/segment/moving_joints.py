@@ -13,6 +13,10 @@ from cellwatt.arrays import Float, Nanoseconds
 from cellwatt_plugins.noise import white_noise
 from cellwatt_plugins.segment.settings import SegmentSettings
 
+WINDOW = 0.08
+"""Time over which speed is computed from positions, s."""
+CONFIRM = 3
+"""Consecutive frames that must agree before a joint counts as started or stopped."""
 START_SIGMAS = 8.0
 STOP_SIGMAS = 4.0
 """Smallest start and stop limits, in standard deviations of the noise of the measured speed."""
@@ -99,8 +103,8 @@ class MovingJoints:
         self.joints = joints
         self.step = step
         self.thresholds = thresholds
-        self.half = max(1, round(thresholds.window * 1e9 / 2 / step))
-        self.length = 2 * self.half + thresholds.confirm + math.ceil(TRAIL * 1e9 / step)
+        self.half = max(1, round(WINDOW * 1e9 / 2 / step))
+        self.length = 2 * self.half + CONFIRM + math.ceil(TRAIL * 1e9 / step)
         self.noise = NoiseEstimate(joints)
         self._bits = 1 << np.arange(joints)
         self.reset()
@@ -170,20 +174,20 @@ class MovingJoints:
             return
         for joint in range(self.joints):
             self._streak[joint] = self._streak[joint] + 1 if candidates >> joint & 1 else 0
-            if self._streak[joint] == self.thresholds.confirm:
+            if self._streak[joint] == CONFIRM:
                 self._streak[joint] = 0
                 self.changes.append(self._change(joint, limits))
                 self.moving ^= 1 << joint
 
     def _change(self, joint: int, limits: Limits) -> Change:
         """Find the sample at which a joint's confirmed new state began."""
-        trail, confirm = list(self.trail), self.thresholds.confirm
+        trail = list(self.trail)
         creep, band = float(limits.creep[joint]), float(limits.band[joint])
         if self.moving >> joint & 1:
             fading = abs(trail[-1].speed[joint]) > creep
-            change = Change(joint, False, trail[-1] if fading else _rest(trail, joint, confirm, band), fading)
+            change = Change(joint, False, trail[-1] if fading else _rest(trail, joint, band), fading)
         else:
-            change = Change(joint, True, _onset(trail, joint, confirm, creep, band))
+            change = Change(joint, True, _onset(trail, joint, creep, band))
         for earlier in self.changes:
             if earlier.joint == joint:
                 earlier.fading = False
@@ -191,9 +195,9 @@ class MovingJoints:
         return change
 
 
-def _onset(trail: list[Sample], joint: int, confirm: int, creep: float, band: float) -> Sample:
+def _onset(trail: list[Sample], joint: int, creep: float, band: float) -> Sample:
     """The last sample at which a joint that now moves was still at its rest position."""
-    i = len(trail) - confirm
+    i = len(trail) - CONFIRM
     direction = math.copysign(1.0, trail[i].speed[joint])
     while i > 0 and direction * trail[i - 1].speed[joint] > creep:
         i -= 1
@@ -203,9 +207,9 @@ def _onset(trail: list[Sample], joint: int, confirm: int, creep: float, band: fl
     return trail[i]
 
 
-def _rest(trail: list[Sample], joint: int, confirm: int, band: float) -> Sample:
+def _rest(trail: list[Sample], joint: int, band: float) -> Sample:
     """The first sample at which a joint that now rests had reached its rest position."""
-    i = len(trail) - confirm
+    i = len(trail) - CONFIRM
     rest = trail[-1].pose[joint]
     while i > 0 and abs(trail[i - 1].pose[joint] - rest) <= band:
         i -= 1

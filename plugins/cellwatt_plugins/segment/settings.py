@@ -19,10 +19,6 @@ class SegmentSettings(StageSettings):
     """A joint starts to move above this speed; raised automatically if the encoder noise requires it."""
     stop_speed: RadiansPerSecond = math.radians(0.5)
     """A joint stops below this speed."""
-    window: Seconds = Field(default=0.08, gt=0)
-    """Time over which speed is computed from positions."""
-    confirm: int = Field(default=3, ge=1, le=50)
-    """Consecutive frames that must agree before a joint counts as started or stopped."""
     minimum_length: Seconds = Field(default=0.12, ge=0)
     """Shortest interval; a set of moving joints that lasts less is merged with its neighbours."""
     minimum_travel: Radians = Field(default=math.radians(1.0), ge=0)

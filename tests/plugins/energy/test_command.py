@@ -2,15 +2,17 @@ import json
 import shutil
 
 import pytest
+from click.testing import CliRunner
 
 from cellwatt.errors import RecordingError
+from cellwatt_plugins.energy import api
 from cellwatt_plugins.energy.command import disaggregate
 from tests.calling import called
 from tests.plugins.energy.running import STATES
 
 
-def words(folder, out, *more):
-    states = [word for state in STATES for word in (f"--{state}", str(folder / f"{state}.parquet"))]
+def words(folder, out, *more, states=STATES):
+    states = [word for state in states for word in (f"--{state}", str(folder / f"{state}.parquet"))]
     return ["--robot", str(folder / "robot.yaml"), *states, "--runs", str(folder / "runs"), "--out", str(out), *more]
 
 
@@ -34,9 +36,9 @@ def test_energy_json_keeps_the_contract(written, measured):
     assert set(found["payload_efficiency_percent"]) == {"150", "400", "1400"}
 
 
-def fails(folder, tmp_path, error):
-    with pytest.raises(error) as caught:
-        called(disaggregate, *words(folder, tmp_path / "out"))
+def fails(folder, tmp_path, **which):
+    with pytest.raises(RecordingError) as caught:
+        called(disaggregate, *words(folder, tmp_path / "out", **which))
     return str(caught.value)
 
 
@@ -50,20 +52,33 @@ def copy(measured, tmp_path):
 def test_files_that_are_no_pair_are_named(copy, tmp_path):
     twin = copy / "runs" / "150_0kg.robot.csv"
     twin.touch()
-    assert "the same run as 150_0kg.robot.csv: keep" in fails(copy, tmp_path, RecordingError)
+    assert "the same run as 150_0kg.robot.csv: keep" in fails(copy, tmp_path)
     twin.unlink()
     (copy / "runs" / "150_0kg.analyzer.parquet").unlink()
-    assert "150_0kg.analyzer.parquet is not in the same folder" in fails(copy, tmp_path, RecordingError)
+    assert "150_0kg.analyzer.parquet is not in the same folder" in fails(copy, tmp_path)
 
 
 def test_a_controller_that_was_not_measured(copy, tmp_path):
-    (copy / "controller.parquet").unlink()
-    assert "controller_separate: false" in fails(copy, tmp_path, RecordingError)
+    measured = STATES[1:]
+    assert "controller_separate: false" in fails(copy, tmp_path, states=measured)
     text = (copy / "robot.yaml").read_text().replace("controller_separate: true", "controller_separate: false")
     (copy / "robot.yaml").write_text(text)
     for path in (copy / "runs").glob("150_*"):
         path.unlink()  # two speeds say as much of this
-    found = json.loads(called(disaggregate, *words(copy, tmp_path / "out", "--json", "--no-report")))
+    found = json.loads(called(disaggregate, *words(copy, tmp_path / "out", "--json", states=measured)))
     assert found["fixed"]["robot_electronics"] == 0
     assert found == json.loads((tmp_path / "out" / "energy.json").read_text())
-    assert not (tmp_path / "out" / "report.html").exists()
+    assert (tmp_path / "out" / "report.html").exists()
+
+
+def test_a_file_of_the_controller_that_is_not_there_is_no_controller_that_was_not_measured(copy, tmp_path):
+    """Also of an arm that cannot be unplugged, whose connected power would be taken in its place."""
+    text = (copy / "robot.yaml").read_text().replace("controller_separate: true", "controller_separate: false")
+    (copy / "robot.yaml").write_text(text)
+    (copy / "controller.parquet").unlink()
+    done = CliRunner().invoke(disaggregate, words(copy, tmp_path / "out"))
+    assert done.exit_code == 2
+    assert "controller.parquet' does not exist" in done.output
+    states = {state: copy / f"{state}.parquet" for state in STATES}
+    with pytest.raises(RecordingError, match=r"controller\.parquet"):
+        api.disaggregate(robot=copy, runs=copy / "runs", **states)

@@ -38,6 +38,6 @@ def test_a_flange_or_a_link_between_two_axes_at_one_place_may_have_none(tmp_path
 
 
 def test_planning_of_motion_needs_no_masses(tmp_path):
-    plan = write_plan(massless(tmp_path, 1, 2, 3, 4, 5, 6), 4, tmp_path / "plan", None, None, 10.0, 1.0, "POSES")
+    plan = write_plan(massless(tmp_path, 1, 2, 3, 4, 5, 6), 4, tmp_path / "plan")
     assert (tmp_path / "plan" / "plan.csv").exists()
     assert plan.robot == "bench"

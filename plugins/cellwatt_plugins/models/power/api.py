@@ -109,13 +109,13 @@ class PowerModel:
         report(self.trained, self.moves, self.arm.name, Provenance.here(self.inputs)).write(Path(path))
 
 
-def train_power(recordings: Places, *, robot: Place, meter: Places = (), seed: int = 0) -> PowerModel:
+def train_power(recordings: Places, *, robot: Place, meter: Places = ()) -> PowerModel:
     """Train a model of the currents (A) and the supply power (W) of a moving arm, on recordings of its moves.
 
     ``recordings`` are tables with t (s), q_i (rad), qd_i (rad/s), current_i (A) and power (W), and move if a file holds
     several moves, or cellwatt's own; ``robot`` is robot.yaml, or its folder. ``meter`` are tables of power with their
-    own clocks, one per recording. The same moves and ``seed`` give the same model. Raises ``RecordingError`` if a file
-    cannot be used, ``ConfigError`` if the description lacks a required key.
+    own clocks, one per recording. The same moves give the same model. Raises ``RecordingError`` if a file cannot be
+    used, ``ConfigError`` if the description lacks a required key.
     """
     arm = Arm.load(robot)
     check_turning(arm.body)
@@ -123,7 +123,7 @@ def train_power(recordings: Places, *, robot: Place, meter: Places = (), seed: i
     moves = read_moves(recorded, arm.description.names, metered)
     try:
         with threadpool_limits(1):
-            trained = train(moves, arm, seed)
+            trained = train(moves, arm)
     except np.linalg.LinAlgError as error:
         raise RecordingError(
             f"{', '.join(map(str, recorded))}: {len(moves)} rows do not determine a model: record more moves, "

@@ -21,9 +21,6 @@ from cellwatt_plugins.robot_option import with_robot
     "--meter", multiple=True, type=INPUT, help="Power (t, power) on the meter's own clock, one file per RECORDING."
 )
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder for the model.")
-@click.option(
-    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the networks' first weights."
-)
 @click.option("--report", "page", type=click.Path(dir_okay=False, path_type=Path), help=PAGE)
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
 @with_columns

@@ -35,8 +35,6 @@ HELPS: Final = 0.95
 """Share to which a network must reduce the mean square of the torques' held-out error."""
 TRIALS: Final = 4
 """Number of folds on which a network is tried."""
-SEED: Final = 0
-"""Seed of the network's first weights."""
 
 
 @dataclass(frozen=True)
@@ -149,5 +147,5 @@ def fit(moves: Moves, arm: Arm, tuning: Tuning, structure: Structure) -> Fitted:
     if structure.network:
         motion = model.motion(problem.rows, problem.design.shared)
         residual = problem.rows.torque / scale - model.torque(motion)
-        model = replace(model, leftover=leftover.train(motion, residual, SEED))
+        model = replace(model, leftover=leftover.train(motion, residual))
     return Fitted(model, structure, np.delete(errors, torque.at_gain))

@@ -26,7 +26,7 @@ def inputs(motion: Motion) -> list[Any]:
     return [np.sin(motion.q), np.cos(motion.q), motion.qd, motion.qdd, motion.sign, motion.load]
 
 
-def train(motion: Motion, residual: Float, seed: int) -> Perceptron:
+def train(motion: Motion, residual: Float) -> Perceptron:
     """The joints' networks, ``stacked``, of the torque ``residual``, (N, n) Nm; rows without a value are skipped."""
     rows = np.flatnonzero(np.isfinite(residual).all(axis=1))
     rows = rows[:: max(1, len(rows) // ROWS)]
@@ -35,5 +35,5 @@ def train(motion: Motion, residual: Float, seed: int) -> Perceptron:
     least = LEAST * np.median(seen.std(axis=0), axis=0)
     joints = range(residual.shape[1])
     return Perceptron.stacked(
-        [Perceptron.train(seen[:, j], residual[rows, j, None], held, NEURONS, ITERATIONS, seed, least) for j in joints]
+        [Perceptron.train(seen[:, j], residual[rows, j, None], held, NEURONS, ITERATIONS, least) for j in joints]
     )

@@ -15,6 +15,8 @@ from cellwatt_plugins.onnx_graph import beside
 
 DECAY: Final = 1e-4
 """Penalty on the squares of the weights, relative to the mean square error of standardised outputs."""
+SEED: Final = 0
+"""Seed of the first weights."""
 PATIENCE: Final = 50
 """Number of steps without a lower error on the held-out rows after which training ends."""
 
@@ -54,7 +56,7 @@ class Perceptron:
 
     @classmethod
     def train(
-        cls, x: Float, y: Float, held: NDArray[np.bool_], neurons: int, iterations: int, seed: int, least: Float
+        cls, x: Float, y: Float, held: NDArray[np.bool_], neurons: int, iterations: int, least: Float
     ) -> Perceptron:
         """Weights with the lowest error on the rows ``held`` (N,) out, of all steps of the training on the other rows.
 
@@ -64,7 +66,7 @@ class Perceptron:
         level, size = y.mean(axis=0), np.maximum(y.std(axis=0), 1e-9)
         a, b = (x - mean) / scale, (y - level) / size
         shape = _Shape(x.shape[1], neurons, y.shape[1])
-        draw = np.random.default_rng(seed)
+        draw = np.random.default_rng(SEED)
         best, least_error, at = draw.normal(size=shape.weights) / np.sqrt(x.shape[1]), np.inf, 0
         judged = held if held.any() else ~held
 

@@ -36,7 +36,7 @@ class Scg:
     """(n,) Nm/A, as stated."""
 
     @classmethod
-    def fit(cls, moves: Moves, seen: Seen, seed: int) -> Scg:
+    def fit(cls, moves: Moves, seen: Seen) -> Scg:
         """Train all networks; about every seventh move decides when to stop."""
         every = max(2, round(1 / HELD))
 
@@ -44,7 +44,7 @@ class Scg:
             sampled = np.flatnonzero(np.isfinite(y).all(axis=1))
             sampled = sampled[:: max(1, len(sampled) // ROWS)]
             held = (moves.move[at[sampled]] % every == every - 1) & (moves.count >= every)
-            return Perceptron.train(x[sampled], y[sampled], held, NEURONS, ITERATIONS, seed, least)
+            return Perceptron.train(x[sampled], y[sampled], held, NEURONS, ITERATIONS, least)
 
         inputs, rows = np.stack(_inputs(seen.motion), axis=2), np.arange(len(moves))
         least = ALIKE * np.median(inputs.std(axis=0), axis=0)

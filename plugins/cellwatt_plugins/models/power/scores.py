@@ -1,18 +1,14 @@
-"""Errors of predictions: energy of each move, power, currents; also in the layout of the paper's tables."""
+"""Errors of predictions: energy of each move, power, currents."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
 from cellwatt.arrays import Float
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.shown import readings_of
-
-SAME_START: Final = 0.02
-"""rad: moves whose joints start closer together than this start from the same position."""
 
 
 @dataclass(frozen=True)
@@ -70,34 +66,3 @@ def _energy_error(measured: Float, predicted: Float) -> float | None:
 def _rms(values: Float) -> float | None:
     known = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(known**2))) if len(known) else None
-
-
-@dataclass(frozen=True)
-class PoseTable:
-    """Tables I and II of the paper: an error for each pose of each start position."""
-
-    positions: tuple[tuple[float, ...], ...]
-    """Joint angles (n,) rad of each start position."""
-    errors: tuple[tuple[float | None, ...], ...]
-    """Error in % by start position, then by pose in the order of the moves; None for poses without a move."""
-
-    @classmethod
-    def of(cls, moves: Moves, energy: tuple[float | None, ...]) -> PoseTable:
-        """From the energy error of each move."""
-        starts: list[Float] = []
-        errors: list[list[float | None]] = []
-        for (first, _), error in zip(moves.bounds(), energy, strict=True):
-            here = moves.q[first]
-            at = next((i for i, s in enumerate(starts) if np.abs(s - here).max() < SAME_START), len(starts))
-            if at == len(starts):
-                starts.append(here)
-                errors.append([])
-            errors[at].append(error)
-        most = max(len(each) for each in errors)
-        padded = tuple((*each, *[None] * (most - len(each))) for each in errors)
-        return cls(tuple(tuple(s.tolist()) for s in starts), padded)
-
-    def averages(self) -> tuple[float | None, ...]:
-        """Mean error in % of each start position."""
-        known = [[error for error in each if error is not None] for each in self.errors]
-        return tuple(float(np.mean(each)) if each else None for each in known)

@@ -60,8 +60,8 @@ class Trained:
 
 
 @stage("", sum(SHARES))
-def train(moves: Moves, arm: Arm, seed: int = 0) -> Trained:
-    """Select, fit, and score on held-out moves. The same moves and seed give the same model.
+def train(moves: Moves, arm: Arm) -> Trained:
+    """Select, fit, and score on held-out moves. The same moves give the same model.
 
     Raises ``ConfigError`` if a torque constant is missing: without it, currents give no torque.
     """
@@ -78,7 +78,7 @@ def train(moves: Moves, arm: Arm, seed: int = 0) -> Trained:
     fold = folds_of(moves)
     methods = METHODS if np.isfinite(moves.current).any(axis=0).all() else (BEST,)
     with stage("folds and all moves", 2, share=SHARES[2]):
-        models, predictions = _fitted(_Known(moves, arm, fold, seed), methods, tuning, structure)
+        models, predictions = _fitted(_Known(moves, arm, fold), methods, tuning, structure)
     many = moves.count >= FEW
     return Trained(
         fitted=models[BEST],
@@ -106,12 +106,11 @@ def estimate(fitted: Fitted, moves: Moves, arm: Arm) -> tuple[Float, Float]:
 
 @dataclass(frozen=True)
 class _Known:
-    """Moves of an arm, the ``fold`` (N,) of each row, and the ``seed`` of the networks."""
+    """Moves of an arm, and the ``fold`` (N,) of each row."""
 
     moves: Moves
     arm: Arm
     fold: NDArray[np.int64]
-    seed: int
 
 
 _Part = tuple[str, int | None, Tuning, Structure]
@@ -161,7 +160,7 @@ def _done(part: _Part, known: _Known) -> Any:
         model = fit(moves, arm, tuning, structure)
     else:
         seen = Seen.of(moves, arm, tuning)
-        model = Nls.fit(moves, seen, arm.description) if method == "NLS" else Scg.fit(moves, seen, known.seed)
+        model = Nls.fit(moves, seen, arm.description) if method == "NLS" else Scg.fit(moves, seen)
     if k is None:
         return model
     unseen = known.moves.where(near)

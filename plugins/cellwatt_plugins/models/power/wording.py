@@ -10,7 +10,7 @@ from cellwatt.report.blocks import Table
 from cellwatt.report.numbers import fixed
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.nls import JOINT_NUMBERS, Nls
-from cellwatt_plugins.models.power.scores import PoseTable, Score
+from cellwatt_plugins.models.power.scores import Score
 from cellwatt_plugins.models.power.training import BEST, Trained
 
 EFFICIENCIES: Final = (0.4, 1.5)
@@ -29,7 +29,6 @@ def as_json(trained: Trained, moves: Moves) -> dict[str, Any]:
         "held_out": _scores(trained.scores),
         "fastest_moves_held_out": _scores(trained.faster),
         "slowest_moves_held_out": _scores(trained.slower),
-        "tables": {name: _table(moves, score) for name, score in trained.scores.items()},
         "best": {
             "effects": list(fitted.structure.effects),
             "losses": list(fitted.structure.losses),
@@ -64,7 +63,6 @@ def in_words(trained: Trained, moves: Moves, files: list[str]) -> str:
     """The report for the terminal."""
     parts = [f"{moves.count} moves, {len(moves)} rows at {1 / moves.step:.4g} Hz"]
     parts += [table.text() for table in rivals(trained)]
-    parts += [table.text() for table in pose_tables(trained, moves)]
     return "\n".join([*parts, *findings(trained), f"written: {', '.join(files)}"])
 
 
@@ -91,21 +89,6 @@ def _rivals(title: str, scores: dict[str, Score]) -> Table:
         for name, score in scores.items()
     ]
     return Table(title, heads, rows)
-
-
-def pose_tables(trained: Trained, moves: Moves) -> list[Table]:
-    """Tables I and II of the paper, for each method: energy error, %, by start position and pose."""
-    if moves.count < 2:
-        return []
-    known = {name: score for name, score in trained.scores.items() if score.energy_mean is not None}
-    return [_poses(name, PoseTable.of(moves, score.energy)) for name, score in known.items()]
-
-
-def _poses(name: str, poses: PoseTable) -> Table:
-    rows = [[f"pose {k + 1}", *(fixed(each[k], 2) for each in poses.errors)] for k in range(len(poses.errors[0]))]
-    rows.append(["average", *(fixed(each, 2) for each in poses.averages())])
-    heads = ["", *(f"start {i + 1}" for i in range(len(poses.positions)))]
-    return Table(f"Energy error of {name}, %", heads, rows)
 
 
 def findings(trained: Trained) -> list[str]:
@@ -137,6 +120,7 @@ def findings(trained: Trained) -> list[str]:
 def _scores(scores: dict[str, Score]) -> dict[str, Any]:
     return {
         name: {
+            "energy_error_percent": list(score.energy),
             "energy_error_mean_percent": score.energy_mean,
             "energy_error_worst_percent": score.energy_worst,
             "power_rmse_watt": score.power,
@@ -145,11 +129,6 @@ def _scores(scores: dict[str, Score]) -> dict[str, Any]:
         }
         for name, score in scores.items()
     }
-
-
-def _table(moves: Moves, score: Score) -> dict[str, Any]:
-    table = PoseTable.of(moves, score.energy)
-    return {"positions": table.positions, "errors_percent": table.errors, "average_percent": table.averages()}
 
 
 def _nls(nls: Nls) -> dict[str, Any]:

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import click
 
-from cellwatt.commands.options import INPUT, FiniteRange, with_columns, with_progress, with_scheduler
+from cellwatt.commands.options import INPUT, with_columns, with_progress, with_scheduler
 from cellwatt.progress import stage
 from cellwatt.report.page import PAGE
 from cellwatt_plugins.robot_option import ROBOT, with_robot
-
-FILE = click.Path(exists=True, path_type=Path)
 
 
 @click.command("static")
@@ -30,8 +27,7 @@ def train_static(recordings: tuple[Path, ...], robot: Path, out: Path, page: Pat
 
     RECORDINGs are tables (Parquet, CSV) with q_i and torque_percent_i or torque_i and a column pose, or recordings
     of the cell in which the poses are recognised. Prints the errors of the published
-    methods and of the best model on held-out poses, the effects that the CAD model lacks, and whether more poses
-    would help.
+    methods and of the best model on held-out poses, and the effects that the CAD model lacks.
     """
     from cellwatt_plugins.models.static import api
     from cellwatt_plugins.models.static.wording import in_words
@@ -51,23 +47,16 @@ def train_static(recordings: tuple[Path, ...], robot: Path, out: Path, page: Pat
 @click.option(
     "--count", default=532, show_default=True, type=click.IntRange(2, 20_000), help="Number of poses; 40 may be enough."
 )
-@click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder for plan and job.")
-@click.option("--cell", type=FILE, help="Cell whose yaskawa source has pulses_per_degree, for the job.")
-@click.option("--source", help="That source, if the cell has several.")
-@click.option(
-    "--speed", default=25.0, show_default=True, type=FiniteRange(0.01, 100), help="Speed of the job, per cent."
-)
-@click.option("--hold", default=3.0, show_default=True, type=FiniteRange(2.6, 600), help="Wait in each pose, s.")
-@click.option("--name", default="POSES", show_default=True, help="The job's name.")
+@click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder for the plan.")
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
 @with_progress
-def plan_poses(as_json: bool, **asked: Any) -> None:
+def plan_poses(robot: Path | None, count: int, out: Path, as_json: bool) -> None:
     """Plan poses to hold: spread over the joints' ranges, clear of the arm itself and the floor, with short moves.
 
-    Writes plan.csv and, with --cell, an INFORM job that an operator loads and runs: cellwatt itself moves nothing.
-    Try the job at low speed first; the check knows the arm and the floor, not other objects in the cell.
+    Writes plan.csv, for a program that an operator writes and runs: cellwatt itself moves nothing.
+    Try the program at low speed first; the check knows the arm and the floor, not other objects in the cell.
     """
     from cellwatt_plugins.models.static.planning import write_plan
 
-    report = write_plan(**asked)
+    report = write_plan(robot, count, out)
     click.echo(json.dumps(report.as_json()) if as_json else report.in_words())

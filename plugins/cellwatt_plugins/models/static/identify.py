@@ -18,6 +18,8 @@ from cellwatt_plugins.models.static.poses import Poses
 from cellwatt_plugins.robot import Arm
 
 FOLDS: Final = 5
+SEED: Final = 0
+"""Seed of the folds."""
 _NOISE: Final = 0.002  # of the rated torque, prior
 _NEEDS: Final = {
     "link": -np.inf,
@@ -128,9 +130,9 @@ class Checked:
     """(N,) Nm: the same, predicted without the direction of approach."""
 
 
-def identify_checked(poses: Poses, basis: Basis, effects: Effects, seed: int) -> Checked:
+def identify_checked(poses: Poses, basis: Basis, effects: Effects) -> Checked:
     """The best model; it has the Gaussian process only if that improves the predictions of held-out poses."""
-    parts = folds(len(poses), seed)
+    parts = folds(len(poses))
     held_out = spread(_left_out, parts, "models that leave poses out", shared=(poses, basis, effects))
     plain, with_rest = np.empty((2, 2, len(poses)))
     gained = np.empty(len(poses))
@@ -165,9 +167,9 @@ def with_leftover(model: Identified, basis: Basis, torque: Float) -> Identified:
     return replace(model, leftover=learned(basis.share, torque - model.torque(basis), used))
 
 
-def folds(count: int, seed: int) -> list[NDArray[np.intp]]:
+def folds(count: int) -> list[NDArray[np.intp]]:
     """Rows held out in turn; drawn at random, as a Halton sequence repeats its positions."""
-    rows = np.random.default_rng(seed).permutation(count)
+    rows = np.random.default_rng(SEED).permutation(count)
     return [np.sort(part) for part in np.array_split(rows, min(FOLDS, count))]
 
 

@@ -14,6 +14,8 @@ from cellwatt.arrays import Float
 from cellwatt.progress import steps
 from cellwatt.scheduler import spread
 
+SEED: Final = 0
+"""Seed of the split into training and testing, of the search and of the networks' first weights."""
 NEURONS: Final = (8, 1000)
 """The paper's range of hidden neurons."""
 TRIALS: Final = 20
@@ -56,12 +58,12 @@ class Sigmoids:
         return 1.0 / (1.0 + np.exp(-z)) @ self.out[:, None] + self.offset
 
 
-def split(count: int, seed: int, share: float = TEST) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def split(count: int, share: float = TEST) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Rows for training and for testing; ``share`` of the rows are for testing.
 
     The paper states 80/20 but n = 132 of 532 in the test, which is 24.8 %: a fifth is 106.
     """
-    rows = np.random.default_rng(seed).permutation(count)
+    rows = np.random.default_rng(SEED).permutation(count)
     test = max(1, round(share * count))
     return np.sort(rows[test:]), np.sort(rows[:test])
 
@@ -70,32 +72,32 @@ Pair = tuple[Float, Float]
 """Inputs (N, k) and targets (N,)."""
 
 
-def searched(pairs: Sequence[Pair], seed: int) -> list[Sigmoids]:
+def searched(pairs: Sequence[Pair]) -> list[Sigmoids]:
     """For each of some ``pairs`` the network with the best number of neurons according to tree-structured Parzen
     estimators, trained on all rows."""
-    return spread(_best, pairs, "networks of the best size", shared=seed)
+    return spread(_best, pairs, "networks of the best size")
 
 
-def _best(pair: Pair, seed: int) -> Sigmoids:
+def _best(pair: Pair) -> Sigmoids:
     import optuna
 
     optuna.logging.set_verbosity(optuna.logging.WARNING)
-    study = optuna.create_study(sampler=optuna.samplers.TPESampler(n_startup_trials=DRAWN, seed=seed))
+    study = optuna.create_study(sampler=optuna.samplers.TPESampler(n_startup_trials=DRAWN, seed=SEED))
     for _ in steps(range(TRIALS), "network"):
         trial = study.ask()
-        study.tell(trial, _error(*pair, trial.suggest_int("neurons", *NEURONS), seed))
-    return trained(*pair, int(study.best_params["neurons"]), seed)
+        study.tell(trial, _error(*pair, trial.suggest_int("neurons", *NEURONS)))
+    return trained(*pair, int(study.best_params["neurons"]))
 
 
-def _error(inputs: Float, target: Float, neurons: int, seed: int) -> float:
+def _error(inputs: Float, target: Float, neurons: int) -> float:
     """Mean square error on held-out rows of a network with this number of neurons."""
-    rows = np.random.default_rng(seed).permutation(len(inputs))
+    rows = np.random.default_rng(SEED).permutation(len(inputs))
     held, rows = np.split(rows, [max(1, round(_VALIDATION * len(rows)))])
-    learnt = trained(inputs[rows], target[rows], neurons, seed)
+    learnt = trained(inputs[rows], target[rows], neurons)
     return float(np.mean((learnt(inputs[held]) - target[held]) ** 2))
 
 
-def trained(inputs: Float, target: Float, neurons: int, seed: int, epochs: int = EPOCHS) -> Sigmoids:
+def trained(inputs: Float, target: Float, neurons: int, epochs: int = EPOCHS) -> Sigmoids:
     """One network, trained with Adam; more ``epochs`` continue the same training."""
     from sklearn.exceptions import ConvergenceWarning  # type: ignore[import-untyped]
     from sklearn.neural_network import MLPRegressor  # type: ignore[import-untyped]
@@ -111,7 +113,7 @@ def trained(inputs: Float, target: Float, neurons: int, seed: int, epochs: int =
         batch_size=min(_BATCH, len(inputs)),
         max_iter=epochs,
         n_iter_no_change=epochs,
-        random_state=seed,
+        random_state=SEED,
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)

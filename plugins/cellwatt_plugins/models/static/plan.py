@@ -32,29 +32,40 @@ class Plan:
     """Number of poses left out because the straight path to them is not safe."""
     travel: float
     """Total time of all moves at full speed, s."""
-    unordered: float
-    """The same in the order of the sequence, s."""
-    rising: Float
-    """(n,): share of the moves in which each joint moves upwards."""
 
 
 def plan_poses(count: int, limits: Float, speed: Float, checker: Checker) -> Plan:
     """``count`` poses within ``limits`` (n, 2) rad, for joints of ``speed`` (n,) rad/s.
 
-    Raises ``ConfigError`` if too few positions within the limits are safe.
+    Raises ``ConfigError`` if too few positions within the limits are safe, or no path between two of them is.
     """
     with stage("choosing poses"):
         q, unsafe = safe_places(count, limits, checker)
-    before = travel(q, speed)
     with stage("choosing their order"):
         ordered = q[staged_order(q, speed)]
-    kept = [ordered[0]]
-    for pose in steps(ordered[1:], "checking the way to pose"):
-        if checker.safe_move(kept[-1], pose):
-            kept.append(pose)
-    found = np.stack(kept)
-    rising = np.mean(np.diff(found, axis=0) > 0, axis=0)
-    return Plan(found, unsafe, len(ordered) - len(found), travel(found, speed), before, rising)
+    found = np.stack(_joined(ordered, checker))
+    return Plan(found, unsafe, len(ordered) - len(found), travel(found, speed))
+
+
+def _joined(poses: Float, checker: Checker) -> list[Float]:
+    """The longest sequence of ``poses`` (N, n), in their order, whose straight paths from one to the next are safe.
+
+    A pose without a safe path from the one before is left out. If most are, the sequence began in a place from which
+    they cannot be reached: another begins with the first pose left out.
+    """
+    longest: list[Float] = []
+    left = list(poses)
+    while len(left) > len(longest):
+        found, out = left[:1], list[Float]()
+        for pose in steps(left[1:], "checking the way to pose"):
+            (found if checker.safe_move(found[-1], pose) else out).append(pose)
+        longest, left = max(longest, found, key=len), out
+    if len(longest) < 2:
+        raise ConfigError(
+            f"no straight path between two of {len(poses)} safe poses is safe: narrow lower_limit and upper_limit in "
+            "robot.yaml, or correct its capsules"
+        )
+    return longest
 
 
 def safe_places(count: int, limits: Float, checker: Checker) -> tuple[Float, int]:

@@ -1,4 +1,4 @@
-"""The page of ``train static``: predictions and measurements, the learning curve, compared methods, the figures."""
+"""The page of ``train static``: predictions and measurements, compared methods, the figures."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ RIVALS = "On the fifth of the poses that was held out of all methods; in bracket
 
 def report(trained: Trained, robot: str, provenance: Provenance) -> Report:
     """The page of a training."""
-    best, curve = trained.scores, trained.curve
+    best = trained.scores
     roles = {"gravity": "simulation", "hybrid": "refit", "best": "model"}
     bars = [(TITLES[m.name], roles.get(m.name, "measured"), m.scores.rmse) for m in trained.methods]
     seen = SEEN.format(share=100 * COVERAGE, width=trained.widths.known)
@@ -29,7 +29,8 @@ def report(trained: Trained, robot: str, provenance: Provenance) -> Report:
         name=robot,
         subject="torque to hold still",
         facts=["torque to hold still", f"{len(trained.poses)} poses", f"{len(noise)} joints"],
-        verdict=f"Held-out poses are predicted to {best.rmse:.2f} Nm, {best.mape:.2f} %.",
+        verdict=f"Held-out poses are predicted to {best.rmse:.2f} Nm, {best.mape:.2f} %; "
+        f"{trained.scatter:.2f} Nm is the scatter of a pose.",
         tiles=[
             Tile(TITLES[m.name], f"{m.scores.rmse:.2f} Nm", f"{m.scores.mape:.2f} %", roles[m.name])
             for m in trained.methods
@@ -41,7 +42,6 @@ def report(trained: Trained, robot: str, provenance: Provenance) -> Report:
             Section(
                 "Residual of each joint", [_residuals(trained)], "Nm over the joint's position. Band: ± 2 × noise."
             ),
-            Section("Learning curve", [curve.in_words()]),
             Section("Methods", [Bars(bars, "Nm"), rivals(trained)], RIVALS),
             Section("Effects that the CAD model lacks", [_figures(trained), Notes(statements)], facts),
             Section("Notes", [Notes(trained.poses.notes)]),

@@ -25,10 +25,10 @@ def in_words(trained: Trained, files: Sequence[Path]) -> str:
         f"{len(trained.poses)} poses; absolute sum of the torques on the fifth that was held out of all methods "
         "(published figures in brackets)",
         rivals(trained).text(),
-        f"Best model, each pose held out once: RMSE {best.rmse:.2f} Nm, R² {best.r2:.5f}, MAPE {best.mape:.2f} %.",
+        f"Best model, each pose held out once: RMSE {best.rmse:.2f} Nm, R² {best.r2:.5f}, MAPE {best.mape:.2f} %; "
+        f"{trained.scatter:.2f} Nm is the scatter of a pose.",
         f"{100 * COVERAGE:.0f} % of new poses within ± {widths.known:.2f} Nm, ± {widths.blind:.2f} Nm if the side of "
         "approach is not given.",
-        trained.curve.in_words(),
         "Effects that the CAD model lacks:",
     ]
     lines += [f"  • {finding.statement}" for finding in trained.findings]

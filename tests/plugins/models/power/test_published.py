@@ -25,7 +25,7 @@ def trained(tmp_path_factory):
     pq.write_table(table, folder / "moves.parquet")
     moves = read_moves([folder / "moves.parquet"], arm.description.names)
     seen = Seen.of(moves, arm, tuning_of(moves))
-    models = {"nls": Nls.fit(moves, seen, arm.description), "scg": Scg.fit(moves, seen, 0)}
+    models = {"nls": Nls.fit(moves, seen, arm.description), "scg": Scg.fit(moves, seen)}
     return arm, moves, seen, models, folder / "moves.parquet"
 
 

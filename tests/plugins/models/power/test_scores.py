@@ -1,4 +1,4 @@
-"""Errors, and the paper's tables."""
+"""Errors of predictions."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cellwatt_plugins.models.power.moves import Moves
-from cellwatt_plugins.models.power.scores import PoseTable, Score
+from cellwatt_plugins.models.power.scores import Score
 
 
 def moves_of(starts, power):
@@ -26,11 +26,3 @@ def test_energy_power_and_current():
     assert score.current[1] is None  # never driven
     assert score.current_rms == pytest.approx((0.1, 0.1))
     assert (score.energy_mean, score.energy_worst) == pytest.approx((1.0, 1.0))
-
-
-def test_poses_by_start_position():
-    moves = moves_of([0.0, 0.001, 1.0, 0.0], np.ones(40))
-    table = PoseTable.of(moves, (1.0, 2.0, 4.0, 3.0))
-    assert table.errors == ((1.0, 2.0, 3.0), (4.0, None, None))
-    assert table.positions == ((0.0, 0.0), (1.0, 1.0))
-    assert table.averages() == (2.0, 4.0)

@@ -97,7 +97,7 @@ def test_blocks_of_one_long_move_are_predicted_as_well_as_moves(tmp_path):
     for k in (2, 5):
         for method in ("best", "NLS"):
             part = (method, k, tuning_of(one), fitting.Structure((), (), "bus", 3.0))
-            _, current = training._done(part, training._Known(one, arm, fold, 0))
+            _, current = training._done(part, training._Known(one, arm, fold))
             error = np.sqrt(np.mean((current - one.current[fold == k]) ** 2, axis=0)) / one.current.std(axis=0)
             assert error.max() < 0.08, (method, k)
 

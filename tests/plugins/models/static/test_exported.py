@@ -10,7 +10,7 @@ import pytest
 
 from cellwatt.errors import ModelError
 from cellwatt_plugins.models import read_metadata
-from cellwatt_plugins.models.network import open_network
+from cellwatt_plugins.models.network import Network
 from cellwatt_plugins.models.static.exported import Widths, write_best, write_paper
 from cellwatt_plugins.models.static.identify import identify, with_leftover
 from cellwatt_plugins.models.static.paper import trained
@@ -46,7 +46,7 @@ def inputs(poses) -> np.ndarray:
 
 def test_the_graph_is_the_formula(tmp_path, fitted):
     model, arm, poses = fitted
-    network = open_network(save(tmp_path, fitted))
+    network = Network(save(tmp_path, fitted))
     given = network.run(inputs(poses))
     basis = arm.basis(poses)
     np.testing.assert_allclose(given[:, :6], model.torque(basis), atol=1e-8)
@@ -71,7 +71,7 @@ def test_power_that_holds_a_pose_where_the_motors_are_known(tmp_path, fitted):
     known = Arm.of(arm.arm.description.model_copy(update={"joints": joints}))
     path = save(tmp_path, (model, replace(arm, arm=known), poses))
     assert [(o.name, o.unit) for o in read_metadata(path).outputs][-1] == ("holding_power", "W")
-    given = open_network(path).run(inputs(poses))
+    given = Network(path).run(inputs(poses))
     current = given[:, :6] / constant  # 000 (3)
     voltage = resistance * current  # 002 (3) of a motor that neither turns nor changes
     np.testing.assert_allclose(given[:, 9], (given[:, :6] * voltage / constant).sum(axis=1))  # 000 (4)
@@ -85,7 +85,7 @@ def test_live_it_says_the_same_and_needs_only_positions(tmp_path, fitted):
     values[5, 2] = np.nan
     (prediction, *_) = run(stage(file, grid, robot="mh12"), [frames(values, grid)])
     table = inputs(replace(poses, approach=np.full_like(poses.q, np.nan), payload=np.full(60, np.nan)))
-    wanted = open_network(file).run(table)
+    wanted = Network(file).run(table)
     wanted[5] = np.nan
     for column, name in zip(wanted.T, prediction.outputs, strict=True):
         np.testing.assert_allclose(prediction.outputs[name], column, rtol=1e-6, atol=1e-6)
@@ -99,10 +99,10 @@ def test_the_papers_methods_are_files_too(tmp_path, fitted):
     gravity = basis.vertical @ fitted[0].effects.cad
     simulated = np.abs(gravity).sum(axis=1)
     both = np.hstack([poses.q, gravity])
-    plain, hybrid = trained(poses.q, poses.total, 12, 0), trained(both, poses.total - simulated, 9, 0)
+    plain, hybrid = trained(poses.q, poses.total, 12), trained(both, poses.total - simulated, 9)
     wanted = {"gravity": simulated, "network": plain(poses.q), "hybrid": simulated + hybrid(both)}
     networks = {"gravity": (None, True), "network": (plain, False), "hybrid": (hybrid, True)}
     for name, (network, with_gravity) in networks.items():
         write_paper(tmp_path / f"{name}.onnx", network, arm, poses, with_gravity)
-        given = open_network(tmp_path / f"{name}.onnx").run(poses.q)[:, 0]
+        given = Network(tmp_path / f"{name}.onnx").run(poses.q)[:, 0]
         np.testing.assert_allclose(given, wanted[name], rtol=1e-9, atol=1e-8)

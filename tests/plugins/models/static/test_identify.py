@@ -101,7 +101,7 @@ def test_what_physics_leaves_is_learned_only_where_it_helps(tmp_path, monkeypatc
         poses = collection(really, 1, 100)
         arm = known(tmp_path, poses)
         basis, effects = arm.basis(poses), arm.effects(poses)
-        checked = identify_checked(poses, basis, effects, 0)
+        checked = identify_checked(poses, basis, effects)
         assert (checked.model.leftover is not None) == helps
         if helps:
             fuller = r2(checked.model, arm, really)

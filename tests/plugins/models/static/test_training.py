@@ -14,8 +14,7 @@ import pytest
 from cellwatt.errors import CellwattError
 from cellwatt_plugins.models import read_metadata
 from cellwatt_plugins.models.command import predict, train
-from cellwatt_plugins.models.static import identify, learning, paper
-from cellwatt_plugins.models.static.learning import Curve, Point
+from cellwatt_plugins.models.static import identify, paper
 from cellwatt_plugins.models.static.training import Scores, half_width
 from tests.calling import called
 from tests.daemon.report.reading import check, numbers, read
@@ -32,7 +31,6 @@ def case(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(paper, "TRIALS", 2)
         patch.setattr(identify, "FOLDS", 3)
-        patch.setattr(learning, "REPEATS", 1)
         given = ("static", folder / "samples.parquet", "--robot", robot, "--out")
         report = json.loads(called(train, *given, folder / "a", "--json", "--report", folder / "page.html"))
         text = called(train, *given, folder / "b")
@@ -45,10 +43,9 @@ def test_the_page_has_the_pictures_and_the_numbers_of_the_report(case):
     page = read(folder / "page.html")
     check(page)
     assert page.title == "mh12: torque to hold still"
-    assert [text for tag, text in page.headings if tag == "h2"][:5] == [
+    assert [text for tag, text in page.headings if tag == "h2"][:4] == [
         "Measured and predicted",
         "Residual of each joint",
-        "Learning curve",
         "Methods",
         "Effects that the CAD model lacks",
     ]
@@ -89,9 +86,18 @@ def test_the_same_data_give_the_same_file(case):
 
 
 def test_in_words(case):
-    for part in ("gravity of the CAD model", "(0.687)", "best model", "Joint 2: friction holds", "More poses"):
+    for part in (
+        "gravity of the CAD model",
+        "(0.687)",
+        "best model",
+        "Joint 2: friction holds",
+        "is the scatter of a pose",
+    ):
         assert part in case[3], case[3]
     assert "model.onnx" in case[3]
+    best = case[2]["best"]
+    assert best["scatter_nm"] == pytest.approx(min(np.linalg.norm(best["noise_nm"]), best["rmse"]))
+    assert f"{best['scatter_nm']:.2f} Nm is the scatter" in case[3]
 
 
 def test_a_missing_library_is_named(case, tmp_path, monkeypatch):
@@ -112,7 +118,7 @@ def test_a_dozen_poses_in_newton_metres_are_a_beginning(tmp_path, monkeypatch):
     }
     pq.write_table(pa.table({"pose": np.arange(12), **columns}), tmp_path / "poses.parquet")
     text = called(train, "static", tmp_path / "poses.parquet", "--robot", robot, "--out", tmp_path)
-    assert "More poses would still help: with 12" in text
+    assert text.startswith("12 poses; ")
 
 
 def test_scores_are_those_of_the_paper():
@@ -133,17 +139,3 @@ def test_intervals_hold_what_they_say():
         errors = rng.standard_t(3, size=60)
         inside.append(np.mean(np.abs(rng.standard_t(3, size=200)) <= half_width(errors)))
     assert 0.89 < np.mean(inside) < 0.93
-
-
-@pytest.mark.parametrize(
-    ("errors", "reached", "enough", "words"),
-    [
-        ((3.0, 2.0, 1.01), 1.0, 80, "More poses would no longer help: 80 are as good as all 100"),
-        ((3.0, 2.0, 1.5), 1.0, None, "More poses would still help"),
-    ],
-)
-def test_advice_on_more_poses(errors, reached, enough, words):
-    points = tuple(Point(n, e, e, e) for n, e in zip((20, 40, 80), errors, strict=True))
-    curve = Curve(points, 0.9, reached, 100)
-    assert curve.enough == enough
-    assert words in curve.in_words()
